@@ -1,0 +1,143 @@
+"""The CAN frame, and the COB-IDs of the predefined connection set (CiA 301, 7.3.3).
+
+On the wire side of this package frames travel as records: 16 bytes each, Linux' struct can_frame, one after the
+other in a bytes object. Whoever has time works with `CanFrame`; the cycle works on the records.
+"""
+
+from __future__ import annotations
+
+import enum
+import struct
+from typing import TYPE_CHECKING, NamedTuple
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+
+__all__ = [
+    "BROADCAST",
+    "ERROR_FLAG",
+    "EXTENDED_FLAG",
+    "RECORD",
+    "RECORD_SIZE",
+    "REMOTE_FLAG",
+    "CanFrame",
+    "Service",
+    "cob_id",
+    "frames_of",
+    "pack_records",
+    "remote_frame",
+    "rpdo_cob_id",
+    "service_of",
+    "tpdo_cob_id",
+]
+
+EXTENDED_FLAG = 0x80000000  # linux/can.h CAN_EFF_FLAG: 29-bit identifier
+REMOTE_FLAG = 0x40000000  # CAN_RTR_FLAG
+ERROR_FLAG = 0x20000000  # CAN_ERR_FLAG: the identifier holds error classes
+BROADCAST = 0  # the node id that means all nodes
+
+RECORD = struct.Struct("=IB3x8s")  # can_id with flags, length, padding, data
+RECORD_SIZE = RECORD.size
+
+
+class CanFrame(NamedTuple):
+    """One frame: `can_id` is the identifier with the flags of linux/can.h, `data` 0 to 8 bytes.
+
+    The data of a remote frame are zeros; their number is its DLC.
+    """
+
+    can_id: int
+    data: bytes = b""
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether it is an 11-bit data frame, the only kind CANopen's services use (but guarding)."""
+        return self.can_id <= 0x7FF
+
+    @property
+    def is_remote(self) -> bool:
+        """Whether it asks for data instead of carrying it."""
+        return bool(self.can_id & REMOTE_FLAG)
+
+    @property
+    def is_error(self) -> bool:
+        """Whether it is the controller's own report, never seen on the wire."""
+        return bool(self.can_id & ERROR_FLAG)
+
+    def __str__(self) -> str:
+        """Candump's log form, ``183#3706``."""
+        identifier = self.can_id & 0x1FFFFFFF
+        width = 8 if self.can_id & EXTENDED_FLAG or self.is_error else 3
+        data = f"R{len(self.data)}" if self.is_remote else self.data.hex().upper()
+        return f"{identifier:0{width}X}#{data}"
+
+
+def remote_frame(cob_id: int, length: int = 0) -> CanFrame:
+    """Make the remote frame that asks for `length` bytes."""
+    return CanFrame(cob_id | REMOTE_FLAG, bytes(length))
+
+
+def pack_records(frames: Iterable[CanFrame]) -> bytes:
+    """Make the records of `frames`, 16 bytes each."""
+    return b"".join([RECORD.pack(can_id, len(data), data) for can_id, data in frames])
+
+
+def frames_of(records: bytes | bytearray | memoryview) -> Iterator[CanFrame]:
+    """Yield the frames of whole records; a length above 8 counts as 8."""
+    for can_id, length, data in RECORD.iter_unpack(records):
+        yield CanFrame(can_id, data[:length])
+
+
+class Service(enum.Enum):
+    """What a COB-ID of the predefined connection set carries; PDO directions are the device's."""
+
+    NMT = 0x000
+    SYNC = 0x080  # the same function code as EMCY: node id 0 is SYNC
+    EMCY = 0x081
+    TIME = 0x100
+    TPDO1 = 0x180
+    RPDO1 = 0x200
+    TPDO2 = 0x280
+    RPDO2 = 0x300
+    TPDO3 = 0x380
+    RPDO3 = 0x400
+    TPDO4 = 0x480
+    RPDO4 = 0x500
+    SDO_SERVER = 0x580  # server to client
+    SDO_CLIENT = 0x600  # client to server
+    HEARTBEAT = 0x700
+    LSS_SLAVE = 0x7E4
+    LSS_MASTER = 0x7E5
+
+
+_PER_NODE = {
+    service.value & ~1: service
+    for service in Service
+    if service not in (Service.NMT, Service.SYNC, Service.TIME, Service.LSS_SLAVE, Service.LSS_MASTER)
+}
+_SINGLE = {s.value: s for s in (Service.NMT, Service.SYNC, Service.TIME, Service.LSS_SLAVE, Service.LSS_MASTER)}
+
+
+def cob_id(service: Service, node_id: int = BROADCAST) -> int:
+    """Return the predefined COB-ID of `service` at `node_id` (ignored for the services without one)."""
+    if service in _SINGLE.values():
+        return service.value
+    return (service.value & ~1) + node_id
+
+
+def service_of(identifier: int) -> tuple[Service, int] | None:
+    """Return service and node id of a COB-ID of the predefined set, or None."""
+    if (single := _SINGLE.get(identifier)) is not None:
+        return single, BROADCAST
+    service, node_id = _PER_NODE.get(identifier & 0x780), identifier & 0x7F
+    return None if service is None or node_id == 0 else (service, node_id)
+
+
+def rpdo_cob_id(number: int, node_id: int) -> int:
+    """Return the predefined COB-ID of RPDO `number`, 1 to 4."""
+    return 0x100 + 0x100 * number + node_id
+
+
+def tpdo_cob_id(number: int, node_id: int) -> int:
+    """Return the predefined COB-ID of TPDO `number`, 1 to 4."""
+    return 0x80 + 0x100 * number + node_id
