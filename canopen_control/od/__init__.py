@@ -1,0 +1,1 @@
+"""CiA 306: object dictionaries, their values, and the files that describe them."""

@@ -1,0 +1,101 @@
+"""Values of the object dictionary and their bytes on the wire (CiA 301, 7.1).
+
+All numbers are little-endian. A value that its type cannot hold is refused, never cut. VISIBLE_STRING is taken as
+ISO 8859-1, since drives put umlauts and degree signs where the standard allows ISO 646 only; the zero bytes some of
+them pad with are no part of the string. The two times are 48-bit numbers: milliseconds in the low 32 bits, days above.
+"""
+
+from __future__ import annotations
+
+import struct
+from typing import TYPE_CHECKING
+
+from canopen_control.od.model import DataType
+
+if TYPE_CHECKING:
+    from canopen_control.od.model import Entry, Value
+
+__all__ = ["decode", "default_of", "encode", "zero_of"]
+
+_REAL = {DataType.REAL32: struct.Struct("<f"), DataType.REAL64: struct.Struct("<d")}
+_TEXT = {DataType.VISIBLE_STRING: "latin-1", DataType.UNICODE_STRING: "utf-16-le"}
+
+
+def encode(value: Value, data_type: DataType) -> bytes:
+    """Return the bytes of `value`; ValueError where the type cannot hold it."""
+    if data_type in _TEXT:
+        return _encode_text(value, data_type)
+    if data_type in _REAL:
+        return _encode_real(value, data_type)
+    if data_type.is_integer:
+        return _encode_integer(value, data_type)
+    if isinstance(value, bytes | bytearray | memoryview):
+        return bytes(value)
+    raise ValueError(f"{value!r} is no {data_type.name}: bytes are wanted")
+
+
+def decode(data: bytes, data_type: DataType) -> Value:
+    """Return the value of `data`; ValueError where the length is not the type's."""
+    if data_type in _TEXT:
+        return _decode_text(data, data_type)
+    bits = data_type.bits
+    if bits is None:
+        return bytes(data)
+    size = (bits + 7) // 8
+    if len(data) != size:
+        raise ValueError(f"{data_type.name} has {size} bytes, not {len(data)}")
+    if (real := _REAL.get(data_type)) is not None:
+        number: float = real.unpack(data)[0]
+        return number
+    if data_type is DataType.BOOLEAN:
+        return data[0] & 1
+    return int.from_bytes(data, "little", signed=data_type.signed)
+
+
+def zero_of(data_type: DataType) -> Value:
+    """Return the zero of the type: 0, 0.0, an empty string or no bytes."""
+    if data_type in _TEXT:
+        return ""
+    if data_type in _REAL:
+        return 0.0
+    return 0 if data_type.is_integer else b""
+
+
+def default_of(entry: Entry) -> Value:
+    """Return what a node holds there after power-on: ParameterValue, else DefaultValue, else the type's zero."""
+    value = entry.value
+    return zero_of(entry.data_type) if value is None else value
+
+
+def _encode_text(value: Value, data_type: DataType) -> bytes:
+    if not isinstance(value, str):
+        raise ValueError(f"{value!r} is no {data_type.name}: a string is wanted")
+    try:
+        return value.encode(_TEXT[data_type])
+    except UnicodeEncodeError:
+        raise ValueError(f"{value!r} has characters that {data_type.name} cannot hold") from None
+
+
+def _decode_text(data: bytes, data_type: DataType) -> str:
+    try:
+        return bytes(data).decode(_TEXT[data_type]).rstrip("\0")
+    except UnicodeDecodeError:
+        raise ValueError(f"{bytes(data).hex()} is no {data_type.name}: not UTF-16") from None
+
+
+def _encode_real(value: Value, data_type: DataType) -> bytes:
+    if not isinstance(value, int | float):
+        raise ValueError(f"{value!r} is no {data_type.name}: a number is wanted")
+    try:
+        return _REAL[data_type].pack(value)
+    except (OverflowError, struct.error):
+        raise ValueError(f"{value!r} is too large for {data_type.name}") from None
+
+
+def _encode_integer(value: Value, data_type: DataType) -> bytes:
+    if not isinstance(value, int):
+        raise ValueError(f"{value!r} is no {data_type.name}: a whole number is wanted")
+    low, high = data_type.minimum, data_type.maximum
+    if not low <= value <= high:
+        raise ValueError(f"{value} is no {data_type.name}: it holds {low} to {high}")
+    return value.to_bytes(((data_type.bits or 0) + 7) // 8, "little", signed=data_type.signed)

@@ -1,0 +1,304 @@
+"""The object dictionary: what a node offers, as plain data.
+
+Objects are addressed by (index, subindex); names are for people, since one device in four uses a name twice. Types,
+access and mappability are the file's, never a profile's (CiA 301, 7.4; CiA 306-1). The dictionary holds what its
+file says, also where that is odd: judging is the work of `checks`.
+"""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping
+
+__all__ = [
+    "ACCESS_TYPES",
+    "Address",
+    "Commissioning",
+    "DataType",
+    "DeviceInfo",
+    "Entry",
+    "ObjectCode",
+    "ObjectDictionary",
+    "ObjectInfo",
+    "Value",
+]
+
+Value = int | float | str | bytes
+Address = tuple[int, int]  # (index, subindex)
+
+
+class ObjectCode(enum.IntEnum):
+    """Object codes (CiA 301, table 42)."""
+
+    NULL = 0
+    DOMAIN = 2
+    DEFTYPE = 5
+    DEFSTRUCT = 6
+    VAR = 7
+    ARRAY = 8
+    RECORD = 9
+
+
+class DataType(enum.IntEnum):
+    """Basic data types (CiA 301, table 44)."""
+
+    BOOLEAN = 0x01
+    INTEGER8 = 0x02
+    INTEGER16 = 0x03
+    INTEGER32 = 0x04
+    UNSIGNED8 = 0x05
+    UNSIGNED16 = 0x06
+    UNSIGNED32 = 0x07
+    REAL32 = 0x08
+    VISIBLE_STRING = 0x09
+    OCTET_STRING = 0x0A
+    UNICODE_STRING = 0x0B
+    TIME_OF_DAY = 0x0C
+    TIME_DIFFERENCE = 0x0D
+    DOMAIN = 0x0F
+    INTEGER24 = 0x10
+    REAL64 = 0x11
+    INTEGER40 = 0x12
+    INTEGER48 = 0x13
+    INTEGER56 = 0x14
+    INTEGER64 = 0x15
+    UNSIGNED24 = 0x16
+    UNSIGNED40 = 0x18
+    UNSIGNED48 = 0x19
+    UNSIGNED56 = 0x1A
+    UNSIGNED64 = 0x1B
+
+    @property
+    def bits(self) -> int | None:
+        """Width in a PDO, or None for the types of variable length."""
+        return _BITS.get(self)
+
+    @property
+    def signed(self) -> bool:
+        """Whether the type is one of INTEGERn."""
+        return self in _SIGNED
+
+    @property
+    def is_integer(self) -> bool:
+        """Whether values are whole numbers: BOOLEAN, INTEGERn, UNSIGNEDn and the two times."""
+        return self in _BITS and self not in _REALS
+
+    @property
+    def is_real(self) -> bool:
+        """Whether the type is REAL32 or REAL64."""
+        return self in _REALS
+
+    @property
+    def minimum(self) -> int:
+        """Least value of an integer type; 0 for the others."""
+        return -(1 << (_BITS[self] - 1)) if self in _SIGNED else 0
+
+    @property
+    def maximum(self) -> int:
+        """Greatest value of an integer type; 0 for the others."""
+        if not self.is_integer:
+            return 0
+        return (1 << (_BITS[self] - (self in _SIGNED))) - 1
+
+
+_WIDTHS = (8, 16, 24, 32, 40, 48, 56, 64)
+_BITS: dict[int, int] = {
+    DataType.BOOLEAN: 1,
+    **{DataType[f"INTEGER{n}"]: n for n in _WIDTHS},
+    **{DataType[f"UNSIGNED{n}"]: n for n in _WIDTHS},
+    DataType.REAL32: 32,
+    DataType.REAL64: 64,
+    DataType.TIME_OF_DAY: 48,
+    DataType.TIME_DIFFERENCE: 48,
+}
+_SIGNED: frozenset[int] = frozenset(DataType[f"INTEGER{n}"] for n in _WIDTHS)
+_REALS: frozenset[int] = frozenset((DataType.REAL32, DataType.REAL64))
+
+ACCESS_TYPES = ("ro", "wo", "rw", "rwr", "rww", "const")
+_READABLE = frozenset(("ro", "rw", "rwr", "rww", "const"))
+_WRITABLE = frozenset(("wo", "rw", "rwr", "rww"))
+_RPDO = frozenset(("wo", "rw", "rww"))  # CiA 306-1: rwr maps into TPDOs only, rww into RPDOs only
+_TPDO = frozenset(("ro", "rw", "rwr", "const"))
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """One subindex of one object.
+
+    `default` is DefaultValue and `parameter_value` the ParameterValue of a DCF, None where the file gives none. Of a
+    `relative` one the file says $NODEID: the node id is added where the dictionary has one, and not otherwise.
+    """
+
+    index: int
+    subindex: int
+    name: str
+    data_type: DataType
+    access: str = "rw"  # one of ACCESS_TYPES
+    pdo_mappable: bool = False
+    default: Value | None = None
+    low: int | float | None = None
+    high: int | float | None = None
+    relative: bool = False
+    parameter_value: Value | None = None
+    parameter_relative: bool = False
+    obj_flags: int = 0  # bit 0: not written with a DCF; bit 1: not read in a scan
+    line: int = field(default=0, compare=False)  # of its section in the file; 0 where made by hand
+    texts: Mapping[str, str] = field(default_factory=dict, compare=False)  # keys as written that the fields do not tell
+
+    @property
+    def address(self) -> Address:
+        """The pair (index, subindex)."""
+        return self.index, self.subindex
+
+    @property
+    def value(self) -> Value | None:
+        """What the node holds after its configuration: ParameterValue, else DefaultValue."""
+        return self.default if self.parameter_value is None else self.parameter_value
+
+    @property
+    def readable(self) -> bool:
+        """Whether SDO upload is allowed."""
+        return self.access in _READABLE
+
+    @property
+    def writable(self) -> bool:
+        """Whether SDO download is allowed."""
+        return self.access in _WRITABLE
+
+    @property
+    def rpdo_mappable(self) -> bool:
+        """Whether the device takes it from an RPDO."""
+        return self.pdo_mappable and self.access in _RPDO
+
+    @property
+    def tpdo_mappable(self) -> bool:
+        """Whether the device sends it in a TPDO."""
+        return self.pdo_mappable and self.access in _TPDO
+
+
+@dataclass(frozen=True, slots=True)
+class ObjectInfo:
+    """One index: its name and its object code; the values are the entries."""
+
+    index: int
+    name: str
+    code: ObjectCode
+    line: int = field(default=0, compare=False)
+    texts: Mapping[str, str] = field(default_factory=dict, compare=False)  # keys as written that the fields do not tell
+
+
+@dataclass(frozen=True, slots=True)
+class DeviceInfo:
+    """What the file says of the device as a whole ([DeviceInfo]); numbers are None where the file gives none."""
+
+    vendor_name: str = ""
+    vendor_number: int | None = None
+    product_name: str = ""
+    product_number: int | None = None
+    revision_number: int | None = None
+    order_code: str = ""
+    bit_rates: frozenset[int] = frozenset()  # bit/s
+    simple_boot_up_master: bool = False
+    simple_boot_up_slave: bool = False
+    granularity: int = 8  # bits; 0: the mapping cannot be changed
+    dynamic_channels: int = 0
+    group_messaging: bool = False
+    rpdo_count: int = 0
+    tpdo_count: int = 0
+    lss_supported: bool = False
+    compact_pdo: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Commissioning:
+    """What a DCF adds ([DeviceComissioning]) besides node id and bit rate."""
+
+    node_name: str = ""
+    network_number: int | None = None
+    network_name: str = ""
+    canopen_manager: bool = False
+    lss_serial_number: int | None = None
+
+
+@dataclass(slots=True)
+class ObjectDictionary:
+    """All entries of a node, addressed by (index, subindex).
+
+    `bitrate` is in bit/s. `sections` holds the sections that the fields do not tell, as written.
+    """
+
+    node_id: int | None = None
+    bitrate: int | None = None
+    device: DeviceInfo = field(default_factory=DeviceInfo)
+    objects: dict[int, ObjectInfo] = field(default_factory=dict)
+    entries: dict[Address, Entry] = field(default_factory=dict)
+    dummy_usage: frozenset[int] = frozenset()  # type indices 0x0001 to 0x0007 that fill gaps of an RPDO
+    commissioning: Commissioning = field(default_factory=Commissioning)
+    comments: tuple[str, ...] = ()
+    sections: dict[str, dict[str, str]] = field(default_factory=dict)
+
+    def __contains__(self, address: object) -> bool:
+        return address in self.entries
+
+    def __getitem__(self, address: Address) -> Entry:
+        return self.entries[address]
+
+    def __iter__(self) -> Iterator[Entry]:
+        return iter(self.entries.values())
+
+    def __len__(self) -> int:
+        return len(self.entries)
+
+    def get(self, index: int, subindex: int = 0) -> Entry | None:
+        """Return the entry, or None."""
+        return self.entries.get((index, subindex))
+
+    def add(self, entry: Entry) -> None:
+        """Put `entry` in place of what is there; an index new to the dictionary becomes an object of its own."""
+        self.entries[entry.address] = entry
+        if entry.index not in self.objects:
+            code = ObjectCode.VAR if entry.subindex == 0 else ObjectCode.RECORD
+            self.objects[entry.index] = ObjectInfo(entry.index, entry.name, code)
+
+    def subindices(self, index: int) -> list[int]:
+        """Return the subindices of an object in rising order, empty where it is absent."""
+        return sorted(sub for i, sub in self.entries if i == index)
+
+    def find(self, name: str) -> Entry | None:
+        """Return the one entry of this name, or None where there is none or more than one.
+
+        A sub-object may be named together with its object, ``Object.Sub``. Letter case counts only where it must.
+        """
+        exact = self._named(lambda known: known == name)
+        if len(exact) != 1:
+            folded = name.casefold()
+            exact = exact or self._named(lambda known: known.casefold() == folded)
+        return exact[0] if len(exact) == 1 else None
+
+    def _named(self, matches: Callable[[str], bool]) -> list[Entry]:
+        return [entry for entry in self if any(matches(name) for name in self._names_of(entry))]
+
+    def _names_of(self, entry: Entry) -> tuple[str, ...]:
+        info = self.objects.get(entry.index)
+        if info is None or info.code in (ObjectCode.VAR, ObjectCode.DOMAIN):
+            return (entry.name,)
+        return entry.name, f"{info.name}.{entry.name}"
+
+    def for_node(self, node_id: int) -> ObjectDictionary:
+        """Return a copy whose $NODEID values are those of `node_id`; one parsed file serves many nodes."""
+        shift = node_id - (self.node_id or 0)
+        entries = {address: _shifted(entry, shift) for address, entry in self.entries.items()}
+        return replace(self, node_id=node_id, entries=entries, objects=dict(self.objects), sections=dict(self.sections))
+
+
+def _shifted(entry: Entry, shift: int) -> Entry:
+    changes: dict[str, int] = {}
+    if entry.relative and isinstance(entry.default, int):
+        changes["default"] = entry.default + shift
+    if entry.parameter_relative and isinstance(entry.parameter_value, int):
+        changes["parameter_value"] = entry.parameter_value + shift
+    return replace(entry, **changes) if changes else entry  # type: ignore[arg-type] # both fields are values
