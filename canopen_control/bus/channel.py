@@ -1,0 +1,146 @@
+"""Names of channels, and opening them.
+
+``local:NAME``      our bus between processes, without kernel CAN
+``memory:NAME``     inside one process, for tests
+``virtual:NAME``    python-can's virtual bus, inside one process
+``can0``, ``vcan0`` a SocketCAN interface; one with an unusual name as ``socketcan:NAME``
+``pcan:PCAN_USBBUS1``, ``slcan:/dev/ttyACM0@500000``  any python-can interface, with its bit rate after the @
+
+The back end is imported when a channel of its kind is opened, and not before.
+"""
+
+from __future__ import annotations
+
+import enum
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from canopen_control.errors import ConfigError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from canopen_control.bus.port import Port
+
+__all__ = ["ChannelKind", "ChannelSpec", "may_host_virtual_drives", "open_port", "parse_channel"]
+
+_NAME = re.compile(r"[A-Za-z0-9_-]{1,32}")
+_LIKE_SOCKETCAN = re.compile(r"(can|vcan|vxcan|slcan)\d+")
+_INTERFACE = re.compile(r"[^\s/:]{1,15}")  # what Linux allows: IFNAMSIZ without the zero
+_NETWORK_CLASS = Path("/sys/class/net")
+
+
+class ChannelKind(enum.Enum):
+    """Who carries the frames."""
+
+    LOCAL = "local"
+    MEMORY = "memory"
+    VIRTUAL = "virtual"
+    SOCKETCAN = "socketcan"
+    PYTHON_CAN = "python-can"
+
+
+@dataclass(frozen=True, slots=True)
+class ChannelSpec:
+    """A channel taken apart; `interface` and `bitrate` (bit/s) are python-can's, empty and None elsewhere."""
+
+    kind: ChannelKind
+    name: str
+    interface: str = ""
+    bitrate: int | None = None
+
+    def __str__(self) -> str:
+        if self.kind is ChannelKind.SOCKETCAN:
+            return self.name
+        if self.kind is ChannelKind.PYTHON_CAN:
+            return f"{self.interface}:{self.name}" + (f"@{self.bitrate}" if self.bitrate else "")
+        return f"{self.kind.value}:{self.name}"
+
+
+def parse_channel(text: str) -> ChannelSpec:
+    """Take a channel's name apart; raise `ConfigError` with what to write instead."""
+    prefix, colon, name = text.partition(":")
+    if not colon:
+        return _network_interface(text)
+    if prefix in _OWN_KINDS:
+        kind = ChannelKind(prefix)
+        if not _NAME.fullmatch(name):
+            raise ConfigError(f"channel {text!r}: the name after {prefix}: is 1 to 32 letters, digits, - and _")
+        return ChannelSpec(kind, name)
+    if prefix == "socketcan" and _INTERFACE.fullmatch(name):
+        return ChannelSpec(ChannelKind.SOCKETCAN, name)
+    return _python_can(text, prefix, name)
+
+
+_OWN_KINDS = frozenset(kind.value for kind in (ChannelKind.LOCAL, ChannelKind.MEMORY, ChannelKind.VIRTUAL))
+
+
+def _network_interface(text: str) -> ChannelSpec:
+    exists = bool(_INTERFACE.fullmatch(text)) and (_NETWORK_CLASS / text).exists()
+    if exists or _LIKE_SOCKETCAN.fullmatch(text):
+        return ChannelSpec(ChannelKind.SOCKETCAN, text)
+    hint = f"the bus without kernel CAN is local:{text}" if _NAME.fullmatch(text) else "try local:robby"
+    raise ConfigError(f"channel {text!r}: no such CAN interface; {hint}")
+
+
+def _python_can(text: str, interface: str, name: str) -> ChannelSpec:
+    channel, at, rate = name.rpartition("@")
+    if not at:
+        channel, rate = name, ""
+    if not interface or not channel or (at and not rate.isdecimal()):
+        raise ConfigError(
+            f"channel {text!r}: write INTERFACE:CHANNEL or INTERFACE:CHANNEL@BITRATE, as in pcan:PCAN_USBBUS1@500000"
+        )
+    return ChannelSpec(ChannelKind.PYTHON_CAN, channel, interface, int(rate) if rate else None)
+
+
+def may_host_virtual_drives(channel: str) -> bool:
+    """Whether no real drive can be there: ``local:``, ``memory:``, ``virtual:`` and ``vcan*``."""
+    spec = parse_channel(channel)
+    if spec.kind is ChannelKind.SOCKETCAN:
+        return spec.name.startswith("vcan")
+    return spec.kind is not ChannelKind.PYTHON_CAN
+
+
+def open_port(channel: str, *, label: str = "") -> Port:
+    """Open a channel; `label` is what others see of this end on ``local:`` and ``memory:``.
+
+    Raise `ConfigError` for a name that is none, `InterfaceNotFound`, `InterfaceDown` or another `BusError`.
+    """
+    spec = parse_channel(channel)
+    return _OPENERS[spec.kind](spec, label)
+
+
+def _open_memory(spec: ChannelSpec, label: str) -> Port:
+    from canopen_control.bus.memory import MemoryBus
+
+    return MemoryBus.get(spec.name).open(label)
+
+
+def _open_local(spec: ChannelSpec, label: str) -> Port:
+    from canopen_control.bus.local import open_local
+
+    return open_local(spec.name, label)
+
+
+def _open_socketcan(spec: ChannelSpec, label: str) -> Port:  # noqa: ARG001 - the kernel knows no labels
+    from canopen_control.bus.socketcan import open_socketcan
+
+    return open_socketcan(spec.name)
+
+
+def _open_python_can(spec: ChannelSpec, label: str) -> Port:  # noqa: ARG001 - python-can knows no labels
+    from canopen_control.bus.pythoncan import open_python_can
+
+    return open_python_can(spec)
+
+
+_OPENERS: dict[ChannelKind, Callable[[ChannelSpec, str], Port]] = {
+    ChannelKind.LOCAL: _open_local,
+    ChannelKind.MEMORY: _open_memory,
+    ChannelKind.VIRTUAL: _open_python_can,
+    ChannelKind.SOCKETCAN: _open_socketcan,
+    ChannelKind.PYTHON_CAN: _open_python_can,
+}

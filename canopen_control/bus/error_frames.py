@@ -1,0 +1,131 @@
+"""Error frames: how a CAN controller tells its own state, in the layout of linux/can/error.h.
+
+They are records with `ERROR_FLAG`; the identifier holds classes, the data details. The same layout serves on every
+channel, so that bus-off on ``local:`` and on a real controller look the same to the owner of a port.
+"""
+
+from __future__ import annotations
+
+import struct
+import sys
+from typing import TYPE_CHECKING
+
+from canopen_control.bus.port import BusEvent, BusEventKind
+from canopen_control.frame import ERROR_FLAG, RECORD_SIZE, CanFrame, frames_of
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from canopen_control.bus.port import Records
+
+__all__ = [
+    "active_frame",
+    "bus_off_frame",
+    "error_frames",
+    "events_of",
+    "has_error_frames",
+    "lost_frames",
+    "overrun_frame",
+    "passive_frame",
+    "protocol_error_frame",
+    "restarted_frame",
+]
+
+# Error classes, in the identifier.
+CONTROLLER = 0x004
+PROTOCOL = 0x008
+BUS_OFF = 0x040
+RESTARTED = 0x100
+COUNTERS = 0x200
+
+# Controller details, in data[1].
+RX_OVERFLOW = 0x01
+TX_OVERFLOW = 0x02
+PASSIVE = 0x30  # receive 0x10, transmit 0x20
+ACTIVE_AGAIN = 0x40
+
+_U32 = struct.Struct("<I")
+_FLAG_BYTE = 3 if sys.byteorder == "little" else 0  # of the record: the identifier's highest byte, with the flags
+_ALL_PLAIN = bytes(65536)
+
+
+def _frame(error_class: int, detail: int = 0, tail: bytes = bytes(4)) -> CanFrame:
+    return CanFrame(ERROR_FLAG | error_class, bytes((0, detail, 0, 0)) + tail)
+
+
+def bus_off_frame() -> CanFrame:
+    """Make the report that the controller left the bus."""
+    return _frame(BUS_OFF)
+
+
+def restarted_frame() -> CanFrame:
+    """Make the report that the controller is back after bus-off."""
+    return _frame(RESTARTED)
+
+
+def passive_frame() -> CanFrame:
+    """Make the report of an error-passive controller, both counters at 128."""
+    return _frame(CONTROLLER | COUNTERS, PASSIVE, bytes((0, 0, 128, 128)))
+
+
+def active_frame() -> CanFrame:
+    """Make the report that the controller is error-active again."""
+    return _frame(CONTROLLER, ACTIVE_AGAIN)
+
+
+def protocol_error_frame() -> CanFrame:
+    """Make the report of one disturbed frame on the wire."""
+    return _frame(PROTOCOL)
+
+
+def overrun_frame(lost: int) -> CanFrame:
+    """Make the report that this reader lost `lost` frames; the number travels in the last four bytes."""
+    return _frame(CONTROLLER, RX_OVERFLOW, _U32.pack(min(lost, 0xFFFFFFFF)))
+
+
+def lost_frames(frame: CanFrame) -> int:
+    """Return the number in an `overrun_frame`, 0 for any other frame."""
+    if frame.can_id != ERROR_FLAG | CONTROLLER or frame.data[1] != RX_OVERFLOW:
+        return 0
+    lost: int = _U32.unpack_from(frame.data, 4)[0]
+    return lost
+
+
+def has_error_frames(records: bytes) -> bool:
+    """Whether a record may be an error frame; exact for 11-bit frames, and no work per frame."""
+    flags = records[_FLAG_BYTE::RECORD_SIZE]
+    return flags != _ALL_PLAIN[: len(flags)]
+
+
+def error_frames(records: Records) -> Iterator[CanFrame]:
+    """Yield the error frames among `records`."""
+    return (frame for frame in frames_of(records) if frame.can_id & ERROR_FLAG and len(frame.data) == 8)
+
+
+def _controller_events(detail: int, counters: str) -> Iterator[BusEvent]:
+    if detail & PASSIVE:
+        yield BusEvent(
+            BusEventKind.ERROR_PASSIVE,
+            f"the CAN controller is error-passive{counters}; check the cable, the terminators and the bit rate",
+        )
+    if detail & ACTIVE_AGAIN:
+        yield BusEvent(BusEventKind.ERROR_ACTIVE, f"the CAN controller is error-active again{counters}")
+    if detail & RX_OVERFLOW:
+        yield BusEvent(BusEventKind.OVERRUN, "receive overrun: frames came faster than they were read")
+    if detail & TX_OVERFLOW:
+        yield BusEvent(BusEventKind.OVERRUN, "transmit overrun in the CAN controller")
+
+
+def events_of(frame: CanFrame) -> list[BusEvent]:
+    """Return what an error frame tells; a lone bus error tells nothing but itself and is only counted."""
+    events: list[BusEvent] = []
+    if frame.can_id & BUS_OFF:
+        events.append(BusEvent(BusEventKind.BUS_OFF, "bus-off; check the cable, the terminators and the bit rate"))
+    if frame.can_id & CONTROLLER:
+        counters = ""
+        if frame.can_id & COUNTERS:
+            counters = f" (transmit errors {frame.data[6]}, receive errors {frame.data[7]})"
+        events += _controller_events(frame.data[1], counters)
+    if frame.can_id & RESTARTED:
+        events.append(BusEvent(BusEventKind.ERROR_ACTIVE, "the CAN controller was restarted after bus-off"))
+    return events

@@ -1,0 +1,295 @@
+"""A CAN bus inside one process, with knobs for every way in which a bus misbehaves.
+
+Nothing happens by itself: a frame is in every other port's queue when `send` returns, in the order of sending. Delay
+is a verb (`hold`, `release`) and not a time, so that tests stay exact under a manual clock.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from typing import TYPE_CHECKING, ClassVar
+from weakref import WeakValueDictionary
+
+from canopen_control.bus import error_frames
+from canopen_control.bus.port import BusEvent, BusEventKind, PortStats, Records, whole_records
+from canopen_control.bus.wake import Wake
+from canopen_control.errors import BusClosed
+from canopen_control.frame import RECORD_SIZE, CanFrame, frames_of, pack_records
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    Predicate = Callable[[str, CanFrame], bool]
+    """Label of the sender and the frame -> whether the knob takes it."""
+
+__all__ = ["MemoryBus", "MemoryPort"]
+
+QUEUE_LIMIT = 65536 * RECORD_SIZE  # bytes that wait for one reader
+HISTORY_LIMIT = 65536  # calls of send that are remembered
+
+
+class MemoryBus:
+    """One bus; `get` finds it by name, and it lives as long as anyone holds it or a port of it."""
+
+    _registry: ClassVar[WeakValueDictionary[str, MemoryBus]] = WeakValueDictionary()
+    _registry_lock: ClassVar[threading.Lock] = threading.Lock()
+
+    def __init__(self, name: str = "test") -> None:
+        self.name = name
+        self.ports: list[MemoryPort] = []
+        self.lock = threading.RLock()
+        self._log: deque[tuple[str, bytes]] = deque(maxlen=HISTORY_LIMIT)
+        self._drop: Predicate | None = None
+        self._duplicate: Predicate | None = None
+        self._hold: Predicate | None = None
+        self._held: list[tuple[str, CanFrame]] = []
+        self._silent: set[str] = set()
+        self._opened = 0
+        self.dropped = 0
+
+    @classmethod
+    def get(cls, name: str) -> MemoryBus:
+        """Return the bus of this name, the same one for everybody in this process."""
+        with cls._registry_lock:
+            bus = cls._registry.get(name)
+            if bus is None:
+                cls._registry[name] = bus = cls(name)
+            return bus
+
+    @property
+    def channel(self) -> str:
+        """The channel's name, ``memory:NAME``."""
+        return f"memory:{self.name}"
+
+    @property
+    def history(self) -> list[tuple[str, CanFrame]]:
+        """Label of the sender and frame of everything that went onto the wire, oldest first (bounded)."""
+        with self.lock:
+            log = list(self._log)
+        return [(label, frame) for label, records in log for frame in frames_of(records)]
+
+    def clear_history(self) -> None:
+        """Forget the history."""
+        with self.lock:
+            self._log.clear()
+
+    def open(self, label: str = "") -> MemoryPort:
+        """Join the bus; an empty label becomes ``port-N``."""
+        with self.lock:
+            self._opened += 1
+            port = MemoryPort(self, label or f"port-{self._opened}")
+            self.ports.append(port)
+            return port
+
+    # Knobs ---------------------------------------------------------------------------------------------------------
+
+    def drop(self, predicate: Predicate | None) -> None:
+        """Lose each frame that `predicate` takes, for all readers; None ends it. Counted in `dropped`."""
+        self._drop = predicate
+
+    def drop_next(self, count: int = 1, predicate: Predicate | None = None) -> None:
+        """Lose the next `count` frames (that `predicate` takes)."""
+        left = count
+
+        def take(label: str, frame: CanFrame) -> bool:
+            nonlocal left
+            if left == 0 or (predicate is not None and not predicate(label, frame)):
+                return False
+            left -= 1
+            return True
+
+        self._drop = take
+
+    def duplicate(self, predicate: Predicate | None) -> None:
+        """Deliver twice each frame that `predicate` takes, as a bus does that lost the acknowledge; None ends it."""
+        self._duplicate = predicate
+
+    def hold(self, predicate: Predicate | None) -> None:
+        """Keep back each frame that `predicate` takes until `release`; None ends it (what is held stays held)."""
+        self._hold = predicate
+
+    def release(self) -> int:
+        """Deliver the frames held back, in their order, and return their number."""
+        with self.lock:
+            held, self._held = self._held, []
+            for label, frame in held:
+                self._deliver(label, pack_records([frame]))
+            return len(held)
+
+    def cut(self, label: str) -> None:
+        """Cut the cable of the ports of this label: nothing from them, nothing to them, and nobody is told."""
+        self._silent.add(label)
+
+    def uncut(self, label: str) -> None:
+        """Mend the cable."""
+        self._silent.discard(label)
+
+    def bus_off(self, label: str) -> None:
+        """Send the controllers of this label off the bus: they are told by an error frame."""
+        self._silent.add(label)
+        self.report(label, error_frames.bus_off_frame())
+
+    def restart(self, label: str) -> None:
+        """Restart the controllers of this label after bus-off."""
+        self._silent.discard(label)
+        self.report(label, error_frames.restarted_frame())
+
+    def report(self, label: str, frame: CanFrame) -> None:
+        """Hand a frame, such as an error frame, to the ports of one label alone."""
+        with self.lock:
+            for port in self.ports:
+                if port.label == label:
+                    port.put(pack_records([frame]))
+
+    def inject(self, frame: CanFrame, label: str = "injected") -> None:
+        """Put a frame onto the wire as if from `label`; everybody else receives it, and no knob takes it."""
+        with self.lock:
+            self._deliver(label, pack_records([frame]))
+
+    def close(self) -> None:
+        """End the bus under its ports: their next verb raises `BusClosed`."""
+        with self.lock:
+            for port in list(self.ports):
+                port.lose("the bus was closed")
+
+    # Wire ----------------------------------------------------------------------------------------------------------
+
+    def transmit(self, sender: MemoryPort, records: bytes) -> None:
+        """Carry what a port sends (called by the port, under the lock)."""
+        if sender.label in self._silent:
+            self._count(sender, len(records) // RECORD_SIZE)
+            return
+        if self._drop or self._duplicate or self._hold:
+            records = self._tamper(sender.label, records)
+        if records:
+            self._deliver(sender.label, records, sender)
+
+    def _count(self, sender: MemoryPort, frames: int) -> None:
+        sender.stats.lost += frames
+        self.dropped += frames
+
+    def _tamper(self, label: str, records: bytes) -> bytes:
+        out: list[CanFrame] = []
+        for frame in frames_of(records):
+            if self._drop is not None and self._drop(label, frame):
+                self.dropped += 1
+            elif self._hold is not None and self._hold(label, frame):
+                self._held.append((label, frame))
+            else:
+                out += [frame, frame] if self._duplicate is not None and self._duplicate(label, frame) else [frame]
+        return pack_records(out)
+
+    def _deliver(self, label: str, records: bytes, sender: MemoryPort | None = None) -> None:
+        self._log.append((label, records))
+        for port in self.ports:
+            if port is not sender and port.label not in self._silent and (sender or port.label != label):
+                port.put(records)
+
+    def leave(self, port: MemoryPort) -> None:
+        """Forget a port (called by the port)."""
+        with self.lock:
+            if port in self.ports:
+                self.ports.remove(port)
+
+
+class MemoryPort:
+    """One end of a `MemoryBus`; see `canopen_control.bus.port.Port`."""
+
+    def __init__(self, bus: MemoryBus, label: str) -> None:
+        self.bus = bus
+        self.label = label
+        self.stats = PortStats()
+        self.wants_write = False
+        self._queue = bytearray()
+        self._lost = 0
+        self._events: list[BusEvent] = []
+        self._wake: Wake | None = None
+        self._gone = ""
+
+    @property
+    def channel(self) -> str:
+        """The channel's name, ``memory:NAME``."""
+        return self.bus.channel
+
+    def fileno(self) -> int:
+        """Return a descriptor, made at the first call, that is readable while something waits."""
+        with self.bus.lock:
+            if self._wake is None:
+                self._wake = Wake()
+                if self._queue or self._gone:
+                    self._wake.set()
+            return self._wake.fileno()
+
+    def put(self, records: bytes) -> None:
+        """Queue records for this reader (called by the bus, under its lock); a full queue loses them, counted."""
+        if len(self._queue) + len(records) > QUEUE_LIMIT:
+            self._lost += len(records) // RECORD_SIZE
+            return
+        if not self._queue and self._wake is not None:
+            self._wake.set()
+        self._queue += records
+
+    def receive(self) -> bytes:
+        """Return the whole records that wait, or ``b""``; raise `BusClosed` when the bus is gone."""
+        with self.bus.lock:
+            records = bytes(self._queue)
+            if not records:
+                self._check_open()
+                return records
+            self._queue.clear()
+            if self._wake is not None:
+                self._wake.clear()
+            records += self._take_overrun()
+        self.stats.rx += len(records) // RECORD_SIZE
+        if error_frames.has_error_frames(records):
+            self._note_errors(records)
+        return records
+
+    def _take_overrun(self) -> bytes:
+        if not self._lost:
+            return b""
+        lost, self._lost = self._lost, 0
+        return pack_records([error_frames.overrun_frame(lost)])
+
+    def _note_errors(self, records: bytes) -> None:
+        for frame in error_frames.error_frames(records):
+            self.stats.errors += 1
+            self.stats.lost += error_frames.lost_frames(frame)
+            self._events += error_frames.events_of(frame)
+
+    def send(self, records: Records) -> None:
+        """Deliver whole records to every other port; raise `BusClosed` when the bus is gone."""
+        count = whole_records(records)
+        with self.bus.lock:
+            self._check_open()
+            self.stats.tx += count
+            self.bus.transmit(self, bytes(records))
+
+    def flush(self) -> None:
+        """Do nothing: memory takes everything at once."""
+
+    def events(self) -> list[BusEvent]:
+        """Return what happened since the last call."""
+        events, self._events = self._events, []
+        return events
+
+    def lose(self, reason: str) -> None:
+        """End this port from the other side (called by the bus): its next verb raises `BusClosed`."""
+        if not self._gone:
+            self._gone = reason
+            self._events.append(BusEvent(BusEventKind.CLOSED, f"bus {self.channel}: {reason}"))
+            self.bus.leave(self)
+            if self._wake is not None:
+                self._wake.set()
+
+    def _check_open(self) -> None:
+        if self._gone:
+            raise BusClosed(self.channel, self._gone)
+
+    def close(self) -> None:
+        """Leave the bus; a second call does nothing."""
+        self._gone = self._gone or "closed on this side"
+        self.bus.leave(self)
+        if self._wake is not None:
+            self._wake.close()
