@@ -1,0 +1,517 @@
+"""The emergency object, producer and consumer (CiA 301, 7.2.7 and 7.5.2.2 to 4, 7.5.2.20 to 21).
+
+A producer keeps its active errors, the error register made of them (0x1001) and the history (0x1003, newest first).
+It says every new error once, and error reset (0000) for every error that goes, with the register of what remains.
+A consumer takes 3 to 8 bytes: devices exist that leave out the manufacturer's part. Both are bounded.
+"""
+
+from __future__ import annotations
+
+import enum
+from collections import deque
+from dataclasses import dataclass
+
+from canopen_control.cia301.outbox import Outbox
+from canopen_control.frame import CanFrame
+
+__all__ = [
+    "ERROR_TEXTS",
+    "EmcyConsumer",
+    "EmcyEvent",
+    "EmcyMessage",
+    "EmcyProducer",
+    "ErrorRegister",
+    "error_text",
+    "register_text",
+]
+
+EMCY_COB_ID = 0x080
+NO_ERROR = 0x0000
+MANUFACTURER_BYTES = 5
+_UNSUPPORTED_VALUE = 0x06090030
+
+
+class ErrorRegister(enum.IntFlag):
+    """0x1001 (table 43): GENERIC is set whenever another bit is."""
+
+    NONE = 0
+    GENERIC = 0x01
+    CURRENT = 0x02
+    VOLTAGE = 0x04
+    TEMPERATURE = 0x08
+    COMMUNICATION = 0x10
+    DEVICE_PROFILE = 0x20
+    MANUFACTURER = 0x80
+
+
+# Exact codes first, then classes: a code that is missing takes the text of its 16, its 256, its 4096.
+# CiA 301, table 26; 402 adds the drive's (CiA 402-2, error codes).
+ERROR_TEXTS: dict[int, str] = {
+    0x0000: "error reset or no error",
+    0x1000: "generic error",
+    0x2000: "current",
+    0x2100: "current, device input side",
+    0x2110: "short circuit or earth leakage, input side",
+    0x2120: "earth leakage, input side",
+    0x2130: "short circuit, input side",
+    0x2200: "current inside the device",
+    0x2213: "over-current in ramp function",
+    0x2214: "over-current in the sequence",
+    0x2220: "continuous over-current inside the device",
+    0x2230: "short circuit or earth leakage inside the device",
+    0x2240: "earth leakage inside the device",
+    0x2250: "short circuit inside the device",
+    0x2300: "current, device output side",
+    0x2310: "continuous over-current",
+    0x2320: "short circuit or earth leakage, motor side",
+    0x2330: "earth leakage, motor side",
+    0x2340: "short circuit, motor side",
+    0x2350: "load level fault (I2t, thermal)",
+    0x3000: "voltage",
+    0x3100: "mains voltage",
+    0x3110: "mains over-voltage",
+    0x3120: "mains under-voltage",
+    0x3130: "mains phase failure",
+    0x3140: "mains frequency",
+    0x3200: "voltage inside the device",
+    0x3210: "DC link over-voltage",
+    0x3220: "DC link under-voltage",
+    0x3230: "load error",
+    0x3300: "output voltage",
+    0x3310: "output over-voltage",
+    0x3320: "armature circuit",
+    0x3330: "field circuit",
+    0x4000: "temperature",
+    0x4100: "ambient temperature",
+    0x4110: "ambient temperature too high",
+    0x4120: "ambient temperature too low",
+    0x4130: "supply air temperature",
+    0x4140: "air outlet temperature",
+    0x4200: "device temperature",
+    0x4210: "device temperature too high",
+    0x4220: "device temperature too low",
+    0x4300: "drive temperature",
+    0x4310: "drive temperature too high",
+    0x4320: "drive temperature too low",
+    0x4400: "supply temperature",
+    0x4410: "supply temperature too high",
+    0x4420: "supply temperature too low",
+    0x5000: "device hardware",
+    0x5100: "supply",
+    0x5110: "low-voltage supply",
+    0x5120: "supply of the intermediate circuit",
+    0x5200: "control hardware",
+    0x5210: "measurement circuit",
+    0x5220: "computing circuit",
+    0x5300: "operating unit",
+    0x5400: "power section",
+    0x5410: "output stages",
+    0x5420: "chopper",
+    0x5430: "input stages",
+    0x5440: "contacts",
+    0x5441: "contact 1: shutdown or enable input",
+    0x5450: "fuses",
+    0x5500: "hardware memory",
+    0x5510: "working memory",
+    0x5520: "program memory",
+    0x5530: "non-volatile memory",
+    0x6000: "device software",
+    0x6010: "software reset (watchdog)",
+    0x6100: "internal software",
+    0x6200: "user software",
+    0x6300: "data set",
+    0x6310: "loss of parameters",
+    0x6320: "parameter error",
+    0x7000: "additional modules",
+    0x7100: "power module",
+    0x7110: "brake chopper",
+    0x7111: "brake chopper failure",
+    0x7112: "brake chopper over-current",
+    0x7113: "brake chopper protective circuit",
+    0x7120: "motor",
+    0x7121: "motor blocked",
+    0x7122: "motor error or commutation malfunction",
+    0x7123: "motor tilted",
+    0x7200: "measurement circuit module",
+    0x7300: "sensor",
+    0x7301: "tacho fault",
+    0x7302: "tacho wrong polarity",
+    0x7303: "resolver 1 fault",
+    0x7304: "resolver 2 fault",
+    0x7305: "incremental sensor 1 fault",
+    0x7306: "incremental sensor 2 fault",
+    0x7307: "incremental sensor 3 fault",
+    0x7310: "speed sensor",
+    0x7320: "position sensor",
+    0x7400: "computation circuit module",
+    0x7500: "communication module",
+    0x7510: "serial interface 1",
+    0x7520: "serial interface 2",
+    0x7600: "data storage module",
+    0x8000: "monitoring",
+    0x8100: "communication",
+    0x8110: "CAN overrun (objects lost)",
+    0x8120: "CAN in error passive mode",
+    0x8130: "life guard or heartbeat error",
+    0x8140: "recovered from bus-off",
+    0x8150: "CAN-ID collision",
+    0x8200: "protocol error",
+    0x8210: "PDO not processed: too short",
+    0x8220: "PDO too long",
+    0x8230: "DAM MPDO not processed: destination not available",
+    0x8240: "unexpected SYNC data length",
+    0x8250: "RPDO timeout",
+    0x8300: "torque control",
+    0x8311: "excess torque",
+    0x8312: "difficult start-up",
+    0x8313: "standstill torque",
+    0x8321: "insufficient torque",
+    0x8331: "torque fault",
+    0x8400: "velocity control",
+    0x8500: "position control",
+    0x8600: "positioning",
+    0x8611: "following error",
+    0x8612: "reference limit",
+    0x8700: "synchronisation control",
+    0x8800: "winding control",
+    0x8900: "process data monitoring",
+    0x8A00: "control monitoring",
+    0x9000: "external error",
+    0xF000: "additional functions",
+    0xF001: "deceleration",
+    0xF002: "sub-synchronous run",
+    0xF003: "stroke operation",
+    0xF004: "control",
+    0xFF00: "device specific",
+}
+
+_REGISTER_TEXTS: dict[ErrorRegister, str] = {
+    ErrorRegister.GENERIC: "generic",
+    ErrorRegister.CURRENT: "current",
+    ErrorRegister.VOLTAGE: "voltage",
+    ErrorRegister.TEMPERATURE: "temperature",
+    ErrorRegister.COMMUNICATION: "communication",
+    ErrorRegister.DEVICE_PROFILE: "device profile",
+    ErrorRegister.MANUFACTURER: "manufacturer",
+}
+
+
+def error_text(code: int) -> str:
+    """Return the meaning of an error code, or of the closest class that has one."""
+    for mask in (0xFFFF, 0xFFF0, 0xFF00, 0xF000):
+        text = ERROR_TEXTS.get(code & mask)
+        if text is not None and (code & mask or mask >= 0xFF00):
+            return text
+    return f"unknown error code 0x{code:04X}"
+
+
+def register_text(register: int) -> str:
+    """Return the names of the bits of an error register, comma separated; empty for 0."""
+    return ", ".join(text for bit, text in _REGISTER_TEXTS.items() if register & bit)
+
+
+@dataclass(frozen=True, slots=True)
+class EmcyMessage:
+    """One emergency: `data` are the manufacturer's bytes, 5 on the wire, fewer from a device that sends fewer."""
+
+    node_id: int
+    error_code: int
+    error_register: int
+    data: bytes = bytes(MANUFACTURER_BYTES)
+
+    @classmethod
+    def parse(cls, frame: CanFrame, node_id: int | None = None) -> EmcyMessage | None:
+        """Return the message of `frame`, or None if it is none.
+
+        Without `node_id` the COB-ID must be one of 0x081 to 0x0FF; fewer than 3 bytes are no message.
+        """
+        if node_id is None:
+            if not EMCY_COB_ID < frame.can_id <= EMCY_COB_ID + 127:
+                return None
+            node_id = frame.can_id - EMCY_COB_ID
+        data = frame.data
+        if len(data) < 3:
+            return None
+        return cls(node_id, data[0] | data[1] << 8, data[2], data[3:8])
+
+    def encode(self, cob_id: int | None = None) -> CanFrame:
+        """Return the frame of 8 bytes, on the predefined COB-ID unless another is given."""
+        head = bytes((self.error_code & 0xFF, self.error_code >> 8 & 0xFF, self.error_register & 0xFF))
+        data = head + self.data[:MANUFACTURER_BYTES].ljust(MANUFACTURER_BYTES, b"\0")
+        return CanFrame(EMCY_COB_ID + self.node_id if cob_id is None else cob_id, data)
+
+    @property
+    def is_reset(self) -> bool:
+        """Whether an error went: code 00xx."""
+        return self.error_code <= 0xFF
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether the frame had the standard's 8 bytes."""
+        return len(self.data) == MANUFACTURER_BYTES
+
+    @property
+    def text(self) -> str:
+        """The meaning of the error code."""
+        return error_text(self.error_code)
+
+    def __str__(self) -> str:
+        """One line for people: code, meaning, register, and the manufacturer's bytes if any is set."""
+        extra = f", data {self.data.hex(' ')}" if any(self.data) else ""
+        return f"0x{self.error_code:04X} ({self.text}), register 0x{self.error_register:02X}{extra}"
+
+
+class EmcyProducer:
+    """One node's errors: `error_register` (0x1001), `history` (0x1003), and the EMCY messages they cause.
+
+    `cob_id` (0x1014) may be moved, `enabled` is the inverse of its bit 31; `inhibit_ns` (0x1015) is the least time
+    between two messages. `allowed` says whether the NMT state carries EMCY: what happens while it does not reaches
+    register and history but not the bus. At most `active_limit` errors are active and `queue_limit` messages wait:
+    the oldest gives way, `lost` counts the messages.
+    """
+
+    def __init__(
+        self,
+        node_id: int,
+        *,
+        inhibit_ns: int = 0,
+        history_size: int = 8,
+        active_limit: int = 32,
+        queue_limit: int = 32,
+    ) -> None:
+        self.node_id = node_id
+        self.cob_id = EMCY_COB_ID + node_id
+        self.enabled = True
+        self.allowed = True
+        self.inhibit_ns = inhibit_ns
+        self.active_limit = active_limit
+        self._active: dict[int, int] = {}
+        self._history: deque[int] = deque(maxlen=history_size)
+        self._waiting: deque[EmcyMessage] = deque(maxlen=queue_limit)
+        self._ready_ns: int | None = None  # when the next message may go; None: now
+        self._frames: Outbox[CanFrame] = Outbox()
+        self._lost = 0
+
+    @property
+    def error_register(self) -> int:
+        """0x1001, made of the active errors."""
+        register = 0
+        for bits in self._active.values():
+            register |= bits
+        return register | ErrorRegister.GENERIC if self._active else 0
+
+    @property
+    def active(self) -> tuple[int, ...]:
+        """The codes of the active errors, oldest first."""
+        return tuple(self._active)
+
+    @property
+    def history(self) -> tuple[int, ...]:
+        """0x1003 from subindex 1 on, newest first: code in the low word, first two manufacturer bytes above."""
+        return tuple(self._history)
+
+    @property
+    def lost(self) -> int:
+        """Messages that never reached the bus because too many waited."""
+        return self._lost + self._frames.lost
+
+    def raise_error(self, code: int, register: int, now: int, data: bytes = b"") -> bool:
+        """Make an error active, record and report it; return False for one that is active already."""
+        if code in self._active:
+            return False
+        if len(self._active) >= self.active_limit:
+            del self._active[next(iter(self._active))]
+        self._active[code] = register
+        self.report(code, now, data)
+        return True
+
+    def report(self, code: int, now: int, data: bytes = b"") -> None:
+        """Record and send a code without making it active, such as 0x8140 after bus-off."""
+        data = data[:MANUFACTURER_BYTES].ljust(MANUFACTURER_BYTES, b"\0")
+        self._history.appendleft(code & 0xFFFF | int.from_bytes(data[:2], "little") << 16)
+        self._send(EmcyMessage(self.node_id, code, self.error_register, data), now)
+
+    def clear_error(self, code: int, now: int) -> bool:
+        """Remove an active error and say error reset with the register of the others; False if it is not active."""
+        if self._active.pop(code, None) is None:
+            return False
+        self._send(EmcyMessage(self.node_id, NO_ERROR, self.error_register), now)
+        return True
+
+    def clear_all(self, now: int) -> None:
+        """Remove all active errors, with one error reset; no-op when there is none."""
+        if self._active:
+            self._active.clear()
+            self._send(EmcyMessage(self.node_id, NO_ERROR, 0), now)
+
+    def reset(self) -> None:
+        """Forget errors, history and waiting messages (reset node)."""
+        self._active.clear()
+        self._history.clear()
+        self._waiting.clear()
+        self._ready_ns = None
+
+    def read_history(self, subindex: int) -> int | None:
+        """Return 0x1003:`subindex`, the number of entries at 0; None where there is no entry."""
+        if subindex == 0:
+            return len(self._history)
+        return self._history[subindex - 1] if 1 <= subindex <= len(self._history) else None
+
+    def write_history_count(self, value: int) -> int | None:
+        """Write 0x1003:00: 0 clears the history, anything else returns its abort code."""
+        if value:
+            return _UNSUPPORTED_VALUE
+        self._history.clear()
+        return None
+
+    def receive(self, frame: CanFrame, now: int) -> None:
+        """Do nothing: a producer hears nobody."""
+
+    def tick(self, now: int) -> None:
+        """Send the oldest waiting message when the inhibit time is over."""
+        if not self.allowed:
+            self._waiting.clear()
+        while self._waiting and (self._ready_ns is None or now >= self._ready_ns):
+            self._put(self._waiting.popleft(), now)
+
+    def next_deadline(self) -> int | None:
+        """Return when the next message may go, None: none waits."""
+        return self._ready_ns if self._waiting else None
+
+    def frames(self) -> list[CanFrame]:
+        """Drain the messages to send."""
+        return self._frames.drain()
+
+    def events(self) -> list[object]:
+        """Return nothing: the owner raises the errors itself."""
+        return []
+
+    def _send(self, message: EmcyMessage, now: int) -> None:
+        if not (self.enabled and self.allowed):
+            return
+        self.tick(now)
+        if not self._waiting and (self._ready_ns is None or now >= self._ready_ns):
+            self._put(message, now)
+            return
+        self._lost += len(self._waiting) == self._waiting.maxlen
+        self._waiting.append(message)
+
+    def _put(self, message: EmcyMessage, now: int) -> None:
+        self._frames.put(message.encode(self.cob_id))
+        self._ready_ns = now + self.inhibit_ns if self.inhibit_ns else None
+
+
+@dataclass(frozen=True, slots=True)
+class EmcyEvent:
+    """A message heard at `now`."""
+
+    message: EmcyMessage
+    now: int
+
+
+@dataclass(slots=True)
+class _Node:
+    recent: deque[EmcyEvent]
+    active: dict[int, int]  # code: the register bits that came with it
+    register: int = 0
+    count: int = 0
+
+
+class EmcyConsumer:
+    """Hears the emergencies of all nodes; keeps `history_size` messages and `active_limit` active errors of each.
+
+    `malformed` counts frames with fewer than 3 bytes, `short` those with 3 to 7, `lost` events nobody fetched.
+    """
+
+    def __init__(self, *, history_size: int = 32, active_limit: int = 32) -> None:
+        self.history_size = history_size
+        self.active_limit = active_limit
+        self.malformed = 0
+        self.short = 0
+        self._node_ids = {EMCY_COB_ID + node_id: node_id for node_id in range(1, 128)}
+        self._nodes: dict[int, _Node] = {}
+        self._events: Outbox[EmcyEvent] = Outbox()
+
+    def set_cob_id(self, node_id: int, cob_id: int | None) -> None:
+        """Listen for `node_id` on another COB-ID (0x1014), or with None not at all."""
+        self._node_ids = {known: node for known, node in self._node_ids.items() if node != node_id}
+        if cob_id is not None:
+            self._node_ids[cob_id] = node_id
+
+    def history(self, node_id: int) -> tuple[EmcyEvent, ...]:
+        """Return the last messages of `node_id`, newest first."""
+        node = self._nodes.get(node_id)
+        return () if node is None else tuple(reversed(node.recent))
+
+    def active(self, node_id: int) -> tuple[int, ...]:
+        """Return the codes that `node_id` reported and has not taken back, oldest first."""
+        node = self._nodes.get(node_id)
+        return () if node is None else tuple(node.active)
+
+    def register(self, node_id: int) -> int:
+        """Return the error register last reported, 0: none."""
+        node = self._nodes.get(node_id)
+        return 0 if node is None else node.register
+
+    def count(self, node_id: int) -> int:
+        """Return how many messages came from `node_id`."""
+        node = self._nodes.get(node_id)
+        return 0 if node is None else node.count
+
+    @property
+    def lost(self) -> int:
+        """Events that had to give way because nobody fetched them."""
+        return self._events.lost
+
+    def forget(self, node_id: int) -> None:
+        """Forget the active errors of a node that rebooted; its history stays."""
+        node = self._nodes.get(node_id)
+        if node is not None:
+            node.active.clear()
+            node.register = 0
+
+    def receive(self, frame: CanFrame, now: int) -> None:
+        """Take an emergency of any node."""
+        node_id = self._node_ids.get(frame.can_id)
+        if node_id is None:
+            return
+        message = EmcyMessage.parse(frame, node_id)
+        if message is None:
+            self.malformed += 1
+            return
+        self.short += not message.is_complete
+        node = self._nodes.setdefault(node_id, _Node(deque(maxlen=self.history_size), {}))
+        event = EmcyEvent(message, now)
+        node.count += 1
+        node.recent.append(event)
+        self._note(node, message)
+        self._events.put(event)
+
+    def tick(self, now: int) -> None:
+        """Do nothing: this core has no timers."""
+
+    def next_deadline(self) -> None:
+        """Return None: this core has no timers."""
+
+    def frames(self) -> list[CanFrame]:
+        """Return nothing: a consumer does not send."""
+        return []
+
+    def events(self) -> list[EmcyEvent]:
+        """Drain the messages, in order."""
+        return self._events.drain()
+
+    def _note(self, node: _Node, message: EmcyMessage) -> None:
+        register = message.error_register
+        if not message.is_reset:
+            # The bits that are new with this error are its own; it stays until one of them is taken back.
+            own = register & ~node.register & ~ErrorRegister.GENERIC or register
+            node.active.pop(message.error_code, None)
+            if len(node.active) >= self.active_limit:
+                del node.active[next(iter(node.active))]
+            node.active[message.error_code] = own
+        elif register == 0:
+            node.active.clear()
+        else:
+            node.active = {code: own for code, own in node.active.items() if own & register}
+        node.register = register

@@ -1,0 +1,325 @@
+"""Network management, both sides (CiA 301, 7.2.8.2 and 7.3.2).
+
+The law of the slave is `TRANSITIONS`: state and command give the next state, a missing pair is ignored. A node that
+initialises hears nothing; it leaves that state only by `NmtSlave.boot`, whose boot-up frame is the last act of its
+initialisation. `SERVICES_BY_STATE` says which services exist in which state (table 38).
+
+NMT commands are unconfirmed on the wire. The master's side takes the next heartbeat that shows the wanted state as
+the confirmation and repeats a command that got none; a reset is never repeated, because the repetition would reset a
+node that is still booting.
+"""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from canopen_control.cia301.outbox import Outbox
+from canopen_control.errors import LocalProtocolError
+from canopen_control.frame import BROADCAST, CanFrame
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+__all__ = [
+    "EXPECTED_STATE",
+    "SERVICES_BY_STATE",
+    "TRANSITIONS",
+    "CommunicationService",
+    "NmtCommand",
+    "NmtConfirmed",
+    "NmtMaster",
+    "NmtResetRequested",
+    "NmtSlave",
+    "NmtState",
+    "NmtStateChanged",
+    "NmtUnconfirmed",
+    "boot_up_frame",
+    "nmt_frame",
+    "parse_nmt",
+    "state_of_byte",
+]
+
+NMT_COB_ID = 0x000
+ERROR_CONTROL_COB_ID = 0x700
+MAX_NODE_ID = 127
+
+
+class NmtState(enum.IntEnum):
+    """The states as boot-up, heartbeat and guarding show them."""
+
+    INITIALISING = 0
+    STOPPED = 4
+    OPERATIONAL = 5
+    PRE_OPERATIONAL = 0x7F
+
+
+class NmtCommand(enum.IntEnum):
+    """The command specifiers."""
+
+    START = 1
+    STOP = 2
+    ENTER_PRE_OPERATIONAL = 0x80
+    RESET_NODE = 0x81
+    RESET_COMMUNICATION = 0x82
+
+
+class CommunicationService(enum.Enum):
+    """What `SERVICES_BY_STATE` allows."""
+
+    BOOT_UP = "boot-up"
+    NMT = "NMT"
+    ERROR_CONTROL = "error control"
+    SDO = "SDO"
+    SYNC = "SYNC"
+    TIME = "TIME"
+    EMCY = "EMCY"
+    PDO = "PDO"
+    LSS = "LSS"
+
+
+_ALWAYS = {CommunicationService.NMT, CommunicationService.ERROR_CONTROL, CommunicationService.LSS}
+_CONFIGURABLE = _ALWAYS | {
+    CommunicationService.SDO,
+    CommunicationService.SYNC,
+    CommunicationService.TIME,
+    CommunicationService.EMCY,
+}
+
+SERVICES_BY_STATE: dict[NmtState, frozenset[CommunicationService]] = {
+    # A node without a node id waits here for LSS (CiA 305).
+    NmtState.INITIALISING: frozenset({CommunicationService.BOOT_UP, CommunicationService.LSS}),
+    NmtState.PRE_OPERATIONAL: frozenset(_CONFIGURABLE),
+    NmtState.OPERATIONAL: frozenset(_CONFIGURABLE | {CommunicationService.PDO}),
+    NmtState.STOPPED: frozenset(_ALWAYS),
+}
+
+EXPECTED_STATE: dict[NmtCommand, NmtState] = {
+    NmtCommand.START: NmtState.OPERATIONAL,
+    NmtCommand.STOP: NmtState.STOPPED,
+    NmtCommand.ENTER_PRE_OPERATIONAL: NmtState.PRE_OPERATIONAL,
+    NmtCommand.RESET_NODE: NmtState.INITIALISING,
+    NmtCommand.RESET_COMMUNICATION: NmtState.INITIALISING,
+}
+RESETS = frozenset({NmtCommand.RESET_NODE, NmtCommand.RESET_COMMUNICATION})
+
+# Figure 49: the three communicating states have the same five ways out.
+TRANSITIONS: dict[tuple[NmtState, NmtCommand], NmtState] = {
+    (state, command): target
+    for state in (NmtState.PRE_OPERATIONAL, NmtState.OPERATIONAL, NmtState.STOPPED)
+    for command, target in EXPECTED_STATE.items()
+}
+
+_STATES = {int(state): state for state in NmtState}
+_COMMANDS = {int(command): command for command in NmtCommand}
+
+
+def state_of_byte(value: int) -> NmtState | None:
+    """Return the state that the low seven bits of an error control byte show, or None."""
+    return _STATES.get(value & 0x7F)
+
+
+def nmt_frame(command: NmtCommand, node_id: int = BROADCAST) -> CanFrame:
+    """Make the command frame for one node, or for all with node id 0; LocalProtocolError on a node id above 127."""
+    if not 0 <= node_id <= MAX_NODE_ID:
+        msg = f"NMT {command.name}: node id {node_id} is not 0 to {MAX_NODE_ID}"
+        raise LocalProtocolError(msg)
+    return CanFrame(NMT_COB_ID, bytes((command, node_id)))
+
+
+def parse_nmt(frame: CanFrame) -> tuple[NmtCommand, int] | None:
+    """Return command and node id (0: all), or None when `frame` is no NMT command of the standard."""
+    if frame.can_id != NMT_COB_ID or len(frame.data) != 2 or frame.data[1] > MAX_NODE_ID:
+        return None
+    command = _COMMANDS.get(frame.data[0])
+    return None if command is None else (command, frame.data[1])
+
+
+def boot_up_frame(node_id: int) -> CanFrame:
+    """Make the boot-up frame of `node_id`."""
+    return CanFrame(ERROR_CONTROL_COB_ID + node_id, b"\0")
+
+
+@dataclass(frozen=True, slots=True)
+class NmtStateChanged:
+    """The slave moved from `previous` to `state`."""
+
+    previous: NmtState
+    state: NmtState
+
+
+@dataclass(frozen=True, slots=True)
+class NmtResetRequested:
+    """The slave must restore its power-on values, all or 0x1000 to 0x1FFF, and then call `NmtSlave.boot`."""
+
+    command: NmtCommand
+
+
+class NmtSlave:
+    """One node's NMT state machine; `node_id` may change while it initialises (LSS).
+
+    `malformed` counts frames on COB-ID 0 that are no command, `ignored` commands the table does not know.
+    """
+
+    def __init__(self, node_id: int, *, self_starting: bool = False) -> None:
+        self.node_id = node_id
+        self.self_starting = self_starting  # 0x1F80 bit 2 = 0: goes OPERATIONAL without a command
+        self.state = NmtState.INITIALISING
+        self.malformed = 0
+        self.ignored = 0
+        self._frames: Outbox[CanFrame] = Outbox()
+        self._events: Outbox[NmtStateChanged | NmtResetRequested] = Outbox()
+
+    def boot(self) -> None:
+        """End the initialisation: boot-up frame, PRE_OPERATIONAL, and on when self-starting. No-op elsewhere."""
+        if self.state is not NmtState.INITIALISING:
+            return
+        self._frames.put(boot_up_frame(self.node_id))
+        self._enter(NmtState.PRE_OPERATIONAL)
+        if self.self_starting:
+            self._enter(NmtState.OPERATIONAL)
+
+    def command(self, command: NmtCommand) -> bool:
+        """Obey a command, from the wire or the node's own; return whether the table knows it here."""
+        target = TRANSITIONS.get((self.state, command))
+        if target is None:
+            self.ignored += 1
+            return False
+        self._enter(target)
+        if command in RESETS:
+            self._events.put(NmtResetRequested(command))
+        return True
+
+    def allows(self, service: CommunicationService) -> bool:
+        """Whether `service` exists in the present state."""
+        return service in SERVICES_BY_STATE[self.state]
+
+    def receive(self, frame: CanFrame, now: int) -> None:  # noqa: ARG002 - the verb of every core
+        """Obey a command frame to this node or to all."""
+        if frame.can_id != NMT_COB_ID:
+            return
+        parsed = parse_nmt(frame)
+        if parsed is None:
+            self.malformed += 1
+        elif parsed[1] in (BROADCAST, self.node_id):
+            self.command(parsed[0])
+
+    def tick(self, now: int) -> None:
+        """Do nothing: this core has no timers."""
+
+    def next_deadline(self) -> None:
+        """Return None: this core has no timers."""
+
+    def frames(self) -> list[CanFrame]:
+        """Drain the frames to send: the boot-up."""
+        return self._frames.drain()
+
+    def events(self) -> list[NmtStateChanged | NmtResetRequested]:
+        """Drain what happened, in order."""
+        return self._events.drain()
+
+    def _enter(self, state: NmtState) -> None:
+        if state is not self.state:
+            self._events.put(NmtStateChanged(self.state, state))
+            self.state = state
+
+
+@dataclass(frozen=True, slots=True)
+class NmtConfirmed:
+    """`node_id` shows the state that `command` asked for, `tries` commands and `elapsed_ns` later."""
+
+    node_id: int
+    command: NmtCommand
+    tries: int
+    elapsed_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class NmtUnconfirmed:
+    """`node_id` did not show the wanted state after `tries` commands; `state` is what it showed last."""
+
+    node_id: int
+    command: NmtCommand
+    tries: int
+    state: NmtState | None
+
+
+@dataclass(slots=True)
+class _Pending:
+    command: NmtCommand
+    since_ns: int
+    deadline_ns: int
+    tries: int = 1
+    state: NmtState | None = None
+
+
+class NmtMaster:
+    """Sends commands and watches heartbeats for their confirmation; at most one command pends per node.
+
+    `retry_ns` should be 1.5 heartbeat periods or more, `reset_timeout_ns` what a node may need to boot.
+    """
+
+    def __init__(self, *, retry_ns: int = 1_500_000_000, tries: int = 3, reset_timeout_ns: int = 5_000_000_000) -> None:
+        self.retry_ns = retry_ns
+        self.tries = tries
+        self.reset_timeout_ns = reset_timeout_ns
+        self._pending: dict[int, _Pending] = {}
+        self._frames: Outbox[CanFrame] = Outbox()
+        self._events: Outbox[NmtConfirmed | NmtUnconfirmed] = Outbox()
+
+    def command(self, command: NmtCommand, node_id: int, now: int, *, confirm_by: Iterable[int] | None = None) -> None:
+        """Send `command`; wait for the confirmation of `confirm_by` (default: the node; with 0, nobody)."""
+        nodes = (node_id,) if confirm_by is None else confirm_by
+        self._frames.put(nmt_frame(command, node_id))
+        for node in nodes:
+            if 1 <= node <= MAX_NODE_ID:
+                self._pending[node] = _Pending(command, now, now + self._patience(command))
+
+    def pending(self, node_id: int) -> NmtCommand | None:
+        """Return the command of `node_id` that awaits its confirmation."""
+        entry = self._pending.get(node_id)
+        return None if entry is None else entry.command
+
+    def cancel(self, node_id: int) -> None:
+        """Stop waiting for `node_id`."""
+        self._pending.pop(node_id, None)
+
+    def receive(self, frame: CanFrame, now: int) -> None:
+        """Take a boot-up, heartbeat or guarding answer as confirmation."""
+        node_id = frame.can_id - ERROR_CONTROL_COB_ID
+        entry = self._pending.get(node_id)
+        if entry is None or len(frame.data) != 1:
+            return
+        entry.state = state_of_byte(frame.data[0])
+        if entry.state is EXPECTED_STATE[entry.command]:
+            del self._pending[node_id]
+            self._events.put(NmtConfirmed(node_id, entry.command, entry.tries, now - entry.since_ns))
+
+    def tick(self, now: int) -> None:
+        """Repeat or give up what is due."""
+        for node_id, entry in list(self._pending.items()):
+            if now < entry.deadline_ns:
+                continue
+            if entry.command in RESETS or entry.tries >= self.tries:
+                del self._pending[node_id]
+                self._events.put(NmtUnconfirmed(node_id, entry.command, entry.tries, entry.state))
+            else:
+                entry.tries += 1
+                entry.deadline_ns = now + self.retry_ns
+                self._frames.put(nmt_frame(entry.command, node_id))
+
+    def next_deadline(self) -> int | None:
+        """Return when `tick` has something to do."""
+        return min((entry.deadline_ns for entry in self._pending.values()), default=None)
+
+    def frames(self) -> list[CanFrame]:
+        """Drain the commands to send."""
+        return self._frames.drain()
+
+    def events(self) -> list[NmtConfirmed | NmtUnconfirmed]:
+        """Drain what happened."""
+        return self._events.drain()
+
+    def _patience(self, command: NmtCommand) -> int:
+        return self.reset_timeout_ns if command in RESETS else self.retry_ns

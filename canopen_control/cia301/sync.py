@@ -1,0 +1,219 @@
+"""The SYNC object, producer and consumer (CiA 301, 7.2.5 and 7.5.2.5 to 7, 7.5.2.17).
+
+Without a counter (0x1019 = 0) a SYNC has no data; with an overflow value n of 2 to 240 it carries one byte that
+counts 1 to n and starts again at 1. A SYNC of the wrong length is reported for EMCY 0x8240 and still counts as a
+SYNC, without a counter, as other stacks do: the rhythm is right where the length is not.
+"""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass
+
+from canopen_control.cia301.heartbeat import next_on_grid
+from canopen_control.cia301.outbox import Outbox
+from canopen_control.errors import LocalProtocolError
+from canopen_control.frame import EXTENDED_FLAG, CanFrame
+
+__all__ = [
+    "PRODUCER_BIT",
+    "SyncConsumer",
+    "SyncEvent",
+    "SyncEventKind",
+    "SyncProducer",
+    "check_cob_id_sync",
+    "check_overflow",
+    "is_valid_overflow",
+    "parse_cob_id_sync",
+]
+
+SYNC_COB_ID = 0x080
+PRODUCER_BIT = 1 << 30  # of 0x1005
+EXTENDED_BIT = 1 << 29
+_UNSUPPORTED_VALUE = 0x06090030
+_WRONG_STATE = 0x08000022
+
+
+def parse_cob_id_sync(value: int) -> tuple[int, bool]:
+    """Return the can_id (with the flag of a 29-bit one) and whether the node produces SYNC, of a 0x1005 value."""
+    if value & EXTENDED_BIT:
+        return value & 0x1FFFFFFF | EXTENDED_FLAG, bool(value & PRODUCER_BIT)
+    return value & 0x7FF, bool(value & PRODUCER_BIT)
+
+
+def is_valid_overflow(overflow: int) -> bool:
+    """Whether 0x1019 may hold the value: 0 (no counter) or 2 to 240."""
+    return overflow == 0 or 2 <= overflow <= 240
+
+
+def check_overflow(overflow: int, period_us: int) -> int | None:
+    """Return the abort code of a write to 0x1019 while 0x1006 is `period_us`, or None: accepted."""
+    if period_us:
+        return _WRONG_STATE
+    return None if is_valid_overflow(overflow) else _UNSUPPORTED_VALUE
+
+
+def check_cob_id_sync(value: int, present: int, *, can_produce: bool = True) -> int | None:
+    """Return the abort code of a write to 0x1005 that holds `present`, or None: accepted."""
+    if value & PRODUCER_BIT and not can_produce:
+        return _UNSUPPORTED_VALUE
+    changed = (value ^ present) & (PRODUCER_BIT - 1)
+    if changed and value & PRODUCER_BIT and present & PRODUCER_BIT:
+        return _UNSUPPORTED_VALUE  # the identifier is fixed while the node produces
+    return None
+
+
+class SyncProducer:
+    """Makes the SYNC frames of a master, one per call of `frame`, or by its own timer when `period_ns` is set.
+
+    The frames are made once: the cycle allocates nothing. LocalProtocolError for an overflow value the standard
+    reserves.
+    """
+
+    def __init__(self, cob_id: int = SYNC_COB_ID, overflow: int = 0, *, period_ns: int = 0) -> None:
+        if not is_valid_overflow(overflow):
+            msg = f"SYNC counter overflow {overflow}: 0x1019 holds 0 or 2 to 240"
+            raise LocalProtocolError(msg)
+        self.cob_id = cob_id
+        self.overflow = overflow
+        self.period_ns = period_ns
+        self.counter = 0  # of the last SYNC; 0: none yet, or no counter
+        payloads = [bytes((count,)) for count in range(1, overflow + 1)] or [b""]
+        self._ring = [CanFrame(cob_id, payload) for payload in payloads]
+        self._next = 0
+        self._deadline_ns: int | None = None
+        self._frames: Outbox[CanFrame] = Outbox()
+
+    def frame(self) -> CanFrame:
+        """Return the next SYNC and advance the counter."""
+        sync = self._ring[self._next]
+        self._next += 1
+        if self.overflow:
+            self.counter = self._next
+        if self._next == len(self._ring):
+            self._next = 0
+        return sync
+
+    def reset(self) -> None:
+        """Start the counter again: the next SYNC carries 1 (after reset communication, on leaving STOPPED)."""
+        self._next = self.counter = 0
+
+    def start(self, now: int) -> None:
+        """Start the timer: the first SYNC is due at `now`."""
+        self._deadline_ns = now
+
+    def stop(self) -> None:
+        """Stop the timer."""
+        self._deadline_ns = None
+
+    def receive(self, frame: CanFrame, now: int) -> None:
+        """Do nothing: a producer hears nobody."""
+
+    def tick(self, now: int) -> None:
+        """Send a SYNC when due; missed periods are skipped, the grid is kept."""
+        if self.period_ns and self._deadline_ns is not None and now >= self._deadline_ns:
+            self._frames.put(self.frame())
+            self._deadline_ns = next_on_grid(self._deadline_ns, self.period_ns, now)
+
+    def next_deadline(self) -> int | None:
+        """Return when the next SYNC is due, None: the timer is off."""
+        return self._deadline_ns if self.period_ns else None
+
+    def frames(self) -> list[CanFrame]:
+        """Drain the SYNCs that the timer made."""
+        return self._frames.drain()
+
+    def events(self) -> list[object]:
+        """Return nothing: nothing happens to a producer."""
+        return []
+
+
+class SyncEventKind(enum.Enum):
+    """What a consumer tells."""
+
+    SYNC = "sync"
+    LENGTH_ERROR = "length error"  # report EMCY 0x8240; a SYNC event follows
+    MISSED = "missed"  # no SYNC for 1.5 periods
+    RESOLVED = "resolved"  # the first SYNC after that; a SYNC event follows
+
+
+@dataclass(frozen=True, slots=True)
+class SyncEvent:
+    """`kind` at `now`; `counter` is the SYNC's, None without one."""
+
+    kind: SyncEventKind
+    now: int
+    counter: int | None = None
+
+
+class SyncConsumer:
+    """Hears SYNC; `period_ns` (0x1006) watches it, `window_ns` (0x1007) is the time in which process data is valid.
+
+    `count` counts SYNCs, `length_errors` those of wrong length, `skipped` those whose counter is not the expected one.
+    """
+
+    def __init__(self, cob_id: int = SYNC_COB_ID, overflow: int = 0, *, period_ns: int = 0, window_ns: int = 0) -> None:
+        self.cob_id = cob_id
+        self.overflow = overflow
+        self.period_ns = period_ns
+        self.window_ns = window_ns
+        self.count = self.length_errors = self.skipped = 0
+        self.last_ns: int | None = None
+        self._counter: int | None = None
+        self._deadline_ns: int | None = None
+        self._missed = False
+        self._events: Outbox[SyncEvent] = Outbox()
+
+    def reset(self) -> None:
+        """Forget the counter and stop watching until the next SYNC (reset communication, entering STOPPED)."""
+        self._counter = self._deadline_ns = None
+        self._missed = False
+
+    def in_window(self, now: int) -> bool:
+        """Whether synchronous process data is valid at `now`: no window is set, or the last SYNC opened it."""
+        return not self.window_ns or (self.last_ns is not None and now - self.last_ns <= self.window_ns)
+
+    def receive(self, frame: CanFrame, now: int) -> None:
+        """Take a SYNC; other frames are ignored."""
+        if frame.can_id != self.cob_id:
+            return
+        counter = self._counter_of(frame.data, now)
+        self.tick(now)  # a SYNC behind its deadline resolves a miss, it does not hide it
+        if self._missed:
+            self._missed = False
+            self._events.put(SyncEvent(SyncEventKind.RESOLVED, now))
+        self.count += 1
+        self.last_ns = now
+        self._deadline_ns = now + self.period_ns * 3 // 2 if self.period_ns else None
+        self._events.put(SyncEvent(SyncEventKind.SYNC, now, counter))
+
+    def tick(self, now: int) -> None:
+        """Report a SYNC that did not come within 1.5 periods, once."""
+        if self._deadline_ns is not None and now >= self._deadline_ns:
+            self._deadline_ns, self._missed = None, True
+            self._events.put(SyncEvent(SyncEventKind.MISSED, now))
+
+    def next_deadline(self) -> int | None:
+        """Return when the SYNC is missed."""
+        return self._deadline_ns
+
+    def frames(self) -> list[CanFrame]:
+        """Return nothing: a consumer does not send."""
+        return []
+
+    def events(self) -> list[SyncEvent]:
+        """Drain what happened, in order."""
+        return self._events.drain()
+
+    def _counter_of(self, data: bytes, now: int) -> int | None:
+        if len(data) != (1 if self.overflow else 0):
+            self.length_errors += 1
+            self._events.put(SyncEvent(SyncEventKind.LENGTH_ERROR, now))
+            self._counter = None
+            return None
+        if not self.overflow:
+            return None
+        if self._counter is not None and data[0] != self._counter % self.overflow + 1:
+            self.skipped += 1
+        self._counter = data[0]
+        return data[0]
