@@ -1,0 +1,1 @@
+"""CiA 402: the drive profile, sans-IO."""

@@ -1,0 +1,149 @@
+"""Modes of operation (CiA 402-2, 0x6060, 0x6061, 0x6502) and the bits of both words that each mode defines.
+
+Law of this file: a mode is asked for only when 0x6502 lists it; which mode serves a joint's interface is a table,
+cyclic before profile; 0 (no mode) is never chosen by itself, because there are drives without it.
+"""
+
+from __future__ import annotations
+
+from enum import IntEnum
+from types import MappingProxyType
+from typing import TYPE_CHECKING, NamedTuple
+
+from canopen_control.cia402 import objects
+from canopen_control.errors import UnsupportedMode
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+
+__all__ = [
+    "INTERFACE_MODES",
+    "MODE_BITS",
+    "TARGET_OBJECTS",
+    "ModeBits",
+    "OperationMode",
+    "mode_for_interface",
+    "mode_name",
+    "require_mode",
+    "supported_modes",
+    "vendor_modes",
+]
+
+
+class OperationMode(IntEnum):
+    """The modes with a number in the profile; negative numbers are the manufacturer's and stay plain ints."""
+
+    NONE = 0
+    PP = 1  # profile position
+    VL = 2  # velocity, the frequency converter's
+    PV = 3  # profile velocity
+    TQ = 4  # profile torque
+    HM = 6  # homing
+    IP = 7  # interpolated position
+    CSP = 8  # cyclic synchronous position
+    CSV = 9  # cyclic synchronous velocity
+    CST = 10  # cyclic synchronous torque
+    CSTCA = 11  # the same with commutation angle
+
+
+_SELECTABLE = tuple(mode for mode in OperationMode if mode)
+_NAMES = {int(mode): mode.name for mode in OperationMode}
+_VENDOR_SHIFT = 16
+
+
+def supported_modes(supported_drive_modes: int) -> tuple[OperationMode, ...]:
+    """Return the modes that 0x6502 lists, ascending; the manufacturer's bits and reserved ones are left out."""
+    return tuple(mode for mode in _SELECTABLE if supported_drive_modes >> (mode - 1) & 1)
+
+
+def vendor_modes(supported_drive_modes: int) -> int:
+    """Return the manufacturer's sixteen bits of 0x6502; what they mean is the manufacturer's."""
+    return supported_drive_modes >> _VENDOR_SHIFT & 0xFFFF
+
+
+def mode_name(mode: int) -> str:
+    """Return the short name of a mode, of any int: `CSP`, `mode -3 (manufacturer)`, `mode 5 (reserved)`."""
+    kind = "manufacturer" if mode < 0 else "reserved"
+    return _NAMES.get(mode) or f"mode {mode} ({kind})"
+
+
+INTERFACE_MODES: Mapping[str, tuple[OperationMode, ...]] = MappingProxyType(
+    {
+        "position": (OperationMode.CSP, OperationMode.PP),
+        "velocity": (OperationMode.CSV, OperationMode.PV),
+        "effort": (OperationMode.CST, OperationMode.TQ),
+    }
+)
+"""Which modes serve a command interface, the best first."""
+
+
+def mode_for_interface(interface: str, supported: Iterable[int]) -> OperationMode:
+    """Return the best mode for a command interface `position`, `velocity` or `effort`.
+
+    Raises UnsupportedMode when the drive has none that serves it, or no drive could (an unknown interface).
+    """
+    present = tuple(supported)
+    wanted = INTERFACE_MODES.get(interface, ())
+    for mode in wanted:
+        if mode in present:
+            return mode
+    named = " or ".join(mode.name for mode in wanted) or "any mode"
+    raise UnsupportedMode(f"{named} for interface {interface!r}", tuple(map(mode_name, present)))
+
+
+def require_mode(mode: int, supported: Iterable[int]) -> None:
+    """Raise UnsupportedMode unless `mode` is listed; the manufacturer's (negative) modes are not ours to judge."""
+    present = tuple(supported)
+    if mode >= 0 and mode not in present:
+        raise UnsupportedMode(mode_name(mode), tuple(map(mode_name, present)))
+
+
+TARGET_OBJECTS: Mapping[int, tuple[int, int]] = MappingProxyType(
+    {
+        OperationMode.PP: (objects.TARGET_POSITION, objects.POSITION_ACTUAL),
+        OperationMode.VL: (objects.VL_TARGET_VELOCITY, objects.VL_VELOCITY_ACTUAL),
+        OperationMode.PV: (objects.TARGET_VELOCITY, objects.VELOCITY_ACTUAL),
+        OperationMode.TQ: (objects.TARGET_TORQUE, objects.TORQUE_ACTUAL),
+        OperationMode.IP: (objects.INTERPOLATION_DATA, objects.POSITION_ACTUAL),
+        OperationMode.CSP: (objects.TARGET_POSITION, objects.POSITION_ACTUAL),
+        OperationMode.CSV: (objects.TARGET_VELOCITY, objects.VELOCITY_ACTUAL),
+        OperationMode.CST: (objects.TARGET_TORQUE, objects.TORQUE_ACTUAL),
+        OperationMode.CSTCA: (objects.TARGET_TORQUE, objects.TORQUE_ACTUAL),
+    }
+)
+"""Mode to (index of its target, index of what the drive makes of it), axis 0; homing has no target."""
+
+
+class ModeBits(NamedTuple):
+    """What a mode's own bits mean: bit number to words; a bit that is not named has no meaning in the mode."""
+
+    controlword: Mapping[int, str]
+    statusword: Mapping[int, str]
+
+
+_HALT = {8: "halt"}
+_CYCLIC = ModeBits(_HALT, {12: "follows the cyclic set-point"})  # bit 10 is reserved: never "target reached"
+MODE_BITS: Mapping[int, ModeBits] = MappingProxyType(
+    {
+        OperationMode.PP: ModeBits(
+            {4: "new set-point", 5: "change immediately", 6: "relative", 9: "change on set-point", **_HALT},
+            {10: "target reached", 12: "set-point acknowledged", 13: "following error"},
+        ),
+        OperationMode.VL: ModeBits({4: "enable ramp", 5: "unlock ramp", 6: "reference ramp", **_HALT}, {}),
+        OperationMode.PV: ModeBits(_HALT, {10: "target reached", 12: "speed is zero", 13: "maximum slippage"}),
+        OperationMode.TQ: ModeBits(_HALT, {10: "target reached"}),
+        OperationMode.HM: ModeBits(
+            {4: "start homing", **_HALT},
+            {10: "target reached", 12: "homing attained", 13: "homing error"},
+        ),
+        OperationMode.IP: ModeBits(
+            {4: "enable interpolation", **_HALT},
+            {10: "target reached", 12: "interpolation active"},
+        ),
+        OperationMode.CSP: ModeBits(_HALT, {**_CYCLIC.statusword, 13: "following error"}),
+        OperationMode.CSV: _CYCLIC,
+        OperationMode.CST: _CYCLIC,
+        OperationMode.CSTCA: _CYCLIC,
+    }
+)
+"""CiA 402-2: the mode-specific bits 4-6, 8, 9 of the controlword and 10, 12, 13 of the statusword."""

@@ -1,0 +1,189 @@
+"""The objects of CiA 402-2 by name, and where they lie for each axis of a multi-axis device.
+
+Law of this file: indices are written for axis 0. Axis a (0 to 7) has the same profile objects 0x800 * a higher, and
+its PDOs 64 * a higher (CiA 402-2, 5.1; CiA 301, 7.4.1). Objects outside 0x6000 to 0x67FF belong to the device and
+are the same for all axes.
+"""
+
+from __future__ import annotations
+
+from types import MappingProxyType
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Container, Mapping
+
+__all__ = [
+    "AXES",
+    "NAMES",
+    "axis_count",
+    "axis_index",
+    "axis_of",
+    "axis_pdo",
+    "is_drive_profile",
+    "object_name",
+]
+
+AXES = 8
+_AXIS_STRIDE = 0x800
+_PDO_STRIDE = 64
+_FIRST, _LAST = 0x6000, 0x67FF
+_DRIVE_PROFILE = 402
+
+ABORT_CONNECTION_OPTION = 0x6007
+ERROR_CODE = 0x603F
+CONTROLWORD = 0x6040
+STATUSWORD = 0x6041
+VL_TARGET_VELOCITY = 0x6042
+VL_VELOCITY_DEMAND = 0x6043
+VL_VELOCITY_ACTUAL = 0x6044
+VL_MIN_MAX_AMOUNT = 0x6046
+VL_ACCELERATION = 0x6048
+VL_DECELERATION = 0x6049
+VL_QUICK_STOP = 0x604A
+QUICK_STOP_OPTION = 0x605A
+SHUTDOWN_OPTION = 0x605B
+DISABLE_OPERATION_OPTION = 0x605C
+HALT_OPTION = 0x605D
+FAULT_REACTION_OPTION = 0x605E
+MODES_OF_OPERATION = 0x6060
+MODES_OF_OPERATION_DISPLAY = 0x6061
+POSITION_DEMAND = 0x6062
+POSITION_ACTUAL_INTERNAL = 0x6063
+POSITION_ACTUAL = 0x6064
+FOLLOWING_ERROR_WINDOW = 0x6065
+FOLLOWING_ERROR_TIMEOUT = 0x6066
+POSITION_WINDOW = 0x6067
+POSITION_WINDOW_TIME = 0x6068
+VELOCITY_SENSOR_ACTUAL = 0x6069
+SENSOR_SELECTION = 0x606A
+VELOCITY_DEMAND = 0x606B
+VELOCITY_ACTUAL = 0x606C
+VELOCITY_WINDOW = 0x606D
+VELOCITY_WINDOW_TIME = 0x606E
+VELOCITY_THRESHOLD = 0x606F
+VELOCITY_THRESHOLD_TIME = 0x6070
+TARGET_TORQUE = 0x6071
+MAX_TORQUE = 0x6072
+MAX_CURRENT = 0x6073
+TORQUE_DEMAND = 0x6074
+MOTOR_RATED_CURRENT = 0x6075
+MOTOR_RATED_TORQUE = 0x6076
+TORQUE_ACTUAL = 0x6077
+CURRENT_ACTUAL = 0x6078
+DC_LINK_VOLTAGE = 0x6079
+TARGET_POSITION = 0x607A
+POSITION_RANGE_LIMIT = 0x607B
+HOME_OFFSET = 0x607C
+SOFTWARE_POSITION_LIMIT = 0x607D
+POLARITY = 0x607E
+MAX_PROFILE_VELOCITY = 0x607F
+MAX_MOTOR_SPEED = 0x6080
+PROFILE_VELOCITY = 0x6081
+END_VELOCITY = 0x6082
+PROFILE_ACCELERATION = 0x6083
+PROFILE_DECELERATION = 0x6084
+QUICK_STOP_DECELERATION = 0x6085
+MOTION_PROFILE_TYPE = 0x6086
+TORQUE_SLOPE = 0x6087
+TORQUE_PROFILE_TYPE = 0x6088
+POSITION_ENCODER_RESOLUTION = 0x608F
+VELOCITY_ENCODER_RESOLUTION = 0x6090
+GEAR_RATIO = 0x6091
+FEED_CONSTANT = 0x6092
+VELOCITY_FACTOR = 0x6096
+ACCELERATION_FACTOR = 0x6097
+HOMING_METHOD = 0x6098
+HOMING_SPEEDS = 0x6099
+HOMING_ACCELERATION = 0x609A
+PROFILE_JERK = 0x60A4
+SI_UNIT_POSITION = 0x60A8
+SI_UNIT_VELOCITY = 0x60A9
+POSITION_OFFSET = 0x60B0
+VELOCITY_OFFSET = 0x60B1
+TORQUE_OFFSET = 0x60B2
+TOUCH_PROBE_FUNCTION = 0x60B8
+TOUCH_PROBE_STATUS = 0x60B9
+TOUCH_PROBE_1_POSITIVE = 0x60BA
+TOUCH_PROBE_1_NEGATIVE = 0x60BB
+TOUCH_PROBE_2_POSITIVE = 0x60BC
+TOUCH_PROBE_2_NEGATIVE = 0x60BD
+INTERPOLATION_SUB_MODE = 0x60C0
+INTERPOLATION_DATA = 0x60C1
+INTERPOLATION_TIME_PERIOD = 0x60C2
+INTERPOLATION_BUFFER = 0x60C4
+MAX_ACCELERATION = 0x60C5
+MAX_DECELERATION = 0x60C6
+POSITIVE_TORQUE_LIMIT = 0x60E0
+NEGATIVE_TORQUE_LIMIT = 0x60E1
+SUPPORTED_HOMING_METHODS = 0x60E3
+ADDITIONAL_POSITION_ACTUAL = 0x60E4
+ADDITIONAL_VELOCITY_ACTUAL = 0x60E5
+POSITIONING_OPTION = 0x60F2
+FOLLOWING_ERROR_ACTUAL = 0x60F4
+MAX_SLIPPAGE = 0x60F8
+CONTROL_EFFORT = 0x60FA
+POSITION_DEMAND_INTERNAL = 0x60FC
+DIGITAL_INPUTS = 0x60FD
+DIGITAL_OUTPUTS = 0x60FE
+TARGET_VELOCITY = 0x60FF
+MOTOR_TYPE = 0x6402
+MOTOR_CATALOGUE_NUMBER = 0x6403
+MOTOR_MANUFACTURER = 0x6404
+SUPPORTED_DRIVE_MODES = 0x6502
+DRIVE_CATALOGUE_NUMBER = 0x6503
+DRIVE_MANUFACTURER = 0x6505
+SINGLE_DEVICE_TYPE = 0x67FF
+
+NAMES: Mapping[int, str] = MappingProxyType(
+    {
+        value: name.replace("_", " ").lower()
+        for name, value in list(globals().items())
+        if isinstance(value, int) and _FIRST <= value <= _LAST and not name.startswith("_")
+    }
+)
+"""Every profile object above, index of axis 0 to its name in words."""
+
+
+def axis_index(index: int, axis: int) -> int:
+    """Return the index that the profile object `index` (of axis 0) has for `axis`; others are returned unchanged.
+
+    Raises ValueError unless `axis` is 0 to 7.
+    """
+    if not 0 <= axis < AXES:
+        raise ValueError(f"axis {axis} does not exist: a device has the axes 0 to {AXES - 1}")
+    return index + _AXIS_STRIDE * axis if _FIRST <= index <= _LAST else index
+
+
+def axis_of(index: int) -> tuple[int, int]:
+    """Return (index of axis 0, axis) for any profile object 0x6000 to 0x9FFF; (index, 0) for all others."""
+    if not _FIRST <= index < _FIRST + AXES * _AXIS_STRIDE:
+        return index, 0
+    axis = (index - _FIRST) // _AXIS_STRIDE
+    return index - _AXIS_STRIDE * axis, axis
+
+
+def axis_pdo(number: int, axis: int) -> int:
+    """Return the PDO number (counted as `number` is) that PDO `number` of axis 0 has for `axis`."""
+    return number + _PDO_STRIDE * axis
+
+
+def axis_count(indices: Container[int]) -> int:
+    """Return how many axes a device with these object indices has.
+
+    An axis counts when it has a controlword and those below it have one.
+    """
+    present = (axis_index(CONTROLWORD, axis) in indices for axis in range(AXES))
+    return next((axis for axis, there in enumerate(present) if not there), AXES)
+
+
+def object_name(index: int) -> str | None:
+    """Return the name of a profile object in words, with its axis if that is not 0; None if it is none."""
+    base, axis = axis_of(index)
+    name = NAMES.get(base)
+    return f"{name} (axis {axis})" if name and axis else name
+
+
+def is_drive_profile(device_type: int) -> bool:
+    """Whether object 0x1000 names CiA 402, as a single drive or as a device of several."""
+    return device_type & 0xFFFF == _DRIVE_PROFILE

@@ -1,0 +1,244 @@
+"""The power state machine of CiA 402-2 (IEC 61800-7-201, 6.3) as tables: states, commands, the 17 transitions.
+
+Law of this file: everything that says which statusword means which state, which controlword means which command,
+and which command leads from where to where, is a table here. It does not know whether it serves a master or a
+drive; both read the same tables, and neither finds a decision in them but `next_command`, the safe way of the master.
+
+- A statusword matches a state when ``(statusword ^ value) & mask == 0``. Bit 4 (voltage enabled) is never part of
+  it, bit 5 only where the mask is 0x6F. 53,248 of the 65,536 words match nothing.
+- ``SWITCH_ON`` and ``DISABLE_OPERATION`` are one pattern on the wire, as are ``ENABLE_OPERATION`` and
+  ``SWITCH_ON_AND_ENABLE``: they are one member here (aliases), and only the drive's state tells them apart.
+- A fault is reset by the rising edge of bit 7, never by its level.
+"""
+
+from __future__ import annotations
+
+from enum import Enum
+from types import MappingProxyType
+from typing import TYPE_CHECKING, NamedTuple
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+__all__ = [
+    "FAULT_RESET_BIT",
+    "HALT_BIT",
+    "INTERNAL_LIMIT",
+    "MODE_SPECIFIC_BITS",
+    "POWERED_STATES",
+    "QUICK_STOP_INACTIVE",
+    "REMOTE",
+    "STATUSWORD_MASKS",
+    "TARGET_REACHED",
+    "TRANSITIONS",
+    "VOLTAGE_ENABLED",
+    "WARNING",
+    "Command",
+    "State",
+    "Transition",
+    "command_of",
+    "controlword_of",
+    "decode_statusword",
+    "next_command",
+    "transition_of",
+]
+
+# Statusword bits that are no part of the state (CiA 402-2, table 30).
+VOLTAGE_ENABLED = 1 << 4
+QUICK_STOP_INACTIVE = 1 << 5
+WARNING = 1 << 7
+REMOTE = 1 << 9
+TARGET_REACHED = 1 << 10
+INTERNAL_LIMIT = 1 << 11
+
+# Controlword bits that are no part of a command (CiA 402-2, table 27).
+MODE_SPECIFIC_BITS = 0x0270  # bits 4, 5, 6 and 9
+FAULT_RESET_BIT = 1 << 7
+HALT_BIT = 1 << 8
+
+
+class State(Enum):
+    """A state of the power state machine; the value is its pattern in the statusword."""
+
+    NOT_READY_TO_SWITCH_ON = 0x00
+    SWITCH_ON_DISABLED = 0x40
+    READY_TO_SWITCH_ON = 0x21
+    SWITCHED_ON = 0x23
+    OPERATION_ENABLED = 0x27
+    QUICK_STOP_ACTIVE = 0x07
+    FAULT_REACTION_ACTIVE = 0x0F
+    FAULT = 0x08
+
+
+POWERED_STATES = (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE, State.FAULT_REACTION_ACTIVE)
+"""The states in which the motor has, or may have, torque."""
+
+STATUSWORD_MASKS: Mapping[State, int] = MappingProxyType(
+    {
+        State.NOT_READY_TO_SWITCH_ON: 0x4F,
+        State.SWITCH_ON_DISABLED: 0x4F,
+        State.READY_TO_SWITCH_ON: 0x6F,
+        State.SWITCHED_ON: 0x6F,
+        State.OPERATION_ENABLED: 0x6F,
+        State.QUICK_STOP_ACTIVE: 0x6F,
+        State.FAULT_REACTION_ACTIVE: 0x4F,
+        State.FAULT: 0x4F,
+    }
+)
+_ALL_MASKS = 0x6F
+
+
+def _state_of_bits(bits: int) -> State | None:
+    matches = (state for state, mask in STATUSWORD_MASKS.items() if not (bits ^ state.value) & mask)
+    return next(matches, None)
+
+
+# One entry for each pattern of the six bits that matter: 112 pointers instead of 65,536.
+_STATE_BY_BITS = tuple(_state_of_bits(bits) for bits in range(_ALL_MASKS + 1))
+
+
+def decode_statusword(statusword: int) -> State | None:
+    """Return the state that 0x6041 shows, None when its bits are undefined. Every int is accepted."""
+    return _STATE_BY_BITS[statusword & _ALL_MASKS]
+
+
+class Command(Enum):
+    """A command of the controlword; the value is (mask, bits). Names of one pattern are aliases."""
+
+    SHUTDOWN = (0x87, 0x06)
+    SWITCH_ON = (0x8F, 0x07)
+    DISABLE_OPERATION = SWITCH_ON
+    ENABLE_OPERATION = (0x8F, 0x0F)
+    SWITCH_ON_AND_ENABLE = ENABLE_OPERATION
+    DISABLE_VOLTAGE = (0x82, 0x00)
+    QUICK_STOP = (0x86, 0x02)
+    FAULT_RESET = (0x80, 0x80)
+
+
+def controlword_of(command: Command) -> int:
+    """Return the controlword to write for `command`: its bits, all others zero."""
+    return command.value[1]
+
+
+_LEVEL_COMMANDS = tuple(command for command in Command if command is not Command.FAULT_RESET)
+
+
+def _command_of_bits(bits: int) -> Command | None:
+    matches = (command for command in _LEVEL_COMMANDS if bits & command.value[0] == command.value[1])
+    return next(matches, None)
+
+
+_COMMAND_BY_BITS = tuple(_command_of_bits(bits) for bits in range(0x100))
+
+
+def command_of(controlword: int, previous: int) -> Command | None:
+    """Return what a drive is told by `controlword` when `previous` was the one before (0 at the start).
+
+    A rising bit 7 is FAULT_RESET whatever the other bits say; a bit 7 that stays high hides them: None.
+    """
+    if controlword & ~previous & FAULT_RESET_BIT:
+        return Command.FAULT_RESET
+    return _COMMAND_BY_BITS[controlword & 0xFF]
+
+
+class Transition(NamedTuple):
+    """One arrow of the state diagram (CiA 402-2, table 22).
+
+    `sources` is empty for power-on, `commands` is empty where the drive acts by itself. `condition` says what else
+    must hold, or which option code decides how it is done.
+    """
+
+    number: int
+    sources: tuple[State, ...]
+    target: State
+    commands: tuple[Command, ...] = ()
+    condition: str = ""
+
+
+_S, _C = State, Command
+TRANSITIONS: tuple[Transition, ...] = (
+    Transition(0, (), _S.NOT_READY_TO_SWITCH_ON, (), "power-on or application reset"),
+    Transition(1, (_S.NOT_READY_TO_SWITCH_ON,), _S.SWITCH_ON_DISABLED, (), "self-test and initialisation done"),
+    Transition(2, (_S.SWITCH_ON_DISABLED,), _S.READY_TO_SWITCH_ON, (_C.SHUTDOWN,)),
+    Transition(3, (_S.READY_TO_SWITCH_ON,), _S.SWITCHED_ON, (_C.SWITCH_ON,)),
+    Transition(4, (_S.SWITCHED_ON,), _S.OPERATION_ENABLED, (_C.ENABLE_OPERATION,)),
+    Transition(5, (_S.OPERATION_ENABLED,), _S.SWITCHED_ON, (_C.DISABLE_OPERATION,), "as 0x605C says"),
+    Transition(6, (_S.SWITCHED_ON,), _S.READY_TO_SWITCH_ON, (_C.SHUTDOWN,)),
+    Transition(7, (_S.READY_TO_SWITCH_ON,), _S.SWITCH_ON_DISABLED, (_C.DISABLE_VOLTAGE, _C.QUICK_STOP)),
+    Transition(8, (_S.OPERATION_ENABLED,), _S.READY_TO_SWITCH_ON, (_C.SHUTDOWN,), "as 0x605B says"),
+    Transition(9, (_S.OPERATION_ENABLED,), _S.SWITCH_ON_DISABLED, (_C.DISABLE_VOLTAGE,), "at once: the motor coasts"),
+    Transition(10, (_S.SWITCHED_ON,), _S.SWITCH_ON_DISABLED, (_C.DISABLE_VOLTAGE, _C.QUICK_STOP)),
+    Transition(11, (_S.OPERATION_ENABLED,), _S.QUICK_STOP_ACTIVE, (_C.QUICK_STOP,), "as 0x605A says"),
+    Transition(
+        12,
+        (_S.QUICK_STOP_ACTIVE,),
+        _S.SWITCH_ON_DISABLED,
+        (_C.DISABLE_VOLTAGE,),
+        "also by itself when the stop is done and 0x605A is 0 to 4",
+    ),
+    Transition(
+        13,
+        tuple(state for state in _S if state not in (_S.FAULT_REACTION_ACTIVE, _S.FAULT)),
+        _S.FAULT_REACTION_ACTIVE,
+        (),
+        "a fault, as 0x605E says",
+    ),
+    Transition(14, (_S.FAULT_REACTION_ACTIVE,), _S.FAULT, (), "the reaction is done"),
+    Transition(15, (_S.FAULT,), _S.SWITCH_ON_DISABLED, (_C.FAULT_RESET,), "the cause is gone"),
+    Transition(16, (_S.QUICK_STOP_ACTIVE,), _S.OPERATION_ENABLED, (_C.ENABLE_OPERATION,), "0x605A is 5 to 8; optional"),
+)
+
+_BY_COMMAND = {
+    (source, command): transition
+    for transition in TRANSITIONS
+    for source in transition.sources
+    for command in transition.commands
+}
+
+
+def transition_of(state: State, command: Command) -> Transition | None:
+    """Return the transition that `command` asks for in `state`, None where the diagram has no such arrow."""
+    return _BY_COMMAND.get((state, command))
+
+
+# What the master sends, by goal (row) and state seen (column): one step at a time, each confirmed by the statusword
+# before the next, so that 0x0F never meets a drive that has not been seen SWITCHED_ON (or in a quick stop, arrow 16).
+# The way down never uses an arrow that leads up. In its goal a drive is told what keeps it there.
+_DOWN_TO_SWITCHED_ON = {
+    _S.SWITCH_ON_DISABLED: _C.DISABLE_VOLTAGE,
+    _S.READY_TO_SWITCH_ON: _C.SHUTDOWN,
+    _S.SWITCHED_ON: _C.SWITCH_ON,
+    _S.OPERATION_ENABLED: _C.DISABLE_OPERATION,
+    _S.QUICK_STOP_ACTIVE: _C.DISABLE_VOLTAGE,
+}
+_DOWN_TO_READY = {**_DOWN_TO_SWITCHED_ON, _S.SWITCHED_ON: _C.SHUTDOWN}
+_NEXT: dict[State, dict[State, Command]] = {
+    _S.SWITCH_ON_DISABLED: {**_DOWN_TO_READY, _S.READY_TO_SWITCH_ON: _C.DISABLE_VOLTAGE},
+    _S.READY_TO_SWITCH_ON: _DOWN_TO_READY,
+    _S.SWITCHED_ON: _DOWN_TO_SWITCHED_ON,
+    _S.OPERATION_ENABLED: {
+        _S.SWITCH_ON_DISABLED: _C.SHUTDOWN,
+        _S.READY_TO_SWITCH_ON: _C.SWITCH_ON,
+        _S.SWITCHED_ON: _C.ENABLE_OPERATION,
+        _S.OPERATION_ENABLED: _C.ENABLE_OPERATION,
+        _S.QUICK_STOP_ACTIVE: _C.ENABLE_OPERATION,
+    },
+    _S.QUICK_STOP_ACTIVE: {
+        _S.SWITCH_ON_DISABLED: _C.DISABLE_VOLTAGE,
+        _S.READY_TO_SWITCH_ON: _C.QUICK_STOP,
+        _S.SWITCHED_ON: _C.QUICK_STOP,
+        _S.OPERATION_ENABLED: _C.QUICK_STOP,
+        _S.QUICK_STOP_ACTIVE: _C.QUICK_STOP,
+    },
+}
+
+
+def next_command(state: State, goal: State) -> Command | None:
+    """Return what to command a drive seen in `state` so that it comes one step nearer to `goal`, or stays there.
+
+    Goals are SWITCH_ON_DISABLED, READY_TO_SWITCH_ON, SWITCHED_ON (all three: never upwards), OPERATION_ENABLED and
+    QUICK_STOP_ACTIVE (reached in SWITCH_ON_DISABLED too). None: no command helps, because the drive is starting, in
+    a fault (only an explicit reset leaves it), or `goal` is no state to aim for.
+    """
+    row = _NEXT.get(goal)
+    return row.get(state) if row is not None else None

@@ -1,0 +1,214 @@
+"""Device units and SI: scales, and a position that goes on where the drive's 32 bits wrap.
+
+Law of this file: above it positions are radians (or metres) and velocities per second, below it they are the integers
+of 0x607A, 0x60FF, 0x6064 and 0x606C, with `_dev` or `raw` in the name. To the device is rounding to nearest, never
+truncation, since truncation of a small slow target is a standstill; what does not fit is limited and counted. The
+drive's position counter is 32 bits wide: differences are taken modulo 2**32, and a step that no motor can make is a
+jump (a reset encoder, a restarted drive), which is counted and never becomes motion.
+"""
+
+from __future__ import annotations
+
+import math
+
+from canopen_control.errors import ConfigError
+
+__all__ = [
+    "INT16_MAX",
+    "INT16_MIN",
+    "INT32_MAX",
+    "INT32_MIN",
+    "PositionUnwrapper",
+    "Scale",
+    "counts_per_revolution",
+    "wrap_int32",
+]
+
+INT16_MIN, INT16_MAX = -(1 << 15), (1 << 15) - 1
+INT32_MIN, INT32_MAX = -(1 << 31), (1 << 31) - 1
+_SPAN = 1 << 32
+_HALF = 1 << 31
+_TURN = 2.0 * math.pi
+
+
+def wrap_int32(value: int) -> int:
+    """Return the int32 that has the same 32 low bits."""
+    return (value + _HALF) % _SPAN - _HALF
+
+
+def counts_per_revolution(
+    encoder_resolution: tuple[int, int],
+    gear_ratio: tuple[int, int] = (1, 1),
+    feed_constant: tuple[int, int] | None = None,
+) -> float:
+    """Return the position units per revolution of the driving shaft, from 0x608F, 0x6091 and 0x6092.
+
+    Each pair is (subindex 1, subindex 2): increments and motor revolutions, motor and shaft revolutions, feed and
+    shaft revolutions. A feed constant defines the user's unit, the other two then only say how the drive gets there.
+    Raises ConfigError for a zero.
+    """
+    pairs = (encoder_resolution, gear_ratio) if feed_constant is None else (feed_constant,)
+    if not all(part > 0 for pair in pairs for part in pair):
+        raise ConfigError(f"0x608F {encoder_resolution}, 0x6091 {gear_ratio}, 0x6092 {feed_constant}: none may be 0")
+    return math.prod(numerator / denominator for numerator, denominator in pairs)
+
+
+class Scale:
+    """The conversion of one joint: SI times `*_to_dev` is the device's, the device's times `*_from_dev` is SI.
+
+    `offset_pos_to_dev` is in device units, `offset_pos_from_dev` in SI, as the bus.yml keys of the same names. A
+    reversed joint has negative scales. `clamped` counts targets that did not fit their object. Raises ConfigError
+    for a scale that is zero or not finite.
+    """
+
+    __slots__ = (
+        "clamped",
+        "eff_from_dev",
+        "eff_to_dev",
+        "offset_pos_from_dev",
+        "offset_pos_to_dev",
+        "pos_from_dev",
+        "pos_to_dev",
+        "vel_from_dev",
+        "vel_to_dev",
+    )
+
+    def __init__(
+        self,
+        pos_to_dev: float = 1000.0,
+        pos_from_dev: float = 0.001,
+        vel_to_dev: float = 1000.0,
+        vel_from_dev: float = 0.001,
+        eff_from_dev: float = 0.001,
+        offset_pos_to_dev: float = 0.0,
+        offset_pos_from_dev: float = 0.0,
+        eff_to_dev: float = 1.0,
+    ) -> None:
+        self.pos_to_dev, self.pos_from_dev = float(pos_to_dev), float(pos_from_dev)
+        self.vel_to_dev, self.vel_from_dev = float(vel_to_dev), float(vel_from_dev)
+        self.eff_to_dev, self.eff_from_dev = float(eff_to_dev), float(eff_from_dev)
+        self.offset_pos_to_dev, self.offset_pos_from_dev = float(offset_pos_to_dev), float(offset_pos_from_dev)
+        self.clamped = 0
+        self._check()
+
+    def _check(self) -> None:
+        for name in ("pos_to_dev", "pos_from_dev", "vel_to_dev", "vel_from_dev", "eff_to_dev", "eff_from_dev"):
+            value = getattr(self, name)
+            if not math.isfinite(value) or value == 0.0:
+                raise ConfigError(f"scale_{name} is {value:g}: a scale is finite and not 0")
+        if not math.isfinite(self.offset_pos_to_dev) or not math.isfinite(self.offset_pos_from_dev):
+            raise ConfigError("offset_pos_to_dev and offset_pos_from_dev must be finite")
+
+    @classmethod
+    def from_units(
+        cls,
+        counts_per_revolution: float,
+        gear_ratio: float = 1.0,
+        reversed: bool = False,  # noqa: A002 - the name of the bus.yml key
+        eff_from_dev: float = 0.001,
+        eff_to_dev: float = 1.0,
+    ) -> Scale:
+        """Return the scales of a rotary joint: device counts per motor revolution, motor turns per joint turn."""
+        counts = counts_per_revolution * gear_ratio * (-1.0 if reversed else 1.0)
+        if not math.isfinite(counts) or counts == 0.0:
+            raise ConfigError(f"counts_per_revolution {counts_per_revolution:g} and gear_ratio {gear_ratio:g}: not 0")
+        to_dev = counts / _TURN
+        return cls(to_dev, 1.0 / to_dev, to_dev, 1.0 / to_dev, eff_from_dev, eff_to_dev=eff_to_dev)
+
+    def round_trip_error(self) -> float:
+        """Return how far there and back is from where it began, relative, the worst of position and velocity."""
+        return max(abs(self.pos_to_dev * self.pos_from_dev - 1.0), abs(self.vel_to_dev * self.vel_from_dev - 1.0))
+
+    def position_to_device(self, position: float) -> int:
+        """Return the int32 for 0x607A; raises ValueError for a target that is not finite: it is none."""
+        return self._limited(position * self.pos_to_dev + self.offset_pos_to_dev, INT32_MIN, INT32_MAX)
+
+    def position_count(self, position: float) -> int:
+        """Return the same without limits, for an axis whose counter wraps; see `PositionUnwrapper.raw_of`."""
+        if not math.isfinite(position):
+            raise ValueError(f"{position} is no target")
+        return round(position * self.pos_to_dev + self.offset_pos_to_dev)
+
+    def position_from_device(self, count: int) -> float:
+        """Return the position of a raw value of 0x6064, or of an unwrapped count of any size."""
+        return count * self.pos_from_dev + self.offset_pos_from_dev
+
+    def velocity_to_device(self, velocity: float) -> int:
+        """Return the int32 for 0x60FF; raises ValueError for a target that is not finite: it is none."""
+        return self._limited(velocity * self.vel_to_dev, INT32_MIN, INT32_MAX)
+
+    def velocity_from_device(self, raw: int) -> float:
+        """Return the velocity of a value of 0x606C."""
+        return raw * self.vel_from_dev
+
+    def effort_to_device(self, effort: float) -> int:
+        """Return the int16 for 0x6071, thousandths of the rated torque unless `eff_to_dev` says otherwise."""
+        return self._limited(effort * self.eff_to_dev, INT16_MIN, INT16_MAX)
+
+    def effort_from_device(self, raw: int) -> float:
+        """Return the effort of a value of 0x6077."""
+        return raw * self.eff_from_dev
+
+    def _limited(self, value: float, low: int, high: int) -> int:
+        if low <= value <= high:
+            return round(value)
+        if not math.isfinite(value):
+            raise ValueError(f"{value} is no target")
+        self.clamped += 1
+        return low if value < low else high
+
+
+class PositionUnwrapper:
+    """The continuous count behind a stream of int32 positions.
+
+    `max_step` is the largest step between two updates that the motor can make, in counts; None accepts every step.
+    It may be changed at any time, for instance to grow with the age of the last sample. A larger step is a jump: it
+    is counted in `jumps`, its size kept in `last_jump`, and the count goes on as if it had not been. Such a stream has
+    lost its reference, so whoever needs absolute positions homes again.
+    """
+
+    __slots__ = ("_pending", "_raw", "count", "jumps", "last_jump", "max_step", "offset")
+
+    def __init__(self, max_step: int | None = None) -> None:
+        self.max_step = max_step
+        self.count = 0
+        self.offset = 0  # count minus raw: whole turns of the counter, and the jumps taken out
+        self.jumps = 0
+        self.last_jump = 0
+        self._raw: int | None = None
+        self._pending = False
+
+    @property
+    def started(self) -> bool:
+        """Whether a first position was seen; before it `count` means nothing."""
+        return self._raw is not None
+
+    def update(self, raw: int) -> int:
+        """Take the next value of 0x6064 and return the continuous count; the first one is taken as it is."""
+        last = self._raw
+        if raw == last and not self._pending:
+            return self.count
+        self._raw = raw
+        if last is None:
+            self.count = raw
+            return raw
+        step = (raw - last + _HALF) % _SPAN - _HALF
+        if self._pending:
+            self._pending = False
+            self.offset = self.count - raw
+        elif self.max_step is not None and not -self.max_step <= step <= self.max_step:
+            self.jumps += 1
+            self.last_jump = step
+            self.offset = self.count - raw
+        else:
+            self.count += step
+            self.offset = self.count - raw
+        return self.count
+
+    def rebase(self) -> None:
+        """Say that the drive restarted: its next position, whatever it is, is where it was."""
+        self._pending = self._raw is not None
+
+    def raw_of(self, count: int) -> int:
+        """Return the int32 target that means `count` for the drive, its counter wrapped and shifted as it is now."""
+        return wrap_int32(count - self.offset)
