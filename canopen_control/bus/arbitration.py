@@ -1,0 +1,105 @@
+"""A wire with a bit rate: one frame at a time, the lowest identifier first, and how busy it was.
+
+Each sender is a controller with one queue in order of sending; only the head of each takes part in arbitration, as on a
+bus whose controllers do not reorder. A frame that has begun is never interrupted (ISO 11898-1, 8.3.3). Time is an
+argument: `put` and `advance` do what would have happened until `now`.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import TYPE_CHECKING
+
+from canopen_control.bus.timing import NS_PER_S, duration_ns, frame_bits
+from canopen_control.frame import EXTENDED_FLAG, RECORD, RECORD_SIZE, REMOTE_FLAG
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+__all__ = ["PacedWire", "priority"]
+
+LOAD_WINDOW_NS = NS_PER_S
+
+
+def priority(can_id: int) -> int:
+    """Return a number that is lower for what wins arbitration: base identifier, RTR or SRR, IDE, extension, RTR."""
+    remote = bool(can_id & REMOTE_FLAG)
+    if can_id & EXTENDED_FLAG:
+        base, extension = can_id >> 18 & 0x7FF, can_id & 0x3FFFF
+        return base << 21 | 1 << 20 | 1 << 19 | extension << 1 | remote
+    return (can_id & 0x7FF) << 21 | remote << 20
+
+
+class PacedWire:
+    """The wire at `bitrate` bit/s; senders are numbers, and the lower one wins between equal identifiers."""
+
+    def __init__(self, bitrate: int) -> None:
+        self.bitrate = bitrate
+        self.bits = 0
+        self._queues: dict[int, deque[bytes]] = {}
+        self._on_wire: tuple[int, bytes] | None = None
+        self._done_ns = 0
+        self._window_start = 0
+        self._window_bits = 0
+        self._last_load = 0.0
+
+    def backlog(self, sender: int) -> int:
+        """Return how many frames of `sender` wait."""
+        queue = self._queues.get(sender)
+        return len(queue) if queue else 0
+
+    def put(self, sender: int, records: bytes, now: int) -> None:
+        """Queue records of `sender`; call `advance` first, so that what was due until now is done."""
+        queue = self._queues.setdefault(sender, deque())
+        queue.extend(records[at : at + RECORD_SIZE] for at in range(0, len(records), RECORD_SIZE))
+        if self._on_wire is None:
+            self._begin(max(now, self._done_ns))
+
+    def forget(self, sender: int) -> int:
+        """Drop what `sender` has waiting and return the number of frames; one on the wire is finished."""
+        return len(self._queues.pop(sender, ()))
+
+    def drain(self) -> Iterator[tuple[int, bytes]]:
+        """Yield sender and record of everything that waits, in the order of arbitration, without its time."""
+        while self._on_wire is not None:
+            yield self._on_wire
+            self._begin(self._done_ns)
+
+    def advance(self, now: int) -> Iterator[tuple[int, bytes]]:
+        """Yield sender and record of each frame whose last bit passed until `now`."""
+        while self._on_wire is not None and self._done_ns <= now:
+            done = self._on_wire
+            self._begin(self._done_ns)
+            yield done
+
+    def next_deadline(self) -> int | None:
+        """Return when the frame on the wire ends."""
+        return None if self._on_wire is None else self._done_ns
+
+    def load(self, now: int) -> float:
+        """Return the busy share, 0 to 1, of the last full second."""
+        self._roll(now)
+        return self._last_load
+
+    def _begin(self, now: int) -> None:
+        heads = [(priority(RECORD.unpack(queue[0])[0]), sender) for sender, queue in self._queues.items() if queue]
+        if not heads:
+            self._on_wire = None
+            return
+        sender = min(heads)[1]
+        record = self._queues[sender].popleft()
+        can_id, length, data = RECORD.unpack(record)
+        bits = frame_bits(can_id, data[:length])
+        self._on_wire = sender, record
+        self._done_ns = now + duration_ns(bits, self.bitrate)
+        self._roll(now)
+        self.bits += bits
+        self._window_bits += bits
+
+    def _roll(self, now: int) -> None:
+        windows = (now - self._window_start) // LOAD_WINDOW_NS
+        if windows <= 0:
+            return
+        self._last_load = min(1.0, self._window_bits / self.bitrate) if windows == 1 else 0.0
+        self._window_bits = 0
+        self._window_start += windows * LOAD_WINDOW_NS
