@@ -1,111 +1,47 @@
-"""Places in a YAML file, and the mistakes found at them: what `yamltree` reads text into.
+"""Places in a YAML file, which become values of the types a dataclass declares.
 
-The law of the file: a mistake is collected, never raised on its own, so that a user sees all of them at once; each is
-told as `path:line:column: where: what`, with its line of the file and a caret.
+The law of the file: a conversion either gives the value or reports at the node why not and gives INVALID; what holds
+an invalid part is invalid too, so that nothing half right leaves. The only liberties: an integer is taken for a double,
+and so is a plain `1e3`, which is text in YAML 1.1 and a number for rcl.
 """
 
 from __future__ import annotations
 
-import difflib
+import collections.abc
+import dataclasses
+import enum
+import math
 import re
-from dataclasses import dataclass
+import types
+import typing
+from dataclasses import MISSING
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Final
 
-from canopen_control.errors import BusConfigError
+from canopen_control.yamlproblems import Problems, nearest
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Callable, Mapping
 
-    from canopen_control.errors import ConfigError
+__all__ = ["INVALID", "NOWHERE", "Node", "convert", "position", "setting"]
 
-__all__ = ["LINE_END", "NOWHERE", "Node", "Problem", "Problems", "nearest"]
-
-LINE_END: Final = re.compile("\r\n|[\n\r\x85\u2028\u2029]")
-"""What ends a line in YAML 1.1, so that our lines are those of the parser."""
-
-
-def nearest(name: str, known: Iterable[str]) -> str:
-    """Return `, did you mean 'x'?`, or the list of what there is, or nothing when there is nothing."""
-    names = [str(each) for each in known]
-    close = difflib.get_close_matches(name, names, 1, 0.6)
-    if close:
-        return f", did you mean {close[0]!r}?"
-    return f"; known: {', '.join(names)}" if names else ""
+_NUMBER: Final = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
+_KINDS: Final[dict[Any, str]] = {
+    bool: "true or false",
+    int: "an integer",
+    float: "a number",
+    str: "text",
+    type(None): "nothing",
+}
 
 
-@dataclass(frozen=True, slots=True, order=True)
-class Problem:
-    """One mistake: `where` is the dotted way through the file, `source` the line it stands on; lines count from 1."""
+class _Invalid(enum.Enum):
+    """What a mistake converts to: it was reported, and whatever holds it is invalid too."""
 
-    line: int
-    column: int
-    path: str
-    where: str
-    message: str
-    source: str = ""
-
-    def __str__(self) -> str:
-        place = f"{self.path}:{self.line}:{self.column}: " if self.line else f"{self.path}: "
-        text = place + (f"{self.where}: " if self.where else "") + self.message
-        if not self.source.strip() or self.column > len(self.source) + 1:
-            return text
-        margin = "".join("\t" if char == "\t" else " " for char in self.source[: self.column - 1])
-        return f"{text}\n    {self.source}\n    {margin}^"
+    INVALID = 0
 
 
-class Problems:
-    """Collects the mistakes of one file, so that all are told at once.
-
-    `error` makes a file unusable, `warning` does not. With `strict` false, a repeated or unknown key is a warning.
-    """
-
-    def __init__(self, path: str, text: str = "", *, strict: bool = True) -> None:
-        self.path, self.strict = path, strict
-        self.lines = LINE_END.split(text)
-        self._errors: dict[Problem, None] = {}
-        self._warnings: dict[Problem, None] = {}
-
-    @property
-    def errors(self) -> list[Problem]:
-        """The errors in the order of their lines; each once, however often an alias repeats it."""
-        return sorted(self._errors)
-
-    @property
-    def warnings(self) -> list[Problem]:
-        """The warnings in the order of their lines."""
-        return sorted(self._warnings)
-
-    def at(self, line: int, column: int, where: str, message: str) -> Problem:
-        """Return a problem at a position counted from 1; line 0 is the file as a whole."""
-        source = self.lines[line - 1][:200] if 0 < line <= len(self.lines) else ""
-        return Problem(line, column, self.path, where, message, source)
-
-    def error(self, node: Node, message: str) -> None:
-        """Add an error at the node."""
-        self._errors[self.at(node.line, node.column, node.where, message)] = None
-
-    def warning(self, node: Node, message: str) -> None:
-        """Add a warning at the node."""
-        self._warnings[self.at(node.line, node.column, node.where, message)] = None
-
-    def suspect(self, node: Node, message: str) -> None:
-        """Add an error if strict, else a warning."""
-        (self.error if self.strict else self.warning)(node, message)
-
-    def file_error(self, line: int, column: int, message: str) -> None:
-        """Add an error that belongs to no node."""
-        self._errors[self.at(line, column, "", message)] = None
-
-    def raise_if_any(self, error: type[ConfigError] = BusConfigError) -> None:
-        """Raise `error` with every error's paragraph, if there is one."""
-        found = self.errors
-        if not found:
-            return
-        count = f"\n{len(found)} errors" if len(found) > 1 else ""
-        reason = "\n".join(str(each) for each in found) + count
-        if issubclass(error, BusConfigError):
-            raise error(self.path, found[0].line, found[0].where, reason)
-        raise error(reason)
+INVALID: Final = _Invalid.INVALID
 
 
 class Node:
@@ -181,6 +117,22 @@ class Node:
         """Return the nodes of a sequence."""
         return list(self._elements)
 
+    def over(self, below: Node) -> Node:
+        """Return this node with the keys of `below` added where it has none itself, at every depth of mappings."""
+        if self.kind == "null" and below.kind == "mapping":
+            return below
+        if self.kind != "mapping" or below.kind != "mapping":
+            return self
+        pairs = dict(below._pairs)
+        for name, (key, value) in self._pairs.items():
+            pairs[name] = (key, value.over(pairs[name][1]) if name in pairs else value)
+        return Node.mapping(Node(self.kind, self.line, self.column, self.where, self.problems), pairs)
+
+    def convert(self, wanted: Any, default: Any = None) -> Any:  # noqa: ANN401 - any type expression
+        """Return the value as the type `wanted` (see `yamltree`); report what is wrong and return `default` then."""
+        value = convert(self, wanted)
+        return default if value is INVALID else value
+
     def error(self, message: str) -> None:
         """Report a mistake here; `problems.raise_if_any()` tells it with all others."""
         self.problems.error(self, message)
@@ -192,3 +144,234 @@ class Node:
 
 NOWHERE: Final = Node("null", 0, 0, "", Problems(""))
 """The node of what was made in Python instead of being read."""
+
+
+def setting(
+    default: Any = MISSING,  # noqa: ANN401 - a field's default may be anything
+    *,
+    key: str | None = None,
+    low: float | None = None,
+    high: float | None = None,
+    choices: tuple[Any, ...] | None = None,
+    factory: Any = MISSING,  # noqa: ANN401 - dataclasses.field takes a sentinel or a callable
+) -> Any:  # noqa: ANN401 - as dataclasses.field: the annotation of the field says the type
+    """Return a dataclass field: `key` is its name in YAML, `low`/`high` bound numbers, `choices` lists what is allowed.
+
+    Bounds and choices hold for the elements of a list, tuple or dict. A list default is given as `factory=list`.
+    """
+    metadata = {"key": key, "range": (low, high) if (low, high) != (None, None) else None, "choices": choices}
+    if factory is not MISSING:
+        return dataclasses.field(default_factory=factory, metadata=metadata)
+    return dataclasses.field(default=default, metadata=metadata)
+
+
+def position() -> Any:  # noqa: ANN401 - as dataclasses.field
+    """Return a field of type Node that receives the mapping's own node; it takes no part in comparisons."""
+    return dataclasses.field(default=NOWHERE, compare=False, repr=False, metadata={"here": True})
+
+
+def convert(node: Node, wanted: Any, meta: Mapping[str, Any] = MappingProxyType({})) -> Any:  # noqa: ANN401 - any type expression
+    """Return the node's value as the type wanted, or INVALID after reporting why it is not."""
+    origin = typing.get_origin(wanted)
+    if wanted in (Any, object, Node):
+        return node if wanted is Node else node.value
+    if origin in _CONTAINERS:
+        return _CONTAINERS[origin](node, wanted, meta)
+    if wanted in _CONTAINERS:
+        return _CONTAINERS[wanted](node, wanted, meta)
+    if dataclasses.is_dataclass(wanted) and isinstance(wanted, type):
+        return _dataclass(node, wanted)
+    if isinstance(wanted, type) and issubclass(wanted, enum.Enum):
+        return _enum(node, wanted)
+    return _plain(node, wanted, meta)
+
+
+def _found(node: Node) -> str:
+    """Say what stands there, in the words of the messages."""
+    if node.kind != "scalar":
+        return {"mapping": "a mapping", "sequence": f"a list of {len(node.elements())}", "null": "nothing"}[node.kind]
+    value = node.value
+    name = {bool: "", int: "the integer ", float: "the number ", str: "the text "}.get(type(value), "")
+    return f"{name}{node.text!r}" if isinstance(value, str) else f"{name}{node.text}"
+
+
+def _expected(node: Node, what: str) -> Any:  # noqa: ANN401 - INVALID fits wherever a value is wanted
+    node.error(f"expected {what}, got {_found(node)}")
+    return INVALID
+
+
+def _plain(node: Node, wanted: Any, meta: Mapping[str, Any]) -> Any:  # noqa: ANN401
+    value = node.value
+    if wanted is float and type(value) is not float:
+        value = _as_float(node, value)
+    if type(value) is not wanted or node.kind in ("mapping", "sequence"):
+        hint = "; put it in quotes" if wanted is str and node.kind == "scalar" else ""
+        return (
+            _expected(node, _KINDS.get(wanted, getattr(wanted, "__name__", str(wanted))))
+            if not hint
+            else _unquoted(node)
+        )
+    return _bounded(node, value, meta)
+
+
+def _unquoted(node: Node) -> Any:  # noqa: ANN401
+    node.error(f"expected text, got {_found(node)}; put it in quotes")
+    return INVALID
+
+
+def _as_float(node: Node, value: Any) -> Any:  # noqa: ANN401
+    """Take an integer for a double, and `1e3` too, which is text in YAML 1.1 and a number for rcl."""
+    plain_text = type(value) is str and not node.quoted and _NUMBER.fullmatch(value)
+    try:
+        return float(value) if type(value) is int or plain_text else value
+    except OverflowError:
+        return value
+
+
+def _bounded(node: Node, value: Any, meta: Mapping[str, Any]) -> Any:  # noqa: ANN401
+    choices, (low, high) = meta.get("choices"), meta.get("range") or (None, None)
+    if choices is not None and value not in choices:
+        hint = nearest(str(value), map(str, choices))
+        node.error(f"{_found(node)} is not one of {', '.join(map(str, choices))}" + (hint if "mean" in hint else ""))
+        return INVALID
+    numeric = isinstance(value, int | float) and not isinstance(value, bool)
+    lowest, highest = -math.inf if low is None else low, math.inf if high is None else high
+    if numeric and (low, high) != (None, None) and not lowest <= value <= highest:
+        node.error(f"{node.text} is out of range {'' if low is None else low}..{'' if high is None else high}")
+        return INVALID
+    return value
+
+
+def _enum(node: Node, wanted: type[enum.Enum]) -> Any:  # noqa: ANN401
+    """Find a member by its name, in any case, or by its value."""
+    if node.kind == "scalar":
+        value = node.value
+        for member in wanted:
+            if member.name.casefold() == node.text.casefold() or (type(value) is not bool and member.value == value):
+                return member
+        node.error(f"no {wanted.__name__} is called {node.text!r}{nearest(node.text, wanted.__members__)}")
+        return INVALID
+    return _expected(node, f"one of {', '.join(wanted.__members__)}")
+
+
+def _literal(node: Node, wanted: Any, _meta: Mapping[str, Any]) -> Any:  # noqa: ANN401
+    choices, value = typing.get_args(wanted), node.value
+    if any(type(value) is type(each) and value == each for each in choices):
+        return value
+    return _expected(node, " or ".join(str(each) for each in choices))
+
+
+_FITS: Final = {"mapping": (dict, collections.abc.Mapping), "sequence": (list, tuple, collections.abc.Sequence)}
+
+
+def _fits(node: Node, wanted: Any) -> bool:  # noqa: ANN401
+    """Whether a member of a union is meant for this kind of node."""
+    if wanted in (Any, Node):
+        return True
+    origin = typing.get_origin(wanted) or wanted
+    shape = "mapping" if dataclasses.is_dataclass(origin) or origin in _FITS["mapping"] else "scalar"
+    shape = "sequence" if origin in _FITS["sequence"] else shape
+    return shape == node.kind
+
+
+def _union(node: Node, wanted: Any, meta: Mapping[str, Any]) -> Any:  # noqa: ANN401
+    members = typing.get_args(wanted)
+    if node.kind == "null" and type(None) in members:
+        return None
+    fitting = [each for each in members if each is not type(None) and _fits(node, each)]
+    same = [each for each in fitting if type(node.value) is each]
+    tried = same or [each for each in fitting if each not in _KINDS] or [each for each in fitting if each is float]
+    if len(fitting) == 1 or tried:
+        return convert(node, (fitting if len(fitting) == 1 else tried)[0], meta)
+    shapes = [_KINDS.get(each, "a list" if _is_list(each) else "a mapping") for each in members]
+    return _expected(node, " or ".join(dict.fromkeys(shapes)))
+
+
+def _is_list(wanted: Any) -> bool:  # noqa: ANN401
+    return (typing.get_origin(wanted) or wanted) in _FITS["sequence"]
+
+
+def _list(node: Node, wanted: Any, meta: Mapping[str, Any]) -> Any:  # noqa: ANN401
+    return _elements(node, (typing.get_args(wanted) or (Any,))[0], meta)
+
+
+def _elements(node: Node, of: Any, meta: Mapping[str, Any]) -> Any:  # noqa: ANN401
+    if node.kind != "sequence":
+        return _expected(node, "a list")
+    values = [convert(each, of, meta) for each in node.elements()]
+    return INVALID if any(each is INVALID for each in values) else values
+
+
+def _tuple(node: Node, wanted: Any, meta: Mapping[str, Any]) -> Any:  # noqa: ANN401
+    of = typing.get_args(wanted) or (Any, ...)
+    if of[-1] is Ellipsis:
+        values = _elements(node, of[0], meta)
+        return INVALID if values is INVALID else tuple(values)
+    elements = node.elements()
+    if node.kind != "sequence" or len(elements) != len(of):
+        return _expected(node, f"a list of {len(of)} values")
+    values = [convert(each, kind, meta) for each, kind in zip(elements, of, strict=True)]
+    return INVALID if any(each is INVALID for each in values) else tuple(values)
+
+
+def _dict(node: Node, wanted: Any, meta: Mapping[str, Any]) -> Any:  # noqa: ANN401
+    if node.kind not in ("mapping", "null"):
+        return _expected(node, "a mapping")
+    key_type, of = typing.get_args(wanted) or (str, Any)
+    result: dict[Any, Any] = {}
+    bad = False
+    for key, value in node.pairs():
+        name = key.text if key_type is str else convert(key, key_type, {})
+        converted = convert(value, of, meta)
+        bad = bad or name is INVALID or converted is INVALID
+        if name in result:
+            key.problems.suspect(key, f"duplicate key {name!r}, written in another way before")
+        result[name] = converted
+    return INVALID if bad else result
+
+
+_CONTAINERS: Final[dict[Any, Callable[[Node, Any, Mapping[str, Any]], Any]]] = {
+    typing.Union: _union,
+    types.UnionType: _union,
+    typing.Literal: _literal,
+    list: _list,
+    collections.abc.Sequence: _list,
+    tuple: _tuple,
+    dict: _dict,
+    collections.abc.Mapping: _dict,
+}
+
+
+def _dataclass(node: Node, cls: type[Any]) -> Any:  # noqa: ANN401
+    if node.kind not in ("mapping", "null"):
+        return _expected(node, "a mapping")
+    hints = typing.get_type_hints(cls)
+    schema = {each.metadata.get("key") or each.name: each for each in dataclasses.fields(cls)}
+    here = {name for name, each in schema.items() if each.metadata.get("here")}
+    values: dict[str, Any] = {schema[name].name: node for name in here}
+    for key, value in node.pairs():
+        entry = schema.get(key.text)
+        if entry is None or key.text in here:
+            key.problems.suspect(
+                key, f"unknown key {key.text!r}{nearest(key.text, [name for name in schema if name not in here])}"
+            )
+        elif value.kind != "null" or _required(entry) or type(None) in typing.get_args(hints[entry.name]):
+            values[entry.name] = convert(value, hints[entry.name], entry.metadata)
+    for name, entry in schema.items():
+        if _required(entry) and entry.name not in values:
+            values[entry.name] = INVALID
+            node.error(f"missing key {name!r}")
+    return INVALID if any(each is INVALID for each in values.values()) else _made(node, cls, values)
+
+
+def _required(entry: dataclasses.Field[Any]) -> bool:
+    return entry.default is MISSING and entry.default_factory is MISSING
+
+
+def _made(node: Node, cls: type[Any], values: dict[str, Any]) -> Any:  # noqa: ANN401
+    """Make the dataclass; what its `__post_init__` refuses with a ValueError is a mistake in the file."""
+    try:
+        return cls(**values)
+    except ValueError as error:
+        node.error(str(error))
+        return INVALID

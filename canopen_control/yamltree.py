@@ -19,8 +19,8 @@ from typing import TYPE_CHECKING, Final, TypeVar
 import yaml
 
 from canopen_control.errors import BusConfigError
-from canopen_control.yamlnode import LINE_END, NOWHERE, Node, Problem, Problems, nearest
-from canopen_control.yamlschema import INVALID, convert, position, setting
+from canopen_control.yamlnode import INVALID, NOWHERE, Node, convert, position, setting
+from canopen_control.yamlproblems import LINE_END, Problem, Problems, nearest
 
 if TYPE_CHECKING:
     import os

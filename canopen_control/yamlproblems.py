@@ -1,0 +1,109 @@
+"""The mistakes found in a YAML file, with their places.
+
+The law of the file: a mistake is collected, never raised on its own, so that a user sees all of them at once; each is
+told as `path:line:column: where: what`, with its line of the file and a caret.
+"""
+
+from __future__ import annotations
+
+import difflib
+import re
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+from canopen_control.errors import BusConfigError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from canopen_control.errors import ConfigError
+    from canopen_control.yamlnode import Node
+
+__all__ = ["LINE_END", "Problem", "Problems", "nearest"]
+
+LINE_END: Final = re.compile("\r\n|[\n\r\x85\u2028\u2029]")
+"""What ends a line in YAML 1.1, so that our lines are those of the parser."""
+
+
+def nearest(name: str, known: Iterable[str]) -> str:
+    """Return `, did you mean 'x'?`, or the list of what there is, or nothing when there is nothing."""
+    names = [str(each) for each in known]
+    close = difflib.get_close_matches(name, names, 1, 0.6)
+    if close:
+        return f", did you mean {close[0]!r}?"
+    return f"; known: {', '.join(names)}" if names else ""
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class Problem:
+    """One mistake: `where` is the dotted way through the file, `source` the line it stands on; lines count from 1."""
+
+    line: int
+    column: int
+    path: str
+    where: str
+    message: str
+    source: str = ""
+
+    def __str__(self) -> str:
+        place = f"{self.path}:{self.line}:{self.column}: " if self.line else f"{self.path}: "
+        text = place + (f"{self.where}: " if self.where else "") + self.message
+        if not self.source.strip() or self.column > len(self.source) + 1:
+            return text
+        margin = "".join("\t" if char == "\t" else " " for char in self.source[: self.column - 1])
+        return f"{text}\n    {self.source}\n    {margin}^"
+
+
+class Problems:
+    """Collects the mistakes of one file, so that all are told at once.
+
+    `error` makes a file unusable, `warning` does not. With `strict` false, a repeated or unknown key is a warning.
+    """
+
+    def __init__(self, path: str, text: str = "", *, strict: bool = True) -> None:
+        self.path, self.strict = path, strict
+        self.lines = LINE_END.split(text)
+        self._errors: dict[Problem, None] = {}
+        self._warnings: dict[Problem, None] = {}
+
+    @property
+    def errors(self) -> list[Problem]:
+        """The errors in the order of their lines; each once, however often an alias repeats it."""
+        return sorted(self._errors)
+
+    @property
+    def warnings(self) -> list[Problem]:
+        """The warnings in the order of their lines."""
+        return sorted(self._warnings)
+
+    def at(self, line: int, column: int, where: str, message: str) -> Problem:
+        """Return a problem at a position counted from 1; line 0 is the file as a whole."""
+        source = self.lines[line - 1][:200] if 0 < line <= len(self.lines) else ""
+        return Problem(line, column, self.path, where, message, source)
+
+    def error(self, node: Node, message: str) -> None:
+        """Add an error at the node."""
+        self._errors[self.at(node.line, node.column, node.where, message)] = None
+
+    def warning(self, node: Node, message: str) -> None:
+        """Add a warning at the node."""
+        self._warnings[self.at(node.line, node.column, node.where, message)] = None
+
+    def suspect(self, node: Node, message: str) -> None:
+        """Add an error if strict, else a warning."""
+        (self.error if self.strict else self.warning)(node, message)
+
+    def file_error(self, line: int, column: int, message: str) -> None:
+        """Add an error that belongs to no node."""
+        self._errors[self.at(line, column, "", message)] = None
+
+    def raise_if_any(self, error: type[ConfigError] = BusConfigError) -> None:
+        """Raise `error` with every error's paragraph, if there is one."""
+        found = self.errors
+        if not found:
+            return
+        count = f"\n{len(found)} errors" if len(found) > 1 else ""
+        reason = "\n".join(str(each) for each in found) + count
+        if issubclass(error, BusConfigError):
+            raise error(self.path, found[0].line, found[0].where, reason)
+        raise error(reason)
