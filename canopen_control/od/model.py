@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import enum
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
@@ -142,7 +142,9 @@ class Entry:
     default: Value | None = None
     low: int | float | None = None
     high: int | float | None = None
-    relative: bool = False
+    relative: bool = False  # the default
+    low_relative: bool = False
+    high_relative: bool = False
     parameter_value: Value | None = None
     parameter_relative: bool = False
     obj_flags: int = 0  # bit 0: not written with a DCF; bit 1: not read in a scan
@@ -295,10 +297,18 @@ class ObjectDictionary:
         return replace(self, node_id=node_id, entries=entries, objects=dict(self.objects), sections=dict(self.sections))
 
 
+_RELATIVE = {  # flag of an entry: the field that it speaks of
+    "relative": "default",
+    "parameter_relative": "parameter_value",
+    "low_relative": "low",
+    "high_relative": "high",
+}
+
+
 def _shifted(entry: Entry, shift: int) -> Entry:
-    changes: dict[str, int] = {}
-    if entry.relative and isinstance(entry.default, int):
-        changes["default"] = entry.default + shift
-    if entry.parameter_relative and isinstance(entry.parameter_value, int):
-        changes["parameter_value"] = entry.parameter_value + shift
-    return replace(entry, **changes) if changes else entry  # type: ignore[arg-type] # both fields are values
+    changes: dict[str, Any] = {
+        name: getattr(entry, name) + shift
+        for flag, name in _RELATIVE.items()
+        if getattr(entry, flag) and getattr(entry, name) is not None
+    }
+    return replace(entry, **changes) if changes else entry

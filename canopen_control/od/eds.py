@@ -1,0 +1,227 @@
+"""Read an EDS or DCF file (CiA 306-1) into an object dictionary, forgiving what real files get wrong.
+
+Only what is no CANopen EDS at all raises `EdsError`. Everything else loads, and every doubt becomes an `Issue` with
+its line: no value is lost or replaced silently. The text of each key stays with its entry, so that a writer gives it
+back as it was. The work is proportional to the lines and entries of the file.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from canopen_control.errors import EdsError
+from canopen_control.od.checks import check_dictionary
+from canopen_control.od.eds_device import check_lists, read_device
+from canopen_control.od.eds_entry import EntryReader
+from canopen_control.od.eds_sections import (
+    Section,
+    Sections,
+    clip,
+    decode_text,
+    optional_number,
+    read_number,
+    split_sections,
+)
+from canopen_control.od.issues import Issue, Report, Severity
+from canopen_control.od.model import DataType, Entry, ObjectCode, ObjectDictionary, ObjectInfo
+
+__all__ = ["EdsFile", "Issue", "Severity", "parse_eds", "read_eds"]
+
+_OBJECT = re.compile(r"([0-9a-f]{4})(?: ?sub ?([0-9a-f]{1,2}))?")
+_COMPACT = re.compile(r"([0-9a-f]{4})(name|value)")
+_LOOKS_LIKE_OBJECT = re.compile(r"[0-9][0-9a-f]{3}(?!denotation\Z)")
+_MODULE = re.compile(r"m[0-9]+moduleinfo")
+_HIGHEST_SUB = 0xFE
+_SCALAR = (ObjectCode.VAR, ObjectCode.DOMAIN, ObjectCode.DEFTYPE)
+_CODES: dict[int, ObjectCode] = {int(code): code for code in ObjectCode}
+_REGENERATED = frozenset(("mandatoryobjects", "optionalobjects", "manufacturerobjects"))  # by whoever writes the file
+
+
+@dataclass(frozen=True, slots=True)
+class EdsFile:
+    """What a file holds, and what is odd about it."""
+
+    path: str
+    od: ObjectDictionary
+    issues: list[Issue]
+    encoding: str = "utf-8-sig"
+
+    def worst(self) -> Severity | None:
+        """Return the highest severity among the issues, or None where there is no issue."""
+        found = {issue.severity for issue in self.issues}
+        return next((severity for severity in Severity if severity in found), None)
+
+
+def read_eds(path: str | Path, node_id: int | None = None) -> EdsFile:
+    """Read the file at `path`; `node_id` (1 to 127) stands for $NODEID and goes before the file's own.
+
+    Raises EdsError where the file cannot be read or is no CANopen EDS.
+    """
+    try:
+        data = Path(path).read_bytes()
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise EdsError(str(path), 0, f"cannot be read: {reason}") from None
+    return parse_eds(data, node_id, name=str(path))
+
+
+def parse_eds(data: bytes, node_id: int | None = None, *, name: str = "<eds>") -> EdsFile:
+    """Parse the bytes of a file; `name` is what issues and errors call it."""
+    report = Report(name)
+    text, encoding = decode_text(data)
+    sections = split_sections(text, report)
+    if not any(_OBJECT.fullmatch(section) for section in sections):
+        raise EdsError(name, 1, _why_not(sections))
+    od = read_device(sections, node_id, report)
+    _Reader(od, sections, report).run()
+    check_lists(od, sections, report)
+    check_dictionary(od, report)
+    report.issues.sort(key=lambda issue: issue.line)
+    return EdsFile(name, od, report.issues, encoding)
+
+
+def _why_not(sections: Sections) -> str:
+    if "device" in sections and "deviceinfo" not in sections:
+        return "is an EtherNet/IP EDS (ODVA) and no CANopen one"
+    first = next(iter(sections.values()))
+    return f"has no object sections such as [1000], so it is no CANopen EDS; it begins with [{clip(first.title)}]"
+
+
+@dataclass(slots=True)
+class _Reader:
+    """Object sections to objects and entries; parents come before their subs, wherever the file puts them."""
+
+    od: ObjectDictionary
+    sections: Sections
+    report: Report
+    has_subs: set[int] = field(default_factory=set)
+    entry_reader: EntryReader = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.entry_reader = EntryReader(self.od.node_id, self.report)
+
+    def run(self) -> None:
+        """Read all object sections, keep the others."""
+        found: list[tuple[int, int, Section]] = []  # subindex -1 is the object itself
+        for name, section in self.sections.items():
+            match = _OBJECT.fullmatch(name)
+            if match is None:
+                self._keep(section)
+                continue
+            subindex = -1 if match[2] is None else int(match[2], 16)
+            found.append((int(match[1], 16), subindex, section))
+            if subindex > 0:
+                self.has_subs.add(int(match[1], 16))
+        found.sort(key=lambda item: item[:2])
+        for index, subindex, section in found:
+            if subindex < 0:
+                self._object(section, index)
+            else:
+                self._sub(section, index, subindex)
+
+    def _keep(self, section: Section) -> None:
+        name = section.name
+        if (match := _COMPACT.fullmatch(name)) is not None:
+            parent = self.sections.get(match[1])
+            if parent is None or not parent.get("compactsubobj"):
+                self.report.warning(section.line, "compact-unused", f"[{section.title}] has no CompactSubObj to fill")
+        elif _LOOKS_LIKE_OBJECT.match(name):
+            self.report.warning(section.line, "section-unknown", f"[{clip(section.title)}] is no object; not used")
+        elif _MODULE.fullmatch(name):
+            text = f"[{section.title}]: a module's objects are kept as text and are not part of the dictionary"
+            self.report.warning(section.line, "module", text)
+        if name not in _REGENERATED:
+            self.od.sections[section.title] = section.texts()
+
+    def _object(self, section: Section, index: int) -> None:
+        code = self._object_code(section, index)
+        name = self._name(section, f"Object {index:04X}")
+        self.od.objects[index] = ObjectInfo(index, name, code, section.line, section.texts())
+        compact = self._compact_count(section)
+        if compact:
+            self._expand(section, index, compact)
+        elif code in _SCALAR:
+            self.od.entries[index, 0] = self.entry_reader.read(section, index, 0, name, code)
+
+    def _object_code(self, section: Section, index: int) -> ObjectCode:
+        number = optional_number(section, "objecttype", self.report)
+        is_list = index in self.has_subs or self._compact_count(section, quiet=True) > 0
+        if number is None:
+            if is_list:
+                self.report.warning(
+                    section.line, "object-type", f"[{section.title}] has no ObjectType; taken as RECORD"
+                )
+            return ObjectCode.RECORD if is_list else ObjectCode.VAR
+        code = _CODES.get(number)
+        if code is None:
+            code = ObjectCode.RECORD if is_list else ObjectCode.VAR
+            text = f"ObjectType {number:#x} is unknown; taken as {code.name}"
+            self.report.warning(section.line_of("objecttype"), "object-type", text)
+        elif is_list and code is ObjectCode.VAR:
+            self.report.warning(
+                section.line, "object-type", f"[{section.title}] is a VAR with subindices; both are kept"
+            )
+        return code
+
+    def _compact_count(self, section: Section, *, quiet: bool = False) -> int:
+        if "compactsubobj" not in section.pairs:
+            return 0
+        report = Report(self.report.path) if quiet else self.report
+        count = read_number(section, "compactsubobj", 0, report)
+        if not 0 <= count <= _HIGHEST_SUB:
+            text = f"CompactSubObj={clip(section.get('compactsubobj'))} is not 0 to 254; cut to that"
+            report.error(section.line_of("compactsubobj"), "compact-count", text)
+        return min(max(count, 0), _HIGHEST_SUB)
+
+    def _name(self, section: Section, fallback: str) -> str:
+        name = section.get("parametername")
+        if not name:
+            self.report.warning(
+                section.line, "name-missing", f"[{section.title}] has no ParameterName; now {fallback!r}"
+            )
+        return name or fallback
+
+    def _sub(self, section: Section, index: int, subindex: int) -> None:
+        if index not in self.od.objects:
+            text = f"[{section.title}] has no object section [{index:04X}]; taken as a RECORD"
+            self.report.warning(section.line, "object-missing", text)
+            self.od.objects[index] = ObjectInfo(index, f"Object {index:04X}", ObjectCode.RECORD, section.line)
+        if (index, subindex) in self.od.entries:
+            text = f"[{section.title}] describes again what [{index:04X}] does; the subindex's own section counts"
+            self.report.warning(section.line, "entry-repeated", text)
+        name = self._name(section, f"Subindex {subindex}")
+        code = read_number(section, "objecttype", ObjectCode.VAR, self.report)
+        self.od.entries[index, subindex] = self.entry_reader.read(section, index, subindex, name, code)
+
+    def _expand(self, section: Section, index: int, count: int) -> None:
+        """Make the entries that CompactSubObj stands for (CiA 306-1, 4.6.3.4)."""
+        label = self.od.objects[index].name
+        entries = self.od.entries
+        entries[index, 0] = Entry(
+            index, 0, "Highest sub-index supported", DataType.UNSIGNED8, "ro", default=count, line=section.line
+        )
+        names = self._compact_texts(f"{index:04x}name", count)
+        values = self._compact_texts(f"{index:04x}value", count)
+        model = self.entry_reader.read(section, index, 1, label, ObjectCode.VAR)
+        for subindex in range(1, count + 1):
+            name = names.get(subindex) or f"{label}{subindex}"
+            entry = replace(model, subindex=subindex, name=name, texts={})
+            if subindex in values:
+                entry = self.entry_reader.with_default(entry, self.sections[f"{index:04x}value"], str(subindex))
+            entries[index, subindex] = entry
+
+    def _compact_texts(self, name: str, count: int) -> dict[int, str]:
+        section = self.sections.get(name)
+        if section is None:
+            return {}
+        texts = {}
+        for pair in section.numbered():
+            subindex = int(pair.key) if len(pair.key) < 5 else -1
+            if 0 < subindex <= count:
+                texts[subindex] = pair.value
+            else:
+                text = f"[{section.title}] names subindex {clip(pair.key)}, but CompactSubObj ends at {count}; ignored"
+                self.report.warning(pair.line, "compact-unused", text)
+        return texts

@@ -1,0 +1,197 @@
+"""Numbers and values as EDS and DCF files write them (CiA 306-1, 4.4).
+
+Numbers are decimal, 0x hexadecimal, or octal after a leading 0; $NODEID may be added to one. What vendors write
+besides is understood where it can mean one thing only, and then is a doubt. An INTEGERn in hexadecimal is two's
+complement of its type. A REAL is decimal, or the bits of IEEE 754 in hexadecimal.
+"""
+
+from __future__ import annotations
+
+import re
+import struct
+from math import isfinite
+from typing import TYPE_CHECKING, NamedTuple
+
+from canopen_control.od.issues import Severity
+from canopen_control.od.model import DataType
+
+if TYPE_CHECKING:
+    from canopen_control.od.model import Value
+
+__all__ = ["Doubt", "Parsed", "format_value", "parse_number", "parse_value"]
+
+_NUMBER = re.compile(r"([+-]?)(?:0[xX]([0-9A-Fa-f]+)|0([0-7]+)|([0-9]+))([uUlL]*)", re.ASCII)
+_DECIMAL = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]{1,4})?", re.ASCII)
+_HEX_SUFFIX = re.compile(r"([0-9][0-9A-Fa-f]*)[hH]", re.ASCII)
+_WORDS = {"true": 1, "false": 0}
+_NODE_ID = "$nodeid"
+_MAX_DIGITS = 64  # the widest number has 20 digits; more are no number but an attack on int()
+_REAL = {DataType.REAL32: struct.Struct("<f"), DataType.REAL64: struct.Struct("<d")}
+_BYTES = (DataType.OCTET_STRING, DataType.DOMAIN)
+_TEXTS = (DataType.VISIBLE_STRING, DataType.UNICODE_STRING)
+
+
+class Doubt(NamedTuple):
+    """What is odd about the form of a value that was understood all the same."""
+
+    code: str
+    severity: Severity
+    text: str
+
+
+class Parsed(NamedTuple):
+    """A value; `relative` where $NODEID was part of it."""
+
+    value: Value
+    relative: bool = False
+    doubt: Doubt | None = None
+
+
+class _Number(NamedTuple):
+    value: int
+    is_hex: bool = False
+    doubt: Doubt | None = None
+
+
+_COMMENT = Doubt("number-comment", Severity.WARNING, "the comment after # is cut off; CiA 306 knows ; only")
+_SUFFIX = Doubt("number-suffix", Severity.WARNING, "the suffix is ignored")
+_WORD = Doubt("number-word", Severity.NOTE, "TRUE is taken as 1, FALSE as 0")
+_H = Doubt("number-suffix", Severity.WARNING, "the suffix h is taken as hexadecimal")
+_FRACTION = Doubt("number-fraction", Severity.WARNING, "the fraction of zero is ignored")
+_TWOS = Doubt("number-sign", Severity.WARNING, "taken as two's complement")
+
+
+def parse_number(text: str) -> tuple[int, Doubt | None]:
+    """Return the number that `text` means; ValueError where it is none."""
+    number = _parse(text)
+    return number.value, number.doubt
+
+
+def parse_value(text: str, data_type: DataType, node_id: int | None = None) -> Parsed:
+    """Return the value of the type that `text` means; ValueError with a sentence where it is none.
+
+    $NODEID counts as 0 where `node_id` is None.
+    """
+    if data_type in _TEXTS:
+        return Parsed(text)
+    if data_type in _BYTES:
+        return _bytes(text)
+    if data_type in _REAL:
+        return _real(text, data_type)
+    number, relative = _parse(text) if "$" not in text else _relative(text, node_id), "$" in text
+    return _fitted(number, data_type, relative, text)
+
+
+def format_value(value: Value, data_type: DataType) -> str:
+    """Return the text of a value that `parse_value` reads back."""
+    if isinstance(value, bytes):
+        return value.hex(" ").upper()
+    if data_type in _REAL and isinstance(value, int | float):
+        return _format_real(float(value), data_type)
+    if isinstance(value, int) and not data_type.signed and (data_type.bits or 0) > 8:
+        return f"0x{value:0{(data_type.bits or 0) // 4}X}"
+    return str(value)
+
+
+def _parse(text: str) -> _Number:
+    doubt: Doubt | None = None
+    for mark in ";#":
+        if mark in text:
+            text = text.partition(mark)[0]
+            doubt = _COMMENT if mark == "#" else doubt
+    text = text.strip()
+    if len(text) > _MAX_DIGITS:
+        raise ValueError("no number")
+    match = _NUMBER.fullmatch(text)
+    if match is None:
+        return _odd_number(text, doubt)
+    sign, hexadecimal, octal, decimal, suffix = match.groups()
+    doubt = _SUFFIX if suffix else doubt
+    if hexadecimal is not None:
+        number = int(hexadecimal, 16)
+    elif octal is not None:
+        number = int(octal, 8)
+        doubt = doubt or _octal(text, number, int(octal))
+    else:
+        number = int(decimal)  # 08 and 09, which are no octal numbers, too
+    return _Number(-number if sign == "-" else number, hexadecimal is not None, doubt)
+
+
+def _octal(text: str, octal: int, decimal: int) -> Doubt | None:
+    if octal == decimal:
+        return None
+    return Doubt("number-octal", Severity.NOTE, f"the leading 0 of {text} makes it octal: {octal}, not {decimal}")
+
+
+def _odd_number(text: str, doubt: Doubt | None) -> _Number:
+    if (word := _WORDS.get(text.lower())) is not None:
+        return _Number(word, doubt=doubt or _WORD)
+    if (match := _HEX_SUFFIX.fullmatch(text)) is not None:
+        return _Number(int(match[1], 16), True, _H)
+    if _DECIMAL.fullmatch(text) and float(text).is_integer():
+        return _Number(int(float(text)), doubt=_FRACTION)
+    raise ValueError("no number")
+
+
+def _relative(text: str, node_id: int | None) -> _Number:
+    """Add up the parts of ``$NODEID+0x200``, in any order and case."""
+    text = text.partition(";")[0]
+    parts = [part.strip() for part in text.split("+", 4)]
+    names = [part for part in parts if "$" in part]
+    if len(names) != 1 or names[0].lower() != _NODE_ID:
+        raise ValueError("no number and not $NODEID plus one")
+    numbers = [_parse(part) for part in parts if "$" not in part]
+    doubt = next((number.doubt for number in numbers if number.doubt is not None), None)
+    return _Number(sum(number.value for number in numbers) + (node_id or 0), True, doubt)
+
+
+def _fitted(number: _Number, data_type: DataType, relative: bool, text: str) -> Parsed:
+    value, is_hex, doubt = number
+    low, high = data_type.minimum, data_type.maximum
+    if low <= value <= high:
+        return Parsed(value, relative, doubt)
+    span = 1 << (data_type.bits or 0)
+    if high < value < span:  # only signed types have this gap
+        return Parsed(value - span, relative, doubt or (None if is_hex else _TWOS))
+    if -span // 2 <= value < 0 and low == 0 and span > 2:
+        return Parsed(value + span, relative, doubt or _TWOS)
+    raise ValueError(f"{text[:_MAX_DIGITS]} does not fit {data_type.name}, which holds {low} to {high}")
+
+
+def _real(text: str, data_type: DataType) -> Parsed:
+    text = text.partition(";")[0].strip()
+    layout = _REAL[data_type]
+    if len(text) <= _MAX_DIGITS and _DECIMAL.fullmatch(text):
+        return Parsed(_representable(float(text), data_type))
+    number = _parse(text)
+    if not number.is_hex or not 0 <= number.value < 1 << (8 * layout.size):
+        raise ValueError("neither a decimal number nor the bits of one in hexadecimal")
+    bits: float = layout.unpack(number.value.to_bytes(layout.size, "little"))[0]
+    return Parsed(bits, False, number.doubt)
+
+
+def _representable(value: float, data_type: DataType) -> float:
+    try:
+        fits = isfinite(_REAL[data_type].unpack(_REAL[data_type].pack(value))[0])
+    except OverflowError:
+        fits = False
+    if not fits:
+        raise ValueError(f"{value!r} is too large for {data_type.name}")
+    return value
+
+
+def _format_real(value: float, data_type: DataType) -> str:
+    text = repr(value)
+    if _DECIMAL.fullmatch(text):
+        return text
+    layout = _REAL[data_type]  # not a number, or infinite: only the bits tell
+    return f"0x{int.from_bytes(layout.pack(value), 'little'):0{2 * layout.size}X}"
+
+
+def _bytes(text: str) -> Parsed:
+    digits = text[2:] if text[:2] in ("0x", "0X") else text
+    try:
+        return Parsed(bytes.fromhex(digits))
+    except ValueError:
+        doubt = Doubt("bytes-text", Severity.NOTE, "not in hexadecimal; the characters are taken as bytes")
+        return Parsed(text.encode("latin-1", errors="replace"), False, doubt)

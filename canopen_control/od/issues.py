@@ -1,0 +1,60 @@
+"""What is odd about an EDS or DCF file, and where.
+
+An issue never stops the reading. ERROR: a value is lost or contradicts another, so the device cannot be as described.
+WARNING: a doubt, with what was made of it. NOTE: allowed or harmless, but worth knowing. The codes are stable, for
+scripts; the texts are for people.
+"""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass, field
+
+__all__ = ["Issue", "Report", "Severity"]
+
+
+class Severity(enum.Enum):
+    """How bad it is."""
+
+    ERROR = "error"
+    WARNING = "warning"
+    NOTE = "note"
+
+
+@dataclass(frozen=True, slots=True)
+class Issue:
+    """Something odd at one line of a file; line 0 is the file as a whole."""
+
+    path: str
+    line: int
+    code: str
+    severity: Severity
+    text: str
+
+    def __str__(self) -> str:
+        place = f"{self.path}:{self.line}" if self.line else self.path
+        return f"{place}: {self.severity.value}: {self.text} [{self.code}]"
+
+
+@dataclass(slots=True)
+class Report:
+    """The issues of one file, as they are found."""
+
+    path: str
+    issues: list[Issue] = field(default_factory=list)
+
+    def add(self, line: int, code: str, severity: Severity, text: str) -> None:
+        """Add an issue."""
+        self.issues.append(Issue(self.path, line, code, severity, text))
+
+    def error(self, line: int, code: str, text: str) -> None:
+        """Add an ERROR."""
+        self.add(line, code, Severity.ERROR, text)
+
+    def warning(self, line: int, code: str, text: str) -> None:
+        """Add a WARNING."""
+        self.add(line, code, Severity.WARNING, text)
+
+    def note(self, line: int, code: str, text: str) -> None:
+        """Add a NOTE."""
+        self.add(line, code, Severity.NOTE, text)

@@ -1,0 +1,113 @@
+"""The PDOs that an object dictionary describes (CiA 301, 7.5.2.35 to 7.5.2.38), as its defaults have them.
+
+RPDO and TPDO are the device's words: it receives an RPDO. PDO k has its communication record at 0x1400 + k - 1 or
+0x1800 + k - 1 and its mapping at 0x1600 + k - 1 or 0x1A00 + k - 1.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from canopen_control.od.model import Entry, ObjectDictionary
+
+__all__ = ["MAX_BITS", "Mapped", "Pdo", "pdos_of"]
+
+MAX_BITS = 64
+_INVALID = 1 << 31  # of a COB-ID entry: the PDO is off
+_MAPPINGS = ((True, 0x1400, 0x1600), (False, 0x1800, 0x1A00))  # is an RPDO, communication, mapping
+_PDO_COUNT = 512
+_MULTIPLEXED = (254, 255)  # as number of mapped objects: SAM- and DAM-MPDO, which map nothing
+
+
+@dataclass(frozen=True, slots=True)
+class Mapped:
+    """One mapped object; `entry` is None where the dictionary lacks it, `source` is the mapping entry itself."""
+
+    index: int
+    subindex: int
+    bits: int
+    entry: Entry | None
+    source: Entry
+
+    @property
+    def is_dummy(self) -> bool:
+        """Whether it is a data type that fills a gap of an RPDO."""
+        return 1 <= self.index <= 7 and self.subindex == 0
+
+
+@dataclass(frozen=True, slots=True)
+class Pdo:
+    """One PDO; `count` is the number of mapped objects its sub 0 says, None where it says none."""
+
+    number: int  # from 1
+    is_rpdo: bool
+    communication: int  # index
+    mapping: int  # index
+    cob_id: int | None  # with its flag bits
+    transmission_type: int | None
+    count: int | None
+    slots: int  # how many objects can be mapped
+    mapped: tuple[Mapped, ...]
+
+    @property
+    def name(self) -> str:
+        """``RPDO1`` or alike."""
+        return f"{'R' if self.is_rpdo else 'T'}PDO{self.number}"
+
+    @property
+    def enabled(self) -> bool:
+        """Whether it is valid by default."""
+        return self.cob_id is not None and not self.cob_id & _INVALID
+
+    @property
+    def bits(self) -> int:
+        """How many of the 64 bits are used."""
+        return sum(mapped.bits for mapped in self.mapped)
+
+
+def pdos_of(od: ObjectDictionary) -> list[Pdo]:
+    """Return all PDOs with a communication or mapping record: first the RPDOs, then the TPDOs, by number."""
+    return list(_pdos(od))
+
+
+def _pdos(od: ObjectDictionary) -> Iterator[Pdo]:
+    for is_rpdo, communication, mapping in _MAPPINGS:
+        for offset in range(_PDO_COUNT):
+            if communication + offset in od.objects or mapping + offset in od.objects:
+                yield _pdo(od, offset, is_rpdo, communication + offset, mapping + offset)
+
+
+def _pdo(od: ObjectDictionary, offset: int, is_rpdo: bool, communication: int, mapping: int) -> Pdo:
+    count = _number(od, mapping, 0)
+    sources = [entry for sub in range(1, 65) if (entry := od.get(mapping, sub)) is not None]
+    return Pdo(
+        number=offset + 1,
+        is_rpdo=is_rpdo,
+        communication=communication,
+        mapping=mapping,
+        cob_id=_number(od, communication, 1),
+        transmission_type=_number(od, communication, 2),
+        count=count,
+        slots=len(sources),
+        mapped=tuple(_mapped(od, sources, count)),
+    )
+
+
+def _mapped(od: ObjectDictionary, sources: list[Entry], count: int | None) -> Iterator[Mapped]:
+    if count in _MULTIPLEXED:
+        return
+    for source in sources:
+        value = source.value
+        if not isinstance(value, int) or value == 0 or (count is not None and source.subindex > count):
+            continue
+        index, subindex, bits = value >> 16 & 0xFFFF, value >> 8 & 0xFF, value & 0xFF
+        yield Mapped(index, subindex, bits, od.get(index, subindex), source)
+
+
+def _number(od: ObjectDictionary, index: int, subindex: int) -> int | None:
+    entry = od.get(index, subindex)
+    return entry.value if entry is not None and isinstance(entry.value, int) else None
