@@ -10,6 +10,7 @@ from __future__ import annotations
 import enum
 from dataclasses import dataclass
 
+from canopen_control.cia301.abort import AbortCode
 from canopen_control.cia301.heartbeat import next_on_grid
 from canopen_control.cia301.outbox import Outbox
 from canopen_control.errors import LocalProtocolError
@@ -30,8 +31,6 @@ __all__ = [
 SYNC_COB_ID = 0x080
 PRODUCER_BIT = 1 << 30  # of 0x1005
 EXTENDED_BIT = 1 << 29
-_UNSUPPORTED_VALUE = 0x06090030
-_WRONG_STATE = 0x08000022
 
 
 def parse_cob_id_sync(value: int) -> tuple[int, bool]:
@@ -46,20 +45,20 @@ def is_valid_overflow(overflow: int) -> bool:
     return overflow == 0 or 2 <= overflow <= 240
 
 
-def check_overflow(overflow: int, period_us: int) -> int | None:
+def check_overflow(overflow: int, period_us: int) -> AbortCode | None:
     """Return the abort code of a write to 0x1019 while 0x1006 is `period_us`, or None: accepted."""
     if period_us:
-        return _WRONG_STATE
-    return None if is_valid_overflow(overflow) else _UNSUPPORTED_VALUE
+        return AbortCode.DEVICE_STATE
+    return None if is_valid_overflow(overflow) else AbortCode.INVALID_VALUE
 
 
-def check_cob_id_sync(value: int, present: int, *, can_produce: bool = True) -> int | None:
+def check_cob_id_sync(value: int, present: int, *, can_produce: bool = True) -> AbortCode | None:
     """Return the abort code of a write to 0x1005 that holds `present`, or None: accepted."""
     if value & PRODUCER_BIT and not can_produce:
-        return _UNSUPPORTED_VALUE
+        return AbortCode.INVALID_VALUE
     changed = (value ^ present) & (PRODUCER_BIT - 1)
     if changed and value & PRODUCER_BIT and present & PRODUCER_BIT:
-        return _UNSUPPORTED_VALUE  # the identifier is fixed while the node produces
+        return AbortCode.INVALID_VALUE  # the identifier is fixed while the node produces
     return None
 
 

@@ -1,0 +1,206 @@
+"""Node guarding and life guarding, both sides (CiA 301, 7.2.8.3.1).
+
+The master asks each node by a remote frame on its error control COB-ID every guard time; the answer is the state with
+a toggle bit that starts at 0 and alternates. A node without an answer for guard time times life time factor is lost;
+a node that is not asked for that time knows that its master is. Both start with the first answer, or question.
+"""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass
+
+from canopen_control.cia301.heartbeat import next_on_grid
+from canopen_control.cia301.nmt import ERROR_CONTROL_COB_ID, MAX_NODE_ID, NmtState, state_of_byte
+from canopen_control.cia301.outbox import Outbox
+from canopen_control.errors import LocalProtocolError
+from canopen_control.frame import REMOTE_FLAG, CanFrame, remote_frame
+
+__all__ = ["GuardingEvent", "GuardingEventKind", "GuardingMaster", "GuardingSlave"]
+
+
+class GuardingEventKind(enum.Enum):
+    """What guarding tells; a slave tells MISSED and RESOLVED of its master."""
+
+    STARTED = "started"
+    CHANGED = "changed"
+    MISSED = "missed"
+    RESOLVED = "resolved"
+    TOGGLE_ERROR = "toggle error"  # the answer is dropped: a second node with this id, or a lost answer
+    BOOT_UP = "boot-up"
+
+
+@dataclass(frozen=True, slots=True)
+class GuardingEvent:
+    """`kind` at `node_id`; `state` is the last one shown, None: none or unknown."""
+
+    kind: GuardingEventKind
+    node_id: int
+    state: NmtState | None = None
+
+
+@dataclass(slots=True)
+class _Guarded:
+    guard_ns: int
+    life_ns: int
+    poll_ns: int
+    toggle: int = 0
+    state: NmtState | None = None
+    seen: bool = False
+    missed: bool = False
+    deadline_ns: int = 0
+
+
+class GuardingMaster:
+    """Guards nodes; `malformed` counts answers whose length is not 1, `toggle_errors` those of the wrong toggle bit."""
+
+    def __init__(self) -> None:
+        self.malformed = 0
+        self.toggle_errors = 0
+        self._nodes: dict[int, _Guarded] = {}
+        self._frames: Outbox[CanFrame] = Outbox()
+        self._events: Outbox[GuardingEvent] = Outbox(1024)
+
+    def watch(self, node_id: int, guard_time_ns: int, life_time_factor: int, now: int) -> None:
+        """Guard `node_id` from `now` on; LocalProtocolError for a time or factor of 0."""
+        if not 1 <= node_id <= MAX_NODE_ID or guard_time_ns <= 0 or life_time_factor <= 0:
+            msg = f"cannot guard node {node_id} every {guard_time_ns} ns with factor {life_time_factor}"
+            raise LocalProtocolError(msg)
+        life = guard_time_ns * life_time_factor
+        self._nodes[node_id] = _Guarded(guard_time_ns, life, now, deadline_ns=now + life)
+
+    def unwatch(self, node_id: int) -> None:
+        """Stop guarding; no-op for a node that is not guarded."""
+        self._nodes.pop(node_id, None)
+
+    def state_of(self, node_id: int) -> NmtState | None:
+        """Return the state last shown, None: none, unknown, or not guarded."""
+        node = self._nodes.get(node_id)
+        return None if node is None else node.state
+
+    def receive(self, frame: CanFrame, now: int) -> None:
+        """Take an answer or boot-up of a guarded node."""
+        node_id = frame.can_id - ERROR_CONTROL_COB_ID
+        node = self._nodes.get(node_id)
+        if node is None:
+            return
+        if len(frame.data) != 1:
+            self.malformed += 1
+            return
+        self._check(node_id, node, now)
+        value = frame.data[0]
+        if value == 0:
+            node.toggle, node.state = 0, NmtState.INITIALISING
+            self._tell(GuardingEventKind.BOOT_UP, node_id, node)
+        elif value >> 7 != node.toggle:
+            self.toggle_errors += 1
+            self._tell(GuardingEventKind.TOGGLE_ERROR, node_id, node)
+        else:
+            self._answered(node_id, node, state_of_byte(value), now)
+
+    def tick(self, now: int) -> None:
+        """Ask the nodes that are due and tell those that are lost."""
+        for node_id, node in self._nodes.items():
+            self._check(node_id, node, now)
+            if now >= node.poll_ns:
+                self._frames.put(remote_frame(ERROR_CONTROL_COB_ID + node_id, 1))
+                node.poll_ns = next_on_grid(node.poll_ns, node.guard_ns, now)
+
+    def next_deadline(self) -> int | None:
+        """Return when `tick` has something to do."""
+        times = [node.poll_ns for node in self._nodes.values()]
+        times += [node.deadline_ns for node in self._nodes.values() if not node.missed]
+        return min(times, default=None)
+
+    def frames(self) -> list[CanFrame]:
+        """Drain the remote frames to send."""
+        return self._frames.drain()
+
+    def events(self) -> list[GuardingEvent]:
+        """Drain what happened, in order."""
+        return self._events.drain()
+
+    def _check(self, node_id: int, node: _Guarded, now: int) -> None:
+        if not node.missed and now >= node.deadline_ns:
+            node.missed = True
+            self._tell(GuardingEventKind.MISSED, node_id, node)
+
+    def _answered(self, node_id: int, node: _Guarded, state: NmtState | None, now: int) -> None:
+        previous, node.state = node.state, state
+        node.toggle ^= 1
+        node.deadline_ns = now + node.life_ns
+        if not node.seen:
+            self._tell(GuardingEventKind.STARTED, node_id, node)
+        elif node.missed:
+            self._tell(GuardingEventKind.RESOLVED, node_id, node)
+        if node.seen and previous is not state:
+            self._tell(GuardingEventKind.CHANGED, node_id, node)
+        node.seen, node.missed = True, False
+
+    def _tell(self, kind: GuardingEventKind, node_id: int, node: _Guarded) -> None:
+        self._events.put(GuardingEvent(kind, node_id, node.state))
+
+
+class GuardingSlave:
+    """Answers guarding and guards its master; the owner keeps `state` up to date.
+
+    `enabled` is False where a heartbeat producer time is set: the two exclude each other, and the heartbeat wins.
+    `guard_time_ns` times `life_time_factor` (0x100C, 0x100D) is the life time, 0: the master is not guarded.
+    """
+
+    def __init__(self, node_id: int, *, guard_time_ns: int = 0, life_time_factor: int = 0) -> None:
+        self.node_id = node_id
+        self.guard_time_ns = guard_time_ns
+        self.life_time_factor = life_time_factor
+        self.enabled = True
+        self.state = NmtState.INITIALISING
+        self._toggle = 0
+        self._asked_ns: int | None = None
+        self._missed = False
+        self._frames: Outbox[CanFrame] = Outbox()
+        self._events: Outbox[GuardingEvent] = Outbox()
+
+    @property
+    def life_time_ns(self) -> int:
+        """How long the master may be silent, 0: for ever."""
+        return self.guard_time_ns * self.life_time_factor
+
+    def reset(self) -> None:
+        """Start anew: toggle bit 0, the master not yet heard (reset communication)."""
+        self._toggle, self._asked_ns, self._missed = 0, None, False
+
+    def receive(self, frame: CanFrame, now: int) -> None:
+        """Answer the master's remote frame; other frames are ignored."""
+        if frame.can_id != ERROR_CONTROL_COB_ID + self.node_id | REMOTE_FLAG:
+            return
+        if not self.enabled or self.state is NmtState.INITIALISING:
+            return
+        self.tick(now)
+        if self._missed:
+            self._missed = False
+            self._events.put(GuardingEvent(GuardingEventKind.RESOLVED, self.node_id, self.state))
+        self._asked_ns = now
+        answer = bytes((self._toggle | self.state,))
+        self._toggle ^= 0x80
+        self._frames.put(CanFrame(ERROR_CONTROL_COB_ID + self.node_id, answer))
+
+    def tick(self, now: int) -> None:
+        """Tell that the master is silent for the life time, once (EMCY 0x8130)."""
+        deadline = self.next_deadline()
+        if deadline is not None and now >= deadline:
+            self._missed = True
+            self._events.put(GuardingEvent(GuardingEventKind.MISSED, self.node_id, self.state))
+
+    def next_deadline(self) -> int | None:
+        """Return when the master is lost."""
+        if self._asked_ns is None or self._missed or not self.enabled or not self.life_time_ns:
+            return None
+        return self._asked_ns + self.life_time_ns
+
+    def frames(self) -> list[CanFrame]:
+        """Drain the answers to send."""
+        return self._frames.drain()
+
+    def events(self) -> list[GuardingEvent]:
+        """Drain what happened, in order."""
+        return self._events.drain()
