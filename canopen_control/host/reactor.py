@@ -1,0 +1,361 @@
+"""The reactor: one thread, one selector, one sorted list of timers on absolute deadlines.
+
+A turn serves the descriptors that are ready, then what was handed over with `call_soon` and `call_threadsafe`, then
+the timers that are due, each in a fixed order; whatever a callback adds waits for the next turn, so that neither a
+busy descriptor nor a timer that re-arms itself starves the other. A callback never blocks. One that raises is counted
+in `errors` and handed to `on_error`, and the loop goes on; only KeyboardInterrupt and SystemExit end it.
+
+With a `ManualClock` nothing ever waits for time: when nothing is ready the clock jumps to the next deadline. The same
+program then does the same thing every time.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import selectors
+import signal
+import socket
+import sys
+import traceback
+from collections import deque
+from typing import TYPE_CHECKING, Final, Protocol, TypeAlias, cast
+
+from canopen_control.errors import LocalProtocolError
+from canopen_control.host.timer import Clock, ManualClock, MonotonicClock, Timer, TimerQueue, open_alarm
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping
+    from types import TracebackType
+
+__all__ = ["Clock", "HasFileno", "ManualClock", "MonotonicClock", "Reactor", "Timer"]
+
+_READ: Final = selectors.EVENT_READ
+_WRITE: Final = selectors.EVENT_WRITE
+_WAKE: Final = b"\0"  # no signal has the number 0
+_PRINTED_ERRORS: Final = 20  # the log must not fill up when something fails in every cycle
+
+
+class HasFileno(Protocol):
+    """A socket, a port, a file: whatever has a descriptor."""
+
+    def fileno(self) -> int:
+        """Return the descriptor."""
+        ...
+
+
+FileLike: TypeAlias = int | HasFileno
+
+
+class _Watch:
+    """What to call for one descriptor; kept apart from the selector's key so that a removal counts at once."""
+
+    __slots__ = ("on_readable", "on_writable")
+
+    def __init__(self) -> None:
+        self.on_readable: Callable[[], object] | None = None
+        self.on_writable: Callable[[], object] | None = None
+
+    @property
+    def events(self) -> int:
+        return (_READ if self.on_readable else 0) | (_WRITE if self.on_writable else 0)
+
+    def set(self, event: int, callback: Callable[[], object] | None) -> None:
+        if event == _READ:
+            self.on_readable = callback
+        else:
+            self.on_writable = callback
+
+
+def _fd_of(fileobj: FileLike) -> int:
+    return fileobj if isinstance(fileobj, int) else fileobj.fileno()
+
+
+def _nop(*_args: object) -> None:
+    """Stand in where only the waking up matters: a signal's number travels through the wake-up descriptor."""
+
+
+class Reactor:
+    """The event loop of a process, or of one thread of it.
+
+    `errors` counts the exceptions that callbacks raised; `on_error` is called with each of them (default: the first
+    twenty are printed to stderr). All methods but `call_threadsafe` belong to the loop's own thread.
+    """
+
+    def __init__(self, clock: Clock | None = None) -> None:
+        self.clock: Clock = MonotonicClock() if clock is None else clock
+        self.errors = 0
+        self.on_error: Callable[[BaseException], None] = self._print_first_errors
+        self._selector = selectors.DefaultSelector()
+        self._watches: dict[int, _Watch] = {}
+        self._timers = TimerQueue()
+        self._soon: deque[Callable[[], object]] = deque()
+        self._from_threads: deque[Callable[[], object]] = deque()
+        self._alarm = None if self.clock.is_manual else open_alarm()
+        self._alarm_at: int | None = None
+        self._woken = False
+        self._signals: dict[int, Callable[[], object]] = {}
+        self._restore: list[Callable[[], object]] = []
+        self._running = self._stopping = self._closed = False
+        self._wake_in, self._wake_out = socket.socketpair()
+        self._open()
+
+    def _open(self) -> None:
+        self._wake_in.setblocking(False)
+        self._wake_out.setblocking(False)
+        self.add_reader(self._wake_in, self._on_wake)
+        if self._alarm is not None:
+            # Setting the alarm anew silences it, and it is set anew before every wait: nothing is read from it.
+            self._selector.register(self._alarm.fileno(), _READ, None)
+
+    def __enter__(self) -> Reactor:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None) -> None:
+        self.close()
+
+    # -- descriptors
+
+    def add_reader(self, fileobj: FileLike, callback: Callable[[], object]) -> None:
+        """Call `callback` in every turn in which the descriptor is readable; replaces an earlier reader."""
+        self._change(_fd_of(fileobj), _READ, callback)
+
+    def remove_reader(self, fileobj: FileLike) -> None:
+        """Stop reading, at once; a no-op where there is no reader. To be called before the descriptor is closed."""
+        self._change(_fd_of(fileobj), _READ, None)
+
+    def add_writer(self, fileobj: FileLike, callback: Callable[[], object]) -> None:
+        """Call `callback` in every turn in which the descriptor takes data; replaces an earlier writer."""
+        self._change(_fd_of(fileobj), _WRITE, callback)
+
+    def remove_writer(self, fileobj: FileLike) -> None:
+        """Stop writing, at once; a no-op where there is no writer. To be called before the descriptor is closed."""
+        self._change(_fd_of(fileobj), _WRITE, None)
+
+    def _change(self, fd: int, event: int, callback: Callable[[], object] | None) -> None:
+        watch = self._watches.get(fd)
+        if watch is None:
+            if callback is not None:
+                self._register(fd, event, callback)
+        elif callback is not None or watch.events & event:
+            watch.set(event, callback)
+            self._update(fd, event, watch)
+
+    def _register(self, fd: int, event: int, callback: Callable[[], object]) -> None:
+        watch = _Watch()
+        watch.set(event, callback)
+        self._selector.register(fd, event, watch)
+        self._watches[fd] = watch
+
+    def _update(self, fd: int, event: int, watch: _Watch) -> None:
+        if not watch.events:
+            del self._watches[fd]
+            self._selector.unregister(fd)
+            return
+        try:
+            self._selector.modify(fd, watch.events, watch)
+        except OSError:
+            # The descriptor was closed without being removed, and its number is in use again: what was known about it
+            # is about another file. The selector has forgotten it already.
+            del self._watches[fd]
+            callback = watch.on_readable if event == _READ else watch.on_writable
+            if callback is not None:
+                self._register(fd, event, callback)
+
+    # -- time
+
+    def now(self) -> int:
+        """Return the clock's time in nanoseconds."""
+        return self.clock.now()
+
+    def call_at(self, deadline_ns: int, callback: Callable[[], object]) -> Timer:
+        """Call once, when the clock has reached `deadline_ns`."""
+        return self._timers.push(deadline_ns, callback)
+
+    def call_later(self, delay_ns: int, callback: Callable[[], object]) -> Timer:
+        """Call once, `delay_ns` from now."""
+        return self._timers.push(self.clock.now() + delay_ns, callback)
+
+    def call_soon(self, callback: Callable[[], object]) -> None:
+        """Call once, in this turn or the next, in the order of the calls."""
+        self._soon.append(callback)
+
+    def call_threadsafe(self, callback: Callable[[], object]) -> None:
+        """Call once, soon, on the loop's thread; callable from any thread. A no-op on a closed reactor."""
+        self._from_threads.append(callback)
+        if not self._woken:
+            # Two threads may both get here: one byte too many is harmless. The loop clears the mark before it empties
+            # the queue, so that whoever finds the mark set is served.
+            self._woken = True
+            with contextlib.suppress(OSError):
+                self._wake_out.send(_WAKE)
+
+    # -- signals
+
+    def handle_signals(self, handlers: Mapping[int, Callable[[], object]]) -> None:
+        """Call a handler on the loop when its signal arrives; main thread only, undone by `close`."""
+        if not self._restore:
+            previous_fd = signal.set_wakeup_fd(self._wake_out.fileno(), warn_on_full_buffer=False)
+            self._restore.append(lambda: signal.set_wakeup_fd(previous_fd))
+        for number, handler in handlers.items():
+            if number not in self._signals:
+                previous = signal.signal(number, _nop)
+                # None: the handler was not Python's, and Python cannot put it back
+                self._restore.append(functools.partial(signal.signal, number, previous or signal.SIG_DFL))
+            self._signals[number] = handler
+
+    def _on_wake(self) -> None:
+        numbers = self._wake_in.recv(4096)
+        self._woken = False
+        self._soon.extend(self._signals[number] for number in numbers if number in self._signals)
+        while self._from_threads:
+            self._soon.append(self._from_threads.popleft())
+
+    # -- running
+
+    def run(self) -> None:
+        """Serve until `stop`."""
+        with self._claimed():
+            while not self._stopping:
+                if not self._step(None):
+                    self._turn(None)  # a manual clock with no timer left: only a descriptor can go on
+
+    def run_until(self, condition_or_deadline: Callable[[], bool] | int, timeout_ns: int | None = None) -> bool:
+        """Serve until a condition is true or the clock has reached a deadline, and tell whether it came to that.
+
+        The condition is looked at before every turn. False: `timeout_ns` passed, or `stop` was called, or, on a manual
+        clock, nothing is left that could happen.
+        """
+        with self._claimed():
+            if isinstance(condition_or_deadline, int):
+                return self._serve_till(condition_or_deadline, lambda: False)
+            limit = None if timeout_ns is None else self.now() + timeout_ns
+            self._serve_till(limit, condition_or_deadline)
+            return condition_or_deadline()
+
+    def run_for(self, duration_ns: int) -> bool:
+        """Serve for `duration_ns`: serve what is ready, fire what is due, then go to the next deadline.
+
+        On a manual clock this takes no time and leaves the clock exactly `duration_ns` later, everything due until then
+        done. False if it was stopped.
+        """
+        return self.run_until(self.now() + duration_ns)
+
+    def stop(self) -> None:
+        """End `run`, `run_until` or `run_for` after this turn; when none of them runs, end the next at its start."""
+        self._stopping = True
+
+    def close(self) -> None:
+        """Restore the signals and give all descriptors back; a second close is a no-op."""
+        if self._closed:
+            return
+        self._closed = True
+        while self._restore:
+            self._restore.pop()()
+        self._timers.clear()
+        self._soon.clear()
+        self._watches.clear()
+        self._selector.close()
+        if self._alarm is not None:
+            self._alarm.close()
+        self._wake_in.close()
+        self._wake_out.close()
+
+    @contextlib.contextmanager
+    def _claimed(self) -> Iterator[None]:
+        if self._closed or self._running:
+            raise LocalProtocolError(f"the reactor {'was closed' if self._closed else 'runs already'}")
+        self._running = True
+        try:
+            yield
+        finally:
+            self._running = self._stopping = False
+
+    def _serve_till(self, limit: int | None, finished: Callable[[], bool]) -> bool:
+        """Serve until `finished` (False), until stopped (False), or until there is nothing left up to the limit."""
+        wake = None if limit is None or self.clock.is_manual else self.call_at(limit, _nop)
+        try:
+            while not (self._stopping or finished()):
+                if not self._step(limit):
+                    return True
+        finally:
+            if wake is not None:
+                wake.cancel()
+        return False
+
+    def _step(self, limit: int | None) -> bool:
+        """Serve one turn; False when nothing is left to do up to the limit."""
+        if not self.clock.is_manual:
+            self._turn(self._patience())
+            return limit is None or self.clock.now() < limit
+        return self._turn(0) > 0 or self._jump(limit)
+
+    def _jump(self, limit: int | None) -> bool:
+        """Move the manual clock to the next deadline, or to the limit and return False."""
+        clock = cast("ManualClock", self.clock)
+        deadline = self._timers.next_deadline()
+        if deadline is not None and (limit is None or deadline <= limit):
+            clock.now_ns = max(clock.now_ns, deadline)
+            return True
+        if limit is not None:
+            clock.now_ns = max(clock.now_ns, limit)
+        return False
+
+    def _patience(self) -> float | None:
+        """Return how long the selector may wait, in seconds; sets the alarm when the earliest deadline has changed."""
+        if self._soon:
+            return 0
+        deadline = self._timers.next_deadline()
+        if deadline is not None:
+            wait_ns = deadline - self.clock.now()
+            if wait_ns <= 0:
+                return 0
+            if self._alarm is None:
+                return wait_ns / 1e9
+        if self._alarm is not None and deadline != self._alarm_at:
+            self._alarm.set(deadline)
+            self._alarm_at = deadline
+        return None
+
+    def _turn(self, timeout: float | None) -> int:
+        """Wait, then serve descriptors, handed-over calls and timers; return how many callbacks ran."""
+        ready = self._selector.select(timeout)
+        served = 0
+        for key, events in ready:
+            watch = key.data
+            if watch is None:
+                continue  # the alarm: waking up was all it had to do
+            if events & _READ and watch.on_readable is not None:
+                self._call(watch.on_readable)
+                served += 1
+            if events & _WRITE and watch.on_writable is not None:
+                self._call(watch.on_writable)
+                served += 1
+        soon = self._soon
+        for _ in range(len(soon)):
+            self._call(soon.popleft())
+            served += 1
+        for timer in self._timers.pop_due(self.clock.now()):
+            callback = timer.take()
+            if callback is not None:  # else an earlier one of this turn has cancelled it
+                self._call(callback)
+                served += 1
+        return served
+
+    def _call(self, callback: Callable[[], object]) -> None:
+        try:
+            callback()
+        except Exception as error:  # noqa: BLE001 - no exception of a callback ends the loop
+            self.errors += 1
+            self._report(error)
+
+    def _report(self, error: Exception) -> None:
+        try:
+            self.on_error(error)
+        except Exception as second:  # noqa: BLE001 - nor does one of the handler
+            self.errors += 1
+            self._print_first_errors(second)
+
+    def _print_first_errors(self, error: BaseException) -> None:
+        if self.errors <= _PRINTED_ERRORS:
+            traceback.print_exception(error, file=sys.stderr)
