@@ -1,0 +1,57 @@
+"""The environment of a child process: ours, without what was meant for this process alone.
+
+The ROS wheels start every interpreter of their environment anew, with their own libraries put into LD_LIBRARY_PATH and
+a guard variable set. Both are inherited, and break a child that uses another environment: its rclpy finds the wrong
+libraries and, the guard being set, does not look for the right ones. So a child that needs rclpy gets neither, and any
+other child gets the guard alone, which saves it the second start.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import sys
+from pathlib import PurePath
+from typing import TYPE_CHECKING, Final
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+__all__ = ["LIFELINE", "READY", "clean_environment"]
+
+LIFELINE: Final = "CANOPEN_CONTROL_LIFELINE"
+READY: Final = "CANOPEN_CONTROL_READY"
+_GUARD: Final = "_ROS_WHEELS_BOOTSTRAP_COMPLETE"
+_LIBRARIES: Final = "LD_LIBRARY_PATH"
+_WHEEL_FOLDER: Final = re.compile(r"(?P<prefix>.+)/lib\d*/python[^/]+/site-packages/ros_[^/]+\.libs")
+
+
+def clean_environment(*, ros: bool, base: Mapping[str, str] | None = None) -> dict[str, str]:
+    """Return the environment for a child, made from `base` (default: ours); `ros` says that it imports rclpy.
+
+    A library path that the user or a sourced ROS has set stays.
+    """
+    environment = dict(os.environ if base is None else base)
+    for private in (LIFELINE, READY, _GUARD):
+        environment.pop(private, None)
+    libraries = _without_wheels(environment.pop(_LIBRARIES, ""))
+    if libraries:
+        environment[_LIBRARIES] = libraries
+    if not ros:
+        environment[_GUARD] = "1"
+    environment["PYTHONUNBUFFERED"] = "1"
+    return environment
+
+
+def _without_wheels(libraries: str) -> str:
+    folders = [folder for folder in libraries.split(":") if folder]
+    wheels = [match for folder in folders if (match := _WHEEL_FOLDER.fullmatch(folder.rstrip("/")))]
+    if not wheels:
+        return libraries
+    # with the wheels' folders comes the lib folder of their environment
+    leaked = {PurePath(sys.prefix, "lib"), *(PurePath(match["prefix"], "lib") for match in wheels)}
+    return ":".join(folder for folder in folders if not _leaked(folder, leaked))
+
+
+def _leaked(folder: str, leaked: set[PurePath]) -> bool:
+    return PurePath(folder) in leaked or _WHEEL_FOLDER.fullmatch(folder.rstrip("/")) is not None

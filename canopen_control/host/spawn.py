@@ -1,0 +1,295 @@
+"""Child processes that never outlive their parent unnoticed, and the one kind that may.
+
+`spawn` gives every child a session of its own (the terminal's Ctrl-C is its parent's alone), a clean environment, a log
+file that cannot fill the disk, and a lifeline: a pipe whose other end only the parent holds. When the parent dies,
+however it dies, the kernel closes that end, and the child reads the end of the file at `lifeline_fd()`.
+
+`spawn_detached` is for a process that belongs to nobody, such as a bus that several programs share: it is no child of
+its caller, and says through a pipe when it is ready.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import select
+import signal
+import stat
+import subprocess
+import sys
+import time
+from typing import TYPE_CHECKING, Final
+
+from canopen_control.errors import CanopenError
+from canopen_control.host.environment import LIFELINE, READY, clean_environment
+from canopen_control.host.logfile import LogFile, state_dir
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+    from pathlib import Path
+
+    from canopen_control.host.reactor import Reactor, Timer
+
+__all__ = [
+    "Child",
+    "clean_environment",
+    "lifeline_fd",
+    "report_failure",
+    "report_ready",
+    "spawn",
+    "spawn_detached",
+    "state_dir",
+]
+
+_POLL_NS: Final = 50_000_000  # where there is no pidfd
+_ROTATE_NS: Final = 5_000_000_000
+_LAST_LINES: Final = 10
+#: dash and bash alike: a command in the background of a shell that ends is nobody's child
+_DETACH: Final = ("/bin/sh", "-c", '"$@" &', "sh")
+_READY_WORD: Final = b"ready"
+
+
+class Child:
+    """A running child process, made by `spawn`.
+
+    `log_path` is None when its output goes where ours goes. It must be waited for, by `wait` or by `watch`.
+    """
+
+    def __init__(self, process: subprocess.Popen[bytes], name: str, lifeline: int, log: LogFile | None) -> None:
+        self.name = name
+        self.pid = process.pid
+        self._process = process
+        self._lifeline = lifeline
+        self._log = log
+        self._pidfd = -1
+        self._reactor: Reactor | None = None
+        self._on_exit: Callable[[int, list[str]], object] | None = None
+        self._timers: list[Timer] = []
+
+    @property
+    def log_path(self) -> Path | None:
+        """Where its output is written."""
+        return None if self._log is None else self._log.path
+
+    @property
+    def returncode(self) -> int | None:
+        """Its exit status, negative for a signal; None while it runs, as far as has been looked."""
+        return self._process.returncode
+
+    def poll(self) -> int | None:
+        """Look whether it has ended, and return its exit status if so."""
+        if self._process.poll() is not None:
+            self.cut_lifeline()
+        return self._process.returncode
+
+    def wait(self, timeout: float | None = None) -> int | None:
+        """Wait for its end and return its exit status; None when `timeout` seconds were not enough. Blocks."""
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self._process.wait(timeout)
+        return self.poll()
+
+    def terminate(self) -> None:
+        """Ask it to end (SIGTERM); a no-op once it has ended."""
+        self._process.terminate()
+
+    def kill(self) -> None:
+        """End it and its own children at once (SIGKILL to its session); a no-op once it has ended."""
+        # Until it is waited for, its process id, and with it the group's, belongs to nobody else.
+        if self._process.poll() is None:
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(self.pid, signal.SIGKILL)
+
+    def cut_lifeline(self) -> None:
+        """Let go of the lifeline: to the child it looks as if this process had died."""
+        lifeline, self._lifeline = self._lifeline, -1
+        if lifeline >= 0:
+            os.close(lifeline)
+
+    def last_lines(self, count: int = _LAST_LINES) -> list[str]:
+        """Return the last lines of its output, none if that was not logged."""
+        return [] if self._log is None else self._log.last_lines(count)
+
+    def watch(self, reactor: Reactor, on_exit: Callable[[int, list[str]], object]) -> None:
+        """Call `on_exit(returncode, last_lines)` on the loop, once, when it has ended; rotates its log till then."""
+        self._reactor, self._on_exit = reactor, on_exit
+        # once it has been waited for, its process id may be another's
+        self._pidfd = _pidfd_open(self.pid) if self.poll() is None else -1
+        if self._pidfd >= 0:
+            reactor.add_reader(self._pidfd, self._look)
+        else:
+            self._every(0, self._look_again)
+        if self._log is not None:
+            self._rotate_again()
+
+    def unwatch(self) -> None:
+        """Stop watching; a no-op when nobody watches."""
+        if self._reactor is not None and self._pidfd >= 0:
+            self._reactor.remove_reader(self._pidfd)
+            os.close(self._pidfd)
+        self._pidfd, self._on_exit = -1, None
+        for timer in self._timers:
+            timer.cancel()
+        self._timers.clear()
+
+    def _look(self) -> None:
+        returncode, on_exit = self.poll(), self._on_exit
+        if returncode is not None and on_exit is not None:
+            self.unwatch()
+            on_exit(returncode, self.last_lines())
+
+    def _look_again(self) -> None:
+        self._look()
+        self._every(_POLL_NS, self._look_again)
+
+    def _rotate_again(self) -> None:
+        if self._log is not None:
+            self._log.rotate_if_long()
+        self._every(_ROTATE_NS, self._rotate_again)
+
+    def _every(self, period_ns: int, callback: Callable[[], object]) -> None:
+        if self._reactor is not None and self._on_exit is not None:
+            self._timers = [timer for timer in self._timers if timer.active]
+            self._timers.append(self._reactor.call_later(period_ns, callback))
+
+
+def _pidfd_open(pid: int) -> int:
+    try:
+        return os.pidfd_open(pid) if sys.platform.startswith("linux") else -1
+    except OSError:  # a kernel before 5.3, or a sandbox
+        return -1
+
+
+def spawn(
+    argv: Sequence[str], *, name: str, log_dir: Path | None = None, ros: bool = False, inherit_stdout: bool = False
+) -> Child:
+    """Start a child process and return at once; CanopenError when it cannot be started.
+
+    Its standard output and error go to `<log_dir>/<name>.log`, without `log_dir` in `state_dir()`, unless they are
+    inherited; its standard input is empty. `ros` says that it imports rclpy.
+    """
+    environment = clean_environment(ros=ros)
+    log = None if inherit_stdout else LogFile(log_dir or state_dir(), name)
+    theirs, ours = os.pipe()
+    environment[LIFELINE] = str(theirs)
+    try:
+        with contextlib.nullcontext() if log is None else log.opened_for(argv) as output:
+            process = subprocess.Popen(
+                list(argv),
+                stdin=subprocess.DEVNULL,
+                stdout=output,
+                stderr=output,
+                env=environment,
+                pass_fds=(theirs,),
+                start_new_session=True,
+            )
+    except OSError as error:
+        os.close(ours)
+        raise CanopenError(f"cannot start {name} ({argv[0]}): {error.strerror}") from error
+    finally:
+        os.close(theirs)
+    return Child(process, name, ours, log)
+
+
+def lifeline_fd() -> int | None:
+    """Return the descriptor of this process' lifeline, None if it has none.
+
+    It becomes readable, with an end of file, when the parent has died. Nothing is ever written to it.
+    """
+    return _inherited_pipe(LIFELINE)
+
+
+def _inherited_pipe(variable: str) -> int | None:
+    text = os.environ.get(variable, "")
+    if not text.isdecimal():
+        return None
+    fd = int(text)
+    try:
+        # The variable may come from a parent that did not hand over the descriptor: the number is another file then.
+        if not stat.S_ISFIFO(os.fstat(fd).st_mode):
+            return None
+        os.set_inheritable(fd, False)
+    except OSError:
+        return None
+    return fd
+
+
+# -- detached
+
+
+def spawn_detached(
+    argv: Sequence[str], ready: float = 5.0, *, name: str = "detached", log_dir: Path | None = None
+) -> None:
+    """Start a process that is no child of this one, and return when it has called `report_ready`.
+
+    CanopenError with its own sentence when it called `report_failure`, with the last lines of its log
+    (`<log_dir>/<name>.log`, without `log_dir` in `state_dir()`) when it ended before, or when `ready` seconds passed.
+    """
+    log = LogFile(log_dir or state_dir(), name)
+    ours, theirs = os.pipe()
+    try:
+        try:
+            group = _start_detached(argv, theirs, log)
+        finally:
+            os.close(theirs)
+        report = _read_report(ours, time.monotonic() + ready)
+    finally:
+        os.close(ours)
+    if report == _READY_WORD:
+        return
+    if report is None:
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(group, signal.SIGKILL)  # somebody still held the pipe: the group is the one we made
+        raise CanopenError(f"{name} was not ready within {ready:g} s and was ended; its log is {log.path}")
+    why = report.decode(errors="replace") or "it ended at once; " + " | ".join(log.last_lines(_LAST_LINES))
+    raise CanopenError(f"{name} could not be started: {why}")
+
+
+def _start_detached(argv: Sequence[str], report_fd: int, log: LogFile) -> int:
+    """Start it through a shell that ends at once; return the process group, which is the shell's and stays its own."""
+    environment = clean_environment(ros=False)
+    environment[READY] = str(report_fd)
+    with log.opened_for(argv) as output:
+        shell = subprocess.Popen(
+            [*_DETACH, *argv],
+            stdin=subprocess.DEVNULL,
+            stdout=output,
+            stderr=output,
+            env=environment,
+            pass_fds=(report_fd,),
+            start_new_session=True,
+        )
+    shell.wait()
+    return shell.pid
+
+
+def _read_report(fd: int, deadline: float) -> bytes | None:
+    """Return the line that was reported, b"" when everybody who could has gone, None when the time is over."""
+    report = b""
+    while not report.endswith(b"\n"):
+        readable, _, _ = select.select([fd], [], [], max(deadline - time.monotonic(), 0))
+        if not readable:
+            return None
+        data = os.read(fd, 4096)
+        if not data:
+            break
+        report += data
+    return report.strip()
+
+
+def report_ready() -> None:
+    """Tell `spawn_detached`, in the process that it started, that the service is up; a no-op in any other process."""
+    _report(_READY_WORD)
+
+
+def report_failure(sentence: str) -> None:
+    """Tell `spawn_detached`, in the process that it started, why there is no service; a no-op in any other process."""
+    _report(" ".join(sentence.split()).encode()[:4000])
+
+
+def _report(line: bytes) -> None:
+    fd = _inherited_pipe(READY)
+    os.environ.pop(READY, None)
+    if fd is not None:
+        with contextlib.suppress(OSError):  # the starter has lost patience, and said so
+            os.write(fd, line + b"\n")
+        os.close(fd)
