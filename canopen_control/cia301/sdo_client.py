@@ -20,11 +20,17 @@ from collections import deque
 from typing import TYPE_CHECKING, Final, Protocol
 
 from canopen_control.cia301.abort import BUSY_CODES, AbortCode, abort_text
+from canopen_control.cia301.sdo_client_block import BlockDownload, BlockUpload
 from canopen_control.cia301.sdo_client_segmented import SegmentedDownload, SegmentedUpload
 from canopen_control.cia301.sdo_codec import (
     ABORT,
     ANSWER_BASE,
+    BLOCK_DOWNLOAD,
+    BLOCK_DOWNLOAD_ANSWER,
+    BLOCK_UPLOAD,
+    BLOCK_UPLOAD_ANSWER,
     COMMAND_MASK,
+    CRC_FLAG,
     DONE,
     DOWNLOAD,
     DOWNLOAD_ANSWER,
@@ -60,12 +66,14 @@ _MAX_PAUSE_NS: Final = 500_000_000
 # What a request waits for.
 _IDLE, _UPLOAD, _DOWNLOAD, _BLOCK_UPLOAD, _BLOCK_DOWNLOAD, _PROBE, _PAUSE = range(7)
 _BLOCK_KINDS: Final = frozenset((_BLOCK_UPLOAD, _BLOCK_DOWNLOAD))
-_BLOCK_REFUSALS: Final = frozenset(
+_BLOCK_ERRORS: Final = frozenset(  # what segments may still do: without CRC a lost segment shows in the length
     (
         AbortCode.UNKNOWN_COMMAND,
         AbortCode.INVALID_BLOCK_SIZE,
         AbortCode.INVALID_SEQUENCE_NUMBER,
         AbortCode.CRC_ERROR,
+        AbortCode.LENGTH_TOO_HIGH,
+        AbortCode.LENGTH_TOO_LOW,
     ),
 )
 
@@ -357,6 +365,8 @@ class SdoClient:
     def _initiate(self, request: SdoRequest) -> tuple[int, bytes]:
         """Return the kind of transfer and its first frame."""
         index, subindex, data = request.index, request.subindex, request.data
+        if (request.block is not False) and self._wants_block(request):
+            return self._initiate_block(request)
         if not request.is_write:
             return _UPLOAD, INITIATE.pack(UPLOAD, index, subindex)
         length, sized = len(data), self.options.announce_size
@@ -364,6 +374,20 @@ class SdoClient:
             command = DOWNLOAD | (EXPEDITED_CODES[length] if sized else SIZED_FLAG)
             return _DOWNLOAD, INITIATE_BYTES.pack(command, index, subindex, data)
         return _DOWNLOAD, INITIATE_NUMBER.pack(DOWNLOAD | sized, index, subindex, length if sized else 0)
+
+    def _wants_block(self, request: SdoRequest) -> bool:
+        if self._plain or self.block_supported is False:
+            return False
+        return bool(request.block) or (request.is_write and len(request.data) >= self.options.block_threshold)
+
+    def _initiate_block(self, request: SdoRequest) -> tuple[int, bytes]:
+        options, crc = self.options, CRC_FLAG if self.options.crc else 0
+        index, subindex = request.index, request.subindex
+        if not request.is_write:
+            parameters = bytes((options.block_size, options.switch_threshold))
+            return _BLOCK_UPLOAD, INITIATE_BYTES.pack(BLOCK_UPLOAD | crc, index, subindex, parameters)
+        sized, length = (SIZED_FLAG, len(request.data)) if options.announce_size else (0, 0)
+        return _BLOCK_DOWNLOAD, INITIATE_NUMBER.pack(BLOCK_DOWNLOAD | crc | sized, index, subindex, length)
 
     def _arm(self, request: SdoRequest, now: int | None) -> None:
         if now is None or self._started is None:
@@ -405,6 +429,35 @@ class SdoClient:
         else:
             self._transfer = SegmentedDownload(self.request_cob_id, request.data, self._out)
             self._arm(request, now)
+
+    def _on_block_upload(self, data: bytes, now: int) -> None:
+        request, command, options = self._active, data[0], self.options
+        if request is None or command & ~(CRC_FLAG | SIZED_FLAG) != BLOCK_UPLOAD_ANSWER:
+            self._on_upload(data, now)  # the protocol switch: it answers as if plainly asked
+            return
+        self._answered()
+        self.block_supported = True
+        size = int.from_bytes(data[4:8], "little") if command & SIZED_FLAG else None
+        if size is not None and size > options.max_size:
+            self._break(request, AbortCode.OUT_OF_MEMORY, now)
+            return
+        crc = bool(command & self._request[0] & CRC_FLAG)
+        self._transfer = BlockUpload(self.request_cob_id, size, options.max_size, crc, options.block_size, self._out)
+        self._arm(request, now)
+
+    def _on_block_download(self, data: bytes, now: int) -> None:
+        request, command, block_size = self._active, data[0], data[4]
+        if request is None or command & ~CRC_FLAG != BLOCK_DOWNLOAD_ANSWER:
+            self.ignored += 1
+            return
+        self._answered()
+        self.block_supported = True
+        if not 1 <= block_size <= MAX_BLOCK_SIZE:
+            self._break(request, AbortCode.INVALID_BLOCK_SIZE, now)
+            return
+        crc = bool(command & self._request[0] & CRC_FLAG)
+        self._transfer = BlockDownload(self.request_cob_id, request.data, crc, block_size, self._out)
+        self._arm(request, now)
 
     def _on_probe(self, data: bytes, now: int) -> None:
         if self._active is None or data[0] & COMMAND_MASK not in (UPLOAD, ABORT):
@@ -470,8 +523,8 @@ class SdoClient:
 
     def _refused(self, request: SdoRequest, code: int, now: int) -> None:
         """Decide what follows from an abort, be it the server's or ours."""
-        if self._kind in _BLOCK_KINDS and code in _BLOCK_REFUSALS:
-            if self._transfer is None:
+        if self._kind in _BLOCK_KINDS and code in _BLOCK_ERRORS:
+            if code == AbortCode.UNKNOWN_COMMAND and self._transfer is None:
                 self.block_supported = False
             self._plain = True
             self._again(request, now)
@@ -558,6 +611,8 @@ _ON_INITIATE: Final[dict[int, Callable[[SdoClient, bytes, int], None]]] = {
     _IDLE: SdoClient._on_nothing,  # noqa: SLF001 - the table of this very class
     _UPLOAD: SdoClient._on_upload,  # noqa: SLF001
     _DOWNLOAD: SdoClient._on_download,  # noqa: SLF001
+    _BLOCK_UPLOAD: SdoClient._on_block_upload,  # noqa: SLF001
+    _BLOCK_DOWNLOAD: SdoClient._on_block_download,  # noqa: SLF001
     _PROBE: SdoClient._on_probe,  # noqa: SLF001
     _PAUSE: SdoClient._on_nothing,  # noqa: SLF001
 }

@@ -19,6 +19,9 @@ from canopen_control.cia301.abort import AbortCode, abort_text
 from canopen_control.cia301.sdo_codec import (
     ABORT,
     ANSWER_BASE,
+    BLOCK_DOWNLOAD_ANSWER,
+    BLOCK_UPLOAD_ANSWER,
+    CRC_FLAG,
     DONE,
     DOWNLOAD_ANSWER,
     EXPEDITED_CODES,
@@ -30,9 +33,11 @@ from canopen_control.cia301.sdo_codec import (
     MAX_TRANSFER_SIZE,
     PROGRESS,
     REQUEST_BASE,
+    SIZED_FLAG,
     UPLOAD,
     UPLOAD_SIZED,
 )
+from canopen_control.cia301.sdo_server_block import BlockDownload, BlockUpload
 from canopen_control.cia301.sdo_server_segmented import SegmentedDownload, SegmentedUpload
 from canopen_control.errors import CanopenError
 from canopen_control.frame import CanFrame
@@ -220,7 +225,45 @@ class SdoServer:
     def _confirm_download(self, index: int, subindex: int) -> None:
         self._out.append(CanFrame(self.answer_cob_id, INITIATE.pack(DOWNLOAD_ANSWER, index, subindex)))
 
-    def _on_abort(self, data: bytes, now: int) -> None:  # noqa: ARG002 - one signature for the whole table
+    def _on_block_upload(self, data: bytes, now: int) -> None:
+        if not self.block or data[0] & 0x03:  # no initiate
+            self._on_stray(data, now)
+            return
+        command, index, subindex, (block_size, threshold, *_) = INITIATE_BYTES.unpack(data)
+        self._end()
+        self._last = data
+        if not 1 <= block_size <= MAX_BLOCK_SIZE:
+            self._abort(index, subindex, AbortCode.INVALID_BLOCK_SIZE)
+        elif (value := self._read(index, subindex)) is None:
+            return
+        elif len(value) <= threshold:  # 0 forbids the switch
+            self._answer_upload(index, subindex, value, now)
+        else:
+            crc = command & CRC_FLAG if self.crc else 0
+            answer = INITIATE_NUMBER.pack(BLOCK_UPLOAD_ANSWER | SIZED_FLAG | crc, index, subindex, len(value))
+            self._out.append(CanFrame(self.answer_cob_id, answer))
+            self._start(BlockUpload(self.answer_cob_id, index, subindex, value, bool(crc), block_size), now)
+
+    def _on_block_download(self, data: bytes, now: int) -> None:
+        if not self.block or data[0] & 0x01:  # no initiate
+            self._on_stray(data, now)
+            return
+        command, index, subindex, size = INITIATE_NUMBER.unpack(data)
+        self._end()
+        self._last = data
+        announced = size if command & SIZED_FLAG else None
+        if not self._accepts(index, subindex, announced):
+            return
+        crc = command & CRC_FLAG if self.crc else 0
+        answer = INITIATE_BYTES.pack(BLOCK_DOWNLOAD_ANSWER | crc, index, subindex, bytes((self.block_size,)))
+        self._out.append(CanFrame(self.answer_cob_id, answer))
+        identity = (self.answer_cob_id, index, subindex)
+        self._start(BlockDownload(*identity, announced, self.max_size, bool(crc), self.block_size), now)
+
+    def _on_abort(self, data: bytes, now: int) -> None:
+        if data[0] != ABORT:
+            self._on_stray(data, now)
+            return
         self._end()
         self._last = b""
 
@@ -229,9 +272,9 @@ class SdoServer:
         if self._out or data == self._last:
             self.ignored += 1
             return
-        transfer = self._transfer
+        index, subindex = (self._transfer.index, self._transfer.subindex) if self._transfer else (0, 0)
         self._end()
-        self._abort(*((transfer.index, transfer.subindex) if transfer else (0, 0)), AbortCode.UNKNOWN_COMMAND)
+        self._abort(index, subindex, AbortCode.UNKNOWN_COMMAND)
 
     # -- transfers
 
@@ -324,7 +367,7 @@ _ON_COMMAND: Final[tuple[Callable[[SdoServer, bytes, int], None], ...]] = (
     SdoServer._on_upload,  # noqa: SLF001
     SdoServer._on_stray,  # noqa: SLF001 - 3: upload segment
     SdoServer._on_abort,  # noqa: SLF001
-    SdoServer._on_stray,  # noqa: SLF001 - 5: block upload
-    SdoServer._on_stray,  # noqa: SLF001 - 6: block download
+    SdoServer._on_block_upload,  # noqa: SLF001
+    SdoServer._on_block_download,  # noqa: SLF001
     SdoServer._on_stray,  # noqa: SLF001 - 7: reserved
 )
