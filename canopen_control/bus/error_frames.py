@@ -1,7 +1,8 @@
 """Error frames: how a CAN controller tells its own state, in the layout of linux/can/error.h.
 
 They are records with `ERROR_FLAG`; the identifier holds classes, the data details. The same layout serves on every
-channel, so that bus-off on ``local:`` and on a real controller look the same to the owner of a port.
+channel, so that bus-off on ``local:`` and on a real controller look the same to the owner of a port. What they mean in
+words is in `error_events`; the hub, which starts fast, has no use for words.
 """
 
 from __future__ import annotations
@@ -10,7 +11,6 @@ import struct
 import sys
 from typing import TYPE_CHECKING
 
-from canopen_control.bus.port import BusEvent, BusEventKind
 from canopen_control.frame import ERROR_FLAG, RECORD_SIZE, CanFrame, frames_of
 
 if TYPE_CHECKING:
@@ -22,7 +22,6 @@ __all__ = [
     "active_frame",
     "bus_off_frame",
     "error_frames",
-    "events_of",
     "has_error_frames",
     "lost_frames",
     "overrun_frame",
@@ -100,32 +99,3 @@ def has_error_frames(records: bytes) -> bool:
 def error_frames(records: Records) -> Iterator[CanFrame]:
     """Yield the error frames among `records`."""
     return (frame for frame in frames_of(records) if frame.can_id & ERROR_FLAG and len(frame.data) == 8)
-
-
-def _controller_events(detail: int, counters: str) -> Iterator[BusEvent]:
-    if detail & PASSIVE:
-        yield BusEvent(
-            BusEventKind.ERROR_PASSIVE,
-            f"the CAN controller is error-passive{counters}; check the cable, the terminators and the bit rate",
-        )
-    if detail & ACTIVE_AGAIN:
-        yield BusEvent(BusEventKind.ERROR_ACTIVE, f"the CAN controller is error-active again{counters}")
-    if detail & RX_OVERFLOW:
-        yield BusEvent(BusEventKind.OVERRUN, "receive overrun: frames came faster than they were read")
-    if detail & TX_OVERFLOW:
-        yield BusEvent(BusEventKind.OVERRUN, "transmit overrun in the CAN controller")
-
-
-def events_of(frame: CanFrame) -> list[BusEvent]:
-    """Return what an error frame tells; a lone bus error tells nothing but itself and is only counted."""
-    events: list[BusEvent] = []
-    if frame.can_id & BUS_OFF:
-        events.append(BusEvent(BusEventKind.BUS_OFF, "bus-off; check the cable, the terminators and the bit rate"))
-    if frame.can_id & CONTROLLER:
-        counters = ""
-        if frame.can_id & COUNTERS:
-            counters = f" (transmit errors {frame.data[6]}, receive errors {frame.data[7]})"
-        events += _controller_events(frame.data[1], counters)
-    if frame.can_id & RESTARTED:
-        events.append(BusEvent(BusEventKind.ERROR_ACTIVE, "the CAN controller was restarted after bus-off"))
-    return events

@@ -101,7 +101,7 @@ class Exchange:
         member.tx += len(data) // RECORD_SIZE
         if member.silent:
             self._lose(member, data)
-        elif self.faults.active:
+        elif self.faults.active or self._delayed:
             self._with_faults(member, data, now)
         else:
             self._transmit(member.number, data, now)

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, ClassVar
 from weakref import WeakValueDictionary
 
 from canopen_control.bus import error_frames
+from canopen_control.bus.error_events import note_errors
 from canopen_control.bus.port import BusEvent, BusEventKind, PortStats, Records, whole_records
 from canopen_control.bus.wake import Wake
 from canopen_control.errors import BusClosed
@@ -243,7 +244,7 @@ class MemoryPort:
             records += self._take_overrun()
         self.stats.rx += len(records) // RECORD_SIZE
         if error_frames.has_error_frames(records):
-            self._note_errors(records)
+            self._events += note_errors(records, self.stats)
         return records
 
     def _take_overrun(self) -> bytes:
@@ -251,12 +252,6 @@ class MemoryPort:
             return b""
         lost, self._lost = self._lost, 0
         return pack_records([error_frames.overrun_frame(lost)])
-
-    def _note_errors(self, records: bytes) -> None:
-        for frame in error_frames.error_frames(records):
-            self.stats.errors += 1
-            self.stats.lost += error_frames.lost_frames(frame)
-            self._events += error_frames.events_of(frame)
 
     def send(self, records: Records) -> None:
         """Deliver whole records to every other port; raise `BusClosed` when the bus is gone."""

@@ -1,0 +1,277 @@
+"""The hub's core: any split reassembles, order holds, and who stalls loses alone."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from canopen_control.bus.error_frames import lost_frames, overrun_frame, protocol_error_frame
+from canopen_control.bus.exchange import BACKLOG_LIMIT, Exchange
+from canopen_control.bus.faults import DropRule
+from canopen_control.bus.timing import duration_ns, frame_bits
+from canopen_control.frame import RECORD_SIZE, CanFrame, frames_of, pack_records
+
+MS = 1_000_000
+
+
+def frame(number, can_id=0x181):
+    return CanFrame(can_id, number.to_bytes(4, "little"))
+
+
+def take(exchange, member):
+    """Write everything of one member, as a reader that keeps up lets the hub do."""
+    taken = bytes(member.outbox)
+    exchange.sent(member, len(taken))
+    return list(frames_of(taken))
+
+
+@pytest.fixture
+def exchange():
+    return Exchange()
+
+
+@pytest.fixture
+def trio(exchange):
+    return [exchange.join(label, pid) for label, pid in (("master", 10), ("left", 11), ("right", 12))]
+
+
+@given(st.lists(st.integers(0, 0xFFFF), min_size=1, max_size=40), st.data())
+def test_any_split_of_the_stream_reassembles(numbers, data):
+    exchange = Exchange()
+    sender, reader = exchange.join("a", 1), exchange.join("b", 2)
+    sent = [frame(number) for number in numbers]
+    stream = pack_records(sent)
+    cuts = sorted(data.draw(st.lists(st.integers(0, len(stream)), max_size=20)))
+    for begin, end in zip([0, *cuts], [*cuts, len(stream)], strict=True):
+        exchange.receive(sender, stream[begin:end], 0)
+        assert len(reader.outbox) % RECORD_SIZE == 0
+    assert list(frames_of(reader.outbox)) == sent
+    assert sender.tx == reader.rx == len(sent)
+
+
+def test_a_frame_reaches_everybody_but_its_sender(exchange, trio):
+    master, left, right = trio
+    exchange.receive(master, pack_records([frame(1)]), 0)
+    assert take(exchange, left) == take(exchange, right) == [frame(1)]
+    assert not master.outbox
+    assert exchange.frames == 1
+
+
+def test_each_reader_is_dirty_once_however_much_arrives(exchange, trio):
+    master, left, right = trio
+    for number in range(3):
+        exchange.receive(master, pack_records([frame(number)]), 0)
+    assert exchange.take_dirty() == [left, right]
+    assert exchange.take_dirty() == []
+
+
+def test_a_stalled_reader_loses_only_its_own_frames_and_is_told_how_many():
+    exchange = Exchange(limit=4 * RECORD_SIZE)
+    sender, quick, stalled = (exchange.join(label, 1) for label in ("sender", "quick", "stalled"))
+    for number in range(10):
+        exchange.receive(sender, pack_records([frame(number)]), 0)
+        assert take(exchange, quick) == [frame(number)]
+    assert quick.lost == 0
+    assert stalled.lost == 6
+    assert take(exchange, stalled) == [frame(number) for number in range(4)]
+    assert take(exchange, stalled) == [overrun_frame(6)]
+    exchange.receive(sender, pack_records([frame(10)]), 0)
+    assert take(exchange, stalled) == [frame(10)]
+
+
+def test_the_report_of_lost_frames_stands_where_they_are_missing():
+    exchange = Exchange(limit=4 * RECORD_SIZE)
+    sender, reader = exchange.join("sender", 1), exchange.join("reader", 2)
+    exchange.receive(sender, pack_records([frame(number) for number in range(6)]), 0)
+    exchange.sent(reader, 2 * RECORD_SIZE)
+    exchange.receive(sender, pack_records([frame(6)]), 0)
+    assert take(exchange, reader) == [frame(2), frame(3), overrun_frame(2), frame(6)]
+
+
+@given(st.lists(st.tuples(st.integers(1, 6), st.integers(0, 100)), max_size=60))
+def test_frames_received_and_frames_reported_lost_add_up_to_those_sent(steps):
+    exchange = Exchange(limit=8 * RECORD_SIZE)
+    sender, reader = exchange.join("sender", 1), exchange.join("reader", 2)
+    stream, sent = b"", 0
+    for count, writable in steps:
+        exchange.receive(sender, pack_records([frame(sent + n) for n in range(count)]), 0)
+        sent += count
+        stream += bytes(reader.outbox[:writable])
+        exchange.sent(reader, min(writable, len(reader.outbox)))
+    while reader.outbox:
+        stream += bytes(reader.outbox)
+        exchange.sent(reader, len(reader.outbox))
+    expected = 0
+    for received in frames_of(stream):
+        if lost := lost_frames(received):
+            expected += lost
+        else:
+            assert received == frame(expected)
+            expected += 1
+    assert expected == sent
+    assert reader.missed == 0
+
+
+def test_labels_are_unique_and_an_empty_one_becomes_the_process(exchange):
+    assert [exchange.join(label, 7).label for label in ("a", "a", "", "a")] == ["a", "a-2", "pid-7", "a-3"]
+
+
+def test_who_left_receives_nothing_more(exchange, trio):
+    master, left, right = trio
+    exchange.leave(left)
+    exchange.receive(master, pack_records([frame(1)]), 0)
+    assert not left.outbox
+    assert take(exchange, right) == [frame(1)]
+    assert [member.label for member in exchange.labelled("")] == ["master", "right"]
+
+
+# Faults
+
+
+def test_a_cut_cable_is_silent_both_ways_and_heals(exchange, trio):
+    master, left, right = trio
+    exchange.cut("left")
+    exchange.receive(left, pack_records([frame(1)]), 0)
+    exchange.receive(master, pack_records([frame(2)]), 0)
+    assert take(exchange, left) == []
+    assert take(exchange, right) == [frame(2)]
+    assert take(exchange, master) == []
+    assert (left.lost, exchange.dropped) == (1, 1)
+    exchange.cut("left", mend=True)
+    exchange.receive(left, pack_records([frame(3)]), 0)
+    assert take(exchange, master) == [frame(3)]
+
+
+def test_a_cut_cable_stays_cut_when_its_process_comes_back(exchange, trio):
+    exchange.cut("left")
+    exchange.leave(trio[1])
+    assert exchange.join("left", 99).silent
+
+
+def test_bus_off_is_told_to_the_controller_alone_and_restart_too(exchange, trio):
+    master, left, _right = trio
+    exchange.bus_off("left")
+    assert [f.can_id for f in take(exchange, left)] == [0x20000040]
+    assert take(exchange, master) == []
+    exchange.receive(left, pack_records([frame(1)]), 0)
+    assert take(exchange, master) == []
+    exchange.bus_off("left", restart=True)
+    assert [f.can_id for f in take(exchange, left)] == [0x20000100]
+    exchange.receive(left, pack_records([frame(2)]), 0)
+    assert take(exchange, master) == [frame(2)]
+
+
+def test_a_drop_rule_takes_every_nth_matching_frame_and_ends(exchange, trio):
+    master, left, right = trio
+    exchange.faults.drops.append(DropRule("master", 0x181, every=2, count=2))
+    exchange.receive(master, pack_records([frame(n) for n in range(8)]), 0)
+    exchange.receive(master, pack_records([frame(9, can_id=0x80)]), 0)
+    kept = [frame(n) for n in (0, 2, 4, 5, 6, 7)]
+    assert take(exchange, left) == take(exchange, right) == [*kept, frame(9, can_id=0x80)]
+    assert exchange.dropped == 2
+    assert not exchange.faults.active
+
+
+def test_a_delay_holds_frames_until_they_are_due(exchange, trio):
+    master, left, _right = trio
+    exchange.faults.delay("master", 5 * MS)
+    exchange.receive(master, pack_records([frame(1)]), 10 * MS)
+    assert exchange.next_deadline() == 15 * MS
+    exchange.tick(15 * MS - 1)
+    assert not left.outbox
+    exchange.tick(15 * MS)
+    assert take(exchange, left) == [frame(1)]
+    assert exchange.next_deadline() is None
+
+
+@given(st.lists(st.tuples(st.integers(0, 5), st.sampled_from([0, 1, 3, 10])), min_size=1, max_size=30))
+def test_frames_of_one_sender_stay_in_order_when_its_delay_changes(steps):
+    exchange = Exchange()
+    sender, reader = exchange.join("a", 1), exchange.join("b", 2)
+    now = 0
+    for number, (wait, delay) in enumerate(steps):
+        now += wait * MS
+        exchange.tick(now)
+        exchange.faults.delay("a", delay * MS)
+        exchange.receive(sender, pack_records([frame(number)]), now)
+    exchange.tick(now + 100 * MS)
+    assert take(exchange, reader) == [frame(number) for number in range(len(steps))]
+
+
+def test_clearing_mends_everything_and_tells_those_that_were_bus_off(exchange, trio):
+    _master, left, right = trio
+    exchange.bus_off("left")
+    exchange.cut("right")
+    take(exchange, left)
+    exchange.clear_faults()
+    assert not left.silent
+    assert not right.silent
+    assert [f.can_id for f in take(exchange, left)] == [0x20000100]
+    assert take(exchange, right) == []
+
+
+# Bit rate
+
+
+def test_on_a_paced_wire_a_frame_arrives_after_its_bits(exchange, trio):
+    master, left, _right = trio
+    exchange.pace(1_000_000, 0)
+    exchange.receive(master, pack_records([frame(1)]), 0)
+    last_bit = duration_ns(frame_bits(*frame(1)), 1_000_000)
+    assert exchange.next_deadline() == last_bit
+    exchange.tick(last_bit - 1)
+    assert not left.outbox
+    exchange.tick(last_bit)
+    assert take(exchange, left) == [frame(1)]
+    assert exchange.next_deadline() is None
+
+
+def test_the_lowest_identifier_goes_first_but_interrupts_nothing(exchange, trio):
+    master, left, right = trio
+    exchange.pace(500_000, 0)
+    exchange.receive(left, pack_records([frame(1, 0x701)]), 0)
+    exchange.receive(right, pack_records([frame(2, 0x182)]), 0)
+    exchange.receive(left, pack_records([frame(3, 0x181)]), 0)
+    exchange.receive(master, pack_records([frame(4, 0x080)]), 0)
+    exchange.tick(10 * MS)
+    assert [f.can_id for f in frames_of(b"".join([bytes(m.outbox) for m in trio[:1]]))] == [0x701, 0x181, 0x182]
+    assert [f.can_id for f in frames_of(right.outbox)] == [0x701, 0x080, 0x181]
+
+
+def test_error_frames_are_never_on_the_wire(exchange, trio):
+    master, left, _right = trio
+    exchange.pace(125_000, 0)
+    exchange.receive(master, pack_records([frame(1), protocol_error_frame()]), 0)
+    assert take(exchange, left) == [protocol_error_frame()]
+
+
+def test_a_wire_that_is_behind_pushes_back_on_its_sender_alone(exchange, trio):
+    master, left, _right = trio
+    exchange.pace(125_000, 0)
+    exchange.receive(master, pack_records([frame(n) for n in range(BACKLOG_LIMIT + 1)]), 0)
+    assert not exchange.may_read(master)
+    assert exchange.may_read(left)
+    exchange.tick(10_000 * MS)
+    assert exchange.may_read(master)
+    assert left.rx == BACKLOG_LIMIT + 1
+
+
+def test_ending_the_bit_rate_lets_everything_out(exchange, trio):
+    master, left, _right = trio
+    exchange.pace(10_000, 0)
+    exchange.receive(master, pack_records([frame(n) for n in range(5)]), 0)
+    exchange.pace(None, 1)
+    assert take(exchange, left) == [frame(n) for n in range(5)]
+    assert exchange.load(1) is None
+    assert exchange.next_deadline() is None
+
+
+@given(st.binary(max_size=200), st.booleans())
+def test_garbage_never_raises(data, paced):
+    exchange = Exchange()
+    sender, reader = exchange.join("a", 1), exchange.join("b", 2)
+    exchange.pace(1_000_000 if paced else None, 0)
+    exchange.receive(sender, data, 0)
+    exchange.tick(10**9)
+    assert len(reader.outbox) == len(data) // RECORD_SIZE * RECORD_SIZE
