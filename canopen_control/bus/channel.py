@@ -28,8 +28,9 @@ __all__ = ["ChannelKind", "ChannelSpec", "may_host_virtual_drives", "open_port",
 
 _NAME = re.compile(r"[A-Za-z0-9_-]{1,32}")
 _LIKE_SOCKETCAN = re.compile(r"(can|vcan|vxcan|slcan)\d+")
-_INTERFACE = re.compile(r"[^\s/:]{1,15}")  # what Linux allows: IFNAMSIZ without the zero
-_NETWORK_CLASS = Path("/sys/class/net")
+_INTERFACE = re.compile(r"[^\s/:\0]{1,15}")  # what Linux allows: IFNAMSIZ without the zero
+NETWORK_CLASS = Path("/sys/class/net")
+_ARPHRD_CAN = "280"  # linux/if_arp.h
 
 
 class ChannelKind(enum.Enum):
@@ -78,11 +79,17 @@ _OWN_KINDS = frozenset(kind.value for kind in (ChannelKind.LOCAL, ChannelKind.ME
 
 
 def _network_interface(text: str) -> ChannelSpec:
-    exists = bool(_INTERFACE.fullmatch(text)) and (_NETWORK_CLASS / text).exists()
-    if exists or _LIKE_SOCKETCAN.fullmatch(text):
+    if _LIKE_SOCKETCAN.fullmatch(text) or (_INTERFACE.fullmatch(text) and _is_can_interface(text)):
         return ChannelSpec(ChannelKind.SOCKETCAN, text)
     hint = f"the bus without kernel CAN is local:{text}" if _NAME.fullmatch(text) else "try local:robby"
     raise ConfigError(f"channel {text!r}: no such CAN interface; {hint}")
+
+
+def _is_can_interface(name: str) -> bool:
+    try:
+        return (NETWORK_CLASS / name / "type").read_text().strip() == _ARPHRD_CAN
+    except OSError:
+        return False
 
 
 def _python_can(text: str, interface: str, name: str) -> ChannelSpec:
