@@ -13,7 +13,7 @@ from canopen_control.od.eds_sections import clip
 from canopen_control.od.eds_values import parse_number
 from canopen_control.od.model import DataType, DeviceInfo, ObjectCode
 from canopen_control.od.pdos import MAX_BITS, pdos_of
-from canopen_control.od.profile402 import AXES, AXIS_STEP, DEVICE_PROFILE, TYPES
+from canopen_control.od.profile402 import AXIS_STEP, DEVICE_PROFILE, TYPES
 
 if TYPE_CHECKING:
     from canopen_control.od.issues import Report
@@ -24,6 +24,7 @@ __all__ = ["check_dictionary"]
 
 _MANDATORY = {0x1000: "device type", 0x1001: "error register", 0x1018: "identity"}
 _LISTS = (ObjectCode.ARRAY, ObjectCode.RECORD, ObjectCode.DEFSTRUCT)
+_PROFILE_START = 0x6000
 _STRUCTURE_SUB = 0xFF  # holds the type of the object and is not counted
 
 
@@ -32,7 +33,8 @@ def check_dictionary(od: ObjectDictionary, report: Report) -> None:
     subindices: dict[int, list[int]] = {index: [] for index in od.objects}
     for entry in od:
         subindices.setdefault(entry.index, []).append(entry.subindex)
-        _check_value(entry, report)
+        if entry.low is not None or entry.high is not None:
+            _check_limits(entry, report)
     for index, info in od.objects.items():
         _check_structure(od, info, subindices[index], report)
     for index, meaning in _MANDATORY.items():
@@ -46,7 +48,7 @@ def _where(entry: Entry) -> str:
     return f"0x{entry.index:04X}:{entry.subindex:02X}"
 
 
-def _check_value(entry: Entry, report: Report) -> None:
+def _check_limits(entry: Entry, report: Report) -> None:
     for name, value in (("default", entry.default), ("parameter value", entry.parameter_value)):
         if not isinstance(value, int | float):
             continue
@@ -84,8 +86,9 @@ def _check_sub0(entry: Entry, highest: int, report: Report) -> None:
 
 
 def _check_sub_number(info: ObjectInfo, count: int, where: str, report: Report) -> None:
-    text = next((value for key, value in info.texts.items() if key.lower() == "subnumber"), "")
-    if not text or any(key.lower() == "compactsubobj" for key in info.texts):
+    texts = {key.lower(): value for key, value in info.texts.items()}
+    text = texts.get("subnumber", "")
+    if not text or "compactsubobj" in texts:
         return
     try:
         said = parse_number(text)[0]
@@ -161,10 +164,12 @@ def _check_profile(od: ObjectDictionary, report: Report) -> None:
     value = device_type.value if device_type is not None else None
     if not isinstance(value, int) or value & 0xFFFF != DEVICE_PROFILE:
         return
-    for axis in range(AXES):
-        for (index, subindex), wanted in TYPES.items():
-            entry = od.get(index + axis * AXIS_STEP, subindex)
-            if entry is not None and entry.data_type not in wanted:
-                names = " or ".join(data_type.name for data_type in wanted)
-                text = f"{_where(entry)} ({clip(entry.name)}) is {entry.data_type.name}, {names} in CiA 402; kept"
-                report.warning(entry.line, "profile-type", text)
+    for entry in od:
+        if entry.index < _PROFILE_START:
+            continue
+        address = _PROFILE_START + (entry.index - _PROFILE_START) % AXIS_STEP, entry.subindex
+        wanted = TYPES.get(address)
+        if wanted is not None and entry.data_type not in wanted:
+            names = " or ".join(data_type.name for data_type in wanted)
+            text = f"{_where(entry)} ({clip(entry.name)}) is {entry.data_type.name}, {names} in CiA 402; kept"
+            report.warning(entry.line, "profile-type", text)

@@ -84,7 +84,7 @@ class EntryReader:
         return replace(entry, default=parsed.value, relative=parsed.relative)
 
     def _data_type(self, section: Section, code: int) -> tuple[DataType, bool]:
-        pair = section.pairs.get("datatype")
+        pair = section.pair("datatype")
         if pair is None and code == ObjectCode.DOMAIN:
             return DataType.DOMAIN, True
         number = optional_number(section, "datatype", self.report)
@@ -111,17 +111,18 @@ class EntryReader:
 
     def _parsed(self, section: Section, key: str, data_type: DataType) -> Parsed | None:
         pair = section.pairs.get(key)
-        if pair is None or not pair.value:
+        if pair is None or not pair[1]:
             return None  # an empty DefaultValue= is how many tools say that there is none
+        written, text, line = pair
         try:
-            parsed = parse_value(pair.value, data_type, self.node_id)
+            parsed = parse_value(text, data_type, self.node_id)
         except ValueError as problem:
-            text = f"{pair.key}={clip(pair.value)} is no {data_type.name} ({problem}); the entry is left without"
-            self.report.error(pair.line, "value-form", text)
+            reason = f"{written}={clip(text)} is no {data_type.name} ({problem}); the entry is left without"
+            self.report.error(line, "value-form", reason)
             return None
         if parsed.doubt is not None:
             doubt = parsed.doubt
-            self.report.add(pair.line, doubt.code, doubt.severity, f"{pair.key}={clip(pair.value)}: {doubt.text}")
+            self.report.add(line, doubt.code, doubt.severity, f"{written}={clip(text)}: {doubt.text}")
         return parsed
 
     def _limits(self, section: Section, data_type: DataType) -> tuple[_Limit, _Limit]:
@@ -136,7 +137,7 @@ class EntryReader:
         return low, high
 
     def _limit(self, section: Section, key: str, data_type: DataType) -> _Limit:
-        pair = section.pairs.get(key)
+        pair = section.pair(key)
         if pair is None or not pair.value or data_type.bits is None:
             return _NO_LIMIT
         try:

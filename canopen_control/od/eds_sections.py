@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Pair", "Section", "Sections", "clip", "decode_text", "optional_number", "read_number", "split_sections"]
 
-_BLANK = " \t\f\v\x00\x1a\ufeff\xa0"
+_BLANK = " \t\r\n\x00\x1a\ufeff"
 _NOT_CANOPEN = (  # what the file begins with, and what it is then
     ("<", "is XML, a device description of CiA 311 (XDD or XDC), and no EDS; ask the vendor for the EDS"),
     ("$", "is an EtherNet/IP EDS (ODVA) and no CANopen one"),
@@ -37,30 +37,35 @@ class Pair(NamedTuple):
 
 @dataclass(slots=True)
 class Section:
-    """One section; `pairs` by lower-case key."""
+    """One section; `pairs` by lower-case key, plain tuples because there are thousands of them."""
 
     name: str  # lower case
     title: str  # as written
     line: int
-    pairs: dict[str, Pair] = field(default_factory=dict)
+    pairs: dict[str, tuple[str, str, int]] = field(default_factory=dict)  # each the fields of a Pair
 
     def get(self, key: str) -> str:
         """Return the text of a lower-case key, empty where it is absent."""
         pair = self.pairs.get(key)
-        return pair.value if pair is not None else ""
+        return pair[1] if pair is not None else ""
+
+    def pair(self, key: str) -> Pair | None:
+        """Return the line of a lower-case key, or None."""
+        pair = self.pairs.get(key)
+        return Pair(*pair) if pair is not None else None
 
     def line_of(self, key: str) -> int:
         """Return the line of a key, or the section's where it is absent."""
         pair = self.pairs.get(key)
-        return pair.line if pair is not None else self.line
+        return pair[2] if pair is not None else self.line
 
     def texts(self) -> dict[str, str]:
         """Return the section as written."""
-        return {pair.key: pair.value for pair in self.pairs.values()}
+        return {key: value for key, value, _ in self.pairs.values()}
 
     def numbered(self) -> Iterator[Pair]:
         """Yield the pairs whose key is a number, as in the object lists."""
-        return (pair for key, pair in self.pairs.items() if key.isascii() and key.isdigit())
+        return (Pair(*pair) for key, pair in self.pairs.items() if key.isascii() and key.isdigit())
 
 
 Sections = dict[str, Section]
@@ -84,24 +89,26 @@ def read_number(section: Section, key: str, default: int, report: Report) -> int
     """Return the number of a lower-case key, or `default`; a text that is empty or no number is reported."""
     if key not in section.pairs:
         return default
-    number = _number(section.pairs[key], f"taken as {default}", report)
+    number = _number(section, key, report, default)
     return default if number is None else number
 
 
 def optional_number(section: Section, key: str, report: Report) -> int | None:
     """Return the number of a lower-case key, or None; a text that is empty or no number is reported."""
-    return _number(section.pairs[key], "taken as absent", report) if key in section.pairs else None
+    return _number(section, key, report) if key in section.pairs else None
 
 
-def _number(pair: Pair, instead: str, report: Report) -> int | None:
+def _number(section: Section, key: str, report: Report, default: int | None = None) -> int | None:
+    written, text, line = section.pairs[key]
     try:
-        number, doubt = parse_number(pair.value)
+        number, _, doubt = parse_number(text)
     except ValueError as problem:
-        what = f"{clip(pair.value)} is {problem}" if pair.value else "is empty"
-        report.warning(pair.line, "key-number", f"{pair.key} {what}; {instead}")
+        what = f"{clip(text)} is {problem}" if text else "is empty"
+        instead = "absent" if default is None else default
+        report.warning(line, "key-number", f"{clip(written)} {what}; taken as {instead}")
         return None
     if doubt is not None:
-        report.add(pair.line, doubt.code, doubt.severity, f"{pair.key}={clip(pair.value)}: {doubt.text}")
+        report.add(line, doubt.code, doubt.severity, f"{clip(written)}={clip(text)}: {doubt.text}")
     return number
 
 
@@ -113,13 +120,33 @@ def clip(text: str) -> str:
 def split_sections(text: str, report: Report) -> Sections:
     """Split the text of a file; EdsError where it holds no section at all."""
     splitter = _Splitter(report)
-    for number, raw in enumerate(text.replace("\r\n", "\n").replace("\r", "\n").split("\n"), 1):
-        line = raw.strip(_BLANK)
-        if line and line[0] not in ";#":
-            splitter.take(line, number)
+    pairs: dict[str, tuple[str, str, int]] | None = None  # of the current section
+    for number, raw in enumerate(_lines(text), 1):
+        line = raw.strip()
+        if not line or line[0] in ";#":
+            continue
+        if line[0] == "[":
+            pairs = splitter.open(line, number)
+            continue
+        key, equals, value = line.partition("=")
+        if not equals or pairs is None:
+            splitter.stray(line, number)
+            continue
+        key = key.rstrip()
+        pair = (key, value.lstrip(), number)
+        first = pairs.setdefault(key.lower(), pair)
+        if first is not pair:
+            splitter.repeated(Pair(*pair), Pair(*first))
     if not splitter.sections:
-        raise EdsError(report.path, 1, _what_else(text.lstrip(_BLANK + "\r\n")))
+        raise EdsError(report.path, 1, _what_else(text.strip(_BLANK)))
     return splitter.sections
+
+
+def _lines(text: str) -> list[str]:
+    """Split at CR, LF and CRLF; the end-of-file character of DOS and padding zeros are blanks."""
+    for odd, plain in (("\r\n", "\n"), ("\r", "\n"), ("\x1a", " "), ("\0", " "), ("\ufeff", " ")):
+        text = text.replace(odd, plain)
+    return text.split("\n")
 
 
 def _what_else(text: str) -> str:
@@ -128,49 +155,39 @@ def _what_else(text: str) -> str:
     for start, meaning in _NOT_CANOPEN:
         if text.startswith(start):
             return meaning
-    if "\n" not in text.strip() and len(text) < 1000:
-        return f"holds only {text.strip()[:60]!r}: a symbolic link stored as text? use the file that it names"
+    if "\n" not in text and len(text) < 1000:
+        return f"holds only {clip(text)!r}: a symbolic link stored as text? use the file that it names"
     return "has no sections, so it is no EDS"
 
 
 class _Splitter:
-    """Sections so far; `current` takes the keys and may be a repeated one that is not kept."""
+    """The sections so far, and what to do at the lines that are no plain ``key=value``."""
 
     def __init__(self, report: Report) -> None:
         self.report = report
         self.sections: Sections = {}
-        self.current: Section | None = None
 
-    def take(self, line: str, number: int) -> None:
-        """Take one line that is neither blank nor a comment."""
-        if line[0] == "[":
-            self._open(line, number)
-            return
-        key, equals, value = line.partition("=")
-        if not equals or self.current is None:
-            self.report.warning(number, "stray-line", f"line {clip(line)!r} is neither section nor key=value; ignored")
-            return
-        key, value = key.rstrip(_BLANK), value.lstrip(_BLANK)
-        pairs, folded = self.current.pairs, key.lower()
-        if folded in pairs:
-            self.report.warning(number, "key-repeated", self._repeated(key, value, pairs[folded]))
-        else:
-            pairs[folded] = Pair(key, value, number)
-
-    def _open(self, line: str, number: int) -> None:
+    def open(self, line: str, number: int) -> dict[str, tuple[str, str, int]]:
+        """Open a section and return where its keys go; a repeated one's go nowhere."""
         title, closed, rest = line[1:].partition("]")
-        title = title.strip(_BLANK)
-        if not closed or (rest.strip(_BLANK) and rest.strip(_BLANK)[0] not in ";#"):
-            self.report.warning(
-                number, "section-form", f"section line {clip(line)!r} is malformed; read as [{clip(title)}]"
-            )
-        self.current = Section(title.lower(), title, number)
-        first = self.sections.setdefault(self.current.name, self.current)
-        if first is not self.current:
+        title, rest = title.strip(), rest.strip()
+        if not closed or (rest and rest[0] not in ";#"):
+            text = f"section line {clip(line)!r} is malformed; read as [{clip(title)}]"
+            self.report.warning(number, "section-form", text)
+        section = Section(title.lower(), title, number)
+        first = self.sections.setdefault(section.name, section)
+        if first is not section:
             text = f"section [{clip(title)}] is repeated; the one in line {first.line} counts, this one is ignored"
             self.report.warning(number, "section-repeated", text)
+        return section.pairs
 
-    @staticmethod
-    def _repeated(key: str, value: str, first: Pair) -> str:
-        lost = "with the same value" if value == first.value else f"with {clip(value)!r}, which is ignored"
-        return f"{clip(key)} is repeated {lost}; line {first.line} counts"
+    def stray(self, line: str, number: int) -> None:
+        """Report a line that says nothing."""
+        text = f"line {clip(line)!r} is not key=value in a section; ignored"
+        self.report.warning(number, "stray-line", text)
+
+    def repeated(self, pair: Pair, first: Pair) -> None:
+        """Report a key that comes again."""
+        lost = "with the same value" if pair.value == first.value else f"with {clip(pair.value)!r}, which is ignored"
+        text = f"{clip(pair.key)} is repeated {lost}; line {first.line} counts"
+        self.report.warning(pair.line, "key-repeated", text)

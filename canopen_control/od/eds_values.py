@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 import struct
+from functools import lru_cache
 from math import isfinite
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -18,7 +19,7 @@ from canopen_control.od.model import DataType
 if TYPE_CHECKING:
     from canopen_control.od.model import Value
 
-__all__ = ["Doubt", "Parsed", "format_value", "parse_number", "parse_value"]
+__all__ = ["Doubt", "Number", "Parsed", "format_value", "parse_number", "parse_value"]
 
 _NUMBER = re.compile(r"([+-]?)(?:0[xX]([0-9A-Fa-f]+)|0([0-7]+)|([0-9]+))([uUlL]*)", re.ASCII)
 _DECIMAL = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]{1,4})?", re.ASCII)
@@ -27,8 +28,7 @@ _WORDS = {"true": 1, "false": 0}
 _NODE_ID = "$nodeid"
 _MAX_DIGITS = 64  # the widest number has 20 digits; more are no number but an attack on int()
 _REAL = {DataType.REAL32: struct.Struct("<f"), DataType.REAL64: struct.Struct("<d")}
-_BYTES = (DataType.OCTET_STRING, DataType.DOMAIN)
-_TEXTS = (DataType.VISIBLE_STRING, DataType.UNICODE_STRING)
+_RANGES = {t: (t.minimum, t.maximum, 1 << (t.bits or 0)) for t in DataType if t.is_integer}
 
 
 class Doubt(NamedTuple):
@@ -47,7 +47,9 @@ class Parsed(NamedTuple):
     doubt: Doubt | None = None
 
 
-class _Number(NamedTuple):
+class Number(NamedTuple):
+    """A whole number; `is_hex` where two's complement may be meant."""
+
     value: int
     is_hex: bool = False
     doubt: Doubt | None = None
@@ -61,10 +63,9 @@ _FRACTION = Doubt("number-fraction", Severity.WARNING, "the fraction of zero is 
 _TWOS = Doubt("number-sign", Severity.WARNING, "taken as two's complement")
 
 
-def parse_number(text: str) -> tuple[int, Doubt | None]:
+def parse_number(text: str) -> Number:
     """Return the number that `text` means; ValueError where it is none."""
-    number = _parse(text)
-    return number.value, number.doubt
+    return _parse(text)
 
 
 def parse_value(text: str, data_type: DataType, node_id: int | None = None) -> Parsed:
@@ -72,14 +73,16 @@ def parse_value(text: str, data_type: DataType, node_id: int | None = None) -> P
 
     $NODEID counts as 0 where `node_id` is None.
     """
-    if data_type in _TEXTS:
-        return Parsed(text)
-    if data_type in _BYTES:
-        return _bytes(text)
-    if data_type in _REAL:
-        return _real(text, data_type)
-    number, relative = _parse(text) if "$" not in text else _relative(text, node_id), "$" in text
-    return _fitted(number, data_type, relative, text)
+    parse = _PARSERS.get(data_type)
+    if parse is not None:
+        return parse(text, data_type)
+    if "$" in text:
+        return _fitted(_relative(text, node_id), data_type, True, text)
+    number = _parse(text)
+    low, high, _ = _RANGES[data_type]
+    if low <= number.value <= high:
+        return Parsed(number.value, False, number.doubt)
+    return _fitted(number, data_type, False, text)
 
 
 def format_value(value: Value, data_type: DataType) -> str:
@@ -93,7 +96,12 @@ def format_value(value: Value, data_type: DataType) -> str:
     return str(value)
 
 
-def _parse(text: str) -> _Number:
+def _parse(text: str) -> Number:
+    """Return the number; the few texts that most lines of most files have are parsed once."""
+    return _parse_short(text) if len(text) <= _MAX_DIGITS else _parse_any(text)
+
+
+def _parse_any(text: str) -> Number:
     doubt: Doubt | None = None
     for mark in ";#":
         if mark in text:
@@ -114,7 +122,10 @@ def _parse(text: str) -> _Number:
         doubt = doubt or _octal(text, number, int(octal))
     else:
         number = int(decimal)  # 08 and 09, which are no octal numbers, too
-    return _Number(-number if sign == "-" else number, hexadecimal is not None, doubt)
+    return Number(-number if sign == "-" else number, hexadecimal is not None, doubt)
+
+
+_parse_short = lru_cache(maxsize=1024)(_parse_any)
 
 
 def _octal(text: str, octal: int, decimal: int) -> Doubt | None:
@@ -123,17 +134,17 @@ def _octal(text: str, octal: int, decimal: int) -> Doubt | None:
     return Doubt("number-octal", Severity.NOTE, f"the leading 0 of {text} makes it octal: {octal}, not {decimal}")
 
 
-def _odd_number(text: str, doubt: Doubt | None) -> _Number:
+def _odd_number(text: str, doubt: Doubt | None) -> Number:
     if (word := _WORDS.get(text.lower())) is not None:
-        return _Number(word, doubt=doubt or _WORD)
+        return Number(word, doubt=doubt or _WORD)
     if (match := _HEX_SUFFIX.fullmatch(text)) is not None:
-        return _Number(int(match[1], 16), True, _H)
+        return Number(int(match[1], 16), True, _H)
     if _DECIMAL.fullmatch(text) and float(text).is_integer():
-        return _Number(int(float(text)), doubt=_FRACTION)
+        return Number(int(float(text)), doubt=_FRACTION)
     raise ValueError("no number")
 
 
-def _relative(text: str, node_id: int | None) -> _Number:
+def _relative(text: str, node_id: int | None) -> Number:
     """Add up the parts of ``$NODEID+0x200``, in any order and case."""
     text = text.partition(";")[0]
     parts = [part.strip() for part in text.split("+", 4)]
@@ -142,15 +153,14 @@ def _relative(text: str, node_id: int | None) -> _Number:
         raise ValueError("no number and not $NODEID plus one")
     numbers = [_parse(part) for part in parts if "$" not in part]
     doubt = next((number.doubt for number in numbers if number.doubt is not None), None)
-    return _Number(sum(number.value for number in numbers) + (node_id or 0), True, doubt)
+    return Number(sum(number.value for number in numbers) + (node_id or 0), True, doubt)
 
 
-def _fitted(number: _Number, data_type: DataType, relative: bool, text: str) -> Parsed:
+def _fitted(number: Number, data_type: DataType, relative: bool, text: str) -> Parsed:
     value, is_hex, doubt = number
-    low, high = data_type.minimum, data_type.maximum
+    low, high, span = _RANGES[data_type]
     if low <= value <= high:
         return Parsed(value, relative, doubt)
-    span = 1 << (data_type.bits or 0)
     if high < value < span:  # only signed types have this gap
         return Parsed(value - span, relative, doubt or (None if is_hex else _TWOS))
     if -span // 2 <= value < 0 and low == 0 and span > 2:
@@ -188,10 +198,24 @@ def _format_real(value: float, data_type: DataType) -> str:
     return f"0x{int.from_bytes(layout.pack(value), 'little'):0{2 * layout.size}X}"
 
 
-def _bytes(text: str) -> Parsed:
+def _bytes(text: str, _data_type: DataType) -> Parsed:
     digits = text[2:] if text[:2] in ("0x", "0X") else text
     try:
         return Parsed(bytes.fromhex(digits))
     except ValueError:
         doubt = Doubt("bytes-text", Severity.NOTE, "not in hexadecimal; the characters are taken as bytes")
         return Parsed(text.encode("latin-1", errors="replace"), False, doubt)
+
+
+def _text(text: str, _data_type: DataType) -> Parsed:
+    return Parsed(text)
+
+
+_PARSERS = {  # the others are whole numbers
+    DataType.VISIBLE_STRING: _text,
+    DataType.UNICODE_STRING: _text,
+    DataType.OCTET_STRING: _bytes,
+    DataType.DOMAIN: _bytes,
+    DataType.REAL32: _real,
+    DataType.REAL64: _real,
+}

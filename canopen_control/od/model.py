@@ -95,14 +95,12 @@ class DataType(enum.IntEnum):
     @property
     def minimum(self) -> int:
         """Least value of an integer type; 0 for the others."""
-        return -(1 << (_BITS[self] - 1)) if self in _SIGNED else 0
+        return _RANGES.get(self, (0, 0))[0]
 
     @property
     def maximum(self) -> int:
         """Greatest value of an integer type; 0 for the others."""
-        if not self.is_integer:
-            return 0
-        return (1 << (_BITS[self] - (self in _SIGNED))) - 1
+        return _RANGES.get(self, (0, 0))[1]
 
 
 _WIDTHS = (8, 16, 24, 32, 40, 48, 56, 64)
@@ -117,6 +115,11 @@ _BITS: dict[int, int] = {
 }
 _SIGNED: frozenset[int] = frozenset(DataType[f"INTEGER{n}"] for n in _WIDTHS)
 _REALS: frozenset[int] = frozenset((DataType.REAL32, DataType.REAL64))
+_RANGES: dict[int, tuple[int, int]] = {
+    number: (-(1 << (bits - 1)), (1 << (bits - 1)) - 1) if number in _SIGNED else (0, (1 << bits) - 1)
+    for number, bits in _BITS.items()
+    if number not in _REALS
+}
 
 ACCESS_TYPES = ("ro", "wo", "rw", "rwr", "rww", "const")
 _READABLE = frozenset(("ro", "rw", "rwr", "rww", "const"))

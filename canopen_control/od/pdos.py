@@ -76,9 +76,10 @@ def pdos_of(od: ObjectDictionary) -> list[Pdo]:
 
 def _pdos(od: ObjectDictionary) -> Iterator[Pdo]:
     for is_rpdo, communication, mapping in _MAPPINGS:
-        for offset in range(_PDO_COUNT):
-            if communication + offset in od.objects or mapping + offset in od.objects:
-                yield _pdo(od, offset, is_rpdo, communication + offset, mapping + offset)
+        ranges = range(communication, communication + _PDO_COUNT), range(mapping, mapping + _PDO_COUNT)
+        offsets = {index - records.start for index in od.objects for records in ranges if index in records}
+        for offset in sorted(offsets):
+            yield _pdo(od, offset, is_rpdo, communication + offset, mapping + offset)
 
 
 def _pdo(od: ObjectDictionary, offset: int, is_rpdo: bool, communication: int, mapping: int) -> Pdo:

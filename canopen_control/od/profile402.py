@@ -7,10 +7,9 @@ from __future__ import annotations
 
 from canopen_control.od.model import DataType
 
-__all__ = ["AXES", "AXIS_STEP", "DEVICE_PROFILE", "TYPES"]
+__all__ = ["AXIS_STEP", "DEVICE_PROFILE", "TYPES"]
 
 DEVICE_PROFILE = 402  # the low word of 0x1000
-AXES = 8
 AXIS_STEP = 0x800  # axis a has its objects at 0x6000 + a * 0x800
 
 _I8, _I16, _I32 = DataType.INTEGER8, DataType.INTEGER16, DataType.INTEGER32

@@ -1,0 +1,305 @@
+"""Write an object dictionary as an EDS or DCF file (CiA 306-1).
+
+What was read from a file is written as it was, text by text, wherever that still means what the dictionary says;
+everything else is written anew. So reading what was written gives an equal dictionary, with the keys and sections
+that this package does not know. Comment lines are the one thing that is lost. What CompactSubObj stood for is
+written out, and the three object lists and SubNumber are made from the objects that are there.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from canopen_control.od.codec import encode
+from canopen_control.od.eds_device import (
+    COMMISSIONING,
+    DEVICE_COUNTS,
+    DEVICE_FLAGS,
+    DEVICE_NUMBERS,
+    DEVICE_TEXTS,
+    read_device,
+)
+from canopen_control.od.eds_entry import EntryReader
+from canopen_control.od.eds_sections import Section
+from canopen_control.od.eds_values import format_value
+from canopen_control.od.issues import Report
+from canopen_control.od.model import DataType, DeviceInfo, Entry, ObjectCode, ObjectDictionary, ObjectInfo
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Mapping
+
+    from canopen_control.od.model import Address, Value
+
+__all__ = ["configured", "dcf_text", "eds_text", "write_dcf", "write_eds"]
+
+_Lines = dict[str, str]
+_SPELLING = {
+    name.lower(): name
+    for name in (
+        *("ParameterName", "ObjectType", "DataType", "AccessType", "DefaultValue", "PDOMapping", "SubNumber"),
+        *("LowLimit", "HighLimit", "ObjFlags", "ParameterValue"),
+        *("VendorName", "VendorNumber", "ProductName", "ProductNumber", "RevisionNumber", "OrderCode"),
+        *("SimpleBootUpMaster", "SimpleBootUpSlave", "Granularity", "DynamicChannelsSupported", "GroupMessaging"),
+        *("NrOfRXPDO", "NrOfTXPDO", "LSS_Supported", "CompactPDO"),
+        *("NodeID", "NodeName", "Baudrate", "NetNumber", "NetworkName", "CANopenManager", "LSS_SerialNumber"),
+    )
+}
+_DEVICE_ORDER = (
+    *("vendorname", "vendornumber", "productname", "productnumber", "revisionnumber", "ordercode", "baudrate"),
+    *("simplebootupmaster", "simplebootupslave", "granularity", "dynamicchannelssupported", "compactpdo"),
+    *("groupmessaging", "nrofrxpdo", "nroftxpdo", "lss_supported"),
+)
+_FIRST = ("fileinfo", "deviceinfo", "dummyusage", "comments")
+_COMPACT_KEYS = ("compactsubobj", "datatype", "accesstype", "defaultvalue", "pdomapping", "lowlimit", "highlimit")
+_SCALAR = (ObjectCode.VAR, ObjectCode.DOMAIN, ObjectCode.DEFTYPE)
+_MANDATORY = (0x1000, 0x1001, 0x1018)
+_MANUFACTURER = range(0x2000, 0x6000)
+_BIT_RATES = (10, 20, 50, 125, 250, 500, 800, 1000)  # kbit/s
+
+
+def eds_text(od: ObjectDictionary) -> str:
+    """Return the text of an EDS file; $NODEID stays where the dictionary has it."""
+    return _text(_sections(od))
+
+
+def dcf_text(
+    od: ObjectDictionary,
+    node_id: int,
+    bitrate: int,
+    values: Mapping[Address, Value] | None = None,
+    *,
+    node_name: str = "",
+) -> str:
+    """Return the text of the DCF of node `node_id` at `bitrate` bit/s, with `values` as its ParameterValues.
+
+    Raises ValueError where a value has no entry, or does not fit its type.
+    """
+    od = configured(od.for_node(node_id), values or {})
+    commissioning = replace(od.commissioning, node_name=node_name or od.commissioning.node_name)
+    return _text(_sections(replace(od, bitrate=bitrate, commissioning=commissioning), is_dcf=True))
+
+
+def write_eds(path: str | Path, od: ObjectDictionary) -> None:
+    """Write `eds_text` to a file, in UTF-8."""
+    Path(path).write_text(eds_text(od), encoding="utf-8", newline="")
+
+
+def write_dcf(
+    path: str | Path,
+    od: ObjectDictionary,
+    node_id: int,
+    bitrate: int,
+    values: Mapping[Address, Value] | None = None,
+    *,
+    node_name: str = "",
+) -> None:
+    """Write `dcf_text` to a file, in UTF-8."""
+    Path(path).write_text(dcf_text(od, node_id, bitrate, values, node_name=node_name), encoding="utf-8", newline="")
+
+
+def configured(od: ObjectDictionary, values: Mapping[Address, Value]) -> ObjectDictionary:
+    """Return a copy with `values` as ParameterValues; ValueError where one has no entry or does not fit its type."""
+    entries = dict(od.entries)
+    for (index, subindex), value in values.items():
+        entry = entries.get((index, subindex))
+        if entry is None:
+            raise ValueError(f"0x{index:04X}:{subindex:02X} is not in the object dictionary")
+        encode(value, entry.data_type)
+        entries[index, subindex] = replace(entry, parameter_value=value, parameter_relative=False)
+    return replace(od, entries=entries)
+
+
+def _text(sections: Iterable[tuple[str, _Lines]]) -> str:
+    blocks = []
+    for title, lines in sections:
+        body = "".join(f"{key}={_one_line(value)}\n" for key, value in lines.items())
+        blocks.append(f"[{title}]\n{body}")
+    return "\n".join(blocks)
+
+
+def _one_line(value: str) -> str:
+    return " ".join(value.splitlines()) if len(value.splitlines()) > 1 else value.rstrip("\r\n")
+
+
+def _sections(od: ObjectDictionary, *, is_dcf: bool = False) -> Iterator[tuple[str, _Lines]]:
+    kept = {title.lower(): title for title in od.sections}
+    made = _device_sections(od)
+    for name in _FIRST:
+        if name in made:
+            yield kept.get(name, made[name][0]), made[name][1]
+        elif name in kept:
+            yield kept[name], od.sections[kept[name]]
+    yield from _commissioning(od, kept, is_dcf)
+    compact = _compact_companions(od)
+    for name, title in kept.items():
+        if name not in _FIRST and name not in COMMISSIONING and name not in compact:
+            yield title, od.sections[title]
+    yield from _lists(od)
+    yield from _objects(od)
+
+
+def _compact_companions(od: ObjectDictionary) -> set[str]:
+    """Return the [xxxxName] and [xxxxValue] sections, whose content is in the entries written out."""
+    compact = [index for index, info in od.objects.items() if _get(info.texts, "compactsubobj")]
+    return {f"{index:04x}{what}" for index in compact for what in ("name", "value")}
+
+
+def _get(texts: Mapping[str, str], wanted: str) -> str:
+    return next((value for key, value in texts.items() if key.lower() == wanted), "")
+
+
+def _section(title: str, texts: Mapping[str, str]) -> Section:
+    return Section(title.lower(), title, 0, {key.lower(): (key, value, 0) for key, value in texts.items()})
+
+
+# --- The device ---
+
+
+def _device_sections(od: ObjectDictionary) -> dict[str, tuple[str, _Lines]]:
+    """Return those device sections that must be made anew because the dictionary says more or else than their text."""
+    sections = {title.lower(): _section(title, texts) for title, texts in od.sections.items()}
+    told = read_device(sections, None, Report(""))
+    made: dict[str, tuple[str, _Lines]] = {}
+    if told.device != od.device or (od.device == DeviceInfo() and "deviceinfo" not in sections):
+        made["deviceinfo"] = "DeviceInfo", _device_info(od, sections.get("deviceinfo"))
+    if told.dummy_usage != od.dummy_usage or "dummyusage" not in sections:
+        made["dummyusage"] = "DummyUsage", {f"Dummy{i:04X}": str(int(i in od.dummy_usage)) for i in range(1, 8)}
+    if told.comments != od.comments:
+        lines = {f"Line{number}": line for number, line in enumerate(od.comments, 1)}
+        made["comments"] = "Comments", {"Lines": str(len(lines)), **lines}
+    return made
+
+
+def _device_info(od: ObjectDictionary, old: Section | None) -> _Lines:
+    fields = DEVICE_TEXTS | DEVICE_NUMBERS | DEVICE_FLAGS | DEVICE_COUNTS
+    lines: _Lines = {}
+    for key in _DEVICE_ORDER:
+        if key == "baudrate":
+            kbits = sorted({*_BIT_RATES, *(bits // 1000 for bits in od.device.bit_rates)})
+            lines |= {f"BaudRate_{rate}": str(int(rate * 1000 in od.device.bit_rates)) for rate in kbits}
+        else:
+            lines[_SPELLING[key]] = _device_text(key, getattr(od.device, fields[key]))
+    return lines | _unknown(old, lines)
+
+
+def _device_text(key: str, value: str | int | None) -> str:
+    if value is None:
+        return ""
+    if isinstance(value, str):
+        return value
+    return f"0x{value:08X}" if key in DEVICE_NUMBERS else str(int(value))
+
+
+def _unknown(old: Section | None, lines: _Lines) -> _Lines:
+    known = {key.lower() for key in lines}
+    return {} if old is None else {key: value for key, value in old.texts().items() if key.lower() not in known}
+
+
+def _commissioning(od: ObjectDictionary, kept: dict[str, str], is_dcf: bool) -> Iterator[tuple[str, _Lines]]:
+    name = next((name for name in COMMISSIONING if name in kept), None)
+    old = od.sections[kept[name]] if name is not None else None
+    if not is_dcf:
+        if name is not None and old is not None:
+            yield kept[name], old
+        return
+    more = od.commissioning
+    lines: dict[str, Any] = {
+        "NodeID": od.node_id,
+        "NodeName": more.node_name,
+        "Baudrate": (od.bitrate or 0) // 1000,
+        "NetNumber": more.network_number or 0,
+        "NetworkName": more.network_name,
+        "CANopenManager": int(more.canopen_manager),
+        "LSS_SerialNumber": more.lss_serial_number or 0,
+    }
+    texts = {key: str(value) for key, value in lines.items()}
+    yield "DeviceComissioning", texts | _unknown(_section("", old) if old is not None else None, texts)
+
+
+# --- The objects ---
+
+
+def _lists(od: ObjectDictionary) -> Iterator[tuple[str, _Lines]]:
+    lists: dict[str, list[int]] = {"MandatoryObjects": [], "OptionalObjects": [], "ManufacturerObjects": []}
+    for index in sorted(od.objects):
+        if index in _MANDATORY:
+            lists["MandatoryObjects"].append(index)
+        else:
+            lists["ManufacturerObjects" if index in _MANUFACTURER else "OptionalObjects"].append(index)
+    for title, indices in lists.items():
+        numbered = {str(number): f"0x{index:04X}" for number, index in enumerate(indices, 1)}
+        yield title, {"SupportedObjects": str(len(indices)), **numbered}
+
+
+def _objects(od: ObjectDictionary) -> Iterator[tuple[str, _Lines]]:
+    subindices: dict[int, list[int]] = {index: [] for index in od.objects}
+    for index, subindex in od.entries:
+        subindices.setdefault(index, []).append(subindex)
+    for index in sorted(od.objects):
+        info, subs = od.objects[index], sorted(subindices[index])
+        is_compact = bool(_get(info.texts, "compactsubobj"))
+        if info.code in _SCALAR and not is_compact and subs[:1] == [0]:
+            yield f"{index:04X}", _entry(od, od[index, 0], info.code)
+            subs = subs[1:]
+        else:
+            yield f"{index:04X}", _object(info, len(subs), is_compact)
+        for subindex in subs:
+            yield f"{index:04X}sub{subindex:X}", _entry(od, od[index, subindex], ObjectCode.VAR)
+
+
+def _object(info: ObjectInfo, count: int, is_compact: bool) -> _Lines:
+    lines = {
+        "ParameterName": info.name,
+        "ObjectType": _get(info.texts, "objecttype") or f"0x{info.code:X}",
+        "SubNumber": str(count),
+    }
+    texts = {key: value for key, value in info.texts.items() if not (is_compact and key.lower() in _COMPACT_KEYS)}
+    return lines | _unknown(_section("", texts), lines)
+
+
+def _entry(od: ObjectDictionary, entry: Entry, code: ObjectCode) -> _Lines:
+    """Return the lines of an entry: the text as it was where it still says the same, else the field."""
+    section = _section("", entry.texts)
+    reader = EntryReader(od.node_id, Report(""))
+    name = section.get("parametername") or entry.name
+    told = reader.read(section, entry.index, entry.subindex, name, code) if entry.texts else None
+    lines: _Lines = {}
+    for key, (text, same) in _entry_keys(entry, told, code, od.node_id or 0).items():
+        if same and key in section.pairs:
+            lines[_SPELLING[key]] = section.get(key)
+        elif not same and text:
+            lines[_SPELLING[key]] = text
+    return lines | _unknown(section, lines | dict.fromkeys(_entry_keys(entry, told, code, 0), ""))
+
+
+def _entry_keys(entry: Entry, told: Entry | None, code: ObjectCode, node_id: int) -> dict[str, tuple[str, bool]]:
+    """Return by key: the text of the field, and whether the old text tells the same."""
+
+    def value_text(value: Value | None, relative: bool) -> str:
+        if value is None:
+            return ""
+        if relative and isinstance(value, int):
+            return f"$NODEID+0x{value - node_id:X}"
+        return format_value(value, entry.data_type)
+
+    def same(*fields: str) -> bool:
+        return told is not None and all(getattr(told, field) == getattr(entry, field) for field in fields)
+
+    scalar = ObjectCode.DOMAIN if entry.data_type is DataType.DOMAIN else ObjectCode.VAR
+    return {
+        "parametername": (entry.name, same("name")),
+        "objecttype": (f"0x{code if code is ObjectCode.DEFTYPE else scalar:X}", told is not None),
+        "datatype": (f"0x{entry.data_type:04X}", same("data_type")),
+        "accesstype": (entry.access, same("access")),
+        "defaultvalue": (value_text(entry.default, entry.relative), same("default", "relative")),
+        "lowlimit": (value_text(entry.low, entry.low_relative), same("low", "low_relative")),
+        "highlimit": (value_text(entry.high, entry.high_relative), same("high", "high_relative")),
+        "pdomapping": (str(int(entry.pdo_mappable)), same("pdo_mappable")),
+        "objflags": (f"0x{entry.obj_flags:X}" if entry.obj_flags else "", same("obj_flags")),
+        "parametervalue": (
+            value_text(entry.parameter_value, entry.parameter_relative),
+            same("parameter_value", "parameter_relative"),
+        ),
+    }
