@@ -9,6 +9,7 @@ connection, and a peer that reads too slowly for that is dropped, `reason` "slow
 
 from __future__ import annotations
 
+import contextlib
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.host import sockets
@@ -29,6 +30,7 @@ _ACCEPTS_PER_TURN: Final = 16
 _MAX_CONNECTIONS: Final = 64
 _LINGER_NS: Final = 1_000_000_000  # how long a last answer may take to leave
 _ACCEPT_PAUSE_NS: Final = 100_000_000  # out of descriptors: look again later instead of spinning
+_TURNED_AWAY: Final = encode({"error": {"kind": "BusError", "message": "too many connections, or another user's"}})
 
 
 class Connection:
@@ -258,11 +260,15 @@ class LineServer:
         if self._socket.fileno() >= 0:
             self.reactor.add_reader(self._socket, self._on_readable)
 
+    def _turn_away(self, sock: socket.socket) -> None:
+        self.refused += 1
+        with sock, contextlib.suppress(OSError):
+            sock.send(_TURNED_AWAY)
+
     def _admit(self, sock: socket.socket) -> None:
         sock.setblocking(False)
         if len(self._connections) >= _MAX_CONNECTIONS or not sockets.same_user(sock):
-            self.refused += 1
-            sock.close()
+            self._turn_away(sock)
             return
         self._count += 1
         connection = Connection(self, sock, f"#{self._count}")

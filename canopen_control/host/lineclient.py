@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import contextlib
+import select
+import socket
 import time
 from typing import TYPE_CHECKING, Final
 
@@ -12,6 +14,7 @@ from canopen_control.host.lines import MAX_LINE, LineBuffer, Message, decode, en
 
 if TYPE_CHECKING:
     from pathlib import Path
+    from types import TracebackType
 
 __all__ = ["LineClient"]
 
@@ -19,10 +22,10 @@ _CHUNK: Final = 1 << 16
 
 
 class LineClient:
-    """A blocking connection to a `LineServer`, for one thread.
+    """A connection to a `LineServer` whose methods wait; one thread may send while another receives.
 
     RemoteError of kind "BusClosed" when the other side is gone, "Timeout" when it takes too long, "RemoteProtocolError"
-    when it talks nonsense. `label` names the other side in those sentences.
+    when it talks nonsense. `label` names the other side in those sentences. Times are seconds.
     """
 
     def __init__(self, path: Path, timeout: float = 5.0, *, label: str = "") -> None:
@@ -34,6 +37,14 @@ class LineClient:
             raise RemoteError("BusClosed", f"{self.label} is not running (nobody listens at {path})") from None
         except OSError as error:
             raise RemoteError("BusClosed", f"{self.label} cannot be reached: {error}") from error
+        # Waiting is poll's work: the timeout of a socket is one for both directions.
+        self._socket.setblocking(False)
+
+    def __enter__(self) -> LineClient:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None) -> None:
+        self.close()
 
     def fileno(self) -> int:
         """Return the descriptor, readable when `receive` may find something; -1 once it is closed."""
@@ -42,39 +53,55 @@ class LineClient:
     def send(self, message: Message, timeout: float = 5.0) -> None:
         """Send a message; LocalProtocolError when it holds a number that is not finite."""
         try:
-            line = encode_strict(message)
-        except ValueError as error:
-            raise LocalProtocolError(f"cannot be sent to {self.label}: {error}") from error
-        try:
-            self._socket.settimeout(timeout)
-            self._socket.sendall(line)
-        except TimeoutError:
-            self.close()  # part of the line may have left: whatever followed would be garbage
-            raise RemoteError("Timeout", f"{self.label} has not read for {timeout:g} s; does it hang?") from None
-        except OSError as error:
-            raise self._gone() from error
+            line = memoryview(encode_strict(message))
+        except (TypeError, ValueError) as error:
+            raise LocalProtocolError(f"this cannot be sent to {self.label}: {error}") from error
+        deadline = time.monotonic() + timeout
+        while line:
+            sent = self._write(line)
+            line = line[sent:]
+            if not sent and not self._poll(select.POLLOUT, deadline):
+                self.hang_up()  # part of the line may have left: whatever followed would be garbage
+                raise RemoteError("Timeout", f"{self.label} has not read for {timeout:g} s; does it hang?")
 
     def receive(self, timeout: float | None = 5.0) -> Message | None:
-        """Return the next message, or None when none came within `timeout` seconds; 0 only looks, None waits."""
+        """Return the next message, or None when none came in time; 0 only looks, None waits for ever."""
         deadline = None if timeout is None else time.monotonic() + timeout
         while (line := self._input.next_line()) is None:
-            left = None if deadline is None else max(deadline - time.monotonic(), 0)
-            data = self._recv(left)
-            if data is None:
-                return None
-            self._input.feed(data)
             if self._input.overflow:
                 raise RemoteError("RemoteProtocolError", f"{self.label} sent a line longer than {MAX_LINE} bytes")
+            data = self._read()
+            if data is not None:
+                self._input.feed(data)
+            elif not self._poll(select.POLLIN, deadline):
+                return None
         try:
             return decode(line)
         except ValueError as error:
             raise RemoteError("RemoteProtocolError", f"{self.label} sent garbage: {error}") from error
 
-    def _recv(self, timeout: float | None) -> bytes | None:
+    def hang_up(self) -> None:
+        """End the conversation in both directions; wakes a thread that waits in `receive`."""
+        with contextlib.suppress(OSError):
+            self._socket.shutdown(socket.SHUT_RDWR)
+
+    def close(self) -> None:
+        """Close; a second close is a no-op."""
+        self._socket.close()
+
+    def _write(self, data: memoryview) -> int:
         try:
-            self._socket.settimeout(timeout)
+            return self._socket.send(data)
+        except BlockingIOError:
+            return 0
+        except OSError as error:
+            raise self._gone() from error
+
+    def _read(self) -> bytes | None:
+        """Return what is there, None if that is nothing."""
+        try:
             data = self._socket.recv(_CHUNK)
-        except (TimeoutError, BlockingIOError):
+        except BlockingIOError:
             return None
         except OSError as error:
             raise self._gone() from error
@@ -82,10 +109,14 @@ class LineClient:
             raise self._gone()
         return data
 
+    def _poll(self, event: int, deadline: float | None) -> bool:
+        """Wait for the socket; False when the time is over."""
+        if self._socket.fileno() < 0:
+            raise self._gone()
+        poll = select.poll()
+        poll.register(self._socket, event)
+        wait_ms = None if deadline is None else max(deadline - time.monotonic(), 0) * 1000
+        return bool(poll.poll(wait_ms))
+
     def _gone(self) -> RemoteError:
         return RemoteError("BusClosed", f"{self.label} has closed the connection; it was shut down or has died")
-
-    def close(self) -> None:
-        """Close; a second close is a no-op."""
-        with contextlib.suppress(OSError):
-            self._socket.close()
