@@ -6,6 +6,7 @@ told as `path:line:column: where: what`, with its line of the file and a caret.
 
 from __future__ import annotations
 
+import contextlib
 import difflib
 import re
 from dataclasses import dataclass
@@ -14,7 +15,7 @@ from typing import TYPE_CHECKING, Final
 from canopen_control.errors import BusConfigError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Iterator
 
     from canopen_control.errors import ConfigError
     from canopen_control.yamlnode import Node
@@ -96,6 +97,16 @@ class Problems:
     def file_error(self, line: int, column: int, message: str) -> None:
         """Add an error that belongs to no node."""
         self._errors[self.at(line, column, "", message)] = None
+
+    @contextlib.contextmanager
+    def raising(self, error: type[ConfigError]) -> Iterator[None]:
+        """Raise at the end what was found inside, apart from what was found before."""
+        before, self._errors = self._errors, {}
+        try:
+            yield
+            self.raise_if_any(error)
+        finally:
+            self._errors = before
 
     def raise_if_any(self, error: type[ConfigError] = BusConfigError) -> None:
         """Raise `error` with every error's paragraph, if there is one."""

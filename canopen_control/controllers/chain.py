@@ -1,0 +1,54 @@
+"""Who commands whom among controllers, and the order in which they must run.
+
+The law of the file: a controller that claims another's reference interface runs before it, so that a command passes the
+whole chain within one cycle; a chain stops as a whole.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from canopen_control.controllers.base import Controller
+
+__all__ = ["in_order", "users_of"]
+
+
+def _followers(controller: Controller, among: Sequence[Controller]) -> list[Controller]:
+    """Return whom a controller commands."""
+    wanted = set(controller.command_interface_names())
+    return [each for each in among if any(reference.name in wanted for reference in each.reference_interfaces())]
+
+
+def in_order(controllers: Sequence[Controller]) -> list[Controller]:
+    """Return the controllers with each before those it commands, otherwise in the order given."""
+    done: list[Controller] = []
+
+    def add(controller: Controller, on_the_way: tuple[Controller, ...]) -> None:
+        for each in controllers:
+            if each not in on_the_way and controller in _followers(each, controllers):
+                add(each, (*on_the_way, controller))
+        if controller not in done:
+            done.append(controller)
+
+    for controller in controllers:
+        add(controller, (controller,))
+    return done
+
+
+def users_of(failed: Sequence[Controller], active: Sequence[Controller]) -> list[Controller]:
+    """Return the failed ones and everybody chained to them, above or below, that is active, in running order."""
+    group = [each for each in failed if each in active]
+    grew = True
+    while grew:
+        further = [
+            each
+            for each in active
+            if each not in group
+            and any(each in _followers(one, active) or one in _followers(each, active) for one in group)
+        ]
+        group += further
+        grew = bool(further)
+    return in_order(group)

@@ -1,0 +1,175 @@
+"""Forward command controllers: a list of numbers goes to a list of command interfaces.
+
+The law of the file (ros2_controllers jazzy): `~/commands` carries one number per interface, in the order of the
+parameters; before the first command nothing is written. Ours, and safer: a bad command is refused instead of stopping
+the controller, and with `command_timeout` (s; 0 or absent is off, as upstream) a velocity or effort target becomes 0.0
+when the last good command is older than that, told once; a position target is held. The next command takes over again.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from canopen_control.controllers.base import CommonParams, Controller, zero_targets
+from canopen_control.errors import RobotConfigError
+from canopen_control.hardware.interfaces import EFFORT, POSITION, VELOCITY, ReturnType
+from canopen_control.yamltree import setting
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from canopen_control.controllers.params import Params
+    from canopen_control.hardware.interfaces import CommandInterface, StateInterface
+
+__all__ = [
+    "ForwardCommandController",
+    "JointGroupEffortController",
+    "JointGroupPositionController",
+    "JointGroupVelocityController",
+    "MultiInterfaceForwardCommandController",
+]
+
+
+@dataclass(frozen=True)
+class GroupParams(CommonParams):
+    """Parameters of the group controllers: `command_timeout` in s."""
+
+    joints: tuple[str, ...] = ()
+    command_timeout: float = setting(0.0, low=0.0, high=1e9)
+
+
+@dataclass(frozen=True)
+class ForwardParams(GroupParams):
+    """Parameters of forward_command_controller/ForwardCommandController."""
+
+    interface_name: str = ""
+
+
+@dataclass(frozen=True)
+class MultiParams(CommonParams):
+    """Parameters of forward_command_controller/MultiInterfaceForwardCommandController."""
+
+    joint: str = ""
+    interface_names: tuple[str, ...] = ()
+    command_timeout: float = setting(0.0, low=0.0, high=1e9)
+
+
+class ForwardCommandController(Controller):
+    """Forwards numbers to one interface of several joints."""
+
+    topic = "commands"
+
+    def __init__(self, name: str, type_name: str = "forward_command_controller/ForwardCommandController") -> None:
+        super().__init__(name, type_name)
+        self._names: tuple[str, ...] = ()
+        self._timeout_ns = 0
+        self._values: list[float] = []
+        self._last = 0
+        self._commanded = False
+        self._timed_out = False
+
+    @property
+    def timed_out(self) -> bool:
+        """Whether the targets are zero because commands stopped coming."""
+        return self._timed_out
+
+    def on_configure(self, params: Params) -> None:
+        """Read joints, interface_name and command_timeout; a list that is empty or names one twice is an error."""
+        given = params.read(ForwardParams)
+        if not given.interface_name:
+            raise RobotConfigError(_missing(self.name, "interface_name", "velocity"))
+        self._set_up(given, given.joints, given.interface_name, given.command_timeout)
+
+    def command_interface_names(self) -> list[str]:
+        """Return one interface per value, in the order of the values."""
+        return list(self._names)
+
+    def on_activate(self, commands: list[CommandInterface], states: list[StateInterface], now: int) -> None:
+        """Take the interfaces; what was commanded before counts no more."""
+        super().on_activate(commands, states, now)
+        self._commanded = self._timed_out = False
+        self._values = [math.nan] * len(commands)
+
+    def set_command(self, values: Sequence[float], now: int, stamp: int | None = None) -> None:
+        """Take one finite number per interface, or refuse all; `now` in ns starts the timeout anew."""
+        del stamp  # Float64MultiArray has none
+        self.checked(values, self._names)
+        self._values[:] = map(float, values)
+        self._last, self._commanded, self._timed_out = now, True, False
+
+    def update(self, now: int, period: float) -> ReturnType:
+        """Write the targets."""
+        del period
+        if not self._commanded or self._timed_out:
+            return ReturnType.OK
+        if self._timeout_ns and now - self._last > self._timeout_ns:
+            self._stop(now)
+            return ReturnType.OK
+        index = 0
+        for each in self.commands:
+            each.value = self._values[index]
+            index += 1  # noqa: SIM113 - enumerate makes a tuple per joint in the cycle
+        return ReturnType.OK
+
+    def _stop(self, now: int) -> None:
+        self._timed_out = True
+        zero_targets(self.commands)
+        held = "position targets are held" if self.interface == POSITION else "targets are 0"
+        self.tell("command_timeout", f"no command for {(now - self._last) / 1e9:.2f} s, {held} until the next one")
+
+    def _set_up(
+        self, common: CommonParams, joints: tuple[str, ...], interface: str, timeout: float, parameter: str = "joints"
+    ) -> None:
+        if not joints:
+            raise RobotConfigError(_missing(self.name, parameter, "[left_wheel_joint, right_wheel_joint]"))
+        if len(set(joints)) != len(joints):
+            raise RobotConfigError(f"{self.name}: {parameter} names one twice: {', '.join(joints)}; name each once")
+        self.joints, self.interface, self.update_rate = joints, interface, common.update_rate
+        self._names = tuple(f"{joint}/{interface}" for joint in joints)
+        self._timeout_ns = round(timeout * 1e9)
+
+
+class MultiInterfaceForwardCommandController(ForwardCommandController):
+    """Forwards numbers to several interfaces of one joint."""
+
+    def on_configure(self, params: Params) -> None:
+        """Read joint, interface_names and command_timeout."""
+        given = params.read(MultiParams)
+        if not given.joint:
+            raise RobotConfigError(_missing(self.name, "joint", "left_wheel_joint"))
+        self._set_up(given, given.interface_names, "", given.command_timeout, "interface_names")
+        self.joints, self.interface = (given.joint,), ", ".join(given.interface_names)
+        self._names = tuple(f"{given.joint}/{interface}" for interface in given.interface_names)
+
+
+class _JointGroupController(ForwardCommandController):
+    """A forward command controller whose interface is fixed by its type."""
+
+    fixed_interface = VELOCITY
+
+    def on_configure(self, params: Params) -> None:
+        """Read joints and command_timeout."""
+        given = params.read(GroupParams)
+        self._set_up(given, given.joints, self.fixed_interface, given.command_timeout)
+
+
+class JointGroupVelocityController(_JointGroupController):
+    """velocity_controllers/JointGroupVelocityController."""
+
+
+class JointGroupPositionController(_JointGroupController):
+    """position_controllers/JointGroupPositionController."""
+
+    fixed_interface = POSITION
+
+
+class JointGroupEffortController(_JointGroupController):
+    """effort_controllers/JointGroupEffortController."""
+
+    fixed_interface = EFFORT
+
+
+def _missing(name: str, key: str, example: str) -> str:
+    return f"{name}: no {key!r}; give it under {name}: ros__parameters: {key}: {example}"

@@ -1,0 +1,118 @@
+"""The joint state broadcaster: what all joints measure, as arrays of one length.
+
+The law of the file (ros2_controllers jazzy): `names`, `positions`, `velocities` and `efforts` have the same length, a
+missing interface is nan; with a description only its movable joints are named, in alphabetical order, without one the
+joints come in the order of their interfaces. `joints` and `interfaces` restrict only when both are given. Arrays are
+made at activation and overwritten in place by every update.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+from canopen_control.controllers.base import ALL_STATES, CommonParams, Controller
+from canopen_control.errors import ControlError
+from canopen_control.hardware.interfaces import EFFORT, POSITION, VELOCITY, ReturnType
+from canopen_control.yamltree import setting
+
+if TYPE_CHECKING:
+    from canopen_control.controllers.params import Params
+    from canopen_control.hardware.interfaces import CommandInterface, StateInterface
+
+__all__ = ["JointStateBroadcaster"]
+
+_MAP: Final = "map_interface_to_joint_state."
+
+
+@dataclass(frozen=True)
+class BroadcasterParams(CommonParams):
+    """Parameters of joint_state_broadcaster/JointStateBroadcaster."""
+
+    joints: tuple[str, ...] = ()
+    interfaces: tuple[str, ...] = ()
+    extra_joints: tuple[str, ...] = ()
+    position: str = setting(POSITION, key=_MAP + POSITION)
+    velocity: str = setting(VELOCITY, key=_MAP + VELOCITY)
+    effort: str = setting(EFFORT, key=_MAP + EFFORT)
+    use_local_topics: bool = False
+    use_urdf_to_filter: bool = True
+    frame_id: str = "base_link"
+    publish_dynamic_joint_states: bool = True
+
+
+RENAMES: Final = {"publish_rate": "update_rate"}
+"""ROS 1's joint_state_controller published at a rate of its own."""
+
+
+class JointStateBroadcaster(Controller):
+    """Gathers the states of the joints.
+
+    `names` and the three arrays are what a JointState message holds; `stamp` is the time of the last update in ns.
+    """
+
+    is_broadcaster = True
+
+    def __init__(self, name: str, type_name: str = "joint_state_broadcaster/JointStateBroadcaster") -> None:
+        super().__init__(name, type_name)
+        self.params = BroadcasterParams()
+        self.stamp = 0
+        self.names: list[str] = []
+        self.positions: list[float] = []
+        self.velocities: list[float] = []
+        self.efforts: list[float] = []
+        self._copies: list[tuple[list[float], int, StateInterface]] = []
+
+    def on_configure(self, params: Params) -> None:
+        """Read the parameters."""
+        self.params = params.read(BroadcasterParams, RENAMES)
+        self.update_rate = self.params.update_rate
+
+    def state_interface_names(self) -> list[str]:
+        """Return joints times interfaces if both are given, else everything."""
+        if self.params.joints and self.params.interfaces:
+            return [f"{joint}/{interface}" for joint in self.params.joints for interface in self.params.interfaces]
+        return [ALL_STATES]
+
+    def on_activate(self, commands: list[CommandInterface], states: list[StateInterface], now: int) -> None:
+        """Lay out the arrays; without any state interface there is nothing to tell, a ControlError."""
+        super().on_activate(commands, states, now)
+        if not states:
+            raise ControlError(f"{self.name}: no state interface exists; give the joints <state_interface> tags")
+        columns = {self.params.position: POSITION, self.params.velocity: VELOCITY, self.params.effort: EFFORT}
+        self.names = self._order(states, columns)
+        count = len(self.names)
+        arrays = {kind: [math.nan] * count for kind in (POSITION, VELOCITY, EFFORT)}
+        for extra in self.params.extra_joints:
+            for array in arrays.values():
+                array[self.names.index(extra)] = 0.0
+        self.positions, self.velocities, self.efforts = arrays[POSITION], arrays[VELOCITY], arrays[EFFORT]
+        self.joints = tuple(self.names)
+        self._copies = [
+            (arrays[columns[each.interface]], self.names.index(each.joint), each)
+            for each in states
+            if each.interface in columns and each.joint in self.names
+        ]
+        self.update(now, 0.0)
+
+    def _order(self, states: list[StateInterface], columns: dict[str, str]) -> list[str]:
+        joints = list(dict.fromkeys(each.joint for each in states if each.interface in columns))
+        if self.params.use_urdf_to_filter and self.description_joints is not None:
+            joints = sorted(set(joints) & set(self.description_joints))
+        return list(dict.fromkeys([*joints, *self.params.extra_joints]))
+
+    def update(self, now: int, period: float) -> ReturnType:
+        """Copy the states into the arrays."""
+        del period
+        for array, index, state in self._copies:
+            array[index] = state.value
+        self.stamp = now
+        return ReturnType.OK
+
+    def dynamic_joint_states(self) -> dict[str, dict[str, float]]:
+        """Return every state by joint and interface, the ones that are no position, velocity or effort too."""
+        result: dict[str, dict[str, float]] = {}
+        for each in self.states:
+            result.setdefault(each.joint, {})[each.interface] = each.value
+        return result

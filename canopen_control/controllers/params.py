@@ -1,0 +1,275 @@
+"""ros2_controllers.yaml, in every layout users have: who the controllers are and what their parameters say.
+
+The law of the file: as rcl reads it, `a.b: 1` and `a: {b: 1}` are one parameter and the last of two wins; unlike rcl
+nothing is silent: a repeated or unknown key is a warning with its line and the nearest valid name, an error if strict.
+A controller's type stands in the controller_manager's block or in its own, with `ros__parameters` (ROS 2) or without
+(ROS 1); blocks may be named `/name`, `/ns/name` or `/**`, or be nested in namespaces.
+"""
+
+from __future__ import annotations
+
+import typing
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Final, TypeVar
+
+from canopen_control.errors import RobotConfigError
+from canopen_control.yamltree import Node, Problems, nearest, setting, tree
+
+if TYPE_CHECKING:
+    import os
+    from collections.abc import Mapping
+
+__all__ = ["ControllerConfig", "ControllersFile", "Params", "read_controllers"]
+
+T = TypeVar("T")
+
+PARAMETERS: Final = "ros__parameters"
+MANAGER: Final = "controller_manager"
+EVERYWHERE: Final = "/**"
+
+
+class Params:
+    """The parameters of one controller: dotted names and where each stands.
+
+    `Params.of({...})` makes them from Python values, nested or dotted.
+    """
+
+    def __init__(self, flat: Node, name: str = "") -> None:
+        self.flat, self.name = flat, name
+
+    @classmethod
+    def of(cls, values: Mapping[str, Any], name: str = "parameters") -> Params:
+        """Return the parameters of a nested or dotted mapping of Python values."""
+        problems = Problems(name, strict=False)
+        return cls(_flatten(_made(values, "", problems)), name)
+
+    def read(self, cls: type[T], renames: Mapping[str, str] | None = None) -> T:
+        """Return the parameters as a dataclass whose keys are dotted names; raise RobotConfigError with every mistake.
+
+        `renames` maps the keys of other distributions to ours ("" for one without effect); each one used is warned of
+        once. Keys that the class does not know are warnings (errors if the file was read strictly).
+        """
+        with self.flat.problems.raising(RobotConfigError):
+            value = self._renamed(renames or {}).convert(cls)
+        return typing.cast("T", value)
+
+    @property
+    def warnings(self) -> list[str]:
+        """What is suspicious in the file, told so far."""
+        return [str(each) for each in self.flat.problems.warnings]
+
+    def _renamed(self, renames: Mapping[str, str]) -> Node:
+        pairs: dict[str, tuple[Node, Node]] = {}
+        for key, value in self.flat.pairs():
+            name = renames.get(key.text, key.text)
+            if name != key.text:
+                key.warning(
+                    f"{key.text!r} is read as {name!r}" if name else f"{key.text!r} has no effect and can be removed"
+                )
+            if name and not (name != key.text and self.flat.get(name)):
+                pairs[name] = (_scalar_node(name, key), value)
+        return Node.mapping(_like(self.flat), pairs)
+
+
+def _like(node: Node) -> Node:
+    return Node("mapping", node.line, node.column, node.where, node.problems)
+
+
+def _scalar_node(text: str, place: Node) -> Node:
+    return Node.scalar(Node("scalar", place.line, place.column, place.where, place.problems), text, text, quoted=False)
+
+
+def _made(value: Any, where: str, problems: Problems) -> Node:  # noqa: ANN401 - plain Python values
+    """Return a node, standing in no file, of a plain value."""
+    if isinstance(value, dict):
+        below = f"{where}." if where else ""
+        keys = {str(key): (key, each) for key, each in value.items()}
+        place = Node("mapping", 0, 0, where, problems)
+        children = {name: _made(each, below + name, problems) for name, (_, each) in keys.items()}
+        return Node.mapping(place, {name: (_scalar_node(name, child), child) for name, child in children.items()})
+    if isinstance(value, list | tuple):
+        place = Node("sequence", 0, 0, where, problems)
+        return Node.sequence(place, [_made(each, f"{where}[{at}]", problems) for at, each in enumerate(value)])
+    place = Node("null" if value is None else "scalar", 0, 0, where, problems)
+    return Node.scalar(place, str(value), value, quoted=isinstance(value, str))
+
+
+def _flatten(node: Node) -> Node:
+    """Return a mapping of dotted names to what stands there; of two equal names the last, with a warning."""
+    pairs: dict[str, tuple[Node, Node]] = {}
+
+    def add(prefix: str, mapping: Node) -> None:
+        for key, value in mapping.pairs():
+            name = f"{prefix}{key.text}"
+            if value.kind == "mapping":
+                add(f"{name}.", value)
+                continue
+            if name in pairs:
+                key.problems.suspect(
+                    key, f"{name!r} is given twice (first at line {pairs[name][0].line}); the last wins"
+                )
+            pairs[name] = (_scalar_node(name, key), value)
+
+    add("", node)
+    return Node.mapping(_like(node), pairs)
+
+
+@dataclass(frozen=True)
+class ControllerConfig:
+    """One controller of the file: `type` is "" if the file names none; `line` is where its block or type stands."""
+
+    name: str
+    type: str
+    params: Params
+    line: int = 0
+    path: str = ""
+
+
+@dataclass(frozen=True)
+class ControllersFile:
+    """A ros2_controllers.yaml: `update_rate` in Hz; the controllers in the order of the file; what is suspicious."""
+
+    update_rate: int = 100
+    controllers: dict[str, ControllerConfig] = field(default_factory=dict)
+    warnings: list[str] = field(default_factory=list)
+    manager: ManagerParams = field(default_factory=lambda: ManagerParams())
+    path: str = ""
+
+
+@dataclass(frozen=True)
+class ManagerParams:
+    """The controller_manager's own parameters; those without meaning for one process and one thread are accepted."""
+
+    update_rate: int = setting(100, low=1, high=10_000)
+    use_sim_time: bool = False
+    enforce_command_limits: bool = False
+    handle_exceptions: bool = True
+    lock_memory: bool = False
+    thread_priority: int = 50
+    cpu_affinity: Any = None
+    robot_description: str = ""
+    unconfigured: tuple[str, ...] = setting((), key="hardware_components_initial_state.unconfigured")
+    inactive: tuple[str, ...] = setting((), key="hardware_components_initial_state.inactive")
+
+
+_IGNORED: Final = (
+    "defaults.",
+    "diagnostics.",
+    "overruns.",
+    "hardware_synchronization.",
+    "hardware_components_initial_state.",
+)
+"""Groups of controller_manager parameters that this manager answers by itself."""
+
+
+def read_controllers(path: str | os.PathLike[str], *, strict: bool = False) -> ControllersFile:
+    """Read a ros2_controllers.yaml; raises RobotConfigError with every mistake, each with file, line and column.
+
+    Parameters of a controller are checked when it is configured. With `strict`, warnings are errors.
+    """
+    root = tree(path, error=RobotConfigError, strict=strict)
+    if root.kind != "mapping":
+        root.error("expected a mapping of controllers")
+    blocks: dict[str, tuple[Node, Node]] = {}
+    _collect(root, blocks)
+    everywhere = blocks.pop(EVERYWHERE, (root, _like(root)))[1]
+    place, own = blocks.pop(MANAGER, (root, _like(root)))
+    declared, manager = _manager(_flatten(own.over(_common(everywhere))), root)
+    controllers = _controllers(declared, blocks, everywhere)
+    if not controllers:
+        place.error("no controller has a type; name them under controller_manager: <name>: type: ...")
+    root.problems.raise_if_any(RobotConfigError)
+    warnings = [str(each) for each in root.problems.warnings]
+    return ControllersFile(manager.update_rate, controllers, warnings, manager, str(path))
+
+
+def _common(everywhere: Node) -> Node:
+    """Return what a `/**` block says that concerns the manager."""
+    pairs = {name: (key, value) for name, (key, value) in _pairs(everywhere).items() if name in _MANAGER_KEYS}
+    return Node.mapping(_like(everywhere), pairs)
+
+
+_MANAGER_KEYS: Final = frozenset({"update_rate", "use_sim_time"})
+
+
+def _pairs(node: Node) -> dict[str, tuple[Node, Node]]:
+    return {key.text: (key, value) for key, value in node.pairs()}
+
+
+def _collect(node: Node, blocks: dict[str, tuple[Node, Node]]) -> None:
+    """Find the parameter blocks by controller: `name:`, `/ns/name:`, nested, with ROS 2's key or without."""
+    for key, value in node.pairs():
+        name = EVERYWHERE if key.text == EVERYWHERE else key.text.rstrip("/").rpartition("/")[2]
+        inner = value.get(PARAMETERS)
+        below = [each.kind for _, each in value.items()]
+        if inner is not None:
+            _add(blocks, name, key, inner)
+        elif value.kind == "mapping" and "type" not in value.keys() and set(below) == {"mapping"} and name != MANAGER:  # noqa: SIM118 - no mapping
+            _collect(value, blocks)
+        elif value.kind in ("mapping", "null"):
+            _add(blocks, name, key, value)
+        else:
+            key.problems.suspect(key, f"{key.text!r} belongs to no controller; indent it under one")
+
+
+def _add(blocks: dict[str, tuple[Node, Node]], name: str, key: Node, value: Node) -> None:
+    known = blocks.get(name)
+    blocks[name] = (key, value.over(known[1]) if known else value)
+
+
+def _manager(flat: Node, root: Node) -> tuple[dict[str, tuple[Node, str, Node]], ManagerParams]:
+    """Split the manager's block into the controllers it declares (place, type, further parameters) and its own."""
+    own: dict[str, tuple[Node, Node]] = {}
+    pairs = _pairs(flat)
+    declared: dict[str, tuple[Node, str, Node]] = {}
+    for dotted, (key, value) in pairs.items():
+        name, _, last = dotted.rpartition(".")
+        if name and last == "type":
+            declared[name] = (key, value.convert(str, ""), _below(flat, pairs, name))
+    for dotted, pair in pairs.items():
+        foreign = dotted.startswith((*_IGNORED, *(f"{name}." for name in declared)))
+        if dotted in _INITIAL_STATES or not foreign:
+            own[dotted] = pair
+    manager = Node.mapping(_like(root), own).convert(ManagerParams, ManagerParams())
+    return declared, manager
+
+
+_INITIAL_STATES: Final = frozenset(
+    {"hardware_components_initial_state.unconfigured", "hardware_components_initial_state.inactive"}
+)
+_MANAGERS_OWN: Final = frozenset({"type", "params_file", "fallback_controllers", "node_options_args"})
+
+
+def _below(flat: Node, pairs: dict[str, tuple[Node, Node]], name: str) -> Node:
+    """Return the parameters that stand under a controller in the manager's block, its type aside."""
+    inner: dict[str, tuple[Node, Node]] = {}
+    for dotted, (key, value) in pairs.items():
+        rest = dotted.removeprefix(f"{name}.")
+        if rest != dotted and rest not in _MANAGERS_OWN:
+            inner[rest] = (_scalar_node(rest, key), value)
+    return Node.mapping(_like(flat), inner)
+
+
+def _controllers(
+    declared: dict[str, tuple[Node, str, Node]], blocks: dict[str, tuple[Node, Node]], everywhere: Node
+) -> dict[str, ControllerConfig]:
+    found: dict[str, ControllerConfig] = {}
+    for name, (place, type_name, further) in declared.items():
+        own = blocks.get(name, (place, _like(further)))[1]
+        found[name] = _config(name, type_name, place, own.over(further).over(everywhere))
+    for name, (key, value) in blocks.items():
+        type_node = value.get("type")
+        if name in found:
+            continue
+        if type_node is not None:
+            found[name] = _config(name, type_node.convert(str, ""), key, value.over(everywhere))
+        else:
+            key.problems.suspect(
+                key, f"{name!r} has parameters but no type, so nobody loads it{nearest(name, declared)}"
+            )
+    return found
+
+
+def _config(name: str, type_name: str, place: Node, block: Node) -> ControllerConfig:
+    flat = _flatten(block)
+    return ControllerConfig(name, type_name, Params(flat, name), place.line, place.path)

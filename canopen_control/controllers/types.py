@@ -1,0 +1,54 @@
+"""Controller types by the names that ros2_controllers.yaml uses.
+
+The law of the file: a type is imported when the first controller of it is loaded; what is not in the table comes from
+the entry point group `canopen_control.controllers` of any installed package.
+"""
+
+from __future__ import annotations
+
+import importlib
+import importlib.metadata
+from typing import Final
+
+from canopen_control.controllers.base import Controller
+from canopen_control.errors import ControlError
+from canopen_control.yamltree import nearest
+
+__all__ = ["GROUP", "TYPES", "make_controller"]
+
+GROUP: Final = "canopen_control.controllers"
+
+_HERE: Final = "canopen_control.controllers"
+TYPES: Final = {
+    "forward_command_controller/ForwardCommandController": f"{_HERE}.forward_command:ForwardCommandController",
+    "forward_command_controller/MultiInterfaceForwardCommandController": (
+        f"{_HERE}.forward_command:MultiInterfaceForwardCommandController"
+    ),
+    "velocity_controllers/JointGroupVelocityController": f"{_HERE}.forward_command:JointGroupVelocityController",
+    "position_controllers/JointGroupPositionController": f"{_HERE}.forward_command:JointGroupPositionController",
+    "effort_controllers/JointGroupEffortController": f"{_HERE}.forward_command:JointGroupEffortController",
+    "diff_drive_controller/DiffDriveController": f"{_HERE}.diff_drive:DiffDriveController",
+    "joint_state_broadcaster/JointStateBroadcaster": f"{_HERE}.joint_state:JointStateBroadcaster",
+    "joint_state_controller/JointStateController": f"{_HERE}.joint_state:JointStateBroadcaster",
+}
+"""Type name to `module:class`; the last is ROS 1's name of the broadcaster."""
+
+
+def make_controller(name: str, type_name: str) -> Controller:
+    """Return a new controller; an unknown type is a ControlError with the nearest known one."""
+    target = TYPES.get(type_name) or _entry_point(type_name)
+    if target is None:
+        raise ControlError(f"controller {name}: no type {type_name!r} is known{nearest(type_name, TYPES)}")
+    module, _, class_name = target.partition(":")
+    try:
+        controller = getattr(importlib.import_module(module), class_name)(name, type_name)
+    except (ImportError, AttributeError, TypeError) as error:
+        raise ControlError(f"controller {name}: its type {type_name!r} cannot be loaded: {error}") from error
+    if not isinstance(controller, Controller):
+        raise ControlError(f"controller {name}: {target} is no canopen_control.controllers.base.Controller")
+    return controller
+
+
+def _entry_point(type_name: str) -> str | None:
+    found = importlib.metadata.entry_points(group=GROUP, name=type_name)
+    return next((each.value for each in found), None)

@@ -1,0 +1,256 @@
+"""The interfaces between controllers and hardware, with ros2_control's names and meaning.
+
+The law of the file: an interface is one mutable number in SI units (rad, rad/s, Nm); a command interface has at most
+one owner, state interfaces are shared; nan means "no command was given" or "no value known". Nothing reads a clock,
+blocks or allocates while the robot runs: the registry resolves names once, the cycle touches `value` only.
+"""
+
+from __future__ import annotations
+
+import enum
+import math
+from typing import TYPE_CHECKING, Final, Protocol, TypeVar
+
+from canopen_control.errors import ControlError, InterfaceConflict, UnknownInterface
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+__all__ = [
+    "ACCELERATION",
+    "EFFORT",
+    "POSITION",
+    "VELOCITY",
+    "CommandInterface",
+    "HardwareComponent",
+    "InterfaceRegistry",
+    "LifecycleState",
+    "ReturnType",
+    "StateInterface",
+]
+
+POSITION: Final = "position"
+VELOCITY: Final = "velocity"
+EFFORT: Final = "effort"
+ACCELERATION: Final = "acceleration"
+
+
+class ReturnType(enum.Enum):
+    """What a read, update or write came to."""
+
+    OK = "ok"
+    ERROR = "error"
+    DEACTIVATE = "deactivate"
+    """Only from write: the component gives up by itself and goes to INACTIVE."""
+
+
+class LifecycleState(enum.Enum):
+    """The states of a hardware component (REP 2007's managed nodes)."""
+
+    UNCONFIGURED = "unconfigured"
+    INACTIVE = "inactive"
+    ACTIVE = "active"
+    FINALIZED = "finalized"
+
+
+class StateInterface:
+    """One measured number: `value` in SI units, nan while unknown; `name` is "joint/interface"."""
+
+    __slots__ = ("interface", "joint", "name", "value")
+
+    def __init__(self, joint: str, interface: str, value: float = math.nan) -> None:
+        self.joint, self.interface, self.value = joint, interface, value
+        self.name = f"{joint}/{interface}"
+
+    def __repr__(self) -> str:
+        return f"StateInterface({self.name}={self.value})"
+
+
+class CommandInterface:
+    """One commanded number: `value` in SI units, nan for no command; `owner` is the controller that claimed it.
+
+    `minimum` and `maximum` are the limits of the description, infinite where there are none.
+    """
+
+    __slots__ = ("interface", "joint", "maximum", "minimum", "name", "owner", "value")
+
+    def __init__(
+        self,
+        joint: str,
+        interface: str,
+        value: float = math.nan,
+        *,
+        minimum: float = -math.inf,
+        maximum: float = math.inf,
+    ) -> None:
+        self.joint, self.interface, self.value = joint, interface, value
+        self.name = f"{joint}/{interface}"
+        self.owner: str | None = None
+        self.minimum, self.maximum = minimum, maximum
+
+    def __repr__(self) -> str:
+        return f"CommandInterface({self.name}={self.value}, owner={self.owner})"
+
+
+class HardwareComponent(Protocol):
+    """What moves and measures: a system, an actuator or a sensor of the description.
+
+    The lifecycle verbs go UNCONFIGURED -configure-> INACTIVE -activate-> ACTIVE and back; commanding a state that is
+    reached is a no-op. `read` is called in INACTIVE and ACTIVE, `write` in ACTIVE only.
+    """
+
+    @property
+    def name(self) -> str:
+        """The name of its tag in the description."""
+        ...
+
+    @property
+    def state(self) -> LifecycleState:
+        """Where its lifecycle is."""
+        ...
+
+    @property
+    def state_interfaces(self) -> Sequence[StateInterface]:
+        """What it measures, fixed after construction."""
+        ...
+
+    @property
+    def command_interfaces(self) -> Sequence[CommandInterface]:
+        """What can be commanded, fixed after construction."""
+        ...
+
+    def configure(self) -> None:
+        """Start communication; the states become known, nothing moves."""
+        ...
+
+    def activate(self) -> None:
+        """Allow commands; nothing moves before a controller claims an interface."""
+        ...
+
+    def deactivate(self) -> None:
+        """Stop all movement."""
+        ...
+
+    def cleanup(self) -> None:
+        """Undo `configure`."""
+        ...
+
+    def shutdown(self) -> None:
+        """Stop for good."""
+        ...
+
+    def prepare_command_mode_switch(self, start: Sequence[str], stop: Sequence[str]) -> None:
+        """Raise ControlError or DriveError if these interfaces cannot be claimed or released; change nothing."""
+        ...
+
+    def perform_command_mode_switch(self, start: Sequence[str], stop: Sequence[str]) -> None:
+        """Set the mode for the interfaces claimed and begin to enable; stop the released ones. Never blocks."""
+        ...
+
+    def read(self, now: int, period: float) -> ReturnType:
+        """Latch what was measured; `now` in ns, `period` in s."""
+        ...
+
+    def write(self, now: int, period: float) -> ReturnType:
+        """Send the commands; `now` in ns, `period` in s."""
+        ...
+
+
+Interface = TypeVar("Interface", StateInterface, CommandInterface)
+
+
+class InterfaceRegistry:
+    """All interfaces of a robot by name, and who owns the command interfaces."""
+
+    def __init__(self) -> None:
+        self._states: dict[str, StateInterface] = {}
+        self._commands: dict[str, CommandInterface] = {}
+        self._components: dict[str, HardwareComponent] = {}
+        self._exporters: dict[str, str] = {}
+
+    @property
+    def components(self) -> tuple[HardwareComponent, ...]:
+        """The registered components, in the order they came."""
+        return tuple(self._components.values())
+
+    @property
+    def state_interfaces(self) -> tuple[StateInterface, ...]:
+        """All state interfaces, in the order they came."""
+        return tuple(self._states.values())
+
+    @property
+    def command_interfaces(self) -> tuple[CommandInterface, ...]:
+        """All command interfaces, in the order they came."""
+        return tuple(self._commands.values())
+
+    def register(self, component: HardwareComponent) -> None:
+        """Add a component; a second component of the name, or a second interface of a name, is a ControlError."""
+        if component.name in self._components:
+            raise ControlError(f"two hardware components are called {component.name!r}; rename one <ros2_control> tag")
+        _refuse_doubles("state", component.name, component.state_interfaces, self._states)
+        _refuse_doubles("command", component.name, component.command_interfaces, self._commands)
+        self._components[component.name] = component
+        self._states.update({each.name: each for each in component.state_interfaces})
+        self._commands.update({each.name: each for each in component.command_interfaces})
+        self._exporters.update({each.name: component.name for each in component.command_interfaces})
+        self._exporters.update({each.name: component.name for each in component.state_interfaces})
+
+    def export(self, references: Sequence[CommandInterface], exporter: str) -> None:
+        """Add the reference interfaces of a chainable controller; they have no component."""
+        _refuse_doubles("command", exporter, references, self._commands)
+        self._commands.update({each.name: each for each in references})
+
+    def withdraw(self, references: Sequence[CommandInterface]) -> None:
+        """Remove reference interfaces again."""
+        for each in references:
+            self._commands.pop(each.name, None)
+
+    def state(self, name: str) -> StateInterface:
+        """Return a state interface, or raise UnknownInterface with the names there are."""
+        return _found(name, self._states)
+
+    def command(self, name: str) -> CommandInterface:
+        """Return a command interface, or raise UnknownInterface with the names there are."""
+        return _found(name, self._commands)
+
+    def component_of(self, name: str) -> HardwareComponent | None:
+        """Return who exports an interface, None for a controller's reference; raises UnknownInterface."""
+        if name not in self._states:
+            _found(name, self._commands)
+        exporter = self._exporters.get(name)
+        return self._components[exporter] if exporter is not None else None
+
+    def claim(self, names: Sequence[str], owner: str) -> list[CommandInterface]:
+        """Make `owner` the owner of all these command interfaces, or of none and raise.
+
+        Raises UnknownInterface or InterfaceConflict. What the owner has already stays its own.
+        """
+        wanted = [self.command(name) for name in names]
+        for each in wanted:
+            if each.owner not in (None, owner):
+                raise InterfaceConflict(each.name, str(each.owner))
+        for each in wanted:
+            each.owner = owner
+        return wanted
+
+    def release(self, owner: str) -> list[str]:
+        """Take everything from an owner; return the names."""
+        released = [each for each in self._commands.values() if each.owner == owner]
+        for each in released:
+            each.owner = None
+        return [each.name for each in released]
+
+
+def _found(name: str, among: Mapping[str, Interface]) -> Interface:
+    interface = among.get(name)
+    if interface is None:
+        raise UnknownInterface(name, tuple(among))
+    return interface
+
+
+def _refuse_doubles(kind: str, exporter: str, new: Sequence[Interface], known: Mapping[str, Interface]) -> None:
+    seen = set(known)
+    for each in new:
+        if each.name in seen:
+            raise ControlError(f"{exporter}: {kind} interface {each.name} exists already; name each joint once")
+        seen.add(each.name)
