@@ -1,0 +1,466 @@
+"""The master's side of one axis: statusword in, controlword out, towards the goal somebody set.
+
+Law of this file (CiA 402-2, 6.3, seen from the other end of the bus):
+
+- Verbs set a goal and return; `update` makes one step towards it, whenever a statusword is there. Nothing blocks.
+- One command at a time, and the next one only when the statusword shows that the last one was obeyed: 06, 07, 0F. The
+  steps are `state.next_command`; what this file adds is when to stop asking.
+- The goal is ENABLED only by `enable`. A fault, a lost enable, a vanished or senseless statusword, a transition or a
+  mode that is not confirmed in time set it back to DISABLED. Nothing but a new `enable` sets it again; a fault reset
+  never does.
+- 0x0F is sent only when the goal is ENABLED and, to a drive that is not enabled yet, when the mode that was asked
+  for stands in 0x6061.
+- Down is the drive's own ramp: disable operation (0x605C), shutdown, disable voltage, each when the one before is
+  seen done. A quick stop is over when the state says so, whatever 0x605A is; power is not cut while it lasts.
+- The bits of the mode (4, 5, 6, 9) and halt (8) are sent only to an enabled drive, and the former are forgotten when it
+  no longer is, so that no old set-point starts a motion.
+"""
+
+from __future__ import annotations
+
+from enum import Enum
+from typing import TYPE_CHECKING
+
+from canopen_control.cia402.events import (
+    ControlChanged,
+    EnableLost,
+    FaultCleared,
+    FaultEntered,
+    ModeTimedOut,
+    StateChanged,
+    StatuswordUndefined,
+    TransitionTimedOut,
+)
+from canopen_control.cia402.fault_reset import FaultReset
+from canopen_control.cia402.mode_request import ModeRequest
+from canopen_control.cia402.quick_stop_exit import QuickStopExit, StopStage
+from canopen_control.cia402.state import (
+    HALT_BIT,
+    MODE_SPECIFIC_BITS,
+    REMOTE,
+    Command,
+    State,
+    controlword_of,
+    decode_statusword,
+    next_command,
+    transition_of,
+)
+from canopen_control.errors import DriveError, LocalProtocolError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from canopen_control.cia402.events import DriveEvent
+
+__all__ = ["DriveMachine", "Goal"]
+
+_NEVER = 1 << 63
+_SECOND = 1_000_000_000
+_FAULTS = (State.FAULT_REACTION_ACTIVE, State.FAULT)
+_LADDER = {
+    State.NOT_READY_TO_SWITCH_ON: -1,
+    State.SWITCH_ON_DISABLED: 0,
+    State.QUICK_STOP_ACTIVE: 0,  # both ways out of it lead up again
+    State.READY_TO_SWITCH_ON: 1,
+    State.SWITCHED_ON: 2,
+    State.OPERATION_ENABLED: 3,
+}
+_DISABLED_STATES = (State.SWITCH_ON_DISABLED, State.READY_TO_SWITCH_ON, State.SWITCHED_ON)
+_FALLS = 2  # on the way up: a command still on its way may cause one, a drive that keeps falling has a reason
+# Transition 16 is optional: a drive that does not know it is soon led out of its quick stop the long way.
+_DEFAULT_TIMEOUTS = {16: _SECOND}
+_AUTOMATIC = {None: 0, State.NOT_READY_TO_SWITCH_ON: 1}  # what an enable waits for before it can command anything
+
+
+class Goal(Enum):
+    """What the machine works towards."""
+
+    DISABLED = "disabled, by the drive's own ramp"
+    ENABLED = "operation enabled"
+    QUICK_STOPPED = "stopped by a quick stop"
+    VOLTAGE_DISABLED = "without voltage at once"
+
+
+class DriveMachine:
+    """The goal, the mode and the controlword of one axis.
+
+    Write what `update` returns to 0x6040, and `mode` to 0x6060 unless it is None. `transition_timeouts` maps
+    transition numbers to nanoseconds where `transition_timeout_ns` is not right (0: the wait for a first
+    statusword). `disabled_state` is where a disabled drive ends: SWITCH_ON_DISABLED, READY_TO_SWITCH_ON or
+    SWITCHED_ON. A statusword without a meaning leaves the state as it was for `undefined_limit` updates. After an
+    enable that overtook a disable the drive counts as enabled again when it did not move for `settle_ns`.
+
+    To be read: `state` (None: unknown), `statusword`, `goal`, `halted`, `controlword`, `undefined` (the number of
+    undefined statuswords), `remote` (bit 9; True until the drive says otherwise). `standstill` may be set by who
+    knows that the motor stands; it shortens the wait for the end of a quick stop, nothing else.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        *,
+        transition_timeout_ns: int = 5 * _SECOND,
+        transition_timeouts: Mapping[int, int] | None = None,
+        mode_timeout_ns: int = 2 * _SECOND,
+        fault_reset_timeout_ns: int = 2 * _SECOND,
+        settle_ns: int = _SECOND // 5,
+        disabled_state: State = State.SWITCH_ON_DISABLED,
+        undefined_limit: int = 10,
+    ) -> None:
+        if disabled_state not in _DISABLED_STATES:
+            raise LocalProtocolError(f"{name}: {disabled_state.name} is no state of a disabled drive")
+        self.name = name
+        self.disabled_state = disabled_state
+        self.goal = Goal.DISABLED
+        self.state: State | None = None
+        self.statusword: int | None = None
+        self.controlword = 0
+        self.halted = False
+        self.remote = True
+        self.standstill = False
+        self.undefined = 0
+        self._timeout = transition_timeout_ns
+        self._timeouts = {**_DEFAULT_TIMEOUTS, **(transition_timeouts or {})}
+        self._settle = settle_ns
+        self._undefined_limit = undefined_limit
+        self._undefined_run = 0
+        self._events: list[DriveEvent] = []
+        self._mode = ModeRequest(mode_timeout_ns)
+        self._mode_bits = 0
+        self._reset = FaultReset(fault_reset_timeout_ns)
+        self._falls = 0
+        self._in_flight = False  # a command to leave OPERATION_ENABLED may still arrive after a new enable
+        self._quick = False  # a quick stop was asked for, and OPERATION_ENABLED not left yet
+        self._stop_exit = QuickStopExit()
+        self._command: Command | None = None
+        self._armed = False  # the timer of this command in this state was set
+        self._step_deadline = self._deadline = _NEVER
+        self._settled = False  # nothing to do until an input changes or a deadline passes
+
+    # What somebody wants. All of it may be said again, and does nothing then.
+
+    def enable(self) -> None:
+        """Bring the drive to OPERATION_ENABLED, from wherever it is but a fault.
+
+        Raises DriveError in a fault, and after a mode was not confirmed until `set_mode` says which one it shall be.
+        """
+        if self.goal is Goal.ENABLED:
+            return
+        if self.fault:
+            raise DriveError(f"{self.name}: cannot be enabled in a fault{self._seen()}; reset the fault first")
+        if self._mode.failed:
+            raise DriveError(f"{self.name}: cannot be enabled, its mode was not confirmed; set a mode first")
+        self._set_goal(Goal.ENABLED)
+        self._falls = 0
+        self._quick = False
+        self._in_flight = self.state is State.OPERATION_ENABLED and self._command is not Command.ENABLE_OPERATION
+
+    def disable(self) -> None:
+        """Stop the motor by the drive's own ramp (0x605C), then take its power down to `disabled_state`."""
+        if self.goal is not Goal.VOLTAGE_DISABLED:
+            self._set_goal(Goal.DISABLED)
+
+    def disable_voltage(self) -> None:
+        """Cut the power at once: the motor coasts. For a drive that does not obey `disable`."""
+        self._quick = False
+        self._set_goal(Goal.VOLTAGE_DISABLED)
+
+    def quick_stop(self) -> None:
+        """Stop as 0x605A says. The drive ends in QUICK_STOP_ACTIVE or SWITCH_ON_DISABLED; `enable` leaves both."""
+        if self.goal not in (Goal.VOLTAGE_DISABLED, Goal.QUICK_STOPPED):
+            self._quick = self.state is State.OPERATION_ENABLED
+            self._set_goal(Goal.QUICK_STOPPED)
+
+    def halt(self, on: bool = True) -> None:
+        """Set or clear the halt bit (0x605D) of an enabled drive; it holds until it is cleared."""
+        if on is not self.halted:
+            self.halted = on
+            self._settled = False
+
+    def fault_reset(self) -> None:
+        """Reset a fault by one edge of bit 7; without a fault nothing is sent. Never enables anything."""
+        if self.state is None or self.fault:
+            self._reset.start()
+            self._settled = False
+
+    def set_mode(self, mode: int) -> None:
+        """Ask for a mode of operation; OPERATION_ENABLED, and every motion, waits until 0x6061 shows it.
+
+        Whether the drive has it (0x6502) was asked before: `modes.require_mode`.
+        """
+        if self._mode.ask(mode):
+            self._settled = False
+
+    @property
+    def mode_bits(self) -> int:
+        """Bits 4, 5, 6 and 9 of the controlword; zero whenever the drive is not enabled in a confirmed mode."""
+        return self._mode_bits
+
+    @mode_bits.setter
+    def mode_bits(self, bits: int) -> None:
+        if bits & ~MODE_SPECIFIC_BITS:
+            raise LocalProtocolError(f"{self.name}: 0x{bits:04X} are not bits of a mode (0x{MODE_SPECIFIC_BITS:04X})")
+        if bits != self._mode_bits:
+            self._mode_bits = bits
+            self._settled = False
+
+    # What is.
+
+    @property
+    def mode(self) -> int | None:
+        """What to write to 0x6060; None: nobody asked for a mode, leave it as it is."""
+        return self._mode.mode
+
+    @property
+    def mode_confirmed(self) -> bool:
+        """Whether 0x6061 shows `mode`, or none was asked for."""
+        return self._mode.confirmed
+
+    @property
+    def enabled(self) -> bool:
+        """Whether the drive is in OPERATION_ENABLED, is meant to be, and nothing that ends it is on its way."""
+        return self.state is State.OPERATION_ENABLED and self.goal is Goal.ENABLED and not self._in_flight
+
+    @property
+    def may_move(self) -> bool:
+        """Whether a target may be sent: enabled, in the mode that was asked for, not halted."""
+        return self.enabled and self._mode.confirmed and not self.halted
+
+    @property
+    def fault(self) -> bool:
+        """Whether the drive is in a fault, or in its reaction to one."""
+        return self.state in _FAULTS
+
+    @property
+    def resetting(self) -> bool:
+        """Whether a fault reset is under way."""
+        return self._reset.active
+
+    @property
+    def reached(self) -> bool:
+        """Whether the goal is reached; a drive in a fault counts as stopped once its reaction is over."""
+        if self.goal is Goal.ENABLED:
+            return self.enabled and self._mode.confirmed
+        if self.state is State.FAULT:
+            return True
+        if self.goal is Goal.QUICK_STOPPED:
+            return self.state in (State.QUICK_STOP_ACTIVE, State.SWITCH_ON_DISABLED)
+        return self.state in _DISABLED_STATES and _LADDER[self.state] <= _LADDER[self._goal_state()]
+
+    def events(self) -> list[DriveEvent]:
+        """Return what happened since the last call."""
+        happened, self._events = self._events, []
+        return happened
+
+    def next_deadline(self) -> int | None:
+        """Return when `update` must be called at the latest, None when nothing runs out."""
+        return None if self._deadline == _NEVER else self._deadline
+
+    # The cycle.
+
+    def update(self, statusword: int | None, mode_display: int | None, now: int) -> int:
+        """Take the newest 0x6041 and 0x6061 (None: not received) and return the controlword to send now.
+
+        Call it once per cycle. Never raises. A statusword that becomes None again is a drive that is gone.
+        """
+        mode = self._mode
+        if self._settled and statusword == self.statusword and mode_display == mode.display and now < self._deadline:
+            return self.controlword
+        self._settled = True
+        if statusword is None:
+            self._without_statusword(now)
+            mode.display = mode_display
+        else:
+            self._observe(statusword, now)
+            self._supervise_mode(mode_display, now)
+        if now >= self._step_deadline:
+            self._step_timed_out(now)
+        command = self._choose()
+        self._arm(command, now)
+        self.controlword = self._word(command, now)
+        self._deadline = min(self._step_deadline, mode.deadline, self._reset.deadline)
+        return self.controlword
+
+    def _set_goal(self, goal: Goal) -> None:
+        if goal is not self.goal:
+            self.goal = goal
+            self._in_flight = self._armed = self._settled = False
+            self._stop_exit.restart()
+
+    def _seen(self) -> str:
+        return "" if self.statusword is None else f" (statusword 0x{self.statusword:04X})"
+
+    def _without_statusword(self, now: int) -> None:
+        """Wait for a first statusword, or forget a drive that is gone."""
+        if self.statusword is None:
+            return
+        self.statusword = None
+        self.remote = True
+        self._undefined_run = 0
+        self._mode.forget_display()
+        self._reset.cancel()
+        if self.state is not None:
+            self._enter(None, now)
+        if self.goal is Goal.ENABLED:
+            self._lose(now)
+
+    def _observe(self, statusword: int, now: int) -> None:
+        self.statusword = statusword
+        state = decode_statusword(statusword)
+        if state is None:
+            self._count_undefined(statusword, now)
+            return
+        self._undefined_run = 0
+        if state is not self.state:
+            self._change_state(self.state, state, statusword, now)
+        remote = bool(statusword & REMOTE)
+        if remote is not self.remote and state is not State.NOT_READY_TO_SWITCH_ON:
+            self.remote = remote
+            self._events.append(ControlChanged(now, statusword))
+        if state is State.QUICK_STOP_ACTIVE:
+            self._stop_exit.look(statusword)
+
+    def _count_undefined(self, statusword: int, now: int) -> None:
+        self.undefined += 1
+        self._undefined_run += 1
+        self._settled = False  # the same word again counts again
+        if self._undefined_run == self._undefined_limit:
+            self._events.append(StatuswordUndefined(now, statusword, self._undefined_run))
+            if self.goal is Goal.ENABLED:
+                self._lose(now)
+
+    def _change_state(self, previous: State | None, state: State, statusword: int, now: int) -> None:
+        self._enter(state, now)
+        if state in _FAULTS:
+            if previous not in _FAULTS:
+                self._events.append(FaultEntered(now, state, statusword, previous is State.OPERATION_ENABLED))
+            self._set_goal(Goal.DISABLED)
+            return
+        self._reset.cancel()
+        if previous in _FAULTS:
+            self._events.append(FaultCleared(now, statusword))
+        elif previous is not None and self.goal is Goal.ENABLED and _LADDER[state] < _LADDER[previous]:
+            self._fall(previous, now)
+
+    def _enter(self, state: State | None, now: int) -> None:
+        self._events.append(StateChanged(now, self.state, state, self.statusword))
+        self.state = state
+        self._armed = False
+        self._step_deadline = _NEVER
+        self._stop_exit.enter()
+        self._quick = self._quick and state is State.OPERATION_ENABLED
+
+    def _fall(self, previous: State, now: int) -> None:
+        """Decide whether a drive that came down while it was to be enabled has lost it."""
+        self._falls += 1
+        if (previous is State.OPERATION_ENABLED and not self._in_flight) or self._falls > _FALLS:
+            self._lose(now)
+        self._in_flight = False
+
+    def _lose(self, now: int) -> None:
+        self._events.append(EnableLost(now, self.state, self.statusword))
+        self._set_goal(Goal.DISABLED)
+
+    def _supervise_mode(self, display: int | None, now: int) -> None:
+        event = self._mode.update(display, now)
+        if event is None:
+            return
+        self._events.append(event)
+        # A drive that stayed in its old mode goes on in it; one that is not enabled yet, or in neither mode, does not.
+        stayed = self._mode.confirmed and self.state is State.OPERATION_ENABLED
+        if isinstance(event, ModeTimedOut) and self.goal is Goal.ENABLED and not stayed:
+            self._lose(now)
+
+    def _step_timed_out(self, now: int) -> None:
+        self._step_deadline = _NEVER
+        if self._in_flight:
+            self._in_flight = False  # what could have ended the enable did not
+            return
+        stage = self._stop_exit.stage if self._is_leaving_quick_stop() else None
+        if stage is StopStage.ENABLE or stage is StopStage.WAIT:
+            self._stop_exit.advance()
+            self._armed = False
+        if stage is StopStage.ENABLE:
+            return  # transition 16 is optional: not worth a word
+        gave_up = self.goal is Goal.ENABLED and stage is not StopStage.WAIT
+        self._report_timeout(gave_up, now)
+        self._quick = False
+        if gave_up:
+            self._set_goal(Goal.DISABLED)
+
+    def _is_leaving_quick_stop(self) -> bool:
+        return self.state is State.QUICK_STOP_ACTIVE and self.goal in (Goal.ENABLED, Goal.DISABLED)
+
+    def _report_timeout(self, gave_up: bool, now: int) -> None:
+        command = self._command
+        transition = transition_of(self.state, command) if self.state and command else None
+        wanted, number = (transition.target, transition.number) if transition else (self._goal_state(), None)
+        event = TransitionTimedOut(now, self.state, wanted, command, number, self.statusword, gave_up)
+        self._events.append(event)
+
+    def _goal_state(self) -> State:
+        if self.goal is Goal.ENABLED:
+            return State.OPERATION_ENABLED
+        if self.goal is Goal.QUICK_STOPPED:
+            return State.QUICK_STOP_ACTIVE
+        return self.disabled_state if self.goal is Goal.DISABLED else State.SWITCH_ON_DISABLED
+
+    def _choose(self) -> Command | None:
+        """Return the command for the state and the goal, None for a drive that no command moves."""
+        state = self.state
+        if state is None or state in _FAULTS:
+            return None
+        if self.goal is Goal.VOLTAGE_DISABLED:
+            return Command.DISABLE_VOLTAGE
+        if self._quick:
+            return Command.QUICK_STOP
+        if self._is_leaving_quick_stop():
+            return self._leave_quick_stop()
+        if state is State.SWITCHED_ON and self.goal is Goal.ENABLED and not self._mode.confirmed:
+            return Command.SWITCH_ON  # stay: the mode comes first
+        return next_command(state, self._goal_state())
+
+    def _leave_quick_stop(self) -> Command:
+        leave = self._stop_exit
+        enable = self.goal is Goal.ENABLED
+        command = leave.command(enable, self.statusword or 0, self.standstill, self._mode.confirmed)
+        if leave.stage is StopStage.WAIT:
+            self._settled = False  # `standstill` is no input of update
+        return command
+
+    def _arm(self, command: Command | None, now: int) -> None:
+        """Start the timer of a new step; where nothing is to change there is none."""
+        if self._armed and command is self._command:
+            return
+        self._armed, self._command = True, command
+        timeout = self._step_timeout(command)
+        self._step_deadline = _NEVER if timeout is None else now + timeout
+
+    def _step_timeout(self, command: Command | None) -> int | None:
+        state = self.state
+        if state in _AUTOMATIC:
+            number = _AUTOMATIC[state] if self.goal is Goal.ENABLED else None
+        elif state is State.OPERATION_ENABLED and self._in_flight:
+            return self._settle
+        elif state is State.QUICK_STOP_ACTIVE and self._stop_exit.stage is StopStage.WAIT:
+            number = 12
+        else:
+            transition = transition_of(state, command) if state and command else None
+            number = transition.number if transition else None
+        return None if number is None else self._timeouts.get(number, self._timeout)
+
+    def _word(self, command: Command | None, now: int) -> int:
+        """Return the controlword: the command, and for an enabled drive the bits of its mode and halt."""
+        if self._reset.active and self.state is not None and self.statusword is not None:
+            event = self._reset.update(self.state, self.statusword, now)
+            if event is not None:
+                self._events.append(event)
+            if self._reset.rising:
+                self._settled = False
+            return self._reset.bit
+        enabled = self.enabled
+        if not (enabled and self._mode.confirmed):
+            self._mode_bits = 0
+        if command is None:
+            return 0
+        return controlword_of(command) | self._mode_bits | (HALT_BIT if self.halted and enabled else 0)

@@ -1,0 +1,225 @@
+"""What a drive's machines report: frozen records, each with its time and one sentence in plain words.
+
+Law of this file: `time` is the monotonic time in nanoseconds of the update that saw it, `statusword` the word that
+showed it (None: none received). Texts name no drive, because who drains the events knows whose they are.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from canopen_control.cia402.modes import mode_name
+from canopen_control.cia402.state import REMOTE, VOLTAGE_ENABLED
+
+if TYPE_CHECKING:
+    from canopen_control.cia402.state import Command, State
+
+__all__ = [
+    "ControlChanged",
+    "DriveEvent",
+    "EnableLost",
+    "FaultCleared",
+    "FaultEntered",
+    "FaultResetFailed",
+    "ModeConfirmed",
+    "ModeTimedOut",
+    "StateChanged",
+    "StatuswordUndefined",
+    "TransitionTimedOut",
+]
+
+
+def _word(statusword: int | None) -> str:
+    return "no statusword" if statusword is None else f"statusword 0x{statusword:04X}"
+
+
+def _name(state: State | None) -> str:
+    return "unknown" if state is None else state.name
+
+
+@dataclass(frozen=True, slots=True)
+class StateChanged:
+    """The drive was seen in another state; None stands for unknown, before the first statusword or without one."""
+
+    time: int
+    previous: State | None
+    state: State | None
+    statusword: int | None
+
+    @property
+    def text(self) -> str:
+        """What happened, in words."""
+        return f"{_name(self.previous)} -> {_name(self.state)} ({_word(self.statusword)})"
+
+
+@dataclass(frozen=True, slots=True)
+class FaultEntered:
+    """The drive reports a fault; the goal is now DISABLED. `was_enabled`: it was in OPERATION_ENABLED before."""
+
+    time: int
+    state: State
+    statusword: int
+    was_enabled: bool
+
+    @property
+    def text(self) -> str:
+        """What happened, in words."""
+        return f"fault ({_word(self.statusword)}){' while enabled' if self.was_enabled else ''}"
+
+
+@dataclass(frozen=True, slots=True)
+class FaultCleared:
+    """The drive left its fault; it stays disabled until somebody enables it."""
+
+    time: int
+    statusword: int
+
+    @property
+    def text(self) -> str:
+        """What happened, in words."""
+        return f"fault cleared ({_word(self.statusword)}); enable to go on"
+
+
+@dataclass(frozen=True, slots=True)
+class FaultResetFailed:
+    """A fault reset was sent and the drive is still in its fault."""
+
+    time: int
+    statusword: int
+
+    @property
+    def text(self) -> str:
+        """What happened, in words."""
+        return f"fault reset had no effect: cause still present ({_word(self.statusword)})"
+
+
+@dataclass(frozen=True, slots=True)
+class TransitionTimedOut:
+    """The drive did not leave `state` in time for `wanted`.
+
+    `transition` is the number of the arrow asked for by `command`; None where the drive had to act by itself or no
+    statusword came. `gave_up`: enabling was abandoned, the goal is now DISABLED; otherwise the machine keeps asking.
+    """
+
+    time: int
+    state: State | None
+    wanted: State
+    command: Command | None
+    transition: int | None
+    statusword: int | None
+    gave_up: bool
+
+    @property
+    def text(self) -> str:
+        """What happened, in words."""
+        asked = "" if self.command is None else f", asked by {self.command.name}"
+        end = "; not enabled" if self.gave_up else ""
+        return (
+            f"did not leave {_name(self.state)} for {self.wanted.name} in time{asked} ({_word(self.statusword)}){end}"
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class ModeConfirmed:
+    """0x6061 shows the mode that was asked for."""
+
+    time: int
+    mode: int
+
+    @property
+    def text(self) -> str:
+        """What happened, in words."""
+        return f"mode {mode_name(self.mode)} confirmed"
+
+
+@dataclass(frozen=True, slots=True)
+class ModeTimedOut:
+    """0x6061 did not show `mode` in time but `display`; the machine asks for `restored` again (None: for none).
+
+    An EnableLost follows unless the drive is enabled, and goes on, in the mode that is restored.
+    """
+
+    time: int
+    mode: int
+    display: int | None
+    restored: int | None
+
+    @property
+    def text(self) -> str:
+        """What happened, in words."""
+        shown = "nothing" if self.display is None else mode_name(self.display)
+        back = "" if self.restored is None else f"; back to {mode_name(self.restored)}"
+        return f"mode {mode_name(self.mode)} not confirmed, 0x6061 shows {shown}{back}"
+
+
+@dataclass(frozen=True, slots=True)
+class EnableLost:
+    """An enable ended, or came to nothing, without a command; the goal is DISABLED.
+
+    `state` is where the drive is now: fallen out of OPERATION_ENABLED or back on the way to it, None when its
+    statusword is gone, the last one known when the statusword means nothing or the mode was not confirmed.
+    """
+
+    time: int
+    state: State | None
+    statusword: int | None
+
+    @property
+    def power_stage_off(self) -> bool:
+        """Whether bit 4 says that the power stage has no voltage: mains lost, or safe torque off."""
+        return self.statusword is not None and not self.statusword & VOLTAGE_ENABLED
+
+    @property
+    def text(self) -> str:
+        """What happened, in words."""
+        cause = ", power stage off" if self.power_stage_off else ""
+        return f"no longer enabled, now {_name(self.state)} ({_word(self.statusword)}{cause}); enable to go on"
+
+
+@dataclass(frozen=True, slots=True)
+class ControlChanged:
+    """Bit 9 changed, or was 0 at the first look: a drive under local control ignores its controlword."""
+
+    time: int
+    statusword: int
+
+    @property
+    def remote(self) -> bool:
+        """Whether the drive obeys the bus."""
+        return bool(self.statusword & REMOTE)
+
+    @property
+    def text(self) -> str:
+        """What happened, in words."""
+        if self.remote:
+            return f"under remote control again ({_word(self.statusword)})"
+        return f"under local control, controlword may be ignored ({_word(self.statusword)}, bit 9 is 0)"
+
+
+@dataclass(frozen=True, slots=True)
+class StatuswordUndefined:
+    """The statusword matched no state for `updates` updates on end; an enabled drive is being disabled."""
+
+    time: int
+    statusword: int
+    updates: int
+
+    @property
+    def text(self) -> str:
+        """What happened, in words."""
+        return f"{_word(self.statusword)} shows no state, for {self.updates} updates"
+
+
+DriveEvent = (
+    StateChanged
+    | FaultEntered
+    | FaultCleared
+    | FaultResetFailed
+    | TransitionTimedOut
+    | ModeConfirmed
+    | ModeTimedOut
+    | EnableLost
+    | ControlChanged
+    | StatuswordUndefined
+)
