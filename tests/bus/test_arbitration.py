@@ -1,0 +1,73 @@
+"""Arbitration: who wins, in which order frames pass, and how busy the wire was."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from canopen_control.bus.arbitration import PacedWire, priority
+from canopen_control.bus.timing import duration_ns, frame_bits
+from canopen_control.frame import EXTENDED_FLAG, REMOTE_FLAG, CanFrame, frames_of, pack_records
+
+S = 1_000_000_000
+
+
+def test_arbitration_is_decided_bit_by_bit():
+    order = [
+        0x000,
+        0x123,
+        0x123 | REMOTE_FLAG,
+        (0x123 << 18) | EXTENDED_FLAG,
+        (0x123 << 18) | EXTENDED_FLAG | REMOTE_FLAG,
+        (0x123 << 18) | 1 | EXTENDED_FLAG,
+        0x124,
+        0x7FF,
+    ]
+    assert sorted(order, key=priority) == order
+    assert len({priority(can_id) for can_id in order}) == len(order)
+
+
+@given(
+    st.lists(
+        st.tuples(st.integers(0, 3), st.integers(0, 0x7FF), st.integers(0, 300_000)),
+        min_size=1,
+        max_size=40,
+    )
+)
+def test_nothing_is_lost_each_sender_keeps_its_order_and_time_is_filled_without_gaps(steps):
+    wire, now, out, put = PacedWire(1_000_000), 0, [], []
+    for number, (sender, can_id, wait) in enumerate(steps):
+        now += wait
+        out += wire.advance(now)
+        frame = CanFrame(can_id, number.to_bytes(2, "little"))
+        put.append((sender, frame))
+        wire.put(sender, pack_records([frame]), now)
+    bits = sum(frame_bits(*frame) for _, frame in put)
+    out += wire.advance(now + duration_ns(bits, 1_000_000))
+    passed = [(sender, next(frames_of(record))) for sender, record in out]
+    assert sorted(passed) == sorted(put)
+    for sender in range(4):
+        assert [item for item in passed if item[0] == sender] == [item for item in put if item[0] == sender]
+    assert wire.bits == bits
+    assert wire.next_deadline() is None
+
+
+def test_forgetting_a_sender_finishes_what_is_on_the_wire():
+    wire = PacedWire(1_000_000)
+    wire.put(1, pack_records([CanFrame(1), CanFrame(2), CanFrame(3)]), 0)
+    assert wire.backlog(1) == 2
+    assert wire.forget(1) == 2
+    assert len(list(wire.advance(S))) == 1
+    assert wire.backlog(1) == 0
+
+
+def test_the_load_is_that_of_the_last_full_second():
+    wire = PacedWire(1000)
+    frame = CanFrame(0x555, b"")
+    wire.put(1, pack_records([frame] * 10), 0)
+    list(wire.advance(S))
+    share = 10 * frame_bits(*frame) / 1000
+    assert wire.load(S) == pytest.approx(share, abs=0.001)
+    assert wire.load(2 * S - 1) == pytest.approx(share, abs=0.001)
+    assert wire.load(2 * S) == 0.0

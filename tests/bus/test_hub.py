@@ -1,0 +1,285 @@
+"""The hub on real sockets and a manual clock: it outlasts nobody by more than two seconds and waits for nobody."""
+
+from __future__ import annotations
+
+import os
+import select
+import socket
+
+import pytest
+
+from canopen_control.bus.hello import HELLO_SIZE, VERSION, pack_hello, parse_hello
+from canopen_control.bus.hub import LINGER_NS, Hub
+from canopen_control.bus.local import LocalPort
+from canopen_control.bus.timing import duration_ns, frame_bits
+from canopen_control.errors import CanopenError
+from canopen_control.frame import CanFrame, frames_of, pack_records
+from canopen_control.host.lineclient import LineClient
+from canopen_control.host.reactor import ManualClock, Reactor
+from canopen_control.host.sockets import list_sockets, lock, socket_path
+
+MS = 1_000_000
+
+
+def frame(number, can_id=0x181):
+    return CanFrame(can_id, number.to_bytes(4, "little"))
+
+
+class Bench:
+    """A hub in this process; `settle` lets it serve everything that is ready, without any time passing."""
+
+    def __init__(self):
+        self.reactor = Reactor(ManualClock(10**12))
+        self.ended = []
+        self.hub = Hub(self.reactor, "bench")
+        self.hub.on_end = lambda: self.ended.append(self.reactor.now())
+        self.open = []
+
+    def settle(self):
+        self.reactor.run_for(0)
+
+    def connect(self):
+        sock = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        self.open.append(sock)
+        sock.connect(str(socket_path("bus", "bench")))
+        return sock
+
+    def join(self, label):
+        sock = self.connect()
+        sock.sendall(pack_hello(os.getpid(), label))
+        self.settle()
+        hello = parse_hello(sock.recv(HELLO_SIZE))
+        port = LocalPort("bench", sock, hello.label)
+        self.open.append(port)
+        return port
+
+    def ask(self, method, **params):
+        client = LineClient(socket_path("busctl", "bench"))
+        client.send({"id": 7, "method": method, "params": params})
+        self.settle()
+        hello, answer = client.receive(1), client.receive(1)
+        client.close()
+        self.settle()
+        assert hello["hello"]["bus"] == "bench"
+        assert answer.pop("id") == 7
+        return answer
+
+    def close(self):
+        for thing in self.open:
+            thing.close()
+        self.hub.close()
+        self.reactor.close()
+        assert self.reactor.errors == 0
+
+
+@pytest.fixture
+def bench(runtime):
+    bench = Bench()
+    yield bench
+    bench.close()
+
+
+def received(port):
+    return list(frames_of(port.receive()))
+
+
+def test_a_cycle_goes_through_and_comes_out_in_one_piece(bench):
+    master, left, right = (bench.join(label) for label in ("master", "left", "right"))
+    cycle = [CanFrame(0x80), *(frame(n, 0x200 + n) for n in range(1, 5))]
+    master.send(pack_records(cycle))
+    bench.settle()
+    assert left.receive() == right.receive() == pack_records(cycle)
+    left.send(pack_records([frame(1)]))
+    right.send(pack_records([frame(2)]))
+    bench.settle()
+    assert sorted(received(master)) == [frame(1), frame(2)]
+    assert received(left) == [frame(2)]
+
+
+def test_a_greeting_and_frames_may_come_in_any_pieces(bench):
+    reader = bench.join("reader")
+    sock = bench.connect()
+    stream = pack_hello(1, "slow") + pack_records([frame(n) for n in range(3)])
+    for begin in range(0, len(stream), 7):
+        sock.sendall(stream[begin : begin + 7])
+        bench.settle()
+    assert received(reader) == [frame(n) for n in range(3)]
+
+
+def test_the_hub_is_gone_two_seconds_after_the_last_has_left(bench):
+    port = bench.join("only")
+    bench.reactor.run_for(10 * LINGER_NS)
+    port.close()
+    left = bench.reactor.now()
+    bench.reactor.run_for(LINGER_NS - 1)
+    assert bench.ended == []
+    bench.reactor.run_for(1)
+    assert bench.ended == [left + LINGER_NS]
+    assert list_sockets("bus") == list_sockets("busctl") == []
+
+
+def test_a_hub_that_nobody_joins_is_gone_after_two_seconds(bench):
+    bench.reactor.run_for(LINGER_NS)
+    assert len(bench.ended) == 1
+
+
+def test_who_comes_within_the_two_seconds_keeps_it(bench):
+    bench.join("first").close()
+    bench.reactor.run_for(LINGER_NS // 2)
+    second = bench.join("second")
+    bench.reactor.run_for(5 * LINGER_NS)
+    assert bench.ended == []
+    second.close()
+    bench.reactor.run_for(LINGER_NS)
+    assert len(bench.ended) == 1
+
+
+def test_it_does_not_end_while_an_opener_holds_the_lock(bench):
+    with lock(socket_path("bus", "bench")):
+        bench.reactor.run_for(2 * LINGER_NS)
+        assert bench.ended == []
+    bench.reactor.run_for(LINGER_NS)
+    assert len(bench.ended) == 1
+
+
+def test_an_opener_in_the_backlog_at_the_last_moment_is_served(bench):
+    bench.reactor.run_for(LINGER_NS - 1)
+    sock = bench.connect()
+    sock.sendall(pack_hello(1, "late"))
+    bench.hub._expire()
+    assert bench.ended == []
+    bench.settle()
+    assert parse_hello(sock.recv(HELLO_SIZE)).label == "late"
+
+
+def was_hung_up(sock):
+    try:
+        return sock.recv(1) == b""
+    except ConnectionResetError:  # the hub left something unread
+        return True
+
+
+@pytest.mark.parametrize("data", [b"GET / HTTP/1.1\r\n" + bytes(60), bytes(HELLO_SIZE)], ids=["http", "zeros"])
+def test_who_does_not_greet_is_shown_the_door(bench, data):
+    sock = bench.connect()
+    sock.sendall(data)
+    bench.settle()
+    assert select.select([sock], [], [], 0)[0]
+    assert was_hung_up(sock)
+
+
+def test_who_says_nothing_is_dropped_after_a_while_and_kept_nobody_waiting(bench):
+    silent = bench.connect()
+    a, b = bench.join("a"), bench.join("b")
+    a.send(pack_records([frame(1)]))
+    bench.settle()
+    assert received(b) == [frame(1)]
+    bench.reactor.run_for(10**10)
+    assert silent.recv(1) == b""
+
+
+def test_another_version_is_answered_with_ours(bench):
+    sock = bench.connect()
+    sock.sendall(pack_hello(1, "future", VERSION + 1))
+    bench.settle()
+    assert parse_hello(sock.recv(HELLO_SIZE)) == (VERSION, os.getpid(), "")
+    assert sock.recv(1) == b""
+
+
+def test_a_stalled_reader_loses_only_its_own_frames_and_learns_how_many(bench):
+    sender, quick, stalled = (bench.join(label) for label in ("sender", "quick", "stalled"))
+    sent = 0
+    (member,) = bench.hub.exchange.labelled("stalled")
+    while member.lost == 0:
+        batch = [frame(sent + n) for n in range(500)]
+        sender.send(pack_records(batch))
+        bench.settle()
+        assert received(quick) == batch
+        sent += 500
+    assert quick.stats.lost == 0
+    seen = []
+    while records := stalled.receive():
+        seen += [f for f in frames_of(records) if not f.is_error]
+        bench.settle()
+    assert seen == [frame(n) for n in range(len(seen))]
+    assert len(seen) + stalled.stats.lost == sent
+    assert stalled.stats.lost == member.lost
+    sender.send(pack_records([frame(sent)]))
+    bench.settle()
+    assert received(stalled) == [frame(sent)]
+
+
+def test_who_disappears_with_frames_under_way_disturbs_nobody(bench):
+    a, b, c = (bench.join(label) for label in "abc")
+    b.close()
+    a.send(pack_records([frame(1)]))
+    bench.settle()
+    assert received(c) == [frame(1)]
+    assert [m["label"] for m in bench.ask("status")["result"]["members"]] == ["a", "c"]
+
+
+def test_a_bit_rate_delays_frames_by_their_bits(bench):
+    a, b = bench.join("a"), bench.join("b")
+    bench.ask("bitrate", bitrate=125_000)
+    a.send(pack_records([frame(1), frame(2)]))
+    bench.settle()
+    one = duration_ns(frame_bits(*frame(1)), 125_000)
+    bench.reactor.run_for(one - 1)
+    assert received(b) == []
+    bench.reactor.run_for(1)
+    assert received(b) == [frame(1)]
+    bench.reactor.run_for(one)
+    assert received(b) == [frame(2)]
+
+
+def test_a_paced_wire_pushes_back_and_loses_nothing(bench):
+    a, b = bench.join("a"), bench.join("b")
+    bench.ask("bitrate", bitrate=1_000_000)
+    count = 3000
+    a.send(pack_records([frame(n) for n in range(count)]))
+    seen = []
+    for _ in range(10):
+        bench.reactor.run_for(50 * MS)
+        seen += received(b)
+    assert seen == [frame(n) for n in range(count)]
+    assert bench.ask("status")["result"]["load"] is not None
+
+
+def test_a_full_wire_is_fully_loaded(bench):
+    a, b = bench.join("a"), bench.join("b")
+    bench.ask("bitrate", bitrate=10_000)
+    a.send(pack_records([frame(n) for n in range(250)]))
+    bench.reactor.run_for(1_999 * MS)
+    assert bench.ask("status")["result"]["load"] == pytest.approx(1.0, abs=0.02)
+    assert received(b)
+
+
+def test_delay_and_clear_through_the_control_socket(bench):
+    a, b = bench.join("a"), bench.join("b")
+    assert bench.ask("delay", label="a", ms=5) == {"result": None}
+    a.send(pack_records([frame(1)]))
+    bench.reactor.run_for(5 * MS - 1)
+    assert received(b) == []
+    bench.reactor.run_for(1)
+    assert received(b) == [frame(1)]
+    bench.ask("cut", label="b")
+    a.send(pack_records([frame(2)]))
+    bench.reactor.run_for(10 * MS)
+    assert received(b) == []
+    bench.ask("clear")
+    a.send(pack_records([frame(3)]))
+    bench.settle()
+    assert received(b) == [frame(3)]
+
+
+def test_bus_off_and_error_frames_reach_the_one_they_are_meant_for(bench):
+    a, b = bench.join("a"), bench.join("b")
+    bench.ask("bus_off", label="a")
+    bench.ask("error_frame", label="b", kind="error-passive")
+    assert [f.can_id for f in received(a)] == [0x20000040]
+    assert [f.can_id for f in received(b)] == [0x20000204]
+
+
+def test_a_second_hub_of_the_same_name_is_refused(bench):
+    with pytest.raises(CanopenError, match="in use"):
+        Hub(bench.reactor, "bench")
