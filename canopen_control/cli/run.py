@@ -1,0 +1,132 @@
+"""`run`: boot a robot, run its controllers, and stop it properly."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from typing import TYPE_CHECKING
+
+from canopen_control.errors import CanopenError, ConfigError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from canopen_control.master.events import Event
+    from canopen_control.runtime.announcer import Announcer
+    from canopen_control.runtime.setup import RobotSetup
+
+__all__ = ["add_arguments", "add_robot_arguments", "run", "run_robot"]
+
+EXAMPLE = "canopen-control run robby --duration 5"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    add_robot_arguments(parser)
+    parser.add_argument(
+        "--ros", action=argparse.BooleanOptionalAction, default=False, help="start the ROS 2 bridge (default: off)"
+    )
+    parser.add_argument("--view", action="store_true", help="open the browser view")
+    parser.add_argument("--duration", type=_seconds, metavar="S", help="stop S seconds after the robot runs")
+
+
+def add_robot_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare what says which robot, and how it is reached."""
+    parser.add_argument("config", nargs="?", metavar="CONFIG", help="a robot folder, or the name of a bundled robot")
+    parser.add_argument("--bus", metavar="FILE", help="bus.yml, instead of the folder's")
+    parser.add_argument("--controllers", metavar="FILE", help="ros2_controllers.yaml, instead of the folder's")
+    parser.add_argument("--description", metavar="FILE", help="URDF or xacro, instead of the folder's")
+    parser.add_argument(
+        "--can",
+        action="append",
+        default=[],
+        metavar="[BUS=]CHANNEL",
+        help="where the drives are: local:NAME (default), vcan0, can0, pcan:...",
+    )
+    parser.add_argument("--real", action="store_true", help="the drives are real: start no virtual ones")
+    parser.add_argument("--mock", action="store_true", help="no drives and no bus: mock hardware")
+    parser.add_argument("--no-drives", action="store_true", help="start no virtual drives, they are there already")
+    parser.add_argument(
+        "--controller",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="activate this controller (default: the first)",
+    )
+    parser.add_argument("--name", help="name of this robot for its clients (default: the folder's)")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the verb."""
+    return run_robot(args)
+
+
+def run_robot(args: argparse.Namespace, *, motion: bool = False, table: bool = False) -> int:
+    """Run a robot until it ends; 0 good, 1 failed."""
+    setup = read_setup(args)
+    if args.ros:
+        from canopen_control.ros.available import require_ros
+
+        require_ros()
+    from canopen_control.runtime.announcer import Announcer
+    from canopen_control.runtime.session import RunOptions, Session
+
+    options = RunOptions(
+        drives=not (args.real or args.mock or args.no_drives),
+        ros=args.ros,
+        table=table,
+        motion=motion,
+        duration=args.duration,
+    )
+    session = Session(setup, options)
+    announcer = Announcer(sys.stderr if table else sys.stdout)
+    try:
+        session.robot.on_event = _teller(announcer, table)
+        if table:
+            session.supervisor.start_client(
+                "table", ["canopen_control", "status", "--watch", "--name", setup.name], inherit_stdout=True
+            )
+        failure = session.run()
+    finally:
+        session.close()
+        announcer.close()
+    if failure is not None:
+        raise CanopenError(failure)
+    return 0
+
+
+def read_setup(args: argparse.Namespace) -> RobotSetup:
+    """Read the files that the arguments name; raises ConfigError."""
+    from canopen_control.host.sockets import check_name
+    from canopen_control.runtime.files import find_robot
+    from canopen_control.runtime.setup import read_robot
+
+    if args.real and (args.mock or args.no_drives):
+        raise ConfigError("--real goes with neither --mock nor --no-drives")
+    files = find_robot(args.config, bus=args.bus, controllers=args.controllers, description=args.description)
+    if args.name is not None:
+        check_name(args.name)
+    return read_robot(files, name=args.name, can=args.can, controllers=args.controller, mock=args.mock)
+
+
+def _teller(announcer: Announcer, table: bool) -> Callable[[Event], None]:
+    """Print events as lines; beside a live table only what is bad."""
+    from canopen_control.master.events import Level
+
+    lowest = Level.WARNING if table else Level.INFO
+
+    def tell(event: Event) -> None:
+        if event.level >= lowest and event.kind not in _CHATTER:
+            announcer.say(event.text)
+
+    return tell
+
+
+_CHATTER = ("note", "mode", "state")
+
+
+def _seconds(text: str) -> float:
+    value = float(text)
+    if not value > 0:
+        raise argparse.ArgumentTypeError(f"{text} is no time above 0")
+    return value

@@ -1,0 +1,1 @@
+"""The CANopen master: configuration, boot, supervision and process data of a bus."""

@@ -1,0 +1,174 @@
+"""Process data: what travels in PDOs, compiled once, exchanged every cycle.
+
+The names are the device's: a TPDO comes in here, an RPDO goes out. The law of this file: after `compile` no object is
+looked up by index, a received frame is one dictionary look-up and one unpack, and an object that several RPDOs map
+(the controlword of most drives) has one value in all of them.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from canopen_control.cia301.pdo import MappedObject, PdoCodec
+from canopen_control.frame import RECORD
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Sequence
+
+    from canopen_control.od.model import Value
+
+__all__ = ["Input", "Output", "ProcessImage", "ReceivedPdo", "SentPdo"]
+
+_NEVER = -1
+CYCLIC_SYNCHRONOUS = range(1, 241)  # transmission types of RPDOs that a drive expects with every SYNC
+
+
+class ReceivedPdo:
+    """One TPDO of a node: its newest values, when they came, and how many were too short or too long.
+
+    `values` are the raw numbers in mapping order; before the first frame they are zeros and `stamp` is -1.
+    """
+
+    __slots__ = ("_unpack", "cob_id", "codec", "count", "long", "short", "stamp", "values")
+
+    def __init__(self, cob_id: int, objects: Sequence[MappedObject]) -> None:
+        self.cob_id = cob_id
+        self.codec = PdoCodec(objects)
+        self._unpack: Callable[[bytes], tuple[Value, ...]] = self.codec.unpack
+        self.values: tuple[Value, ...] = (0,) * len(objects)
+        self.stamp = _NEVER
+        self.count = self.short = self.long = 0
+
+    def receive(self, data: bytes, length: int, now: int) -> None:
+        """Take the data of a frame (eight bytes, `length` of them real); a short one changes nothing but a counter."""
+        if length != self.codec.length:
+            if length < self.codec.length:
+                self.short += 1
+                return
+            self.long += 1
+        self.values = self._unpack(data)
+        self.stamp = now
+        self.count += 1
+
+    def forget(self) -> None:
+        """Drop what was received: the node was lost or has restarted."""
+        self.stamp = _NEVER
+
+
+class Input:
+    """One object of one TPDO; `value` is the raw number of the newest frame."""
+
+    __slots__ = ("_position", "pdo")
+
+    def __init__(self, pdo: ReceivedPdo, position: int) -> None:
+        self.pdo, self._position = pdo, position
+
+    @property
+    def value(self) -> int:
+        """The raw number; 0 before the first frame."""
+        return self.pdo.values[self._position]  # type: ignore[return-value]  # mapped drive objects are integers
+
+    @property
+    def fresh(self) -> bool:
+        """Whether a frame has come since the node booted."""
+        return self.pdo.stamp >= 0
+
+    def age_ns(self, now: int) -> int | None:
+        """How old the value is, or None."""
+        return now - self.pdo.stamp if self.pdo.stamp >= 0 else None
+
+
+class Output:
+    """One object that RPDOs carry: `set` marks each of them as changed."""
+
+    __slots__ = ("pdos", "value")
+
+    def __init__(self) -> None:
+        self.value = 0
+        self.pdos: list[SentPdo] = []
+
+    def set(self, value: int) -> None:
+        """Give the raw number of the next frames."""
+        if value != self.value:
+            self.value = value
+            for pdo in self.pdos:
+                pdo.changed = True
+
+
+class SentPdo:
+    """One RPDO of a node, its record ready to be sent; `enabled` only while the node is operational."""
+
+    __slots__ = ("_idle", "changed", "cob_id", "codec", "count", "cyclic", "enabled", "outputs", "record")
+
+    def __init__(
+        self, cob_id: int, objects: Sequence[MappedObject], outputs: Sequence[Output], *, cyclic: bool
+    ) -> None:
+        self.cob_id, self.outputs, self.cyclic = cob_id, outputs, cyclic
+        self.codec = PdoCodec(objects)
+        self.record = bytearray(RECORD.pack(cob_id, self.codec.length, b""))
+        self.enabled, self.changed, self.count = False, True, 0
+        self._idle = 0
+        for output in outputs:
+            output.pdos.append(self)
+
+    def collect(self, records: list[bytearray], refresh: int) -> None:
+        """Append the record if it changed, is cyclic, or was not sent for `refresh` cycles."""
+        self._idle += 1
+        if not self.enabled or not (self.changed or self.cyclic or self._idle >= refresh):
+            return
+        if self.changed:
+            self.codec.pack_into(self.record, 8, [output.value for output in self.outputs])
+            self.changed = False
+        self._idle = 0
+        self.count += 1
+        records.append(self.record)
+
+
+class ProcessImage:
+    """The process data of a bus. Add the PDOs of every node, then exchange.
+
+    `inputs` maps the COB-ID of a TPDO to its `ReceivedPdo`; `refresh` is after how many cycles an unchanged RPDO is
+    sent again, so that a frame lost on the wire does not stay lost.
+    """
+
+    def __init__(self, refresh: int = 5) -> None:
+        self.refresh = refresh
+        self.inputs: dict[int, ReceivedPdo] = {}
+        self.outputs: list[SentPdo] = []
+        self._inputs: dict[tuple[int, int, int], Input] = {}
+        self._outputs: dict[tuple[int, int, int], Output] = {}
+        self._records: list[bytearray] = []
+
+    def add_tpdo(self, node_id: int, cob_id: int, objects: Sequence[MappedObject]) -> ReceivedPdo:
+        """Receive a TPDO; the first one that maps an object gives its input."""
+        pdo = ReceivedPdo(cob_id, objects)
+        self.inputs[cob_id] = pdo
+        for position, mapped in enumerate(objects):
+            self._inputs.setdefault((node_id, mapped.index, mapped.subindex), Input(pdo, position))
+        return pdo
+
+    def add_rpdo(
+        self, node_id: int, cob_id: int, objects: Sequence[MappedObject], transmission_type: int = 255
+    ) -> SentPdo:
+        """Send an RPDO; objects that an earlier one of the node maps share its value."""
+        outputs = [self._outputs.setdefault((node_id, mapped.index, mapped.subindex), Output()) for mapped in objects]
+        pdo = SentPdo(cob_id, objects, outputs, cyclic=transmission_type in CYCLIC_SYNCHRONOUS)
+        self.outputs.append(pdo)
+        return pdo
+
+    def input(self, node_id: int, index: int, subindex: int = 0) -> Input | None:
+        """Return the input of an object, or None if no TPDO maps it."""
+        return self._inputs.get((node_id, index, subindex))
+
+    def output(self, node_id: int, index: int, subindex: int = 0) -> Output | None:
+        """Return the output of an object, or None if no RPDO maps it."""
+        return self._outputs.get((node_id, index, subindex))
+
+    def collect(self, also: Iterable[bytes | bytearray] = ()) -> bytes:
+        """Return the records of one cycle: the RPDOs that are due, then `also` (the SYNC)."""
+        records = self._records
+        records.clear()
+        for pdo in self.outputs:
+            pdo.collect(records, self.refresh)
+        records.extend(also)  # type: ignore[arg-type]  # bytes and bytearrays join alike
+        return b"".join(records)

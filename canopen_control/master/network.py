@@ -1,0 +1,176 @@
+"""The master of one bus: frames in, frames out, every node supervised. Sans-IO like the services it is made of.
+
+The law of this file: a frame is routed by one look-up of its identifier and never raises, whatever it holds; frames
+nobody expects are counted in `unknown`. PDOs go straight to the process image. Everything else wakes the node it is
+from. What is to be sent waits in `take`; RPDOs and SYNC come from `cycle`.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from canopen_control.cia301.emcy import EmcyMessage, error_text
+from canopen_control.cia301.heartbeat import HeartbeatConsumer, HeartbeatProducer
+from canopen_control.cia301.nmt import NmtCommand, NmtState, nmt_frame, state_of_byte
+from canopen_control.cia301.sync import SyncProducer
+from canopen_control.frame import BROADCAST, RECORD, CanFrame, Service, cob_id, pack_records
+from canopen_control.master.cycle import ProcessImage
+from canopen_control.master.node import RemoteNode
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from canopen_control.master.config import BusConfig
+    from canopen_control.master.events import Event
+
+__all__ = ["Network"]
+
+REFRESH_NS = 100_000_000  # an unchanged RPDO is repeated this often
+
+
+class Network:
+    """All nodes of a bus.yml on one channel; `report` is handed every event."""
+
+    def __init__(self, name: str, config: BusConfig, report: Callable[[Event], None], cycle_ns: int) -> None:
+        self.name, self.config = name, config
+        self.unknown = 0
+        self.malformed = 0
+        self.sync = SyncProducer(overflow=config.master.sync_overflow)
+        self.image = ProcessImage(refresh=max(1, REFRESH_NS // cycle_ns))
+        self._outgoing: list[CanFrame] = []
+        self._consumer = HeartbeatConsumer()
+        self._producer = HeartbeatProducer(config.master.node_id, config.master.heartbeat_ms * 1_000_000)
+        self._report = report
+        self._deadline: int | None = None
+        self._stale = True  # whether the deadline has to be found anew
+        self.nodes = {name: self._node(name) for name in config.nodes}
+        self._by_id = {node.node_id: node for node in self.nodes.values()}
+        self._handlers: dict[int, Callable[[bytes, int, int], None]] = {}
+        for node in self.nodes.values():
+            self._connect(node)
+
+    def start(self, now: int) -> None:
+        """Send the master's boot-up and begin the boot of every node."""
+        self._producer.boot_up(now)
+        self._producer.state = NmtState.OPERATIONAL
+        for node in self.nodes.values():
+            if node.config.boot:
+                node.begin_boot(now, reset=node.config.reset_communication)
+        self._collect()
+
+    def receive(self, records: bytes, now: int) -> None:
+        """Take whole records as a port gives them."""
+        handlers = self._handlers
+        for can_id, length, data in RECORD.iter_unpack(records):
+            handler = handlers.get(can_id)
+            if handler is None:
+                self.unknown += 1
+            else:
+                handler(data, length, now)
+
+    def tick(self, now: int) -> None:
+        """Let time pass; cheap while nothing is due."""
+        if self._stale:
+            self._deadline, self._stale = self._earliest(), False
+        if self._deadline is None or now < self._deadline:
+            return
+        self._producer.tick(now)
+        self._consumer.tick(now)
+        self._supervise(now)
+        for node in self.nodes.values():
+            node.tick(now)
+        self._collect()
+
+    def next_deadline(self) -> int | None:
+        """Return when `tick` has something to do."""
+        if self._stale:
+            self._deadline, self._stale = self._earliest(), False
+        return self._deadline
+
+    def take(self) -> bytes:
+        """Return the records that wait to be sent, process data apart."""
+        if not self._outgoing:
+            return b""
+        records = pack_records(self._outgoing)
+        self._outgoing.clear()
+        return records
+
+    def cycle(self, *, sync: bool) -> bytes:
+        """Return the records of one cycle: RPDOs that are due, then SYNC."""
+        if not sync:
+            return self.image.collect()
+        frame = self.sync.frame()
+        return self.image.collect((RECORD.pack(frame.can_id, len(frame.data), frame.data),))
+
+    def send_nmt(self, command: NmtCommand, node_id: int = BROADCAST) -> None:
+        """Send an NMT command."""
+        self._outgoing.append(nmt_frame(command, node_id))
+
+    def changed(self) -> None:
+        """Collect what a node wants sent after it was used from outside (an SDO request, a command)."""
+        self._collect()
+
+    def _node(self, name: str) -> RemoteNode:
+        config = self.config
+        node = RemoteNode(
+            config.nodes[name],
+            config.plans[name],
+            config.dictionaries[name],
+            send_nmt=self.send_nmt,
+            watch=self._consumer.watch,
+            report=self._report,
+        )
+        for layout in node.plan.tpdos:
+            node.received.append(self.image.add_tpdo(node.node_id, layout.cob_id, layout.objects))
+        for layout in node.plan.rpdos:
+            node.sent.append(self.image.add_rpdo(node.node_id, layout.cob_id, layout.objects, layout.transmission_type))
+        return node
+
+    def _connect(self, node: RemoteNode) -> None:
+        """Route the node's identifiers."""
+        handlers, node_id = self._handlers, node.node_id
+        sdo, emcy = cob_id(Service.SDO_SERVER, node_id), cob_id(Service.EMCY, node_id)
+        error_control = cob_id(Service.HEARTBEAT, node_id)
+
+        def on_sdo(data: bytes, length: int, now: int) -> None:
+            node.sdo.receive(CanFrame(sdo, data[:length]), now)
+            node.pump(now)
+            self._collect_from(node)
+
+        def on_emcy(data: bytes, length: int, now: int) -> None:
+            message = EmcyMessage.parse(CanFrame(emcy, data[:length]))
+            if message is None:
+                self.malformed += 1
+            else:
+                node.on_emcy(message, error_text(message.error_code), now)
+
+        def on_heartbeat(data: bytes, length: int, now: int) -> None:
+            self._consumer.receive(CanFrame(error_control, data[:length]), now)
+            self._supervise(now)
+            if length == 1 and data[0]:
+                node.on_state(state_of_byte(data[0]), now)
+            self._collect_from(node)
+
+        handlers[sdo], handlers[emcy], handlers[error_control] = on_sdo, on_emcy, on_heartbeat
+        for pdo in node.received:
+            handlers[pdo.cob_id] = pdo.receive
+
+    def _supervise(self, now: int) -> None:
+        for event in self._consumer.events():
+            if (node := self._by_id.get(event.node_id)) is not None:
+                node.on_heartbeat(event, now)
+
+    def _collect(self) -> None:
+        """Gather the frames of every service."""
+        self._outgoing.extend(self._producer.frames())
+        for node in self.nodes.values():
+            self._collect_from(node)
+
+    def _collect_from(self, node: RemoteNode) -> None:
+        self._outgoing.extend(node.sdo.frames())
+        self._stale = True
+
+    def _earliest(self) -> int | None:
+        deadlines = [self._producer.next_deadline(), self._consumer.next_deadline()]
+        deadlines.extend(node.next_deadline() for node in self.nodes.values())
+        return min((each for each in deadlines if each is not None), default=None)

@@ -1,0 +1,260 @@
+"""One node as the master sees it: is it there, is it configured, what does it report.
+
+The law of this file: a node is READY only between a finished boot and the first sign that something is wrong (silence,
+a boot-up nobody asked for, an NMT state nobody commanded). Whatever ends READY drops its process data and starts the
+boot again; whoever drives the node's axes sees `ready` fall and acts on it (`hardware.system`).
+"""
+
+from __future__ import annotations
+
+import enum
+from typing import TYPE_CHECKING
+
+from canopen_control.cia301.heartbeat import HeartbeatEvent, HeartbeatEventKind
+from canopen_control.cia301.nmt import NmtCommand, NmtState
+from canopen_control.cia301.sdo_client import SdoClient
+from canopen_control.errors import BootError, HeartbeatLost
+from canopen_control.master.boot_task import BootTask
+from canopen_control.master.events import Event, Level
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from canopen_control.cia301.emcy import EmcyMessage
+    from canopen_control.errors import CanopenError
+    from canopen_control.master.boot import BootResult
+    from canopen_control.master.boot_task import BootStep
+    from canopen_control.master.config import NodeConfig
+    from canopen_control.master.cycle import ReceivedPdo, SentPdo
+    from canopen_control.master.plan import NodePlan
+    from canopen_control.od.model import ObjectDictionary
+
+__all__ = ["NodeState", "RemoteNode"]
+
+RETRY_NS = 1_000_000_000  # CiA 302-2: a node that did not answer is asked again after a second
+
+
+class NodeState(enum.Enum):
+    """Where the node is on its way to being used."""
+
+    WAITING = "waiting"  # for the next try
+    BOOTING = "booting"
+    READY = "ready"
+
+
+class RemoteNode:
+    """A configured node: its SDO client, boot, supervision, and the PDOs that carry its process data."""
+
+    def __init__(
+        self,
+        config: NodeConfig,
+        plan: NodePlan,
+        od: ObjectDictionary,
+        *,
+        send_nmt: Callable[[NmtCommand, int], None],
+        watch: Callable[[int, int], None],
+        report: Callable[[Event], None],
+    ) -> None:
+        self.config, self.plan, self.od = config, plan, od
+        self.name, self.node_id = config.name, config.node_id
+        self.sdo = SdoClient(config.node_id, timeout_ns=config.sdo_timeout_ms * 1_000_000, name=config.name)
+        self.state = NodeState.WAITING
+        self.nmt_state: NmtState | None = None
+        self.last_seen: int | None = None
+        self.error: str | None = None
+        self.identity: BootResult | None = None
+        self.boot_steps: list[BootStep] = []
+        self.boots = 0
+        self.received: list[ReceivedPdo] = []
+        self.sent: list[SentPdo] = []
+        self.emcy: EmcyMessage | None = None
+        self.expected_state: NmtState | None = None  # what was commanded from outside a boot
+        self._send_nmt, self._watch, self._report = send_nmt, watch, report
+        self._task: BootTask | None = None
+        self._retry_at: int | None = None
+
+    @property
+    def ready(self) -> bool:
+        """Whether its process data are live."""
+        return self.state is NodeState.READY
+
+    @property
+    def boot_step(self) -> str:
+        """What a boot under way is doing, "" if there is none."""
+        return self._task.step if self._task is not None else ""
+
+    def begin_boot(self, now: int, *, reset: bool = True) -> None:
+        """Start the boot, from the beginning if one is under way."""
+        self._abandon()
+        self._watch(self.node_id, 0)
+        self.state = NodeState.BOOTING
+        self._retry_at = None
+        self.expected_state = None
+        self._task = BootTask(
+            self.plan, self.sdo, lambda command: self._send_nmt(command, self.node_id), reset=reset, now=now
+        )
+        self._settle(now)
+
+    def command(self, command: NmtCommand, now: int) -> None:
+        """Send an NMT command for a user: it is expected then, and the node no longer used until started again."""
+        self._send_nmt(command, self.node_id)
+        if command is NmtCommand.START:
+            self.begin_boot(now)
+            return
+        self._drop(now, f"NMT {command.name.lower().replace('_', ' ')} was commanded", Level.WARNING, kind="nmt")
+        self._retry_at = None
+        self.expected_state = _COMMANDED.get(command)
+
+    def on_heartbeat(self, event: HeartbeatEvent, now: int) -> None:
+        """Take what the heartbeat consumer tells of this node."""
+        kind = event.kind
+        if kind is HeartbeatEventKind.BOOT_UP:
+            self._on_boot_up(now)
+        elif kind is HeartbeatEventKind.MISSED:
+            lost = HeartbeatLost(self.node_id, event.age_ns / 1e9, self.name)
+            self._drop(now, str(lost), Level.ERROR, kind="heartbeat_lost", error=lost)
+        elif kind is HeartbeatEventKind.RESOLVED:
+            self._tell(now, "heartbeat_back", "its heartbeat is back; booting it again")
+            self.begin_boot(now)
+        elif self.ready and event.state is not NmtState.OPERATIONAL:
+            self._left_operational(event.state, now)
+
+    def on_state(self, state: NmtState | None, now: int) -> None:
+        """Take the state of any heartbeat, told or not."""
+        self.nmt_state, self.last_seen = state, now
+        if self._task is not None:
+            self._task.heartbeat(state, now)
+            self._settle(now)
+
+    def on_emcy(self, message: EmcyMessage, text: str, now: int) -> None:
+        """Keep the newest EMCY and tell it; code 0 says that an error is gone."""
+        self.emcy = message
+        self.last_seen = now
+        if message.error_code == 0:
+            if self.ready:
+                self.error = None
+            self._tell(now, "emcy_reset", "its error is gone (EMCY 0x0000)")
+        else:
+            self.error = f"EMCY 0x{message.error_code:04X} ({text})"
+            self._report(
+                Event(now, "emcy", self.name, f"{self._who}: {self.error}, data {message.data.hex(' ')}", Level.WARNING)
+            )
+
+    def pump(self, now: int) -> None:
+        """Hand finished SDO transfers to who asked for them."""
+        for request in self.sdo.events():
+            if self._task is not None:
+                self._task.transfer_ended(request, now)
+            if callable(request.context):
+                request.context(request)
+        self._settle(now)
+
+    def tick(self, now: int) -> None:
+        """Let time pass for the SDO client, the boot and the retry."""
+        self.sdo.tick(now)
+        if self._task is not None:
+            self._task.tick(now)
+        self.pump(now)
+        if self._retry_at is not None and now >= self._retry_at:
+            self.begin_boot(now)
+
+    def next_deadline(self) -> int | None:
+        """Return when `tick` has something to do."""
+        task = self._task.next_deadline() if self._task is not None else None
+        return min(
+            (each for each in (self.sdo.next_deadline(), task, self._retry_at) if each is not None), default=None
+        )
+
+    def age_ns(self, now: int) -> int | None:
+        """Return how long ago the node gave a sign of life, None if never."""
+        newest = max((pdo.stamp for pdo in self.received), default=-1)
+        newest = max(newest, -1 if self.last_seen is None else self.last_seen)
+        return now - newest if newest >= 0 else None
+
+    @property
+    def _who(self) -> str:
+        return f"node {self.node_id} ({self.name})"
+
+    def _on_boot_up(self, now: int) -> None:
+        self.nmt_state, self.last_seen = NmtState.INITIALISING, now
+        if self._task is not None and self._task.awaits_boot_up:
+            self._task.boot_up(now)
+            self._settle(now)
+            return
+        if self.ready:
+            self._drop(
+                now,
+                f"{self._who} has restarted by itself; its settings are gone, booting it again",
+                Level.ERROR,
+                kind="restarted",
+            )
+        if self.expected_state is None:
+            self.begin_boot(now, reset=False)
+
+    def _left_operational(self, state: NmtState | None, now: int) -> None:
+        name = "an unknown state" if state is None else state.name
+        self._drop(now, f"{self._who} went to {name} without a command; booting it again", Level.ERROR, kind="nmt")
+        self._retry_at = now + RETRY_NS
+
+    def _drop(self, now: int, text: str, level: Level, *, kind: str, error: CanopenError | None = None) -> None:
+        """End READY or a boot: the process data are stale from here on."""
+        was_used = self.ready or self._task is not None
+        self._abandon()
+        self.state = NodeState.WAITING
+        self.error = str(error) if error is not None else text
+        for received in self.received:
+            received.forget()
+        for sent in self.sent:
+            sent.enabled = False
+        if was_used:
+            self._report(Event(now, kind, self.name, text, level))
+
+    def _abandon(self) -> None:
+        if self._task is not None:
+            self._task.cancel()
+            self._task = None
+        self.sdo.cancel_all(BootError(self.node_id, "B", "given up, the node is booted anew", self.name))
+
+    def _settle(self, now: int) -> None:
+        """Draw the consequence of a boot that ended."""
+        task = self._task
+        if task is None:
+            return
+        if task.step == "heartbeat" and self.plan.heartbeat_timeout_ns:
+            self._watch(self.node_id, self.plan.heartbeat_timeout_ns)
+        if not task.done:
+            return
+        self._task = None
+        self.boot_steps = task.steps
+        self.boots += 1
+        if task.result is not None:
+            self._become_ready(task.result, task.started, now)
+        else:
+            self._failed(task.error, now)
+
+    def _become_ready(self, result: BootResult, started: int, now: int) -> None:
+        self.identity, self.error, self.state = result, None, NodeState.READY
+        for sent in self.sent:
+            sent.enabled = sent.changed = True
+        for warning in result.warnings:
+            self._tell(now, "boot_warning", warning, Level.WARNING)
+        self._tell(now, "ready", f"operational after {(now - started) / 1e9:.3f} s, {result.writes} objects written")
+
+    def _failed(self, error: CanopenError | None, now: int) -> None:
+        text = str(error)
+        if text != self.error:  # a node that stays away is named once, not every second
+            self._report(Event(now, "boot_failed", self.name, text, Level.ERROR))
+        self.error, self.state = text, NodeState.WAITING
+        self._watch(self.node_id, 0)
+        self._retry_at = now + RETRY_NS
+
+    def _tell(self, now: int, kind: str, text: str, level: Level = Level.INFO) -> None:
+        self._report(Event(now, kind, self.name, f"{self._who}: {text}", level))
+
+
+_COMMANDED = {
+    NmtCommand.STOP: NmtState.STOPPED,
+    NmtCommand.ENTER_PRE_OPERATIONAL: NmtState.PRE_OPERATIONAL,
+    NmtCommand.RESET_NODE: NmtState.PRE_OPERATIONAL,
+    NmtCommand.RESET_COMMUNICATION: NmtState.PRE_OPERATIONAL,
+}

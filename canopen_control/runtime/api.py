@@ -1,0 +1,231 @@
+"""The runtime's API: newline-delimited JSON on a Unix socket, for every process that is not the robot itself.
+
+The whole protocol. The server speaks first: `{"hello": {"robot", "version", "protocol": 1, "pid"}}`. A client sends
+`{"id": N, "method": M, "params": {...}}` and is answered `{"id": N, "result": ...}` or `{"id": N, "error": {"kind",
+"message"}}`; without "id" it is a notification and not answered. Answers may come in another order than the requests.
+
+  status                                            the shape of `status --json` (runtime/status.py)
+  subscribe    state_rate (Hz or null), events      then pushes `{"state": {...}}` and `{"event": {...}}`
+  command      controller, values, source           a controller's command; SI units
+  twist        controller, linear, angular, source  the same as velocities of a base, m/s and rad/s
+  stop                                              ramps to zero and disables; answered when no drive moves any more
+  shutdown                                          the same, then the runtime ends
+  axis         action, node                         enable, disable, halt, quick-stop, fault-reset; node may be "all"
+  controllers                                       name, type, state, interfaces of each
+  switch       activate, deactivate, strict         controller names
+  nmt          command, node                        start, stop, preop, reset-node, reset-comm
+  sdo_read     node, index, subindex                `{"data": hex}`
+  sdo_write    node, index, subindex, data (hex)
+  description                                       `{"urdf": text}`
+
+A client that reads too slowly is dropped; a client that dies changes nothing but that its commands time out.
+"""
+
+from __future__ import annotations
+
+import os
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
+
+from canopen_control import __version__
+from canopen_control.cia301.nmt import NmtCommand
+from canopen_control.errors import CanopenError, ControlError, LocalProtocolError
+from canopen_control.hardware.joint import Action
+from canopen_control.host.jsonlines import LineServer, encode
+from canopen_control.host.sockets import socket_path
+from canopen_control.master.events import Event, Level
+from canopen_control.runtime.status import event_dict, state_dict, status_dict
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from canopen_control.host.jsonlines import Connection
+    from canopen_control.runtime.core import RobotCore
+
+    Reply = Callable[[Any, CanopenError | None], None]
+
+__all__ = ["PROTOCOL", "ApiServer"]
+
+PROTOCOL = 1
+MAX_RATE = 1000.0  # Hz, of the state stream
+_NMT = {
+    "start": NmtCommand.START,
+    "stop": NmtCommand.STOP,
+    "preop": NmtCommand.ENTER_PRE_OPERATIONAL,
+    "reset-node": NmtCommand.RESET_NODE,
+    "reset-comm": NmtCommand.RESET_COMMUNICATION,
+}
+
+
+class _Subscription:
+    """What a connection watches; `every` is in cycles, 0 for no state."""
+
+    __slots__ = ("events", "every")
+
+    def __init__(self) -> None:
+        self.every, self.events = 0, False
+
+
+class ApiServer:
+    """Serves one robot; the socket exists from construction to `close`."""
+
+    def __init__(self, robot: RobotCore) -> None:
+        self._robot = robot
+        self._subscriptions: dict[Connection, _Subscription] = {}
+        self._server = LineServer(
+            robot.reactor, socket_path("robot", robot.setup.name), self._greet, self._on_message, self._on_close
+        )
+        self._methods: dict[str, Callable[[dict[str, Any], Connection, Reply], None]] = {
+            "status": lambda params, connection, reply: reply(status_dict(robot), None),
+            "subscribe": self._subscribe,
+            "command": self._command,
+            "twist": self._twist,
+            "stop": self._stop,
+            "shutdown": self._shutdown,
+            "axis": self._axis,
+            "controllers": lambda params, connection, reply: reply(self._controllers(), None),
+            "switch": self._switch,
+            "nmt": self._nmt,
+            "sdo_read": self._sdo_read,
+            "sdo_write": self._sdo_write,
+            "description": lambda params, connection, reply: reply({"urdf": robot.setup.description.urdf_xml}, None),
+        }
+        robot.after_cycle.append(self._push)
+
+    def close(self) -> None:
+        """End every connection and remove the socket."""
+        self._flush_events()
+        self._server.close()
+
+    def _greet(self, connection: Connection) -> None:
+        hello = {"robot": self._robot.setup.name, "version": __version__, "protocol": PROTOCOL, "pid": os.getpid()}
+        connection.send({"hello": hello})
+
+    def _on_close(self, connection: Connection) -> None:
+        subscription = self._subscriptions.pop(connection, None)
+        if connection.reason == "slow" and subscription is not None:
+            text = f"client {connection.name} (pid {connection.pid}) read too slowly and was dropped"
+            self._robot.report(Event(self._robot.reactor.now(), "client_dropped", "", text, Level.WARNING))
+
+    def _on_message(self, connection: Connection, message: dict[str, Any]) -> None:
+        """Do what a client asks; whatever it sends, the answer is a sentence and the robot goes on."""
+        number, method, params = message.get("id"), message.get("method"), message.get("params", {})
+
+        def reply(result: Any, error: CanopenError | None) -> None:  # noqa: ANN401 - whatever JSON can hold
+            if number is None:
+                return
+            if error is None:
+                connection.send({"id": number, "result": result})
+            else:
+                connection.send({"id": number, "error": {"kind": type(error).__name__, "message": str(error)}})
+
+        handler = self._methods.get(method) if isinstance(method, str) else None
+        try:
+            if handler is None:
+                raise LocalProtocolError(f"no method {method!r}; there are: {', '.join(self._methods)}")
+            if not isinstance(params, dict):
+                raise LocalProtocolError(f"params of {method} must be an object")
+            handler(params, connection, reply)
+        except CanopenError as error:
+            reply(None, error)
+        except (KeyError, TypeError, ValueError, OverflowError) as error:
+            reply(None, LocalProtocolError(f"{method}: bad or missing parameter: {error}"))
+
+    def _push(self, _now: int) -> None:
+        """Send what is new to those who watch; each rate's sample is encoded once."""
+        self._flush_events()
+        count, sample = self._robot.pacer.count, b""
+        for connection, subscription in list(self._subscriptions.items()):
+            if subscription.every and count % subscription.every == 0:
+                sample = sample or encode({"state": state_dict(self._robot)})
+                connection.send_encoded(sample)
+
+    def _flush_events(self) -> None:
+        events = self._robot.events.take()
+        watchers = [connection for connection, wanted in self._subscriptions.items() if wanted.events]
+        for event in events if watchers else ():
+            line = encode({"event": event_dict(self._robot, event)})
+            for connection in watchers:
+                connection.send_encoded(line)
+
+    def _subscribe(self, params: dict[str, Any], connection: Connection, reply: Reply) -> None:
+        rate, subscription = params.get("state_rate"), self._subscriptions.setdefault(connection, _Subscription())
+        subscription.events = bool(params.get("events", False))
+        subscription.every = 0
+        if rate is not None:
+            rate = float(rate)
+            if not 0.0 < rate <= MAX_RATE:
+                raise LocalProtocolError(f"state_rate {rate:g} Hz: it must be above 0 and at most {MAX_RATE:g}")
+            subscription.every = max(1, round(1e9 / rate / self._robot.pacer.period_ns))
+        reply({}, None)
+
+    def _command(self, params: dict[str, Any], connection: Connection, reply: Reply) -> None:
+        values = [float(value) for value in params["values"]]
+        self._robot.command(str(params["controller"]), values, self._source(params, connection))
+        reply({}, None)
+
+    def _twist(self, params: dict[str, Any], connection: Connection, reply: Reply) -> None:
+        values = [float(params["linear"]), float(params["angular"])]
+        self._robot.command(str(params["controller"]), values, self._source(params, connection))
+        reply({}, None)
+
+    @staticmethod
+    def _source(params: dict[str, Any], connection: Connection) -> str:
+        return str(params.get("source") or f"client {connection.name} (pid {connection.pid})")
+
+    def _stop(self, params: dict[str, Any], connection: Connection, reply: Reply) -> None:  # noqa: ARG002 - one signature
+        self._robot.stop(_answer(reply))
+
+    def _shutdown(self, params: dict[str, Any], connection: Connection, reply: Reply) -> None:  # noqa: ARG002 - one signature
+        reply({}, None)
+        self._robot.shutdown(f"a client asked for it (pid {connection.pid})")
+
+    def _axis(self, params: dict[str, Any], connection: Connection, reply: Reply) -> None:  # noqa: ARG002 - one signature
+        self._robot.axis(_choice(Action, params["action"]), str(params["node"]), _answer(reply))
+
+    def _controllers(self) -> list[dict[str, Any]]:
+        return [asdict(info) for info in self._robot.manager.list()]
+
+    def _switch(self, params: dict[str, Any], connection: Connection, reply: Reply) -> None:  # noqa: ARG002 - one signature
+        self._robot.switch(
+            [str(name) for name in params.get("activate", ())],
+            [str(name) for name in params.get("deactivate", ())],
+            strict=bool(params.get("strict", True)),
+        )
+        reply({}, None)
+
+    def _nmt(self, params: dict[str, Any], connection: Connection, reply: Reply) -> None:  # noqa: ARG002 - one signature
+        name, wanted = str(params["command"]), str(params["node"])
+        if name not in _NMT:
+            raise ControlError(f"no NMT command {name!r}; there are: {', '.join(_NMT)}")
+        robot = self._robot
+        nodes = list(robot.nodes.values()) if wanted == "all" else [robot.node(wanted)]
+        for node in nodes:
+            node.command(_NMT[name], robot.reactor.now())
+            robot.bus_of(node).send_waiting()
+        reply({}, None)
+
+    def _sdo_read(self, params: dict[str, Any], connection: Connection, reply: Reply) -> None:  # noqa: ARG002 - one signature
+        node = self._robot.node(str(params["node"]))
+        request = node.sdo.read(int(params["index"]), int(params.get("subindex", 0)))
+        request.context = lambda ended: reply({"data": (ended.data or b"").hex()}, ended.error)
+        self._robot.bus_of(node).send_waiting()
+
+    def _sdo_write(self, params: dict[str, Any], connection: Connection, reply: Reply) -> None:  # noqa: ARG002 - one signature
+        node = self._robot.node(str(params["node"]))
+        data = bytes.fromhex(str(params["data"]))
+        request = node.sdo.write(int(params["index"]), int(params.get("subindex", 0)), data)
+        request.context = lambda ended: reply({}, ended.error)
+        self._robot.bus_of(node).send_waiting()
+
+
+def _answer(reply: Reply) -> Callable[[str | None], None]:
+    """Turn the end of an axis request into an answer."""
+    return lambda error: reply({} if error is None else None, None if error is None else ControlError(error))
+
+
+def _choice(kind: type[Action], text: object) -> Action:
+    try:
+        return kind(text)
+    except ValueError:
+        raise ControlError(f"no action {text!r}; there are: {', '.join(each.value for each in kind)}") from None

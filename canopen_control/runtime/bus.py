@@ -1,0 +1,143 @@
+"""One bus of the robot: a port, the master's network on it, and what flowed through."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from canopen_control.bus.channel import open_port
+from canopen_control.errors import BusError
+from canopen_control.frame import RECORD_SIZE
+from canopen_control.master.events import Event, Level
+from canopen_control.master.network import Network
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from canopen_control.bus.port import BusEvent, Port
+    from canopen_control.host.reactor import Reactor
+    from canopen_control.master.config import BusConfig
+
+__all__ = ["RobotBus"]
+
+_LENGTH = 4  # where a record holds its length
+_FRAME_BITS = 47  # of a frame without data, intermission included, without stuff bits
+_WINDOW_NS = 1_000_000_000
+
+
+class RobotBus:
+    """Moves records between port and network; an error of the port ends the bus, never the cycle."""
+
+    def __init__(
+        self,
+        name: str,
+        channel: str,
+        config: BusConfig,
+        reactor: Reactor,
+        *,
+        cycle_ns: int,
+        report: Callable[[Event], None],
+        on_lost: Callable[[BusError], None],
+    ) -> None:
+        self.name, self.channel, self.config = name, channel, config
+        self.bitrate = config.master.baudrate * 1000
+        self.network = Network(name, config, report, cycle_ns)
+        self.port: Port | None = None
+        self.load: float | None = None
+        self._reactor, self._report, self._on_lost = reactor, report, on_lost
+        self._synchronous = config.master.sync_period > 0
+        self._writing = False
+        self._bits = 0
+        self._window: tuple[int, int] | None = None
+
+    def open(self) -> None:
+        """Open the channel; raises BusError."""
+        self.port = open_port(self.channel, label="master")
+        self._reactor.add_reader(self.port.fileno(), self.receive)
+
+    def receive(self) -> None:
+        """Take everything that waits, and send what it calls for."""
+        if self.port is None:
+            return
+        try:
+            records = self.port.receive()
+            if records:
+                self._bits += _bits_of(records)
+                self.network.receive(records, self._reactor.now())
+                self._send(self.network.take())
+            for event in self.port.events():
+                self._on_bus_event(event)
+        except BusError as error:
+            self._lost(error)
+
+    def tick(self, now: int) -> None:
+        """Let time pass for the network's services."""
+        self.network.tick(now)
+        self._measure(now)
+
+    def send_cycle(self) -> None:
+        """Send what waits, the RPDOs that are due, and SYNC."""
+        self._guarded(self.network.take() + self.network.cycle(sync=self._synchronous))
+
+    def send_waiting(self) -> None:
+        """Send what waits, process data apart."""
+        self.network.changed()
+        self._guarded(self.network.take())
+
+    def close(self) -> None:
+        """Leave the channel; a second call does nothing."""
+        if self.port is not None:
+            self._reactor.remove_reader(self.port.fileno())
+            if self._writing:
+                self._reactor.remove_writer(self.port.fileno())
+            self.port.close()
+            self.port = None
+
+    def _guarded(self, records: bytes) -> None:
+        try:
+            self._send(records)
+        except BusError as error:
+            self._lost(error)
+
+    def _send(self, records: bytes) -> None:
+        if not records or self.port is None:
+            return
+        self._bits += _bits_of(records)
+        self.port.send(records)
+        if self.port.wants_write and not self._writing:
+            self._writing = True
+            self._reactor.add_writer(self.port.fileno(), self._flush)
+
+    def _flush(self) -> None:
+        if self.port is None:
+            return
+        try:
+            self.port.flush()
+        except BusError as error:
+            self._lost(error)
+            return
+        if not self.port.wants_write:
+            self._writing = False
+            self._reactor.remove_writer(self.port.fileno())
+
+    def _lost(self, error: BusError) -> None:
+        self.close()
+        self._report(Event(self._reactor.now(), "bus_lost", "", str(error), Level.ERROR))
+        self._on_lost(error)
+
+    def _on_bus_event(self, event: BusEvent) -> None:
+        kind = event.kind.value.replace("-", "_")
+        level = Level.INFO if kind in ("up", "error_active") else Level.WARNING
+        self._report(Event(self._reactor.now(), f"bus_{kind}", "", event.text, level))
+
+    def _measure(self, now: int) -> None:
+        """Work out the load of the last second, stuff bits left out."""
+        if self._window is None:
+            self._window = (now, self._bits)
+        since, bits = self._window
+        if now - since >= _WINDOW_NS and self.bitrate > 0:
+            self.load = (self._bits - bits) * 1e9 / (now - since) / self.bitrate
+            self._window = (now, self._bits)
+
+
+def _bits_of(records: bytes) -> int:
+    return _FRAME_BITS * (len(records) // RECORD_SIZE) + 8 * sum(records[_LENGTH::RECORD_SIZE])

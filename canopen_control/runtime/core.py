@@ -1,0 +1,355 @@
+"""The robot in its one thread: buses, hardware, controllers, and the cycle that runs through them.
+
+The law of this file: a cycle is read, update, write, on absolute deadlines, and no exception of a node, a controller or
+a client ends it. Nothing moves before a controller is active; whatever ends the robot (a user, a signal, the end of its
+time, a lost bus) ends it by the same stop: targets to zero, the drives' own ramps, disable, and only then the bus.
+"""
+
+from __future__ import annotations
+
+import enum
+import time
+from typing import TYPE_CHECKING
+
+from canopen_control.cia301.nmt import NmtCommand
+from canopen_control.controllers.manager import ControllerManager
+from canopen_control.errors import BusError, CanopenError, ControlError, RobotConfigError, UnknownInterface
+from canopen_control.hardware.interfaces import InterfaceRegistry
+from canopen_control.hardware.joint import Action
+from canopen_control.hardware.mock import PLUGINS as MOCK_PLUGINS
+from canopen_control.hardware.mock import GenericSystem
+from canopen_control.hardware.system import PLUGINS, CanopenSystem
+from canopen_control.master.events import Event, EventLog, Level
+from canopen_control.runtime.bus import RobotBus
+from canopen_control.runtime.pacer import Pacer
+from canopen_control.runtime.request import AxisRequest
+from canopen_control.runtime.setup import BUS_NAME
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from canopen_control.hardware.interfaces import HardwareComponent
+    from canopen_control.hardware.joint import JointDrive
+    from canopen_control.host.reactor import Reactor
+    from canopen_control.master.node import RemoteNode
+    from canopen_control.runtime.setup import RobotSetup
+
+__all__ = ["RobotCore", "RobotState"]
+
+STOP_TIMEOUT_NS = 15_000_000_000  # a stop that takes longer is ended without the drives' consent, and says so
+REQUEST_TIMEOUT_NS = 12_000_000_000
+
+
+class RobotState(enum.Enum):
+    """What the robot is doing as a whole."""
+
+    STARTING = "starting"
+    RUNNING = "running"
+    FAULT = "fault"
+    STOPPING = "stopping"
+    STOPPED = "stopped"
+
+
+class RobotCore:
+    """Everything between the ports and the API. `failure` says why the run failed; `on_stopped` is called at the end."""
+
+    def __init__(self, setup: RobotSetup, reactor: Reactor) -> None:
+        self.setup, self.reactor = setup, reactor
+        self.events = EventLog()
+        self.failure: str | None = None
+        self.on_event: Callable[[Event], None] | None = None
+        self.on_running: Callable[[], None] | None = None
+        self.on_stopped: Callable[[], None] | None = None
+        self.after_cycle: list[Callable[[int], None]] = []
+        self.wall_offset_ns = time.time_ns() - reactor.now()
+        self.commander: str | None = None
+        self.pacer = Pacer(reactor, setup.cycle_ns, self._cycle)
+        self.registry = InterfaceRegistry()
+        self.buses: dict[str, RobotBus] = {}
+        self.nodes: dict[str, RemoteNode] = {}
+        self.joints: dict[str, JointDrive] = {}
+        self.systems: list[CanopenSystem] = []
+        self.manager = ControllerManager(self.registry, setup.controllers.update_rate, joints=_movable(setup))
+        self._running_since: int | None = None
+        self._phase = RobotState.STARTING
+        self._activated = False
+        self._deadline = 0
+        self._stopping_until = 0
+        self._requests: list[AxisRequest] = []
+        self._build()
+
+    # ------------------------------------------------------------------------------------------- life
+
+    @property
+    def state(self) -> RobotState:
+        """The state of the robot; FAULT while running and a node is missing or a drive is in fault."""
+        if self._phase is RobotState.RUNNING and self._in_fault():
+            return RobotState.FAULT
+        return self._phase
+
+    def start(self) -> None:
+        """Open the buses and begin; raises BusError when a channel cannot be opened."""
+        now = self.reactor.now()
+        try:
+            for bus in self.buses.values():
+                bus.open()
+        except BaseException:
+            self.close()
+            raise
+        for note in self.setup.notes:
+            self.report(Event(now, "note", "", note))
+        for bus in self.buses.values():
+            bus.network.start(now)
+            bus.send_waiting()
+        self._deadline = now + self.setup.bus.master.boot_time * 1_000_000
+        self.pacer.start()
+
+    def shutdown(self, why: str) -> None:
+        """Begin the end: ramp to zero, disable, leave the buses; a second call does nothing."""
+        if self._phase in (RobotState.STOPPING, RobotState.STOPPED):
+            return
+        now = self.reactor.now()
+        self.report(Event(now, "stopping", "", f"stopping: {why}"))
+        self._phase = RobotState.STOPPING
+        self._stopping_until = now + STOP_TIMEOUT_NS
+        self._release_all(now)
+
+    def close(self) -> None:
+        """Leave everything at once; for the end, or after a failed start."""
+        self.pacer.stop()
+        for bus in self.buses.values():
+            bus.close()
+        for request in self._requests:
+            request.fail("the robot has stopped")
+        self._requests.clear()
+        self._phase = RobotState.STOPPED
+
+    # ------------------------------------------------------------------------------------------- verbs
+
+    def report(self, event: Event) -> None:
+        """Tell everyone who listens."""
+        self.events.add(event)
+        if self.on_event is not None:
+            self.on_event(event)
+
+    def command(self, controller: str, values: Sequence[float], source: str) -> None:
+        """Hand a command to a controller; raises ControlError."""
+        self.manager.command(controller, values, self.reactor.now())
+        self.commander = source
+
+    def switch(self, activate: Sequence[str], deactivate: Sequence[str], *, strict: bool) -> None:
+        """Switch controllers, loading and configuring those that are not; raises ControlError."""
+        loaded = {info.name for info in self.manager.list()}
+        for name in activate:
+            if name not in loaded:
+                self._load(name)
+        self.manager.switch(activate=activate, deactivate=deactivate, strict=strict)
+
+    def stop(self, done: Callable[[str | None], None]) -> None:
+        """Ramp to zero and disable; `done(error)` when no drive moves under power any more."""
+        now = self.reactor.now()
+        self.report(Event(now, "stop", "", "stop was commanded", Level.WARNING))
+        for system in self.systems:
+            system.stop(now)
+        self._requests.append(AxisRequest(tuple(self.joints.values()), Action.DISABLE, now + STOP_TIMEOUT_NS, done))
+
+    def axis(self, action: Action, name: str, done: Callable[[str | None], None]) -> None:
+        """Do something to the axes of a node, or of "all"; `done(error)` when it is reached. Raises ControlError."""
+        now = self.reactor.now()
+        joints = self._axes_of(name)
+        if action is Action.ENABLE:
+            for system in self.systems:
+                system.enable([joint for joint in joints if joint in system.joints])
+        else:
+            for joint in joints:
+                _ACTIONS[action](joint, now)
+        self._requests.append(AxisRequest(joints, action, now + REQUEST_TIMEOUT_NS, done))
+
+    def node(self, name: str) -> RemoteNode:
+        """Return a node by its name or node id; raises ControlError."""
+        for node in self.nodes.values():
+            if name in (node.name, str(node.node_id)):
+                return node
+        raise UnknownInterface(name, tuple(self.nodes))
+
+    def bus_of(self, node: RemoteNode) -> RobotBus:
+        """Return the bus a node is on."""
+        return next(bus for bus in self.buses.values() if node in bus.network.nodes.values())
+
+    # ------------------------------------------------------------------------------------------- cycle
+
+    def _cycle(self, now: int) -> None:
+        period = self.pacer.period_ns / 1e9
+        for bus in self.buses.values():
+            bus.receive()
+            bus.tick(now)
+        for component in self.registry.components:
+            component.read(now, period)
+        self._advance(now)
+        self.manager.update(now, period)
+        for component in self.registry.components:
+            component.write(now, period)
+        for bus in self.buses.values():
+            bus.send_cycle()
+        self._settle_requests(now)
+        for event in self.manager.events():
+            self.report(Event(now, event.kind, "", event.text, _CONTROLLER_LEVELS.get(event.kind, Level.WARNING)))
+        for hook in self.after_cycle:
+            hook(now)
+
+    def _advance(self, now: int) -> None:
+        """Take the next step of starting or stopping."""
+        if self._phase is RobotState.STARTING:
+            self._advance_start(now)
+        elif self._phase is RobotState.STOPPING:
+            self._advance_stop(now)
+
+    def _advance_start(self, now: int) -> None:
+        missing = [node for node in self.nodes.values() if node.config.required and not node.ready]
+        if not missing and not self._activated:
+            self._activated = True
+            self._deadline = now + REQUEST_TIMEOUT_NS
+            self._activate()
+        elif self._activated and (self._all_enabled() or self._in_fault() or now > self._deadline):
+            self._phase = RobotState.RUNNING
+            self._running_since = now
+            self.report(Event(now, "running", "", f"{self.setup.name} runs: {', '.join(self.setup.wanted)}"))
+            if self.on_running is not None:
+                self.on_running()
+        elif missing and now > self._deadline:
+            self._fail("; ".join(self._why_missing(node) for node in missing))
+
+    def _why_missing(self, node: RemoteNode) -> str:
+        if node.error and node.error.startswith(f"node {node.node_id}"):
+            return node.error
+        return f"node {node.node_id} ({node.name}): {node.error or f'boot did not get past {node.boot_step!r}'}"
+
+    def _advance_stop(self, now: int) -> None:
+        late = now > self._stopping_until
+        if not late and not all(system.stopped for system in self.systems):
+            return
+        if late:
+            self.report(Event(now, "stop_timeout", "", "the drives did not confirm the stop in time", Level.ERROR))
+        for bus in self.buses.values():
+            # Back to the stored communication settings: the drives then no longer wait for this master's heartbeat.
+            for node in bus.network.nodes.values():
+                bus.network.send_nmt(NmtCommand.RESET_COMMUNICATION, node.node_id)
+            bus.send_waiting()
+        self.close()
+        if self.on_stopped is not None:
+            self.on_stopped()
+
+    def _activate(self) -> None:
+        """Do what the spawners of the tutorial do: load, configure and activate, broadcasters first."""
+        try:
+            for component in self.registry.components:
+                component.configure()
+                component.activate()
+            self.switch(self.setup.wanted, (), strict=True)
+        except CanopenError as error:
+            self._fail(str(error))
+
+    def _load(self, name: str) -> None:
+        config = self.setup.controllers.controllers.get(name)
+        if config is None:
+            raise ControlError(f"no controller {name!r} in {self.setup.files.controllers}")
+        self.manager.load(name, config.type, config.params)
+
+    def _fail(self, text: str) -> None:
+        self.failure = self.failure or text
+        self.report(Event(self.reactor.now(), "failed", "", text, Level.ERROR))
+        self.shutdown("the run failed")
+
+    def _release_all(self, now: int) -> None:
+        try:
+            self.manager.switch(deactivate=self.manager.active, strict=False)
+        except CanopenError as error:
+            self.report(Event(now, "error", "", str(error), Level.ERROR))
+        for system in self.systems:
+            system.stop(now)
+
+    def _settle_requests(self, now: int) -> None:
+        if self._requests:
+            self._requests = [request for request in self._requests if not request.settle(now)]
+
+    def _all_enabled(self) -> bool:
+        claimed = [joint for joint in self.joints.values() if joint.claimed is not None]
+        return all(joint.enabled for joint in claimed)
+
+    def _in_fault(self) -> bool:
+        return any(not node.ready for node in self.nodes.values() if node.config.required) or any(
+            joint.machine.fault for joint in self.joints.values()
+        )
+
+    def _axes_of(self, name: str) -> tuple[JointDrive, ...]:
+        if name == "all":
+            return tuple(self.joints.values())
+        node = self.node(name)
+        joints = tuple(joint for joint in self.joints.values() if joint.node is node)
+        if not joints:
+            raise ControlError(f"node {node.node_id} ({node.name}) drives no joint of the description")
+        return joints
+
+    # ------------------------------------------------------------------------------------------- building
+
+    def _build(self) -> None:
+        setup = self.setup
+        needs_bus = False
+        for description in setup.description.hardware:
+            if description.plugin in MOCK_PLUGINS or setup.mock:
+                self.registry.register(GenericSystem(description))
+            elif description.plugin in PLUGINS:
+                if not needs_bus:
+                    self._build_bus()
+                needs_bus = True
+                system = CanopenSystem(description, self._nodes_with_image(), self.report)
+                self.systems.append(system)
+                self.joints.update((joint.joint, joint) for joint in system.joints)
+                self.registry.register(system)
+            else:
+                raise RobotConfigError(
+                    f"{setup.files.description}:{description.line}: hardware plugin {description.plugin!r} is not known; "
+                    f"there are: {', '.join((*PLUGINS, *MOCK_PLUGINS))}"
+                )
+        if not setup.description.hardware:
+            raise RobotConfigError(
+                f"{setup.files.description}: no <ros2_control> tag; it says which drive moves which joint"
+            )
+
+    def _build_bus(self) -> None:
+        bus = RobotBus(
+            BUS_NAME,
+            self.setup.channels[BUS_NAME],
+            self.setup.bus,
+            self.reactor,
+            cycle_ns=self.setup.cycle_ns,
+            report=self.report,
+            on_lost=self._on_bus_lost,
+        )
+        self.buses[bus.name] = bus
+        self.nodes.update(bus.network.nodes)
+
+    def _nodes_with_image(self) -> dict[str, tuple[RemoteNode, object]]:
+        return {
+            name: (node, bus.network.image) for bus in self.buses.values() for name, node in bus.network.nodes.items()
+        }
+
+    def _on_bus_lost(self, error: BusError) -> None:
+        """A bus that is gone cannot carry a stop: the drives stop by themselves when our heartbeat is missing."""
+        self.failure = self.failure or str(error)
+        self.close()
+        if self.on_stopped is not None:
+            self.reactor.call_soon(self.on_stopped)
+
+
+def _movable(setup: RobotSetup) -> list[str]:
+    return [joint.name for joint in setup.description.joints.values() if joint.type != "fixed"]
+
+
+_CONTROLLER_LEVELS = {"activated": Level.INFO, "deactivated": Level.INFO, "error": Level.ERROR}
+_ACTIONS: dict[Action, Callable[[JointDrive, int], None]] = {
+    Action.DISABLE: lambda joint, now: joint.stop(now),
+    Action.HALT: lambda joint, _now: joint.halt(),
+    Action.QUICK_STOP: lambda joint, _now: joint.quick_stop(),
+    Action.FAULT_RESET: lambda joint, _now: joint.fault_reset(),
+}

@@ -1,0 +1,83 @@
+"""Which files make a robot: a folder, a bundled name, or the three files one by one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from canopen_control.data_files import data_names, data_path
+from canopen_control.errors import RobotConfigError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+__all__ = ["RobotFiles", "find_robot"]
+
+BUS, CONTROLLERS = "bus.yml", "ros2_controllers.yaml"
+_DESCRIPTIONS = ("*.urdf.xacro", "*.urdf")
+
+
+@dataclass(frozen=True, slots=True)
+class RobotFiles:
+    """The three files of a robot and its name."""
+
+    name: str
+    bus: Path
+    controllers: Path
+    description: Path
+
+
+def find_robot(
+    config: str | None, *, bus: str | None = None, controllers: str | None = None, description: str | None = None
+) -> RobotFiles:
+    """Find the files; those given one by one win over the folder's. Raises RobotConfigError naming all that is missing."""
+    folder = _folder(config) if config is not None else None
+    missing: list[str] = []
+    found = {
+        "bus": _one(bus, folder, BUS, "--bus", missing),
+        "controllers": _one(controllers, folder, CONTROLLERS, "--controllers", missing),
+        "description": _one(description, folder, _DESCRIPTIONS, "--description", missing),
+    }
+    if missing:
+        raise RobotConfigError("; ".join(missing))
+    name = folder.resolve().name if folder is not None else found["bus"].resolve().parent.name
+    return RobotFiles(_safe(name), **found)
+
+
+def _folder(config: str) -> Path:
+    """The folder a user means: a path, else a bundled robot."""
+    path = Path(config).expanduser()
+    if path.is_dir():
+        return path
+    bundled = data_path("config", config)
+    if "/" not in config and bundled.is_dir():
+        return bundled
+    names = ", ".join(data_names("config"))
+    raise RobotConfigError(f"no robot {config!r}: neither a folder nor one of the bundled ones ({names})")
+
+
+def _one(given: str | None, folder: Path | None, names: str | Sequence[str], option: str, missing: list[str]) -> Path:
+    if given is not None:
+        path = Path(given).expanduser()
+        if not path.is_file():
+            missing.append(f"{option}: no file {given}")
+        return path
+    if folder is None:
+        missing.append(f"give a robot folder or {option}")
+        return Path()
+    patterns = [names] if isinstance(names, str) else names
+    matches = sorted({path for pattern in patterns for path in folder.glob(pattern)})
+    if len(matches) == 1:
+        return matches[0]
+    wanted = " or ".join(patterns)
+    missing.append(
+        f"{folder} has no {wanted}" if not matches else f"{folder} has several of {wanted}: name one with {option}"
+    )
+    return Path()
+
+
+def _safe(name: str) -> str:
+    """Make a name that a socket may have."""
+    cleaned = "".join(letter if letter.isalnum() or letter in "_-" else "_" for letter in name if letter.isascii())
+    return cleaned[:32] or "robot"

@@ -1,0 +1,60 @@
+"""The cycle's clock: absolute deadlines, and an honest account of the ones that were missed.
+
+The law of this file: the n-th edge is start + n * period, whatever happened before it. A cycle that comes more than a
+period late skips the edges it missed, counts them, and goes on with the next one on the grid: SYNCs are never sent in
+a burst to catch up.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from canopen_control.host.reactor import Reactor, Timer
+
+__all__ = ["Pacer"]
+
+
+class Pacer:
+    """Calls `work(now)` on every edge; times in ns. `late_max` is the worst lateness seen, `work_max` the longest cycle."""
+
+    def __init__(self, reactor: Reactor, period_ns: int, work: Callable[[int], None]) -> None:
+        self.period_ns = period_ns
+        self.count = self.missed = 0
+        self.late_max = self.work_max = 0
+        self._reactor, self._work = reactor, work
+        self._edge = 0
+        self._timer: Timer | None = None
+
+    @property
+    def running(self) -> bool:
+        """Whether edges are coming."""
+        return self._timer is not None
+
+    def start(self) -> None:
+        """Begin with an edge one period from now."""
+        if self._timer is None:
+            self._arm(self._reactor.now() + self.period_ns)
+
+    def stop(self) -> None:
+        """Stop; a second call does nothing."""
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+
+    def _arm(self, edge: int) -> None:
+        self._edge = edge
+        self._timer = self._reactor.call_at(edge, self._on_edge)
+
+    def _on_edge(self) -> None:
+        now = self._reactor.now()
+        late = now - self._edge
+        skipped = late // self.period_ns
+        self.missed += skipped
+        self.count += 1
+        self.late_max = max(self.late_max, late)
+        self._arm(self._edge + (skipped + 1) * self.period_ns)  # armed first: work may stop the pacer, or fail
+        self._work(now)
+        self.work_max = max(self.work_max, self._reactor.now() - now)

@@ -1,0 +1,118 @@
+"""One run of a robot in this process: core, API, children and signals, from nothing to nothing.
+
+The law of this file: whatever happens after `Session` was made, `close` leaves no child, no socket and no lock behind;
+the stop order is ramp, disable, clients, drives, and the hub leaves by itself.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import os
+import signal
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from canopen_control.errors import RobotConfigError
+from canopen_control.host.reactor import Reactor
+from canopen_control.host.sockets import runtime_dir
+from canopen_control.runtime.api import ApiServer
+from canopen_control.runtime.core import RobotCore
+from canopen_control.runtime.motion import DemoMotion
+from canopen_control.runtime.supervisor import Supervisor, hosts_virtual_drives
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from canopen_control.runtime.setup import RobotSetup
+
+__all__ = ["RunOptions", "Session"]
+
+
+@dataclass(frozen=True, slots=True)
+class RunOptions:
+    """How to run: `drives` starts virtual ones where the channel allows it, `duration` in seconds from running on."""
+
+    drives: bool = True
+    ros: bool = False
+    table: bool = False
+    motion: bool = False
+    duration: float | None = None
+
+
+class Session:
+    """Everything of one run. `run` blocks until the robot has stopped and returns why it failed, or None."""
+
+    def __init__(self, setup: RobotSetup, options: RunOptions, *, reactor: Reactor | None = None) -> None:
+        self.setup, self.options = setup, options
+        self.reactor = reactor or Reactor()
+        self._cleanup = contextlib.ExitStack()
+        try:
+            self._open()
+        except BaseException:
+            self.close()
+            raise
+
+    def _open(self) -> None:
+        cleanup, setup = self._cleanup, self.setup
+        cleanup.callback(self.reactor.close)
+        self.robot = RobotCore(setup, self.reactor)
+        for channel in setup.channels.values() if self.robot.buses else ():
+            cleanup.callback(os.close, _claim(channel))
+        self.supervisor = Supervisor(setup.name, self.reactor, self.robot.report)
+        cleanup.callback(self.supervisor.end)
+        self.api = ApiServer(self.robot)
+        cleanup.callback(self.api.close)
+        cleanup.callback(self.robot.close)
+        self.robot.on_stopped = self.reactor.stop
+        self.robot.on_running = self._on_running
+
+    def start(self) -> None:
+        """Start children and robot; raises BusError."""
+        if self.options.drives and self.robot.buses and hosts_virtual_drives(self.setup):
+            self.supervisor.start_drives(self.setup)
+        if self.options.ros:
+            self.supervisor.start_client("ros", ["canopen_control.ros.bridge", "--name", self.setup.name], ros=True)
+        self.robot.start()
+
+    def run(self) -> str | None:
+        """Run until a signal, the duration, a client or a failure ends it."""
+        handlers: dict[int, Callable[[], object]] = {
+            each: lambda each=each: self.robot.shutdown(signal.Signals(each).name)
+            for each in (signal.SIGINT, signal.SIGTERM)
+        }
+        handlers[signal.SIGHUP] = handlers[signal.SIGTERM]
+        self.reactor.handle_signals(handlers)
+        self.start()
+        self.reactor.run()
+        return self.robot.failure
+
+    def close(self) -> None:
+        """Leave nothing behind; a second call does nothing."""
+        self._cleanup.close()
+
+    def _on_running(self) -> None:
+        if self.options.motion:
+            broadcasting = {info.name for info in self.robot.manager.list() if info.is_broadcaster}
+            forward = [name for name in self.setup.wanted if name not in broadcasting]
+            self._motion = DemoMotion(self.robot, forward[0])
+        if self.options.duration is not None:
+            self.reactor.call_later(round(self.options.duration * 1e9), lambda: self.robot.shutdown("its time is over"))
+
+
+def _claim(channel: str) -> int:
+    """Lock a channel for one master on this host; two would steer the same drives."""
+    safe = "".join(letter if letter.isalnum() or letter in "_-" else "_" for letter in channel)
+    path = runtime_dir() / f"master-{safe[:48]}.lock"
+    fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o600)
+    try:
+        fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        owner = os.read(fd, 16).decode(errors="replace").strip() or "unknown"
+        os.close(fd)
+        raise RobotConfigError(
+            f"channel {channel} is busy: process {owner} already runs a robot on it; stop that one, or use --can"
+        ) from None
+    os.truncate(fd, 0)
+    os.write(fd, f"{os.getpid()}\n".encode())
+    return fd

@@ -1,0 +1,100 @@
+"""A robot as its files describe it, read and checked before anything is opened.
+
+The law of this file: whatever can be known to be wrong before the first frame is an error here (exit code 2), and the
+three files are held against each other.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from canopen_control.controllers.params import read_controllers
+from canopen_control.errors import RobotConfigError
+from canopen_control.hardware.description import read_description
+from canopen_control.master.config import read_bus
+from canopen_control.yamltree import nearest
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from canopen_control.controllers.params import ControllersFile
+    from canopen_control.hardware.description import Description
+    from canopen_control.master.config import BusConfig
+    from canopen_control.runtime.files import RobotFiles
+
+__all__ = ["BUS_NAME", "RobotSetup", "read_robot"]
+
+BUS_NAME = "can"  # of a robot's only bus
+BROADCASTERS = ("joint_state_broadcaster/JointStateBroadcaster", "joint_state_controller/JointStateController")
+
+
+@dataclass(frozen=True, slots=True)
+class RobotSetup:
+    """Everything a robot is made of; `channels` maps bus names to channels, `wanted` are the controllers to activate."""
+
+    name: str
+    files: RobotFiles
+    bus: BusConfig
+    channels: dict[str, str]
+    description: Description
+    controllers: ControllersFile
+    wanted: tuple[str, ...]
+    mock: bool
+    notes: tuple[str, ...]
+
+    @property
+    def cycle_ns(self) -> int:
+        """The period of the cycle: SYNC's, else that of the controllers."""
+        return self.bus.master.sync_period * 1000 or 1_000_000_000 // self.controllers.update_rate
+
+
+def read_robot(
+    files: RobotFiles,
+    *,
+    name: str | None = None,
+    can: Sequence[str] = (),
+    controllers: Sequence[str] = (),
+    mock: bool = False,
+) -> RobotSetup:
+    """Read and check all three files; raises a ConfigError."""
+    bus = read_bus(files.bus)
+    control = read_controllers(files.controllers)
+    description = read_description(files.description, mappings={"use_mock_hardware": "true"} if mock else None)
+    name = name or files.name
+    return RobotSetup(
+        name,
+        files,
+        bus,
+        _channels(name, can),
+        description,
+        control,
+        _wanted(files, control, controllers),
+        mock,
+        (*bus.notes, *control.warnings),
+    )
+
+
+def _channels(name: str, can: Sequence[str]) -> dict[str, str]:
+    """Read the `--can [BUS=]CHANNEL` options; without one the robot lives on the embedded bus of its name."""
+    channels = {BUS_NAME: f"local:{name}"}
+    for text in can:
+        bus, equals, channel = text.rpartition("=")
+        bus = bus if equals else BUS_NAME
+        if bus not in channels:
+            raise RobotConfigError(f"--can {text}: the robot has no bus {bus!r}{nearest(bus, channels)}")
+        channels[bus] = channel
+    return channels
+
+
+def _wanted(files: RobotFiles, control: ControllersFile, asked: Sequence[str]) -> tuple[str, ...]:
+    """Choose the controllers to activate: all broadcasters, and those asked for or else the first other one."""
+    for name in asked:
+        if name not in control.controllers:
+            raise RobotConfigError(f"{files.controllers}: no controller {name!r}{nearest(name, control.controllers)}")
+    broadcasters = [name for name, config in control.controllers.items() if config.type in BROADCASTERS]
+    others = [name for name in control.controllers if name not in broadcasters]
+    if not others and not asked:
+        raise RobotConfigError(f"{files.controllers}: no controller but broadcasters; nothing could command the robot")
+    chosen = list(asked) or others[:1]
+    return tuple(dict.fromkeys([*broadcasters, *chosen]))

@@ -1,0 +1,124 @@
+"""What a robot says of itself, as plain data: `status --json`, and the stream its clients watch.
+
+The law of this file: SI units, None where nothing is known (JSON has no nan), times in Unix seconds, and the same names
+as in bus.yml and the description. Keys may be added, never renamed.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+from canopen_control.cia402.modes import mode_name
+
+if TYPE_CHECKING:
+    from canopen_control.hardware.joint import JointDrive
+    from canopen_control.master.events import Event
+    from canopen_control.master.node import RemoteNode
+    from canopen_control.runtime.core import RobotCore
+
+__all__ = ["event_dict", "state_dict", "status_dict"]
+
+_MAX_EVENTS = 50
+
+
+def status_dict(robot: RobotCore) -> dict[str, Any]:
+    """Return everything that `status --json` prints."""
+    return {
+        "robot": robot.setup.name,
+        **_common(robot),
+        "buses": {
+            name: {
+                "channel": bus.channel,
+                "rx": bus.port.stats.rx if bus.port else 0,
+                "tx": bus.port.stats.tx if bus.port else 0,
+                "lost": bus.port.stats.lost if bus.port else 0,
+                "unknown": bus.network.unknown,
+                "load": bus.load,
+            }
+            for name, bus in robot.buses.items()
+        },
+        "boot": [step for node in robot.nodes.values() for step in _boot_steps(node)],
+        "failure": robot.failure,
+        "commander": robot.commander,
+        "events": [event_dict(robot, event) for event in list(robot.events.recent)[-_MAX_EVENTS:]],
+    }
+
+
+def state_dict(robot: RobotCore) -> dict[str, Any]:
+    """Return one sample of the state stream."""
+    return {"time": (robot.reactor.now() + robot.wall_offset_ns) / 1e9, **_common(robot)}
+
+
+def event_dict(robot: RobotCore, event: Event) -> dict[str, Any]:
+    """Return an event as clients see it."""
+    return {
+        "time": (event.time + robot.wall_offset_ns) / 1e9,
+        "kind": event.kind,
+        "node": event.node or None,
+        "level": event.level.name.lower(),
+        "text": event.text,
+    }
+
+
+def _common(robot: RobotCore) -> dict[str, Any]:
+    now, pacer = robot.reactor.now(), robot.pacer
+    return {
+        "state": robot.state.value,
+        "cycle": {
+            "period_s": pacer.period_ns / 1e9,
+            "count": pacer.count,
+            "missed": pacer.missed,
+            "late_max_s": pacer.late_max / 1e9,
+            "work_max_s": pacer.work_max / 1e9,
+        },
+        "nodes": {name: _node(robot, node, now) for name, node in robot.nodes.items()},
+        "joints": _joints(robot),
+        "controllers": {info.name: info.state for info in robot.manager.list()},
+    }
+
+
+def _node(robot: RobotCore, node: RemoteNode, now: int) -> dict[str, Any]:
+    age = node.age_ns(now)
+    return {
+        "bus": robot.bus_of(node).name,
+        "node_id": node.node_id,
+        "nmt_state": node.nmt_state.name if node.nmt_state is not None else None,
+        "ready": node.ready,
+        "age_s": age / 1e9 if age is not None else None,
+        "error": node.error,
+        "axes": [_axis(joint) for joint in robot.joints.values() if joint.node is node],
+    }
+
+
+def _axis(joint: JointDrive) -> dict[str, Any]:
+    state, machine = joint.state, joint.machine
+    return {
+        "joint": joint.joint,
+        "cia402_state": state.name if state is not None else None,
+        "statusword": joint.statusword if state is not None else None,
+        "mode": mode_name(machine.mode) if machine.mode is not None else None,
+        "error": joint.node.error if machine.fault else None,
+    }
+
+
+def _joints(robot: RobotCore) -> dict[str, dict[str, float | None]]:
+    joints: dict[str, dict[str, float | None]] = {}
+    for state in robot.registry.state_interfaces:
+        values = joints.setdefault(state.joint, dict.fromkeys(("position", "velocity", "effort", "command")))
+        values[state.interface] = _finite(state.value)
+    for command in robot.registry.command_interfaces:
+        if command.owner is not None and command.joint in joints:
+            joints[command.joint]["command"] = _finite(command.value)
+    return joints
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+def _boot_steps(node: RemoteNode) -> list[dict[str, Any]]:
+    return [
+        {"node": node.name, "step": step.name, "seconds": step.seconds, "error": step.error or None}
+        for step in node.boot_steps
+    ]

@@ -1,0 +1,135 @@
+"""The processes around a robot: virtual drives, and clients such as the ROS bridge.
+
+The law of this file: every child hangs on a lifeline of this process, lives in a session of its own, and is ended here
+in order: clients first, drives last, when the robot has stopped. A child that dies is told with the last lines it said;
+it never ends the robot.
+"""
+
+from __future__ import annotations
+
+import sys
+from typing import TYPE_CHECKING
+
+from canopen_control.bus.channel import ChannelKind, may_host_virtual_drives, open_port, parse_channel
+from canopen_control.host.spawn import spawn, state_dir
+from canopen_control.master.events import Event, Level
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from canopen_control.bus.port import Port
+    from canopen_control.host.reactor import Reactor
+    from canopen_control.host.spawn import Child
+    from canopen_control.runtime.setup import RobotSetup
+    from canopen_control.virtual.process import NodeHost
+
+__all__ = ["Supervisor"]
+
+_GRACE_S = 5.0  # for a child to end by itself after SIGTERM
+_IN_PROCESS = (ChannelKind.MEMORY, ChannelKind.VIRTUAL)
+
+
+class Supervisor:
+    """Starts and ends the children of one robot; `report` is told when one dies unasked."""
+
+    def __init__(self, name: str, reactor: Reactor, report: Callable[[Event], None]) -> None:
+        self._name, self._reactor, self._report = name, reactor, report
+        self._drives: list[Child] = []
+        self._clients: list[Child] = []
+        self._hosts: list[tuple[NodeHost, Port]] = []
+        self._ending = False
+
+    def start_drives(self, setup: RobotSetup) -> None:
+        """Start a virtual drive for every node of bus.yml: a process each, or inside this one where the bus is."""
+        for channel in setup.channels.values():
+            if parse_channel(channel).kind in _IN_PROCESS:
+                self._host_drives(setup, channel)
+            else:
+                self._spawn_drives(setup, channel)
+
+    def start_client(
+        self, name: str, arguments: Sequence[str], *, ros: bool = False, inherit_stdout: bool = False
+    ) -> None:
+        """Start a client: `python -m ARGUMENTS`."""
+        self._clients.append(self._spawn(name, arguments, ros=ros, inherit_stdout=inherit_stdout))
+
+    def end_clients(self) -> None:
+        """End the clients; a second call does nothing."""
+        self._end(self._clients)
+
+    def end(self) -> None:
+        """End everything: clients, then drives; blocks for a few seconds at most, when the robot has stopped."""
+        self.end_clients()
+        self._end(self._drives)
+        for host, port in self._hosts:
+            host.close()
+            port.close()
+        self._hosts.clear()
+
+    @property
+    def pids(self) -> dict[str, int]:
+        """The process ids of the children by name."""
+        return {child.name: child.pid for child in (*self._drives, *self._clients)}
+
+    def _spawn_drives(self, setup: RobotSetup, channel: str) -> None:
+        for node in setup.bus.nodes.values():
+            eds = setup.bus.eds_paths[node.name]
+            arguments = [
+                "canopen_control",
+                "drive",
+                "--node-id",
+                str(node.node_id),
+                "--eds",
+                str(eds),
+                "--can",
+                channel,
+            ]
+            self._drives.append(self._spawn(f"drive-{node.name}", arguments))
+
+    def _host_drives(self, setup: RobotSetup, channel: str) -> None:
+        from canopen_control.virtual.process import NodeHost, make_device
+
+        for node in setup.bus.nodes.values():
+            port = open_port(channel, label=f"drive {node.node_id}")
+            device = make_device(setup.bus.eds_paths[node.name], node.node_id)
+            self._hosts.append((NodeHost(self._reactor, port, [device]), port))
+
+    def _spawn(self, name: str, arguments: Sequence[str], *, ros: bool = False, inherit_stdout: bool = False) -> Child:
+        child = spawn(
+            [sys.executable, "-m", *arguments],
+            name=name,
+            log_dir=None if inherit_stdout else state_dir(self._name),
+            ros=ros,
+            inherit_stdout=inherit_stdout,
+        )
+        child.watch(self._reactor, lambda returncode, lines: self._on_exit(child, returncode, lines))
+        return child
+
+    def _on_exit(self, child: Child, returncode: int, lines: list[str]) -> None:
+        """Tell the death of a child; what it means for the robot shows on the bus or in a command that times out."""
+        if self._ending or child not in (*self._drives, *self._clients):
+            return
+        for children in (self._drives, self._clients):
+            if child in children:
+                children.remove(child)
+        how = f"was ended by signal {-returncode}" if returncode < 0 else f"ended with exit code {returncode}"
+        said = f"; it said: {' | '.join(lines[-3:])}" if lines else ""
+        text = f"process {child.name} (pid {child.pid}) {how}{said}"
+        self._report(Event(self._reactor.now(), "process_ended", "", text, Level.ERROR))
+
+    def _end(self, children: list[Child]) -> None:
+        self._ending = True
+        for child in children:
+            child.unwatch()
+            child.terminate()
+        for child in children:
+            if child.wait(_GRACE_S) is None:
+                child.kill()
+                child.wait(_GRACE_S)
+        children.clear()
+        self._ending = False
+
+
+def hosts_virtual_drives(setup: RobotSetup) -> bool:
+    """Whether all buses of the robot are of the kinds that no real drive can be on."""
+    return all(may_host_virtual_drives(channel) for channel in setup.channels.values())
