@@ -15,11 +15,10 @@ The law:
 
 from __future__ import annotations
 
-import dataclasses
 from collections import deque
 from typing import TYPE_CHECKING, Final, Protocol
 
-from canopen_control.cia301.abort import BUSY_CODES, AbortCode, abort_text
+from canopen_control.cia301.abort import AbortCode, abort_text
 from canopen_control.cia301.sdo_client_block import BlockDownload, BlockUpload
 from canopen_control.cia301.sdo_client_segmented import SegmentedDownload, SegmentedUpload
 from canopen_control.cia301.sdo_codec import (
@@ -41,7 +40,6 @@ from canopen_control.cia301.sdo_codec import (
     INITIATE_BYTES,
     INITIATE_NUMBER,
     MAX_BLOCK_SIZE,
-    MAX_TRANSFER_SIZE,
     NO_MUX,
     PROGRESS,
     REQUEST_BASE,
@@ -50,21 +48,22 @@ from canopen_control.cia301.sdo_codec import (
     UPLOAD_SIZED,
     UPLOAD_UNSIZED,
 )
-from canopen_control.errors import CanopenError, LocalProtocolError, SdoAbort, SdoTimeout
+from canopen_control.cia301.sdo_request import Patience, SdoOptions, SdoRequest
+from canopen_control.errors import LocalProtocolError, SdoAbort, SdoTimeout
 from canopen_control.frame import CanFrame
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from canopen_control.errors import CanopenError
+
 __all__ = ["SdoClient", "SdoOptions", "SdoRequest"]
 
 _PROBES: Final = (INITIATE.pack(UPLOAD, 0x1000, 0), INITIATE.pack(UPLOAD, 0x1001, 0))  # mandatory, harmless to read
-_MAX_RESTARTS: Final = 2  # after toggle errors
-_FIRST_PAUSE_NS: Final = 20_000_000  # doubles with every "not now"
-_MAX_PAUSE_NS: Final = 500_000_000
 
 # What a request waits for.
 _IDLE, _UPLOAD, _DOWNLOAD, _BLOCK_UPLOAD, _BLOCK_DOWNLOAD, _PROBE, _PAUSE = range(7)
+_UNARMED: Final = 0  # the deadline of a request whose caller did not say when it is; the next tick does
 _BLOCK_KINDS: Final = frozenset((_BLOCK_UPLOAD, _BLOCK_DOWNLOAD))
 _BLOCK_ERRORS: Final = frozenset(  # what segments may still do: without CRC a lost segment shows in the length
     (
@@ -78,65 +77,7 @@ _BLOCK_ERRORS: Final = frozenset(  # what segments may still do: without CRC a l
 )
 
 
-@dataclasses.dataclass(frozen=True, slots=True)
-class SdoOptions:
-    """How a client transfers; the defaults suit every server.
-
-    `block_threshold` is the length in bytes from which a write without a wish of its own uses block transfer;
-    `switch_threshold` the length up to which a server may answer a block upload with a plain one (0: it must not);
-    `max_size` the bytes an upload may take; `lenient` fills an answer shorter than asked for with zeros.
-    """
-
-    block_threshold: int = 256
-    block_size: int = MAX_BLOCK_SIZE
-    switch_threshold: int = 0
-    crc: bool = True
-    announce_size: bool = True
-    max_size: int = MAX_TRANSFER_SIZE
-    busy_ns: int = 1_000_000_000
-    lenient: bool = False
-
-
 _DEFAULTS: Final = SdoOptions()
-
-
-class SdoRequest:
-    """One upload or download, from the queue to its end.
-
-    `data` is the result of a read and the payload of a write; `error` says why it failed, None while it has not;
-    `context` is free for whoever asked. `elapsed_ns` counts from the first frame, not from the queue.
-    """
-
-    __slots__ = (
-        "block",
-        "context",
-        "data",
-        "done",
-        "elapsed_ns",
-        "error",
-        "index",
-        "is_write",
-        "size",
-        "subindex",
-        "timeout_ns",
-    )
-
-    def __init__(self, index: int, subindex: int, data: bytes | None, timeout_ns: int, block: bool | None) -> None:
-        self.index, self.subindex = index, subindex
-        self.is_write = data is not None
-        self.data = data or b""
-        self.timeout_ns = timeout_ns
-        self.block = block
-        self.size: int | None = None
-        self.error: CanopenError | None = None
-        self.done = False
-        self.context: object = None
-        self.elapsed_ns = 0
-
-    def __repr__(self) -> str:
-        state = "open" if not self.done else "failed" if self.error else "done"
-        verb = "write" if self.is_write else "read"
-        return f"<SdoRequest {verb} 0x{self.index:04X}:{self.subindex:02X} {state}>"
 
 
 class _Transfer(Protocol):
@@ -186,7 +127,7 @@ class SdoClient:
         self._mux = b""  # its multiplexer
         self._deadline: int | None = None
         self._started: int | None = None  # None: the first frame has not been seen to leave
-        self._fresh()
+        self._patience: Patience | None = None  # None: the request has had no trouble yet
 
     # -- what callers ask for
 
@@ -205,8 +146,7 @@ class SdoClient:
         `size` is the length the caller knows the object to have: an answer of another length is an error, one that
         does not tell its length is cut to it. With `now` the timeout starts at once, else with the next `tick`.
         """
-        request = SdoRequest(index, subindex, None, self.timeout_ns if timeout_ns is None else timeout_ns, block)
-        request.size = size
+        request = SdoRequest(index, subindex, None, self.timeout_ns if timeout_ns is None else timeout_ns, block, size)
         self._enqueue(request, now)
         return request
 
@@ -308,24 +248,18 @@ class SdoClient:
             raise LocalProtocolError(f"no object 0x{request.index:X}:{request.subindex:X}: 0xFFFF:FF is the last one")
         if len(request.data) > 0xFFFFFFFF:
             raise LocalProtocolError(f"{len(request.data)} bytes are more than an SDO transfer can announce")
-        self._queue.append(request)
         if self._active is None:
-            self._next(now)
+            self._start(request, now)
+        else:
+            self._queue.append(request)
+
+    def _start(self, request: SdoRequest, now: int | None) -> None:
+        self._active, self._started, self._patience = request, now, None
+        self._begin(request, now)
 
     def _next(self, now: int | None) -> None:
         if self._queue:
-            self._active = self._queue.popleft()
-            self._started = now
-            self._fresh()
-            self._begin(self._active, now)
-
-    def _fresh(self) -> None:
-        """Set the counters of a request that has made no try yet."""
-        self._tries_left, self._restarts_left = self.retries, _MAX_RESTARTS
-        self._plain = False  # whether block transfer is out of the question
-        self._waited_ns = 0
-        self._pause_ns = _FIRST_PAUSE_NS
-        self._busy_until: int | None = None
+            self._start(self._queue.popleft(), now)
 
     def _finish(self, request: SdoRequest, now: int, error: CanopenError | None = None) -> None:
         request.elapsed_ns = 0 if self._started is None else now - self._started
@@ -354,18 +288,17 @@ class SdoClient:
 
     def _begin(self, request: SdoRequest, now: int | None) -> None:
         self._transfer = None
-        self._kind, self._request = self._initiate(request)
-        self._mux = self._request[1:4]
-        if self._stale and self._mux in self._stale:
-            self._request = _PROBES[self._mux == _PROBES[0][1:4]]
-            self._kind, self._mux = _PROBE, self._request[1:4]
-        self._out.append(CanFrame(self.request_cob_id, self._request))
-        self._arm(request, now)
+        self._kind, data = self._initiate(request)
+        if self._stale and data[1:4] in self._stale:
+            self._kind, data = _PROBE, _PROBES[data[1:4] == _PROBES[0][1:4]]
+        self._request, self._mux = data, data[1:4]
+        self._out.append(CanFrame(self.request_cob_id, data))
+        self._deadline = _UNARMED if now is None else now + request.timeout_ns
 
     def _initiate(self, request: SdoRequest) -> tuple[int, bytes]:
         """Return the kind of transfer and its first frame."""
         index, subindex, data = request.index, request.subindex, request.data
-        if (request.block is not False) and self._wants_block(request):
+        if request.block is not False and self._wants_block(request):
             return self._initiate_block(request)
         if not request.is_write:
             return _UPLOAD, INITIATE.pack(UPLOAD, index, subindex)
@@ -376,7 +309,7 @@ class SdoClient:
         return _DOWNLOAD, INITIATE_NUMBER.pack(DOWNLOAD | sized, index, subindex, length if sized else 0)
 
     def _wants_block(self, request: SdoRequest) -> bool:
-        if self._plain or self.block_supported is False:
+        if self.block_supported is False or (self._patience and self._patience.plain):
             return False
         return bool(request.block) or (request.is_write and len(request.data) >= self.options.block_threshold)
 
@@ -388,12 +321,6 @@ class SdoClient:
             return _BLOCK_UPLOAD, INITIATE_BYTES.pack(BLOCK_UPLOAD | crc, index, subindex, parameters)
         sized, length = (SIZED_FLAG, len(request.data)) if options.announce_size else (0, 0)
         return _BLOCK_DOWNLOAD, INITIATE_NUMBER.pack(BLOCK_DOWNLOAD | crc | sized, index, subindex, length)
-
-    def _arm(self, request: SdoRequest, now: int | None) -> None:
-        if now is None or self._started is None:
-            self._started, self._deadline = now, 0 if now is None else now + request.timeout_ns
-        else:
-            self._deadline = now + request.timeout_ns
 
     # -- answers
 
@@ -416,7 +343,7 @@ class SdoClient:
             self._break(request, AbortCode.OUT_OF_MEMORY, now)
             return
         self._transfer = SegmentedUpload(self.request_cob_id, size, self.options.max_size, self._out)
-        self._arm(request, now)
+        self._deadline = now + request.timeout_ns
 
     def _on_download(self, data: bytes, now: int) -> None:
         request = self._active
@@ -428,7 +355,7 @@ class SdoClient:
             self._finish(request, now)
         else:
             self._transfer = SegmentedDownload(self.request_cob_id, request.data, self._out)
-            self._arm(request, now)
+            self._deadline = now + request.timeout_ns
 
     def _on_block_upload(self, data: bytes, now: int) -> None:
         request, command, options = self._active, data[0], self.options
@@ -443,7 +370,7 @@ class SdoClient:
             return
         crc = bool(command & self._request[0] & CRC_FLAG)
         self._transfer = BlockUpload(self.request_cob_id, size, options.max_size, crc, options.block_size, self._out)
-        self._arm(request, now)
+        self._deadline = now + request.timeout_ns
 
     def _on_block_download(self, data: bytes, now: int) -> None:
         request, command, block_size = self._active, data[0], data[4]
@@ -457,7 +384,7 @@ class SdoClient:
             return
         crc = bool(command & self._request[0] & CRC_FLAG)
         self._transfer = BlockDownload(self.request_cob_id, request.data, crc, block_size, self._out)
-        self._arm(request, now)
+        self._deadline = now + request.timeout_ns
 
     def _on_probe(self, data: bytes, now: int) -> None:
         if self._active is None or data[0] & COMMAND_MASK not in (UPLOAD, ABORT):
@@ -523,47 +450,39 @@ class SdoClient:
 
     def _refused(self, request: SdoRequest, code: int, now: int) -> None:
         """Decide what follows from an abort, be it the server's or ours."""
+        patience = self._trouble()
         if self._kind in _BLOCK_KINDS and code in _BLOCK_ERRORS:
             if code == AbortCode.UNKNOWN_COMMAND and self._transfer is None:
                 self.block_supported = False
-            self._plain = True
+            patience.plain = True
             self._again(request, now)
-        elif code == AbortCode.TOGGLE_NOT_ALTERNATED and self._restarts_left:
-            self._restarts_left -= 1
+        elif patience.has_try(code):
             self._again(request, now)
-        elif code == AbortCode.TIMED_OUT and self._tries_left:
-            self._tries_left -= 1
-            self._again(request, now)
-        elif code in BUSY_CODES and self._may_pause(now):
-            self._pause(now)
+        elif (until := patience.pause(code, self.options.busy_ns, now)) is not None:
+            self._transfer = None
+            self._kind, self._mux, self._deadline = _PAUSE, b"", until
         else:
             self._finish(request, now, self._abort_error(request, code))
+
+    def _trouble(self) -> Patience:
+        if self._patience is None:
+            self._patience = Patience(self.retries)
+        return self._patience
 
     def _again(self, request: SdoRequest, now: int) -> None:
         self.retried += 1
         self._begin(request, now)
 
-    def _may_pause(self, now: int) -> bool:
-        if self._busy_until is None:
-            self._busy_until = now + self.options.busy_ns
-        return now + self._pause_ns <= self._busy_until
-
-    def _pause(self, now: int) -> None:
-        self._transfer = None
-        self._kind, self._mux = _PAUSE, b""
-        self._deadline = now + self._pause_ns
-        self._pause_ns = min(2 * self._pause_ns, _MAX_PAUSE_NS)
-
     def _break(self, request: SdoRequest, code: int, now: int) -> None:
         """Abort the transfer because of what the server sent."""
         self._send_abort(code)
-        if code in BUSY_CODES:  # our own limit: no pause makes it larger
+        if code == AbortCode.OUT_OF_MEMORY:  # our own limit: no pause makes it larger
             self._finish(request, now, self._abort_error(request, code))
         else:
             self._refused(request, code, now)
 
     def _on_deadline(self, request: SdoRequest, now: int) -> None:
-        if self._started is None:
+        if self._deadline == _UNARMED:
             self._started, self._deadline = now, now + request.timeout_ns
         elif self._kind == _PAUSE:
             self._again(request, now)
@@ -575,14 +494,15 @@ class SdoClient:
             self._timed_out(request, now)
 
     def _timed_out(self, request: SdoRequest, now: int) -> None:
-        self._waited_ns += request.timeout_ns
-        self._plain = self._plain or self._kind in _BLOCK_KINDS  # what it does not know, a server may not answer
+        patience = self._trouble()
+        patience.waited_ns += request.timeout_ns
+        if self._kind in _BLOCK_KINDS:
+            patience.plain = True  # some servers do not answer what they do not know
         self._die(AbortCode.TIMED_OUT)
-        if self._tries_left:
-            self._tries_left -= 1
+        if patience.has_try(AbortCode.TIMED_OUT):
             self._again(request, now)
         else:
-            seconds = self._waited_ns / 1e9
+            seconds = patience.waited_ns / 1e9
             self._finish(request, now, SdoTimeout(self.node_id, request.index, request.subindex, seconds, self.name))
 
     def _die(self, code: int) -> None:
