@@ -148,15 +148,21 @@ class Reactor:
         self._watches[fd] = watch
 
     def _update(self, fd: int, event: int, watch: _Watch) -> None:
+        """Tell the selector; bears a descriptor that was closed without being removed, and its number used again."""
         if not watch.events:
             del self._watches[fd]
             self._selector.unregister(fd)
-            return
+        elif watch.events == self._selector.get_key(fd).events:
+            self._selector.unregister(fd)  # `modify` would not look whether the kernel still knows it
+            self._selector.register(fd, watch.events, watch)
+        else:
+            self._modify(fd, event, watch)
+
+    def _modify(self, fd: int, event: int, watch: _Watch) -> None:
         try:
             self._selector.modify(fd, watch.events, watch)
         except OSError:
-            # The descriptor was closed without being removed, and its number is in use again: what was known about it
-            # is about another file. The selector has forgotten it already.
+            # Another file has the number now: what was known is about the old one. The selector has forgotten it.
             del self._watches[fd]
             callback = watch.on_readable if event == _READ else watch.on_writable
             if callback is not None:

@@ -1,0 +1,565 @@
+from __future__ import annotations
+
+import itertools
+import os
+import signal
+import socket
+import threading
+import time
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from support.host import open_descriptors
+
+from canopen_control.errors import LocalProtocolError
+from canopen_control.host import reactor as reactor_module
+from canopen_control.host.reactor import ManualClock, Reactor
+
+MS = 1_000_000
+SECOND = 1000 * MS
+
+
+@pytest.fixture
+def pair():
+    ours, theirs = socket.socketpair()
+    with ours, theirs:
+        ours.setblocking(False)
+        theirs.setblocking(False)
+        yield ours, theirs
+
+
+@pytest.fixture
+def real():
+    with Reactor() as loop:
+        yield loop
+
+
+# -- time on a manual clock
+
+
+def test_timers_fire_in_order_at_their_own_moment(reactor):
+    seen = []
+    for name, delay in (("c", 30), ("a", 10), ("b", 10)):
+        reactor.call_later(delay, lambda name=name: seen.append((name, reactor.now())))
+    assert reactor.run_for(100)
+    assert seen == [("a", 10), ("b", 10), ("c", 30)]
+    assert reactor.now() == 100
+
+
+def test_a_timer_at_the_end_of_the_time_still_fires(reactor):
+    seen = []
+    reactor.call_at(50, lambda: seen.append(reactor.now()))
+    reactor.call_at(51, lambda: seen.append(reactor.now()))
+    reactor.run_for(50)
+    assert seen == [50]
+    reactor.run_for(1)
+    assert seen == [50, 51]
+
+
+def test_a_periodic_timer_keeps_its_absolute_edges(reactor):
+    edges = []
+
+    def edge():
+        edges.append(reactor.now())
+        reactor.call_at(edges[-1] + 20 * MS, edge)
+
+    reactor.call_at(20 * MS, edge)
+    reactor.run_for(SECOND)
+    assert edges == [20 * MS * n for n in range(1, 51)]
+
+
+def test_a_timer_in_the_past_fires_in_the_next_turn_without_moving_time(reactor):
+    reactor.run_for(100)
+    seen = []
+    reactor.call_at(3, lambda: seen.append(reactor.now()))
+    reactor.run_for(0)
+    assert seen == [100]
+
+
+def test_a_timer_made_by_a_timer_of_the_same_moment_fires_in_that_moment(reactor):
+    seen = []
+    reactor.call_at(5, lambda: reactor.call_at(5, lambda: seen.append(reactor.now())))
+    reactor.run_for(5)
+    assert seen == [5]
+
+
+def test_a_timer_can_cancel_one_of_the_same_moment(reactor):
+    seen = []
+    reactor.call_at(5, lambda: second.cancel())
+    second = reactor.call_at(5, lambda: seen.append("never"))
+    reactor.run_for(10)
+    assert seen == []
+    assert not second.active
+
+
+def test_a_timer_that_has_fired_is_spent(reactor):
+    timer = reactor.call_at(5, lambda: None)
+    assert timer.active
+    assert timer.deadline_ns == 5
+    reactor.run_for(5)
+    assert not timer.active
+    timer.cancel()
+
+
+def test_run_until_a_condition_stops_the_clock_there(reactor):
+    seen = []
+    for moment in (10, 20, 30):
+        reactor.call_at(moment, lambda moment=moment: seen.append(moment))
+    assert reactor.run_until(lambda: len(seen) == 2)
+    assert reactor.now() == 20
+
+
+def test_run_until_gives_up_at_its_timeout(reactor):
+    reactor.call_later(SECOND, lambda: None)
+    assert not reactor.run_until(lambda: False, timeout_ns=50)
+    assert reactor.now() == 50
+
+
+def test_run_until_gives_up_when_nothing_can_happen_any_more(reactor):
+    reactor.call_later(10, lambda: None)
+    assert not reactor.run_until(lambda: False)
+    assert reactor.now() == 10
+
+
+def test_run_until_a_deadline_goes_there(reactor):
+    assert reactor.run_until(700)
+    assert reactor.now() == 700
+    assert reactor.run_until(600)
+    assert reactor.now() == 700
+
+
+def test_what_is_readable_is_served_before_time_moves(reactor, pair):
+    ours, theirs = pair
+    seen = []
+    reactor.add_reader(ours, lambda: seen.append((ours.recv(10), reactor.now())))
+    reactor.call_at(10, lambda: (theirs.send(b"x"), theirs.send(b"y")))
+    reactor.call_at(11, lambda: seen.append(("timer", reactor.now())))
+    reactor.run_for(20)
+    assert seen == [(b"xy", 10), ("timer", 11)]
+
+
+def test_a_turn_serves_descriptors_then_calls_then_timers(reactor, pair):
+    ours, theirs = pair
+    theirs.send(b"x")
+    seen = []
+    reactor.call_at(0, lambda: seen.append("timer"))
+    reactor.call_soon(lambda: seen.append("soon"))
+    reactor.add_reader(ours, lambda: seen.append(ours.recv(10)))
+    reactor.run_for(0)
+    assert seen == [b"x", "soon", "timer"]
+
+
+def test_calls_keep_their_order_and_what_they_add_waits_a_turn(reactor):
+    seen = []
+    reactor.call_soon(lambda: (seen.append(1), reactor.call_soon(lambda: seen.append(3))))
+    reactor.call_soon(lambda: seen.append(2))
+    reactor.call_at(0, lambda: seen.append("timer"))
+    reactor.run_for(0)
+    assert seen == [1, 2, "timer", 3]
+
+
+def test_run_on_a_manual_clock_races_through_its_timers(reactor):
+    count = itertools.count()
+
+    def again():
+        if next(count) == 1000:
+            reactor.stop()
+        reactor.call_later(3600 * SECOND, again)
+
+    again()
+    started = time.monotonic()
+    reactor.run()
+    assert reactor.now() == 1000 * 3600 * SECOND
+    assert time.monotonic() - started < 10
+
+
+def test_run_on_a_manual_clock_without_timers_waits_for_another_thread(reactor):
+    thread = threading.Timer(0.01, lambda: reactor.call_threadsafe(reactor.stop))
+    thread.start()
+    reactor.run()
+    thread.join()
+    assert reactor.now() == 0
+
+
+@given(st.lists(st.tuples(st.integers(0, 50), st.integers(0, 50)), max_size=40))
+def test_the_same_program_does_the_same_thing_twice(plan):
+    def play():
+        trace = []
+        with Reactor(ManualClock()) as loop:
+
+            def fire(number, again):
+                trace.append((loop.now(), number))
+                if again:
+                    loop.call_later(again, lambda: fire(number, 0))
+
+            for number, (delay, again) in enumerate(plan):
+                loop.call_later(delay, lambda number=number, again=again: fire(number, again))
+            loop.run_for(100)
+        return trace
+
+    first = play()
+    assert first == play()
+    assert [moment for moment, _ in first] == sorted(moment for moment, _ in first)
+    assert len(first) == len(plan) + sum(1 for _, again in plan if again)
+
+
+# -- exceptions
+
+
+def test_a_callback_that_raises_ends_nothing_and_is_counted(pair):
+    ours, theirs = pair
+    raised, seen = [], []
+
+    def fail(text):
+        raise ValueError(text)
+
+    with Reactor(ManualClock()) as loop:
+        loop.on_error = raised.append
+        theirs.send(b"x")
+        loop.add_reader(ours, lambda: (ours.recv(1), fail("reader")))
+        loop.call_soon(lambda: fail("soon"))
+        loop.call_at(1, lambda: fail("timer"))
+        loop.call_at(1, lambda: seen.append("after"))
+        loop.run_for(10)
+        assert loop.errors == 3
+    assert [str(error) for error in raised] == ["reader", "soon", "timer"]
+    assert seen == ["after"]
+
+
+def test_an_error_handler_that_raises_ends_nothing_either(capsys):
+    with Reactor(ManualClock()) as loop:
+        loop.on_error = lambda error: 1 / 0
+        loop.call_soon(lambda: [].pop())
+        loop.run_for(1)
+        assert loop.errors == 2
+    assert "ZeroDivisionError" in capsys.readouterr().err
+
+
+def test_without_a_handler_the_first_twenty_are_printed(capsys):
+    with Reactor(ManualClock()) as loop:
+        for _ in range(50):
+            loop.call_soon(lambda: 1 / 0)
+        loop.run_for(1)
+        assert loop.errors == 50
+    assert capsys.readouterr().err.count("ZeroDivisionError") == 20
+
+
+def test_a_keyboard_interrupt_ends_the_loop_and_it_can_run_again(reactor):
+    def interrupt():
+        raise KeyboardInterrupt
+
+    reactor.call_soon(interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        reactor.run()
+    assert reactor.run_for(5)
+
+
+# -- descriptors
+
+
+def test_a_reader_that_removes_another_one_of_the_same_turn_is_obeyed(reactor, pair):
+    ours, theirs = pair
+    ours.send(b"x")
+    theirs.send(b"x")
+    seen = []
+
+    def only_one():
+        seen.append(1)
+        for sock in pair:
+            reactor.remove_reader(sock)
+
+    for sock in pair:
+        reactor.add_reader(sock, only_one)
+    reactor.run_for(5)
+    assert seen == [1]
+
+
+def test_a_descriptor_has_a_reader_and_a_writer(reactor, pair):
+    ours, theirs = pair
+    seen = []
+    theirs.send(b"x")
+
+    def write():
+        seen.append("w")
+        reactor.remove_writer(ours)
+
+    reactor.add_reader(ours, lambda: seen.append(ours.recv(1)))
+    reactor.add_writer(ours, write)
+    reactor.run_for(1)
+    assert seen == [b"x", "w"]
+    theirs.send(b"y")
+    reactor.run_for(1)
+    assert seen == [b"x", "w", b"y"]
+
+
+def test_a_second_reader_replaces_the_first(reactor, pair):
+    ours, theirs = pair
+    seen = []
+    reactor.add_reader(ours, lambda: seen.append("first"))
+    reactor.add_reader(ours.fileno(), lambda: seen.append(ours.recv(1)))
+    theirs.send(b"x")
+    reactor.run_for(1)
+    assert seen == [b"x"]
+
+
+def test_removing_what_is_not_there_does_nothing(reactor, pair):
+    reactor.remove_reader(pair[0])
+    reactor.remove_writer(pair[0])
+    reactor.add_reader(pair[0], lambda: None)
+    reactor.remove_writer(pair[0])
+    reactor.remove_reader(pair[0])
+    reactor.remove_reader(pair[0])
+    assert pair[0].fileno() not in reactor._watches
+
+
+@pytest.mark.parametrize("kind", ["add_reader", "add_writer"])
+def test_a_number_used_again_after_a_close_without_removal_is_served_as_the_new_file(reactor, kind):
+    seen = []
+    first, other = socket.socketpair()
+    getattr(reactor, kind)(first, lambda: seen.append("old"))
+    number = first.fileno()
+    first.close()
+    other.close()
+    again, theirs = socket.socketpair()
+    with again, theirs:
+        ours, peer = (again, theirs) if again.fileno() == number else (theirs, again)
+        assert ours.fileno() == number
+        reactor.add_reader(ours, lambda: seen.append(ours.recv(1)))
+        peer.send(b"x")
+        reactor.run_for(1)
+        assert seen == [b"x"]
+        reactor.remove_reader(ours)
+
+
+def test_removing_one_of_two_from_a_closed_descriptor_forgets_both(reactor):
+    first, other = socket.socketpair()
+    reactor.add_reader(first, lambda: None)
+    reactor.add_writer(first, lambda: None)
+    number = first.fileno()
+    first.close()
+    other.close()
+    reactor.remove_writer(number)
+    assert number not in reactor._watches
+    reactor.run_for(1)
+
+
+def test_a_peer_that_hangs_up_makes_its_descriptor_readable(reactor, pair):
+    ours, theirs = pair
+    seen = []
+
+    def read():
+        seen.append(ours.recv(1))
+        reactor.remove_reader(ours)
+
+    reactor.add_reader(ours, read)
+    theirs.close()
+    reactor.run_for(1)
+    assert seen == [b""]
+
+
+def test_a_busy_descriptor_does_not_starve_the_timers(real, pair):
+    ours, theirs = pair
+    theirs.send(b"x")
+    real.add_reader(ours, lambda: None)  # never read: ready in every turn
+    real.call_later(MS, real.stop)
+    real.run()
+    real.remove_reader(ours)
+
+
+def test_a_timer_that_is_always_due_does_not_starve_the_descriptors(real, pair):
+    ours, theirs = pair
+
+    def again():
+        real.call_at(0, again)
+
+    again()
+    real.add_reader(ours, real.stop)
+    real.call_later(MS, lambda: theirs.send(b"x"))
+    real.run()
+
+
+# -- threads
+
+
+def test_a_call_from_another_thread_runs_on_the_loops_thread(real):
+    seen = []
+
+    def from_there():
+        real.call_threadsafe(lambda: seen.append(threading.get_ident()))
+        real.call_threadsafe(real.stop)
+
+    thread = threading.Thread(target=from_there)
+    thread.start()
+    real.run()
+    thread.join()
+    assert seen == [threading.get_ident()]
+
+
+def test_no_call_of_many_threads_is_lost(real):
+    seen = []
+
+    def from_there(number):
+        for step in range(500):
+            real.call_threadsafe(lambda step=step: seen.append((number, step)))
+
+    threads = [threading.Thread(target=from_there, args=(number,)) for number in range(8)]
+    for thread in threads:
+        thread.start()
+    assert real.run_until(lambda: len(seen) == 4000, timeout_ns=30 * SECOND)
+    for thread in threads:
+        thread.join()
+        assert not thread.is_alive()
+
+
+def test_a_call_from_a_thread_after_the_close_does_nothing():
+    loop = Reactor()
+    loop.close()
+    loop.call_threadsafe(pytest.fail)
+
+
+# -- signals
+
+
+def test_a_signal_is_served_on_the_loop_and_the_old_handler_comes_back():
+    seen = []
+    before = signal.getsignal(signal.SIGUSR1)
+    with Reactor() as loop:
+        loop.handle_signals({signal.SIGUSR1: lambda: (seen.append("usr1"), loop.stop())})
+        loop.call_soon(lambda: os.kill(os.getpid(), signal.SIGUSR1))
+        loop.run()
+    assert seen == ["usr1"]
+    assert signal.getsignal(signal.SIGUSR1) == before
+    wakeup = signal.set_wakeup_fd(-1)
+    assert wakeup == -1
+
+
+def test_a_signal_wakes_a_loop_that_waits(real):
+    real.handle_signals({signal.SIGALRM: real.stop})
+    signal.setitimer(signal.ITIMER_REAL, 0.005)
+    real.run()
+
+
+def test_a_later_handler_of_a_signal_replaces_the_earlier(real):
+    seen = []
+    real.handle_signals({signal.SIGUSR1: lambda: seen.append("first")})
+    real.handle_signals({signal.SIGUSR1: lambda: (seen.append("second"), real.stop()), signal.SIGUSR2: real.stop})
+    os.kill(os.getpid(), signal.SIGUSR1)
+    real.run()
+    assert seen == ["second"]
+
+
+def test_sigint_is_no_keyboard_interrupt_while_it_is_handled():
+    with Reactor() as loop:
+        loop.handle_signals({signal.SIGINT: loop.stop})
+        loop.call_soon(lambda: os.kill(os.getpid(), signal.SIGINT))
+        loop.run()
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+# -- the life of a loop
+
+
+def test_stop_before_run_ends_it_at_its_start(reactor):
+    reactor.stop()
+    reactor.run()
+    reactor.stop()
+    assert not reactor.run_for(10)
+    assert reactor.run_for(10)
+
+
+def test_a_loop_does_not_run_inside_itself():
+    raised = []
+    with Reactor(ManualClock()) as loop:
+        loop.on_error = raised.append
+        loop.call_soon(loop.run)
+        loop.run_for(1)
+    assert [type(error) for error in raised] == [LocalProtocolError]
+
+
+def test_a_closed_loop_does_not_run_and_closes_twice():
+    loop = Reactor()
+    timer = loop.call_later(5, lambda: None)
+    loop.close()
+    loop.close()
+    assert not timer.active
+    with pytest.raises(LocalProtocolError, match="closed"):
+        loop.run()
+
+
+def test_a_closed_loop_has_given_every_descriptor_back():
+    Reactor().close()
+    before = open_descriptors()
+    for clock in (None, ManualClock()):
+        Reactor(clock).close()
+    assert open_descriptors() == before
+
+
+# -- the real clock
+
+
+@pytest.mark.parametrize("with_alarm", [True, False])
+def test_real_timers_fire_in_order_and_never_early(monkeypatch, with_alarm):
+    if not with_alarm:
+        monkeypatch.setattr(reactor_module, "open_alarm", lambda: None)
+    with Reactor() as loop:
+        assert (loop._alarm is not None) == with_alarm
+        seen = []
+        start = loop.now()
+        for delay in (3 * MS, MS, 2 * MS):
+            loop.call_at(start + delay, lambda delay=delay: seen.append((delay, loop.now() - start)))
+        assert loop.run_for(4 * MS)
+    assert [delay for delay, _ in seen] == [MS, 2 * MS, 3 * MS]
+    assert all(late >= delay for delay, late in seen)
+
+
+class CountingAlarm:
+    def __init__(self):
+        self.read, self.write = os.pipe()
+        self.settings = []
+
+    def fileno(self):
+        return self.read
+
+    def set(self, deadline_ns):
+        self.settings.append(deadline_ns)
+
+    def close(self):
+        os.close(self.read)
+        os.close(self.write)
+
+
+def test_the_alarm_is_set_only_when_the_earliest_deadline_changes(monkeypatch, pair):
+    alarm = CountingAlarm()
+    monkeypatch.setattr(reactor_module, "open_alarm", lambda: alarm)
+    ours, theirs = pair
+    with Reactor() as loop:
+        far = loop.now() + 3600 * SECOND
+        loop.call_at(far, lambda: None)
+        served = []
+
+        def echo():
+            served.append(ours.recv(1))
+            later = loop.call_at(far + 1, lambda: None)
+            later.cancel()
+            theirs.send(b"x")
+
+        loop.add_reader(ours, echo)
+        theirs.send(b"x")
+        loop.run_until(lambda: len(served) == 20)
+        assert alarm.settings == [far]
+        sooner = loop.call_at(far - 5, lambda: None)
+        loop.run_until(lambda: len(served) == 40)
+        sooner.cancel()
+        loop.run_until(lambda: len(served) == 60)
+    assert alarm.settings == [far, far - 5, far]
+
+
+def test_run_for_on_the_real_clock_takes_that_long_and_ends(real):
+    started = time.monotonic_ns()
+    assert real.run_for(5 * MS)
+    assert time.monotonic_ns() - started >= 5 * MS
+
+
+def test_run_until_on_the_real_clock_gives_up_at_its_timeout(real):
+    assert not real.run_until(lambda: False, timeout_ns=3 * MS)

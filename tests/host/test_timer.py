@@ -1,0 +1,188 @@
+from __future__ import annotations
+
+import heapq
+import os
+import select
+import time
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from canopen_control.host import timer as timer_module
+from canopen_control.host.timer import ManualClock, MonotonicClock, TimerQueue, open_alarm
+
+MS = 1_000_000
+
+
+def nothing():
+    pass
+
+
+def test_a_manual_clock_moves_only_when_it_is_moved():
+    clock = ManualClock(5)
+    assert clock.now() == 5
+    clock.now_ns += 7
+    assert clock.now() == 12
+    assert clock.is_manual
+    assert not MonotonicClock().is_manual
+
+
+def test_the_monotonic_clock_is_the_kernels():
+    before = time.monotonic_ns()
+    assert before <= MonotonicClock().now() <= time.monotonic_ns()
+
+
+def test_timers_come_out_by_deadline_and_equals_by_insertion():
+    queue = TimerQueue()
+    names = {}
+    for name, deadline in (("b", 20), ("a", 10), ("c", 20), ("d", 20)):
+        names[queue.push(deadline, nothing)] = name
+    assert [names[timer] for timer in queue.pop_due(20)] == ["a", "b", "c", "d"]
+    assert queue.next_deadline() is None
+
+
+def test_a_timer_that_is_due_later_stays():
+    queue = TimerQueue()
+    queue.push(10, nothing)
+    later = queue.push(11, nothing)
+    assert len(queue.pop_due(10)) == 1
+    assert queue.next_deadline() == 11
+    assert later.active
+
+
+def test_a_cancelled_timer_is_neither_due_nor_the_next():
+    queue = TimerQueue()
+    first, second = queue.push(1, nothing), queue.push(2, nothing)
+    first.cancel()
+    assert not first.active
+    assert queue.next_deadline() == 2
+    assert queue.pop_due(5) == [second]
+
+
+def test_a_timer_cancelled_between_being_due_and_firing_gives_no_callback():
+    queue = TimerQueue()
+    queue.push(1, nothing)
+    due = queue.pop_due(1)[0]
+    assert due.active
+    due.cancel()
+    due.cancel()
+    assert due.take() is None
+    assert len(queue) == 0
+
+
+def test_a_timer_gives_its_callback_once():
+    timer = TimerQueue().push(1, nothing)
+    assert timer.take() is nothing
+    assert timer.take() is None
+    assert not timer.active
+
+
+def test_cancelling_many_does_not_let_the_heap_grow():
+    queue = TimerQueue()
+    keep = queue.push(10**9, nothing)
+    for deadline in range(100_000):
+        queue.push(deadline, nothing).cancel()
+    assert len(queue) == 1
+    assert len(queue._heap) < 200
+    assert queue.pop_due(10**9) == [keep]
+
+
+def test_cancelling_touches_no_other_timer(monkeypatch):
+    queue = TimerQueue()
+    timers = [queue.push(deadline, nothing) for deadline in range(1000)]
+    monkeypatch.setattr(heapq, "heapify", pytest.fail)
+    for timer in timers[:400]:  # fewer than half: nothing is swept
+        timer.cancel()
+    assert len(queue) == 600
+
+
+def test_a_cleared_queue_has_no_active_timer():
+    queue = TimerQueue()
+    timer = queue.push(1, nothing)
+    queue.clear()
+    assert not timer.active
+    timer.cancel()
+    assert len(queue) == 0
+    assert queue.pop_due(10) == []
+
+
+@given(st.lists(st.tuples(st.sampled_from(["push", "cancel", "pop"]), st.integers(0, 30)), max_size=300))
+def test_the_queue_does_what_a_sorted_list_does(steps):
+    queue = TimerQueue()
+    model: list[tuple[int, int]] = []  # (deadline, number)
+    timers = {}
+    for number, (verb, value) in enumerate(steps):
+        if verb == "push":
+            timers[number] = queue.push(value, nothing)
+            model.append((value, number))
+        elif verb == "cancel" and timers:
+            chosen = sorted(timers)[value % len(timers)]
+            timers[chosen].cancel()
+            model = [item for item in model if item[1] != chosen]
+        elif verb == "pop":
+            due = sorted(item for item in model if item[0] <= value)
+            model = [item for item in model if item[0] > value]
+            assert queue.pop_due(value) == [timers[number] for _, number in due]
+        assert len(queue) == len(model)
+        assert queue.next_deadline() == min((deadline for deadline, _ in model), default=None)
+
+
+# -- the kernel's timer
+
+KINDS = [timer_module._CtypesAlarm] + ([timer_module._OsAlarm] if hasattr(os, "timerfd_create") else [])
+
+
+@pytest.fixture(params=KINDS)
+def alarm(request):
+    alarm = request.param()
+    yield alarm
+    alarm.close()
+
+
+def readable(alarm, timeout_s=0.0):
+    return bool(select.select([alarm.fileno()], [], [], timeout_s)[0])
+
+
+def test_an_alarm_rings_at_its_moment_and_not_before(alarm):
+    deadline = time.monotonic_ns() + 3 * MS
+    alarm.set(deadline)
+    assert readable(alarm, 5.0)
+    assert time.monotonic_ns() >= deadline
+
+
+def test_an_alarm_in_the_past_rings_at_once(alarm):
+    for moment in (0, 1, time.monotonic_ns() - 1):
+        alarm.set(moment)
+        assert readable(alarm, 5.0)
+
+
+def test_setting_an_alarm_anew_silences_it_without_a_read(alarm):
+    alarm.set(1)
+    assert readable(alarm, 5.0)
+    alarm.set(time.monotonic_ns() + 3600 * 1000 * MS)
+    assert not readable(alarm)
+    alarm.set(1)
+    assert readable(alarm, 5.0)
+    alarm.set(None)
+    assert not readable(alarm)
+
+
+def test_linux_has_an_alarm():
+    alarm = open_alarm()
+    assert alarm is not None
+    alarm.close()
+
+
+def test_elsewhere_there_is_none(monkeypatch):
+    monkeypatch.setattr(timer_module.sys, "platform", "darwin")
+    assert open_alarm() is None
+
+
+def test_a_system_that_refuses_leaves_the_selectors_own_timeout(monkeypatch):
+    def refuse():
+        raise OSError("no timerfd here")
+
+    monkeypatch.setattr(timer_module, "_CtypesAlarm", refuse)
+    monkeypatch.setattr(timer_module, "_OsAlarm", refuse)
+    assert open_alarm() is None
