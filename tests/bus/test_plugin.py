@@ -1,0 +1,182 @@
+"""python-can on a local bus, through its own door, and the `canopen` package behind it."""
+
+from __future__ import annotations
+
+import select
+import subprocess
+import sys
+import textwrap
+import tomllib
+from pathlib import Path
+
+import can
+import pytest
+from support.localbus import PATIENCE_S, kill_hub, receive
+
+from canopen_control.bus.error_frames import bus_off_frame
+from canopen_control.bus.local import open_local
+from canopen_control.bus.plugin import LocalBus
+from canopen_control.frame import EXTENDED_FLAG, REMOTE_FLAG, CanFrame, pack_records
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture
+def port(runtime):
+    port = open_local("plug", "robot")
+    yield port
+    port.close()
+
+
+@pytest.fixture
+def bus(port):
+    bus = LocalBus("plug")
+    yield bus
+    bus.shutdown()
+
+
+FRAMES = [
+    (CanFrame(0x181, b"\x01\x02"), {"arbitration_id": 0x181, "data": b"\x01\x02", "is_extended_id": False}),
+    (
+        CanFrame(0x12345 | EXTENDED_FLAG, b"12345678"),
+        {"arbitration_id": 0x12345, "data": b"12345678", "is_extended_id": True},
+    ),
+    (
+        CanFrame(0x703 | REMOTE_FLAG, b"\0"),
+        {"arbitration_id": 0x703, "is_remote_frame": True, "dlc": 1, "is_extended_id": False},
+    ),
+    (CanFrame(0x80), {"arbitration_id": 0x80, "data": b"", "is_extended_id": False}),
+]
+
+
+@pytest.mark.parametrize(("frame", "fields"), FRAMES, ids=[str(frame) for frame, _ in FRAMES])
+def test_frames_of_each_kind_go_both_ways(port, bus, frame, fields):
+    bus.send(can.Message(**fields))
+    assert receive(port, 1) == [frame]
+    port.send(pack_records([frame]))
+    message = bus.recv(PATIENCE_S)
+    assert {name: getattr(message, name) for name in fields} == fields
+    assert message.channel == "local:plug"
+
+
+def test_many_frames_arrive_in_order(port, bus):
+    frames = [CanFrame(0x181, bytes([n])) for n in range(100)]
+    port.send(pack_records(frames))
+    assert [bus.recv(PATIENCE_S).data[0] for _ in range(100)] == list(range(100))
+    assert bus.recv(0) is None
+
+
+def test_filters_are_python_cans(port, bus):
+    bus.set_filters([{"can_id": 0x182, "can_mask": 0x7FF}])
+    port.send(pack_records([CanFrame(0x181), CanFrame(0x182)]))
+    assert bus.recv(PATIENCE_S).arbitration_id == 0x182
+
+
+def test_an_error_frame_is_told(port, bus):
+    port.send(pack_records([bus_off_frame()]))
+    message = bus.recv(PATIENCE_S)
+    assert message.is_error_frame
+    assert message.arbitration_id == 0x40
+
+
+def test_own_messages_come_back_on_request_alone(port, bus):
+    bus.send(can.Message(arbitration_id=5, is_extended_id=False))
+    assert bus.recv(0) is None
+    with LocalBus("local:plug", receive_own_messages=True) as loud:
+        loud.send(can.Message(arbitration_id=6, is_extended_id=False))
+        assert loud.recv(PATIENCE_S).arbitration_id == 6
+
+
+def test_its_descriptor_is_readable_when_a_frame_waits(port, bus):
+    port.send(pack_records([CanFrame(1)]))
+    assert select.select([bus], [], [], PATIENCE_S)[0]
+
+
+def test_can_fd_is_refused_with_a_sentence(bus):
+    with pytest.raises(can.CanOperationError, match="CAN FD"):
+        bus.send(can.Message(arbitration_id=1, is_fd=True))
+
+
+def test_a_dead_hub_is_a_can_error(port, bus):
+    kill_hub("plug")
+    with pytest.raises(can.CanOperationError, match="the hub process is gone"):
+        bus.recv(PATIENCE_S)
+    with pytest.raises(can.CanOperationError, match="the hub process is gone"):
+        bus.send(can.Message(arbitration_id=1))
+
+
+def test_a_wrong_name_is_a_can_error(runtime):
+    with pytest.raises(can.CanInitializationError, match="no name"):
+        LocalBus("a/b")
+
+
+def test_the_buses_that_run_are_detected(bus):
+    assert LocalBus._detect_available_configs() == [{"interface": "canopen_control", "channel": "plug"}]
+
+
+# Through the entry point, in processes of their own
+
+
+@pytest.fixture
+def python(tmp_path):
+    """Run a program in which the package is installed as far as entry points are concerned."""
+    points = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["entry-points"]["can.interface"]
+    folder = tmp_path / "canopen_control-0.dist-info"
+    folder.mkdir()
+    (folder / "METADATA").write_text("Metadata-Version: 2.1\nName: canopen-control-under-test\nVersion: 0\n")
+    (folder / "entry_points.txt").write_text(
+        "[can.interface]\n" + "".join(f"{name} = {value}\n" for name, value in points.items())
+    )
+
+    def start(program):
+        paths = f"import sys; sys.path[:0] = [{str(ROOT)!r}, {str(tmp_path)!r}]\n"
+        return subprocess.Popen(
+            [sys.executable, "-c", paths + textwrap.dedent(program)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+
+    return start
+
+
+SERVER = """
+    import canopen
+    od = canopen.ObjectDictionary()
+    variable = canopen.objectdictionary.ODVariable("speed", 0x2000)
+    variable.data_type, variable.default = canopen.objectdictionary.UNSIGNED32, 4711
+    od.add_object(variable)
+    network = canopen.Network()
+    network.connect(interface="canopen_control", channel="robby")
+    network.add_node(canopen.LocalNode(3, od))
+    print("ready", flush=True)
+    sys.stdin.read()
+    network.disconnect()
+"""
+CLIENT = """
+    import canopen
+    od = canopen.ObjectDictionary()
+    variable = canopen.objectdictionary.ODVariable("speed", 0x2000)
+    variable.data_type = canopen.objectdictionary.UNSIGNED32
+    od.add_object(variable)
+    network = canopen.Network()
+    network.connect(interface="canopen_control", channel="robby")
+    node = network.add_node(3, od)
+    node.sdo.RESPONSE_TIMEOUT = 20.0
+    print(node.sdo[0x2000].raw)
+    node.sdo[0x2000].raw = 815
+    print(node.sdo[0x2000].raw)
+    network.disconnect()
+"""
+
+
+def test_the_canopen_package_reads_and_writes_a_node_in_another_process(runtime, python):
+    server = python(SERVER)
+    try:
+        assert server.stdout.readline() == "ready\n"
+        client = python(CLIENT)
+        output, _ = client.communicate(timeout=60)
+        assert (output, client.returncode) == ("4711\n815\n", 0)
+    finally:
+        server.communicate(timeout=60)
+    assert server.returncode == 0
