@@ -16,15 +16,15 @@ from typing import TYPE_CHECKING, Final
 from canopen_control.controllers.base import ALL_STATES, Controller, ControllerState, zero_targets
 from canopen_control.controllers.chain import in_order, users_of
 from canopen_control.controllers.claims import Plan, make_plan
+from canopen_control.controllers.params import Params
 from canopen_control.controllers.types import make_controller
-from canopen_control.errors import CanopenError, ControlError
+from canopen_control.errors import ControlError
 from canopen_control.hardware.interfaces import ReturnType
 from canopen_control.yamltree import nearest
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from canopen_control.controllers.params import Params
     from canopen_control.hardware.interfaces import HardwareComponent, InterfaceRegistry, StateInterface
 
 __all__ = ["ControllerEvent", "ControllerInfo", "ControllerManager", "Switched"]
@@ -56,6 +56,10 @@ class ControllerInfo:
     topic: str | None
     is_broadcaster: bool
     rejected: int
+
+    def as_dict(self) -> dict[str, object]:
+        """Return the fields for JSON."""
+        return {name: list(each) if isinstance(each := getattr(self, name), tuple) else each for name in self.__slots__}
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,6 +97,7 @@ class ControllerManager:
         self._joints = None if joints is None else tuple(joints)
         self._period = 1.0 / update_rate
         self._controllers: dict[str, Controller] = {}
+        self._params: dict[str, Params] = {}
         self._order: list[_Slot] = []
         self._failed: list[tuple[Controller, str]] = []
         self._events: list[ControllerEvent] = []
@@ -101,27 +106,26 @@ class ControllerManager:
     # ------------------------------------------------------------------------------------------------- lifecycle
 
     def load(self, name: str, type_name: str, params: Params | None = None) -> Controller:
-        """Make a controller of a known type; with `params`, configure it too. Raises ControlError or ConfigError."""
+        """Make a controller of a known type, UNCONFIGURED; `params` are kept for `configure`. Raises ControlError."""
         if name in self._controllers:
             raise ControlError(f"controller {name} is loaded already; unload it first")
         controller = make_controller(name, type_name)
         controller.description_joints = self._joints
         self._controllers[name] = controller
-        if params is not None:
-            try:
-                self.configure(name, params)
-            except CanopenError:
-                del self._controllers[name]
-                raise
+        self._params[name] = params or Params.of({}, name)
         return controller
 
-    def configure(self, name: str, params: Params) -> None:
-        """Give a controller its parameters: UNCONFIGURED or INACTIVE to INACTIVE. Raises ConfigError, ControlError."""
+    def configure(self, name: str, params: Params | None = None) -> None:
+        """Give a controller its parameters: UNCONFIGURED or INACTIVE to INACTIVE. Raises ConfigError, ControlError.
+
+        If it refuses them it is UNCONFIGURED.
+        """
         controller = self.get(name)
         if controller.state is ControllerState.ACTIVE:
             raise ControlError(f"controller {name} is active; deactivate it before configuring it")
         self._withdraw(controller)
-        controller.on_configure(params)
+        controller.state = ControllerState.UNCONFIGURED
+        controller.on_configure(params or self._params[name])
         if controller.update_rate > self.update_rate:
             rates = f"{controller.update_rate} Hz is above the controller_manager's {self.update_rate} Hz"
             self._tell("update_rate", name, f"{name}: its update_rate of {rates}; it runs at that")
@@ -135,7 +139,7 @@ class ControllerManager:
             raise ControlError(f"controller {name} is active; deactivate it before unloading it")
         self._withdraw(controller)
         controller.state = ControllerState.FINALIZED
-        del self._controllers[name]
+        del self._controllers[name], self._params[name]
 
     def get(self, name: str) -> Controller:
         """Return a loaded controller, or raise ControlError with the names there are."""
@@ -157,8 +161,9 @@ class ControllerManager:
         """Return what happened since the last call."""
         events, self._events = self._events, []
         for controller in self._controllers.values():
-            events += [ControllerEvent(kind, controller.name, text) for kind, text in controller.notices]
-            controller.notices.clear()
+            if controller.notices:
+                events += [ControllerEvent(kind, controller.name, text) for kind, text in controller.notices]
+                controller.notices.clear()
         return events
 
     # --------------------------------------------------------------------------------------------------- switching
