@@ -1,0 +1,258 @@
+"""Homing (CiA 402-2, mode HM): the methods of 0x6098, and the sequence that starts one and sees it end.
+
+Law of this file:
+
+- Bits 13, 12 and 10 of the statusword together say where homing is (`HomingStatus`). Before the start they may still be
+  those of the last homing, or of another mode: attained, or an error, count only when they were seen absent first.
+- A method that does not move may be over between two statuswords. Only for such a one a stale "attained" is believed,
+  some updates after the start.
+- Every way out returns bit 4 to 0: done, failed, interrupted, aborted, too late. Only done sets `homed`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+from types import MappingProxyType
+from typing import TYPE_CHECKING
+
+from canopen_control.errors import DriveError
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Mapping
+
+__all__ = [
+    "METHODS",
+    "METHODS_WITHOUT_MOTION",
+    "HomingDone",
+    "HomingEvent",
+    "HomingFailed",
+    "HomingSequence",
+    "HomingStatus",
+    "homing_status",
+    "require_method",
+]
+
+_NEVER = 1 << 63
+_SECOND = 1_000_000_000
+_START = 1 << 4
+
+_WITH_INDEX = {
+    1: "negative limit switch",
+    2: "positive limit switch",
+    3: "positive home switch, negative side",
+    4: "positive home switch, positive side",
+    5: "negative home switch, positive side",
+    6: "negative home switch, negative side",
+    7: "home switch, start positive, before its rising edge",
+    8: "home switch, start positive, after its rising edge",
+    9: "home switch, start positive, before its falling edge",
+    10: "home switch, start positive, after its falling edge",
+    11: "home switch, start negative, before its rising edge",
+    12: "home switch, start negative, after its rising edge",
+    13: "home switch, start negative, before its falling edge",
+    14: "home switch, start negative, after its falling edge",
+}
+METHODS: Mapping[int, str] = MappingProxyType(
+    {
+        0: "no homing",
+        **{method: f"{text}, and index pulse" for method, text in _WITH_INDEX.items()},
+        **{method + 16: text for method, text in _WITH_INDEX.items()},
+        33: "next index pulse, negative direction",
+        34: "next index pulse, positive direction",
+        35: "the present position (older profile)",
+        37: "the present position",
+    }
+)
+"""The methods of the profile, number to words; negative ones are the manufacturer's, the others reserved."""
+
+METHODS_WITHOUT_MOTION = frozenset({35, 37})
+
+
+def require_method(method: int, supported: Collection[int] | None = None) -> None:
+    """Raise DriveError unless `method` is in `supported` (0x60E3), or without that, one of the profile or negative."""
+    if method in supported if supported is not None else method in METHODS or method < 0:
+        return
+    listed = f"0x60E3 lists {', '.join(map(str, sorted(supported)))}" if supported is not None else "it is reserved"
+    raise DriveError(f"homing method {method} ({METHODS.get(method, 'unknown')}) is not supported: {listed}")
+
+
+class HomingStatus(Enum):
+    """Bits 13 (error), 12 (attained) and 10 (reached) of the statusword, as one number of three bits."""
+
+    IN_PROGRESS = 0b000
+    NOT_RUNNING = 0b001  # interrupted, or not started
+    ATTAINED = 0b010  # the target is not reached yet
+    COMPLETED = 0b011
+    ERROR_MOVING = 0b100
+    ERROR_STOPPED = 0b101
+    RESERVED_6 = 0b110
+    RESERVED_7 = 0b111
+
+
+_STATUS = tuple(HomingStatus)
+_RUNNING = (HomingStatus.IN_PROGRESS, HomingStatus.ATTAINED)
+_ENDED = (HomingStatus.NOT_RUNNING, HomingStatus.COMPLETED)
+
+
+def homing_status(statusword: int) -> HomingStatus:
+    """Return what bits 13, 12 and 10 say; only meaningful in mode HM."""
+    return _STATUS[statusword >> 11 & 0b110 | statusword >> 10 & 0b001]
+
+
+@dataclass(frozen=True, slots=True)
+class HomingDone:
+    """The axis is homed."""
+
+    time: int
+    method: int
+
+    @property
+    def text(self) -> str:
+        """What happened, in words."""
+        return f"homed by method {self.method}"
+
+
+@dataclass(frozen=True, slots=True)
+class HomingFailed:
+    """Homing ended without a home; `status` is the last one seen, None without a statusword."""
+
+    time: int
+    method: int
+    status: HomingStatus | None
+    reason: str
+
+    @property
+    def text(self) -> str:
+        """What happened, in words."""
+        return f"homing by method {self.method} failed: {self.reason}"
+
+
+HomingEvent = HomingDone | HomingFailed
+
+
+class _Phase(Enum):
+    IDLE = 0
+    PREPARE = 1  # bit 4 is 0, the old bits are looked at
+    RUN = 2
+
+
+class HomingSequence:
+    """One homing at a time. Write the bit that `update` returns to `DriveMachine.mode_bits`.
+
+    0x6098, the speeds and the mode are the owner's, and so is going back to the former mode afterwards. `homed` is
+    False from `start` until it is done, and after `forget`. `start_timeout_ns` is the time to be seen running,
+    `timeout_ns` all of it; `settle_updates` how long bits must stand still to be believed where they are ambiguous.
+    """
+
+    def __init__(
+        self, *, timeout_ns: int = 10 * _SECOND, start_timeout_ns: int = _SECOND, settle_updates: int = 3
+    ) -> None:
+        self.method = 0
+        self.homed = False
+        self._timeout, self._start_timeout = timeout_ns, start_timeout_ns
+        self._settle_updates = settle_updates
+        self._phase = _Phase.IDLE
+        self._aborted = ""
+        self._updates = 0
+        self._stopped_updates = 0
+        self._attained_absent = self._error_absent = self._ran = False
+        self._deadline = self._start_deadline = _NEVER
+        self._events: list[HomingEvent] = []
+
+    def start(self, method: int) -> None:
+        """Begin homing, `method` being what stands in 0x6098; nothing while one is under way."""
+        if self._phase is _Phase.IDLE:
+            self.method, self.homed = method, False
+            self._phase = _Phase.PREPARE
+            self._updates = self._stopped_updates = 0
+            self._attained_absent = self._error_absent = self._ran = False
+
+    def abort(self, reason: str = "aborted") -> None:
+        """Interrupt it at the next update: bit 4 falls, and the drive stops as its halt option (0x605D) says."""
+        if self.active:
+            self._aborted = reason
+
+    def forget(self) -> None:
+        """Say that the drive lost its reference: it restarted, or its position jumped."""
+        self.homed = False
+
+    @property
+    def active(self) -> bool:
+        """Whether homing is under way."""
+        return self._phase is not _Phase.IDLE
+
+    def events(self) -> list[HomingEvent]:
+        """Return what happened since the last call."""
+        happened, self._events = self._events, []
+        return happened
+
+    def next_deadline(self) -> int | None:
+        """Return when `update` must be called at the latest, None when nothing runs out."""
+        earliest = min(self._deadline, self._start_deadline)
+        return None if earliest == _NEVER else earliest
+
+    def update(self, statusword: int | None, ready: bool, now: int) -> int:
+        """Return controlword bit 4 to send now. Call it once per cycle; never raises.
+
+        `ready`: the drive is enabled in mode HM; without that homing has failed.
+        """
+        if self._phase is _Phase.IDLE:
+            return 0
+        status = None if statusword is None else homing_status(statusword)
+        if self._aborted or status is None or not ready:
+            return self._fail(self._aborted or "the drive is not enabled in mode HM", status, now)
+        if self._deadline == _NEVER:
+            self._deadline = now + self._timeout
+        if now >= self._deadline:
+            return self._fail("not done in time", status, now)
+        self._updates += 1
+        return self._prepare(status, now) if self._phase is _Phase.PREPARE else self._run(status, now)
+
+    def _prepare(self, status: HomingStatus, now: int) -> int:
+        """Look at the old bits; the first ones may still be those of another mode, so the last look counts."""
+        if self._updates <= self._settle_updates:
+            self._attained_absent = not status.value & HomingStatus.ATTAINED.value
+            self._error_absent = not status.value & HomingStatus.ERROR_MOVING.value
+            return 0
+        self._phase = _Phase.RUN
+        self._updates = 0
+        self._start_deadline = now + self._start_timeout
+        return _START
+
+    def _run(self, status: HomingStatus, now: int) -> int:
+        self._attained_absent |= not status.value & HomingStatus.ATTAINED.value
+        self._error_absent |= not status.value & HomingStatus.ERROR_MOVING.value
+        if status in _RUNNING:
+            self._ran = True
+            self._start_deadline = _NEVER
+        self._stopped_updates = self._stopped_updates + 1 if status in _ENDED else 0
+        if status is HomingStatus.COMPLETED and self._is_believable():
+            return self._finish(now)
+        if self._error_absent and status.value & HomingStatus.ERROR_MOVING.value:
+            return self._fail("the drive reports a homing error", status, now)
+        if self._ran and status is HomingStatus.NOT_RUNNING and self._stopped_updates > self._settle_updates:
+            return self._fail("it was interrupted", status, now)
+        if now >= self._start_deadline:
+            return self._fail("it was never seen running", status, now)
+        return _START
+
+    def _is_believable(self) -> bool:
+        if self._attained_absent:
+            return True
+        return self.method in METHODS_WITHOUT_MOTION and self._stopped_updates > self._settle_updates
+
+    def _finish(self, now: int) -> int:
+        self.homed = True
+        self._events.append(HomingDone(now, self.method))
+        return self._end()
+
+    def _fail(self, reason: str, status: HomingStatus | None, now: int) -> int:
+        self._events.append(HomingFailed(now, self.method, status, reason))
+        return self._end()
+
+    def _end(self) -> int:
+        self._phase = _Phase.IDLE
+        self._aborted = ""
+        self._deadline = self._start_deadline = _NEVER
+        return 0
