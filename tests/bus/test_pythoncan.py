@@ -1,0 +1,177 @@
+"""python-can adapters as ports: the virtual one as it is, and a scripted one that fails."""
+
+from __future__ import annotations
+
+import queue
+import select
+import threading
+
+import can
+import pytest
+from support.localbus import PATIENCE_S, receive
+
+from canopen_control.bus.channel import open_port
+from canopen_control.bus.error_frames import passive_frame
+from canopen_control.bus.messages import message_of
+from canopen_control.bus.port import BusEventKind
+from canopen_control.bus.pythoncan import PythonCanPort
+from canopen_control.errors import BusClosed, BusError, InterfaceNotFound, LocalProtocolError
+from canopen_control.frame import EXTENDED_FLAG, REMOTE_FLAG, CanFrame, pack_records
+
+FRAMES = [
+    CanFrame(0x181, b"\x01\x02"),
+    CanFrame(0x1ABCDE | EXTENDED_FLAG, b"12345678"),
+    CanFrame(0x703 | REMOTE_FLAG, b"\0"),
+    CanFrame(0x80),
+]
+
+
+class ScriptedBus(can.BusABC):
+    """An adapter whose receiving and sending do what a test says."""
+
+    def __init__(self):
+        self.incoming = queue.Queue()
+        self.sent = queue.Queue()
+        self.send_errors = queue.Queue()
+        self.stopped = threading.Event()
+        super().__init__(channel="scripted")
+
+    def _recv_internal(self, timeout):
+        try:
+            item = self.incoming.get(timeout=min(timeout, 0.01))
+        except queue.Empty:
+            return None, False
+        if isinstance(item, Exception):
+            raise item
+        return item, False
+
+    def send(self, msg, timeout=None):
+        if not self.send_errors.empty():
+            raise self.send_errors.get()
+        self.sent.put(msg)
+
+    def shutdown(self):
+        super().shutdown()
+        self.stopped.set()
+
+
+@pytest.fixture
+def scripted():
+    bus = ScriptedBus()
+    port = PythonCanPort("test:scripted", bus, writer=True)
+    yield bus, port
+    port.close()
+    assert bus.stopped.is_set()
+
+
+@pytest.fixture
+def pair():
+    ports = [open_port("virtual:pair"), open_port("virtual:pair")]
+    yield ports
+    for port in ports:
+        port.close()
+
+
+def wait_for_event(port):
+    assert select.select([port], [], [], PATIENCE_S)[0]
+    port.receive()
+    (event,) = port.events()
+    return event
+
+
+def test_frames_of_every_kind_arrive_in_order_and_not_at_their_sender(pair):
+    a, b = pair
+    a.send(pack_records(FRAMES))
+    assert receive(b, len(FRAMES)) == FRAMES
+    assert a.receive() == b""
+    assert (a.stats.tx, b.stats.rx) == (4, 4)
+
+
+def test_the_descriptor_is_quiet_once_everything_was_read(pair):
+    a, b = pair
+    a.send(pack_records(FRAMES))
+    receive(b, len(FRAMES))
+    assert select.select([b], [], [], 0)[0] == []
+
+
+def test_two_names_are_two_buses(pair):
+    other = open_port("virtual:other")
+    other.send(pack_records(FRAMES))
+    pair[0].send(pack_records(FRAMES[:1]))
+    assert receive(pair[1], 1) == FRAMES[:1]
+    assert other.receive() == b""
+    other.close()
+
+
+def test_a_closed_port_says_so(pair):
+    pair[0].close()
+    pair[0].close()
+    assert pair[0].fileno() == -1
+    for verb in (pair[0].receive, lambda: pair[0].send(b"")):
+        with pytest.raises(BusClosed, match="virtual:pair: closed on this side"):
+            verb()
+
+
+def test_a_cut_record_is_refused(pair):
+    with pytest.raises(LocalProtocolError):
+        pair[0].send(b"1")
+
+
+def test_the_writer_sends_in_order(scripted):
+    bus, port = scripted
+    frames = [CanFrame(0x200, bytes([n])) for n in range(50)]
+    port.send(pack_records(frames))
+    assert [bus.sent.get(timeout=PATIENCE_S).data[0] for _ in frames] == list(range(50))
+    port.flush()
+    assert port.wants_write is False
+
+
+def test_a_refused_frame_is_tried_again_and_the_trouble_told_once(scripted):
+    bus, port = scripted
+    for _ in range(2):
+        bus.send_errors.put(can.CanOperationError("transmit buffer full"))
+    port.send(pack_records(FRAMES[:1]))
+    assert bus.sent.get(timeout=PATIENCE_S).arbitration_id == FRAMES[0].can_id
+    events = []
+    while not events or events[-1].kind is not BusEventKind.UP:
+        assert select.select([port], [], [], PATIENCE_S)[0]
+        port.receive()
+        events += port.events()
+    assert [event.kind for event in events] == [BusEventKind.DOWN, BusEventKind.UP]
+    assert events[0].text == "bus test:scripted: transmit buffer full"
+    assert port.stats.lost == 0
+
+
+def test_a_receive_error_is_told_and_reception_goes_on(scripted):
+    bus, port = scripted
+    bus.incoming.put(can.CanOperationError("Network is down", 100))
+    assert wait_for_event(port).kind is BusEventKind.DOWN
+    bus.incoming.put(message_of(FRAMES[0], 0.0))
+    assert receive(port, 1) == FRAMES[:1]
+    assert [event.kind for event in port.events()] == [BusEventKind.UP]
+
+
+def test_error_frames_become_events(scripted):
+    bus, port = scripted
+    bus.incoming.put(message_of(passive_frame(), 0.0))
+    assert receive(port, 1) == [passive_frame()]
+    assert [event.kind for event in port.events()] == [BusEventKind.ERROR_PASSIVE]
+    assert port.stats.errors == 1
+
+
+def test_a_can_fd_frame_is_counted_as_lost(scripted):
+    bus, port = scripted
+    bus.incoming.put(can.Message(arbitration_id=1, is_fd=True))
+    bus.incoming.put(message_of(FRAMES[0], 0.0))
+    assert receive(port, 1) == FRAMES[:1]
+    assert port.stats.lost == 1
+
+
+def test_an_unknown_interface_is_answered_with_the_known_ones():
+    with pytest.raises(InterfaceNotFound, match=r"python-can knows no 'nosuchthing', but: .*virtual"):
+        open_port("nosuchthing:0")
+
+
+def test_a_driver_that_is_not_there_is_one_sentence():
+    with pytest.raises(BusError, match=r"bus slcan:/dev/nonexistent@125000: .*is its driver installed"):
+        open_port("slcan:/dev/nonexistent@125000")
