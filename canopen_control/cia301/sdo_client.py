@@ -4,10 +4,8 @@ The law:
 - A server has one client with one request outstanding; the others wait in the order in which they came.
 - An answer counts if its command and its multiplexer are those of the request, and if the request has left: what comes
   before that is the bus's copy of an older answer.
-- A request that died (timed out or cancelled) may still be answered. Until that is settled its multiplexer is in
-  quarantine: nothing is asked of the same object, so that no late answer can be taken for the answer of the retry. It
-  is settled by any answer to something asked later, for the server works in order and the bus keeps the order. If the
-  very same object is wanted, a mandatory object is read first (0x1000, the device type) to settle it.
+- A request that died (timed out or cancelled) may still be answered: until that is settled, its object is in
+  quarantine (sdo_quarantine.py), so that no late answer can be taken for that of the retry.
 - A timeout sends an abort with the true multiplexer and is tried again `retries` times. A toggle error starts the
   transfer again at most twice. "Not now" aborts are tried again with growing pauses for `busy_ns`. A block transfer
   that the server refuses, or whose CRC is wrong, is done again in segments. Every other abort ends the request.
@@ -48,6 +46,7 @@ from canopen_control.cia301.sdo_codec import (
     UPLOAD_SIZED,
     UPLOAD_UNSIZED,
 )
+from canopen_control.cia301.sdo_quarantine import Quarantine
 from canopen_control.cia301.sdo_request import Patience, SdoOptions, SdoRequest
 from canopen_control.errors import LocalProtocolError, SdoAbort, SdoTimeout
 from canopen_control.frame import CanFrame
@@ -58,8 +57,6 @@ if TYPE_CHECKING:
     from canopen_control.errors import CanopenError
 
 __all__ = ["SdoClient", "SdoOptions", "SdoRequest"]
-
-_PROBES: Final = (INITIATE.pack(UPLOAD, 0x1000, 0), INITIATE.pack(UPLOAD, 0x1001, 0))  # mandatory, harmless to read
 
 # What a request waits for.
 _IDLE, _UPLOAD, _DOWNLOAD, _BLOCK_UPLOAD, _BLOCK_DOWNLOAD, _PROBE, _PAUSE = range(7)
@@ -119,7 +116,7 @@ class SdoClient:
         self._queue: deque[SdoRequest] = deque()
         self._out: list[CanFrame] = []
         self._finished: list[SdoRequest] = []
-        self._stale: set[bytes] = set()  # multiplexers of requests that died unanswered
+        self._quarantine = Quarantine()
         self._active: SdoRequest | None = None
         self._transfer: _Transfer | None = None
         self._kind = _IDLE
@@ -187,7 +184,7 @@ class SdoClient:
 
     def forget(self) -> None:
         """Forget what is known of the server: it has booted, and owes no answers any more."""
-        self._stale.clear()
+        self._quarantine.owed.clear()
         self.block_supported = None
 
     @property
@@ -289,8 +286,8 @@ class SdoClient:
     def _begin(self, request: SdoRequest, now: int | None) -> None:
         self._transfer = None
         self._kind, data = self._initiate(request)
-        if self._stale and data[1:4] in self._stale:
-            self._kind, data = _PROBE, _PROBES[data[1:4] == _PROBES[0][1:4]]
+        if data[1:4] in self._quarantine.owed:
+            self._kind, data = _PROBE, self._quarantine.probe()
         self._request, self._mux = data, data[1:4]
         self._out.append(CanFrame(self.request_cob_id, data))
         self._deadline = _UNARMED if now is None else now + request.timeout_ns
@@ -329,7 +326,7 @@ class SdoClient:
         if request is None or data[0] & COMMAND_MASK != UPLOAD:
             self.ignored += 1
             return
-        self._answered()
+        self._quarantine.answered(self._mux)
         if (length := EXPEDITED_LENGTHS.get(data[0])) is not None:
             self._uploaded(request, data[4 : 4 + length], data[0] & 1 == 1, now)
         elif data[0] in (UPLOAD_SIZED, UPLOAD_UNSIZED):
@@ -350,7 +347,7 @@ class SdoClient:
         if request is None or data[0] != DOWNLOAD_ANSWER:
             self.ignored += 1
             return
-        self._answered()
+        self._quarantine.answered(self._mux)
         if self._request[0] & SIZED_FLAG:  # e: the data went with the request
             self._finish(request, now)
         else:
@@ -362,7 +359,7 @@ class SdoClient:
         if request is None or command & ~(CRC_FLAG | SIZED_FLAG) != BLOCK_UPLOAD_ANSWER:
             self._on_upload(data, now)  # the protocol switch: it answers as if plainly asked
             return
-        self._answered()
+        self._quarantine.answered(self._mux)
         self.block_supported = True
         size = int.from_bytes(data[4:8], "little") if command & SIZED_FLAG else None
         if size is not None and size > options.max_size:
@@ -377,7 +374,7 @@ class SdoClient:
         if request is None or command & ~CRC_FLAG != BLOCK_DOWNLOAD_ANSWER:
             self.ignored += 1
             return
-        self._answered()
+        self._quarantine.answered(self._mux)
         self.block_supported = True
         if not 1 <= block_size <= MAX_BLOCK_SIZE:
             self._break(request, AbortCode.INVALID_BLOCK_SIZE, now)
@@ -390,7 +387,7 @@ class SdoClient:
         if self._active is None or data[0] & COMMAND_MASK not in (UPLOAD, ABORT):
             self.ignored += 1
             return
-        self._answered()
+        self._quarantine.answered(self._mux)
         self._begin(self._active, now)
 
     def _on_nothing(self, data: bytes, now: int) -> None:  # noqa: ARG002 - one signature for the whole table
@@ -424,11 +421,6 @@ class SdoClient:
         request.data = data
         self._finish(request, now)
 
-    def _answered(self) -> None:
-        """Note that whatever was asked before this has been answered, or never will be."""
-        if self._stale:
-            self._stale.intersection_update((self._mux,) if self._kind == _PROBE else ())
-
     # -- aborts and errors
 
     def _on_abort(self, data: bytes, now: int) -> None:
@@ -438,7 +430,8 @@ class SdoClient:
         elif self._kind == _PROBE:
             self._on_probe(data, now)
         else:
-            self._answered()
+            if data[1:4] == self._mux:
+                self._quarantine.answered(self._mux)
             self._refused(request, int.from_bytes(data[4:8], "little"), now)
 
     def _is_ours(self, mux: bytes) -> bool:
@@ -446,7 +439,7 @@ class SdoClient:
             return mux in (self._mux, NO_MUX)
         if self._out or self._kind == _PAUSE:
             return False
-        return mux == self._mux or (mux == NO_MUX and (not self._stale or self._kind in _BLOCK_KINDS))
+        return mux == self._mux or (mux == NO_MUX and (not self._quarantine.owed or self._kind in _BLOCK_KINDS))
 
     def _refused(self, request: SdoRequest, code: int, now: int) -> None:
         """Decide what follows from an abort, be it the server's or ours."""
@@ -507,7 +500,7 @@ class SdoClient:
 
     def _die(self, code: int) -> None:
         """Abort a transfer whose last answer is still owed."""
-        self._stale.add(self._mux)
+        self._quarantine.died(self._mux)
         self._out.clear()
         self._send_abort(code)
 

@@ -29,6 +29,7 @@ from canopen_control.frame import CanFrame
 
 __all__ = ["BlockDownload", "BlockUpload"]
 
+_MAX_NUDGES = 3  # on silence, in a row, of which nothing came
 _MAX_STUCK = 16  # sub-blocks in a row of which nothing arrived
 _START = bytes((BLOCK_START, 0, 0, 0, 0, 0, 0, 0))
 _END_ANSWER = bytes((BLOCK_END_ANSWER, 0, 0, 0, 0, 0, 0, 0))
@@ -90,11 +91,16 @@ class BlockUpload:
 
     def nudge(self, out: list[CanFrame]) -> bool:
         """Acknowledge what came, because the end of the sub-block seems lost; False if there is nothing to say."""
-        if self._ending or self._expected == 1:
+        if self._ending or (self._expected == 1 and not self._may_repeat()):
             return False
         self._acknowledge(out)
         self._resync = True
         return True
+
+    def _may_repeat(self) -> bool:
+        """Whether to say once more that nothing came: two of these may cross, and then only the CRC notices."""
+        self._stuck += 1
+        return self._crc and self._resync and self._stuck <= _MAX_NUDGES
 
     def _out_of_order(self, data: bytes, out: list[CanFrame]) -> int:
         if self._resync or data == self._before:

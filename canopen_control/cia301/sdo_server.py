@@ -156,8 +156,8 @@ class SdoServer:
             self._end()
             self._abort(transfer.index, transfer.subindex, AbortCode.TIMED_OUT)
         else:
-            self._deadline = self._idle_at
-            transfer.nudge(self._out)
+            nudged = transfer.nudge(self._out)
+            self._deadline = min(now + self.silence_ns, self._idle_at) if nudged else self._idle_at
 
     def next_deadline(self) -> int | None:
         """Return when `tick` is due."""

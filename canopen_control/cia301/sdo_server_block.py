@@ -33,6 +33,7 @@ from canopen_control.frame import CanFrame
 
 __all__ = ["BlockDownload", "BlockUpload"]
 
+_MAX_NUDGES = 3  # on silence, in a row, of which nothing came
 _MAX_STUCK = 16  # sub-blocks in a row of which the other side has nothing
 _END_ANSWER = bytes((BLOCK_END_ANSWER, 0, 0, 0, 0, 0, 0, 0))
 
@@ -189,11 +190,16 @@ class BlockDownload:
 
     def nudge(self, out: list[CanFrame]) -> bool:
         """Acknowledge what came, because the end of the sub-block seems lost; False if there is nothing to say."""
-        if self._complete or not self._in_order or out:
+        if self._complete or out or (not self._in_order and not self._may_repeat()):
             return False
         self._acknowledge(out)
         self._resync = True
         return True
+
+    def _may_repeat(self) -> bool:
+        """Whether to say once more that nothing came: two of these may cross, and then only the CRC notices."""
+        self._stuck += 1
+        return self._crc and self._resync and self._stuck <= _MAX_NUDGES
 
     def _in_order_segment(self, data: bytes, out: list[CanFrame]) -> int:
         self._before, self._resync, self._stuck = data, False, 0
