@@ -113,7 +113,7 @@ class JointDrive:
         return self._statusword.age_ns(now)
 
     def mode_for(self, interface: str) -> OperationMode:
-        """Return the mode that serves a command interface: bus.yml's, else the best the drive lists; may raise UnsupportedMode."""
+        """Return the mode for a command interface: bus.yml's, else the best the drive lists; or UnsupportedMode."""
         config = self.node.config
         wanted = {POSITION: config.position_mode, VELOCITY: config.velocity_mode, EFFORT: config.effort_mode}[interface]
         modes = self._supported()

@@ -1,9 +1,9 @@
 """CanopenSystem: the hardware component that stands for the CANopen drives of one <ros2_control> tag.
 
 The law of this file: a drive is enabled when a controller claims one of its joint's command interfaces, and by a
-user's word; nothing else enables it. When one joint of the system gets into trouble (its node lost, its drive faulted or
-left on its own) every joint of the system stops along its ramp and is disabled, and stays so until somebody enables
-it again.
+user's word; nothing else enables it. When one joint of the system gets into trouble (its node lost, its drive faulted
+or left on its own) every joint of the system stops along its ramp and is disabled, and stays so until somebody
+enables it again.
 """
 
 from __future__ import annotations
@@ -15,7 +15,6 @@ from canopen_control.cia402.events import (
     FaultCleared,
     FaultEntered,
     ModeConfirmed,
-    ModeTimedOut,
     StateChanged,
     TransitionTimedOut,
 )
@@ -201,8 +200,6 @@ def _stops(event: DriveEvent) -> bool:
     """Whether the robot must stop: a drive that does not do, or no longer does, what it was told."""
     if isinstance(event, TransitionTimedOut):
         return event.gave_up
-    if isinstance(event, ModeTimedOut):
-        return event.disabled
     return isinstance(event, FaultEntered | EnableLost)
 
 
@@ -219,9 +216,8 @@ def _bind(joint: ControlJoint, nodes: Mapping[str, tuple[RemoteNode, ProcessImag
         if name is None:
             raise RobotConfigError(f"joint {joint.name}: no node of bus.yml has node_id {node_id}")
     if name is None:
-        raise RobotConfigError(
-            f'joint {joint.name}: <param name="device_name"> is missing; it names the drive in bus.yml: {", ".join(nodes)}'
-        )
+        known = ", ".join(nodes)
+        raise RobotConfigError(f'joint {joint.name}: it needs <param name="device_name">, a drive of bus.yml: {known}')
     if name not in nodes:
         raise RobotConfigError(f"joint {joint.name}: device_name {name!r} is no node of bus.yml{nearest(name, nodes)}")
     node, image = nodes[name]

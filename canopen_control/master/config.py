@@ -13,15 +13,17 @@ from __future__ import annotations
 import os
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from canopen_control import yamltree
 from canopen_control.data_files import data_path
 from canopen_control.errors import BusConfigError, EdsError
 from canopen_control.master.plan import NodePlan, make_plan
 from canopen_control.od.eds import read_eds
-from canopen_control.od.model import ObjectDictionary
 from canopen_control.yamltree import Node, Problems, setting
+
+if TYPE_CHECKING:
+    from canopen_control.od.model import ObjectDictionary
 
 __all__ = ["BusConfig", "MasterConfig", "NodeConfig", "Options", "PdoConfig", "PdoObject", "SdoEntry", "read_bus"]
 

@@ -173,7 +173,7 @@ def _axes(od: ObjectDictionary) -> Iterator[int]:
 
 
 def _plan_error_control(draft: _Draft, master_id: int, master_heartbeat_ms: int) -> None:
-    """The drive watches the master and is watched: 0x1016, 0x1017, guarding, 0x1029."""
+    """Let the drive watch the master and be watched: 0x1016, 0x1017, guarding, 0x1029."""
     node, od = draft.node, draft.od
     if (CONSUMER, 1) in od and node.heartbeat_consumer is not False and master_heartbeat_ms:
         timeout = min(round(master_heartbeat_ms * node.multiplier), 0xFFFF)
@@ -194,7 +194,7 @@ def _plan_error_control(draft: _Draft, master_id: int, master_heartbeat_ms: int)
 
 
 def _plan_abort_reaction(draft: _Draft) -> None:
-    """A lost master must stop the motor: 0x6007 where it exists, else 0x1029:1 = stopped."""
+    """Let a lost master stop the motor: 0x6007 where it exists, else 0x1029:1 = stopped."""
     node, od = draft.node, draft.od
     if not list(_axes(od)) or node.heartbeat_consumer is False:
         return
@@ -271,7 +271,7 @@ def _plan_pdo(draft: _Draft, kind: str, number: int, pdo: PdoConfig) -> None:
 
 
 def _cob_id(draft: _Draft, kind: str, number: int, pdo: PdoConfig) -> int:
-    """The COB-ID with bit 30 as the device has it; an enabled PDO without one gets the predefined."""
+    """Return the COB-ID with bit 30 as the device has it; an enabled PDO without one gets the predefined."""
     default = _default(draft.od, _COMMUNICATION[kind] + number - 1, 1) or 0
     if isinstance(pdo.cob_id, int):
         return pdo.cob_id | default & NO_RTR
@@ -284,7 +284,7 @@ def _cob_id(draft: _Draft, kind: str, number: int, pdo: PdoConfig) -> int:
 
 
 def _mapped(draft: _Draft, kind: str, number: int, pdo: PdoConfig | None) -> tuple[MappedObject, ...]:
-    """The objects of a PDO, from bus.yml or from the EDS, with the types the EDS gives them."""
+    """Return the objects of a PDO, from bus.yml or from the EDS, with the types the EDS gives them."""
     key = f"{kind}.{number}.mapping"
     wanted = _default_mapping(draft.od, kind, number)
     if pdo is not None and pdo.mapping is not None:
@@ -325,5 +325,5 @@ def _default(od: ObjectDictionary, index: int, subindex: int) -> int | None:
 
 
 def _signature(value: object) -> object:
-    """The words of store and restore (0x1010, 0x1011) stand for their signatures."""
+    """Return the signature that a word of store and restore (0x1010, 0x1011) stands for."""
     return {"save": 0x65766173, "load": 0x64616F6C}.get(value, value) if isinstance(value, str) else value

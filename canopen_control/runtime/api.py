@@ -39,10 +39,9 @@ from canopen_control.runtime.status import event_dict, state_dict, status_dict
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from canopen_control.cia301.sdo_client import SdoRequest
     from canopen_control.host.jsonlines import Connection
     from canopen_control.runtime.core import RobotCore
-
-    Reply = Callable[[Any, CanopenError | None], None]
 
 __all__ = ["PROTOCOL", "ApiServer"]
 
@@ -66,6 +65,45 @@ class _Subscription:
         self.every, self.events = 0, False
 
 
+class _Call:
+    """One request: `reply` or `refuse` answers it, unless it is a notification."""
+
+    __slots__ = ("_number", "connection", "params")
+
+    def __init__(self, connection: Connection, params: dict[str, Any], number: object) -> None:
+        self.connection, self.params, self._number = connection, params, number
+
+    @property
+    def source(self) -> str:
+        """Who is asking, in words."""
+        return str(self.params.get("source") or f"client {self.connection.name} (pid {self.connection.pid})")
+
+    def reply(self, result: object) -> None:
+        """Answer with a result."""
+        if self._number is not None:
+            self.connection.send({"id": self._number, "result": result})
+
+    def refuse(self, error: CanopenError) -> None:
+        """Answer with an error."""
+        if self._number is not None:
+            answer = {"kind": type(error).__name__, "message": str(error)}
+            self.connection.send({"id": self._number, "error": answer})
+
+    def settle(self, error: str | None) -> None:
+        """Answer the end of something that took time."""
+        if error is None:
+            self.reply({})
+        else:
+            self.refuse(ControlError(error))
+
+    def ended(self, request: SdoRequest) -> None:
+        """Answer the end of an SDO transfer."""
+        if request.error is not None:
+            self.refuse(request.error)
+        else:
+            self.reply({} if request.is_write else {"data": (request.data or b"").hex()})
+
+
 class ApiServer:
     """Serves one robot; the socket exists from construction to `close`."""
 
@@ -75,20 +113,20 @@ class ApiServer:
         self._server = LineServer(
             robot.reactor, socket_path("robot", robot.setup.name), self._greet, self._on_message, self._on_close
         )
-        self._methods: dict[str, Callable[[dict[str, Any], Connection, Reply], None]] = {
-            "status": lambda params, connection, reply: reply(status_dict(robot), None),
+        self._methods: dict[str, Callable[[_Call], None]] = {
+            "status": lambda call: call.reply(status_dict(robot)),
             "subscribe": self._subscribe,
             "command": self._command,
             "twist": self._twist,
-            "stop": self._stop,
+            "stop": lambda call: robot.stop(call.settle),
             "shutdown": self._shutdown,
             "axis": self._axis,
-            "controllers": lambda params, connection, reply: reply(self._controllers(), None),
+            "controllers": lambda call: call.reply([asdict(info) for info in robot.manager.list()]),
             "switch": self._switch,
             "nmt": self._nmt,
             "sdo_read": self._sdo_read,
             "sdo_write": self._sdo_write,
-            "description": lambda params, connection, reply: reply({"urdf": robot.setup.description.urdf_xml}, None),
+            "description": lambda call: call.reply({"urdf": robot.setup.description.urdf_xml}),
         }
         robot.after_cycle.append(self._push)
 
@@ -109,27 +147,19 @@ class ApiServer:
 
     def _on_message(self, connection: Connection, message: dict[str, Any]) -> None:
         """Do what a client asks; whatever it sends, the answer is a sentence and the robot goes on."""
-        number, method, params = message.get("id"), message.get("method"), message.get("params", {})
-
-        def reply(result: Any, error: CanopenError | None) -> None:  # noqa: ANN401 - whatever JSON can hold
-            if number is None:
-                return
-            if error is None:
-                connection.send({"id": number, "result": result})
-            else:
-                connection.send({"id": number, "error": {"kind": type(error).__name__, "message": str(error)}})
-
+        method, params = message.get("method"), message.get("params", {})
+        call = _Call(connection, params, message.get("id"))
         handler = self._methods.get(method) if isinstance(method, str) else None
         try:
             if handler is None:
                 raise LocalProtocolError(f"no method {method!r}; there are: {', '.join(self._methods)}")
             if not isinstance(params, dict):
                 raise LocalProtocolError(f"params of {method} must be an object")
-            handler(params, connection, reply)
+            handler(call)
         except CanopenError as error:
-            reply(None, error)
+            call.refuse(error)
         except (KeyError, TypeError, ValueError, OverflowError) as error:
-            reply(None, LocalProtocolError(f"{method}: bad or missing parameter: {error}"))
+            call.refuse(LocalProtocolError(f"{method}: bad or missing parameter: {error}"))
 
     def _push(self, _now: int) -> None:
         """Send what is new to those who watch; each rate's sample is encoded once."""
@@ -148,80 +178,64 @@ class ApiServer:
             for connection in watchers:
                 connection.send_encoded(line)
 
-    def _subscribe(self, params: dict[str, Any], connection: Connection, reply: Reply) -> None:
-        rate, subscription = params.get("state_rate"), self._subscriptions.setdefault(connection, _Subscription())
-        subscription.events = bool(params.get("events", False))
+    def _subscribe(self, call: _Call) -> None:
+        rate = call.params.get("state_rate")
+        subscription = self._subscriptions.setdefault(call.connection, _Subscription())
+        subscription.events = bool(call.params.get("events", False))
         subscription.every = 0
         if rate is not None:
             rate = float(rate)
             if not 0.0 < rate <= MAX_RATE:
                 raise LocalProtocolError(f"state_rate {rate:g} Hz: it must be above 0 and at most {MAX_RATE:g}")
             subscription.every = max(1, round(1e9 / rate / self._robot.pacer.period_ns))
-        reply({}, None)
+        call.reply({})
 
-    def _command(self, params: dict[str, Any], connection: Connection, reply: Reply) -> None:
-        values = [float(value) for value in params["values"]]
-        self._robot.command(str(params["controller"]), values, self._source(params, connection))
-        reply({}, None)
+    def _command(self, call: _Call) -> None:
+        values = [float(value) for value in call.params["values"]]
+        self._robot.command(str(call.params["controller"]), values, call.source)
+        call.reply({})
 
-    def _twist(self, params: dict[str, Any], connection: Connection, reply: Reply) -> None:
-        values = [float(params["linear"]), float(params["angular"])]
-        self._robot.command(str(params["controller"]), values, self._source(params, connection))
-        reply({}, None)
+    def _twist(self, call: _Call) -> None:
+        values = [float(call.params["linear"]), float(call.params["angular"])]
+        self._robot.command(str(call.params["controller"]), values, call.source)
+        call.reply({})
 
-    @staticmethod
-    def _source(params: dict[str, Any], connection: Connection) -> str:
-        return str(params.get("source") or f"client {connection.name} (pid {connection.pid})")
+    def _shutdown(self, call: _Call) -> None:
+        call.reply({})
+        self._robot.shutdown(f"a client asked for it (pid {call.connection.pid})")
 
-    def _stop(self, params: dict[str, Any], connection: Connection, reply: Reply) -> None:  # noqa: ARG002 - one signature
-        self._robot.stop(_answer(reply))
+    def _axis(self, call: _Call) -> None:
+        self._robot.axis(_choice(Action, call.params["action"]), str(call.params["node"]), call.settle)
 
-    def _shutdown(self, params: dict[str, Any], connection: Connection, reply: Reply) -> None:  # noqa: ARG002 - one signature
-        reply({}, None)
-        self._robot.shutdown(f"a client asked for it (pid {connection.pid})")
-
-    def _axis(self, params: dict[str, Any], connection: Connection, reply: Reply) -> None:  # noqa: ARG002 - one signature
-        self._robot.axis(_choice(Action, params["action"]), str(params["node"]), _answer(reply))
-
-    def _controllers(self) -> list[dict[str, Any]]:
-        return [asdict(info) for info in self._robot.manager.list()]
-
-    def _switch(self, params: dict[str, Any], connection: Connection, reply: Reply) -> None:  # noqa: ARG002 - one signature
+    def _switch(self, call: _Call) -> None:
         self._robot.switch(
-            [str(name) for name in params.get("activate", ())],
-            [str(name) for name in params.get("deactivate", ())],
-            strict=bool(params.get("strict", True)),
+            [str(name) for name in call.params.get("activate", ())],
+            [str(name) for name in call.params.get("deactivate", ())],
+            strict=bool(call.params.get("strict", True)),
         )
-        reply({}, None)
+        call.reply({})
 
-    def _nmt(self, params: dict[str, Any], connection: Connection, reply: Reply) -> None:  # noqa: ARG002 - one signature
-        name, wanted = str(params["command"]), str(params["node"])
+    def _nmt(self, call: _Call) -> None:
+        name, wanted, robot = str(call.params["command"]), str(call.params["node"]), self._robot
         if name not in _NMT:
             raise ControlError(f"no NMT command {name!r}; there are: {', '.join(_NMT)}")
-        robot = self._robot
-        nodes = list(robot.nodes.values()) if wanted == "all" else [robot.node(wanted)]
-        for node in nodes:
+        for node in list(robot.nodes.values()) if wanted == "all" else [robot.node(wanted)]:
             node.command(_NMT[name], robot.reactor.now())
             robot.bus_of(node).send_waiting()
-        reply({}, None)
+        call.reply({})
 
-    def _sdo_read(self, params: dict[str, Any], connection: Connection, reply: Reply) -> None:  # noqa: ARG002 - one signature
-        node = self._robot.node(str(params["node"]))
-        request = node.sdo.read(int(params["index"]), int(params.get("subindex", 0)))
-        request.context = lambda ended: reply({"data": (ended.data or b"").hex()}, ended.error)
+    def _sdo_read(self, call: _Call) -> None:
+        node = self._robot.node(str(call.params["node"]))
+        request = node.sdo.read(int(call.params["index"]), int(call.params.get("subindex", 0)))
+        request.context = call.ended
         self._robot.bus_of(node).send_waiting()
 
-    def _sdo_write(self, params: dict[str, Any], connection: Connection, reply: Reply) -> None:  # noqa: ARG002 - one signature
-        node = self._robot.node(str(params["node"]))
-        data = bytes.fromhex(str(params["data"]))
-        request = node.sdo.write(int(params["index"]), int(params.get("subindex", 0)), data)
-        request.context = lambda ended: reply({}, ended.error)
+    def _sdo_write(self, call: _Call) -> None:
+        node = self._robot.node(str(call.params["node"]))
+        data = bytes.fromhex(str(call.params["data"]))
+        request = node.sdo.write(int(call.params["index"]), int(call.params.get("subindex", 0)), data)
+        request.context = call.ended
         self._robot.bus_of(node).send_waiting()
-
-
-def _answer(reply: Reply) -> Callable[[str | None], None]:
-    """Turn the end of an axis request into an answer."""
-    return lambda error: reply({} if error is None else None, None if error is None else ControlError(error))
 
 
 def _choice(kind: type[Action], text: object) -> Action:

@@ -28,9 +28,9 @@ from canopen_control.runtime.setup import BUS_NAME
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from canopen_control.hardware.interfaces import HardwareComponent
     from canopen_control.hardware.joint import JointDrive
     from canopen_control.host.reactor import Reactor
+    from canopen_control.master.cycle import ProcessImage
     from canopen_control.master.node import RemoteNode
     from canopen_control.runtime.setup import RobotSetup
 
@@ -51,7 +51,10 @@ class RobotState(enum.Enum):
 
 
 class RobotCore:
-    """Everything between the ports and the API. `failure` says why the run failed; `on_stopped` is called at the end."""
+    """Everything between the ports and the API; `failure` says why the run failed.
+
+    `on_running` and `on_stopped` are called once each, `on_event` with every event, `after_cycle` after every cycle.
+    """
 
     def __init__(self, setup: RobotSetup, reactor: Reactor) -> None:
         self.setup, self.reactor = setup, reactor
@@ -307,9 +310,10 @@ class RobotCore:
                 self.joints.update((joint.joint, joint) for joint in system.joints)
                 self.registry.register(system)
             else:
+                known = ", ".join((*PLUGINS, *MOCK_PLUGINS))
                 raise RobotConfigError(
-                    f"{setup.files.description}:{description.line}: hardware plugin {description.plugin!r} is not known; "
-                    f"there are: {', '.join((*PLUGINS, *MOCK_PLUGINS))}"
+                    f"{setup.files.description}:{description.line}: no hardware plugin {description.plugin!r}; "
+                    f"there are: {known}"
                 )
         if not setup.description.hardware:
             raise RobotConfigError(
@@ -329,13 +333,13 @@ class RobotCore:
         self.buses[bus.name] = bus
         self.nodes.update(bus.network.nodes)
 
-    def _nodes_with_image(self) -> dict[str, tuple[RemoteNode, object]]:
+    def _nodes_with_image(self) -> dict[str, tuple[RemoteNode, ProcessImage]]:
         return {
             name: (node, bus.network.image) for bus in self.buses.values() for name, node in bus.network.nodes.items()
         }
 
     def _on_bus_lost(self, error: BusError) -> None:
-        """A bus that is gone cannot carry a stop: the drives stop by themselves when our heartbeat is missing."""
+        """End the run: a bus that is gone carries no stop, the drives stop when our heartbeat is missing."""
         self.failure = self.failure or str(error)
         self.close()
         if self.on_stopped is not None:

@@ -31,7 +31,7 @@ class RobotFiles:
 def find_robot(
     config: str | None, *, bus: str | None = None, controllers: str | None = None, description: str | None = None
 ) -> RobotFiles:
-    """Find the files; those given one by one win over the folder's. Raises RobotConfigError naming all that is missing."""
+    """Find the files; those given one by one win over the folder's. RobotConfigError names all that is missing."""
     folder = _folder(config) if config is not None else None
     missing: list[str] = []
     found = {
@@ -46,7 +46,7 @@ def find_robot(
 
 
 def _folder(config: str) -> Path:
-    """The folder a user means: a path, else a bundled robot."""
+    """Return the folder a user means: a path, else a bundled robot."""
     path = Path(config).expanduser()
     if path.is_dir():
         return path

@@ -18,7 +18,7 @@ __all__ = ["Pacer"]
 
 
 class Pacer:
-    """Calls `work(now)` on every edge; times in ns. `late_max` is the worst lateness seen, `work_max` the longest cycle."""
+    """Calls `work(now)` on every edge; times in ns. `late_max` is the worst lateness, `work_max` the longest cycle."""
 
     def __init__(self, reactor: Reactor, period_ns: int, work: Callable[[int], None]) -> None:
         self.period_ns = period_ns

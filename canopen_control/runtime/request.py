@@ -15,7 +15,7 @@ __all__ = ["AxisRequest"]
 
 
 class AxisRequest:
-    """`action` on `joints`; `done` is called once, with None or with a sentence that names who did not do it and why."""
+    """`action` on `joints`; `done` is called once, with None or a sentence that names who did not do it and why."""
 
     def __init__(
         self, joints: Sequence[JointDrive], action: Action, deadline: int, done: Callable[[str | None], None]

@@ -11,6 +11,7 @@ import fcntl
 import os
 import signal
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 from canopen_control.errors import RobotConfigError
@@ -22,11 +23,12 @@ from canopen_control.runtime.motion import DemoMotion
 from canopen_control.runtime.supervisor import Supervisor, hosts_virtual_drives
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from canopen_control.runtime.setup import RobotSetup
 
 __all__ = ["RunOptions", "Session"]
+
+
+_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,12 +79,8 @@ class Session:
 
     def run(self) -> str | None:
         """Run until a signal, the duration, a client or a failure ends it."""
-        handlers: dict[int, Callable[[], object]] = {
-            each: lambda each=each: self.robot.shutdown(signal.Signals(each).name)
-            for each in (signal.SIGINT, signal.SIGTERM)
-        }
-        handlers[signal.SIGHUP] = handlers[signal.SIGTERM]
-        self.reactor.handle_signals(handlers)
+        shutdown = self.robot.shutdown
+        self.reactor.handle_signals({each: partial(shutdown, each.name) for each in _SIGNALS})
         self.start()
         self.reactor.run()
         return self.robot.failure

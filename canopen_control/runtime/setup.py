@@ -31,7 +31,7 @@ BROADCASTERS = ("joint_state_broadcaster/JointStateBroadcaster", "joint_state_co
 
 @dataclass(frozen=True, slots=True)
 class RobotSetup:
-    """Everything a robot is made of; `channels` maps bus names to channels, `wanted` are the controllers to activate."""
+    """What a robot is made of; `channels` maps bus names to channels, `wanted` are the controllers to activate."""
 
     name: str
     files: RobotFiles

@@ -1,0 +1,27 @@
+"""`command`: send values to a controller, at 10 Hz until Ctrl-C, then zeros."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from canopen_control.cli.repeat import add_repeat_arguments, send
+
+if TYPE_CHECKING:
+    import argparse
+
+__all__ = ["add_arguments", "run"]
+
+EXAMPLE = "canopen-control command robby_forward_controller 10 10 --for 3"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    parser.add_argument("controller", help="its name in ros2_controllers.yaml")
+    parser.add_argument("values", nargs="+", type=float, metavar="VALUE", help="one for each joint, SI units (rad/s)")
+    add_repeat_arguments(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the verb."""
+    params: dict[str, object] = {"controller": args.controller, "source": "command"}
+    return send(args, "command", {**params, "values": args.values}, {**params, "values": [0.0] * len(args.values)})

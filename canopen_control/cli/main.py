@@ -1,0 +1,92 @@
+"""The entry point: one table of verbs, each imported only when it is used.
+
+Exit codes: 0 good, 1 the run failed, 2 usage or configuration. A user sees one sentence, never a traceback, unless
+CANOPEN_CONTROL_DEBUG is set.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import os
+import sys
+from typing import TYPE_CHECKING
+
+from canopen_control import __version__
+from canopen_control.errors import CanopenError, ConfigError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+__all__ = ["main"]
+
+VERBS = {
+    "run": "boot a robot and run its controllers",
+    "demo": "run a robot on virtual drives, with a live table and a short motion",
+    "drive": "run virtual drives",
+    "bus": "channels: list, status, up, down, faults",
+    "status": "what a running robot is doing",
+    "command": "send a command to a controller, repeatedly",
+    "twist": "send a velocity to a base controller, repeatedly",
+    "stop": "ramp all wheels to zero and disable the drives",
+    "shutdown": "stop, then end the runtime",
+    "axis": "enable, disable, halt, quick-stop or fault-reset drives",
+    "eds": "look into EDS and DCF files",
+}
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line and return its exit code."""
+    arguments = list(sys.argv[1:] if argv is None else argv)
+    try:
+        return _dispatch(arguments)
+    except ConfigError as error:
+        return _complain(error, 2)
+    except CanopenError as error:
+        return _complain(error, 1)
+    except KeyboardInterrupt:
+        return 130
+    except BrokenPipeError:
+        # The reader of our output has gone (`| head`); nothing more can be said to it.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+
+
+def _dispatch(arguments: list[str]) -> int:
+    verb = arguments[0] if arguments else ""
+    if verb not in VERBS:
+        parser = _top_parser()
+        parser.parse_args(arguments)  # --help, --version, or the error that names the verbs
+        parser.print_help()
+        return 2
+    module = importlib.import_module(f"canopen_control.cli.{verb}")
+    example = getattr(module, "EXAMPLE", "")
+    parser = argparse.ArgumentParser(
+        prog=f"canopen-control {verb}",
+        description=(module.__doc__ or "").strip(),
+        epilog=f"example: {example}" if example else None,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    module.add_arguments(parser)
+    return int(module.run(parser.parse_args(arguments[1:])))
+
+
+def _top_parser() -> argparse.ArgumentParser:
+    verbs = "\n".join(f"  {verb:<10} {text}" for verb, text in VERBS.items())
+    parser = argparse.ArgumentParser(
+        prog="canopen-control",
+        description="CANopen and CiA 402 drives for robots.",
+        epilog=f"verbs:\n{verbs}\n\nEach verb has its own --help. Start with: canopen-control run robby",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        usage="canopen-control VERB [OPTIONS]",
+    )
+    parser.add_argument("--version", action="version", version=f"canopen-control {__version__}")
+    parser.add_argument("verb", nargs="?", choices=list(VERBS), metavar="VERB", help="one of the verbs below")
+    return parser
+
+
+def _complain(error: CanopenError, code: int) -> int:
+    if os.environ.get("CANOPEN_CONTROL_DEBUG"):
+        raise error
+    print(f"canopen-control: {error}", file=sys.stderr)
+    return code

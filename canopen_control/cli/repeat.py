@@ -1,0 +1,55 @@
+"""Commands from a shell: repeated until Ctrl-C or for a while, then zeros, so that nothing keeps moving unattended."""
+
+from __future__ import annotations
+
+import signal
+import threading
+import time
+from typing import TYPE_CHECKING
+
+from canopen_control.client import RobotClient
+
+if TYPE_CHECKING:
+    import argparse
+
+__all__ = ["add_repeat_arguments", "send"]
+
+PERIOD_S = 0.1
+
+
+def add_repeat_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare how long a command lasts."""
+    how = parser.add_mutually_exclusive_group()
+    how.add_argument("--for", type=float, metavar="S", dest="seconds", help="repeat for S seconds, then send zeros")
+    how.add_argument(
+        "--once", action="store_true", help="send it once; the controller's timeout decides how long it holds"
+    )
+    parser.add_argument("--name", help="the robot (default: the only one that runs)")
+
+
+def send(args: argparse.Namespace, method: str, params: dict[str, object], zeros: dict[str, object]) -> int:
+    """Send `params` once or at 10 Hz, and `zeros` at the end of it."""
+    stopped = threading.Event()
+    signal.signal(signal.SIGTERM, lambda *_: stopped.set())
+    with RobotClient.connect(args.name) as robot:
+        robot.request(method, params)
+        if args.once:
+            return 0
+        end = None if args.seconds is None else time.monotonic() + args.seconds
+        try:
+            _repeat(robot, method, params, end, stopped)
+        except KeyboardInterrupt:
+            pass  # the usual way to end it
+        finally:
+            robot.request(method, zeros)
+    return 0
+
+
+def _repeat(
+    robot: RobotClient, method: str, params: dict[str, object], end: float | None, stopped: threading.Event
+) -> None:
+    while not stopped.is_set():
+        left = PERIOD_S if end is None else min(PERIOD_S, end - time.monotonic())
+        if left <= 0 or stopped.wait(left):
+            return
+        robot.request(method, params)

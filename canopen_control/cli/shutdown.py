@@ -1,0 +1,36 @@
+"""`shutdown`: stop the robot and end its runtime."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from canopen_control.client import RobotClient
+from canopen_control.errors import RemoteError
+
+if TYPE_CHECKING:
+    import argparse
+
+__all__ = ["add_arguments", "run"]
+
+EXAMPLE = "canopen-control shutdown"
+PATIENCE_S = 30.0
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    parser.add_argument("--name", help="the robot (default: the only one that runs)")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the verb; ends when the runtime has ended."""
+    with RobotClient.connect(args.name) as robot:
+        robot.call("subscribe", state_rate=None, events=True)
+        robot.call("shutdown")
+        try:
+            for _ in robot.messages(PATIENCE_S):
+                pass
+        except RemoteError as error:
+            if error.kind == "BusClosed":
+                return 0
+            raise
+    raise RemoteError("Timeout", f"robot {robot.robot} has not ended within {PATIENCE_S:g} s; see its status")

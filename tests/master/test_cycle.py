@@ -1,0 +1,105 @@
+from canopen_control.cia301.pdo import MappedObject
+from canopen_control.frame import RECORD, RECORD_SIZE, frames_of
+from canopen_control.master.cycle import ProcessImage
+from canopen_control.od.model import DataType
+
+CONTROLWORD = MappedObject(0x6040, 0, 16, DataType.UNSIGNED16)
+MODE = MappedObject(0x6060, 0, 8, DataType.INTEGER8)
+TARGET_POSITION = MappedObject(0x607A, 0, 32, DataType.INTEGER32)
+TARGET_VELOCITY = MappedObject(0x60FF, 0, 32, DataType.INTEGER32)
+POSITION = MappedObject(0x6064, 0, 32, DataType.INTEGER32)
+VELOCITY = MappedObject(0x606C, 0, 32, DataType.INTEGER32)
+
+
+def image_with_two_controlwords(**how):
+    image = ProcessImage(refresh=5)
+    first = image.add_rpdo(3, 0x203, [CONTROLWORD, MODE], **how)
+    second = image.add_rpdo(3, 0x303, [CONTROLWORD, TARGET_VELOCITY], **how)
+    first.enabled = second.enabled = True
+    return image
+
+
+def sent(image):
+    return [(frame.can_id, frame.data) for frame in frames_of(image.collect())]
+
+
+def test_a_received_pdo_gives_signed_values_and_their_age():
+    image = ProcessImage()
+    pdo = image.add_tpdo(3, 0x283, [POSITION, VELOCITY])
+    position = image.input(3, 0x6064)
+    assert not position.fresh
+    assert position.age_ns(10) is None
+    pdo.receive(bytes.fromhex("18FCFFFF00C80000"), 8, 100)
+    assert (position.value, image.input(3, 0x606C).value) == (-1000, 51200)
+    assert position.age_ns(150) == 50
+
+
+def test_a_short_frame_changes_nothing_but_a_counter():
+    image = ProcessImage()
+    pdo = image.add_tpdo(3, 0x283, [POSITION, VELOCITY])
+    pdo.receive(bytes(8), 7, 100)
+    assert (pdo.short, pdo.count, pdo.stamp) == (1, 0, -1)
+
+
+def test_a_long_frame_is_taken_and_counted():
+    image = ProcessImage()
+    pdo = image.add_tpdo(3, 0x183, [MappedObject(0x6041, 0, 16, DataType.UNSIGNED16)])
+    pdo.receive(bytes.fromhex("3706FFFFFFFFFFFF"), 8, 5)
+    assert pdo.long == 1
+    assert image.input(3, 0x6041).value == 0x0637
+
+
+def test_all_rpdos_that_carry_the_controlword_carry_the_same_one():
+    image = image_with_two_controlwords()
+    image.output(3, 0x6040).set(0x0F)
+    image.output(3, 0x6060).set(3)
+    assert sent(image) == [(0x203, bytes.fromhex("0F0003")), (0x303, bytes.fromhex("0F0000000000"))]
+
+
+def test_only_what_changed_is_sent_and_the_rest_again_after_a_while():
+    image = image_with_two_controlwords()
+    assert len(sent(image)) == 2
+    image.output(3, 0x60FF).set(-2)
+    assert sent(image) == [(0x303, bytes.fromhex("0000FEFFFFFF"))]
+    image.output(3, 0x60FF).set(-2)
+    silent = [len(sent(image)) for _ in range(3)]
+    assert silent == [0, 0, 0]
+    assert [can_id for can_id, _ in sent(image)] == [0x203]
+    assert [can_id for can_id, _ in sent(image)] == [0x303]
+
+
+def test_cyclic_synchronous_rpdos_are_sent_every_cycle():
+    image = image_with_two_controlwords(transmission_type=1)
+    assert [len(sent(image)) for _ in range(3)] == [2, 2, 2]
+
+
+def test_a_node_that_is_not_operational_is_sent_nothing():
+    image = image_with_two_controlwords()
+    for pdo in image.outputs:
+        pdo.enabled = False
+    image.output(3, 0x6040).set(0x0F)
+    assert sent(image) == []
+    for pdo in image.outputs:
+        pdo.enabled = True
+    assert len(sent(image)) == 2, "what changed meanwhile is sent once the node is there"
+
+
+def test_sync_comes_after_the_rpdos():
+    image = image_with_two_controlwords()
+    records = image.collect((RECORD.pack(0x80, 0, b""),))
+    assert [frame.can_id for frame in frames_of(records)] == [0x203, 0x303, 0x080]
+    assert len(records) == 3 * RECORD_SIZE
+
+
+def test_an_object_that_no_pdo_carries_has_no_place():
+    image = ProcessImage()
+    assert image.input(3, 0x6041) is None
+    assert image.output(3, 0x6040) is None
+
+
+def test_a_lost_node_is_not_fresh_any_more():
+    image = ProcessImage()
+    pdo = image.add_tpdo(3, 0x283, [POSITION, VELOCITY])
+    pdo.receive(bytes(8), 8, 100)
+    pdo.forget()
+    assert not image.input(3, 0x6064).fresh
