@@ -247,8 +247,8 @@ def _value_of(field: _Field, raw: int) -> Value:
 class PdoCodec:
     """Packs and unpacks the values of a mapping; `length` is its data in bytes, the last one perhaps in part.
 
-    `struct` is the compiled form, None where the mapping needs the bit path. The cycle calls `pack_into` and
-    `unpack`, or the struct itself. LocalProtocolError for a mapping of more than 64 bits or of an impossible width.
+    `struct` is the compiled form, None where the mapping needs the bit path. LocalProtocolError for a mapping of more
+    than 64 bits or of an impossible width.
     """
 
     __slots__ = ("_fields", "bits", "length", "objects", "struct")
@@ -273,18 +273,19 @@ class PdoCodec:
             return self._image(values).to_bytes(self.length, "little")
         try:
             return self.struct.pack(*values)
-        except struct.error as error:
+        except (struct.error, OverflowError) as error:
             raise self._misfit(values, error) from None
 
     def pack_into(self, buffer: bytearray | memoryview, offset: int, values: Sequence[Value]) -> None:
-        """Write the bytes at `offset` of `buffer`, which is unchanged when a value does not fit."""
-        if self.struct is None:
-            buffer[offset : offset + self.length] = self._image(values).to_bytes(self.length, "little")
-            return
-        try:
-            self.struct.pack_into(buffer, offset, *values)
-        except struct.error as error:
-            raise self._misfit(values, error) from None
+        """Write the bytes at `offset` of `buffer`, which is unchanged when a value does not fit.
+
+        `struct.Struct.pack_into` would leave zeros there, and zeros in a controlword switch a drive off.
+        """
+        end = offset + self.length
+        if not 0 <= offset <= end <= len(buffer):
+            msg = f"bytes {offset} to {end} are not in a buffer of {len(buffer)}"
+            raise LocalProtocolError(msg)
+        buffer[offset:end] = self.pack(values)
 
     def unpack(self, data: bytes | bytearray | memoryview) -> tuple[Value, ...]:
         """Return one value per object from the first `length` bytes; LocalProtocolError when there are fewer."""

@@ -1,0 +1,208 @@
+from __future__ import annotations
+
+import pytest
+from support.services import MS, frame, vectors
+
+from canopen_control.cia301.abort import AbortCode
+from canopen_control.cia301.emcy import EmcyConsumer, EmcyMessage, EmcyProducer, ErrorRegister
+
+EMCY = vectors()["emcy"]
+PROFILE, COMMUNICATION = ErrorRegister.DEVICE_PROFILE, ErrorRegister.COMMUNICATION
+
+
+@pytest.mark.parametrize("vector", EMCY["vectors"], ids=lambda v: v["frame"])
+def test_messages_are_the_vectors_both_ways(vector):
+    message = EmcyMessage(
+        vector["node"], int(vector["code"], 16), int(vector["register"], 16), bytes.fromhex(vector["ms"])
+    )
+    assert EmcyMessage.parse(frame(vector["frame"])) == message
+    assert message.encode() == frame(vector["frame"])
+    assert message.is_reset == (message.error_code == 0)
+
+
+@pytest.mark.parametrize("text", EMCY["malformed"])
+def test_malformed_messages_are_none(text):
+    assert EmcyMessage.parse(frame(text)) is None
+    consumer = EmcyConsumer()
+    consumer.receive(frame(text), 0)
+    assert consumer.events() == []
+    assert consumer.malformed == (not text.startswith("080"))
+
+
+def test_a_short_message_keeps_what_came():
+    message = EmcyMessage.parse(frame("083#118621AABB"))
+    assert message == EmcyMessage(3, 0x8611, 0x21, b"\xaa\xbb")
+    assert not message.is_complete
+    assert message.encode() == frame("083#118621AABB000000")
+
+
+def test_a_message_reads_as_a_sentence():
+    assert str(EmcyMessage(3, 0x8611, 0x21)) == "0x8611 (following error), register 0x21"
+    assert str(EmcyMessage(3, 0xFF01, 0x81, b"\3\0\0\0\0")).endswith("register 0x81, data 03 00 00 00 00")
+
+
+def test_an_error_is_sent_once_with_the_generic_bit_added():
+    producer = EmcyProducer(3)
+    assert producer.raise_error(0x8611, PROFILE, 0, bytes.fromhex("0102030405"))
+    assert not producer.raise_error(0x8611, PROFILE, 1)
+    assert producer.frames() == [frame(EMCY["vectors"][0]["frame"])]
+    assert (producer.error_register, producer.active) == (0x21, (0x8611,))
+
+
+def test_a_cleared_error_says_what_remains():
+    producer = EmcyProducer(3)
+    producer.raise_error(0x8611, PROFILE, 0)
+    producer.raise_error(0x8130, COMMUNICATION, 0)
+    producer.frames()
+    assert producer.clear_error(0x8611, 1)
+    assert not producer.clear_error(0x8611, 2)
+    assert producer.frames() == [frame("083#0000110000000000")]
+    producer.clear_all(3)
+    producer.clear_all(4)
+    assert producer.frames() == [frame("083#0000000000000000")]
+    assert producer.error_register == 0
+
+
+def test_the_inhibit_time_spaces_messages_to_the_nanosecond_and_keeps_their_order():
+    producer = EmcyProducer(3, inhibit_ns=100)
+    for code in (0x1000, 0x2000, 0x3000):
+        producer.report(code, 0)
+    assert [f.data[1] for f in producer.frames()] == [0x10]
+    assert producer.next_deadline() == 100
+    producer.tick(99)
+    assert producer.frames() == []
+    producer.tick(100)
+    assert ([f.data[1] for f in producer.frames()], producer.next_deadline()) == ([0x20], 200)
+    producer.tick(500)
+    assert ([f.data[1] for f in producer.frames()], producer.next_deadline()) == ([0x30], None)
+    producer.report(0x4000, 550)
+    assert producer.frames() == []
+    producer.tick(600)
+    assert len(producer.frames()) == 1
+
+
+def test_a_flood_within_the_inhibit_time_is_bounded_and_counted():
+    producer = EmcyProducer(3, inhibit_ns=100, queue_limit=4)
+    for _ in range(50):
+        producer.report(0x1000, 0)
+    assert producer.lost == 45
+    producer.tick(10**9)
+    assert len(producer.frames()) == 2  # the first, and one of those that waited
+
+
+def test_the_history_is_newest_first_bounded_and_cleared_by_zero_only():
+    producer = EmcyProducer(3, history_size=2)
+    producer.report(0x1000, 0)
+    producer.report(0x8611, 0, b"\x34\x12\xff")
+    producer.report(0x8130, 0)
+    assert producer.history == (0x00008130, 0x12348611)
+    assert [producer.read_history(sub) for sub in (0, 1, 2, 3)] == [2, 0x8130, 0x12348611, None]
+    assert producer.write_history_count(1) is AbortCode.INVALID_VALUE
+    assert len(producer.history) == 2
+    assert producer.write_history_count(0) is None
+    assert (producer.history, producer.read_history(0)) == ((), 0)
+
+
+def test_error_reset_is_not_in_the_history():
+    producer = EmcyProducer(3)
+    producer.raise_error(0x1000, 1, 0)
+    producer.clear_all(0)
+    assert producer.history == (0x1000,)
+
+
+@pytest.mark.parametrize("switch", ["enabled", "allowed"])
+def test_what_may_not_be_sent_reaches_register_and_history_only(switch):
+    producer = EmcyProducer(3)
+    setattr(producer, switch, False)
+    producer.raise_error(0x1000, 1, 0)
+    producer.tick(0)
+    assert (producer.frames(), producer.error_register, producer.history) == ([], 1, (0x1000,))
+
+
+def test_waiting_messages_are_dropped_where_the_state_carries_none():
+    producer = EmcyProducer(3, inhibit_ns=100)
+    producer.report(0x1000, 0)
+    producer.report(0x2000, 0)
+    producer.allowed = False
+    producer.tick(100)
+    assert len(producer.frames()) == 1
+    assert producer.next_deadline() is None
+
+
+def test_the_cob_id_can_be_moved_and_reset_forgets_all():
+    producer = EmcyProducer(3, inhibit_ns=100)
+    producer.cob_id = 0x90
+    producer.raise_error(0x1000, 1, 0)
+    producer.raise_error(0x2000, 2, 0)
+    assert [f.can_id for f in producer.frames()] == [0x90]
+    producer.reset()
+    assert (producer.active, producer.history, producer.next_deadline()) == ((), (), None)
+
+
+def test_active_errors_are_bounded():
+    producer = EmcyProducer(3, active_limit=4)
+    for code in range(0x1000, 0x1010):
+        producer.raise_error(code, 1, 0)
+    assert producer.active == (0x100C, 0x100D, 0x100E, 0x100F)
+
+
+def test_the_consumer_keeps_history_register_and_active_errors():
+    consumer = EmcyConsumer()
+    consumer.receive(frame("083#1186210000000000"), 1)
+    consumer.receive(frame("083#30813100FF000000"), 2)
+    assert [event.message.error_code for event in consumer.events()] == [0x8611, 0x8130]
+    assert [event.now for event in consumer.history(3)] == [2, 1]
+    assert (consumer.active(3), consumer.register(3), consumer.count(3)) == ((0x8611, 0x8130), 0x31, 2)
+    assert (consumer.active(4), consumer.register(4), consumer.history(4), consumer.count(4)) == ((), 0, (), 0)
+
+
+def test_an_error_reset_with_a_register_keeps_the_other_errors():
+    consumer = EmcyConsumer()
+    consumer.receive(frame("083#1186210000000000"), 0)
+    consumer.receive(frame("083#3081310000000000"), 0)
+    consumer.receive(frame("083#0000110000000000"), 0)
+    assert consumer.active(3) == (0x8130,)
+    consumer.receive(frame("083#0000000000000000"), 0)
+    assert (consumer.active(3), consumer.register(3)) == ((), 0)
+
+
+def test_a_repeated_error_stays_one():
+    consumer = EmcyConsumer()
+    for _ in range(3):
+        consumer.receive(frame("083#1186210000000000"), 0)
+    consumer.receive(frame("083#0000000000000000"), 0)
+    assert consumer.active(3) == ()
+
+
+def test_a_rebooted_node_has_no_active_errors_but_its_history():
+    consumer = EmcyConsumer()
+    consumer.receive(frame("083#1186210000000000"), 0)
+    consumer.forget(3)
+    consumer.forget(99)
+    assert (consumer.active(3), consumer.register(3), len(consumer.history(3))) == ((), 0, 1)
+
+
+def test_short_messages_are_taken_and_counted():
+    consumer = EmcyConsumer()
+    consumer.receive(frame("083#118621"), 0)
+    assert (consumer.short, consumer.events()[0].message.data) == (1, b"")
+
+
+def test_a_flood_stays_bounded():
+    consumer = EmcyConsumer(history_size=4, active_limit=4)
+    for number in range(2000):
+        data = (number & 0xFFFF).to_bytes(2, "little") + b"\1"
+        consumer.receive(frame(f"083#{data.hex()}"), number * MS)
+    assert (len(consumer.history(3)), len(consumer.active(3)), consumer.count(3)) == (4, 4, 2000)
+    assert len(consumer.events()) + consumer.lost == 2000
+
+
+def test_a_moved_cob_id_is_followed():
+    consumer = EmcyConsumer()
+    consumer.set_cob_id(3, 0x90)
+    consumer.receive(frame("090#118621"), 0)
+    consumer.receive(frame("083#118621"), 0)
+    assert consumer.count(3) == 1
+    consumer.set_cob_id(3, None)
+    consumer.receive(frame("090#118621"), 0)
+    assert consumer.count(3) == 1

@@ -1,0 +1,79 @@
+from __future__ import annotations
+
+import inspect
+
+import pytest
+
+from canopen_control import errors
+
+TREE = {
+    name: member
+    for name, member in vars(errors).items()
+    if inspect.isclass(member) and issubclass(member, errors.CanopenError)
+}
+
+MESSAGES = [
+    (errors.EdsError("a.eds", 12, "no such section"), "a.eds:12: no such section"),
+    (errors.EdsError("a.eds", 0, "empty"), "a.eds: empty"),
+    (errors.BusConfigError("bus.yml", 3, "nodes", "bus.yml:3: nodes: wrong"), "bus.yml:3: nodes: wrong"),
+    (errors.BusClosed("local:robby"), "bus local:robby: closed"),
+    (errors.BusOff("can0"), "check the cable"),
+    (errors.InterfaceNotFound("can7", "try can0"), "no CAN interface 'can7'; try can0"),
+    (errors.InterfaceNotFound("can7"), "no CAN interface 'can7'"),
+    (errors.InterfaceDown("can0"), "ip link set can0 up"),
+    (
+        errors.SdoAbort(3, 0x607A, 0, 0x06020000, "object does not exist", "left"),
+        "node 3 (left): 0x607A:00: abort 0x06020000 (object does not exist)",
+    ),
+    (errors.SdoAbort(3, 0x607A, 0, 0x12345678), "unknown code"),
+    (errors.SdoTimeout(3, 0x1000, 0, 1.5), "node 3: 0x1000:00: no answer within 1.5 s"),
+    (errors.BootError(3, "B", "read 0x1000"), "node 3: boot error B: read 0x1000"),
+    (errors.HeartbeatLost(3, 0.25, "left"), "node 3 (left): no heartbeat for 0.250 s"),
+    (errors.DriveFault(3, 0x8611, "following error"), "fault 0x8611 (following error); remove the cause"),
+    (errors.DriveFault(3, 0x8611), "fault 0x8611; remove the cause"),
+    (errors.TransitionTimeout(3, "OPERATION_ENABLED", 0x0231), "statusword 0x0231"),
+    (errors.TransitionTimeout(3, "OPERATION_ENABLED", None), "none seen"),
+    (errors.UnsupportedMode("CSV", ("PP", "PV")), "0x6502 lists PP, PV"),
+    (errors.UnsupportedMode("CSV", ()), "lists none"),
+    (errors.InterfaceConflict("a/velocity", "diff"), "claimed by diff; deactivate"),
+    (errors.UnknownInterface("a/velo", ("a/velocity",)), "there are: a/velocity"),
+    (errors.UnknownInterface("a/velo"), "no interface 'a/velo'"),
+    (errors.RemoteError("InterfaceConflict", "taken"), "taken"),
+]
+
+
+@pytest.mark.parametrize(("error", "words"), MESSAGES, ids=lambda value: type(value).__name__)
+def test_the_message_says_what_and_where(error, words):
+    assert words in str(error)
+    assert isinstance(error, errors.CanopenError)
+
+
+def test_every_error_with_fields_has_its_message_tested():
+    with_fields = {name for name, member in TREE.items() if "__init__" in vars(member)}
+    assert with_fields - {type(error).__name__ for error, _ in MESSAGES} == {"RemoteProtocolError"}
+
+
+def test_everything_is_exported_and_nothing_else():
+    assert sorted(errors.__all__) == sorted(TREE)
+
+
+def test_the_docstring_draws_the_tree_as_it_is():
+    drawn: dict[str, str | None] = {}
+    path: list[str] = []
+    for line in (errors.__doc__ or "").splitlines():
+        depth, name = (len(line) - len(line.lstrip())) // 2, line.strip().partition(" ")[0]
+        if name in TREE:
+            path[depth:] = [name]
+            drawn[name] = path[depth - 1] if depth else None
+    actual = {name: member.__bases__[0].__name__ for name, member in TREE.items()}
+    assert {name: parent for name, parent in drawn.items() if parent} == {
+        name: parent for name, parent in actual.items() if parent in TREE and name in drawn
+    }
+    assert set(TREE) - set(drawn) <= {"RemoteError"}
+
+
+def test_the_field_values_stay_readable():
+    abort = errors.SdoAbort(3, 0x607A, 1, 0x06090030)
+    assert (abort.node_id, abort.index, abort.subindex, abort.code) == (3, 0x607A, 1, 0x06090030)
+    assert errors.HeartbeatLost(3, 0.5).age == 0.5
+    assert errors.RemoteProtocolError(4, "odd").node_id == 4
