@@ -1,0 +1,92 @@
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from canopen_control.cia402 import objects
+from canopen_control.cia402.modes import (
+    MODE_BITS,
+    TARGET_OBJECTS,
+    OperationMode,
+    mode_for_interface,
+    mode_name,
+    require_mode,
+    supported_modes,
+    vendor_modes,
+)
+from canopen_control.errors import UnsupportedMode
+
+VECTORS = json.loads((Path(__file__).parents[1] / "data" / "cia402.json").read_text())
+TMCM = supported_modes(0xA5)
+
+
+@pytest.mark.parametrize("example", VECTORS["cia402_6502"]["examples"], ids=lambda example: str(example["value"]))
+def test_supported_modes_of_real_devices(example):
+    value = example["value"]
+    assert list(supported_modes(int(value, 16) if isinstance(value, str) else value)) == example["modes"]
+
+
+def test_each_bit_of_0x6502_is_the_mode_of_the_vectors():
+    for bit, text in VECTORS["cia402_6502"]["bits"].items():
+        (mode,) = supported_modes(1 << int(bit))
+        assert f"{mode.name}({mode.value})" == text
+
+
+def test_reserved_and_vendor_bits_are_no_modes_and_the_vendor_bits_are_not_lost():
+    assert supported_modes(1 << 4 | 1 << 11 | 0xFFFF0000) == ()
+    assert vendor_modes(0x8001_0005) == 0x8001
+
+
+@pytest.mark.parametrize(
+    ("interface", "supported", "mode"),
+    [
+        ("velocity", 0x1A5, OperationMode.CSV),
+        ("velocity", 0xA5, OperationMode.PV),
+        ("position", 0xA5, OperationMode.CSP),
+        ("position", 0x23, OperationMode.PP),
+        ("effort", 0x3EF, OperationMode.CST),
+        ("effort", 0x08, OperationMode.TQ),
+    ],
+)
+def test_an_interface_gets_the_cyclic_mode_where_there_is_one(interface, supported, mode):
+    assert mode_for_interface(interface, supported_modes(supported)) is mode
+
+
+def test_an_interface_that_no_mode_serves_is_refused_with_the_modes_there_are():
+    with pytest.raises(UnsupportedMode, match=r"CST or TQ for interface 'effort'.*PP, PV, HM, CSP") as error:
+        mode_for_interface("effort", TMCM)
+    assert error.value.supported == ("PP", "PV", "HM", "CSP")
+    with pytest.raises(UnsupportedMode, match="temperature"):
+        mode_for_interface("temperature", TMCM)
+
+
+def test_a_mode_is_required_of_0x6502_but_for_the_manufacturers():
+    require_mode(8, TMCM)
+    require_mode(-3, TMCM)
+    for mode in (0, 9, 10, 7, 2, 5):
+        with pytest.raises(UnsupportedMode):
+            require_mode(mode, TMCM)
+
+
+def test_modes_have_names_whatever_the_number():
+    assert mode_name(8) == "CSP"
+    assert mode_name(0) == "NONE"
+    assert mode_name(-3) == "mode -3 (manufacturer)"
+    assert mode_name(5) == "mode 5 (reserved)"
+
+
+def test_every_mode_that_moves_has_its_bits_and_its_target():
+    moving = set(OperationMode) - {OperationMode.NONE}
+    assert set(MODE_BITS) == moving
+    assert set(TARGET_OBJECTS) == moving - {OperationMode.HM}
+    assert all(set(pair) <= set(objects.NAMES) for pair in TARGET_OBJECTS.values())
+
+
+def test_bit_10_means_nothing_in_the_cyclic_modes():
+    for mode in (OperationMode.CSP, OperationMode.CSV, OperationMode.CST):
+        assert 10 not in MODE_BITS[mode].statusword
+        assert 12 in MODE_BITS[mode].statusword
+    assert 13 in MODE_BITS[OperationMode.CSP].statusword
+    assert MODE_BITS[OperationMode.VL].statusword == {}

@@ -1,0 +1,161 @@
+from __future__ import annotations
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from canopen_control.cia402.units import (
+    INT32_MAX,
+    INT32_MIN,
+    PositionUnwrapper,
+    Scale,
+    counts_per_revolution,
+    wrap_int32,
+)
+from canopen_control.errors import ConfigError
+
+ROBBY_LEFT = Scale(-254.647897079, -0.003926991, -254.647897079, -0.003926991)
+INT32 = st.integers(INT32_MIN, INT32_MAX)
+
+
+def test_ten_radians_per_second_are_2546_pulses_on_the_tutorials_reversed_wheel():
+    assert ROBBY_LEFT.velocity_to_device(10.0) == -2546
+    assert ROBBY_LEFT.velocity_from_device(-2546) == pytest.approx(9.998, abs=1e-3)
+
+
+def test_units_by_name_are_the_tutorials_numbers():
+    scale = Scale.from_units(1600, reversed=True)
+    assert scale.pos_to_dev == pytest.approx(-254.647897079, rel=1e-7)
+    assert scale.vel_from_dev == pytest.approx(-0.003926991, rel=1e-6)
+    assert scale.round_trip_error() < 1e-12
+    assert ROBBY_LEFT.round_trip_error() < 1e-6
+    assert Scale.from_units(4000, gear_ratio=10.0).position_to_device(2 * math.pi) == 40_000
+
+
+def test_a_small_target_is_rounded_not_truncated():
+    scale = Scale(vel_to_dev=1000.0, pos_to_dev=1000.0)
+    assert scale.velocity_to_device(0.0009) == 1
+    assert scale.velocity_to_device(-0.0009) == -1
+    assert scale.position_to_device(1.9996) == 2000
+
+
+def test_offsets_are_device_units_one_way_and_si_the_other():
+    scale = Scale(100.0, 0.01, offset_pos_to_dev=50.0, offset_pos_from_dev=-0.5)
+    assert scale.position_to_device(1.0) == 150
+    assert scale.position_from_device(150) == pytest.approx(1.0)
+    assert scale.velocity_to_device(0.0) == 0
+
+
+def test_what_does_not_fit_is_limited_and_counted():
+    scale = Scale(1e6, 1e-6, 1e6, 1e-6)
+    assert scale.position_to_device(1e9) == INT32_MAX
+    assert scale.velocity_to_device(-1e9) == INT32_MIN
+    assert scale.effort_to_device(40_000.0) == 32_767
+    assert scale.clamped == 3
+    assert scale.position_count(1e9) == 10**15
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
+def test_a_target_that_is_not_finite_is_none(value):
+    scale = Scale()
+    for convert in (
+        scale.position_to_device,
+        scale.velocity_to_device,
+        scale.effort_to_device,
+        scale.position_count,
+    ):
+        with pytest.raises(ValueError, match="no target"):
+            convert(value)
+    assert scale.clamped == 0
+
+
+@pytest.mark.parametrize(
+    "arguments", [{"pos_to_dev": 0.0}, {"vel_from_dev": math.nan}, {"eff_from_dev": 0}, {"offset_pos_to_dev": math.inf}]
+)
+def test_a_scale_that_cannot_be_is_refused(arguments):
+    with pytest.raises(ConfigError, match=next(iter(arguments))):
+        Scale(**arguments)
+
+
+def test_units_by_name_that_cannot_be_are_refused():
+    for counts, gear in ((0, 1.0), (1600, 0.0), (math.nan, 1.0)):
+        with pytest.raises(ConfigError, match="counts_per_revolution"):
+            Scale.from_units(counts, gear)
+
+
+@given(st.floats(-1e6, 1e6), st.floats(1.0, 2000.0))
+def test_there_and_back_is_within_half_a_count(position, counts):
+    scale = Scale.from_units(counts)
+    assert abs(scale.position_from_device(scale.position_to_device(position)) - position) <= 0.51 * math.tau / counts
+
+
+def test_effort_has_its_own_scale():
+    scale = Scale(eff_from_dev=0.002, eff_to_dev=500.0)
+    assert scale.effort_from_device(1000) == pytest.approx(2.0)
+    assert scale.effort_to_device(2.0) == 1000
+
+
+def test_counts_per_revolution_come_from_the_factor_group():
+    assert counts_per_revolution((2000, 1)) == 2000
+    assert counts_per_revolution((2000, 1), (10, 3)) == pytest.approx(2000 * 10 / 3)
+    assert counts_per_revolution((2000, 1), (10, 1), (360_000, 1)) == 360_000
+    with pytest.raises(ConfigError, match="none may be 0"):
+        counts_per_revolution((2000, 0))
+
+
+@given(st.integers(-(2**40), 2**40))
+def test_wrapping_keeps_the_low_32_bits(value):
+    wrapped = wrap_int32(value)
+    assert INT32_MIN <= wrapped <= INT32_MAX
+    assert (wrapped - value) % 2**32 == 0
+
+
+@given(INT32, st.lists(st.integers(-(2**31) + 1, 2**31 - 1), max_size=50))
+def test_a_position_goes_on_across_every_wrap(start, steps):
+    unwrapper = PositionUnwrapper()
+    assert not unwrapper.started
+    count = unwrapper.update(start)
+    assert count == start
+    for step in steps:
+        count += step
+        assert unwrapper.update(wrap_int32(count)) == count
+        assert unwrapper.raw_of(count) == wrap_int32(count)
+    assert unwrapper.jumps == 0
+
+
+def test_a_step_that_no_motor_makes_is_counted_and_is_no_motion():
+    unwrapper = PositionUnwrapper(max_step=1000)
+    unwrapper.update(1_000_000)
+    assert unwrapper.update(1_001_000) == 1_001_000
+    assert unwrapper.update(0) == 1_001_000
+    assert (unwrapper.jumps, unwrapper.last_jump) == (1, -1_001_000)
+    assert unwrapper.update(5) == 1_001_005
+    assert unwrapper.raw_of(1_001_005) == 5
+    assert unwrapper.update(5) == 1_001_005
+    unwrapper.max_step = None
+    assert unwrapper.update(100_005) == 1_101_005
+
+
+def test_a_restarted_drive_is_where_it_was_and_its_targets_shift_with_it():
+    unwrapper = PositionUnwrapper()
+    unwrapper.rebase()  # before anything was seen: nothing to keep
+    assert unwrapper.update(70_000) == 70_000
+    unwrapper.rebase()
+    assert unwrapper.update(0) == 70_000
+    assert unwrapper.update(10) == 70_010
+    assert unwrapper.raw_of(70_020) == 20
+    unwrapper.rebase()
+    assert unwrapper.update(10) == 70_010
+    assert unwrapper.jumps == 0
+
+
+@given(INT32, st.lists(INT32, max_size=30), st.integers(0, 2**31 - 1))
+def test_no_stream_moves_the_count_by_more_than_the_largest_step(start, raws, max_step):
+    unwrapper = PositionUnwrapper(max_step)
+    count = unwrapper.update(start)
+    for raw in raws:
+        before, count = count, unwrapper.update(raw)
+        assert abs(count - before) <= max_step
+        assert unwrapper.raw_of(count) == raw
