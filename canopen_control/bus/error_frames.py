@@ -43,13 +43,14 @@ TX_OVERFLOW = 0x02
 PASSIVE = 0x30  # receive 0x10, transmit 0x20
 ACTIVE_AGAIN = 0x40
 
+_WITH_NUMBER = 0xFF
 _U32 = struct.Struct("<I")
 _FLAG_BYTE = 3 if sys.byteorder == "little" else 0  # of the record: the identifier's highest byte, with the flags
 _ALL_PLAIN = bytes(65536)
 
 
-def _frame(error_class: int, detail: int = 0, tail: bytes = bytes(4)) -> CanFrame:
-    return CanFrame(ERROR_FLAG | error_class, bytes((0, detail, 0, 0)) + tail)
+def _frame(error_class: int, detail: int = 0, counters: bytes = bytes(2)) -> CanFrame:
+    return CanFrame(ERROR_FLAG | error_class, bytes((0, detail, 0, 0, 0, 0)) + counters)
 
 
 def bus_off_frame() -> CanFrame:
@@ -64,7 +65,7 @@ def restarted_frame() -> CanFrame:
 
 def passive_frame() -> CanFrame:
     """Make the report of an error-passive controller, both counters at 128."""
-    return _frame(CONTROLLER | COUNTERS, PASSIVE, bytes((0, 0, 128, 128)))
+    return _frame(CONTROLLER | COUNTERS, PASSIVE, bytes((128, 128)))
 
 
 def active_frame() -> CanFrame:
@@ -78,13 +79,17 @@ def protocol_error_frame() -> CanFrame:
 
 
 def overrun_frame(lost: int) -> CanFrame:
-    """Make the report that this reader lost `lost` frames; the number travels in the last four bytes."""
-    return _frame(CONTROLLER, RX_OVERFLOW, _U32.pack(min(lost, 0xFFFFFFFF)))
+    """Make the report that this reader lost `lost` frames; the number travels in the last four bytes.
+
+    The first byte, which has no meaning in this class, tells it from the report of a controller, which knows no number.
+    """
+    data = bytes((_WITH_NUMBER, RX_OVERFLOW, 0, 0)) + _U32.pack(min(lost, 0xFFFFFFFF))
+    return CanFrame(ERROR_FLAG | CONTROLLER, data)
 
 
 def lost_frames(frame: CanFrame) -> int:
     """Return the number in an `overrun_frame`, 0 for any other frame."""
-    if frame.can_id != ERROR_FLAG | CONTROLLER or frame.data[1] != RX_OVERFLOW:
+    if frame.can_id != ERROR_FLAG | CONTROLLER or frame.data[:2] != bytes((_WITH_NUMBER, RX_OVERFLOW)):
         return 0
     lost: int = _U32.unpack_from(frame.data, 4)[0]
     return lost

@@ -18,7 +18,7 @@ ERR = 0x20000000
         (error_frames.passive_frame(), ERR | 0x204, "0030000000008080"),
         (error_frames.active_frame(), ERR | 0x4, "0040000000000000"),
         (error_frames.protocol_error_frame(), ERR | 0x8, "0000000000000000"),
-        (error_frames.overrun_frame(258), ERR | 0x4, "0001000002010000"),
+        (error_frames.overrun_frame(258), ERR | 0x4, "FF01000002010000"),
     ],
 )
 def test_the_layout_is_that_of_linux(frame, can_id, data):
@@ -30,6 +30,7 @@ def test_only_our_overrun_carries_a_number():
     assert error_frames.lost_frames(error_frames.overrun_frame(7)) == 7
     assert error_frames.lost_frames(error_frames.overrun_frame(1 << 40)) == 0xFFFFFFFF
     assert error_frames.lost_frames(error_frames.passive_frame()) == 0
+    assert error_frames.lost_frames(CanFrame(ERR | 0x4, bytes.fromhex("0001000000001122"))) == 0
     assert error_frames.lost_frames(CanFrame(0x181, bytes(8))) == 0
 
 

@@ -1,0 +1,352 @@
+"""The SocketCAN port on a scripted socket: errno by errno, and error frames as real controllers send them."""
+
+from __future__ import annotations
+
+import errno
+import os
+import socket
+import struct
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from canopen_control.bus.error_frames import overrun_frame
+from canopen_control.bus.port import BusEventKind
+from canopen_control.bus.sendqueue import SEND_LIMIT
+from canopen_control.bus.socketcan import SocketCanPort, open_socketcan
+from canopen_control.errors import BusClosed, BusError, InterfaceDown, InterfaceNotFound, LocalProtocolError
+from canopen_control.frame import CanFrame, frames_of, pack_records
+
+ONE, TWO, THREE = (CanFrame(0x180 + n, bytes([n])) for n in (1, 2, 3))
+
+
+def failure(number):
+    return OSError(number, os.strerror(number))
+
+
+class FakeSocket:
+    """Gives what `incoming` holds, takes what is sent unless `refusals` says otherwise."""
+
+    def __init__(self):
+        self.incoming = []
+        self.refusals = []
+        self.sent = []
+        self.options = {}
+        self.bound = []
+        self.bind_errors = []
+        self.closed = 0
+
+    def fileno(self):
+        return 42
+
+    def put(self, *frames, overflows=None):
+        ancillary = [] if overflows is None else [(socket.SOL_SOCKET, 40, struct.pack("=I", overflows))]
+        self.incoming += [(pack_records([frame]), ancillary) for frame in frames]
+
+    def recvmsg(self, size, ancillary_size=0, flags=0):
+        if not self.incoming:
+            raise BlockingIOError
+        item = self.incoming.pop(0)
+        if isinstance(item, OSError):
+            raise item
+        return item[0], item[1], 0, ("can0",)
+
+    def send(self, data):
+        if self.refusals and (error := self.refusals.pop(0)) is not None:
+            raise error
+        self.sent += frames_of(bytes(data))
+        return len(data)
+
+    def setsockopt(self, level, option, value):
+        self.options[level, option] = value
+
+    def bind(self, address):
+        if self.bind_errors:
+            raise self.bind_errors.pop(0)
+        self.bound.append(address)
+
+    def close(self):
+        self.closed += 1
+
+
+class Bench:
+    def __init__(self):
+        self.socket = FakeSocket()
+        self.now = 0
+        self.port = SocketCanPort("can0", self.socket, lambda: self.now)
+
+    def send(self, *frames):
+        self.port.send(pack_records(frames))
+
+    def received(self):
+        return list(frames_of(self.port.receive()))
+
+    def kinds(self):
+        return [event.kind for event in self.port.events()]
+
+
+@pytest.fixture
+def bench():
+    return Bench()
+
+
+def test_a_batch_is_received_in_one_call_and_sent_frame_by_frame(bench):
+    bench.socket.put(ONE, TWO, THREE)
+    assert bench.received() == [ONE, TWO, THREE]
+    bench.send(THREE, TWO)
+    assert bench.socket.sent == [THREE, TWO]
+    assert (bench.port.stats.rx, bench.port.stats.tx, bench.port.wants_write) == (3, 2, False)
+    assert bench.received() == []
+    assert bench.kinds() == []
+
+
+def test_what_overflowed_the_receive_buffer_is_counted_and_told_where_it_is_missing(bench):
+    bench.socket.put(ONE)
+    bench.socket.put(TWO, overflows=1722)
+    bench.socket.put(THREE, overflows=1722)
+    assert bench.received() == [ONE, overrun_frame(1722), TWO, THREE]
+    assert bench.port.stats.lost == 1722
+    assert bench.kinds() == [BusEventKind.OVERRUN]
+
+
+def test_the_kernels_overflow_counter_may_wrap(bench):
+    bench.socket.put(ONE, overflows=0xFFFFFFFE)
+    bench.socket.put(TWO, overflows=3)
+    bench.received()
+    assert bench.port.stats.lost == 0xFFFFFFFE + 5
+
+
+def test_enobufs_makes_frames_wait_and_the_next_call_sends_them(bench):
+    bench.socket.refusals = [None, failure(errno.ENOBUFS)]
+    bench.send(ONE, TWO, THREE)
+    assert bench.socket.sent == [ONE]
+    assert bench.port.stats.queued == 2
+    assert bench.port.wants_write is False, "the descriptor would be writable all the time"
+    bench.socket.put(ONE)
+    bench.received()
+    assert bench.socket.sent == [ONE, TWO, THREE]
+    assert (bench.port.stats.queued, bench.port.stats.lost) == (0, 0)
+
+
+def test_eagain_makes_frames_wait_until_the_descriptor_is_writable(bench):
+    bench.socket.refusals = [BlockingIOError()]
+    bench.send(ONE, TWO)
+    assert bench.port.wants_write is True
+    bench.port.flush()
+    assert bench.socket.sent == [ONE, TWO]
+    assert bench.port.wants_write is False
+
+
+def test_order_is_kept_while_frames_wait(bench):
+    bench.socket.refusals = [failure(errno.ENOBUFS)]
+    bench.send(ONE)
+    bench.send(TWO)
+    assert bench.socket.sent == [ONE, TWO]
+
+
+def test_a_queue_that_stays_full_drops_the_oldest_and_says_so(bench):
+    bench.socket.refusals = [failure(errno.ENOBUFS)] * 3
+    bench.port.send(pack_records([ONE] * SEND_LIMIT))
+    bench.send(TWO, THREE)
+    assert bench.port.stats.lost == 2
+    assert bench.port.stats.queued == SEND_LIMIT
+    assert bench.kinds() == [BusEventKind.OVERRUN]
+    bench.socket.refusals = []
+    bench.port.flush()
+    assert bench.socket.sent[-2:] == [TWO, THREE]
+
+
+def test_a_frame_that_the_kernel_finds_wrong_stops_nobody(bench):
+    bench.socket.refusals = [failure(errno.EINVAL)]
+    bench.send(ONE, TWO)
+    assert bench.socket.sent == [TWO]
+    assert bench.port.stats.lost == 1
+
+
+def test_a_down_interface_is_told_once_loses_what_is_sent_and_is_told_up_again(bench):
+    bench.socket.incoming = [failure(errno.ENETDOWN)]
+    bench.socket.refusals = [failure(errno.ENETDOWN)] * 2
+    assert bench.received() == []
+    bench.send(ONE, TWO)
+    bench.send(ONE)
+    (event,) = bench.port.events()
+    assert event.kind is BusEventKind.DOWN
+    assert event.text == "bus can0: the interface is down; bring it up: canopen-control bus up"
+    assert (bench.port.stats.lost, bench.port.stats.queued) == (3, 0)
+    bench.send(THREE)
+    assert bench.socket.sent == [THREE], "old commands do not arrive late"
+    assert bench.kinds() == [BusEventKind.UP]
+
+
+def test_an_interface_that_only_listens_notices_it_is_up_by_the_first_frame(bench):
+    bench.socket.incoming = [failure(errno.ENETDOWN)]
+    bench.received()
+    bench.socket.put(ONE)
+    assert bench.received() == [ONE]
+    assert bench.kinds() == [BusEventKind.DOWN, BusEventKind.UP]
+
+
+@pytest.mark.parametrize("number", [errno.ENODEV, errno.ENXIO])
+def test_an_unplugged_adapter_is_bound_again_when_it_is_back(bench, number):
+    bench.socket.refusals = [failure(number)]
+    bench.socket.bind_errors = [failure(errno.ENODEV)]
+    bench.send(ONE)
+    (event,) = bench.port.events()
+    assert (event.kind, event.text) == (
+        BusEventKind.DOWN,
+        "bus can0: the interface is gone; is the adapter unplugged?",
+    )
+    for now in (1, 499_999_999, 500_000_000, 999_999_999):
+        bench.now = now
+        bench.send(TWO)
+    assert bench.socket.sent == bench.socket.bound == []
+    bench.now = 1_000_000_000
+    bench.send(THREE)
+    assert bench.socket.bound == [("can0",)]
+    assert bench.socket.sent == [THREE]
+    assert bench.kinds() == [BusEventKind.UP]
+    assert bench.port.stats.lost == 5
+
+
+# Recorded error frames
+
+BUS_OFF = CanFrame(0x20000040, bytes(8))
+RESTARTED = CanFrame(0x20000100, bytes(8))
+PASSIVE = CanFrame(0x20000204, bytes.fromhex("0020000000008000"))
+ACTIVE = CanFrame(0x20000204, bytes.fromhex("0040000000005f00"))
+NO_ACK = CanFrame(0x200000A8, bytes.fromhex("0000001900000000"))
+
+
+def test_error_passive_and_active_again_are_events_and_records(bench):
+    bench.socket.put(NO_ACK, PASSIVE, ONE, ACTIVE)
+    assert bench.received() == [NO_ACK, PASSIVE, ONE, ACTIVE]
+    assert bench.kinds() == [BusEventKind.ERROR_PASSIVE, BusEventKind.ERROR_ACTIVE]
+    assert (bench.port.stats.errors, bench.port.stats.rx) == (3, 4)
+
+
+def test_nothing_is_kept_for_a_controller_that_is_off_the_bus(bench):
+    bench.socket.refusals = [failure(errno.ENOBUFS)]
+    bench.send(ONE)
+    bench.socket.put(BUS_OFF)
+    bench.received()
+    bench.send(TWO)
+    assert bench.socket.sent == []
+    assert bench.port.stats.lost == 2
+    bench.socket.put(RESTARTED)
+    bench.received()
+    bench.send(THREE)
+    assert bench.socket.sent == [THREE]
+    assert bench.kinds() == [BusEventKind.BUS_OFF, BusEventKind.ERROR_ACTIVE]
+
+
+def test_a_controllers_own_overflow_report_has_no_number_in_it(bench):
+    bench.socket.put(CanFrame(0x20000004, bytes.fromhex("0001000000007f60")))
+    bench.received()
+    assert bench.kinds() == [BusEventKind.OVERRUN]
+    assert bench.port.stats.lost == 0
+
+
+@given(st.lists(st.tuples(st.integers(0, 0xFFFFFFFF), st.binary(max_size=8), st.integers(0, 0xFFFFFFFF)), max_size=20))
+def test_whatever_is_on_the_bus_comes_through(frames):
+    bench = Bench()
+    for can_id, data, overflows in frames:
+        bench.socket.put(CanFrame(can_id, data), overflows=overflows)
+    received = [frame for frame in bench.received() if frame.data[:2] != b"\xff\x01" or frame.can_id != 0x20000004]
+    wanted = [CanFrame(can_id, data) for can_id, data, _ in frames]
+    assert received == [frame for frame in wanted if frame.data[:2] != b"\xff\x01" or frame.can_id != 0x20000004]
+
+
+# Opening and closing
+
+
+@pytest.fixture
+def sysfs(tmp_path):
+    def make(name, flags="0x40041", queue="1000"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "flags").write_text(f"{flags}\n")
+        (tmp_path / name / "tx_queue_len").write_text(f"{queue}\n")
+        return tmp_path
+
+    make("vcan7")
+    make.root = tmp_path
+    return make
+
+
+def test_opening_asks_for_error_frames_overflow_counts_and_a_large_buffer(sysfs):
+    sock = FakeSocket()
+    port = open_socketcan("vcan7", make_socket=lambda: sock, network_class=sysfs.root)
+    assert sock.bound == [("vcan7",)]
+    assert sock.options[101, 2] == struct.pack("=I", 0x1FFFFFFF)
+    assert sock.options[socket.SOL_SOCKET, 40] == 1
+    assert sock.options[socket.SOL_SOCKET, 33] >= 1 << 20
+    assert (socket.SOL_SOCKET, socket.SO_SNDBUF) not in sock.options
+    assert (port.channel, port.fileno()) == ("vcan7", 42)
+
+
+def test_a_short_transmit_queue_gets_a_send_buffer_that_fills_first(sysfs):
+    sysfs("can3", queue="10")
+    sock = FakeSocket()
+    open_socketcan("can3", make_socket=lambda: sock, network_class=sysfs.root)
+    assert sock.options[socket.SOL_SOCKET, socket.SO_SNDBUF] * 2 < 10 * 768
+
+
+def test_without_the_right_to_force_it_the_buffer_is_asked_for(sysfs):
+    class Unprivileged(FakeSocket):
+        def setsockopt(self, level, option, value):
+            if option == 33:
+                raise PermissionError
+            super().setsockopt(level, option, value)
+
+    sock = Unprivileged()
+    open_socketcan("vcan7", make_socket=lambda: sock, network_class=sysfs.root)
+    assert sock.options[socket.SOL_SOCKET, socket.SO_RCVBUF] >= 1 << 20
+
+
+@pytest.mark.parametrize(
+    ("name", "hint"), [("vcan9", "canopen-control bus up vcan9"), ("can9", "is the adapter plugged in")]
+)
+def test_a_missing_interface_is_answered_with_what_to_type(sysfs, name, hint):
+    sock = FakeSocket()
+    sock.bind_errors = [failure(errno.ENODEV)]
+    with pytest.raises(InterfaceNotFound, match=hint):
+        open_socketcan(name, make_socket=lambda: sock, network_class=sysfs.root)
+    assert sock.closed == 1
+
+
+def test_a_down_interface_is_answered_with_what_to_type(sysfs):
+    sysfs("can4", flags="0x40040")
+    sock = FakeSocket()
+    with pytest.raises(InterfaceDown, match="can4 is down; bring it up: canopen-control bus up can4"):
+        open_socketcan("can4", make_socket=lambda: sock, network_class=sysfs.root)
+    assert sock.closed == 1
+
+
+def test_a_kernel_without_can_is_answered_with_the_bus_that_needs_none(sysfs):
+    def refuse():
+        raise failure(errno.EAFNOSUPPORT)
+
+    with pytest.raises(InterfaceNotFound, match=r"no SocketCAN .*local:can0"):
+        open_socketcan("can0", make_socket=refuse, network_class=sysfs.root)
+
+
+def test_any_other_failure_is_a_bus_error(sysfs):
+    sock = FakeSocket()
+    sock.bind_errors = [failure(errno.EPERM)]
+    with pytest.raises(BusError, match="bus can0: Operation not permitted"):
+        open_socketcan("can0", make_socket=lambda: sock, network_class=sysfs.root)
+
+
+def test_a_closed_port_is_closed_once_and_says_so(bench):
+    bench.port.close()
+    bench.port.close()
+    assert bench.socket.closed == 1
+    assert bench.port.fileno() == -1
+    for verb in (bench.port.receive, lambda: bench.send(ONE)):
+        with pytest.raises(BusClosed, match="can0: closed on this side"):
+            verb()
+
+
+def test_a_cut_record_is_refused(bench):
+    with pytest.raises(LocalProtocolError):
+        bench.port.send(b"1")
