@@ -137,11 +137,15 @@ class EmcyProducer:
         self.report(code, now, data)
         return True
 
-    def report(self, code: int, now: int, data: bytes = b"") -> None:
-        """Record and send a code without making it active, such as 0x8140 after bus-off."""
+    def report(self, code: int, now: int, data: bytes = b"", *, register: int = 0) -> None:
+        """Record and send a code without making it active, such as 0x8210 for one bad RPDO.
+
+        `register` are its bits in this message, beside those of the active errors.
+        """
         data = data[:MANUFACTURER_BYTES].ljust(MANUFACTURER_BYTES, b"\0")
         self._history.appendleft(code & 0xFFFF | int.from_bytes(data[:2], "little") << 16)
-        self._send(EmcyMessage(self.node_id, code, self.error_register, data), now)
+        shown = self.error_register | (register | ErrorRegister.GENERIC if register else 0)
+        self._send(EmcyMessage(self.node_id, code, shown, data), now)
 
     def clear_error(self, code: int, now: int) -> bool:
         """Remove an active error and say error reset with the register of the others; False if it is not active."""

@@ -49,6 +49,17 @@ def test_an_error_is_sent_once_with_the_generic_bit_added():
     assert (producer.error_register, producer.active) == (0x21, (0x8611,))
 
 
+LENGTH_ERRORS = ["083#1082110000000000", "083#2082110000000000", vectors()["sync"]["wrong_length"]["emcy"]]
+
+
+@pytest.mark.parametrize("text", LENGTH_ERRORS)
+def test_a_report_shows_its_register_bits_once(text):
+    producer = EmcyProducer(3)
+    producer.report(int.from_bytes(frame(text).data[:2], "little"), 0, register=COMMUNICATION)
+    assert producer.frames() == [frame(text)]
+    assert (producer.error_register, producer.active) == (0, ())
+
+
 def test_a_cleared_error_says_what_remains():
     producer = EmcyProducer(3)
     producer.raise_error(0x8611, PROFILE, 0)
