@@ -1,0 +1,474 @@
+from __future__ import annotations
+
+import pytest
+from support.sdo import MS, NODE, SECOND, Line, MemoryStore, frame
+
+from canopen_control.cia301.abort import AbortCode
+from canopen_control.cia301.sdo_client import SdoClient, SdoOptions
+from canopen_control.cia301.sdo_server import SdoServer
+from canopen_control.errors import BusClosed, LocalProtocolError, SdoAbort, SdoTimeout
+
+HALF = 500 * MS
+
+
+def said(client):
+    return [str(one) for one in client.frames()]
+
+
+def hear(client, *answers, now=0):
+    for answer in answers:
+        client.receive(frame(answer), now)
+
+
+@pytest.fixture
+def client():
+    return SdoClient(NODE, name="left")
+
+
+class TestTiming:
+    def test_a_request_without_a_time_is_due_at_once_and_starts_with_the_tick(self, client):
+        client.read(0x1000)
+        assert client.next_deadline() == 0
+        client.tick(7 * SECOND)
+        assert client.next_deadline() == 7 * SECOND + HALF
+
+    def test_an_idle_client_has_no_deadline(self, client):
+        assert client.next_deadline() is None
+        client.tick(SECOND)
+        assert said(client) == []
+
+    def test_a_request_that_waits_in_the_queue_does_not_age(self, client):
+        client.read(0x1000, now=0)
+        second = client.read(0x1001, now=0)
+        client.frames()
+        hear(client, "583#4300100092010400", now=400 * MS)
+        assert said(client) == ["603#4001100000000000"]
+        assert client.next_deadline() == 900 * MS
+        hear(client, "583#4F01100000000000", now=600 * MS)
+        assert second.elapsed_ns == 200 * MS
+
+    def test_every_segment_has_the_whole_timeout(self, client):
+        request = client.read(0x1008, now=0)
+        client.frames()
+        hear(client, "583#4108100009000000", now=400 * MS)
+        client.frames()
+        hear(client, "583#00544D434D2D3132", now=800 * MS)
+        client.frames()
+        hear(client, "583#1B37300000000000", now=1200 * MS)
+        assert (request.data, request.elapsed_ns) == (b"TMCM-1270", 1200 * MS)
+
+    def test_a_request_may_have_a_timeout_of_its_own(self, client):
+        client.write(0x1010, 1, b"save", timeout_ns=5 * SECOND, now=0)
+        assert client.next_deadline() == 5 * SECOND
+
+
+class TestTimeouts:
+    def test_the_abort_carries_the_true_multiplexer(self, client):
+        client.read(0x6064, 0x12, now=0)
+        client.frames()
+        client.tick(HALF)
+        assert said(client)[0] == "603#8064601200000405"
+
+    def test_after_the_last_try_the_error_says_who_and_where(self, client):
+        request = client.read(0x6064, now=0)
+        client.frames()
+        client.tick(HALF)
+        client.frames()
+        client.tick(2 * HALF)
+        assert isinstance(request.error, SdoTimeout)
+        assert str(request.error).startswith("node 3 (left): 0x6064:00: no answer within 1 s")
+        assert client.events() == [request]
+
+    def test_without_retries_the_first_timeout_is_the_last(self):
+        client = SdoClient(NODE, retries=0)
+        request = client.read(0x6064, now=0)
+        client.frames()
+        client.tick(HALF)
+        assert isinstance(request.error, SdoTimeout)
+
+    def test_one_lost_answer_is_made_good_by_the_retry(self, client):
+        request = client.read(0x6064, now=0)
+        client.frames()
+        client.tick(HALF)
+        assert said(client) == ["603#8064600000000405", "603#4000100000000000"]
+        hear(client, "583#4300100092010400", now=HALF)
+        assert said(client) == ["603#4064600000000000"]
+        hear(client, "583#4364600001000000", now=HALF)
+        assert (request.error, request.data, client.retried) == (None, b"\1\0\0\0", 1)
+
+    def test_a_late_answer_is_not_that_of_the_retry(self, client):
+        request = client.read(0x6064, now=0)
+        client.frames()
+        client.tick(HALF)
+        client.frames()
+        hear(client, "583#43646000FF000000", now=HALF)  # late
+        assert (request.done, client.ignored) == (False, 1)
+        hear(client, "583#4300100092010400", now=HALF)
+        client.frames()
+        hear(client, "583#4364600001000000", now=HALF)
+        assert request.data == b"\1\0\0\0"
+
+    def test_a_late_answer_is_not_that_of_the_next_request_for_the_object(self):
+        client = SdoClient(NODE, retries=0)
+        first = client.write(0x6040, 0, b"\x06\0", now=0)
+        client.frames()
+        client.tick(HALF)
+        second = client.write(0x6040, 0, b"\x07\0", now=HALF)
+        client.frames()
+        hear(client, "583#6040600000000000", now=HALF)
+        assert (first.done, second.done) == (True, False)
+        hear(client, "583#4300100092010400", now=HALF)
+        assert said(client) == ["603#2B40600007000000"]
+        hear(client, "583#8040600022000008", now=HALF)
+        assert not second.done  # not now: it will be asked again
+
+    def test_a_late_acknowledgement_is_not_that_of_another_object(self):
+        """The `canopen` package calls the second write a success."""
+        client = SdoClient(NODE, retries=0)
+        client.write(0x6083, 0, bytes(4), now=0)
+        client.frames()
+        client.tick(HALF)
+        second = client.write(0x6084, 0, bytes(4), now=HALF)
+        assert said(client) == ["603#8083600000000405", "603#2384600000000000"]
+        hear(client, "583#6083600000000000", now=HALF + 50 * MS)
+        client.tick(2 * HALF)
+        assert isinstance(second.error, SdoTimeout)
+
+    def test_the_device_type_itself_is_settled_by_the_error_register(self, client):
+        client.read(0x1000, now=0)
+        client.frames()
+        client.tick(HALF)
+        assert said(client) == ["603#8000100000000405", "603#4001100000000000"]
+
+    def test_an_abort_settles_as_well_as_a_value(self, client):
+        request = client.read(0x6064, now=0)
+        client.frames()
+        client.tick(HALF)
+        client.frames()
+        hear(client, "583#8000100000000206", now=HALF)
+        assert said(client) == ["603#4064600000000000"]
+        assert not request.done
+
+    def test_a_node_that_has_booted_owes_nothing(self):
+        client = SdoClient(NODE, retries=0)
+        client.read(0x6064, now=0)
+        client.frames()
+        client.tick(HALF)
+        client.forget()
+        client.frames()
+        client.read(0x6064, now=SECOND)
+        assert said(client) == ["603#4064600000000000"]
+
+
+class TestMatching:
+    def test_answers_for_another_object_are_ignored_until_the_timeout(self, client):
+        """Two threads of the `canopen` package get errors from this."""
+        request = client.read(0x6064, now=0)
+        client.frames()
+        hear(client, "583#4384600001000000", "583#4364600101000000", "583#8084600000000206")
+        assert (request.done, client.ignored, client.next_deadline()) == (False, 3, HALF)
+        hear(client, "583#4364600002000000")
+        assert request.data == b"\2\0\0\0"
+
+    def test_an_acknowledgement_for_another_object_is_ignored(self, client):
+        request = client.write(0x6040, 0, b"\6\0", now=0)
+        client.frames()
+        hear(client, "583#6040600100000000", "583#6041600000000000", "583#4B40600000000000")
+        assert (request.done, client.ignored) == (False, 3)
+
+    def test_frames_of_other_nodes_are_not_counted(self, client):
+        client.read(0x6064, now=0)
+        client.frames()
+        hear(client, "584#4364600001000000", "703#05", "583#4364600009000000")
+        assert client.ignored == 0
+
+    def test_an_answer_before_the_request_has_left_is_a_copy(self, client):
+        first = client.read(0x6064, now=0)
+        second = client.read(0x6064, now=0)
+        client.frames()
+        hear(client, "583#4364600001000000", "583#4364600001000000")
+        assert (first.done, second.done, client.ignored) == (True, False, 1)
+
+    def test_an_abort_without_a_multiplexer_ends_the_transfer_under_way(self, client):
+        request = client.read(0x1008, now=0)
+        client.frames()
+        hear(client, "583#4108100009000000")
+        client.frames()
+        hear(client, "583#8000000000000008")
+        assert isinstance(request.error, SdoAbort)
+        assert request.error.code == AbortCode.GENERAL_ERROR
+
+    @pytest.mark.parametrize("answer", ["583#", "583#80", "583#806460", "583#8064600002"])
+    def test_a_cut_abort_is_no_answer_and_raises_nothing(self, client, answer):
+        """In the `canopen` package it is a struct.error."""
+        request = client.read(0x6064, now=0)
+        client.frames()
+        hear(client, answer)
+        assert (request.done, client.ignored) == (False, 1)
+
+    def test_an_expedited_answer_cut_behind_its_data_is_taken(self, client):
+        request = client.read(0x1400, 2, now=0)
+        client.frames()
+        hear(client, "583#4F001402FE")
+        assert request.data == b"\xfe"
+
+    def test_an_expedited_answer_cut_within_its_data_is_not(self, client):
+        request = client.read(0x1400, 2, now=0)
+        client.frames()
+        hear(client, "583#4B001402FE", "583#43001402FE00")
+        assert (request.done, client.ignored) == (False, 2)
+
+    def test_other_cob_ids_may_be_given(self):
+        client = SdoClient(NODE, request_cob_id=0x640, answer_cob_id=0x5C0)
+        request = client.read(0x6064, now=0)
+        assert said(client) == ["640#4064600000000000"]
+        hear(client, "583#4364600001000000", "5C0#4364600002000000")
+        assert request.data == b"\2\0\0\0"
+
+
+class TestQueue:
+    def test_requests_go_one_by_one_in_their_order(self, client):
+        requests = [client.read(0x2000, sub, now=0) for sub in range(3)]
+        for sub in range(3):
+            assert said(client) == [f"603#400020{sub:02X}00000000"]
+            hear(client, f"583#4F0020{sub:02X}{sub:02X}000000")
+        assert [r.data for r in requests] == [b"\0", b"\1", b"\2"]
+        assert client.events() == requests
+
+    def test_an_error_of_one_is_not_that_of_the_next(self, client):
+        first, second = client.read(0x2000, now=0), client.read(0x2001, now=0)
+        client.frames()
+        hear(client, "583#8000200000000206")
+        client.frames()
+        hear(client, "583#4F01200005000000")
+        assert isinstance(first.error, SdoAbort)
+        assert (second.error, second.data) == (None, b"\5")
+
+    def test_an_abort_names_node_object_and_meaning(self, client):
+        request = client.read(0x2000, now=0)
+        client.frames()
+        hear(client, "583#8000200000000206")
+        assert str(request.error) == (
+            "node 3 (left): 0x2000:00: abort 0x06020000 (object does not exist in the object dictionary)"
+        )
+
+    def test_cancelling_all_ends_every_request_with_the_error(self, client):
+        requests = [client.read(0x2000), client.read(0x2001), client.write(0x2002, 0, b"1")]
+        client.frames()
+        error = BusClosed("vcan0")
+        client.cancel_all(error)
+        assert [r.error for r in requests] == [error] * 3
+        assert client.events() == requests
+        assert said(client) == ["603#8000200000000008"]
+        assert (client.busy, client.waiting, client.next_deadline()) == (False, 0, None)
+
+    def test_a_cancelled_request_that_has_not_left_never_does(self, client):
+        request = client.read(0x2000)
+        client.cancel(request, BusClosed("vcan0"))
+        assert said(client) == []
+
+    def test_cancelling_one_lets_the_next_go_and_quarantines_its_object(self, client):
+        first, second, third = client.read(0x2000), client.read(0x2000), client.read(0x2001)
+        client.frames()
+        client.cancel(first, BusClosed("vcan0"))
+        assert said(client) == ["603#8000200000000008", "603#4000100000000000"]
+        client.cancel(third, BusClosed("vcan0"))
+        hear(client, "583#4300100092010400")
+        assert said(client) == ["603#4000200000000000"]
+        assert (second.done, third.done) == (False, True)
+
+    def test_cancelling_what_is_done_changes_nothing(self, client):
+        request = client.read(0x2000, now=0)
+        client.frames()
+        hear(client, "583#4F00200005000000")
+        client.cancel(request, BusClosed("vcan0"))
+        assert (request.error, request.data) == (None, b"\5")
+        assert client.events() == [request]
+
+    @pytest.mark.parametrize(("index", "subindex"), [(-1, 0), (0x10000, 0), (0x2000, -1), (0x2000, 256)])
+    def test_an_impossible_object_is_refused_and_nothing_changes(self, client, index, subindex):
+        with pytest.raises(LocalProtocolError):
+            client.read(index, subindex)
+        assert (client.busy, said(client)) == (False, [])
+
+    def test_the_context_is_the_callers(self, client):
+        request = client.read(0x2000)
+        request.context = "boot"
+        assert client.read(0x2001).context is None
+        assert repr(request) == "<SdoRequest read 0x2000:00 open>"
+
+
+class TestBusy:
+    @pytest.mark.parametrize("code", ["22000008", "21000008", "05000405", "23000A06"])
+    def test_not_now_is_asked_again_after_a_pause(self, client, code):
+        request = client.write(0x6060, 0, b"\3", now=0)
+        client.frames()
+        hear(client, f"583#80606000{code}")
+        assert (request.done, said(client)) == (False, [])
+        client.tick(client.next_deadline())
+        assert said(client) == ["603#2F60600003000000"]
+        hear(client, "583#6060600000000000", now=20 * MS)
+        assert (request.error, request.elapsed_ns) == (None, 20 * MS)
+
+    def test_the_pauses_grow_and_end(self, client):
+        request = client.write(0x6060, 0, b"\3", now=0)
+        now, pauses = 0, []
+        while not request.done:
+            client.frames()
+            hear(client, "583#8060600022000008", now=now)
+            if not request.done:
+                pauses.append(client.next_deadline() - now)
+                now = client.next_deadline()
+                client.tick(now)
+        assert pauses == [20 * MS, 40 * MS, 80 * MS, 160 * MS, 320 * MS]
+        assert request.error.code == AbortCode.DEVICE_STATE
+
+    def test_with_no_patience_the_first_not_now_is_the_answer(self):
+        client = SdoClient(NODE, options=SdoOptions(busy_ns=0))
+        request = client.write(0x6060, 0, b"\3", now=0)
+        client.frames()
+        hear(client, "583#8060600022000008")
+        assert isinstance(request.error, SdoAbort)
+
+    @pytest.mark.parametrize("code", ["00000206", "02000106", "30000906", "12000706"])
+    def test_what_will_not_change_is_not_asked_again(self, client, code):
+        request = client.write(0x6060, 0, b"\3", now=0)
+        client.frames()
+        hear(client, f"583#80606000{code}")
+        assert isinstance(request.error, SdoAbort)
+
+    def test_answers_within_the_pause_are_ignored(self, client):
+        request = client.write(0x6060, 0, b"\3", now=0)
+        client.frames()
+        hear(client, "583#8060600022000008", "583#6060600000000000", "583#8060600000000206")
+        assert (request.done, client.ignored) == (False, 2)
+
+    def test_a_request_cancelled_in_the_pause_sends_nothing(self, client):
+        request = client.write(0x6060, 0, b"\3", now=0)
+        client.frames()
+        hear(client, "583#8060600022000008")
+        client.cancel(request, BusClosed("vcan0"))
+        assert (said(client), client.next_deadline()) == ([], None)
+
+
+class TestLengths:
+    def test_an_answer_without_a_length_is_cut_to_what_is_known(self, client):
+        request = client.read(0x6041, size=2, now=0)
+        client.frames()
+        hear(client, "583#4241600040060000")
+        assert request.data == b"\x40\x06"
+
+    def test_an_answer_without_a_length_has_four_bytes(self, client):
+        request = client.read(0x6041, now=0)
+        client.frames()
+        hear(client, "583#4241600040060000")
+        assert request.data == b"\x40\x06\0\0"
+
+    @pytest.mark.parametrize(("answer", "code"), [("43", 0x06070012), ("4F", 0x06070013)])
+    def test_an_answer_of_another_length_is_an_error(self, client, answer, code):
+        request = client.read(0x6041, size=2, now=0)
+        client.frames()
+        hear(client, f"583#{answer}41600040060000")
+        assert request.error.code == code
+
+    def test_a_lenient_client_fills_up_with_zeros(self):
+        client = SdoClient(NODE, options=SdoOptions(lenient=True))
+        request = client.read(0x6041, size=4, now=0)
+        client.frames()
+        hear(client, "583#4B41600040060000")
+        assert (request.error, request.data) == (None, b"\x40\x06\0\0")
+
+    def test_an_object_over_the_limit_is_refused(self):
+        client = SdoClient(NODE, options=SdoOptions(max_size=100))
+        for block, answer in ((False, "583#4108100065000000"), (True, "583#C608100065000000")):
+            request = client.read(0x1008, block=block, now=0)
+            client.frames()
+            hear(client, answer)
+            assert request.error.code == AbortCode.OUT_OF_MEMORY
+            assert said(client) == ["603#8008100005000405"]
+
+    def test_one_that_does_not_say_its_size_is_stopped_at_the_limit(self):
+        client = SdoClient(NODE, options=SdoOptions(max_size=10))
+        request = client.read(0x1008, block=False, now=0)
+        client.frames()
+        for answer in ("583#4008100000000000", "583#0001020304050607", "583#1001020304050607"):
+            hear(client, answer)
+            frames = said(client)
+        assert request.error.code == AbortCode.OUT_OF_MEMORY
+        assert frames == ["603#8008100005000405"]
+
+    def test_an_expedited_write_may_leave_its_length_open(self):
+        client = SdoClient(NODE, options=SdoOptions(announce_size=False))
+        client.write(0x6040, 0, b"\6\0", now=0)
+        assert said(client) == ["603#2240600006000000"]
+
+    def test_an_answer_that_is_no_upload_at_all_ends_it(self, client):
+        request = client.read(0x6041, now=0)
+        client.frames()
+        hear(client, "583#5E41600040060000")
+        assert request.error.code == AbortCode.UNKNOWN_COMMAND
+
+
+class TestBlock:
+    def test_a_server_without_block_transfer_is_served_in_segments_and_remembered(self, client):
+        store = MemoryStore({(0x2000, 0): b""})
+        line = Line(client, SdoServer(NODE, store, block=False))
+        for data in (b"first value", b"second value"):
+            request = client.write(0x2000, 0, data, block=True)
+            line.run()
+            assert (request.error, store.objects[0x2000, 0]) == (None, data)
+        assert client.block_supported is False
+        assert [text[:6] for text in line.said].count("603#C6") == 1
+
+    def test_a_refusal_that_names_no_object_counts(self, client):
+        client.write(0x2000, 0, b"hello", block=True, now=0)
+        client.frames()
+        hear(client, "583#8000000001000405")
+        assert said(client) == ["603#2100200005000000"]
+
+    def test_a_server_that_keeps_silent_about_block_transfer_is_asked_plainly(self, client):
+        client.write(0x2000, 0, b"hello", block=True, now=0)
+        client.frames()
+        client.tick(HALF)
+        client.frames()
+        hear(client, "583#4300100092010400", now=HALF)
+        assert said(client) == ["603#2100200005000000"]
+
+    def test_large_writes_use_block_transfer_by_themselves(self, client):
+        client.write(0x2000, 0, bytes(256), now=0)
+        client.write(0x2000, 0, bytes(255), now=0)
+        assert said(client) == ["603#C600200000010000"]
+
+    def test_whoever_wants_segments_gets_them(self, client):
+        client.write(0x2000, 0, bytes(256), block=False, now=0)
+        assert said(client) == ["603#2100200000010000"]
+
+    def test_a_refusal_of_the_object_is_final(self, client):
+        request = client.write(0x2000, 0, b"hello", block=True, now=0)
+        client.frames()
+        hear(client, "583#8000200002000106")
+        assert request.error.code == AbortCode.READ_ONLY
+
+    @pytest.mark.parametrize("size", ["00", "80", "FF"])
+    def test_a_server_that_asks_for_an_impossible_block_size_is_served_in_segments(self, client, size):
+        client.write(0x2000, 0, b"hello", block=True, now=0)
+        client.frames()
+        hear(client, f"583#A4002000{size}000000")
+        assert said(client) == ["603#8000200002000405", "603#2100200005000000"]
+
+    def test_the_chunked_kilobyte_that_canopen_cannot_write_arrives(self, client):
+        """Issue 618 of the `canopen` package: 1024 bytes are no multiple of a segment."""
+        store = MemoryStore({(0x1F50, 1): b""})
+        line = Line(client, SdoServer(NODE, store, block_size=100))
+        request = client.write(0x1F50, 1, bytes(range(256)) * 12, block=True)
+        line.run()
+        assert (request.error, client.retried) == (None, 0)
+        assert store.objects[0x1F50, 1] == bytes(range(256)) * 12
+
+    def test_an_upload_with_a_wrong_crc_is_done_again_in_segments(self, client):
+        request = client.read(0x2008, block=True, now=0)
+        for answer in ("583#C608200007000000", "583#8101080F161D242B", "583#C100000000000000"):
+            client.frames()
+            hear(client, answer)
+        assert said(client) == ["603#8008200004000405", "603#4008200000000000"]
+        assert not request.done
