@@ -59,10 +59,10 @@ class Trajectory:
         way = sum(piece.distance(piece.seconds) for piece in pieces)
         self.final_position = position + way if final_position is None else final_position
 
-    @property
-    def at_rest_after(self) -> bool:
-        """Whether it ends in standstill."""
-        return self.final_velocity == 0.0
+    def shifted(self, way: float) -> Trajectory:
+        """Return the same motion, `way` further."""
+        position, final = self.position + way, self.final_position + way
+        return Trajectory(self.start_ns, position, self._pieces, self.final_velocity, final)
 
     def at(self, now: int) -> tuple[float, float]:
         """Return position and velocity at `now`, which is not before the start."""

@@ -1,0 +1,178 @@
+"""The time of one axis: its timers, its demand, and the plant that follows.
+
+The law of this file: time is events. Every timer is served at its own time, in order, whenever `advance` is called, so
+that what happens does not depend on how often anybody looks. A demand is made at an event and followed until the next.
+Its end, a limit switch and a following error are told to the owner through `Reactions`.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Protocol
+
+from canopen_control.virtual.motion import Trajectory, hold
+from canopen_control.virtual.switches import Switches
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from canopen_control.virtual.plant import Plant
+
+__all__ = ["Mover", "Reactions"]
+
+_MS = 1_000_000
+SAMPLE_NS = 5 * _MS  # how often event-driven PDOs see a moving motor
+FOLLOW_NS = _MS  # how often a plant that lags is compared with its demand
+
+
+class Reactions(Protocol):
+    """What the owner does when something happens to the motion."""
+
+    def arrived(self, now: int) -> None:
+        """React to the end of the demand."""
+
+    def touched(self, side: int, now: int) -> None:
+        """React to a wired limit switch, -1 or 1."""
+
+    def left_behind(self, error: float, now: int) -> None:
+        """Judge a following error, in counts; called while the plant lags."""
+
+    def sampled(self) -> None:
+        """Look at values that change with the motion."""
+
+    def wants_samples(self) -> bool:
+        """Whether anybody looks at such values."""
+
+
+class Mover:
+    """One axis in time. Positions are the plant's, in counts."""
+
+    def __init__(self, plant: Plant, owner: Reactions) -> None:
+        self.plant, self.owner = plant, owner
+        self.switches = Switches()
+        self.demand: Trajectory = hold(0, plant.position)
+        self.torque: Trajectory | None = None  # set: the plant is pushed, not led
+        self.powered = False
+        self.now: int | None = None  # None: not started
+        self.timers: dict[str, tuple[int, Callable[[int], None]]] = {}
+
+    # -- timers
+
+    def at(self, name: str, due_ns: int, callback: Callable[[int], None]) -> None:
+        """Call `callback` at `due_ns`, once; a timer of the same name gives way."""
+        self.timers[name] = (due_ns, callback)
+
+    def cancel(self, *names: str) -> None:
+        """Forget timers; no-op where there is none."""
+        for name in names:
+            self.timers.pop(name, None)
+
+    def advance(self, now: int) -> None:
+        """Bring the axis to `now`, each event in between at its own time."""
+        while self.timers:
+            name, (due, callback) = min(self.timers.items(), key=_due)
+            if due > now:
+                break
+            del self.timers[name]
+            self._move(due)
+            callback(due)
+        self._move(now)
+
+    def next_deadline(self) -> int | None:
+        """Return when something happens by itself, None: nothing will."""
+        return min((due for due, _ in self.timers.values()), default=None)
+
+    def _move(self, now: int) -> None:
+        start, self.now = self.now, max(now, self.now or 0)
+        if start is None or now <= start:
+            return
+        if not self.powered:
+            self.plant.release(start, now)
+        elif self.torque is not None:
+            self.plant.push(self.torque, start, now)
+        else:
+            self.plant.follow(self.demand, start, now)
+
+    # -- motion
+
+    @property
+    def standing(self) -> bool:
+        """Whether the plant stands still."""
+        return abs(self.plant.velocity) < 0.5
+
+    def state(self, now: int) -> tuple[float, float]:
+        """Return position and velocity from which a new demand goes on."""
+        if self.torque is not None or not self.powered:
+            return self.plant.position, self.plant.velocity
+        return self.demand.at(now)
+
+    def power(self, on: bool, now: int) -> None:
+        """Switch the power stage; both ways the demand is where the plant is."""
+        self._move(now)
+        self.cancel("arrive", "follow", "switch", "following error")
+        self.powered, self.torque = on, None
+        if not on:
+            self.plant.release(now, now)
+        self.demand = hold(now, self.plant.position)
+
+    def displace(self, way: float, now: int) -> None:
+        """Move the plant by force; a powered motor goes on from there."""
+        self._move(now)
+        self.plant.position += way
+        if not self.powered or self.torque is None:
+            demand = self.demand
+            self.demand = demand.shifted(way)
+
+    def run(self, demand: Trajectory, now: int) -> None:
+        """Follow `demand` from now on; its end is told, at once where it has none."""
+        self._move(now)
+        self.torque, self.demand = None, demand
+        self.plant.follow(demand, now, now)
+        self._watch(now)
+        if demand.end_ns > now:
+            self.at("arrive", demand.end_ns, self.owner.arrived)
+        else:
+            self.cancel("arrive")
+            self.owner.arrived(now)
+
+    def push(self, torque: Trajectory, now: int) -> None:
+        """Apply a torque from now on, in per mille of the rated one; the end of its ramp is told."""
+        self._move(now)
+        self.torque = torque
+        self.cancel("follow", "switch")
+        self._watch(now)
+        self.at("arrive", max(torque.end_ns, now + 1), self.owner.arrived)
+
+    def _watch(self, now: int) -> None:
+        if not self.plant.stiff and self.torque is None:
+            self.at("follow", now + FOLLOW_NS, self._follow)
+        touch = self.switches.next_touch(self.demand, now) if self.torque is None else None
+        if touch is None:
+            self.cancel("switch")
+        else:
+            self.at("switch", touch, self._touch)
+        if "sample" not in self.timers and self.owner.wants_samples():
+            self.at("sample", now + SAMPLE_NS, self._sample)
+
+    def _touch(self, now: int) -> None:
+        self.owner.touched(int(math.copysign(1.0, self.demand.at(now)[1])), now)
+
+    def _follow(self, now: int) -> None:
+        """Compare a plant that lags with its demand, until both stand together."""
+        if not self.powered or self.torque is not None:
+            return
+        position, velocity = self.demand.at(now)
+        error = position - self.plant.position
+        self.owner.left_behind(error, now)
+        if velocity or now < self.demand.end_ns or abs(error) >= 0.5 or not self.standing:
+            self.at("follow", now + FOLLOW_NS, self._follow)
+
+    def _sample(self, now: int) -> None:
+        self.owner.sampled()
+        moving = self.powered and (now < self.demand.end_ns or self.demand.final_velocity or self.torque is not None)
+        if (moving or not self.standing) and self.owner.wants_samples():
+            self.at("sample", now + SAMPLE_NS, self._sample)
+
+
+def _due(item: tuple[str, tuple[int, object]]) -> int:
+    return item[1][0]

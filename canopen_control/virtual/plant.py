@@ -1,0 +1,191 @@
+"""What hangs on the drive: motor and load, behind one Protocol so that another engine can replace them.
+
+The law of this file: a plant is moved from one time to another along the demand that the drive made, in closed form
+where its equation has one, otherwise in fixed steps that do not depend on when somebody looks. It knows counts,
+seconds and per mille of the rated torque, and nothing of CANopen. The position is the motor's own, never offset by a
+homing.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
+
+if TYPE_CHECKING:
+    from canopen_control.virtual.motion import Piece, Trajectory
+
+__all__ = ["IdealPlant", "LagPlant", "LoadedPlant", "Plant"]
+
+
+class Plant(Protocol):
+    """One axis. Times are monotonic nanoseconds; each call moves it from `start_ns` to `end_ns`."""
+
+    position: float  # counts
+    velocity: float  # counts/s
+    torque: float  # per mille of the rated torque
+    stiff: bool  # whether it is always where the demand is, so that nobody needs to look in between
+
+    def follow(self, demand: Trajectory, start_ns: int, end_ns: int) -> None:
+        """Move as the position and velocity loops of a drive make it move."""
+
+    def push(self, torque: Trajectory, start_ns: int, end_ns: int) -> None:
+        """Move as the torque does, whose rate over time `torque` is, in per mille."""
+
+    def release(self, start_ns: int, end_ns: int) -> None:
+        """Move without power."""
+
+
+def _lag(velocity: float, piece: Piece, time_constant: float) -> tuple[float, float]:
+    """Return way and velocity after a piece, of a first-order lag behind the piece's velocity."""
+    seconds, demand, slope = piece
+    decay = math.exp(-seconds / time_constant)
+    offset = velocity - demand + slope * time_constant
+    way = (demand - slope * time_constant + 0.5 * slope * seconds) * seconds + time_constant * offset * (1.0 - decay)
+    return way, demand + slope * (seconds - time_constant) + offset * decay
+
+
+@dataclass(slots=True)
+class IdealPlant:
+    """It is where the demand is, and stands still without power, as a small stepper does.
+
+    In the torque modes it is a mass with viscous friction: `rated_velocity` is its final velocity at rated torque,
+    `torque_time_constant` how long it takes to get there.
+    """
+
+    position: float = 0.0
+    velocity: float = 0.0
+    torque: float = 0.0
+    rated_velocity: float = 50_000.0  # counts/s
+    torque_time_constant: float = 0.05  # s
+    stiff: bool = True
+
+    def follow(self, demand: Trajectory, start_ns: int, end_ns: int) -> None:  # noqa: ARG002 # the end tells it all
+        """Be where the demand is."""
+        self.position, self.velocity = demand.at(end_ns)
+        self.torque = 0.0
+
+    def push(self, torque: Trajectory, start_ns: int, end_ns: int) -> None:
+        """Approach the velocity that belongs to the torque."""
+        gain = self.rated_velocity / 1000.0
+        for piece in torque.slices(start_ns, end_ns):
+            scaled = piece._replace(velocity=piece.velocity * gain, acceleration=piece.acceleration * gain)
+            way, self.velocity = _lag(self.velocity, scaled, self.torque_time_constant)
+            self.position += way
+        self.torque = torque.at(end_ns)[1]
+
+    def release(self, start_ns: int, end_ns: int) -> None:  # noqa: ARG002 # it stands, however long
+        """Stand still."""
+        self.velocity = self.torque = 0.0
+
+
+@dataclass(slots=True)
+class LagPlant:
+    """Its velocity follows the demand with a time constant, and decays with the coasting one without power.
+
+    The position error while moving is `time_constant` times the velocity, and nothing at rest.
+    """
+
+    position: float = 0.0
+    velocity: float = 0.0
+    torque: float = 0.0
+    time_constant: float = 0.01  # s
+    coast_time_constant: float = 0.1  # s
+    rated_velocity: float = 50_000.0  # counts/s at rated torque
+    stiff: bool = False
+
+    def follow(self, demand: Trajectory, start_ns: int, end_ns: int) -> None:
+        """Approach the demanded velocity, in closed form."""
+        for piece in demand.slices(start_ns, end_ns):
+            way, self.velocity = _lag(self.velocity, piece, self.time_constant)
+            self.position += way
+        self.torque = 0.0
+
+    def push(self, torque: Trajectory, start_ns: int, end_ns: int) -> None:
+        """Approach the velocity that belongs to the torque."""
+        gain = self.rated_velocity / 1000.0
+        for piece in torque.slices(start_ns, end_ns):
+            scaled = piece._replace(velocity=piece.velocity * gain, acceleration=piece.acceleration * gain)
+            way, self.velocity = _lag(self.velocity, scaled, self.coast_time_constant)
+            self.position += way
+        self.torque = torque.at(end_ns)[1]
+
+    def release(self, start_ns: int, end_ns: int) -> None:
+        """Coast."""
+        decay = math.exp(-(end_ns - start_ns) * 1e-9 / self.coast_time_constant)
+        self.position += self.velocity * self.coast_time_constant * (1.0 - decay)
+        self.velocity = 0.0 if abs(self.velocity) < 1e-3 else self.velocity * decay
+        self.torque = 0.0
+
+
+@dataclass(slots=True)
+class LoadedPlant:
+    """A motor with a torque limit, an inertia, friction, an external torque, backlash and a stall, in fixed steps.
+
+    Torques are per mille of the rated one. The rated torque alone accelerates the unloaded motor by `acceleration`
+    counts/s^2; a load of `inertia` divides that by 1 + inertia. `external` pulls in the positive direction (gravity on
+    a vertical axis), `friction` against the motion. The position the encoder shows is the motor's: with a `backlash`
+    the load stays up to that many counts behind (`load_position`). `stalled` blocks the shaft.
+    """
+
+    position: float = 0.0
+    velocity: float = 0.0
+    torque: float = 0.0
+    acceleration: float = 1_000_000.0
+    torque_limit: float = 2000.0
+    inertia: float = 0.0
+    friction: float = 20.0
+    viscosity: float = 0.001  # per mille of torque for each count/s
+    external: float = 0.0
+    backlash: float = 0.0
+    stalled: bool = False
+    position_gain: float = 100.0  # 1/s
+    velocity_time_constant: float = 0.002  # s
+    load_position: float = 0.0
+    stiff: bool = False
+    _STEP_NS = 500_000
+
+    def follow(self, demand: Trajectory, start_ns: int, end_ns: int) -> None:
+        """Follow with the position loop on top of the velocity loop, as far as the torque limit lets it."""
+        for clock in self._steps(start_ns, end_ns):
+            position, velocity = demand.at(clock)
+            wanted = velocity + self.position_gain * (position - self.position)
+            effort = (wanted - self.velocity) / self.velocity_time_constant + demand.acceleration_at(clock)
+            need = effort * self._mass() + self.viscosity * self.velocity - self.external
+            need += math.copysign(self.friction, wanted) if wanted else 0.0
+            self._step(max(-self.torque_limit, min(self.torque_limit, need)))
+
+    def push(self, torque: Trajectory, start_ns: int, end_ns: int) -> None:
+        """Move under the torque alone."""
+        for clock in self._steps(start_ns, end_ns):
+            self._step(max(-self.torque_limit, min(self.torque_limit, torque.at(clock)[1])))
+
+    def release(self, start_ns: int, end_ns: int) -> None:
+        """Coast under load, friction and the external torque."""
+        for _ in self._steps(start_ns, end_ns):
+            self._step(0.0)
+
+    def _steps(self, start_ns: int, end_ns: int) -> range:
+        """Return the ends of the steps within a time: a grid of its own, whoever looks when."""
+        step = self._STEP_NS
+        return range((start_ns // step + 1) * step, end_ns + 1, step)
+
+    def _mass(self) -> float:
+        """Torque in per mille for each count/s^2."""
+        return 1000.0 * (1.0 + self.inertia) / self.acceleration
+
+    def _step(self, torque: float) -> None:
+        self.torque = torque
+        seconds = self._STEP_NS * 1e-9
+        driving = torque + self.external - self.viscosity * self.velocity
+        before = self.velocity
+        if self.stalled or (before == 0.0 and abs(driving) <= self.friction):
+            self.velocity = 0.0
+            return
+        friction = math.copysign(self.friction, before or driving)
+        after = before + (driving - friction) / self._mass() * seconds
+        # Friction stops, it never pushes back.
+        self.velocity = 0.0 if before * after < 0.0 and abs(driving) <= self.friction else after
+        self.position += 0.5 * (before + self.velocity) * seconds
+        half = 0.5 * self.backlash
+        self.load_position = max(self.position - half, min(self.position + half, self.load_position))

@@ -1,0 +1,369 @@
+"""The modes of operation that move a drive by set-points, each a small object (CiA 402-2, 7 to 16).
+
+The law of this file: set-points are user units, demands are the plant's counts. A set-point makes a new demand only
+where it, or a ramp or limit that matters to it, changed.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from canopen_control.cia402 import objects as o
+from canopen_control.cia402.modes import OperationMode
+from canopen_control.cia402.options import Reaction
+from canopen_control.virtual.handler import BIT_12, BIT_13, REACHED, Idle, ModeHandler
+from canopen_control.virtual.homing import Homing
+from canopen_control.virtual.motion import INFINITE, linear_to, move_to, ramp_to
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from canopen_control.virtual.drive import VirtualDrive
+
+__all__ = [
+    "HANDLERS",
+    "CyclicPosition",
+    "CyclicVelocity",
+    "InterpolatedPosition",
+    "ProfilePosition",
+    "ProfileVelocity",
+    "Torque",
+    "VelocityMode",
+]
+
+_MS = 1_000_000
+NEW_SET_POINT, IMMEDIATELY, RELATIVE = 1 << 4, 1 << 5, 1 << 6
+
+
+class ProfileVelocity(Idle):
+    """PV: a ramp to 0x60FF, 0x6083 up and 0x6084 down. Bit 12: the speed is below 0x606F."""
+
+    def __init__(self) -> None:
+        self._inputs: tuple[float, ...] | None = None
+        self._target = 0.0
+
+    def reset(self) -> None:
+        """Forget the target."""
+        self._inputs, self._target = None, 0.0
+
+    def start(self, drive: VirtualDrive, now: int) -> None:
+        """Go on to the target from the present velocity."""
+        self._inputs = None
+        if drive.live:
+            self.update(drive, now)
+
+    def update(self, drive: VirtualDrive, now: int) -> None:
+        """Take target and ramps; a position limit ahead is where the motion ends."""
+        target = drive.limits.velocity(drive.number(o.TARGET_VELOCITY) + drive.number(o.VELOCITY_OFFSET))
+        inputs = (target, drive.ramp(o.PROFILE_ACCELERATION), self.deceleration(drive), *drive.limits.bounds())
+        if inputs != self._inputs:
+            self._inputs, self._target = inputs, target
+            drive.limits.lead(target, inputs[1], inputs[2], now)
+
+    def bits(self, drive: VirtualDrive) -> int:
+        """Return bit 10 within 0x606D of the target, bit 12 below 0x606F."""
+        velocity = drive.mover.plant.velocity
+        reached = drive.mover.demand.end_ns <= drive.now and not drive.limited
+        reached = reached and abs(velocity - self._target) <= max(drive.number(o.VELOCITY_WINDOW), 0.5)
+        slow = abs(velocity) <= max(drive.number(o.VELOCITY_THRESHOLD), 0.5)
+        return (REACHED if reached else 0) | (BIT_12 if slow else 0)
+
+    def deceleration(self, drive: VirtualDrive) -> float:
+        """Return 0x6084, or 0x6083 on drives that have one ramp for both."""
+        both = drive.personality.velocity_ramp_both_ways or not drive.has(o.PROFILE_DECELERATION)
+        return drive.ramp(o.PROFILE_ACCELERATION if both else o.PROFILE_DECELERATION)
+
+
+class VelocityMode(Idle):
+    """VL, the frequency converter's: 0x6042 in rpm, ramps 0x6048 and 0x6049, bits 4, 5 and 6 enable it."""
+
+    _RUN = 0x70  # bits 4 (enable ramp), 5 (unlock ramp), 6 (reference ramp)
+
+    def __init__(self) -> None:
+        self._inputs: tuple[float, ...] | None = None
+
+    def reset(self) -> None:
+        """Forget the target."""
+        self._inputs = None
+
+    def start(self, drive: VirtualDrive, now: int) -> None:
+        """Go on to the target from the present velocity."""
+        self._inputs = None
+        if drive.live:
+            self.update(drive, now)
+
+    def update(self, drive: VirtualDrive, now: int) -> None:
+        """Take target and ramps."""
+        word = drive.controlword
+        if not word & 0x20:  # locked: the ramp's output stands
+            return
+        rpm = float(drive.number(o.VL_TARGET_VELOCITY)) if word & 0x50 == 0x50 else 0.0
+        amount, most = abs(rpm), drive.number(o.VL_MIN_MAX_AMOUNT, 2)
+        if rpm and amount < (least := drive.number(o.VL_MIN_MAX_AMOUNT, 1)):
+            amount = float(least)
+        target = math.copysign(min(amount, most) if most else amount, rpm) * drive.counts_per_rpm
+        inputs = (target, self._slope(drive, o.VL_ACCELERATION), self.deceleration(drive))
+        if inputs != self._inputs:
+            self._inputs = inputs
+            drive.limits.lead(*inputs, now)
+
+    def control(self, drive: VirtualDrive, word: int, previous: int, now: int) -> None:
+        """Hold the present speed while the ramp is locked."""
+        if previous & ~word & 0x20:
+            self._inputs = None
+            position, velocity = drive.mover.state(now)
+            drive.mover.run(ramp_to(now, position, velocity, velocity, 0.0, 0.0), now)
+
+    def bits(self, drive: VirtualDrive) -> int:  # noqa: ARG002 # VL defines none
+        """Return none."""
+        return 0
+
+    def deceleration(self, drive: VirtualDrive) -> float:
+        """Return 0x6049."""
+        return self._slope(drive, o.VL_DECELERATION)
+
+    @staticmethod
+    def _slope(drive: VirtualDrive, index: int) -> float:
+        delta, seconds = drive.number(index, 1), drive.number(index, 2)
+        return delta * drive.counts_per_rpm / seconds if delta and seconds else drive.personality.unset_ramp
+
+
+class ProfilePosition(Idle):
+    """PP: set-points taken by the rising edge of bit 4, one under way and one waiting (bit 12 until it has room).
+
+    Bit 10 needs the demand at its end and the position within 0x6067 for 0x6068 ms: it is never early.
+    """
+
+    def __init__(self) -> None:
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all set-points."""
+        self._target: float | None = None  # the one under way or reached, in plant counts
+        self._next: float | None = None
+        self._busy = False  # on its way
+        self._reached = True
+        self._acknowledged = False
+
+    def start(self, drive: VirtualDrive, now: int) -> None:
+        """Go on to the set-point that a halt interrupted, or stand."""
+        if self._target is None or not drive.live:
+            super().start(drive, now)
+        else:
+            self._go(drive, self._target, now)
+
+    def control(self, drive: VirtualDrive, word: int, previous: int, now: int) -> None:
+        """Serve the handshake of bits 4 and 12."""
+        single = drive.personality.single_set_point
+        if word & ~previous & NEW_SET_POINT:
+            at_once = single or bool(word & IMMEDIATELY) or not self._busy
+            if at_once or self._next is None:
+                target = self._absolute(drive, word, now)
+                self._acknowledged = True
+                self._take(drive, target, at_once and not drive.halted, now)
+        elif not word & NEW_SET_POINT and self._next is None and not (single and self._busy):
+            self._acknowledged = False
+
+    def _absolute(self, drive: VirtualDrive, word: int, now: int) -> float:
+        target = float(drive.number(o.TARGET_POSITION))
+        if not word & RELATIVE:
+            return drive.limits.position(drive.zero + target + drive.number(o.POSITION_OFFSET))
+        option = drive.number(o.POSITIONING_OPTION) & 3
+        last = self._next if self._next is not None else self._target
+        bases = (last, drive.mover.state(now)[0], drive.mover.plant.position)
+        base = bases[option] if option < 3 else None
+        return drive.limits.position(target + (drive.mover.plant.position if base is None else base))
+
+    def _take(self, drive: VirtualDrive, target: float, at_once: bool, now: int) -> None:
+        if at_once:
+            self._next = None
+            self._go(drive, target, now)
+        elif self._busy:
+            self._next = target
+        else:  # halted: it starts when the halt ends
+            self._target, self._busy = target, True
+
+    def _go(self, drive: VirtualDrive, target: float, now: int) -> None:
+        self._target, self._busy, self._reached = target, True, False
+        drive.mover.cancel("window")
+        position, velocity = drive.mover.state(now)
+        speed = drive.limits.velocity(float(drive.number(o.PROFILE_VELOCITY)) or drive.personality.unset_velocity)
+        up, down = drive.ramp(o.PROFILE_ACCELERATION), self.deceleration(drive)
+        drive.mover.run(move_to(now, position, velocity, target, speed, up, down), now)
+
+    def arrived(self, drive: VirtualDrive, now: int) -> None:
+        """Take the waiting set-point, or watch the window."""
+        if self._target is None or not self._busy or drive.mover.demand.final_position != self._target:
+            return
+        if self._next is not None:
+            target, self._next = self._next, None
+            self._acknowledged = bool(drive.controlword & NEW_SET_POINT)
+            self._go(drive, target, now)
+            return
+        self._settle(drive, now, None)
+
+    def _settle(self, drive: VirtualDrive, now: int, inside_since: int | None) -> None:
+        window = drive.number(o.POSITION_WINDOW)
+        off = window in (0, 0xFFFFFFFF)
+        error = abs(drive.mover.plant.position - (self._target or 0.0))
+        inside = off or error <= window
+        since = (now if inside_since is None else inside_since) if inside else None
+        wait = 0 if off else drive.number(o.POSITION_WINDOW_TIME) * _MS
+        if since is not None and now - since >= wait:
+            self._busy, self._reached = False, True
+            if not drive.controlword & NEW_SET_POINT:
+                self._acknowledged = False
+            drive.touch()
+            return
+        due = now + _MS if since is None or not drive.mover.plant.stiff else since + wait
+        drive.mover.at("window", due, lambda then: self._settle(drive, then, since))
+
+    def bits(self, drive: VirtualDrive) -> int:
+        """Return bit 10 for the last set-point taken, bit 12 while one is acknowledged, bit 13: following error."""
+        reached = self._reached and (self._target is not None or drive.mover.standing)
+        return (
+            (REACHED if reached else 0)
+            | (BIT_12 if self._acknowledged else 0)
+            | (BIT_13 if drive.limits.exceeded else 0)
+        )
+
+
+class CyclicPosition(Idle):
+    """CSP: go to the target within 0x60C2, no ramp; bit 12 while it does, bit 13 on a following error."""
+
+    def __init__(self) -> None:
+        self._inputs: float | None = None
+
+    def reset(self) -> None:
+        """Forget the last set-point."""
+        self._inputs = None
+
+    def start(self, drive: VirtualDrive, now: int) -> None:
+        """Go to the target from where the motor is."""
+        self._inputs = None
+        if drive.live:
+            self.update(drive, now)
+
+    def update(self, drive: VirtualDrive, now: int) -> None:
+        """Take the target; what the drive cannot reach in time is a following error."""
+        target = drive.limits.position(drive.zero + self.target(drive))
+        if target == self._inputs:
+            return
+        self._inputs = target
+        position = drive.mover.state(now)[0]
+        seconds, reach = drive.interpolation_s, drive.personality.max_velocity * drive.interpolation_s
+        within = max(-reach, min(reach, target - position)) if seconds else target - position
+        drive.mover.run(linear_to(now, position, position + within, seconds), now)
+        drive.left_behind(target - position - within, now)
+
+    def target(self, drive: VirtualDrive) -> float:
+        """Return the set-point in user counts."""
+        return float(drive.number(o.TARGET_POSITION) + drive.number(o.POSITION_OFFSET))
+
+    def bits(self, drive: VirtualDrive) -> int:
+        """Return bits 12 and 13; bit 10 is reserved."""
+        return (BIT_12 if drive.live and not drive.limited else 0) | (BIT_13 if drive.limits.exceeded else 0)
+
+
+class InterpolatedPosition(CyclicPosition):
+    """IP: as CSP with the linear sub mode, from 0x60C1:1, while bit 4 is set."""
+
+    def update(self, drive: VirtualDrive, now: int) -> None:
+        """Take the set-point while interpolation is enabled."""
+        if drive.controlword & NEW_SET_POINT:
+            super().update(drive, now)
+
+    def target(self, drive: VirtualDrive) -> float:
+        """Return the data record."""
+        return float(drive.number(o.INTERPOLATION_DATA, 1))
+
+    def control(self, drive: VirtualDrive, word: int, previous: int, now: int) -> None:
+        """Stop when interpolation is switched off."""
+        if previous & ~word & NEW_SET_POINT:
+            self._inputs = None
+            drive.stop(now, Reaction.SLOW_DOWN_RAMP)
+
+    def bits(self, drive: VirtualDrive) -> int:
+        """Return bit 12 while interpolation is active, bit 10 at the set-point."""
+        active = drive.controlword & NEW_SET_POINT and drive.live
+        reached = drive.mover.demand.end_ns <= drive.now
+        return (BIT_12 if active else 0) | (REACHED if reached else 0)
+
+
+class CyclicVelocity(Idle):
+    """CSV: take 0x60FF plus its offset at once, as far as 0x60C5 and 0x60C6 let it."""
+
+    def __init__(self) -> None:
+        self._inputs: tuple[float, ...] | None = None
+
+    def reset(self) -> None:
+        """Forget the last set-point."""
+        self._inputs = None
+
+    def start(self, drive: VirtualDrive, now: int) -> None:
+        """Go on to the target."""
+        self._inputs = None
+        if drive.live:
+            self.update(drive, now)
+
+    def update(self, drive: VirtualDrive, now: int) -> None:
+        """Take the target."""
+        target = drive.limits.velocity(drive.number(o.TARGET_VELOCITY) + drive.number(o.VELOCITY_OFFSET))
+        up, down = drive.number(o.MAX_ACCELERATION) or INFINITE, drive.number(o.MAX_DECELERATION) or INFINITE
+        inputs = (target, up, down, *drive.limits.bounds())
+        if inputs != self._inputs:
+            self._inputs = inputs
+            drive.limits.lead(target, up, down, now)
+
+    def bits(self, drive: VirtualDrive) -> int:
+        """Return bit 12 while it follows."""
+        return BIT_12 if drive.live and not drive.limited else 0
+
+
+class Torque(Idle):
+    """TQ and CST: 0x6071 within its limits, along 0x6087 in TQ, at once in CST."""
+
+    def __init__(self, cyclic: bool = False) -> None:
+        self._cyclic = cyclic
+        self._inputs: tuple[float, float] | None = None
+
+    def reset(self) -> None:
+        """Forget the target."""
+        self._inputs = None
+
+    def start(self, drive: VirtualDrive, now: int) -> None:
+        """Go on to the target torque; from a motion the motor keeps its velocity at first."""
+        self._inputs = None
+        if drive.live:
+            self.update(drive, now)
+
+    def update(self, drive: VirtualDrive, now: int) -> None:
+        """Take target, limits and slope."""
+        target = drive.limits.torque(drive.number(o.TARGET_TORQUE) + drive.number(o.TORQUE_OFFSET))
+        slope = INFINITE if self._cyclic else float(drive.number(o.TORQUE_SLOPE)) or INFINITE
+        if (target, slope) != self._inputs:
+            self._inputs = (target, slope)
+            present = drive.mover.torque.at(now)[1] if drive.mover.torque is not None else 0.0
+            drive.mover.push(ramp_to(now, 0.0, present, target, slope, slope), now)
+
+    def bits(self, drive: VirtualDrive) -> int:
+        """Return bit 10 at the target torque (TQ), bit 12 while it follows (CST)."""
+        if self._cyclic:
+            return BIT_12 if drive.live else 0
+        torque = drive.mover.torque
+        return REACHED if torque is not None and torque.end_ns <= drive.now else 0
+
+
+HANDLERS: dict[int, Callable[[], ModeHandler]] = {
+    OperationMode.PP: ProfilePosition,
+    OperationMode.VL: VelocityMode,
+    OperationMode.PV: ProfileVelocity,
+    OperationMode.TQ: Torque,
+    OperationMode.HM: Homing,
+    OperationMode.IP: InterpolatedPosition,
+    OperationMode.CSP: CyclicPosition,
+    OperationMode.CSV: CyclicVelocity,
+    OperationMode.CST: lambda: Torque(cyclic=True),
+    OperationMode.CSTCA: lambda: Torque(cyclic=True),
+}

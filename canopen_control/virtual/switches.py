@@ -1,0 +1,59 @@
+"""The simulated switches and the index of an axis, at fixed places of the plant.
+
+The law of this file: a switch is a place, never an event; whether it is active follows from the position. The limit
+switches belong to a homing rig and are seen by homing alone, unless `wired`: then they stop every motion.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from canopen_control.virtual.motion import Trajectory
+
+__all__ = ["Switches"]
+
+NEGATIVE, POSITIVE, HOME = 1, 2, 4  # 0x60FD
+
+
+@dataclass(slots=True)
+class Switches:
+    """Places in plant counts. The home switch is active from `home_low` to `home_high`, the index every `index_period`.
+
+    `blocked` is the direction, -1 or 1, in which a wired limit switch stopped the motor, 0 where none did.
+    """
+
+    negative: float = -50_000.0
+    positive: float = 50_000.0
+    home_low: float = 10_000.0
+    home_high: float = 12_000.0
+    index_period: float = 4096.0
+    wired: bool = False
+    homing: bool = False
+    blocked: int = 0
+
+    def inputs(self, position: float) -> int:
+        """Return the low bits of 0x60FD: negative limit, positive limit, home switch."""
+        if not (self.wired or self.homing):
+            return 0
+        home = HOME if self.home_low <= position <= self.home_high else 0
+        return home | (NEGATIVE if position <= self.negative else 0) | (POSITIVE if position >= self.positive else 0)
+
+    def next_touch(self, demand: Trajectory, now: int) -> int | None:
+        """Return when `demand` runs into a wired limit switch, None: it does not."""
+        if not self.wired:
+            return None
+        position = demand.at(now)[0]
+        if self.negative < position < self.positive:
+            times = [demand.time_of(place, now) for place in (self.negative, self.positive)]
+            return min((time for time in times if time is not None), default=None)
+        return None
+
+    def bounds(self, position: float) -> tuple[float, float]:
+        """Return how far a motion may go from `position` while a limit switch is active."""
+        if not self.wired:
+            return -float("inf"), float("inf")
+        low = position if position <= self.negative else -float("inf")
+        high = position if position >= self.positive else float("inf")
+        return low, high
