@@ -236,7 +236,7 @@ class SdoServer:
             self._abort(index, subindex, AbortCode.INVALID_BLOCK_SIZE)
         elif (value := self._read(index, subindex)) is None:
             return
-        elif len(value) <= threshold:  # 0 forbids the switch
+        elif threshold and len(value) <= threshold:  # 0 forbids the switch
             self._answer_upload(index, subindex, value, now)
         else:
             crc = command & CRC_FLAG if self.crc else 0
@@ -331,7 +331,7 @@ class SdoServer:
 
     def _read(self, index: int, subindex: int) -> bytes | None:
         try:
-            return self.store.upload(index, subindex)
+            return bytes(self.store.upload(index, subindex))  # what is sent must not change under way
         except Exception as error:  # noqa: BLE001 - a defect of the store must not stop the device
             self._store_raised(index, subindex, error)
             return None
