@@ -22,7 +22,7 @@ def _refuse_constant(name: str) -> None:
 
 
 _decoder: Final = json.JSONDecoder(parse_constant=_refuse_constant)
-_encoder: Final = json.JSONEncoder(separators=(",", ":"), allow_nan=False, ensure_ascii=False)
+_encoder: Final = json.JSONEncoder(separators=(",", ":"), allow_nan=False)  # ASCII: takes half a surrogate pair too
 
 
 def decode(line: bytes | bytearray) -> Message:

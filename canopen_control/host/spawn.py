@@ -167,27 +167,34 @@ def spawn(
     Its standard output and error go to `<log_dir>/<name>.log`, without `log_dir` in `state_dir()`, unless they are
     inherited; its standard input is empty. `ros` says that it imports rclpy.
     """
-    environment = clean_environment(ros=ros)
     log = None if inherit_stdout else LogFile(log_dir or state_dir(), name)
     theirs, ours = os.pipe()
-    environment[LIFELINE] = str(theirs)
     try:
-        with contextlib.nullcontext() if log is None else log.opened_for(argv) as output:
-            process = subprocess.Popen(
-                list(argv),
-                stdin=subprocess.DEVNULL,
-                stdout=output,
-                stderr=output,
-                env=environment,
-                pass_fds=(theirs,),
-                start_new_session=True,
-            )
+        process = _start(argv, theirs, clean_environment(ros=ros), log)
     except OSError as error:
         os.close(ours)
         raise CanopenError(f"cannot start {name} ({argv[0]}): {error.strerror}") from error
+    except BaseException:
+        os.close(ours)
+        raise
     finally:
         os.close(theirs)
     return Child(process, name, ours, log)
+
+
+def _start(
+    argv: Sequence[str], lifeline: int, environment: dict[str, str], log: LogFile | None
+) -> subprocess.Popen[bytes]:
+    with contextlib.nullcontext() if log is None else log.opened_for(argv) as output:
+        return subprocess.Popen(
+            list(argv),
+            stdin=subprocess.DEVNULL,
+            stdout=output,
+            stderr=output,
+            env={**environment, LIFELINE: str(lifeline)},
+            pass_fds=(lifeline,),
+            start_new_session=True,
+        )
 
 
 def lifeline_fd() -> int | None:

@@ -1,0 +1,64 @@
+from __future__ import annotations
+
+import sys
+
+import pytest
+
+from canopen_control.host.environment import LIFELINE, READY, clean_environment
+
+GUARD = "_ROS_WHEELS_BOOTSTRAP_COMPLETE"
+PREFIX = sys.prefix
+WHEELS = [f"{PREFIX}/lib/python3.11/site-packages/ros_{name}.libs" for name in ("rclpy", "rcl_interfaces")]
+
+
+def clean(ros=False, **variables):
+    return clean_environment(ros=ros, base=variables)
+
+
+def test_what_the_user_has_set_stays():
+    assert clean(HOME="/home/me", ROS_DOMAIN_ID="7") == {
+        "HOME": "/home/me",
+        "ROS_DOMAIN_ID": "7",
+        "PYTHONUNBUFFERED": "1",
+        GUARD: "1",
+    }
+
+
+def test_a_child_that_needs_ros_may_bootstrap_it_and_another_starts_fast():
+    assert GUARD not in clean(ros=True, **{GUARD: "1"})
+    assert clean(ros=False)[GUARD] == "1"
+
+
+def test_the_wheels_paths_do_not_leak():
+    leaked = ":".join([WHEELS[0], f"{PREFIX}/lib", WHEELS[1]])
+    for ros in (True, False):
+        assert "LD_LIBRARY_PATH" not in clean(ros=ros, LD_LIBRARY_PATH=leaked)
+
+
+def test_the_paths_of_the_user_and_of_a_sourced_ros_stay_in_their_order():
+    path = ":".join(["/opt/ros/jazzy/lib", WHEELS[0], f"{PREFIX}/lib/", "/home/me/lib", WHEELS[1] + "/"])
+    assert clean(LD_LIBRARY_PATH=path)["LD_LIBRARY_PATH"] == "/opt/ros/jazzy/lib:/home/me/lib"
+
+
+def test_the_paths_of_another_environments_wheels_go_with_its_lib_folder():
+    path = "/other/venv/lib64/python3.12/site-packages/ros_rclpy.libs:/other/venv/lib:/usr/lib"
+    assert clean(LD_LIBRARY_PATH=path)["LD_LIBRARY_PATH"] == "/usr/lib"
+
+
+@pytest.mark.parametrize("path", [f"{PREFIX}/lib", "/usr/lib:/x/ros_things.libs", "/a::/b"])
+def test_a_path_without_wheels_is_left_alone(path):
+    assert clean(LD_LIBRARY_PATH=path)["LD_LIBRARY_PATH"] == path
+
+
+def test_the_pipes_of_this_process_are_not_named_to_the_child():
+    environment = clean(**{LIFELINE: "5", READY: "6"})
+    assert LIFELINE not in environment
+    assert READY not in environment
+
+
+def test_by_default_it_is_made_from_ours(monkeypatch):
+    monkeypatch.setenv("SOME_SETTING", "x")
+    monkeypatch.setenv(LIFELINE, "5")
+    environment = clean_environment(ros=False)
+    assert environment["SOME_SETTING"] == "x"
+    assert LIFELINE not in environment

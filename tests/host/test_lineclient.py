@@ -1,0 +1,178 @@
+from __future__ import annotations
+
+import contextlib
+import math
+import threading
+import time
+
+import pytest
+
+from canopen_control.errors import LocalProtocolError, RemoteError
+from canopen_control.host.lineclient import LineClient
+from canopen_control.host.lines import MAX_LINE
+from canopen_control.host.sockets import close_listener, listen, socket_path
+
+
+@pytest.fixture
+def listener(run_folder):
+    sock = listen(socket_path("robot", "robby"))
+    sock.setblocking(True)
+    yield sock
+    close_listener(sock)
+
+
+@pytest.fixture
+def pair(listener):
+    """A client and the bare socket that it talks to."""
+    with LineClient(socket_path("robot", "robby"), label="robot robby") as client:
+        server, _ = listener.accept()
+        with server:
+            yield client, server
+
+
+def test_what_is_sent_is_a_line_and_a_line_is_received(pair):
+    client, server = pair
+    client.send({"a": 1})
+    assert server.recv(100) == b'{"a":1}\n'
+    server.send(b'{"b": 2}\n{"c": 3}\n{"d"')
+    assert client.receive() == {"b": 2}
+    assert client.receive(0) == {"c": 3}
+    assert client.receive(0) is None
+    server.send(b": 4}\n")
+    assert client.receive() == {"d": 4}
+
+
+def test_nobody_there_is_a_sentence(run_folder):
+    with pytest.raises(RemoteError, match="robot x is not running") as caught:
+        LineClient(socket_path("robot", "x"), label="robot x")
+    assert caught.value.kind == "BusClosed"
+
+
+def test_without_a_label_the_sockets_name_serves(run_folder):
+    with pytest.raises(RemoteError, match=r"^robot-x is not running"):
+        LineClient(socket_path("robot", "x"))
+
+
+def test_a_path_that_cannot_be_reached_is_a_sentence(tmp_path):
+    with pytest.raises(RemoteError, match="cannot be reached"):
+        LineClient(tmp_path / ("x" * 200))
+
+
+def test_it_waits_no_longer_than_it_is_told(pair):
+    started = time.monotonic()
+    assert pair[0].receive(0.01) is None
+    assert time.monotonic() - started >= 0.01
+
+
+def test_it_wakes_when_something_comes(pair):
+    client, server = pair
+    later = threading.Timer(0.01, server.send, (b'{"late": 1}\n',))
+    later.start()
+    assert client.receive(None) == {"late": 1}
+    later.join()
+
+
+def test_the_other_sides_end_is_an_error_after_its_last_words(pair):
+    client, server = pair
+    server.send(b'{"last": 1}\n{"half"')
+    server.close()
+    assert client.receive() == {"last": 1}
+    with pytest.raises(RemoteError, match="robot robby has closed the connection; it was shut down or has died"):
+        client.receive()
+    with pytest.raises(RemoteError, match="closed") as caught:
+        client.send({})
+    assert caught.value.kind == "BusClosed"
+
+
+def test_one_who_does_not_read_is_not_waited_for_for_ever(pair):
+    client, _ = pair
+    big = {"text": "x" * 100_000}
+
+    def fill():
+        for _ in range(100):
+            client.send(big, 0.01)
+
+    with pytest.raises(RemoteError, match=r"robot robby has not read for 0.01 s; does it hang\?") as caught:
+        fill()
+    assert caught.value.kind == "Timeout"
+    with pytest.raises(RemoteError, match="closed"):  # half a line has left: the connection is of no more use
+        client.send({})
+
+
+def test_a_long_message_arrives_whole(pair):
+    client, server = pair
+    received = bytearray()
+
+    def read():
+        while not received.endswith(b"\n"):
+            received.extend(server.recv(1 << 16))
+
+    reader = threading.Thread(target=read)
+    reader.start()
+    client.send({"text": "x" * 900_000})
+    reader.join(10)
+    assert len(received) == 900_000 + len('{"text":""}\n')
+
+
+@pytest.mark.parametrize("message", [{"a": math.nan}, {"a": object()}, {"a": {1, 2}}])
+def test_what_json_cannot_say_is_the_callers_mistake(pair, message):
+    with pytest.raises(LocalProtocolError, match="cannot be sent to robot robby"):
+        pair[0].send(message)
+    pair[0].send({"still": "fine"})
+
+
+def test_garbage_is_the_other_sides_mistake(pair):
+    client, server = pair
+    server.send(b"garbage\n")
+    with pytest.raises(RemoteError, match="sent garbage") as caught:
+        client.receive()
+    assert caught.value.kind == "RemoteProtocolError"
+
+
+def test_an_endless_line_is_not_read_to_its_end(pair):
+    client, server = pair
+
+    def write():
+        with contextlib.suppress(OSError):  # the client leaves in the middle, as it should
+            server.sendall(b"x" * (MAX_LINE + 200_000))
+
+    writer = threading.Thread(target=write)
+    writer.start()
+    with pytest.raises(RemoteError, match="longer than"):
+        client.receive()
+    client.close()
+    writer.join(10)
+    assert not writer.is_alive()
+
+
+def test_closing_twice_and_using_it_afterwards_is_told(pair):
+    client, _ = pair
+    client.close()
+    client.close()
+    assert client.fileno() == -1
+    for use in (lambda: client.send({}), client.receive):
+        with pytest.raises(RemoteError, match="closed"):
+            use()
+
+
+def test_hanging_up_wakes_a_thread_that_waits(pair):
+    client, _ = pair
+    seen = []
+
+    def wait():
+        with pytest.raises(RemoteError):
+            client.receive(None)
+        seen.append("woken")
+
+    waiting = threading.Thread(target=wait)
+    waiting.start()
+    client.hang_up()
+    waiting.join(10)
+    assert seen == ["woken"]
+
+
+def test_the_peer_sees_the_end(pair):
+    client, server = pair
+    client.close()
+    server.settimeout(10)
+    assert server.recv(1) == b""
