@@ -1,0 +1,190 @@
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from canopen_control.cia402.homing import (
+    METHODS,
+    HomingDone,
+    HomingFailed,
+    HomingSequence,
+    HomingStatus,
+    homing_status,
+    require_method,
+)
+from canopen_control.errors import DriveError
+
+VECTORS = json.loads((Path(__file__).parents[1] / "data" / "cia402.json").read_text())["cia402_mode_bits"]
+RUNNING, STOPPED, ATTAINED, DONE, ERROR_MOVING, ERROR = 0x0237, 0x0637, 0x1237, 0x1637, 0x2237, 0x2637
+MEANINGS = {
+    "in progress": HomingStatus.IN_PROGRESS,
+    "interrupted or not started": HomingStatus.NOT_RUNNING,
+    "attained, target not yet reached": HomingStatus.ATTAINED,
+    "completed": HomingStatus.COMPLETED,
+    "error, still moving": HomingStatus.ERROR_MOVING,
+    "error, at standstill": HomingStatus.ERROR_STOPPED,
+}
+
+
+def home(words: list[int], method: int = 1, step: int = 10, **settings: int) -> tuple[HomingSequence, list[int], list]:
+    """Start a homing and show it `words` from the update on that sends bit 4; before, the first of them."""
+    machine = HomingSequence(**settings)
+    machine.start(method)
+    sent: list[int] = []
+    now = 0
+    while not sent or not sent[-1]:
+        sent.append(machine.update(words[0], True, now))
+        now += step
+    for word in words[1:]:
+        sent.append(machine.update(word, True, now))
+        now += step
+    return machine, sent, machine.events()
+
+
+@pytest.mark.parametrize("example", VECTORS["homing_examples"], ids=lambda example: example["sw"])
+def test_the_examples_of_the_vectors_decode(example):
+    assert homing_status(int(example["sw"], 16)) is MEANINGS[example["meaning"]]
+
+
+def test_the_three_bits_are_the_table_of_the_vectors():
+    for bits, meaning in VECTORS["homing_status_bits_13_12_10"].items():
+        status = HomingStatus(int(bits, 2))
+        assert MEANINGS.get(meaning, status) is status
+
+
+def test_homing_starts_by_an_edge_and_is_done_when_attained_and_reached():
+    machine, sent, events = home([STOPPED, RUNNING, RUNNING, ATTAINED, DONE, DONE])
+    assert sent == [0, 0, 0, 0x10, 0x10, 0x10, 0x10, 0, 0]
+    assert events == [HomingDone(70, 1)]
+    assert events[0].text == "homed by method 1"
+    assert machine.homed
+    assert not machine.active
+    machine.forget()
+    assert not machine.homed
+
+
+def test_the_bits_of_the_last_homing_are_not_this_ones_end():
+    machine, sent, events = home([DONE, DONE, DONE, RUNNING, DONE])
+    assert sent[3:] == [0x10, 0x10, 0x10, 0x10, 0]
+    assert [type(event) for event in events] == [HomingDone]
+    machine, sent, events = home([DONE] * 30, start_timeout_ns=100)
+    assert sent[-1] == 0
+    assert not machine.homed
+    assert events[0].reason == "it was never seen running"
+    assert events[0].time == 130
+
+
+@pytest.mark.parametrize("method", [35, 37])
+def test_a_method_without_motion_may_be_over_between_two_statuswords(method):
+    machine, _, events = home([DONE] * 10, method)
+    assert events == [HomingDone(70, method)]
+    machine, sent, events = home([STOPPED, DONE], method)
+    assert machine.homed
+    assert sent[-1] == 0
+
+
+def test_bits_12_and_10_may_come_in_any_order():
+    for between in (ATTAINED, STOPPED):
+        machine, _, events = home([STOPPED, RUNNING, between, DONE])
+        assert machine.homed, between
+        assert len(events) == 1
+
+
+@pytest.mark.parametrize("word", [ERROR_MOVING, ERROR, 0x3237, 0x3637])
+def test_an_error_ends_it(word):
+    machine, sent, events = home([STOPPED, RUNNING, word])
+    assert sent[-1] == 0
+    assert isinstance(events[0], HomingFailed)
+    assert events[0].status is homing_status(word)
+    assert events[0].text == "homing by method 1 failed: the drive reports a homing error"
+    assert not machine.homed
+
+
+def test_an_error_of_the_last_homing_is_not_this_ones():
+    machine, _, _ = home([ERROR, ERROR, RUNNING, DONE])
+    assert machine.homed
+    machine, _, events = home([ERROR] * 30, start_timeout_ns=100)
+    assert events[0].reason == "it was never seen running"
+
+
+def test_an_interruption_ends_it_but_a_glimpse_of_one_does_not():
+    machine, _, events = home([STOPPED, RUNNING, STOPPED, STOPPED, RUNNING, DONE])
+    assert machine.homed
+    machine, sent, events = home([STOPPED, RUNNING, *[STOPPED] * 5])
+    assert events[0].reason == "it was interrupted"
+    assert sent[-1] == 0
+
+
+def test_one_that_does_not_start_or_does_not_end_has_its_time():
+    _, _, events = home([STOPPED] * 30, start_timeout_ns=100)
+    assert [(event.reason, event.time) for event in events] == [("it was never seen running", 130)]
+    machine, sent, events = home([STOPPED, *[RUNNING] * 200], timeout_ns=1000, start_timeout_ns=100)
+    assert [(event.reason, event.time) for event in events] == [("not done in time", 1000)]
+    assert sent[-1] == 0
+    assert machine.next_deadline() is None
+
+
+def test_an_abort_or_a_drive_that_is_not_enabled_ends_it():
+    for ready, word, reason in ((True, RUNNING, "stopped"), (False, RUNNING, "not enabled"), (True, None, "enabled")):
+        machine = HomingSequence()
+        machine.start(1)
+        machine.start(2)
+        for now in range(6):
+            machine.update(RUNNING, True, now)
+        assert machine.next_deadline() is not None
+        if reason == "stopped":
+            machine.abort(reason)
+        assert machine.update(word, ready, 10) == 0
+        (event,) = machine.events()
+        assert event.method == 1
+        assert reason in event.reason
+        assert not machine.active
+
+
+def test_an_abort_without_a_homing_is_nothing():
+    machine = HomingSequence()
+    machine.abort()
+    machine.start(1)
+    assert machine.update(STOPPED, True, 0) == 0
+    assert machine.active
+    assert machine.events() == []
+
+
+def test_methods_are_those_of_the_profile_or_of_0x60e3():
+    for method in (0, 1, 14, 17, 30, 33, 35, 37, -4):
+        require_method(method)
+    for method in (15, 16, 31, 32, 36, 38):
+        with pytest.raises(DriveError, match="it is reserved"):
+            require_method(method)
+    require_method(17, {17, 35})
+    with pytest.raises(DriveError, match=r"homing method 1 .*negative limit switch.*0x60E3 lists 17, 35"):
+        require_method(1, {35, 17})
+    assert METHODS[17] == "negative limit switch"
+    assert METHODS[1] == "negative limit switch, and index pulse"
+
+
+@given(st.lists(st.tuples(st.integers(0, 0xFFFF) | st.none(), st.booleans(), st.integers(0, 10**9), st.integers(0, 9))))
+def test_whatever_comes_bit_4_is_up_only_while_it_runs_and_homed_needs_a_done(steps):
+    machine = HomingSequence()
+    now = 0
+    homed = False
+    for word, ready, passed, verb in steps:
+        if verb == 0:
+            homed = homed and machine.active
+            machine.start(1)
+            homed = False
+        elif verb == 1:
+            machine.abort()
+        now += passed
+        bits = machine.update(word, ready, now)
+        events = machine.events()
+        homed = homed or any(isinstance(event, HomingDone) for event in events)
+        assert bits in (0, 0x10)
+        assert not bits or (machine.active and ready and word is not None)
+        assert len(events) <= 1
+        assert not (events and machine.active)
+        assert machine.homed <= homed
