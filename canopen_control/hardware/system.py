@@ -152,9 +152,7 @@ class CanopenSystem:
     @property
     def stopped(self) -> bool:
         """Whether no joint moves under power any more."""
-        return all(
-            not joint.node.ready or (joint.wish is Wish.OFF and not joint.machine.enabled) for joint in self.joints
-        )
+        return all(not joint.node.ready or (joint.wish is Wish.OFF and joint.machine.reached) for joint in self.joints)
 
     def _joint_of(self, interface: str) -> JointDrive:
         if (joint := self._by_interface.get(interface)) is None:

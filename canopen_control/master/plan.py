@@ -33,6 +33,7 @@ AXIS_OFFSET, AXES = 0x800, 8
 LARGEST_PDO = 64  # bits
 STOPPED = 2  # 0x1029: to NMT stopped
 FAULT_REACTION = 1  # 0x6007: malfunction, then the fault reaction of 0x605E
+_STORED = "as in the EDS, but the device may have stored something else"
 _COMMUNICATION = {"rpdo": 0x1400, "tpdo": 0x1800}
 _MAPPING = {"rpdo": 0x1600, "tpdo": 0x1A00}
 _PREDEFINED = {"rpdo": 0x200, "tpdo": 0x180}
@@ -246,7 +247,8 @@ def _plan_pdo(draft: _Draft, kind: str, number: int, pdo: PdoConfig) -> None:
         draft.complain(key, f"{draft.node.dcf} has no {kind.upper()} {number} (0x{index:04X})")
         return
     cob_id = _cob_id(draft, kind, number, pdo)
-    draft.write(index, 1, cob_id | DISABLED, key)
+    off = not pdo.enabled and (_default(draft.od, index, 1) or 0) & DISABLED
+    draft.write(index, 1, cob_id | DISABLED, key, _STORED if off else "")
     if not pdo.enabled:
         return
     for subindex, value in (
@@ -256,7 +258,8 @@ def _plan_pdo(draft: _Draft, kind: str, number: int, pdo: PdoConfig) -> None:
         (6, pdo.sync_start),
     ):
         if value is not None:
-            draft.write(index, subindex, value, key)
+            same = value == _default(draft.od, index, subindex)
+            draft.write(index, subindex, value, key, _STORED if same else "")
     objects = _mapped(draft, kind, number, pdo)
     if pdo.mapping is not None:
         draft.write(mapping, 0, 0, key)

@@ -257,6 +257,7 @@ class RobotCore:
         if config is None:
             raise ControlError(f"no controller {name!r} in {self.setup.files.controllers}")
         self.manager.load(name, config.type, config.params)
+        self.manager.configure(name)
 
     def _fail(self, text: str) -> None:
         self.failure = self.failure or text

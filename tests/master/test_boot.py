@@ -17,7 +17,10 @@ def plan(**changes):
         "node_id": 3,
         "source": "test.eds",
         "identity": Identity(device_type=0x192, vendor_id=0x286, product_code=0x4F6),
-        "writes": (PlannedWrite(0x1017, 0, b"\x64\x00", "producer"), PlannedWrite(0x6083, 0, b"\x01\x00\x00\x00", "ramp")),
+        "writes": (
+            PlannedWrite(0x1017, 0, b"\x64\x00", "producer"),
+            PlannedWrite(0x6083, 0, b"\x01\x00\x00\x00", "ramp"),
+        ),
         "rpdos": (),
         "tpdos": (),
         "axes": (0,),
@@ -26,7 +29,7 @@ def plan(**changes):
     return NodePlan(**{**values, **changes})
 
 
-def converse(generator, objects, *, boots=True, heartbeat=True, starts_after=1, refuse=None):
+def converse(generator, objects, *, boots=True, heartbeat=True, starts_after=1, refuse=None):  # noqa: C901, PLR0912 - one branch for each request
     """Answer every request as a node with these objects would; return what it was asked and the result."""
     asked, starts, answer, error = [], 0, None, None
     while True:
@@ -67,15 +70,26 @@ def failure(objects, **how):
 def test_a_boot_resets_identifies_configures_waits_for_a_heartbeat_and_starts():
     asked, result = converse(boot(plan(), reset=True), DRIVE)
     assert [request.name for request in asked if isinstance(request, Step)] == [
-        "reset", "identify", "configure", "heartbeat", "start",
+        "reset",
+        "identify",
+        "configure",
+        "heartbeat",
+        "start",
     ]
     assert [request.command for request in asked if isinstance(request, Command)] == [
-        NmtCommand.RESET_COMMUNICATION, NmtCommand.START,
+        NmtCommand.RESET_COMMUNICATION,
+        NmtCommand.START,
     ]
     assert [(request.index, request.data) for request in asked if isinstance(request, Write)] == [
-        (0x1017, b"\x64\x00"), (0x6083, b"\x01\x00\x00\x00"),
+        (0x1017, b"\x64\x00"),
+        (0x6083, b"\x01\x00\x00\x00"),
     ]
-    assert (result.vendor_id, result.product_code, result.revision_number, result.serial_number) == (0x286, 0x4F6, 0x3001A, 7)
+    assert (result.vendor_id, result.product_code, result.revision_number, result.serial_number) == (
+        0x286,
+        0x4F6,
+        0x3001A,
+        7,
+    )
     assert (result.supported_modes, result.writes, result.warnings) == (0xA5, 2, ())
 
 
