@@ -153,13 +153,17 @@ def setting(
     low: float | None = None,
     high: float | None = None,
     choices: tuple[Any, ...] | None = None,
+    nan: bool = False,
+    section: bool = False,
     factory: Any = MISSING,  # noqa: ANN401 - dataclasses.field takes a sentinel or a callable
 ) -> Any:  # noqa: ANN401 - as dataclasses.field: the annotation of the field says the type
     """Return a dataclass field: `key` is its name in YAML, `low`/`high` bound numbers, `choices` lists what is allowed.
 
-    Bounds and choices hold for the elements of a list, tuple or dict. A list default is given as `factory=list`.
+    Bounds and choices hold for the elements of a list, tuple or dict; with `nan` not a number is within any bounds. A
+    list default is given as `factory=list`. A `section` gathers the parameters whose dotted names begin with `key`.
     """
-    metadata = {"key": key, "range": (low, high) if (low, high) != (None, None) else None, "choices": choices}
+    bounds = (low, high) if (low, high) != (None, None) else None
+    metadata = {"key": key, "range": bounds, "choices": choices, "nan": nan, "section": section}
     if factory is not MISSING:
         return dataclasses.field(default_factory=factory, metadata=metadata)
     return dataclasses.field(default=default, metadata=metadata)
@@ -236,7 +240,8 @@ def _bounded(node: Node, value: Any, meta: Mapping[str, Any]) -> Any:  # noqa: A
         return INVALID
     numeric = isinstance(value, int | float) and not isinstance(value, bool)
     lowest, highest = -math.inf if low is None else low, math.inf if high is None else high
-    if numeric and (low, high) != (None, None) and not lowest <= value <= highest:
+    unbounded = (low, high) == (None, None) or not numeric or (meta.get("nan") and math.isnan(value))
+    if not unbounded and not lowest <= value <= highest:
         node.error(f"{node.text} is out of range {'' if low is None else low}..{'' if high is None else high}")
         return INVALID
     return value

@@ -125,7 +125,12 @@ class ControllerManager:
             raise ControlError(f"controller {name} is active; deactivate it before configuring it")
         self._withdraw(controller)
         controller.state = ControllerState.UNCONFIGURED
-        controller.on_configure(params or self._params[name])
+        self._params[name] = given = params or self._params[name]
+        known = set(given.warnings)
+        controller.on_configure(given)
+        for text in given.warnings:
+            if text not in known:
+                self._tell("parameter", name, text)
         if controller.update_rate > self.update_rate:
             rates = f"{controller.update_rate} Hz is above the controller_manager's {self.update_rate} Hz"
             self._tell("update_rate", name, f"{name}: its update_rate of {rates}; it runs at that")

@@ -8,6 +8,7 @@ A controller's type stands in the controller_manager's block or in its own, with
 
 from __future__ import annotations
 
+import dataclasses
 import typing
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Final, TypeVar
@@ -50,7 +51,7 @@ class Params:
         once. Keys that the class does not know are warnings (errors if the file was read strictly).
         """
         with self.flat.problems.raising(RobotConfigError):
-            value = self._renamed(renames or {}).convert(cls)
+            value = _gathered(self._renamed(renames or {}), cls).convert(cls)
         return typing.cast("T", value)
 
     @property
@@ -69,6 +70,19 @@ class Params:
             if name and not (name != key.text and self.flat.get(name)):
                 pairs[name] = (_scalar_node(name, key), value)
         return Node.mapping(_like(self.flat), pairs)
+
+
+def _gathered(flat: Node, cls: type[Any]) -> Node:
+    """Return the parameters with those of each section of the class below the section's key."""
+    names = [str(each.metadata["key"]) for each in dataclasses.fields(cls) if each.metadata.get("section")]
+    pairs = {key.text: (key, value) for key, value in flat.pairs()}
+    for name in names:
+        inner = {key[len(name) + 1 :]: pairs.pop(key) for key in list(pairs) if key.startswith(f"{name}.")}
+        named = {short: (_scalar_node(short, key), value) for short, (key, value) in inner.items()}
+        if named:
+            place = next(iter(named.values()))[0]
+            pairs[name] = (place, Node.mapping(_like(place), named))
+    return Node.mapping(_like(flat), pairs)
 
 
 def _like(node: Node) -> Node:

@@ -1,0 +1,173 @@
+"""The parameters of the diff drive controller, in the words of every ROS distribution.
+
+The law of the file: jazzy's names are ours; noetic's and humble's are translated and each is named once. Limits that
+are given are applied unless `has_*_limits` is false, as jazzy does and noetic and humble did not: a limit somebody
+wrote down is kept. `min_acceleration`, which jazzy declares and never reads, is `max_acceleration_reverse`, its exact
+equivalent.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Final
+
+from canopen_control.controllers.base import CommonParams
+from canopen_control.controllers.limiter import Limits
+from canopen_control.errors import RobotConfigError
+from canopen_control.yamltree import setting
+
+if TYPE_CHECKING:
+    from canopen_control.controllers.params import Params
+
+__all__ = ["AxisLimits", "DiffDriveParams", "read_params", "tf_prefix"]
+
+NAN: Final = math.nan
+Six = tuple[float, float, float, float, float, float]
+
+
+@dataclass(frozen=True)
+class AxisLimits:
+    """The limits of `linear.x` or `angular.z`; nan is none, and so is a group whose `has_` is false."""
+
+    has_velocity_limits: bool = True
+    has_acceleration_limits: bool = True
+    has_jerk_limits: bool = True
+    max_velocity: float = setting(NAN, low=0.0, nan=True)
+    min_velocity: float = setting(NAN, high=0.0, nan=True)
+    max_acceleration: float = setting(NAN, low=0.0, nan=True)
+    max_deceleration: float = setting(NAN, high=0.0, nan=True)
+    max_acceleration_reverse: float = setting(NAN, high=0.0, nan=True)
+    max_deceleration_reverse: float = setting(NAN, low=0.0, nan=True)
+    max_jerk: float = setting(NAN, low=0.0, nan=True)
+    min_jerk: float = setting(NAN, high=0.0, nan=True)
+
+    def limits(self) -> Limits:
+        """Return what the limiter is given."""
+        velocity, acceleration, jerk = self.has_velocity_limits, self.has_acceleration_limits, self.has_jerk_limits
+        return Limits(
+            self.min_velocity if velocity else NAN,
+            self.max_velocity if velocity else NAN,
+            self.max_acceleration_reverse if acceleration else NAN,
+            self.max_acceleration if acceleration else NAN,
+            self.max_deceleration if acceleration else NAN,
+            self.max_deceleration_reverse if acceleration else NAN,
+            self.min_jerk if jerk else NAN,
+            self.max_jerk if jerk else NAN,
+        )
+
+
+@dataclass(frozen=True)
+class DiffDriveParams(CommonParams):
+    """Parameters of diff_drive_controller/DiffDriveController: m, s, Hz, rad."""
+
+    left_wheel_names: tuple[str, ...] | str = ()
+    right_wheel_names: tuple[str, ...] | str = ()
+    wheel_separation: float = setting(0.0, low=0.0)
+    wheel_radius: float = setting(0.0, low=0.0)
+    wheel_separation_multiplier: float = 1.0
+    left_wheel_radius_multiplier: float = 1.0
+    right_wheel_radius_multiplier: float = 1.0
+    wheel_radius_multiplier: float = NAN
+    tf_frame_prefix_enable: bool = True
+    tf_frame_prefix: str = ""
+    odom_frame_id: str = "odom"
+    base_frame_id: str = "base_link"
+    pose_covariance_diagonal: Six = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    twist_covariance_diagonal: Six = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    open_loop: bool = False
+    position_feedback: bool = True
+    enable_odom_tf: bool = True
+    cmd_vel_timeout: float = setting(0.5, low=0.0, high=1e9)
+    publish_limited_velocity: bool = False
+    velocity_rolling_window_size: int = setting(10, low=1, high=100_000)
+    publish_rate: float = setting(50.0, low=1e-3)
+    linear: AxisLimits = setting(AxisLimits(), key="linear.x", section=True)  # noqa: RUF009 - it is a field
+    angular: AxisLimits = setting(AxisLimits(), key="angular.z", section=True)  # noqa: RUF009 - it is a field
+
+    @property
+    def left(self) -> tuple[str, ...]:
+        """The wheels of the left side."""
+        return (self.left_wheel_names,) if isinstance(self.left_wheel_names, str) else self.left_wheel_names
+
+    @property
+    def right(self) -> tuple[str, ...]:
+        """The wheels of the right side."""
+        return (self.right_wheel_names,) if isinstance(self.right_wheel_names, str) else self.right_wheel_names
+
+    @property
+    def separation(self) -> float:
+        """The distance of the wheels that counts, in m."""
+        return self.wheel_separation * self.wheel_separation_multiplier
+
+    @property
+    def left_radius(self) -> float:
+        """The radius of the left wheels that counts, in m."""
+        return self.wheel_radius * self.left_wheel_radius_multiplier
+
+    @property
+    def right_radius(self) -> float:
+        """The radius of the right wheels that counts, in m."""
+        return self.wheel_radius * self.right_wheel_radius_multiplier
+
+
+RENAMES: Final = {
+    "left_wheel": "left_wheel_names",
+    "right_wheel": "right_wheel_names",
+    "publish_cmd": "publish_limited_velocity",
+    "linear.x.min_acceleration": "linear.x.max_acceleration_reverse",
+    "angular.z.min_acceleration": "angular.z.max_acceleration_reverse",
+    "use_stamped_vel": "",  # Twist and TwistStamped are both taken
+    "wheels_per_side": "",  # upstream overwrites it with the length of the lists
+    "allow_multiple_cmd_vel_publishers": "",
+    "publish_wheel_joint_controller_state": "",
+}
+"""Keys of noetic and humble to jazzy's; "" for what has no effect."""
+
+
+def read_params(params: Params) -> DiffDriveParams:
+    """Return checked parameters; RobotConfigError with every mistake. What is legal and odd is a warning."""
+    given = params.read(DiffDriveParams, RENAMES)
+    if not math.isnan(given.wheel_radius_multiplier):  # noetic: it overrides the sides' own
+        both = given.wheel_radius_multiplier
+        given = replace(given, left_wheel_radius_multiplier=both, right_wheel_radius_multiplier=both)
+    problems = [text for wrong, text in _checks(given) if wrong]
+    if problems:
+        raise RobotConfigError("\n".join(f"{params.name}: {text}" for text in problems))
+    return given
+
+
+def _checks(given: DiffDriveParams) -> list[tuple[bool, str]]:
+    left, right = given.left, given.right
+    both = sorted({*left} & {*right})
+    positive = (given.separation > 0.0, given.left_radius > 0.0, given.right_radius > 0.0)
+    return [
+        (not left, "no left_wheel_names; give the joints of the left wheels"),
+        (not right, "no right_wheel_names; give the joints of the right wheels"),
+        (
+            bool(left and right) and len(left) != len(right),
+            f"{len(left)} left wheels and {len(right)} right ones; give as many of each",
+        ),
+        (bool(both), f"{', '.join(both)} is a wheel of both sides"),
+        (given.wheel_separation <= 0.0, "wheel_separation is missing or 0; give the distance of the wheels in m"),
+        (given.wheel_radius <= 0.0, "wheel_radius is missing or 0; give it in m"),
+        (
+            given.wheel_separation > 0.0 and given.wheel_radius > 0.0 and not all(positive),
+            "a multiplier of wheel_separation or wheel_radius is not above 0",
+        ),
+    ]
+
+
+def frozen_by_jerk(limits: AxisLimits) -> bool:
+    """Whether a jerk limit of 0 keeps the robot from ever changing its speed."""
+    return limits.has_jerk_limits and limits.max_jerk == 0.0
+
+
+def tf_prefix(prefix: str, namespace: str, *, enable: bool = True) -> str:
+    """Return what stands before the frame names: the prefix, else the namespace; `~` in a prefix is the namespace."""
+    if not enable:
+        return ""
+    text = prefix.replace("~", namespace, 1) if prefix else namespace
+    if not text.endswith("/"):
+        text += "/"
+    return text.removeprefix("/")

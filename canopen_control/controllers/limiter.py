@@ -1,0 +1,92 @@
+"""Limits velocity, acceleration and jerk of one number (control_toolbox::RateLimiter).
+
+The law of the file: limit = jerk, then acceleration, then velocity, each against the two previous limited values. nan
+switches off or is derived: without max_velocity no velocity limit; without max_acceleration no acceleration limit at
+all; without max_jerk no jerk limit; min_velocity is -max_velocity, max_acceleration_reverse -max_acceleration,
+max_deceleration the same as max_acceleration_reverse, max_deceleration_reverse the same as max_acceleration, min_jerk
+-max_jerk. Jerk limits only a step that grows, be it of speeding up or of braking.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+__all__ = ["Limits", "RateLimiter"]
+
+NAN: Final = math.nan
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Bounds in SI units, nan where there is none: min_velocity, both decelerations' and reverse signs as upstream.
+
+    `max_acceleration` and `max_deceleration_reverse` are >= 0; `max_deceleration` (moving forward) and
+    `max_acceleration_reverse` (speeding up backward) are <= 0.
+    """
+
+    min_velocity: float = NAN
+    max_velocity: float = NAN
+    max_acceleration_reverse: float = NAN
+    max_acceleration: float = NAN
+    max_deceleration: float = NAN
+    max_deceleration_reverse: float = NAN
+    min_jerk: float = NAN
+    max_jerk: float = NAN
+
+
+def _or(value: float, default: float) -> float:
+    return default if math.isnan(value) else value
+
+
+class RateLimiter:
+    """Limits one number; raises ValueError if a minimum is above its maximum."""
+
+    def __init__(self, limits: Limits) -> None:
+        given = limits
+        self._min_v, self._max_v = _or(given.min_velocity, -given.max_velocity), given.max_velocity
+        self._acc = given.max_acceleration
+        self._acc_reverse = _or(given.max_acceleration_reverse, -self._acc)
+        self._dec = _or(given.max_deceleration, self._acc_reverse)
+        self._dec_reverse = _or(given.max_deceleration_reverse, self._acc)
+        self._min_j, self._max_j = _or(given.min_jerk, -given.max_jerk), given.max_jerk
+        self._has_v, self._has_a, self._has_j = (not math.isnan(each) for each in (self._max_v, self._acc, self._max_j))
+        self._check()
+
+    def _check(self) -> None:
+        if self._has_v and self._min_v > self._max_v:
+            raise ValueError("Invalid value limits")
+        if self._has_a and (self._acc_reverse > self._acc or self._dec > self._dec_reverse):
+            raise ValueError("Invalid first derivative limits")
+        if self._has_j and self._min_j > self._max_j:
+            raise ValueError("Invalid second derivative limits")
+
+    def limit(self, v: float, v0: float, v1: float, dt: float) -> float:
+        """Return v limited against the previous two limited values v0 (last) and v1; `dt` in s."""
+        return self.limit_velocity(self.limit_acceleration(self.limit_jerk(v, v0, v1, dt), v0, dt))
+
+    def limit_velocity(self, v: float) -> float:
+        """Clamp the value itself."""
+        return _clamp(v, self._min_v, self._max_v) if self._has_v else v
+
+    def limit_acceleration(self, v: float, v0: float, dt: float) -> float:
+        """Clamp the step from v0: what slows down and what speeds up have bounds of their own."""
+        if not self._has_a:
+            return v
+        low = self._dec if v0 > 0.0 else self._acc_reverse
+        high = self._dec_reverse if v0 < 0.0 else self._acc
+        return v0 + _clamp(v - v0, low * dt, high * dt)
+
+    def limit_jerk(self, v: float, v0: float, v1: float, dt: float) -> float:
+        """Clamp the change of the step, only while the step grows in its direction."""
+        if not self._has_j:
+            return v
+        dv, dv0 = v - v0, v0 - v1
+        if (dv - dv0) * dv <= 0.0:
+            return v
+        return v0 + dv0 + _clamp(dv - dv0, self._min_j * dt * dt, self._max_j * dt * dt)
+
+
+def _clamp(value: float, low: float, high: float) -> float:
+    return low if value < low else min(value, high)
