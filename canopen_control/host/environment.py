@@ -48,8 +48,12 @@ def _without_wheels(libraries: str) -> str:
     wheels = [match for folder in folders if (match := _WHEEL_FOLDER.fullmatch(folder.rstrip("/")))]
     if not wheels:
         return libraries
-    # with the wheels' folders comes the lib folder of their environment
-    leaked = {PurePath(sys.prefix, "lib"), *(PurePath(match["prefix"], "lib") for match in wheels)}
+    # With the wheels' folders comes the lib folder of their environment; ours is named there as it was called, theirs
+    # are named without symbolic links.
+    prefixes = {match["prefix"] for match in wheels}
+    if prefixes & {sys.prefix, os.path.realpath(sys.prefix)}:
+        prefixes.add(sys.prefix)
+    leaked = {PurePath(prefix, "lib") for prefix in prefixes}
     return ":".join(folder for folder in folders if not _leaked(folder, leaked))
 
 

@@ -45,6 +45,14 @@ def test_the_paths_of_another_environments_wheels_go_with_its_lib_folder():
     assert clean(LD_LIBRARY_PATH=path)["LD_LIBRARY_PATH"] == "/usr/lib"
 
 
+def test_an_environment_behind_a_symbolic_link_is_recognised(monkeypatch, tmp_path):
+    (tmp_path / "real").mkdir()
+    (tmp_path / "link").symlink_to(tmp_path / "real")
+    monkeypatch.setattr(sys, "prefix", str(tmp_path / "link"))
+    wheel = f"{tmp_path}/real/lib/python3.11/site-packages/ros_rclpy.libs"
+    assert clean(LD_LIBRARY_PATH=f"{wheel}:{tmp_path}/link/lib:/mine")["LD_LIBRARY_PATH"] == "/mine"
+
+
 @pytest.mark.parametrize("path", [f"{PREFIX}/lib", "/usr/lib:/x/ros_things.libs", "/a::/b"])
 def test_a_path_without_wheels_is_left_alone(path):
     assert clean(LD_LIBRARY_PATH=path)["LD_LIBRARY_PATH"] == path

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import importlib.util
 import json
 import os
 import select
@@ -386,3 +387,12 @@ def test_reporting_to_somebody_who_has_left_does_nothing(monkeypatch):
     assert READY not in os.environ
     with pytest.raises(OSError, match="Bad file"):
         os.fstat(theirs)
+
+
+@pytest.mark.ros
+@pytest.mark.skipif(importlib.util.find_spec("rclpy") is None, reason="rclpy is not installed")
+def test_a_child_finds_its_ros_although_another_environments_paths_leaked_into_ours(children, monkeypatch):
+    monkeypatch.setenv("LD_LIBRARY_PATH", "/another/venv/lib:/another/venv/lib/python3.12/site-packages/ros_rclpy.libs")
+    child = children([sys.executable, "-c", "import rclpy; print('found')"], ros=True)
+    assert child.wait(60) == 0
+    assert child.last_lines() == ["found"]
