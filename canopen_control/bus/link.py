@@ -159,8 +159,9 @@ def _up_real(link: Link, bitrate: int | None, restart_ms: int | None, sample_poi
         "restart-ms": link.restart_ms,
     }
     changed = {key: value for key, value in wanted.items() if value is not None and value != present[key]}
-    if "sample-point" in changed or "bitrate" in changed:
-        changed["bitrate"] = bitrate or link.bitrate  # the kernel computes the timing from both
+    rate = bitrate or link.bitrate
+    if rate is not None and "sample-point" in changed:
+        changed["bitrate"] = rate  # the kernel computes the timing from both
     commands = []
     if changed and link.is_up:
         commands.append(_ip("take it down to change it", "set", link.name, "down"))
@@ -246,7 +247,8 @@ def _problem(command: Command, run: Run) -> str:
         return f"{error.strerror}; install iproute2"
     if result.returncode == 0:
         return ""
-    return result.error + next((f"; {advice}" for text, advice in _ADVICE.items() if text in result.error), "")
+    said = result.error.removeprefix("Error: ").rstrip(".")
+    return said + next((f"; {advice}" for text, advice in _ADVICE.items() if text in said), "")
 
 
 def _privilege(name: str, commands: Sequence[Command], run: Run) -> tuple[str, ...]:

@@ -165,7 +165,7 @@ def _render_hub(channel: str, status: dict[str, Any]) -> list[str]:
 
 
 def _rule(rule: dict[str, Any]) -> str:
-    which = "every frame" if rule["every"] == 1 else f"each {rule['every']}th frame"
+    which = "every frame" if rule["every"] == 1 else f"one in {rule['every']} frames"
     identifier = "" if rule["can_id"] is None else f" 0x{rule['can_id']:03X}"
     limit = "" if rule["count"] is None else f" of {rule['count']}"
     return f"{which}{identifier} from {rule['label'] or 'anybody'}, {rule['lost']}{limit} lost"

@@ -1,0 +1,158 @@
+"""The verb bus, as its user sees it."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+
+import pytest
+from support.localbus import receive, runtime_folders
+
+from canopen_control.bus import link as links
+from canopen_control.bus.local import open_local
+from canopen_control.cli.main import main
+from canopen_control.frame import CanFrame, frames_of, pack_records
+
+VCAN0 = links.Link("vcan0", "vcan", is_up=True, traffic={"rx_packets": 3, "rx_dropped": 0})
+CAN0 = links.Link("can0", "can", is_up=False, state="BUS-OFF", bitrate=500_000, error_counters=(248, 0))
+
+
+@pytest.fixture(autouse=True)
+def runtime(monkeypatch):
+    monkeypatch.setattr(links, "list_links", lambda run=None: [VCAN0, CAN0])
+    with runtime_folders(monkeypatch.setenv) as folder:
+        yield folder
+
+
+@pytest.fixture
+def ports():
+    ports = [open_local("cli", label) for label in ("robot", "left_drive")]
+    yield ports
+    for port in ports:
+        port.close()
+
+
+def test_list_names_interfaces_buses_and_adapters(ports, capsys):
+    assert main(["bus", "list"]) == 0
+    output = capsys.readouterr().out
+    assert "vcan0 (up), can0 (down)" in output
+    assert "local:cli" in output
+    assert "pcan" in output
+    assert main(["bus", "list", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["local"] == ["local:cli"]
+    assert found["interfaces"][1]["state"] == "BUS-OFF"
+
+
+def test_status_of_a_local_bus_shows_who_is_there_and_counters(ports, capsys):
+    ports[0].send(pack_records([CanFrame(0x80)] * 3))
+    receive(ports[1], 3)
+    assert main(["bus", "fault", "local:cli", "cut", "left_drive"]) == 0
+    assert main(["bus", "status", "local:cli"]) == 0
+    head, _titles, robot, drive = capsys.readouterr().out.splitlines()
+    assert head.startswith("local:cli: process ")
+    assert head.endswith("3 frames, 0 dropped")
+    assert robot.split()[:1] + robot.split()[2:] == ["robot", "3", "0", "0", "0"]
+    assert drive.split()[:1] + drive.split()[2:] == ["left_drive", "0", "3", "0", "0", "cut"]
+
+
+def test_status_of_everything_as_json(ports, capsys):
+    assert main(["bus", "status", "--json"]) == 0
+    assert set(json.loads(capsys.readouterr().out)) == {"local:cli", "vcan0", "can0"}
+
+
+def test_status_of_an_interface_tells_its_state(capsys):
+    assert main(["bus", "status", "can0"]) == 0
+    assert capsys.readouterr().out == "can0: can, down, BUS-OFF, 500000 bit/s, transmit errors 248, receive errors 0\n"
+    assert main(["bus", "status", "vcan0"]) == 0
+    assert capsys.readouterr().out == "vcan0: vcan, up\n  rx_packets 3\n"
+
+
+def test_a_cut_cable_stops_frames_until_mended(ports):
+    robot, drive = ports
+    assert main(["bus", "fault", "local:cli", "cut", "left_drive"]) == 0
+    robot.send(pack_records([CanFrame(1)]))
+    assert main(["bus", "fault", "local:cli", "uncut", "left_drive"]) == 0
+    robot.send(pack_records([CanFrame(2)]))
+    assert CanFrame(2) in receive(drive, 1)
+    assert drive.stats.rx == 1
+
+
+def test_dropping_delaying_and_clearing(ports, capsys):
+    robot, drive = ports
+    assert main(["bus", "fault", "local:cli", "drop", "robot", "--id", "0x181", "--every", "2", "--count", "1"]) == 0
+    assert main(["bus", "fault", "local:cli", "delay", "left_drive", "--ms", "1"]) == 0
+    assert main(["bus", "status", "local:cli"]) == 0
+    output = capsys.readouterr().out
+    assert "delay of left_drive: 1 ms" in output
+    assert "drop: one in 2 frames 0x181 from robot, 0 of 1 lost" in output
+    robot.send(pack_records([CanFrame(0x181, b"1"), CanFrame(0x181, b"2"), CanFrame(0x181, b"3")]))
+    assert receive(drive, 2) == [CanFrame(0x181, b"1"), CanFrame(0x181, b"3")]
+    drive.send(pack_records([CanFrame(0x703, b"\5")]))
+    assert receive(robot, 1) == [CanFrame(0x703, b"\5")]
+    assert main(["bus", "fault", "local:cli", "clear"]) == 0
+    main(["bus", "status", "local:cli"])
+    assert "delay" not in capsys.readouterr().out
+
+
+def test_bus_off_and_error_frames(ports):
+    _robot, drive = ports
+    assert main(["bus", "fault", "local:cli", "bus-off", "left_drive"]) == 0
+    assert main(["bus", "fault", "local:cli", "restart", "left_drive"]) == 0
+    assert main(["bus", "fault", "local:cli", "error-frame", "left_drive", "--kind", "error-passive"]) == 0
+    assert [frame.can_id for frame in receive(drive, 3)] == [0x20000040, 0x20000100, 0x20000204]
+
+
+def test_the_bit_rate_and_its_load(ports, capsys):
+    assert main(["bus", "fault", "local:cli", "bitrate", "500000"]) == 0
+    assert main(["bus", "status", "local:cli"]) == 0
+    assert ", 500000 bit/s, load 0 %" in capsys.readouterr().out
+    ports[0].send(pack_records([CanFrame(5)]))
+    assert receive(ports[1], 1) == [CanFrame(5)]
+    assert main(["bus", "fault", "local:cli", "bitrate", "off"]) == 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "message"),
+    [
+        (["status", "local:none"], 1, "bus local:none: nobody has it open"),
+        (["status", "virtual:x"], 2, "only local: buses and CAN interfaces can be looked at"),
+        (["status", "can7"], 1, "no CAN interface 'can7'"),
+        (["fault", "vcan0", "clear"], 2, "local: buses only"),
+        (["fault", "local:none", "bitrate", "fast"], 2, "'fast' is no bit rate"),
+        (["up", "can0", "--bitrate", "x"], 2, "invalid int value"),
+        (["up", "vcan0", "--bitrate", "500000"], 2, "has no bit rate"),
+        (["down", "can7"], 2, "no CAN interface 'can7'"),
+    ],
+)
+def test_what_does_not_work_is_one_sentence(arguments, code, message, capsys):
+    try:
+        result = main(["bus", *arguments])
+    except SystemExit as stop:  # argparse
+        result = stop.code
+    assert result == code
+    assert message in capsys.readouterr().err
+
+
+def test_a_label_that_is_not_there_is_answered_with_those_that_are(ports, capsys):
+    assert main(["bus", "fault", "local:cli", "cut", "right_drive"]) == 2
+    assert "nobody called 'right_drive' on local:cli; there are: robot, left_drive" in capsys.readouterr().err
+    assert list(frames_of(ports[0].receive())) == []
+
+
+def test_up_says_each_command(monkeypatch, capsys):
+    ran = []
+
+    def run(argv, **_options):
+        ran.append(" ".join(argv))
+        return subprocess.CompletedProcess(argv, 0, "", "")
+
+    monkeypatch.setattr(links.subprocess, "run", run)
+    monkeypatch.setattr(links.os, "geteuid", lambda: 0)
+    assert main(["bus", "up", "can0", "--bitrate", "1000000"]) == 0
+    assert ran == [
+        "ip link set can0 type can bitrate 1000000",
+        "ip link set can0 txqueuelen 1000",
+        "ip link set can0 up",
+    ]
+    assert [line.split("   #")[0] for line in capsys.readouterr().out.splitlines()] == ran
