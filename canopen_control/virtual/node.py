@@ -170,6 +170,11 @@ class VirtualNode:
     # -- what its parts ask and tell
 
     @property
+    def name(self) -> str:
+        """What kind of device it is, for people."""
+        return self.personality.name or self.od.device.product_name or "node"
+
+    @property
     def operational(self) -> bool:
         """Whether process data count."""
         return self.nmt.state is NmtState.OPERATIONAL

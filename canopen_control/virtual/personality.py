@@ -40,7 +40,7 @@ class Personality:
     that one is in process, and a new one replaces it. `homing_methods` None: all that `homing` knows.
     """
 
-    name: str = "drive"
+    name: str = ""  # empty: the file's product name
     boot_ns: int = 10_000_000  # from power-on or reset to the boot-up message
     unset_ramp: float = math.inf
     unset_velocity: float = 100_000.0  # of a profile velocity that is absent or 0

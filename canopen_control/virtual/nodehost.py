@@ -1,0 +1,178 @@
+"""Runs virtual nodes on a port, in a reactor: many nodes in one process, each frame only to those who listen to it.
+
+The law of this file: a turn takes everything the port has, hands each frame to the nodes of its identifier, and sends
+what they answer in one go. One timer serves all nodes; an idle drive costs nothing but its heartbeat. Nodes of one host
+hear each other as on a wire, although a sender does not get its own frames back.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from canopen_control.errors import BusClosed
+from canopen_control.frame import CanFrame, frames_of, pack_records
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from canopen_control.bus.port import BusEvent, Port
+    from canopen_control.host.reactor import Reactor, Timer
+    from canopen_control.virtual.node import VirtualNode
+
+__all__ = ["NodeHost"]
+
+_ECHOES = 64  # frames between nodes of one host, for each turn; more is a storm
+
+
+def _ignore(*_arguments: object) -> None:
+    pass
+
+
+class NodeHost:
+    """Runs `nodes` on `port`; they are powered on in the reactor's next turn. The port stays its owner's.
+
+    `on_event(node, event)` hears what happens to a node, `on_bus_event` what happens to the channel, `on_closed` that
+    it is gone for good.
+    """
+
+    def __init__(
+        self,
+        reactor: Reactor,
+        port: Port,
+        nodes: Sequence[VirtualNode],
+        *,
+        on_event: Callable[[VirtualNode, object], object] = _ignore,
+        on_bus_event: Callable[[BusEvent], object] = _ignore,
+        on_closed: Callable[[BusClosed], object] = _ignore,
+    ) -> None:
+        self.reactor, self.port, self.nodes = reactor, port, list(nodes)
+        self.on_event, self.on_bus_event, self.on_closed = on_event, on_bus_event, on_closed
+        self._routes: dict[int, tuple[VirtualNode, ...]] = {}
+        self._version = -1
+        self._deadlines: dict[VirtualNode, int | None] = dict.fromkeys(self.nodes, 0)
+        self._timer: Timer | None = None
+        self._timer_at: int | None = None
+        self._writing = self._closed = False
+        reactor.add_reader(port, self._on_readable)
+        reactor.call_soon(self._on_timer)
+
+    def close(self) -> None:
+        """Leave the reactor; a second close is a no-op."""
+        if self._closed:
+            return
+        self._closed = True
+        self.reactor.remove_reader(self.port)
+        if self._writing:
+            self.reactor.remove_writer(self.port)
+        if self._timer is not None:
+            self._timer.cancel()
+
+    def wake(self, node: VirtualNode) -> None:
+        """Serve a node that was changed from outside: send what it has to say, look at its deadline again."""
+        if not self._closed:
+            self._finish({node: None})
+
+    def _on_readable(self) -> None:
+        try:
+            records = self.port.receive()
+        except BusClosed as error:
+            self._lost(error)
+            return
+        now = self.reactor.now()
+        touched: dict[VirtualNode, None] = {}
+        for frame in frames_of(records):
+            self._deliver(frame, now, touched)
+        for event in self.port.events():
+            self.on_bus_event(event)
+        if touched:
+            self._finish(touched)
+
+    def _deliver(self, frame: CanFrame, now: int, touched: dict[VirtualNode, None], sender: object = None) -> None:
+        for node in self._routes.get(frame.can_id, ()):
+            if node is not sender:
+                node.receive(frame, now)
+                touched[node] = None
+                self._reroute()
+
+    def _on_timer(self) -> None:
+        if self._closed:
+            return
+        self._timer = self._timer_at = None
+        now = self.reactor.now()
+        due = [node for node, deadline in self._deadlines.items() if deadline is not None and deadline <= now]
+        for node in due:
+            node.tick(now)
+        self._reroute()
+        self._finish(dict.fromkeys(due))
+
+    def _finish(self, touched: dict[VirtualNode, None]) -> None:
+        """Send what the nodes have to say, tell what happened to them, set the timer."""
+        outgoing: list[CanFrame] = []
+        waiting = list(touched)
+        echoes = 0
+        while waiting:
+            node = waiting.pop(0)
+            frames = node.frames()
+            outgoing += frames
+            if len(self.nodes) > 1 and frames and echoes < _ECHOES:
+                heard: dict[VirtualNode, None] = {}
+                for frame in frames:
+                    self._deliver(frame, self.reactor.now(), heard, node)
+                echoes += len(heard)
+                waiting += heard
+                touched.update(heard)
+        self._send(outgoing)
+        for node in touched:
+            for event in node.events():
+                self.on_event(node, event)
+            self._deadlines[node] = node.next_deadline()
+        self._set_timer()
+
+    def _send(self, frames: list[CanFrame]) -> None:
+        if not frames or self._closed:
+            return
+        try:
+            self.port.send(pack_records(frames))
+            self._watch_writing()
+        except BusClosed as error:
+            self._lost(error)
+
+    def _watch_writing(self) -> None:
+        if self.port.wants_write and not self._writing:
+            self._writing = True
+            self.reactor.add_writer(self.port, self._on_writable)
+
+    def _on_writable(self) -> None:
+        try:
+            self.port.flush()
+        except BusClosed as error:
+            self._lost(error)
+            return
+        if not self.port.wants_write:
+            self._writing = False
+            self.reactor.remove_writer(self.port)
+
+    def _lost(self, error: BusClosed) -> None:
+        if not self._closed:
+            self.close()
+            self.on_closed(error)
+
+    def _reroute(self) -> None:
+        version = sum(node.routes_version for node in self.nodes)
+        if version == self._version:
+            return
+        self._version = version
+        routes: dict[int, list[VirtualNode]] = {}
+        for node in self.nodes:
+            for can_id in node.routes():
+                routes.setdefault(can_id, []).append(node)
+        self._routes = {can_id: tuple(listeners) for can_id, listeners in routes.items()}
+
+    def _set_timer(self) -> None:
+        at = min((deadline for deadline in self._deadlines.values() if deadline is not None), default=None)
+        if at == self._timer_at or self._closed:
+            return
+        if self._timer is not None:
+            self._timer.cancel()
+        self._timer_at = at
+        self._timer = None if at is None else self.reactor.call_at(at, self._on_timer)

@@ -1,0 +1,172 @@
+"""Virtual drives as an operating system process of their own, which knows nothing of any master.
+
+The law of this file: it prints one line when its nodes are on the bus, then what happens to them, in words. SIGTERM and
+SIGINT end it with exit code 0. When its parent dies (the lifeline breaks) it serves on until its drives stand still by
+their own reaction to the missing master, five seconds at most. A node id that answers on the bus already is refused.
+A channel that is gone for good ends it with a sentence and exit code 1; one that is only down is waited for.
+"""
+
+from __future__ import annotations
+
+import signal
+from typing import TYPE_CHECKING
+
+from canopen_control.bus.channel import open_port
+from canopen_control.cia301.sdo_codec import ANSWER_BASE, INITIATE, REQUEST_BASE, UPLOAD
+from canopen_control.errors import BusError
+from canopen_control.frame import CanFrame, frames_of, pack_records
+from canopen_control.host.reactor import Reactor
+from canopen_control.host.sockets import SocketInUse
+from canopen_control.host.spawn import lifeline_fd
+from canopen_control.od.eds import read_eds
+from canopen_control.virtual.control import NodeControl
+from canopen_control.virtual.device import make_device
+from canopen_control.virtual.nodehost import NodeHost
+from canopen_control.virtual.words import in_words
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+    from pathlib import Path
+
+    from canopen_control.bus.port import BusEvent, Port
+    from canopen_control.errors import BusClosed
+    from canopen_control.virtual.node import VirtualNode
+
+__all__ = ["DriveProcess", "NodeHost", "make_device", "run_drives"]
+
+_MS = 1_000_000
+PROBE_NS = 40 * _MS  # how long a node that is there already may take to answer
+LAST_WORDS_NS = 5_000 * _MS
+_LOOK_NS = 20 * _MS
+
+
+class NodeIdTaken(BusError):
+    """Another node answers with the id."""
+
+    def __init__(self, node_id: int, channel: str) -> None:
+        self.node_id = node_id
+        super().__init__(f"node id {node_id} already answers on {channel}; choose another --node-id, or end that node")
+
+
+def run_drives(
+    node_ids: Sequence[int], eds: Path, channel: str, faults: Sequence[str], say: Callable[[str], None]
+) -> int:
+    """Run the virtual devices of an EDS until told to end; return the exit code.
+
+    Raises EdsError and ConfigError for what cannot be started, BusError for the channel.
+    """
+    od = read_eds(eds, node_ids[0]).od
+    nodes = [make_device(od, node_id, faults) for node_id in node_ids]
+    label = f"drive {node_ids[0]}" if len(node_ids) == 1 else f"drives {node_ids[0]}-{node_ids[-1]}"
+    with Reactor() as reactor:
+        port = open_port(channel, label=label)
+        try:
+            return DriveProcess(reactor, port, nodes, say).run()
+        finally:
+            port.close()
+
+
+class DriveProcess:
+    """The nodes of one process on an opened port; `say` takes the lines of the log."""
+
+    def __init__(self, reactor: Reactor, port: Port, nodes: Sequence[VirtualNode], say: Callable[[str], None]) -> None:
+        self._reactor, self._port, self._nodes, self._say = reactor, port, list(nodes), say
+        self._started = reactor.now()
+        self._controls: dict[VirtualNode, NodeControl] = {}
+        self._lifeline = lifeline_fd()
+        self._last_words_until: int | None = None
+        self._exit = 0
+
+    def run(self) -> int:
+        """Serve until the end; return the exit code."""
+        self._reactor.handle_signals({signal.SIGTERM: self._reactor.stop, signal.SIGINT: self._reactor.stop})
+        self._refuse_taken()
+        host = NodeHost(
+            self._reactor,
+            self._port,
+            self._nodes,
+            on_event=self._on_event,
+            on_bus_event=self._on_bus_event,
+            on_closed=self._on_closed,
+        )
+        try:
+            for node in self._nodes:
+                self._controls[node] = NodeControl(host, node)
+            if self._lifeline is not None:
+                self._reactor.add_reader(self._lifeline, self._on_orphaned)
+            self._reactor.run_for(0)  # the boot-up messages are out before anybody reads the line
+            self._say(self._ready_line())
+            self._reactor.run()
+        except SocketInUse as error:
+            raise NodeIdTaken(self._nodes[len(self._controls)].node_id, self._port.channel) from error
+        finally:
+            host.close()
+            for control in self._controls.values():
+                control.close()
+        return self._exit
+
+    def _ready_line(self) -> str:
+        ids = [node.node_id for node in self._nodes]
+        kind = "drive" if self._nodes[0].drives else "node"
+        which = f"{kind} {ids[0]}" if len(ids) == 1 else f"{kind}s {', '.join(map(str, ids))}"
+        return f"{which} ({self._nodes[0].name}) ready on {self._port.channel}"
+
+    def _refuse_taken(self) -> None:
+        """Ask every id for its device type before using it; whoever answers, or sends a heartbeat, has it already."""
+        answers = {ANSWER_BASE + node.node_id: node.node_id for node in self._nodes}
+        answers |= {0x700 + node.node_id: node.node_id for node in self._nodes}
+        taken: list[int] = []
+
+        def listen() -> None:
+            for frame in frames_of(self._port.receive()):
+                if frame.can_id in answers:
+                    taken.append(answers[frame.can_id])
+                    self._reactor.stop()
+
+        request = INITIATE.pack(UPLOAD, 0x1000, 0)
+        self._reactor.add_reader(self._port, listen)
+        self._port.send(pack_records([CanFrame(REQUEST_BASE + node.node_id, request) for node in self._nodes]))
+        self._reactor.run_for(PROBE_NS)
+        self._reactor.remove_reader(self._port)
+        if taken:
+            raise NodeIdTaken(taken[0], self._port.channel)
+
+    # -- what happens
+
+    def _log(self, text: str) -> None:
+        seconds = (self._reactor.now() - self._started) * 1e-9
+        self._say(f"{seconds:9.3f} {text}")
+
+    def _on_event(self, node: VirtualNode, event: object) -> None:
+        words = in_words(event)
+        if words is None:
+            return
+        self._log(f"node {node.node_id}: {words}")
+        if node in self._controls:
+            self._controls[node].push(words)
+
+    def _on_bus_event(self, event: BusEvent) -> None:
+        self._log(event.text)
+
+    def _on_closed(self, error: BusClosed) -> None:
+        self._log(f"{error}; nothing is left to serve")
+        self._exit = 1
+        self._reactor.stop()
+
+    def _on_orphaned(self) -> None:
+        """Wait for the drives' own reaction to a missing master, then end."""
+        if self._lifeline is not None:
+            self._reactor.remove_reader(self._lifeline)
+        self._log("the parent process is gone; ending when the drives stand still")
+        self._last_words_until = self._reactor.now() + LAST_WORDS_NS
+        self._look_for_standstill()
+
+    def _look_for_standstill(self) -> None:
+        now = self._reactor.now()
+        for node in self._nodes:
+            node.advance_drives(now)
+        moving = any(not drive.mover.standing for node in self._nodes for drive in node.drives.values())
+        if moving and now < (self._last_words_until or 0):
+            self._reactor.call_later(_LOOK_NS, self._look_for_standstill)
+        else:
+            self._reactor.stop()
