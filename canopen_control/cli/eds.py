@@ -1,0 +1,355 @@
+"""`eds`: look into EDS and DCF files, check and compare them.
+
+Exit codes: 0 good; 1 errors found, differences found, no such object, or no EDS at all; 2 wrong usage or no such file.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from canopen_control.data_files import data_path
+from canopen_control.errors import EdsError
+from canopen_control.od.eds import EdsFile, Severity, read_eds
+from canopen_control.od.eds_values import format_value
+from canopen_control.od.model import DataType, Entry, ObjectCode, ObjectDictionary
+from canopen_control.od.pdos import MAX_BITS, Pdo, pdos_of
+
+if TYPE_CHECKING:
+    import argparse
+    from collections.abc import Callable, Iterator, Sequence
+
+    from canopen_control.od.issues import Issue
+    from canopen_control.od.model import Address, Value
+
+__all__ = ["EXAMPLE", "add_arguments", "run"]
+
+EXAMPLE = "canopen-control eds check TMCM-1270.eds"
+
+_ADDRESS = re.compile(r"(?:0[xX])?([0-9A-Fa-f]{1,4})(?::(?:0[xX])?([0-9A-Fa-f]{1,2}))?")
+_COMPARED = ("name", "data_type", "access", "pdo_mappable", "default", "parameter_value", "low", "high", "obj_flags")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
+    check = actions.add_parser("check", help="report what is wrong or doubtful in the files")
+    check.add_argument("files", nargs="+", metavar="FILE")
+    show = actions.add_parser("show", help="list the objects, or one of them")
+    show.add_argument("file", metavar="FILE")
+    show.add_argument("object", nargs="?", metavar="INDEX[:SUB]", help="hexadecimal address, or a name")
+    diff = actions.add_parser("diff", help="compare the objects of two files")
+    diff.add_argument("a", metavar="A")
+    diff.add_argument("b", metavar="B")
+    pdos = actions.add_parser("pdos", help="show what the PDOs map by default")
+    pdos.add_argument("file", metavar="FILE")
+    for action in (check, show, diff, pdos):
+        action.add_argument("--json", action="store_true", help="print JSON")
+        action.add_argument("--node-id", type=_node_id, metavar="N", help="what $NODEID stands for")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the verb."""
+    missing = [name for name in _files_of(args) if not _path(name).is_file()]
+    if missing:
+        print(f"canopen-control: no such file: {', '.join(missing)}", file=sys.stderr)
+        return 2
+    try:
+        return _ACTIONS[args.action](args)
+    except EdsError as error:
+        print(f"canopen-control: {error}", file=sys.stderr)
+        return 1
+
+
+def _node_id(text: str) -> int:
+    number = int(text, 0)
+    if not 1 <= number <= 127:
+        raise ValueError(text)
+    return number
+
+
+def _files_of(args: argparse.Namespace) -> list[str]:
+    return list(getattr(args, "files", ())) or [getattr(args, name) for name in ("file", "a", "b") if name in args]
+
+
+def _path(name: str) -> Path:
+    """Return the file, or the bundled one of that name."""
+    path = Path(name)
+    if path.exists() or path.name != name:
+        return path
+    bundled = data_path("eds", name)
+    return bundled if bundled.is_file() else path
+
+
+def _read(name: str, args: argparse.Namespace) -> EdsFile:
+    path = _path(name)
+    return read_eds(path, args.node_id)
+
+
+def _print_json(document: object) -> None:
+    print(json.dumps(document, indent=2))
+
+
+# --- check ---
+
+
+def _check(args: argparse.Namespace) -> int:
+    reports = [_checked(name, args) for name in args.files]
+    if args.json:
+        _print_json(reports)
+    else:
+        for report in reports:
+            for line in _report_lines(report):
+                print(line)
+    return 1 if any(report["errors"] for report in reports) else 0
+
+
+def _checked(name: str, args: argparse.Namespace) -> dict[str, Any]:
+    try:
+        file = _read(name, args)
+    except EdsError as error:
+        refused = {"line": error.line, "code": "not-canopen", "severity": "error", "text": error.reason}
+        return {"file": name, "objects": 0, "entries": 0, "errors": 1, "warnings": 0, "notes": 0, "issues": [refused]}
+    count = dict.fromkeys(Severity, 0)
+    for issue in file.issues:
+        count[issue.severity] += 1
+    return {
+        "file": name,
+        "objects": len(file.od.objects),
+        "entries": len(file.od),
+        "errors": count[Severity.ERROR],
+        "warnings": count[Severity.WARNING],
+        "notes": count[Severity.NOTE],
+        "issues": [_issue_document(issue) for issue in file.issues],
+    }
+
+
+def _issue_document(issue: Issue) -> dict[str, Any]:
+    return {"line": issue.line, "code": issue.code, "severity": issue.severity.value, "text": issue.text}
+
+
+def _report_lines(report: dict[str, Any]) -> Iterator[str]:
+    for issue in report["issues"]:
+        place = f"{report['file']}:{issue['line']}" if issue["line"] else report["file"]
+        yield f"{place}: {issue['severity']}: {issue['text']} [{issue['code']}]"
+    counts = [f"{report[kind]} {kind}" for kind in ("errors", "warnings", "notes") if report[kind]]
+    summary = ", ".join(counts) or "no issue"
+    yield f"{report['file']}: {report['objects']} objects, {report['entries']} entries: {summary}"
+
+
+# --- show ---
+
+
+def _show(args: argparse.Namespace) -> int:
+    od = _read(args.file, args).od
+    entries = list(_selected(od, args.object))
+    if not entries:
+        print(f"canopen-control: {args.file}: no object {args.object!r}{_hint(od, args.object)}", file=sys.stderr)
+        return 1
+    if args.json:
+        _print_json([_entry_document(od, entry) for entry in entries])
+    else:
+        _print_table(_ENTRY_HEADER, [_entry_row(od, entry) for entry in entries])
+    return 0
+
+
+def _selected(od: ObjectDictionary, wanted: str | None) -> Iterator[Entry]:
+    ordered = sorted(od, key=lambda entry: entry.address)
+    if wanted is None:
+        yield from ordered
+        return
+    match = _ADDRESS.fullmatch(wanted)
+    if match is not None:
+        index, subindex = int(match[1], 16), None if match[2] is None else int(match[2], 16)
+        yield from (entry for entry in ordered if entry.index == index and subindex in (None, entry.subindex))
+        return
+    folded = wanted.casefold()
+    named = {info.index for info in od.objects.values() if info.name.casefold() == folded}
+    single = od.find(wanted)
+    yield from (entry for entry in ordered if entry.index in named or entry is single)
+
+
+def _hint(od: ObjectDictionary, wanted: str) -> str:
+    folded = wanted.casefold()
+    near = [info for info in od.objects.values() if folded in info.name.casefold()][:5]
+    return f"; did you mean {', '.join(f'0x{info.index:04X} {info.name}' for info in near)}?" if near else ""
+
+
+_ENTRY_HEADER = ("address", "name", "type", "access", "PDO", "default", "limits")
+
+
+def _entry_row(od: ObjectDictionary, entry: Entry) -> tuple[str, ...]:
+    mappable = ("R" if entry.rpdo_mappable else "") + ("T" if entry.tpdo_mappable else "")
+    return (
+        f"0x{entry.index:04X}:{entry.subindex:02X}",
+        _full_name(od, entry),
+        entry.data_type.name,
+        entry.access,
+        mappable or "-",
+        _value_text(entry, entry.value, od.node_id) or "-",
+        _limits_text(entry, od.node_id),
+    )
+
+
+def _full_name(od: ObjectDictionary, entry: Entry) -> str:
+    info = od.objects[entry.index]
+    return entry.name if info.code in (ObjectCode.VAR, ObjectCode.DOMAIN) else f"{info.name}: {entry.name}"
+
+
+def _value_text(entry: Entry, value: Value | None, node_id: int | None) -> str:
+    if value is None:
+        return ""
+    text = format_value(value, entry.data_type)
+    relative = entry.parameter_relative if value is entry.parameter_value else entry.relative
+    return f"$NODEID+{text}" if relative and node_id is None else text
+
+
+def _limits_text(entry: Entry, node_id: int | None) -> str:
+    if entry.low is None and entry.high is None:
+        return "-"
+    texts = ["" if limit is None else format_value(limit, entry.data_type) for limit in (entry.low, entry.high)]
+    marks = [relative and node_id is None for relative in (entry.low_relative, entry.high_relative)]
+    low, high = (f"$NODEID+{text}" if mark else text for text, mark in zip(texts, marks, strict=True))
+    return f"{low}..{high}"
+
+
+def _entry_document(od: ObjectDictionary, entry: Entry) -> dict[str, Any]:
+    return {
+        "index": f"0x{entry.index:04X}",
+        "subindex": entry.subindex,
+        "name": entry.name,
+        "object": od.objects[entry.index].name,
+        "object_type": od.objects[entry.index].code.name,
+        "data_type": entry.data_type.name,
+        "access": entry.access,
+        "pdo_mappable": entry.pdo_mappable,
+        "rpdo_mappable": entry.rpdo_mappable,
+        "tpdo_mappable": entry.tpdo_mappable,
+        "default": _plain(entry.default),
+        "parameter_value": _plain(entry.parameter_value),
+        "plus_node_id": entry.relative and od.node_id is None,
+        "low": _plain(entry.low),
+        "high": _plain(entry.high),
+        "line": entry.line,
+    }
+
+
+def _plain(value: Value | None) -> int | float | str | None:
+    """Return what JSON can hold; bytes in hexadecimal, what is no finite number as text."""
+    if isinstance(value, bytes):
+        return value.hex()
+    if isinstance(value, float) and value - value != 0:
+        return format_value(value, DataType.REAL64)
+    return value
+
+
+def _print_table(header: Sequence[str], rows: list[tuple[str, ...]]) -> None:
+    widths = [max(len(row[column]) for row in (header, *rows)) for column in range(len(header))]
+    for row in (header, *rows):
+        print("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
+
+
+# --- diff ---
+
+
+def _diff(args: argparse.Namespace) -> int:
+    a, b = _read(args.a, args).od, _read(args.b, args).od
+    changes = list(_changes(a, b))
+    if args.json:
+        _print_json(changes)
+    else:
+        for change in changes:
+            print(_change_line(change))
+    return 1 if changes else 0
+
+
+def _changes(a: ObjectDictionary, b: ObjectDictionary) -> Iterator[dict[str, Any]]:
+    addresses: list[Address] = sorted({*a.entries, *b.entries})
+    for index, subindex in addresses:
+        old, new = a.get(index, subindex), b.get(index, subindex)
+        place = {"index": f"0x{index:04X}", "subindex": subindex}
+        if old is None or new is None:
+            entry = new if new is not None else old
+            name = entry.name if entry is not None else ""
+            yield {**place, "change": "removed" if new is None else "added", "name": name}
+            continue
+        fields = {
+            field: {"a": _field(old, field), "b": _field(new, field)}
+            for field in _COMPARED
+            if getattr(old, field) != getattr(new, field)
+        }
+        if fields:
+            yield {**place, "change": "changed", "name": new.name, "fields": fields}
+
+
+def _field(entry: Entry, field: str) -> int | float | str | None:
+    value = getattr(entry, field)
+    return value.name if isinstance(value, DataType) else _plain(value)
+
+
+def _change_line(change: dict[str, Any]) -> str:
+    place = f"{change['index']}:{change['subindex']:02X} {change['name']}"
+    if change["change"] != "changed":
+        return f"{'-' if change['change'] == 'removed' else '+'} {place}"
+    fields = ", ".join(f"{field} {both['a']} -> {both['b']}" for field, both in change["fields"].items())
+    return f"~ {place}: {fields}"
+
+
+# --- pdos ---
+
+
+def _pdos(args: argparse.Namespace) -> int:
+    od = _read(args.file, args).od
+    pdos = pdos_of(od)
+    if args.json:
+        _print_json([_pdo_document(pdo) for pdo in pdos])
+    else:
+        relative = od.node_id is None
+        for pdo in pdos:
+            print(_pdo_line(od, pdo, relative))
+            for mapped in pdo.mapped:
+                name = "(not in the file)" if mapped.entry is None else _full_name(od, mapped.entry)
+                label = "dummy" if mapped.is_dummy else name
+                print(f"    0x{mapped.index:04X}:{mapped.subindex:02X}  {mapped.bits:2} bits  {label}")
+    return 0
+
+
+def _pdo_line(od: ObjectDictionary, pdo: Pdo, relative: bool) -> str:
+    state = "on " if pdo.enabled else "off"
+    cob_id = "no COB-ID" if pdo.cob_id is None else f"{pdo.cob_id & 0x1FFFFFFF:03X}"
+    source = od.get(pdo.communication, 1)
+    plus = "+node" if relative and source is not None and source.relative else ""
+    kind = "?" if pdo.transmission_type is None else pdo.transmission_type
+    return f"{pdo.name}  {state}  {cob_id}{plus}  type {kind}  {pdo.bits} of {MAX_BITS} bits, {pdo.slots} slots"
+
+
+def _pdo_document(pdo: Pdo) -> dict[str, Any]:
+    return {
+        "pdo": pdo.name,
+        "enabled": pdo.enabled,
+        "cob_id": None if pdo.cob_id is None else pdo.cob_id & 0x1FFFFFFF,
+        "cob_id_entry": pdo.cob_id,
+        "transmission_type": pdo.transmission_type,
+        "bits": pdo.bits,
+        "slots": pdo.slots,
+        "mapped": [
+            {
+                "index": f"0x{mapped.index:04X}",
+                "subindex": mapped.subindex,
+                "bits": mapped.bits,
+                "name": None if mapped.entry is None else mapped.entry.name,
+            }
+            for mapped in pdo.mapped
+        ],
+    }
+
+
+_ACTIONS: dict[str, Callable[[argparse.Namespace], int]] = {
+    "check": _check,
+    "show": _show,
+    "diff": _diff,
+    "pdos": _pdos,
+}

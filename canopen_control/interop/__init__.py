@@ -1,0 +1,1 @@
+"""Other CANopen software, given what we have."""
