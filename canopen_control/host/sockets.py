@@ -15,14 +15,12 @@ from __future__ import annotations
 import contextlib
 import errno
 import fcntl
-import hashlib
 import os
 import re
 import socket
 import stat
 import struct
 import sys
-import tempfile
 import threading
 import time
 from pathlib import Path
@@ -76,6 +74,8 @@ def runtime_dir() -> Path:
     base = os.environ.get("XDG_RUNTIME_DIR", "")
     if base.startswith("/") and os.path.isdir(base):
         return private_folder(Path(base) / "canopen_control")
+    import tempfile  # seldom needed, and it loads half of the library
+
     return private_folder(Path(tempfile.gettempdir()) / f"canopen_control-{os.getuid()}")
 
 
@@ -138,6 +138,8 @@ def socket_path(kind: str, name: str) -> Path:
 
 def _short_folder(folder: Path) -> Path:
     """Return a folder with a short path that stands in for `folder`, one for each of them."""
+    import hashlib
+
     digest = hashlib.sha256(os.fsencode(folder)).hexdigest()[:12]
     return private_folder(private_folder(Path("/tmp") / f"canopen_control-{os.getuid()}") / digest)
 

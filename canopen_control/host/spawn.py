@@ -14,7 +14,6 @@ import contextlib
 import os
 import select
 import signal
-import stat
 import subprocess
 import sys
 import time
@@ -22,6 +21,7 @@ from typing import TYPE_CHECKING, Final
 
 from canopen_control.errors import CanopenError
 from canopen_control.host.environment import LIFELINE, READY, clean_environment
+from canopen_control.host.lifeline import READY_WORD, lifeline_fd, report_failure, report_ready
 from canopen_control.host.logfile import LogFile, state_dir
 
 if TYPE_CHECKING:
@@ -46,7 +46,6 @@ _ROTATE_NS: Final = 5_000_000_000
 _LAST_LINES: Final = 10
 #: dash and bash alike: a command in the background of a shell that ends is nobody's child
 _DETACH: Final = ("/bin/sh", "-c", '"$@" &', "sh")
-_READY_WORD: Final = b"ready"
 
 
 class Child:
@@ -197,29 +196,6 @@ def _start(
         )
 
 
-def lifeline_fd() -> int | None:
-    """Return the descriptor of this process' lifeline, None if it has none.
-
-    It becomes readable, with an end of file, when the parent has died. Nothing is ever written to it.
-    """
-    return _inherited_pipe(LIFELINE)
-
-
-def _inherited_pipe(variable: str) -> int | None:
-    text = os.environ.get(variable, "")
-    if not text.isdecimal():
-        return None
-    fd = int(text)
-    try:
-        # The variable may come from a parent that did not hand over the descriptor: the number is another file then.
-        if not stat.S_ISFIFO(os.fstat(fd).st_mode):
-            return None
-        os.set_inheritable(fd, False)
-    except OSError:
-        return None
-    return fd
-
-
 # -- detached
 
 
@@ -241,7 +217,7 @@ def spawn_detached(
         report = _read_report(ours, time.monotonic() + ready)
     finally:
         os.close(ours)
-    if report == _READY_WORD:
+    if report == READY_WORD:
         return
     if report is None:
         with contextlib.suppress(ProcessLookupError):
@@ -281,22 +257,3 @@ def _read_report(fd: int, deadline: float) -> bytes | None:
             break
         report += data
     return report.strip()
-
-
-def report_ready() -> None:
-    """Tell `spawn_detached`, in the process that it started, that the service is up; a no-op in any other process."""
-    _report(_READY_WORD)
-
-
-def report_failure(sentence: str) -> None:
-    """Tell `spawn_detached`, in the process that it started, why there is no service; a no-op in any other process."""
-    _report(" ".join(sentence.split()).encode()[:4000])
-
-
-def _report(line: bytes) -> None:
-    fd = _inherited_pipe(READY)
-    os.environ.pop(READY, None)
-    if fd is not None:
-        with contextlib.suppress(OSError):  # the starter has lost patience, and said so
-            os.write(fd, line + b"\n")
-        os.close(fd)

@@ -3,7 +3,6 @@ from __future__ import annotations
 import importlib.util
 import json
 import os
-import select
 import signal
 import subprocess
 import sys
@@ -17,7 +16,7 @@ from canopen_control.errors import CanopenError, ConfigError
 from canopen_control.host import spawn as spawn_module
 from canopen_control.host.environment import LIFELINE, READY
 from canopen_control.host.reactor import ManualClock, Reactor
-from canopen_control.host.spawn import Child, lifeline_fd, report_failure, report_ready, spawn, spawn_detached
+from canopen_control.host.spawn import Child, spawn, spawn_detached
 from canopen_control.host.spawn import state_dir as logs
 
 SLEEP = python("import time; time.sleep(60)")
@@ -286,29 +285,6 @@ time.sleep(60)
                 os.kill(pid, signal.SIGKILL)
 
 
-def test_a_process_without_a_lifeline_knows_it(monkeypatch, tmp_path):
-    monkeypatch.delenv(LIFELINE, raising=False)
-    assert lifeline_fd() is None
-    for nonsense in ("", "x", "-1", "99999"):
-        monkeypatch.setenv(LIFELINE, nonsense)
-        assert lifeline_fd() is None
-    with open(tmp_path / "file", "w") as file:  # the number is in use, by something else
-        monkeypatch.setenv(LIFELINE, str(file.fileno()))
-        assert lifeline_fd() is None
-
-
-def test_a_lifeline_is_found_again_and_not_passed_on(monkeypatch):
-    theirs, ours = os.pipe()
-    os.set_inheritable(theirs, True)
-    monkeypatch.setenv(LIFELINE, str(theirs))
-    assert lifeline_fd() == lifeline_fd() == theirs
-    assert not os.get_inheritable(theirs)
-    assert not select.select([theirs], [], [], 0)[0]
-    os.close(ours)
-    assert select.select([theirs], [], [], 0)[0]
-    os.close(theirs)
-
-
 # -- detached
 
 
@@ -370,23 +346,6 @@ time.sleep(60)
     assert time.monotonic() - started < 30
     if mark.exists():  # else it did not even get that far
         assert eventually(lambda: not runs(int(mark.read_text())))
-
-
-def test_reporting_without_anybody_who_asks_does_nothing(monkeypatch):
-    monkeypatch.delenv(READY, raising=False)
-    report_ready()
-    report_failure("x")
-
-
-def test_reporting_to_somebody_who_has_left_does_nothing(monkeypatch):
-    ours, theirs = os.pipe()
-    os.close(ours)
-    monkeypatch.setenv(READY, str(theirs))
-    report_ready()
-    report_ready()
-    assert READY not in os.environ
-    with pytest.raises(OSError, match="Bad file"):
-        os.fstat(theirs)
 
 
 @pytest.mark.ros
