@@ -1,0 +1,108 @@
+from __future__ import annotations
+
+import itertools
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from support.control import same, vectors
+
+from canopen_control.controllers.limiter import Limits, RateLimiter
+
+UPSTREAM = {
+    "min_value": "min_velocity",
+    "max_value": "max_velocity",
+    "min_first_derivative_neg": "max_acceleration_reverse",
+    "max_first_derivative_pos": "max_acceleration",
+    "min_first_derivative_pos": "max_deceleration",
+    "max_first_derivative_neg": "max_deceleration_reverse",
+    "min_second_derivative": "min_jerk",
+    "max_second_derivative": "max_jerk",
+}
+
+
+def limits(params: dict[str, float]) -> Limits:
+    return Limits(**{UPSTREAM[key]: float(value) for key, value in params.items()})
+
+
+@pytest.mark.parametrize("case", vectors("rate_limiter_upstream") + vectors("rate_limiter_edges"))
+def test_it_limits_as_upstream_does(case):
+    limiter = RateLimiter(limits(case["params"]))
+    v, v0, v1, dt = (case[key] for key in ("v", "v0", "v1", "dt"))
+    found = {
+        "limit": lambda: limiter.limit(v, v0, v1, dt),
+        "limit_value": lambda: limiter.limit_velocity(v),
+        "limit_first_derivative": lambda: limiter.limit_acceleration(v, v0, dt),
+        "limit_second_derivative": lambda: limiter.limit_jerk(v, v0, v1, dt),
+    }[case["call"]]()
+    assert same(found, case["expect_v"], 1e-12)
+
+
+@pytest.mark.parametrize("case", vectors("rate_limiter_ctor"))
+def test_it_refuses_what_upstream_refuses(case):
+    if case["expect_error"] is None:
+        assert RateLimiter(limits(case["params"]))
+    else:
+        with pytest.raises(ValueError, match=case["expect_error"]):
+            RateLimiter(limits(case["params"]))
+
+
+POSITIVE = st.one_of(st.just(math.nan), st.floats(0.0, 50.0))
+NEGATIVE = POSITIVE.map(lambda value: -value)
+COMMANDS = st.lists(st.floats(-1e6, 1e6) | st.sampled_from([math.inf, -math.inf]), min_size=1, max_size=30)
+LIMITS = st.builds(Limits, NEGATIVE, POSITIVE, NEGATIVE, POSITIVE, NEGATIVE, POSITIVE, NEGATIVE, POSITIVE)
+
+
+def outputs(given_limits: Limits, commands: list[float], dt: float) -> list[float]:
+    """Return what comes out, from rest, two zeros first."""
+    limiter, out = RateLimiter(given_limits), [0.0, 0.0]
+    for command in commands:
+        out.append(limiter.limit(command, out[-1], out[-2], dt))
+    return out
+
+
+@given(LIMITS, COMMANDS, st.floats(1e-4, 1.0))
+def test_no_velocity_limit_is_ever_exceeded(given_limits, commands, dt):
+    out = outputs(given_limits, commands, dt)
+    if not math.isnan(given_limits.max_velocity):
+        low = given_limits.min_velocity if not math.isnan(given_limits.min_velocity) else -given_limits.max_velocity
+        assert all(low <= value <= given_limits.max_velocity for value in out[2:])
+
+
+@given(LIMITS, COMMANDS, st.floats(1e-4, 1.0))
+def test_no_acceleration_limit_is_ever_exceeded(given_limits, commands, dt):
+    up = given_limits.max_acceleration
+    if math.isnan(up):
+        return
+
+    def other(value: float, default: float) -> float:
+        return default if math.isnan(value) else value
+
+    reverse = other(given_limits.max_acceleration_reverse, -up)
+    down, down_reverse = other(given_limits.max_deceleration, reverse), other(given_limits.max_deceleration_reverse, up)
+    out = outputs(given_limits, commands, dt)
+    for before, value in itertools.pairwise(out[1:]):
+        low, high = (down if before > 0 else reverse) * dt, (down_reverse if before < 0 else up) * dt
+        slack = 1e-9 * (1.0 + abs(value) + abs(before))
+        assert low - slack <= value - before <= high + slack
+
+
+@given(st.floats(0.0, 50.0), COMMANDS, st.floats(1e-4, 1.0))
+def test_no_jerk_limit_is_ever_exceeded_while_a_step_grows(jerk, commands, dt):
+    out = outputs(Limits(max_jerk=jerk), [each for each in commands if math.isfinite(each)], dt)
+    for v1, v0, value in zip(out, out[1:], out[2:], strict=False):
+        step, before = value - v0, v0 - v1
+        if (step - before) * step > 0.0:
+            assert abs(step - before) <= jerk * dt * dt + 1e-9 * (1.0 + abs(value) + abs(v0) + abs(v1))
+
+
+def test_without_limits_nothing_is_changed():
+    assert RateLimiter(Limits()).limit(math.inf, 0.0, 0.0, 0.01) == math.inf
+    assert RateLimiter(Limits(max_deceleration=-1.0)).limit(7.0, 0.0, 0.0, 0.01) == 7.0
+
+
+def test_the_jerk_limit_of_older_distributions_is_another_one():
+    # humble bounds by jerk * 2 * dt^2 and always; ours is jazzy's jerk * dt^2, while the step grows: a smoother start
+    limiter = RateLimiter(Limits(max_jerk=5.0))
+    assert same(limiter.limit(1.0, 0.0, 0.0, 0.1), 5.0 * 0.1**2)

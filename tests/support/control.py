@@ -1,0 +1,109 @@
+"""Hardware and a manager for the tests of controllers, and the golden vectors."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+from canopen_control.controllers.manager import ControllerManager
+from canopen_control.controllers.params import Params
+from canopen_control.hardware.interfaces import (
+    CommandInterface,
+    InterfaceRegistry,
+    LifecycleState,
+    ReturnType,
+    StateInterface,
+)
+
+VECTORS = Path(__file__).parents[1] / "data" / "controllers.json"
+S = 1_000_000_000
+FORWARD = "forward_command_controller/ForwardCommandController"
+BROADCASTER = "joint_state_broadcaster/JointStateBroadcaster"
+DIFF_DRIVE = "diff_drive_controller/DiffDriveController"
+
+
+class Hardware:
+    """A component that records what it is asked; `refuse` and `broken` make it say no and fail."""
+
+    def __init__(self, *commands: str, states: tuple[str, ...] = (), name: str = "robot") -> None:
+        self.name = name
+        self.state = LifecycleState.ACTIVE
+        self.command_interfaces = [CommandInterface(*each.rsplit("/", 1)) for each in commands]
+        self.state_interfaces = [StateInterface(*each.rsplit("/", 1)) for each in states]
+        self.calls: list[tuple[str, tuple[str, ...], tuple[str, ...]]] = []
+        self.refuse: Exception | None = None
+
+    def configure(self) -> None:
+        self.state = LifecycleState.INACTIVE
+
+    def activate(self) -> None:
+        self.state = LifecycleState.ACTIVE
+
+    def deactivate(self) -> None:
+        self.state = LifecycleState.INACTIVE
+
+    def cleanup(self) -> None:
+        self.state = LifecycleState.UNCONFIGURED
+
+    def shutdown(self) -> None:
+        self.state = LifecycleState.FINALIZED
+
+    def prepare_command_mode_switch(self, start, stop) -> None:
+        self.calls.append(("prepare", tuple(start), tuple(stop)))
+        if self.refuse is not None:
+            raise self.refuse
+
+    def perform_command_mode_switch(self, start, stop) -> None:
+        self.calls.append(("perform", tuple(start), tuple(stop)))
+
+    def read(self, now, period) -> ReturnType:
+        return ReturnType.OK
+
+    def write(self, now, period) -> ReturnType:
+        return ReturnType.OK
+
+    def values(self) -> list[float]:
+        return [each.value for each in self.command_interfaces]
+
+    def set(self, name: str, value: float) -> None:
+        next(each for each in self.state_interfaces if each.name == name).value = value
+
+
+def manager(*hardware: Hardware, rate: int = 100, joints: tuple[str, ...] | None = None) -> ControllerManager:
+    """Return a manager over components."""
+    registry = InterfaceRegistry()
+    for each in hardware:
+        registry.register(each)
+    return ControllerManager(registry, rate, joints=joints)
+
+
+def add(control: ControllerManager, name: str, type_name: str, **params: Any) -> Any:
+    """Load and configure a controller; `a__b` in a name is `a.b`."""
+    controller = control.load(
+        name, type_name, Params.of({key.replace("__", "."): each for key, each in params.items()})
+    )
+    control.configure(name)
+    return controller
+
+
+def vectors(group: str) -> list[Any]:
+    """Return the cases of a group of the golden vectors, with nan and inf as numbers."""
+    groups = json.loads(VECTORS.read_text(encoding="utf-8"))["groups"]
+    return next(_numbers(each["cases"]) for each in groups if each["id"] == group)
+
+
+def _numbers(value: Any) -> Any:
+    if isinstance(value, list):
+        return [_numbers(each) for each in value]
+    if isinstance(value, dict):
+        return {key: _numbers(each) for key, each in value.items()}
+    return {"nan": math.nan, "inf": math.inf}.get(value, value) if isinstance(value, str) else value
+
+
+def same(found: Any, wanted: Any, tolerance: float = 1e-9) -> bool:
+    """Whether numbers are equal within a tolerance, nan being equal to itself."""
+    if math.isnan(wanted) or math.isnan(found):
+        return math.isnan(wanted) and math.isnan(found)
+    return bool(math.isclose(found, wanted, rel_tol=tolerance, abs_tol=tolerance))
