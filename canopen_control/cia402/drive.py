@@ -18,7 +18,6 @@ Law of this file (CiA 402-2, 6.3, seen from the other end of the bus):
 
 from __future__ import annotations
 
-from enum import Enum
 from typing import TYPE_CHECKING
 
 from canopen_control.cia402.events import (
@@ -29,22 +28,23 @@ from canopen_control.cia402.events import (
     ModeTimedOut,
     StateChanged,
     StatuswordUndefined,
-    TransitionTimedOut,
 )
 from canopen_control.cia402.fault_reset import FaultReset
+from canopen_control.cia402.goal import DISABLED_STATES, FAULT_STATES, LADDER, Goal, is_stopped, state_of_goal
 from canopen_control.cia402.mode_request import ModeRequest
 from canopen_control.cia402.quick_stop_exit import QuickStopExit, StopStage
 from canopen_control.cia402.state import (
     HALT_BIT,
     MODE_SPECIFIC_BITS,
     REMOTE,
+    TARGET_REACHED,
     Command,
     State,
     controlword_of,
     decode_statusword,
     next_command,
-    transition_of,
 )
+from canopen_control.cia402.step_timer import SETTLE, StepTimer, transition_number
 from canopen_control.errors import DriveError, LocalProtocolError
 
 if TYPE_CHECKING:
@@ -52,33 +52,15 @@ if TYPE_CHECKING:
 
     from canopen_control.cia402.events import DriveEvent
 
-__all__ = ["DriveMachine", "Goal"]
+__all__ = ["DriveMachine", "Goal"]  # Goal lives in goal.py: whoever has a machine speaks of its goals
 
 _NEVER = 1 << 63
+_WATCHED = 0x6F | REMOTE | TARGET_REACHED  # a change of other bits of the statusword changes nothing here
 _SECOND = 1_000_000_000
-_FAULTS = (State.FAULT_REACTION_ACTIVE, State.FAULT)
-_LADDER = {
-    State.NOT_READY_TO_SWITCH_ON: -1,
-    State.SWITCH_ON_DISABLED: 0,
-    State.QUICK_STOP_ACTIVE: 0,  # both ways out of it lead up again
-    State.READY_TO_SWITCH_ON: 1,
-    State.SWITCHED_ON: 2,
-    State.OPERATION_ENABLED: 3,
-}
-_DISABLED_STATES = (State.SWITCH_ON_DISABLED, State.READY_TO_SWITCH_ON, State.SWITCHED_ON)
 _FALLS = 2  # on the way up: a command still on its way may cause one, a drive that keeps falling has a reason
 # Transition 16 is optional: a drive that does not know it is soon led out of its quick stop the long way.
 _DEFAULT_TIMEOUTS = {16: _SECOND}
 _AUTOMATIC = {None: 0, State.NOT_READY_TO_SWITCH_ON: 1}  # what an enable waits for before it can command anything
-
-
-class Goal(Enum):
-    """What the machine works towards."""
-
-    DISABLED = "disabled, by the drive's own ramp"
-    ENABLED = "operation enabled"
-    QUICK_STOPPED = "stopped by a quick stop"
-    VOLTAGE_DISABLED = "without voltage at once"
 
 
 class DriveMachine:
@@ -90,8 +72,8 @@ class DriveMachine:
     SWITCHED_ON. A statusword without a meaning leaves the state as it was for `undefined_limit` updates. After an
     enable that overtook a disable the drive counts as enabled again when it did not move for `settle_ns`.
 
-    To be read: `state` (None: unknown), `statusword`, `goal`, `halted`, `controlword`, `undefined` (the number of
-    undefined statuswords), `remote` (bit 9; True until the drive says otherwise). `standstill` may be set by who
+    To be read: `state` (None: unknown), `statusword`, `goal`, `halted`, `held`, `controlword`, `undefined` (the number
+    of undefined statuswords), `remote` (bit 9; True until the drive says otherwise). `standstill` may be set by who
     knows that the motor stands; it shortens the wait for the end of a quick stop, nothing else.
     """
 
@@ -107,7 +89,7 @@ class DriveMachine:
         disabled_state: State = State.SWITCH_ON_DISABLED,
         undefined_limit: int = 10,
     ) -> None:
-        if disabled_state not in _DISABLED_STATES:
+        if disabled_state not in DISABLED_STATES:
             raise LocalProtocolError(f"{name}: {disabled_state.name} is no state of a disabled drive")
         self.name = name
         self.disabled_state = disabled_state
@@ -116,12 +98,12 @@ class DriveMachine:
         self.statusword: int | None = None
         self.controlword = 0
         self.halted = False
+        self.held = False
         self.remote = True
         self.standstill = False
         self.undefined = 0
-        self._timeout = transition_timeout_ns
-        self._timeouts = {**_DEFAULT_TIMEOUTS, **(transition_timeouts or {})}
-        self._settle = settle_ns
+        timeouts = {**_DEFAULT_TIMEOUTS, SETTLE: settle_ns, **(transition_timeouts or {})}
+        self._step = StepTimer(transition_timeout_ns, timeouts)
         self._undefined_limit = undefined_limit
         self._undefined_run = 0
         self._events: list[DriveEvent] = []
@@ -132,9 +114,7 @@ class DriveMachine:
         self._in_flight = False  # a command to leave OPERATION_ENABLED may still arrive after a new enable
         self._quick = False  # a quick stop was asked for, and OPERATION_ENABLED not left yet
         self._stop_exit = QuickStopExit()
-        self._command: Command | None = None
-        self._armed = False  # the timer of this command in this state was set
-        self._step_deadline = self._deadline = _NEVER
+        self._deadline = _NEVER
         self._settled = False  # nothing to do until an input changes or a deadline passes
 
     # What somebody wants. All of it may be said again, and does nothing then.
@@ -153,7 +133,7 @@ class DriveMachine:
         self._set_goal(Goal.ENABLED)
         self._falls = 0
         self._quick = False
-        self._in_flight = self.state is State.OPERATION_ENABLED and self._command is not Command.ENABLE_OPERATION
+        self._in_flight = self.state is State.OPERATION_ENABLED and self._step.command is not Command.ENABLE_OPERATION
 
     def disable(self) -> None:
         """Stop the motor by the drive's own ramp (0x605C), then take its power down to `disabled_state`."""
@@ -175,6 +155,12 @@ class DriveMachine:
         """Set or clear the halt bit (0x605D) of an enabled drive; it holds until it is cleared."""
         if on is not self.halted:
             self.halted = on
+            self._settled = False
+
+    def hold(self, on: bool = True) -> None:
+        """Wait before OPERATION_ENABLED, or go on: axes that are released in one cycle are enabled in one cycle."""
+        if on is not self.held:
+            self.held = on
             self._settled = False
 
     def fault_reset(self) -> None:
@@ -217,6 +203,12 @@ class DriveMachine:
         return self._mode.confirmed
 
     @property
+    def waiting(self) -> bool:
+        """Whether nothing but `hold` keeps the drive from being enabled by the next controlword."""
+        ready = self.state is State.SWITCHED_ON or self.state is State.QUICK_STOP_ACTIVE
+        return ready and self.goal is Goal.ENABLED and self._mode.confirmed
+
+    @property
     def enabled(self) -> bool:
         """Whether the drive is in OPERATION_ENABLED, is meant to be, and nothing that ends it is on its way."""
         return self.state is State.OPERATION_ENABLED and self.goal is Goal.ENABLED and not self._in_flight
@@ -229,7 +221,7 @@ class DriveMachine:
     @property
     def fault(self) -> bool:
         """Whether the drive is in a fault, or in its reaction to one."""
-        return self.state in _FAULTS
+        return self.state in FAULT_STATES
 
     @property
     def resetting(self) -> bool:
@@ -238,14 +230,10 @@ class DriveMachine:
 
     @property
     def reached(self) -> bool:
-        """Whether the goal is reached; a drive in a fault counts as stopped once its reaction is over."""
+        """Whether the goal is reached; the way of a stop is `goal.is_stopped`."""
         if self.goal is Goal.ENABLED:
             return self.enabled and self._mode.confirmed
-        if self.state is State.FAULT:
-            return True
-        if self.goal is Goal.QUICK_STOPPED:
-            return self.state in (State.QUICK_STOP_ACTIVE, State.SWITCH_ON_DISABLED)
-        return self.state in _DISABLED_STATES and _LADDER[self.state] <= _LADDER[self._goal_state()]
+        return is_stopped(self.goal, self.disabled_state, self.state)
 
     def events(self) -> list[DriveEvent]:
         """Return what happened since the last call."""
@@ -264,8 +252,13 @@ class DriveMachine:
         Call it once per cycle. Never raises. A statusword that becomes None again is a drive that is gone.
         """
         mode = self._mode
-        if self._settled and statusword == self.statusword and mode_display == mode.display and now < self._deadline:
-            return self.controlword
+        if self._settled and mode_display == mode.display and now < self._deadline:
+            last = self.statusword
+            if statusword == last:
+                return self.controlword
+            if statusword is not None and last is not None and not (statusword ^ last) & _WATCHED:
+                self.statusword = statusword
+                return self.controlword
         self._settled = True
         if statusword is None:
             self._without_statusword(now)
@@ -273,18 +266,21 @@ class DriveMachine:
         else:
             self._observe(statusword, now)
             self._supervise_mode(mode_display, now)
-        if now >= self._step_deadline:
+        step = self._step
+        if now >= step.deadline:
             self._step_timed_out(now)
         command = self._choose()
-        self._arm(command, now)
+        if step.must_arm(command):
+            step.arm(command, self._step_number(command), now)
         self.controlword = self._word(command, now)
-        self._deadline = min(self._step_deadline, mode.deadline, self._reset.deadline)
+        self._deadline = min(step.deadline, mode.deadline, self._reset.deadline)
         return self.controlword
 
     def _set_goal(self, goal: Goal) -> None:
         if goal is not self.goal:
             self.goal = goal
-            self._in_flight = self._armed = self._settled = False
+            self._in_flight = self._settled = False
+            self._step.rearm()
             self._stop_exit.restart()
 
     def _seen(self) -> str:
@@ -331,22 +327,21 @@ class DriveMachine:
 
     def _change_state(self, previous: State | None, state: State, statusword: int, now: int) -> None:
         self._enter(state, now)
-        if state in _FAULTS:
-            if previous not in _FAULTS:
+        if state in FAULT_STATES:
+            if previous not in FAULT_STATES:
                 self._events.append(FaultEntered(now, state, statusword, previous is State.OPERATION_ENABLED))
             self._set_goal(Goal.DISABLED)
             return
         self._reset.cancel()
-        if previous in _FAULTS:
+        if previous in FAULT_STATES:
             self._events.append(FaultCleared(now, statusword))
-        elif previous is not None and self.goal is Goal.ENABLED and _LADDER[state] < _LADDER[previous]:
+        elif previous is not None and self.goal is Goal.ENABLED and LADDER[state] < LADDER[previous]:
             self._fall(previous, now)
 
     def _enter(self, state: State | None, now: int) -> None:
         self._events.append(StateChanged(now, self.state, state, self.statusword))
         self.state = state
-        self._armed = False
-        self._step_deadline = _NEVER
+        self._step.enter()
         self._stop_exit.enter()
         self._quick = self._quick and state is State.OPERATION_ENABLED
 
@@ -372,18 +367,19 @@ class DriveMachine:
             self._lose(now)
 
     def _step_timed_out(self, now: int) -> None:
-        self._step_deadline = _NEVER
+        self._step.deadline = _NEVER
         if self._in_flight:
             self._in_flight = False  # what could have ended the enable did not
             return
         stage = self._stop_exit.stage if self._is_leaving_quick_stop() else None
         if stage is StopStage.ENABLE or stage is StopStage.WAIT:
             self._stop_exit.advance()
-            self._armed = False
+            self._step.rearm()
         if stage is StopStage.ENABLE:
             return  # transition 16 is optional: not worth a word
         gave_up = self.goal is Goal.ENABLED and stage is not StopStage.WAIT
-        self._report_timeout(gave_up, now)
+        wanted = state_of_goal(self.goal, self.disabled_state)
+        self._events.append(self._step.timed_out(self.state, wanted, self.statusword, gave_up, now))
         self._quick = False
         if gave_up:
             self._set_goal(Goal.DISABLED)
@@ -391,24 +387,10 @@ class DriveMachine:
     def _is_leaving_quick_stop(self) -> bool:
         return self.state is State.QUICK_STOP_ACTIVE and self.goal in (Goal.ENABLED, Goal.DISABLED)
 
-    def _report_timeout(self, gave_up: bool, now: int) -> None:
-        command = self._command
-        transition = transition_of(self.state, command) if self.state and command else None
-        wanted, number = (transition.target, transition.number) if transition else (self._goal_state(), None)
-        event = TransitionTimedOut(now, self.state, wanted, command, number, self.statusword, gave_up)
-        self._events.append(event)
-
-    def _goal_state(self) -> State:
-        if self.goal is Goal.ENABLED:
-            return State.OPERATION_ENABLED
-        if self.goal is Goal.QUICK_STOPPED:
-            return State.QUICK_STOP_ACTIVE
-        return self.disabled_state if self.goal is Goal.DISABLED else State.SWITCH_ON_DISABLED
-
     def _choose(self) -> Command | None:
         """Return the command for the state and the goal, None for a drive that no command moves."""
         state = self.state
-        if state is None or state in _FAULTS:
+        if state is None or state in FAULT_STATES:
             return None
         if self.goal is Goal.VOLTAGE_DISABLED:
             return Command.DISABLE_VOLTAGE
@@ -416,38 +398,31 @@ class DriveMachine:
             return Command.QUICK_STOP
         if self._is_leaving_quick_stop():
             return self._leave_quick_stop()
-        if state is State.SWITCHED_ON and self.goal is Goal.ENABLED and not self._mode.confirmed:
+        if state is State.SWITCHED_ON and self.goal is Goal.ENABLED and not self._may_enable():
             return Command.SWITCH_ON  # stay: the mode comes first
-        return next_command(state, self._goal_state())
+        return next_command(state, state_of_goal(self.goal, self.disabled_state))
+
+    def _may_enable(self) -> bool:
+        return self._mode.confirmed and not self.held
 
     def _leave_quick_stop(self) -> Command:
         leave = self._stop_exit
         enable = self.goal is Goal.ENABLED
-        command = leave.command(enable, self.statusword or 0, self.standstill, self._mode.confirmed)
+        command = leave.command(enable, self.statusword or 0, self.standstill, self._may_enable())
         if leave.stage is StopStage.WAIT:
             self._settled = False  # `standstill` is no input of update
         return command
 
-    def _arm(self, command: Command | None, now: int) -> None:
-        """Start the timer of a new step; where nothing is to change there is none."""
-        if self._armed and command is self._command:
-            return
-        self._armed, self._command = True, command
-        timeout = self._step_timeout(command)
-        self._step_deadline = _NEVER if timeout is None else now + timeout
-
-    def _step_timeout(self, command: Command | None) -> int | None:
+    def _step_number(self, command: Command | None) -> int | None:
+        """Return the transition that the step asks for, or that it waits for; None for a drive that is to stay."""
         state = self.state
         if state in _AUTOMATIC:
-            number = _AUTOMATIC[state] if self.goal is Goal.ENABLED else None
-        elif state is State.OPERATION_ENABLED and self._in_flight:
-            return self._settle
-        elif state is State.QUICK_STOP_ACTIVE and self._stop_exit.stage is StopStage.WAIT:
-            number = 12
-        else:
-            transition = transition_of(state, command) if state and command else None
-            number = transition.number if transition else None
-        return None if number is None else self._timeouts.get(number, self._timeout)
+            return _AUTOMATIC[state] if self.goal is Goal.ENABLED else None
+        if state is State.OPERATION_ENABLED and self._in_flight:
+            return SETTLE
+        if state is State.QUICK_STOP_ACTIVE and self._stop_exit.stage is StopStage.WAIT:
+            return 12
+        return transition_number(state, command)
 
     def _word(self, command: Command | None, now: int) -> int:
         """Return the controlword: the command, and for an enabled drive the bits of its mode and halt."""

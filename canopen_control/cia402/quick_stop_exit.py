@@ -48,10 +48,10 @@ class QuickStopExit:
         if not statusword & TARGET_REACHED:
             self._moved = True
 
-    def command(self, enable: bool, statusword: int, standstill: bool, mode_confirmed: bool) -> Command:
-        """Return what to send; `enable` is what is wanted, `standstill` what is known of the motor."""
+    def command(self, enable: bool, statusword: int, standstill: bool, may_enable: bool) -> Command:
+        """Return what to send: `enable` is wanted, `may_enable` at once, the motor is known to stand (`standstill`)."""
         if self.stage is StopStage.ENABLE and enable:
-            return Command.ENABLE_OPERATION if mode_confirmed else Command.QUICK_STOP
+            return Command.ENABLE_OPERATION if may_enable else Command.QUICK_STOP
         if self.stage is not StopStage.DISABLE:
             # Bit 10 tells the end of the stop only if it was seen 0 in it: before, it may be an old target's.
             over = standstill or (self._moved and bool(statusword & TARGET_REACHED))

@@ -630,6 +630,48 @@ def test_bits_that_are_not_a_modes_are_refused():
     assert machine.mode_bits == 0
 
 
+def test_axes_that_are_held_are_enabled_in_one_cycle():
+    rigs = [Rig(delay=0, mode=8), Rig(delay=3, mode=8)]
+    for rig in rigs:
+        rig.machine.hold()
+        rig.machine.enable()
+    while not all(rig.machine.waiting for rig in rigs):
+        for rig in rigs:
+            rig.cycle()
+    for rig in rigs:
+        rig.cycle(200)  # no time runs out
+        assert rig.machine.state is State.SWITCHED_ON
+        rig.machine.hold(False)
+        assert rig.cycle().words[-2:] == [0x07, 0x0F]
+        rig.cycle(20)
+        rig.machine.hold()
+        rig.cycle(20)
+        assert rig.machine.enabled  # it holds back, it takes nothing away
+
+
+def test_a_held_drive_in_its_quick_stop_stays_there():
+    rig = Rig(quick_stop_option=6).enabled()
+    rig.machine.quick_stop()
+    rig.until(ref.QSA)
+    rig.machine.hold()
+    rig.machine.enable()
+    rig.cycle(200)
+    assert rig.machine.waiting
+    rig.machine.hold(False)
+    rig.until(ref.OE)
+    assert rig.drive.taken == [11, 16]
+
+
+def test_bits_that_mean_nothing_here_are_still_kept():
+    rig = Rig().enabled()
+    for word in (0x8237, 0x42B7, 0x0237, 0x0227):
+        assert rig.machine.update(word, None, rig.now) == 0x0F
+        assert rig.machine.statusword == word
+    rig.machine.update(0x0240, None, rig.now)
+    assert rig.machine.statusword == 0x0240
+    assert any(isinstance(event, EnableLost) for event in rig.machine.events())
+
+
 def test_an_undefined_statusword_keeps_the_state_is_counted_and_then_told():
     rig = Rig().enabled()
     for _ in range(9):
