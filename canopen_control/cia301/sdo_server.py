@@ -166,14 +166,14 @@ class SdoServer:
     def frames(self) -> list[CanFrame]:
         """Return what to send, in order."""
         if not (out := self._out):
-            return out
+            return []  # never our own list: callers extend what they get
         self._out = []
         return out
 
     def events(self) -> list[StoreFailure]:
         """Return the defects of the store since the last call."""
         if not (failures := self._failures):
-            return failures
+            return []
         self._failures = []
         return failures
 

@@ -81,7 +81,7 @@ def test_the_servers_toggle_abort_starts_again_too():
 def test_silence_after_a_copy_is_a_toggle_error():
     client, _ = reading("583#4108100015000000", "583#0000000000000000", "583#0000000000000000")
     client.tick(HALF)
-    assert [str(one) for one in client.frames()] == ["603#8008100000000305", "603#4008100000000000"]
+    assert [str(one) for one in client.frames()] == ["603#8008100000000305", "603#4000100000000000"]
 
 
 def test_a_lost_segment_times_out_and_the_transfer_starts_again():

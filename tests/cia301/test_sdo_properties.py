@@ -60,10 +60,10 @@ def test_no_sequence_of_frames_breaks_the_client(steps):
         now += 200 * MS
         if isinstance(step, bytes):
             client.receive(CanFrame(0x580 + NODE, step), now)
-            assert len(client._out) <= 140
+            assert len(client._exchange.out) <= 140
         else:
             operate(client, step, now)
-        transfer = client._transfer
+        transfer = client._exchange._transfer
         assert transfer is None or len(transfer.result) <= 60
     assert_usable(client, SdoServer(NODE, MemoryStore({(0x2000, 0): b"old"})), now)
 
