@@ -1,0 +1,115 @@
+from __future__ import annotations
+
+import pytest
+from support.sdo import MS, NODE, MemoryStore, frame
+
+from canopen_control.cia301.sdo_client import SdoClient, SdoOptions
+from canopen_control.cia301.sdo_exchange import SdoExchange
+from canopen_control.cia301.sdo_request import SdoRequest
+from canopen_control.cia301.sdo_server import SdoServer
+from canopen_control.errors import BusClosed
+
+HALF = 500 * MS
+
+
+@pytest.fixture
+def exchange():
+    return SdoExchange(NODE, "", 1, SdoOptions(), 0x603)
+
+
+def test_an_idle_exchange_ignores_everything(exchange):
+    for command in range(256):
+        exchange.receive(bytes((command, 0, 0x20, 0, 0, 0, 0, 0)), 0)
+    exchange.tick(HALF)
+    exchange.cancel(BusClosed("vcan0"))
+    assert (exchange.out, exchange.finished, exchange.deadline) == ([], [], None)
+    assert exchange.ignored == 256
+
+
+def test_a_request_that_ends_leaves_it_idle(exchange):
+    request = SdoRequest(0x2000, 0, None, HALF)
+    exchange.start(request, 0)
+    exchange.out.clear()
+    exchange.receive(bytes.fromhex("4F00200005000000"), 7)
+    assert (exchange.active, exchange.deadline, exchange.finished) == (None, None, [request])
+    assert (request.data, request.elapsed_ns) == (b"\5", 7)
+
+
+def test_a_list_that_was_handed_out_is_the_callers():
+    client, server = SdoClient(NODE), SdoServer(NODE, MemoryStore())
+    for core in (client, server):
+        taken, happened = core.frames(), core.events()
+        taken.append(frame("080#"))
+        happened.append("something else")
+        assert (core.frames(), core.events()) == ([], [])
+
+
+def test_the_abort_of_a_cancelled_transfer_leaves_although_the_next_is_cancelled_too():
+    client = SdoClient(NODE)
+    requests = [client.write(0x2000, 0, bytes(20), block=True, now=0), client.read(0x2001, now=0)]
+    client.frames()
+    client.receive(frame("583#A40020007F000000"), 0)
+    for request in requests:
+        client.cancel(request, BusClosed("vcan0"))
+    assert [str(one) for one in client.frames()] == ["603#8000200000000008"]
+
+
+def test_segments_that_nobody_wants_any_more_do_not_leave():
+    client = SdoClient(NODE)
+    client.write(0x2000, 0, bytes(800), block=True, now=0)
+    client.frames()
+    client.receive(frame("583#A40020007F000000"), 0)
+    client.tick(HALF)
+    assert [one.data[0] for one in client.frames()] == [0x80, 0x40]
+
+
+def test_a_server_that_aborts_because_it_waited_too_long_is_asked_once_more():
+    client = SdoClient(NODE)
+    request = client.read(0x1008, now=0)
+    for _ in range(2):
+        client.frames()
+        client.receive(frame("583#4108100009000000"), 0)
+        client.frames()
+        client.receive(frame("583#8008100000000405"), 0)
+    assert request.error.code == 0x05040000
+    assert client.retried == 1
+
+
+def test_a_probe_is_settled_by_the_right_object_only():
+    client = SdoClient(NODE)
+    client.read(0x6064, now=0)
+    client.frames()
+    client.tick(HALF)
+    client.frames()
+    for answer in ("583#4F01100000000000", "583#6000100000000000", "583#8064600000000206"):
+        client.receive(frame(answer), HALF)
+    assert (client.frames(), client.ignored) == ([], 3)
+
+
+def test_a_device_type_that_comes_in_segments_settles_too():
+    client = SdoClient(NODE)
+    client.read(0x6064, now=0)
+    client.frames()
+    client.tick(HALF)
+    client.frames()
+    client.receive(frame("583#4100100004000000"), HALF)
+    assert [str(one) for one in client.frames()] == ["603#4064600000000000"]
+
+
+def test_a_late_abort_without_a_multiplexer_is_not_the_next_requests():
+    client = SdoClient(NODE, retries=0)
+    client.read(0x1008, now=0)
+    client.frames()
+    client.tick(HALF)
+    request = client.read(0x6064, now=HALF)
+    client.frames()
+    client.receive(frame("583#8000000001000405"), HALF)
+    assert not request.done
+
+
+def test_a_block_upload_answered_plainly_is_a_plain_upload():
+    client = SdoClient(NODE)
+    request = client.read(0x1018, 1, block=True, now=0)
+    client.frames()
+    client.receive(frame("583#4318100186020000"), 0)
+    assert request.data == b"\x86\2\0\0"

@@ -1,0 +1,92 @@
+from __future__ import annotations
+
+import pytest
+
+from canopen_control.cia301.sdo_initiate import completed, fitted, initiate, wants_block
+from canopen_control.cia301.sdo_request import SdoOptions, SdoRequest
+
+OPTIONS = SdoOptions(block_threshold=100)
+
+
+def request(length=None, block=None):
+    return SdoRequest(0x2001, 2, None if length is None else bytes(length), 1, block)
+
+
+@pytest.mark.parametrize(
+    ("length", "block", "first"),
+    [
+        (None, False, "4001200200000000"),
+        (0, False, "2101200200000000"),
+        (1, False, "2F01200200000000"),
+        (4, False, "2301200200000000"),
+        (5, False, "2101200205000000"),
+        (None, True, "A40120027F000000"),
+        (5, True, "C601200205000000"),
+    ],
+)
+def test_the_first_frame(length, block, first):
+    assert initiate(request(length), OPTIONS, block)[1].hex().upper() == first
+
+
+@pytest.mark.parametrize(
+    ("length", "block", "first"),
+    [(1, False, "22"), (5, False, "20"), (5, True, "C0"), (None, True, "A0")],
+)
+def test_the_first_frame_of_a_client_that_offers_nothing(length, block, first):
+    options = SdoOptions(announce_size=False, crc=False)
+    data = initiate(request(length), options, block)[1]
+    assert data[0] == int(first, 16)
+    assert data[4:] in (bytes(4), b"\x7f\0\0\0")
+
+
+@pytest.mark.parametrize(
+    ("length", "wish", "block"),
+    [
+        (99, None, False),
+        (100, None, True),
+        (None, None, False),
+        (100, False, False),
+        (1, True, True),
+        (None, True, True),
+    ],
+)
+def test_the_wish_for_block_transfer_counts_and_else_the_length(length, wish, block):
+    assert wants_block(request(length, wish), OPTIONS) is block
+
+
+@pytest.mark.parametrize(
+    ("data", "whole"),
+    [
+        ("60012000", True),
+        ("600120", False),
+        ("4F01200005", True),
+        ("4F012000", False),
+        ("4B0120000506", True),
+        ("4B01200005", False),
+        ("8001200000000206", True),
+        ("80012000000002", False),
+        ("41012000090000", False),
+        ("A1", False),
+        ("", False),
+        ("430120000102030405", False),
+    ],
+)
+def test_a_cut_frame_is_whole_if_no_byte_that_counts_is_missing(data, whole):
+    filled = completed(bytes.fromhex(data))
+    assert filled == (bytes.fromhex(data).ljust(8, b"\0") if whole else b"")
+
+
+@pytest.mark.parametrize(
+    ("length", "size", "sized", "lenient", "result"),
+    [
+        (2, None, True, False, (2, 0)),
+        (2, 2, True, False, (2, 0)),
+        (4, 2, False, False, (2, 0)),
+        (4, 2, True, False, (2, 0x06070012)),
+        (2, 4, True, False, (4, 0x06070013)),
+        (2, 4, True, True, (4, 0)),
+    ],
+)
+def test_what_is_read_is_fitted_to_what_is_known(length, size, sized, lenient, result):
+    data, code = fitted(bytes(length), size, sized, lenient)
+    assert (len(data), code) == result
