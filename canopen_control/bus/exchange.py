@@ -25,6 +25,8 @@ QUEUE_LIMIT = 16384 * RECORD_SIZE
 """Bytes that wait for one reader, beside what the kernel holds for it."""
 BACKLOG_LIMIT = 256
 """Frames of one sender that wait for a paced wire before it is read no more."""
+DELAY_LIMIT = 65536
+"""Chunks of frames that a delay may hold back."""
 
 
 class Member:
@@ -120,6 +122,9 @@ class Exchange:
             return
         if due <= now:
             self._transmit(member.number, kept, now)
+            return
+        if len(self._delayed) >= DELAY_LIMIT:
+            self._lose(member, kept)
             return
         self._last_due[member.number] = due
         self._serial += 1

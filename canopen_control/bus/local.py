@@ -16,7 +16,7 @@ from typing import NoReturn
 from canopen_control.bus.error_events import note_errors
 from canopen_control.bus.error_frames import has_error_frames
 from canopen_control.bus.hello import HELLO_SIZE, VERSION, Hello, pack_hello, parse_hello
-from canopen_control.bus.port import BusEvent, BusEventKind, PortStats, Records, whole_records
+from canopen_control.bus.port import BusEvent, BusEventKind, EventLog, PortStats, Records, whole_records
 from canopen_control.bus.sendqueue import SendQueue
 from canopen_control.errors import BusClosed, BusError, CanopenError, ConfigError
 from canopen_control.frame import RECORD_SIZE
@@ -41,7 +41,8 @@ class LocalPort:
         self._socket = sock
         self._partial = b""
         self._queue = SendQueue()
-        self._events: list[BusEvent] = []
+        self._events = EventLog()
+        self._dropping = False
         self._gone = ""
         sock.setblocking(False)
         for option in (socket.SO_RCVBUF, socket.SO_SNDBUF):
@@ -70,7 +71,7 @@ class LocalPort:
             data = self._reassemble(data)
         self.stats.rx += len(data) // RECORD_SIZE
         if has_error_frames(data):
-            self._events += note_errors(data, self.stats)
+            self._events.extend(note_errors(data, self.stats))
         return data
 
     def _reassemble(self, data: bytes) -> bytes:
@@ -103,13 +104,10 @@ class LocalPort:
     def _enqueue(self, records: Records) -> None:
         dropped = self._queue.put(records)
         self.stats.queued = len(self._queue)
-        if dropped:
-            self.stats.lost += dropped
-            self._events.append(
-                BusEvent(
-                    BusEventKind.OVERRUN, f"bus {self.channel}: the hub does not keep up; {dropped} frames dropped"
-                )
-            )
+        self.stats.lost += dropped
+        if dropped and not self._dropping:
+            self._events.add(BusEventKind.OVERRUN, f"bus {self.channel}: the hub does not keep up, frames are dropped")
+        self._dropping = dropped > 0
 
     def flush(self) -> None:
         """Hand queued records to the kernel as far as it takes them; raise `BusClosed` when the hub is gone."""
@@ -119,15 +117,14 @@ class LocalPort:
 
     def events(self) -> list[BusEvent]:
         """Return what happened since the last call."""
-        events, self._events = self._events, []
-        return events
+        return self._events.drain()
 
     def _lose(self) -> NoReturn:
         if not self._gone:
             self._gone = _HUB_GONE
             self.stats.lost += self._queue.clear()
             self.stats.queued = 0
-            self._events.append(BusEvent(BusEventKind.CLOSED, f"bus {self.channel}: {_HUB_GONE}"))
+            self._events.add(BusEventKind.CLOSED, f"bus {self.channel}: {_HUB_GONE}")
         raise BusClosed(self.channel, self._gone)
 
     def close(self) -> None:

@@ -13,7 +13,7 @@ from weakref import WeakValueDictionary
 
 from canopen_control.bus import error_frames
 from canopen_control.bus.error_events import note_errors
-from canopen_control.bus.port import BusEvent, BusEventKind, PortStats, Records, whole_records
+from canopen_control.bus.port import BusEvent, BusEventKind, EventLog, PortStats, Records, whole_records
 from canopen_control.bus.wake import Wake
 from canopen_control.errors import BusClosed
 from canopen_control.frame import RECORD_SIZE, CanFrame, frames_of, pack_records
@@ -204,7 +204,7 @@ class MemoryPort:
         self.wants_write = False
         self._queue = bytearray()
         self._lost = 0
-        self._events: list[BusEvent] = []
+        self._events = EventLog()
         self._wake: Wake | None = None
         self._gone = ""
 
@@ -244,7 +244,7 @@ class MemoryPort:
             records += self._take_overrun()
         self.stats.rx += len(records) // RECORD_SIZE
         if error_frames.has_error_frames(records):
-            self._events += note_errors(records, self.stats)
+            self._events.extend(note_errors(records, self.stats))
         return records
 
     def _take_overrun(self) -> bytes:
@@ -266,14 +266,13 @@ class MemoryPort:
 
     def events(self) -> list[BusEvent]:
         """Return what happened since the last call."""
-        events, self._events = self._events, []
-        return events
+        return self._events.drain()
 
     def lose(self, reason: str) -> None:
         """End this port from the other side (called by the bus): its next verb raises `BusClosed`."""
         if not self._gone:
             self._gone = reason
-            self._events.append(BusEvent(BusEventKind.CLOSED, f"bus {self.channel}: {reason}"))
+            self._events.add(BusEventKind.CLOSED, f"bus {self.channel}: {reason}")
             self.bus.leave(self)
             if self._wake is not None:
                 self._wake.set()

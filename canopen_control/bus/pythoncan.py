@@ -16,7 +16,7 @@ from canopen_control.bus.channel import ChannelKind, ChannelSpec
 from canopen_control.bus.error_events import note_errors
 from canopen_control.bus.error_frames import has_error_frames
 from canopen_control.bus.messages import message_of, record_of
-from canopen_control.bus.port import BusEvent, BusEventKind, PortStats, Records, whole_records
+from canopen_control.bus.port import BusEvent, BusEventKind, EventLog, PortStats, Records, whole_records
 from canopen_control.bus.sendqueue import SEND_LIMIT, SendQueue
 from canopen_control.bus.wake import Wake
 from canopen_control.errors import BusClosed, BusError, InterfaceNotFound
@@ -44,7 +44,7 @@ class PythonCanPort:
         self._lock = threading.Lock()  # guards all that follows
         self._wake = Wake()
         self._received = bytearray()
-        self._events: list[BusEvent] = []
+        self._events = EventLog()
         self._outgoing = SendQueue(SEND_LIMIT)
         self._lost = 0  # by the threads, not yet in stats
         self._down = False
@@ -76,7 +76,7 @@ class PythonCanPort:
             if has_error_frames(records):
                 events = note_errors(records, self.stats)
                 with self._lock:
-                    self._events += events
+                    self._events.extend(events)
         return records
 
     def send(self, records: Records) -> None:
@@ -103,8 +103,7 @@ class PythonCanPort:
     def events(self) -> list[BusEvent]:
         """Return what happened since the last call."""
         with self._lock:
-            events, self._events = self._events, []
-        return events
+            return self._events.drain()
 
     def close(self) -> None:
         """Shut the adapter down; a second call does nothing."""
@@ -181,7 +180,7 @@ class PythonCanPort:
             if self._down:
                 return
             self._down = True
-            self._events.append(BusEvent(BusEventKind.DOWN, f"bus {self.channel}: {error}"))
+            self._events.add(BusEventKind.DOWN, f"bus {self.channel}: {error}")
             self._wake.set()
 
     def _works_again(self) -> None:
@@ -189,7 +188,7 @@ class PythonCanPort:
             return
         with self._lock:
             self._down = False
-            self._events.append(BusEvent(BusEventKind.UP, f"bus {self.channel}: works again"))
+            self._events.add(BusEventKind.UP, f"bus {self.channel}: works again")
             self._wake.set()
 
 

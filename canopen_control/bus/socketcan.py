@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Protocol
 
 from canopen_control.bus.error_events import note_errors
 from canopen_control.bus.error_frames import has_error_frames, overrun_frame
-from canopen_control.bus.port import BusEvent, BusEventKind, PortStats, Records, whole_records
+from canopen_control.bus.port import BusEvent, BusEventKind, EventLog, PortStats, Records, whole_records
 from canopen_control.bus.sendqueue import SendQueue
 from canopen_control.errors import BusClosed, BusError, InterfaceDown, InterfaceNotFound
 from canopen_control.frame import RECORD_SIZE, pack_records
@@ -82,8 +82,9 @@ class SocketCanPort:
         self._now = now
         self._queue = SendQueue()
         self._full = False  # by ENOBUFS, of which the kernel does not tell the end
-        self._events: list[BusEvent] = []
+        self._events = EventLog()
         self._overflows = 0
+        self._dropping = False
         self._down = False
         self._bus_off = False
         self._rebind_at: int | None = None
@@ -100,8 +101,7 @@ class SocketCanPort:
 
     def events(self) -> list[BusEvent]:
         """Return what happened since the last call."""
-        events, self._events = self._events, []
-        return events
+        return self._events.drain()
 
     def close(self) -> None:
         """Close the socket; a second call does nothing."""
@@ -115,6 +115,7 @@ class SocketCanPort:
         """Return the whole records that wait, or ``b""``; raise `BusClosed` on a closed port."""
         self._prepare()
         records: list[bytes] = []
+        problem: OSError | None = None
         try:
             for _ in range(_BATCH):
                 data, ancillary, _flags, _address = self._socket.recvmsg(RECORD_SIZE, _ANCILLARY_SIZE)
@@ -125,8 +126,11 @@ class SocketCanPort:
         except BlockingIOError:
             pass
         except OSError as error:
-            self._fail(error)
-        return self._taken(b"".join(records)) if records else b""
+            problem = error
+        received = self._taken(b"".join(records)) if records else b""
+        if problem is not None:
+            self._fail(problem)
+        return received
 
     def _overflow(self, ancillary: Sequence[tuple[int, int, bytes]]) -> list[bytes]:
         """Return the in-band report of frames that did not fit the receive buffer; the kernel's counter wraps."""
@@ -142,7 +146,7 @@ class SocketCanPort:
         self.stats.rx += len(records) // RECORD_SIZE
         if has_error_frames(records):
             events = note_errors(records, self.stats)
-            self._events += events
+            self._events.extend(events)
             self._follow(events)
         else:
             self._bus_off = False
@@ -171,11 +175,10 @@ class SocketCanPort:
             self.stats.lost += count
             return
         dropped = self._queue.put(records)
-        if dropped:
-            self.stats.lost += dropped
-            self._events.append(
-                BusEvent(BusEventKind.OVERRUN, f"bus {self.channel}: transmit queue full; {dropped} dropped")
-            )
+        self.stats.lost += dropped
+        if dropped and not self._dropping:
+            self._events.add(BusEventKind.OVERRUN, f"bus {self.channel}: transmit queue full, frames are dropped")
+        self._dropping = dropped > 0
         self.flush()
 
     def flush(self) -> None:
@@ -235,7 +238,7 @@ class SocketCanPort:
         if not self._down:
             self._down = True
             text = _DOWN_TEXTS.get(error.errno or 0, error.strerror or str(error))
-            self._events.append(BusEvent(BusEventKind.DOWN, f"bus {self.channel}: {text}"))
+            self._events.add(BusEventKind.DOWN, f"bus {self.channel}: {text}")
 
     def _rebind(self) -> None:
         """Bind to the interface of this name again, which may be another one by now."""
@@ -249,7 +252,7 @@ class SocketCanPort:
     def _works_again(self) -> None:
         if self._down:
             self._down = False
-            self._events.append(BusEvent(BusEventKind.UP, f"bus {self.channel}: up again"))
+            self._events.add(BusEventKind.UP, f"bus {self.channel}: up again")
 
 
 _GONE = "the interface is gone; is the adapter unplugged?"

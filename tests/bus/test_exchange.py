@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from canopen_control.bus import exchange as exchange_module
 from canopen_control.bus.error_frames import lost_frames, overrun_frame, protocol_error_frame
 from canopen_control.bus.exchange import BACKLOG_LIMIT, Exchange
 from canopen_control.bus.faults import DropRule
@@ -197,6 +198,17 @@ def test_frames_of_one_sender_stay_in_order_when_its_delay_changes(steps):
         exchange.receive(sender, pack_records([frame(number)]), now)
     exchange.tick(now + 100 * MS)
     assert take(exchange, reader) == [frame(number) for number in range(len(steps))]
+
+
+def test_a_delay_holds_back_a_bounded_number_and_counts_the_rest(exchange, trio, monkeypatch):
+    monkeypatch.setattr(exchange_module, "DELAY_LIMIT", 2)
+    master, left, _right = trio
+    exchange.faults.delay("master", 5 * MS)
+    for number in range(3):
+        exchange.receive(master, pack_records([frame(number)]), 0)
+    exchange.tick(5 * MS)
+    assert take(exchange, left) == [frame(0), frame(1)]
+    assert (master.lost, exchange.dropped) == (1, 1)
 
 
 def test_clearing_mends_everything_and_tells_those_that_were_bus_off(exchange, trio):

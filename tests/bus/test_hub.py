@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import os
 import select
 import socket
+import subprocess
+import sys
+from pathlib import Path
 
 import pytest
 
@@ -283,3 +287,14 @@ def test_bus_off_and_error_frames_reach_the_one_they_are_meant_for(bench):
 def test_a_second_hub_of_the_same_name_is_refused(bench):
     with pytest.raises(CanopenError, match="in use"):
         Hub(bench.reactor, "bench")
+
+
+def test_the_hub_needs_the_standard_library_alone_and_little_of_it():
+    program = (
+        f"import json, sys; sys.path.insert(0, {str(Path(__file__).parents[2])!r});"
+        "import canopen_control.bus.hub; print(json.dumps([*sys.modules]))"
+    )
+    done = subprocess.run([sys.executable, "-I", "-S", "-c", program], capture_output=True, check=True)
+    loaded = {name.partition(".")[0] for name in json.loads(done.stdout)}
+    assert "canopen_control" in loaded
+    assert not loaded & {"can", "numpy", "yaml", "asyncio", "dataclasses", "inspect"}

@@ -179,6 +179,13 @@ def test_a_down_interface_is_told_once_loses_what_is_sent_and_is_told_up_again(b
     assert bench.kinds() == [BusEventKind.UP]
 
 
+def test_frames_read_before_the_interface_went_down_do_not_make_it_look_up(bench):
+    bench.socket.put(ONE)
+    bench.socket.incoming.append(failure(errno.ENETDOWN))
+    assert bench.received() == [ONE]
+    assert bench.kinds() == [BusEventKind.DOWN]
+
+
 def test_an_interface_that_only_listens_notices_it_is_up_by_the_first_frame(bench):
     bench.socket.incoming = [failure(errno.ENETDOWN)]
     bench.received()
