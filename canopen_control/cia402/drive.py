@@ -373,8 +373,7 @@ class DriveMachine:
             return
         stage = self._stop_exit.stage if self._is_leaving_quick_stop() else None
         if stage is StopStage.ENABLE or stage is StopStage.WAIT:
-            self._stop_exit.advance()
-            self._step.rearm()
+            self._stop_exit.advance()  # to another command, so to another step
         if stage is StopStage.ENABLE:
             return  # transition 16 is optional: not worth a word
         gave_up = self.goal is Goal.ENABLED and stage is not StopStage.WAIT

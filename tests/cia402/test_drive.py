@@ -321,6 +321,39 @@ def test_disable_does_not_take_back_a_quick_stop_that_is_on_its_way():
     assert list(dict.fromkeys(rig.words)) == [0x02, 0x00]
 
 
+def test_enable_takes_back_a_quick_stop_at_once_and_as_often_as_it_is_said():
+    rig = Rig(quick_stop_option=6).enabled()
+    for _ in range(5):
+        rig.machine.quick_stop()
+        rig.cycle()
+        rig.machine.enable()
+        rig.cycle(30)
+        assert rig.machine.enabled
+    assert rig.words[:3] == [0x02, 0x0F, 0x0F]
+    assert not rig.of(EnableLost)
+
+
+def test_enable_tries_transition_16_even_after_a_disable_that_waits_for_the_stop():
+    rig = Rig(quick_stop_option=6, ramp_steps=100).enabled()
+    rig.machine.quick_stop()
+    rig.until(ref.QSA)
+    rig.machine.disable()
+    rig.cycle(5)
+    rig.machine.enable()
+    rig.until(ref.OE)
+    assert rig.drive.taken == [11, 16]
+
+
+def test_an_end_of_the_stop_seen_before_the_disable_counts():
+    machine = DriveMachine("x")
+    machine.update(0x0237, None, 0)
+    machine.quick_stop()
+    for now, word in enumerate([0x0617, 0x0217, 0x0617]):
+        assert machine.update(word, None, now) == 0x02
+    machine.disable()
+    assert machine.update(0x0617, None, 9) == 0x00
+
+
 def test_a_quick_stop_of_its_own_ends_the_enable():
     rig = Rig(quick_stop_option=6).enabled()
     rig.drive.quick_stop()

@@ -244,7 +244,9 @@ def test_a_stale_bit_10_is_not_the_end():
     assert machine.busy
     machine.update(ENABLED, True, 5)
     assert machine.busy
-    machine.update(ENABLED | REACHED, True, 6)
+    machine.update(ENABLED | REACHED | ACK, True, 6)
+    assert machine.busy
+    machine.update(ENABLED | REACHED, True, 7)
     assert not machine.busy
 
 
