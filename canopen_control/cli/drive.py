@@ -38,7 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the drives; 0 after SIGINT or SIGTERM, 1 when the bus is gone."""
-    from canopen_control.virtual.process import run_drives
+    from canopen_control.virtual.launch import run_drives
 
     return run_drives(parse_node_ids(args.node_id), _eds(args.eds), args.can, args.fault, _say)
 

@@ -2,8 +2,8 @@
 
 The law of this file: it prints one line when its nodes are on the bus, then what happens to them, in words. SIGTERM and
 SIGINT end it with exit code 0. When its parent dies (the lifeline breaks) it serves on until its drives stand still by
-their own reaction to the missing master, five seconds at most. A node id that answers on the bus already is refused.
-A channel that is gone for good ends it with a sentence and exit code 1; one that is only down is waited for.
+their own reaction to the missing master, five seconds at most. A channel that is gone for good ends it with BusClosed;
+one that is only down is waited for.
 """
 
 from __future__ import annotations
@@ -11,59 +11,27 @@ from __future__ import annotations
 import signal
 from typing import TYPE_CHECKING
 
-from canopen_control.bus.channel import open_port
-from canopen_control.cia301.sdo_codec import ANSWER_BASE, INITIATE, REQUEST_BASE, UPLOAD
-from canopen_control.errors import BusError
-from canopen_control.frame import CanFrame, frames_of, pack_records
-from canopen_control.host.reactor import Reactor
 from canopen_control.host.sockets import SocketInUse
 from canopen_control.host.spawn import lifeline_fd
-from canopen_control.od.eds import read_eds
 from canopen_control.virtual.control import NodeControl
 from canopen_control.virtual.device import make_device
+from canopen_control.virtual.launch import NodeIdTaken
 from canopen_control.virtual.nodehost import NodeHost
 from canopen_control.virtual.words import in_words
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
-    from pathlib import Path
 
     from canopen_control.bus.port import BusEvent, Port
     from canopen_control.errors import BusClosed
+    from canopen_control.host.reactor import Reactor
     from canopen_control.virtual.node import VirtualNode
 
-__all__ = ["DriveProcess", "NodeHost", "make_device", "run_drives"]
+__all__ = ["DriveProcess", "NodeHost", "make_device"]
 
 _MS = 1_000_000
-PROBE_NS = 40 * _MS  # how long a node that is there already may take to answer
 LAST_WORDS_NS = 5_000 * _MS
 _LOOK_NS = 20 * _MS
-
-
-class NodeIdTaken(BusError):
-    """Another node answers with the id."""
-
-    def __init__(self, node_id: int, channel: str) -> None:
-        self.node_id = node_id
-        super().__init__(f"node id {node_id} already answers on {channel}; choose another --node-id, or end that node")
-
-
-def run_drives(
-    node_ids: Sequence[int], eds: Path, channel: str, faults: Sequence[str], say: Callable[[str], None]
-) -> int:
-    """Run the virtual devices of an EDS until told to end; return the exit code.
-
-    Raises EdsError and ConfigError for what cannot be started, BusError for the channel.
-    """
-    od = read_eds(eds, node_ids[0]).od
-    nodes = [make_device(od, node_id, faults) for node_id in node_ids]
-    label = f"drive {node_ids[0]}" if len(node_ids) == 1 else f"drives {node_ids[0]}-{node_ids[-1]}"
-    with Reactor() as reactor:
-        port = open_port(channel, label=label)
-        try:
-            return DriveProcess(reactor, port, nodes, say).run()
-        finally:
-            port.close()
 
 
 class DriveProcess:
@@ -75,12 +43,11 @@ class DriveProcess:
         self._controls: dict[VirtualNode, NodeControl] = {}
         self._lifeline = lifeline_fd()
         self._last_words_until: int | None = None
-        self._exit = 0
+        self._lost: BusClosed | None = None
 
     def run(self) -> int:
-        """Serve until the end; return the exit code."""
+        """Serve until a signal, or the parent's end; return the exit code. Raises BusClosed, or NodeIdTaken."""
         self._reactor.handle_signals({signal.SIGTERM: self._reactor.stop, signal.SIGINT: self._reactor.stop})
-        self._refuse_taken()
         host = NodeHost(
             self._reactor,
             self._port,
@@ -103,33 +70,15 @@ class DriveProcess:
             host.close()
             for control in self._controls.values():
                 control.close()
-        return self._exit
+        if self._lost is not None:
+            raise self._lost
+        return 0
 
     def _ready_line(self) -> str:
         ids = [node.node_id for node in self._nodes]
         kind = "drive" if self._nodes[0].drives else "node"
         which = f"{kind} {ids[0]}" if len(ids) == 1 else f"{kind}s {', '.join(map(str, ids))}"
         return f"{which} ({self._nodes[0].name}) ready on {self._port.channel}"
-
-    def _refuse_taken(self) -> None:
-        """Ask every id for its device type before using it; whoever answers, or sends a heartbeat, has it already."""
-        answers = {ANSWER_BASE + node.node_id: node.node_id for node in self._nodes}
-        answers |= {0x700 + node.node_id: node.node_id for node in self._nodes}
-        taken: list[int] = []
-
-        def listen() -> None:
-            for frame in frames_of(self._port.receive()):
-                if frame.can_id in answers:
-                    taken.append(answers[frame.can_id])
-                    self._reactor.stop()
-
-        request = INITIATE.pack(UPLOAD, 0x1000, 0)
-        self._reactor.add_reader(self._port, listen)
-        self._port.send(pack_records([CanFrame(REQUEST_BASE + node.node_id, request) for node in self._nodes]))
-        self._reactor.run_for(PROBE_NS)
-        self._reactor.remove_reader(self._port)
-        if taken:
-            raise NodeIdTaken(taken[0], self._port.channel)
 
     # -- what happens
 
@@ -149,8 +98,7 @@ class DriveProcess:
         self._log(event.text)
 
     def _on_closed(self, error: BusClosed) -> None:
-        self._log(f"{error}; nothing is left to serve")
-        self._exit = 1
+        self._lost = error
         self._reactor.stop()
 
     def _on_orphaned(self) -> None:

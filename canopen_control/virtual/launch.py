@@ -1,0 +1,80 @@
+"""Starts the process of virtual drives quickly: the bus is asked first, everything else is imported while it answers.
+
+The law of this file: a node id that answers on the bus already is refused. The question is an upload of 0x1000, which
+every node has; whoever answers it, or is heard with a heartbeat, holds the id.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from canopen_control.bus.channel import open_port
+from canopen_control.cia301.sdo_codec import ANSWER_BASE, INITIATE, REQUEST_BASE, UPLOAD
+from canopen_control.errors import BusError
+from canopen_control.frame import CanFrame, frames_of, pack_records
+from canopen_control.host.reactor import Reactor
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+    from pathlib import Path
+
+    from canopen_control.bus.port import Port
+
+__all__ = ["PROBE_NS", "NodeIdTaken", "Probe", "run_drives"]
+
+PROBE_NS = 40_000_000  # how long a node that is there already may take to answer
+_DEVICE_TYPE = INITIATE.pack(UPLOAD, 0x1000, 0)
+
+
+class NodeIdTaken(BusError):
+    """Another node answers with the id."""
+
+    def __init__(self, node_id: int, channel: str) -> None:
+        self.node_id = node_id
+        super().__init__(f"node id {node_id} already answers on {channel}; choose another --node-id, or end that node")
+
+
+class Probe:
+    """Asks whether `node_ids` are free on `port`, from the moment it is made."""
+
+    def __init__(self, reactor: Reactor, port: Port, node_ids: Sequence[int]) -> None:
+        self._reactor, self._port = reactor, port
+        self._answers = {base + node_id: node_id for node_id in node_ids for base in (ANSWER_BASE, 0x700)}
+        self._taken: int | None = None
+        self._until = reactor.now() + PROBE_NS
+        port.send(pack_records([CanFrame(REQUEST_BASE + node_id, _DEVICE_TYPE) for node_id in node_ids]))
+
+    def finish(self) -> None:
+        """Wait for what is left of the time; raise NodeIdTaken when somebody was heard."""
+        self._reactor.add_reader(self._port, self._listen)
+        self._reactor.run_until(lambda: self._taken is not None, max(0, self._until - self._reactor.now()))
+        self._reactor.remove_reader(self._port)
+        if self._taken is not None:
+            raise NodeIdTaken(self._taken, self._port.channel)
+
+    def _listen(self) -> None:
+        for frame in frames_of(self._port.receive()):
+            self._taken = self._answers.get(frame.can_id, self._taken)
+
+
+def run_drives(
+    node_ids: Sequence[int], eds: Path, channel: str, faults: Sequence[str], say: Callable[[str], None]
+) -> int:
+    """Run the virtual devices of an EDS until told to end; return the exit code.
+
+    Raises EdsError and ConfigError for what cannot be started, BusError for the channel.
+    """
+    label = f"drive {node_ids[0]}" if len(node_ids) == 1 else f"drives {node_ids[0]}-{node_ids[-1]}"
+    with Reactor() as reactor:
+        port = open_port(channel, label=label)
+        try:
+            probe = Probe(reactor, port, node_ids)
+            from canopen_control.od.eds import read_eds
+            from canopen_control.virtual.process import DriveProcess, make_device
+
+            od = read_eds(eds, node_ids[0]).od
+            process = DriveProcess(reactor, port, [make_device(od, node_id, faults) for node_id in node_ids], say)
+            probe.finish()
+            return process.run()
+        finally:
+            port.close()
