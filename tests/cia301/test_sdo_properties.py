@@ -238,6 +238,22 @@ def test_no_answer_is_taken_for_that_of_another_request(seed, loss, double, late
             assert not isinstance(request.error, SdoAbort) or request.error.code == 0x05040000 or value[0] & 1
 
 
+@given(st.integers(0, 2**32), LOSSES, DOUBLES, LATES)
+@settings(max_examples=300, deadline=None)
+def test_nor_if_all_are_asked_at_once(seed, loss, double, late):
+    choose = random.Random(seed)
+    store = Counter({(0x2000, 0): b"", (0x2001, 0): b"\0\0\0\0"})
+    client = SdoClient(NODE)
+    line = BadLine(client, SdoServer(NODE, store), seed, loss=loss, double=double, late=late)
+    values = [bytes((choose.randrange(256), number, 0, 0)) for number in range(20)]
+    writes = [(client.write(0x2001, 0, value), client.read(0x2000, 0), client.read(0x2000, 0)) for value in values]
+    line.run(writes[-1][-1])
+    taken = {data for _, _, data in store.downloads}
+    assert all(w.error is not None or value in taken for value, (w, _, _) in zip(values, writes, strict=True))
+    counts = [int.from_bytes(r.data, "little") for _, *reads in writes for r in reads if r.error is None]
+    assert counts == sorted(set(counts)), "one reading was given to two requests"
+
+
 def test_two_callers_interleave_a_thousand_requests_without_an_error():
     store = MemoryStore({(0x6064, 0): b"left", (0x6084, 0): b"right hand", (0x2001, 0): bytes(4)})
     client = SdoClient(NODE)
