@@ -21,7 +21,7 @@ MAY_IMPORT = {
     "frame": (set(), PURE),
     "data_files": (set(), PURE),
     "host": (set(), STDLIB),
-    "yamlproblems": (set(), PURE),
+    "yamlproblems": ({"yamlnode"}, PURE),  # the annotations only: a problem stands at a node
     "yamlnode": ({"yamlproblems"}, PURE),
     "yamltree": ({"yamlnode", "yamlproblems"}, PURE | {"yaml", "os"}),
     "od": (set(), PURE),
@@ -30,7 +30,7 @@ MAY_IMPORT = {
     "bus": ({"host"}, STDLIB | {"can"}),
     "master": ({"od", "cia301", "cia402", "bus", "yamltree", "data_files"}, STDLIB),
     "virtual": ({"od", "cia301", "cia402", "bus", "host", "yamltree"}, STDLIB | {"numpy"}),
-    "hardware": ({"od", "cia402", "master", "yamltree"}, STDLIB | {"xacro"}),
+    "hardware": ({"od", "cia402", "master", "yamltree"}, STDLIB | {"xacro", "ament_index_python"}),
     "controllers": ({"hardware.interfaces", "yamltree"}, STDLIB | {"numpy"}),
     "runtime": (
         {"od", "cia301", "cia402", "bus", "host", "master", "virtual", "hardware", "controllers", "yamltree", "data_files"},

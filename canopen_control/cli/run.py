@@ -101,6 +101,8 @@ def read_setup(args: argparse.Namespace) -> RobotSetup:
     from canopen_control.runtime.files import find_robot
     from canopen_control.runtime.setup import read_robot
 
+    if getattr(args, "view", False):
+        raise ConfigError("--view: this version has no browser view; canopen-control status --watch shows a table")
     if args.real and (args.mock or args.no_drives):
         raise ConfigError("--real goes with neither --mock nor --no-drives")
     files = find_robot(args.config, bus=args.bus, controllers=args.controllers, description=args.description)

@@ -171,7 +171,8 @@ class JointDrive:
         if self._position is not None and self._position.fresh:
             self.states[POSITION].value = self.scale.position_from_device(self._unwrap.update(self._position.value))
         if self._velocity is not None and self._velocity.fresh:
-            self.states[VELOCITY].value = self.scale.velocity_from_device(self._velocity.value)
+            # + 0.0: a mirrored drive that stands still has no velocity of -0.0
+            self.states[VELOCITY].value = self.scale.velocity_from_device(self._velocity.value) + 0.0
         if self._effort is not None and self._effort.fresh:
             self.states[EFFORT].value = self.scale.effort_from_device(self._effort.value)
 

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from canopen_control.host.reactor import Reactor
     from canopen_control.host.spawn import Child
     from canopen_control.runtime.setup import RobotSetup
-    from canopen_control.virtual.process import NodeHost
+    from canopen_control.virtual.nodehost import NodeHost
 
 __all__ = ["Supervisor"]
 
@@ -87,7 +87,8 @@ class Supervisor:
             self._drives.append(self._spawn(f"drive-{node.name}", arguments))
 
     def _host_drives(self, setup: RobotSetup, channel: str) -> None:
-        from canopen_control.virtual.process import NodeHost, make_device
+        from canopen_control.virtual.device import make_device
+        from canopen_control.virtual.nodehost import NodeHost
 
         for node in setup.bus.nodes.values():
             port = open_port(channel, label=f"drive {node.node_id}")

@@ -1,0 +1,274 @@
+"""The whole path, bus.yml to drive and back, in milliseconds of simulated time."""
+
+import math
+
+import pytest
+from support.robots import FORWARD, LEFT, RIGHT, Bench, copy_robby
+
+from canopen_control.errors import ControlError
+from canopen_control.frame import CanFrame
+from canopen_control.hardware.joint import Action
+from canopen_control.runtime.core import RobotState
+
+PPS = 1600 / (2 * math.pi)  # microsteps per radian, as bus.yml configures the drives
+RAMP_S = 10 * PPS / 16000  # to 10 rad/s at the configured acceleration
+
+
+@pytest.fixture
+def bench(request):
+    benches = []
+
+    def make(**how):
+        benches.append(Bench(f"core{abs(hash(request.node.nodeid)) % 10**8}", **how))
+        return benches[-1]
+
+    yield make
+    for each in benches:
+        each.close()
+
+
+def test_both_drives_boot_in_parallel_and_are_enabled_only_once_the_controller_is_active(bench):
+    robby = bench()
+    enabled = []
+    robby.robot.after_cycle.append(
+        lambda now: enabled.append(
+            (
+                any(drive.get(0x6041) & 0x6F == 0x27 for drive in robby.drives.values()),
+                FORWARD in robby.robot.manager.active,
+            )
+        )
+    )
+    assert robby.start() < 500
+    assert (True, False) not in enabled
+    assert (True, True) in enabled
+    assert all(joint.enabled for joint in robby.robot.joints.values())
+
+
+def test_the_wheels_reach_ten_rad_per_second_along_the_drives_own_ramp(bench):
+    robby = bench()
+    robby.start()
+    robby.command(10.0, 10.0)
+    halfway = robby.until(lambda: robby.speed(RIGHT) >= 5 * PPS)
+    full = robby.until(lambda: robby.speed(RIGHT) >= 9.99 * PPS) + halfway
+    assert halfway == pytest.approx(full / 2, abs=12)
+    assert full / 1000 == pytest.approx(RAMP_S, abs=0.03)
+    robby.run(100)
+    assert robby.velocity(LEFT) == pytest.approx(10.0, rel=0.01)
+    assert robby.velocity(RIGHT) == pytest.approx(10.0, rel=0.01)
+
+
+def test_the_mirrored_drive_turns_the_other_way_and_its_wheel_the_same(bench):
+    robby = bench()
+    robby.start()
+    robby.hold(10.0, 10.0, ms=500)
+    assert robby.speed(LEFT) == -robby.speed(RIGHT)
+    left, right = (robby.joint(node).states["position"].value for node in (LEFT, RIGHT))
+    assert left == pytest.approx(right, abs=0.01)
+    assert left > 1.0
+
+
+def test_position_and_velocity_agree(bench):
+    robby = bench()
+    robby.start()
+    robby.hold(10.0, 10.0, ms=1000)
+    before = robby.joint(RIGHT).states["position"].value
+    robby.hold(10.0, 10.0, ms=1000)
+    assert robby.joint(RIGHT).states["position"].value - before == pytest.approx(10.0, rel=0.01)
+
+
+def test_without_commands_the_wheels_stop_after_the_timeout_of_the_controller(bench):
+    robby = bench()
+    robby.start()
+    robby.command(10.0, 10.0)
+    robby.run(1900)
+    assert robby.velocity(LEFT) == pytest.approx(10.0, rel=0.01)
+    robby.run(300 + 1000 * RAMP_S)
+    assert robby.speed(LEFT) == robby.speed(RIGHT) == 0
+    assert robby.texts("command_timeout")
+
+
+def test_a_publisher_of_one_hertz_keeps_them_turning(bench):
+    robby = bench()
+    robby.start()
+    robby.command(10.0, 10.0)
+    slowest = math.inf
+    for _ in range(4):
+        robby.run(500)
+        slowest = min(slowest, robby.velocity(LEFT))
+        robby.run(500)
+        robby.command(10.0, 10.0)
+    assert slowest == pytest.approx(10.0, rel=0.01)
+
+
+@pytest.mark.parametrize("values", [[math.nan, 1.0], [math.inf, 1.0], [1.0], [1.0, 2.0, 3.0], []])
+def test_a_bad_command_is_refused_and_changes_nothing(bench, values):
+    robby = bench()
+    robby.start()
+    robby.hold(5.0, 5.0, ms=300)
+    with pytest.raises(ControlError):
+        robby.robot.command(FORWARD, values, "test")
+    robby.run(100)
+    assert robby.velocity(LEFT) == pytest.approx(5.0, rel=0.01)
+
+
+def test_shutdown_ramps_disables_and_leaves_the_drives_in_peace(bench):
+    robby = bench()
+    robby.start()
+    robby.hold(10.0, 10.0, ms=500)
+    robby.robot.shutdown("test")
+    fastest_step = 0
+    last = robby.speed(RIGHT)
+    while robby.robot.state is not RobotState.STOPPED:
+        robby.run(10)
+        fastest_step = max(fastest_step, last - robby.speed(RIGHT))
+        last = robby.speed(RIGHT)
+    assert fastest_step <= 16000 * 0.01 * 1.05, "a ramp, no jump"
+    robby.run(3000)
+    for drive in robby.drives.values():
+        assert drive.get(0x6041) & 0x4F == 0x40, "switch on disabled"
+        assert drive.get(0x1001) == 0, "no heartbeat error: the drives no longer wait for this master"
+    assert robby.robot.failure is None
+
+
+def test_stop_is_answered_when_nothing_moves_and_only_enable_lets_it_move_again(bench):
+    robby = bench()
+    robby.start()
+    robby.hold(10.0, 10.0, ms=300)
+    answers = []
+    robby.robot.stop(answers.append)
+    robby.until(lambda: answers)
+    assert answers == [None]
+    assert robby.speed(LEFT) == 0
+    robby.hold(10.0, 10.0, ms=500)
+    assert robby.speed(LEFT) == 0
+    robby.robot.axis(Action.ENABLE, "all", answers.append)
+    robby.until(lambda: len(answers) == 2)
+    robby.hold(10.0, 10.0, ms=500)
+    assert robby.velocity(LEFT) == pytest.approx(10.0, rel=0.01)
+
+
+def test_a_drive_that_loses_its_bus_stops_the_other_within_its_heartbeat_time(bench):
+    robby = bench()
+    robby.start()
+    robby.hold(10.0, 10.0, ms=500)
+    robby.power_off(LEFT)
+    lost = robby.until(lambda: robby.texts("heartbeat_lost"))
+    assert lost <= 520
+    robby.until(lambda: robby.speed(RIGHT) == 0)
+    robby.until(lambda: robby.drives[RIGHT].get(0x6041) & 0x6F != 0x27)
+    assert robby.robot.state is RobotState.FAULT
+    assert "node 3 (left_drive)" in robby.texts("heartbeat_lost")[0]
+    assert any("right_wheel_joint" in text for text in robby.texts("stop"))
+
+
+def test_a_drive_that_comes_back_is_booted_by_itself_and_waits_for_an_enable(bench):
+    robby = bench()
+    robby.start()
+    robby.hold(10.0, 10.0, ms=500)
+    position = robby.joint(LEFT).states["position"].value
+    robby.power_off(LEFT)
+    robby.until(lambda: robby.robot.state is RobotState.FAULT)
+    robby.run(1000)
+    robby.power_on(LEFT)
+    robby.until(lambda: robby.robot.state is RobotState.RUNNING)
+    robby.hold(5.0, 5.0, ms=500)
+    assert robby.speed(LEFT) == robby.speed(RIGHT) == 0
+    assert robby.joint(LEFT).states["position"].value == pytest.approx(position, abs=10.0)
+    answers = []
+    robby.robot.axis(Action.ENABLE, "all", answers.append)
+    robby.until(lambda: answers)
+    assert answers == [None]
+    robby.hold(5.0, 5.0, ms=500)
+    assert robby.velocity(LEFT) == pytest.approx(5.0, rel=0.01)
+
+
+def test_a_drive_that_faults_stops_the_robot_and_is_named_with_its_emcy(bench):
+    robby = bench()
+    robby.start()
+    robby.hold(10.0, 10.0, ms=500)
+    robby.drives[RIGHT].drives[0].fault(0x4310, robby.reactor.now())
+    robby.hosts[RIGHT].wake(robby.drives[RIGHT])
+    robby.until(lambda: robby.texts("stop"))
+    robby.until(lambda: robby.speed(LEFT) == 0)
+    assert "node 2 (right_drive)" in robby.texts("stop")[0]
+    assert any("0x4310" in text for text in robby.texts("emcy"))
+    assert robby.robot.state is RobotState.FAULT
+    answers = []
+    with pytest.raises(Exception, match="fault"):
+        robby.robot.axis(Action.ENABLE, "right_drive", answers.append)
+
+
+def test_garbage_on_the_bus_changes_nothing_but_a_counter(bench):
+    robby = bench()
+    robby.start()
+    robby.command(10.0, 10.0)
+    robby.run(300)
+    network = robby.robot.buses["can"].network
+    before = network.unknown
+    port = robby.bus.open("noise")
+    for number in range(0x7FF):
+        if not network.image.inputs.get(number) and number & 0x780 not in (
+            0x000,
+            0x080,
+            0x180,
+            0x200,
+            0x280,
+            0x300,
+            0x600,
+        ):
+            robby.bus.inject(CanFrame(number, bytes((number * k & 0xFF) for k in range(number % 9))))
+    port.close()
+    robby.run(300)
+    assert network.unknown > before
+    assert robby.velocity(LEFT) == pytest.approx(10.0, rel=0.01)
+    assert robby.robot.state is RobotState.RUNNING
+
+
+def test_a_missing_drive_fails_the_start_by_name_and_stops_the_other(bench):
+    robby = bench(drives=(RIGHT,))
+    robby.robot.start()
+    robby.until(lambda: robby.robot.state is RobotState.STOPPED, ms=20_000)
+    assert "node 3 (left_drive)" in robby.robot.failure
+    assert "right_drive" not in robby.robot.failure
+
+
+def test_a_bus_nobody_answers_on_names_them_all(bench):
+    robby = bench(drives=())
+    robby.robot.start()
+    robby.until(lambda: robby.robot.state is RobotState.STOPPED, ms=20_000)
+    assert "left_drive" in robby.robot.failure
+    assert "right_drive" in robby.robot.failure
+
+
+def test_the_wrong_device_at_a_node_id_is_refused(bench, tmp_path):
+    config = copy_robby(tmp_path, bus={'  dcf: "TMCM-1270.eds"': '  dcf: "TMCM-1270.eds"\n  serial_number: 99'})
+    robby = bench(config=config)
+    robby.robot.start()
+    robby.until(lambda: robby.robot.state is RobotState.STOPPED, ms=20_000)
+    assert "boot error O" in robby.robot.failure
+
+
+def test_without_the_consumer_reaction_the_drives_would_turn_on(bench, tmp_path):
+    """Why 0x1029:1 = 2 is written: the factory setting only leaves operational, and the motor goes on."""
+    config = copy_robby(tmp_path, bus={"error_behavior: {1: 2}": "error_behavior: {1: 0}"})
+    for which, stops in ((str(config), False), ("robby", True)):
+        robby = bench(config=which)
+        robby.start()
+        robby.hold(10.0, 10.0, ms=500)
+        robby.robot.pacer.stop()
+        robby.robot.buses["can"].close()
+        robby.run(500 + 1000 * RAMP_S + 20)
+        assert (robby.speed(RIGHT) == 0) is stops
+        robby.close()
+
+
+def test_the_unmodified_bus_of_the_tutorial_boots_and_turns(bench, tmp_path):
+    config = copy_robby(tmp_path)
+    (config / "bus.yml").write_text(
+        (__import__("pathlib").Path(__file__).parents[1] / "data/robby_tutorial/bus.yml").read_text()
+    )
+    robby = bench(config=config)
+    robby.robot.start()
+    robby.until(lambda: robby.robot.state is RobotState.RUNNING)
+    robby.hold(10.0, 10.0, ms=800)
+    assert robby.velocity(LEFT) == pytest.approx(10.0, rel=0.01)

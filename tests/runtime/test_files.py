@@ -1,0 +1,60 @@
+import pytest
+
+from canopen_control.errors import RobotConfigError
+from canopen_control.runtime.files import find_robot
+
+
+def robot(folder, *names):
+    folder.mkdir(exist_ok=True)
+    for name in names:
+        (folder / name).write_text("")
+    return folder
+
+
+def test_a_folder_has_the_three_files_and_gives_the_name(tmp_path):
+    folder = robot(tmp_path / "my robot", "bus.yml", "ros2_controllers.yaml", "x.urdf.xacro")
+    files = find_robot(str(folder))
+    assert files.name == "my_robot"
+    assert files.description == folder / "x.urdf.xacro"
+
+
+def test_a_bundled_robot_is_found_by_its_name(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert find_robot("robby").bus.name == "bus.yml"
+
+
+def test_a_single_file_wins_over_the_folders(tmp_path):
+    folder = robot(tmp_path / "r", "bus.yml", "ros2_controllers.yaml", "x.urdf")
+    other = tmp_path / "other.yml"
+    other.write_text("")
+    assert find_robot(str(folder), bus=str(other)).bus == other
+
+
+def test_the_three_files_alone_are_enough(tmp_path):
+    folder = robot(tmp_path / "r", "b.yml", "c.yaml", "d.urdf")
+    files = find_robot(
+        None, bus=str(folder / "b.yml"), controllers=str(folder / "c.yaml"), description=str(folder / "d.urdf")
+    )
+    assert files.name == "r"
+
+
+def test_everything_that_is_missing_is_named_at_once(tmp_path):
+    with pytest.raises(RobotConfigError) as caught:
+        find_robot(str(robot(tmp_path / "r")))
+    assert all(word in str(caught.value) for word in ("bus.yml", "ros2_controllers.yaml", "*.urdf"))
+
+
+def test_two_descriptions_need_a_choice(tmp_path):
+    folder = robot(tmp_path / "r", "bus.yml", "ros2_controllers.yaml", "a.urdf", "b.urdf")
+    with pytest.raises(RobotConfigError, match="--description"):
+        find_robot(str(folder))
+
+
+def test_an_unknown_robot_names_the_bundled_ones():
+    with pytest.raises(RobotConfigError, match="robby"):
+        find_robot("nobody")
+
+
+def test_a_file_that_is_not_there_is_named_with_its_option():
+    with pytest.raises(RobotConfigError, match="--bus: no file nowhere.yml"):
+        find_robot("robby", bus="nowhere.yml")

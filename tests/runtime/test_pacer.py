@@ -1,0 +1,59 @@
+from canopen_control.host.reactor import Reactor
+from canopen_control.host.timer import ManualClock
+from canopen_control.runtime.pacer import Pacer
+
+MS = 1_000_000
+
+
+def make(work, period=20 * MS):
+    clock = ManualClock(1000)
+    reactor = Reactor(clock)
+    return clock, reactor, Pacer(reactor, period, work)
+
+
+def test_edges_lie_on_the_grid_of_the_start():
+    edges = []
+    _, reactor, pacer = make(edges.append)
+    pacer.start()
+    reactor.run_for(100 * MS)
+    assert edges == [1000 + n * 20 * MS for n in range(1, 6)]
+    assert (pacer.count, pacer.missed) == (5, 0)
+
+
+def test_a_late_cycle_skips_what_it_missed_and_stays_on_the_grid():
+    edges = []
+
+    def work(now):
+        edges.append(now)
+        if len(edges) == 2:
+            clock.now_ns += 50 * MS
+
+    clock, reactor, pacer = make(work)
+    pacer.start()
+    reactor.run_for(200 * MS)
+    assert pacer.missed >= 1
+    assert pacer.count + pacer.missed == 10
+    assert (edges[-1] - 1000) % (20 * MS) == 0
+    assert pacer.late_max >= 10 * MS
+    assert pacer.work_max == 50 * MS
+
+
+def test_work_may_stop_the_pacer():
+    _, reactor, pacer = make(lambda now: pacer.stop())
+    pacer.start()
+    reactor.run_for(100 * MS)
+    assert pacer.count == 1
+    assert not pacer.running
+    pacer.stop()
+
+
+def test_work_that_fails_does_not_end_the_cycle():
+    def work(now):
+        raise RuntimeError("broken controller")
+
+    _, reactor, pacer = make(work)
+    reactor.on_error = lambda error: None
+    pacer.start()
+    reactor.run_for(100 * MS)
+    assert pacer.count == 5
+    assert reactor.errors == 5

@@ -1,0 +1,112 @@
+"""A whole robot in one process on the memory bus, in simulated time: exact to the nanosecond, no sleeps."""
+
+import shutil
+
+from canopen_control.bus.channel import open_port
+from canopen_control.bus.memory import MemoryBus
+from canopen_control.data_files import data_path
+from canopen_control.host.reactor import Reactor
+from canopen_control.host.timer import ManualClock
+from canopen_control.runtime.core import RobotCore, RobotState
+from canopen_control.runtime.files import find_robot
+from canopen_control.runtime.setup import read_robot
+from canopen_control.virtual.device import make_device
+from canopen_control.virtual.nodehost import NodeHost
+
+MS = 1_000_000
+LEFT, RIGHT = 3, 2
+FORWARD = "robby_forward_controller"
+
+
+class Bench:
+    """Robby, its drives and its bus under a manual clock; `robot` is the core, `drives` the devices by node id."""
+
+    def __init__(self, name, *, config="robby", drives=(LEFT, RIGHT), faults=(), **how):
+        self.channel = f"memory:{name}"
+        self.reactor = Reactor(ManualClock(1_000_000_000))
+        self.errors = []
+        self.reactor.on_error = self.errors.append
+        self.bus = MemoryBus.get(name)
+        self.setup = read_robot(find_robot(str(config)), can=[self.channel], **how)
+        self.drives, self.hosts, self.ports = {}, {}, {}
+        for node_id in drives:
+            self.power_on(node_id, faults)
+        self.robot = RobotCore(self.setup, self.reactor)
+        self.events = []
+        self.robot.on_event = self.events.append
+
+    def power_on(self, node_id, faults=()):
+        node = next(each for each in self.setup.bus.nodes.values() if each.node_id == node_id)
+        port = open_port(self.channel, label=f"drive {node_id}")
+        device = make_device(self.setup.bus.eds_paths[node.name], node_id, faults)
+        self.drives[node_id], self.ports[node_id] = device, port
+        self.hosts[node_id] = NodeHost(self.reactor, port, [device])
+
+    def power_off(self, node_id):
+        self.hosts.pop(node_id).close()
+        self.ports.pop(node_id).close()
+        del self.drives[node_id]
+
+    def run(self, ms):
+        """Let simulated milliseconds pass."""
+        self.reactor.run_for(round(ms * MS))
+        assert self.errors == [], self.errors
+
+    def until(self, condition, ms=5000):
+        """Let time pass until `condition`; fail after `ms`, else return how many it took."""
+        begin = self.reactor.now()
+        while not condition():
+            assert self.reactor.now() - begin < ms * MS, (
+                f"not within {ms} ms: {[event.text for event in self.events[-6:]]}"
+            )
+            self.run(1)
+        return (self.reactor.now() - begin) / MS
+
+    def start(self):
+        """Boot and run; returns how many ms it took."""
+        self.robot.start()
+        return self.until(lambda: self.robot.state is RobotState.RUNNING)
+
+    def command(self, *values, source="test"):
+        self.robot.command(FORWARD, list(values), source)
+
+    def hold(self, *values, ms):
+        """Command again every 100 ms, as a publisher does."""
+        for _ in range(round(ms / 100)):
+            self.command(*values)
+            self.run(100)
+
+    def texts(self, kind):
+        return [event.text for event in self.events if event.kind == kind]
+
+    def joint(self, node_id):
+        return next(joint for joint in self.robot.joints.values() if joint.node.node_id == node_id)
+
+    def velocity(self, node_id):
+        return self.joint(node_id).states["velocity"].value
+
+    def speed(self, node_id):
+        """What the drive itself does, in its own units: 0x606C of the device, not what the master says of it."""
+        self.drives[node_id].advance_drives(self.reactor.now())
+        return self.drives[node_id].get(0x606C)
+
+    def close(self):
+        self.robot.close()
+        for node_id in list(self.hosts):
+            self.power_off(node_id)
+        self.reactor.close()
+
+
+def copy_robby(folder, **edits):
+    """Copy robby's files to `folder`, each `old: new` of `bus`, `controllers`, `description` replaced in its file."""
+    names = {"bus": "bus.yml", "controllers": "ros2_controllers.yaml", "description": "robby.urdf.xacro"}
+    target = folder / "robby"
+    shutil.copytree(data_path("config", "robby"), target)
+    for which, changes in edits.items():
+        path = target / names[which]
+        text = path.read_text()
+        for old, new in changes.items():
+            assert old in text, old
+            text = text.replace(old, new)
+        path.write_text(text)
+    return target
