@@ -25,7 +25,7 @@ from canopen_control.frame import RECORD_SIZE, frames_of
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-__all__ = ["PythonCanPort", "open_python_can"]
+__all__ = ["PythonCanPort", "known_interfaces", "open_python_can"]
 
 _POLL_S = 0.05  # how soon the reader notices that the port was closed
 _RETRY_S = 0.1
@@ -192,12 +192,16 @@ class PythonCanPort:
             self._wake.set()
 
 
+def known_interfaces() -> list[str]:
+    """Return the names of python-can's interfaces, sorted, without those that have a better way in here."""
+    return sorted(set(can.VALID_INTERFACES) - {"canopen_control", "socketcan"})
+
+
 def open_python_can(spec: ChannelSpec) -> PythonCanPort:
     """Open a python-can adapter; raise `InterfaceNotFound` or `BusError` with python-can's own reason."""
     interface = "virtual" if spec.kind is ChannelKind.VIRTUAL else spec.interface
     if interface not in can.VALID_INTERFACES:
-        known = ", ".join(sorted(can.VALID_INTERFACES))
-        raise InterfaceNotFound(str(spec), f"python-can knows no {interface!r}, but: {known}")
+        raise InterfaceNotFound(str(spec), f"python-can knows no {interface!r}, but: {', '.join(known_interfaces())}")
     options: dict[str, Any] = {} if spec.bitrate is None else {"bitrate": spec.bitrate}
     try:
         bus = can.Bus(channel=spec.name, interface=interface, **options)

@@ -109,9 +109,9 @@ def _links() -> list[links.Link]:
 
 
 def _adapters() -> list[str]:
-    import can
+    from canopen_control.bus.pythoncan import known_interfaces  # python-can is slow to import
 
-    return sorted(set(can.VALID_INTERFACES) - {"canopen_control", "socketcan"})
+    return known_interfaces()
 
 
 def _plain(link: links.Link) -> dict[str, Any]:

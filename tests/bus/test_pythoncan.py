@@ -14,7 +14,7 @@ from canopen_control.bus.channel import open_port
 from canopen_control.bus.error_frames import passive_frame
 from canopen_control.bus.messages import message_of
 from canopen_control.bus.port import BusEventKind
-from canopen_control.bus.pythoncan import PythonCanPort
+from canopen_control.bus.pythoncan import PythonCanPort, known_interfaces
 from canopen_control.errors import BusClosed, BusError, InterfaceNotFound, LocalProtocolError
 from canopen_control.frame import EXTENDED_FLAG, REMOTE_FLAG, CanFrame, pack_records
 
@@ -175,3 +175,9 @@ def test_an_unknown_interface_is_answered_with_the_known_ones():
 def test_a_driver_that_is_not_there_is_one_sentence():
     with pytest.raises(BusError, match=r"bus slcan:/dev/nonexistent@125000: .*is its driver installed"):
         open_port("slcan:/dev/nonexistent@125000")
+
+
+def test_the_known_interfaces_leave_out_what_has_a_better_way_in():
+    known = known_interfaces()
+    assert {"virtual", "pcan", "slcan"} <= set(known)
+    assert not {"socketcan", "canopen_control"} & set(known)
