@@ -132,7 +132,7 @@ class DiffDriveController(Controller):
         """Have no command, and none before it."""
         self._linear = self._angular = math.nan
         self._command_stamp = now
-        self._commanded = False
+        self._commanded = self._was_chained = self._writing = False
         self._previous_linear = self._before_linear = 0.0
         self._previous_angular = self._before_angular = 0.0
         for reference in self._references:
@@ -178,7 +178,12 @@ class DiffDriveController(Controller):
         """Find the twist wanted now: the chain's, or the last command, or zero if that is too old."""
         if self.chained:
             self._linear, self._angular = self._references[0].value, self._references[1].value
-            self._commanded = False
+            if self._writing and (math.isnan(self._linear) or math.isnan(self._angular)):
+                self._linear = self._angular = 0.0  # who was driven by a topic does not go on by itself
+            self._was_chained, self._commanded = True, False
+        elif self._was_chained and not self._commanded:
+            self._was_chained = False
+            self._linear = self._angular = 0.0
         elif self._timeout_ns and now - self._command_stamp > self._timeout_ns:
             if self._commanded:
                 self._commanded = False
@@ -217,6 +222,7 @@ class DiffDriveController(Controller):
         self.publications += 1
 
     def _write(self, linear: float, angular: float) -> None:
+        self._writing = True
         params, commands, sides = self.params, self.commands, self._sides
         left, right = wheel_velocities(linear, angular, params.separation, params.left_radius, params.right_radius)
         for index in range(sides):

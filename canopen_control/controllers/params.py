@@ -80,7 +80,7 @@ def _gathered(flat: Node, cls: type[Any]) -> Node:
         inner = {key[len(name) + 1 :]: pairs.pop(key) for key in list(pairs) if key.startswith(f"{name}.")}
         named = {short: (_scalar_node(short, key), value) for short, (key, value) in inner.items()}
         if named:
-            place = next(iter(named.values()))[0]
+            place = _scalar_node(name, next(iter(named.values()))[0])
             pairs[name] = (place, Node.mapping(_like(place), named))
     return Node.mapping(_like(flat), pairs)
 

@@ -1,0 +1,272 @@
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import pytest
+from support.control import DIFF_DRIVE, FORWARD, Hardware, S, add, manager, same, vectors
+
+from canopen_control.controllers.base import ControllerState
+from canopen_control.controllers.diff_drive import wheel_velocities
+from canopen_control.errors import ControlError
+from canopen_control.hardware.interfaces import ReturnType
+
+WHEELS = {"left_wheel_names": ["l"], "right_wheel_names": ["r"], "wheel_separation": 0.24, "wheel_radius": 0.035}
+
+
+def robot(**params: Any):
+    """Return hardware, manager and a configured diff drive."""
+    hardware = Hardware(
+        "l/velocity", "r/velocity", states=("l/position", "r/position", "l/velocity", "r/velocity"), name="base"
+    )
+    for each in hardware.state_interfaces:
+        each.value = 0.0
+    control = manager(hardware)
+    return hardware, control, add(control, "base", DIFF_DRIVE, **{**WHEELS, **params})
+
+
+@pytest.mark.parametrize("case", vectors("wheel_kinematics"), ids=lambda case: case["name"])
+def test_a_twist_becomes_wheel_speeds(case):
+    left, right = wheel_velocities(
+        case["linear"],
+        case["angular"],
+        case["wheel_separation"] * case["wheel_separation_multiplier"],
+        case["wheel_radius"] * case["left_wheel_radius_multiplier"],
+        case["wheel_radius"] * case["right_wheel_radius_multiplier"],
+    )
+    assert same(left, case["expect_left"], 1e-12)
+    assert same(right, case["expect_right"], 1e-12)
+
+
+class Scenario:
+    """Plays one case: the wheels' old angles and the time start where upstream's uninitialised odometry has them."""
+
+    def __init__(self, params: dict[str, Any]) -> None:
+        self.hardware, self.control, self.base = robot(**params)
+        self.now = 0
+        self.period = 0.01
+        self.followed = (0.0, 0.0, 0)
+        self.published = 0
+
+    def activate(self) -> None:
+        self.control.switch(["base"], now=self.now)
+        for each in self.hardware.command_interfaces:
+            each.value = each.value if self.now == 0 else 0.0
+        self.base.odometry.begin(*self.followed)
+
+    def deactivate(self, now: int) -> None:
+        self.now = now
+        self.control.switch(deactivate=["base"], now=now)
+
+    def cmd(self, now: int, stamp: int, linear: float, angular: float) -> str:
+        if self.base.state is not ControllerState.ACTIVE:
+            expected = "ignored_inactive"
+        else:
+            expected = "refused" if not math.isfinite(linear + angular) else "ignored_old"
+        try:
+            self.control.command("base", [linear, angular], now, stamp)
+        except ControlError:
+            return expected
+        return "accepted"
+
+    def update(self, time: int, period: float, left: float | None, right: float | None, repeat: int = 1, step=None):
+        step = 0 if step is None else step
+        result, before = ReturnType.OK, 0
+        for index in range(repeat):
+            self.now = time + index * step
+            if left is not None and right is not None:
+                self.hardware.set("l/position", left)
+                self.hardware.set("r/position", right)
+            before = self.base.publications
+            result = self.base.update(self.now, period)
+            if self.base.publications and left is not None and right is not None:
+                self.followed = (left, right, self.now)
+        return result, self.base.publications > before
+
+
+CASES = {case["name"]: case for case in vectors("diff_drive_scenarios_jazzy")}
+DEVIATES = "NaN/inf command keeps the previous reference"
+
+
+@pytest.mark.parametrize("name", [name for name in CASES if name != DEVIATES])
+def test_it_behaves_as_upstream_does(name):
+    case = CASES[name]
+    play = Scenario(case["params"])
+    for (verb, *values), expect in zip(case["steps"], case["expect"], strict=True):
+        found = getattr(play, verb)(*values)
+        if expect is None:
+            continue
+        if "result" in expect:
+            assert found == expect["result"]
+        if "ret" in expect:
+            assert found[0].name == expect["ret"]
+            assert found[1] is expect["published"]
+        for wheel, value in zip(("left", "right"), play.hardware.values(), strict=True):
+            if wheel in expect:
+                assert math.isnan(value) if expect[wheel] is None else same(value, expect[wheel]), wheel
+        if "cmd_vel_out" in expect:
+            assert all(same(a, b) for a, b in zip(play.base.limited, expect["cmd_vel_out"], strict=True))
+        if "odom" in expect:
+            odometry = play.base.odometry
+            pose = (odometry.x, odometry.y, odometry.heading, odometry.linear, odometry.angular)
+            assert all(same(a, b) for a, b in zip(pose, expect["odom"], strict=True)), pose
+
+
+def test_a_twist_that_is_not_finite_is_refused_and_does_not_refresh_the_timeout():
+    case = CASES[DEVIATES]  # upstream keeps driving and restarts the timeout with the stamp of the bad command
+    play = Scenario(case["params"])
+    play.activate()
+    play.cmd(*case["steps"][1][1:])
+    play.update(*case["steps"][2][1:])
+    assert play.cmd(*case["steps"][3][1:]) == "refused"
+    play.update(1000 * S + 500_000_000, 0.01, 0.0, 0.0)
+    assert play.hardware.values() == [1.0, 1.0]
+    play.update(1000 * S + 501_000_000, 0.01, 0.0, 0.0)
+    assert play.hardware.values() == [0.0, 0.0]
+    assert play.base.rejected == 1
+
+
+def test_the_pose_does_not_jump_by_the_angles_the_wheels_have_at_start():
+    hardware, control, base = robot()
+    hardware.set("l/position", 40.0)
+    hardware.set("r/position", -70.0)
+    control.switch(["base"], now=1_700_000_000 * S)
+    for step in range(1, 100):
+        control.update(1_700_000_000 * S + step * S // 100, 0.01)
+    assert base.publications > 0
+    odometry = base.odometry
+    assert (odometry.x, odometry.y, odometry.heading, odometry.linear) == (0.0, 0.0, 0.0, 0.0)
+
+
+def test_open_loop_does_not_integrate_the_age_of_the_universe():
+    _, control, base = robot(open_loop=True, cmd_vel_timeout=0.0)
+    control.switch(["base"], now=1_700_000_000 * S)
+    control.command("base", [0.5, 0.0], 1_700_000_000 * S)
+    for step in range(1, 102):
+        control.update(1_700_000_000 * S + step * S // 100, 0.01)
+    assert same(base.odometry.x, 0.5)
+
+
+def test_a_timeout_is_told_once_and_the_next_twist_drives_on():
+    hardware, control, _ = robot()
+    control.switch(["base"], now=0)
+    control.events()
+    control.command("base", [0.35, 0.0], 0)
+    for step in range(1, 100):
+        control.update(step * S // 100, 0.01)
+    told = [each for each in control.events() if each.kind == "command_timeout"]
+    assert len(told) == 1
+    assert "no twist for 0.51 s" in told[0].text
+    control.command("base", [0.35, 0.0], S)
+    control.update(S, 0.01)
+    assert hardware.values() == [pytest.approx(10.0), pytest.approx(10.0)]
+
+
+@pytest.mark.parametrize("values", [[1.0], [1.0, 2.0, 3.0], [math.nan, 0.0], [0.0, -math.inf], [True, 0.0], []])
+def test_a_bad_twist_is_refused_and_counted(values):
+    _, control, base = robot()
+    control.switch(["base"], now=0)
+    with pytest.raises(ControlError, match="wants"):
+        control.command("base", values, 0)
+    assert base.rejected == 1
+
+
+def test_every_wheel_of_a_side_turns_and_their_mean_is_followed():
+    names = [f"{side}{index}" for side in "lr" for index in range(2)]
+    hardware = Hardware(*(f"{name}/velocity" for name in names), states=tuple(f"{name}/velocity" for name in names))
+    control = manager(hardware)
+    params = {**WHEELS, "left_wheel_names": names[:2], "right_wheel_names": names[2:], "position_feedback": False}
+    base = add(control, "base", DIFF_DRIVE, **params)
+    control.switch(["base"], now=0)
+    control.command("base", [0.35, 0.0], 0)
+    for state, value in zip(hardware.state_interfaces, (9.0, 11.0, 8.0, 12.0), strict=True):
+        state.value = value
+    control.update(0, 0.01)
+    control.update(S // 10, 0.1)
+    assert hardware.values() == [pytest.approx(10.0)] * 4
+    assert same(base.odometry.x, 0.035)
+
+
+def test_another_controller_drives_it_by_its_references():
+    hardware, control, base = robot(linear__x__max_velocity=0.5)
+    add(control, "linear", FORWARD, joints=["base/linear"], interface_name="velocity")
+    add(control, "angular", FORWARD, joints=["base/angular"], interface_name="velocity")
+    with pytest.raises(ControlError, match="activate linear and base together"):
+        control.switch(["linear"])
+    control.switch(["linear", "angular", "base"], now=0)
+    assert control.active.index("base") == 2
+    with pytest.raises(ControlError, match="is commanded by linear"):
+        control.command("base", [1.0, 0.0], 0)
+    control.command("linear", [0.35], 0)
+    control.command("angular", [0.0], 0)
+    control.update(S // 100, 0.01)
+    assert hardware.values() == [pytest.approx(10.0)] * 2
+    with pytest.raises(ControlError, match="deactivate linear and base together"):
+        control.switch(deactivate=["base"])
+    control.switch(deactivate=["linear", "angular"])
+    control.update(S // 50, 0.01)  # within the timeout of 0.5 s: who commanded is gone, so it stops at once
+    assert hardware.values() == [0.0, 0.0]
+    control.command("base", [0.35, 0.0], S // 50)
+    control.update(S // 25, 0.01)
+    assert hardware.values() == [pytest.approx(10.0)] * 2
+    assert base.chained is False
+    control.switch(["linear", "angular"])  # and who commands now has said nothing yet
+    control.update(S // 20, 0.01)
+    assert hardware.values() == [0.0, 0.0]
+
+
+@pytest.mark.parametrize("case", vectors("diff_drive_lifecycle")[7:10], ids=lambda case: case["name"])
+def test_it_wants_the_interfaces_that_upstream_wants(case):
+    _, _, base = robot(**case["params"])
+    assert base.command_interface_names() == case["expect_command"]
+    assert base.state_interface_names() == case["expect_state"]
+
+
+def test_its_references_have_upstreams_names():
+    case = vectors("diff_drive_lifecycle")[10]
+    control = manager(Hardware("l/velocity", "r/velocity"))
+    base = add(control, case["controller"], DIFF_DRIVE, **WHEELS)
+    assert [each.name for each in base.reference_interfaces()] == case["expect_reference"]
+
+
+def test_a_jerk_limit_of_zero_is_told_to_freeze_the_robot():
+    _, control, _ = robot(linear__x__max_jerk=0.0)
+    assert [each.text for each in control.events() if each.kind == "parameter"] == [
+        "base: linear.x.max_jerk: 0 keeps it from ever changing speed; remove it"
+    ]
+
+
+def test_frames_carry_the_prefix_and_the_pose_can_be_set():
+    _, _, base = robot(odom_frame_id="odom", base_frame_id="base_link", tf_frame_prefix="r1")
+    assert base.frame_ids("/ns") == ("r1/odom", "r1/base_link")
+    base.set_odometry(1.0, 2.0, 3.0)
+    assert (base.odometry.x, base.odometry.y, base.odometry.heading) == (1.0, 2.0, 3.0)
+
+
+def test_a_robot_that_does_what_it_is_told_drives_a_square_back_to_its_start():
+    hardware, control, base = robot(
+        cmd_vel_timeout=0.0, linear__x__max_acceleration=1.0, angular__z__max_acceleration=2.0
+    )
+    control.switch(["base"], now=0)
+    wheels = {"l": 0.0, "r": 0.0}
+    x = y = heading = 0.0
+    for step in range(2400):
+        leg = (step // 300) % 2
+        command = ([0.4, 0.0], [0.0, math.pi / 4])[leg] if step % 300 < 200 else [0.0, 0.0]
+        control.command("base", command, step * S // 100)
+        control.update(step * S // 100, 0.01)
+        left, right = hardware.values()
+        # the plant's own formula: a rigid body turning by the mean heading of the step
+        turn = (right - left) * 0.035 / 0.24 * 0.01
+        way = (left + right) / 2 * 0.035 * 0.01
+        x += way * math.cos(heading + turn / 2)
+        y += way * math.sin(heading + turn / 2)
+        heading += turn
+        for name, speed in (("l", left), ("r", right)):
+            wheels[name] += speed * 0.01
+            hardware.set(f"{name}/position", wheels[name])
+    control.update(24 * S, 0.01)
+    assert math.hypot(base.odometry.x - x, base.odometry.y - y) < 1e-3
+    assert same(base.odometry.heading, heading)
+    assert math.hypot(x, y) < 1e-3
+    assert same(heading, 2 * math.pi, 1e-3)
