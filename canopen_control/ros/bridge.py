@@ -1,0 +1,138 @@
+"""The ROS bridge: `python -m canopen_control.ros.bridge --name ROBOT [--namespace NS] [--ros-args ...]`.
+
+The law of the file: one process, one context, one node. What is wrong with the environment is one sentence and exit
+code 1, before rclpy is imported. Started by `run` it ends with its lifeline or with the robot; started by hand it waits
+for the robot to come back, and SIGTERM or SIGINT end it within two seconds, whatever rclpy does.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import os
+import signal
+import sys
+import threading
+from typing import TYPE_CHECKING, Final
+
+from canopen_control.client import RobotClient, select_robot
+from canopen_control.errors import CanopenError
+from canopen_control.host.reactor import Reactor
+from canopen_control.host.spawn import lifeline_fd
+from canopen_control.ros.available import from_wheels, require_ros
+from canopen_control.ros.environment import describe, prepare
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from canopen_control.ros.session import Session
+
+__all__ = ["main"]
+
+NODE_NAME: Final = "canopen_control_bridge"
+_RETRY_NS: Final = 500_000_000
+_TIMEOUT_S: Final = 2.0  # for the robot to answer
+_PATIENCE_S: Final = 1.5  # for rclpy to end
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run until the robot, the parent or a signal ends it; 0 good, 1 it could not start."""
+    arguments, ros_arguments = _parse(list(sys.argv[1:] if argv is None else argv))
+    try:
+        require_ros()
+        prepare(os.environ, wheels=from_wheels(), prefix=sys.prefix)
+        bridge = Bridge(arguments, ros_arguments)
+    except CanopenError as error:
+        _say(str(error))
+        return 1
+    bridge.run()
+    return 0
+
+
+def _parse(argv: list[str]) -> tuple[argparse.Namespace, list[str]]:
+    """Split what is ours from what is ROS's (`--ros-args ...`)."""
+    split = argv.index("--ros-args") if "--ros-args" in argv else len(argv)
+    parser = argparse.ArgumentParser(prog="python -m canopen_control.ros.bridge", description="Show a robot to ROS 2.")
+    parser.add_argument("--name", help="the robot (default: the only one that runs)")
+    parser.add_argument("--namespace", default="", help="of all relative names, for several robots in one graph")
+    parser.add_argument("--rate", type=float, default=50.0, metavar="HZ", help="of what is published (default: 50)")
+    return parser.parse_args(argv[:split]), argv[split:]
+
+
+def _say(text: str) -> None:
+    sys.stderr.write(f"canopen-control: {text}\n")
+    sys.stderr.flush()
+
+
+class Bridge:
+    """The process: signals, lifeline, context and node, and the session with the robot while there is one."""
+
+    def __init__(self, arguments: argparse.Namespace, ros_arguments: list[str]) -> None:
+        self._name = select_robot(arguments.name)
+        self._rate = arguments.rate
+        self._lifeline = lifeline_fd()
+        self._session: Session | None = None
+        self._reactor = Reactor()
+        self._reactor.handle_signals({signal.SIGTERM: self._reactor.stop, signal.SIGINT: self._reactor.stop})
+        if self._lifeline is not None:
+            self._reactor.add_reader(self._lifeline, self._reactor.stop)
+        self._start_ros(arguments.namespace, ros_arguments)
+
+    def _start_ros(self, namespace: str, ros_arguments: list[str]) -> None:
+        try:
+            from canopen_control.ros.rcl import start
+
+            self._context, self._node = start(NODE_NAME, namespace, ros_arguments)
+        except Exception as error:
+            raise CanopenError(f"ROS 2 could not be started: {error}") from error
+
+    def run(self) -> None:
+        """Serve until the end, then leave the graph."""
+        _say(f"ROS bridge of {self._name}: {describe(os.environ)}")
+        self._reactor.call_soon(self._connect)
+        self._reactor.run()
+        self._close()
+
+    def _connect(self) -> None:
+        """Find the robot; by hand again and again, for `run`'s own bridge there is no other than this one."""
+        from canopen_control.ros.session import Session
+
+        client: RobotClient | None = None
+        try:
+            client = RobotClient.connect(self._name, _TIMEOUT_S)
+            session = Session(self._node, self._context, self._reactor, client, self._on_end)
+            self._session = session
+            session.open(self._rate)
+        except CanopenError as error:
+            if client is not None:
+                client.close()
+            self._on_end(str(error))
+
+    def _on_end(self, why: str) -> None:
+        _say(why)
+        if self._lifeline is not None:
+            self._reactor.stop()
+            return
+        self._end_session()
+        self._reactor.call_later(_RETRY_NS, self._connect)
+
+    def _end_session(self) -> None:
+        session, self._session = self._session, None
+        if session is not None:
+            session.close()
+
+    def _close(self) -> None:
+        """Leave; a thread that hangs in rclpy is not waited for."""
+        giving_up = threading.Timer(_PATIENCE_S, os._exit, (0,))
+        giving_up.daemon = True
+        giving_up.start()
+        self._end_session()
+        with contextlib.suppress(Exception):
+            self._node.destroy_node()
+            self._context.try_shutdown()
+        self._reactor.close()
+        giving_up.cancel()
+
+
+if __name__ == "__main__":
+    sys.exit(main())

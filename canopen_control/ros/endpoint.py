@@ -1,0 +1,51 @@
+"""What every topic and service of the bridge is made with, and the two shapes that a feature has.
+
+The law of the file: publishing is done on the bridge's own thread, when the robot has sent something; callbacks of ROS
+run on the spinner's thread, and only hand over.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Protocol
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from canopen_control.ros.conversions import ControllerView
+    from canopen_control.ros.rcl import Node
+
+__all__ = ["Endpoint", "Ros"]
+
+
+class Ros(Protocol):
+    """What an endpoint is given.
+
+    `command` hands a command to the robot, `warn` says a sentence once per second at most; both from any thread.
+    """
+
+    node: Node
+
+    def command(self, controller: str, method: str, params: dict[str, Any]) -> None:
+        """Send the newest command of a controller."""
+
+    def warn(self, key: str, text: str) -> None:
+        """Tell the user, rarely."""
+
+    def later(self, function: Callable[[], object]) -> None:
+        """Run a function on the spinner's thread."""
+
+
+class Endpoint:
+    """Topics of one controller, or of the whole robot; what it does not override it does not care for."""
+
+    def on_controller(self, controller: ControllerView) -> None:
+        """Learn that the controller it belongs to has changed."""
+
+    def on_state(self, state: dict[str, Any]) -> None:
+        """Take a sample of the state stream."""
+
+    def on_event(self, event: dict[str, Any]) -> None:
+        """Learn that something has happened."""
+
+    def close(self) -> None:
+        """Leave the graph."""

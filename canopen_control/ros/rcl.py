@@ -1,0 +1,54 @@
+"""What this room uses of rclpy, in one place and without types.
+
+rclpy is typed in parts, differently in each release, and may not be installed where types are checked; what is imported
+by name here is Any everywhere.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any
+
+__all__ = [
+    "Context",
+    "DurabilityPolicy",
+    "ExternalShutdownException",
+    "Future",
+    "Node",
+    "QoSProfile",
+    "ReliabilityPolicy",
+    "make_executor",
+    "qos_profile_system_default",
+    "start",
+]
+
+Node = Any
+Context = Any
+
+_executors = importlib.import_module("rclpy.executors")
+_qos = importlib.import_module("rclpy.qos")
+
+DurabilityPolicy = _qos.DurabilityPolicy
+ExternalShutdownException: type[Exception] = _executors.ExternalShutdownException
+Future = importlib.import_module("rclpy.task").Future
+QoSProfile = _qos.QoSProfile
+ReliabilityPolicy = _qos.ReliabilityPolicy
+qos_profile_system_default = _qos.qos_profile_system_default
+
+
+def start(name: str, namespace: str, arguments: list[str]) -> tuple[Context, Node]:
+    """Make a context that leaves signals alone, and a node; whatever rclpy raises."""
+    rclpy = importlib.import_module("rclpy")
+    context = importlib.import_module("rclpy.context").Context()
+    signals = importlib.import_module("rclpy.signals").SignalHandlerOptions
+    rclpy.init(args=arguments, context=context, signal_handler_options=signals.NO)
+    return context, rclpy.create_node(name, context=context, namespace=namespace)
+
+
+def make_executor(context: Context) -> Any:  # noqa: ANN401 - see above
+    """Return an EventsExecutor where this rclpy has one, else a single-threaded one."""
+    try:
+        events = importlib.import_module("rclpy.experimental.events_executor")
+    except ImportError:
+        return _executors.SingleThreadedExecutor(context=context)
+    return events.EventsExecutor(context=context)

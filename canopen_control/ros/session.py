@@ -1,0 +1,163 @@
+"""One robot shown to ROS, from the connection to its API until either is gone.
+
+The law of this file: two threads. The reactor's owns the connection to the robot and publishes what comes over it; the
+spinner's takes what ROS sends and hands it over through the mailbox. Whatever is wrong with a message, a topic or a
+controller is told and the rest goes on; only the end of the connection ends the session.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Final
+
+from canopen_control.errors import RemoteError
+from canopen_control.ros.conversions import ControllerView, controllers_of
+from canopen_control.ros.description import RobotDescription
+from canopen_control.ros.mailbox import Mailbox
+from canopen_control.ros.spinner import Spinner
+from canopen_control.ros.table import endpoints_for
+from canopen_control.ros.throttle import Throttle
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from canopen_control.client import RobotClient
+    from canopen_control.host.reactor import Reactor
+    from canopen_control.ros.endpoint import Endpoint
+    from canopen_control.ros.rcl import Context, Node
+
+__all__ = ["Session"]
+
+Message = dict[str, Any]
+_JOIN_S: Final = 1.0
+
+
+class Session:
+    """Topics of one robot; `on_end(why)` is called once, on the loop, when the robot is gone.
+
+    It is what its endpoints know as `Ros`. `rate` of the state stream in Hz.
+    """
+
+    def __init__(
+        self, node: Node, context: Context, reactor: Reactor, client: RobotClient, on_end: Callable[[str], object]
+    ) -> None:
+        self.node, self._reactor, self._client, self._on_end = node, reactor, client, on_end
+        self._endpoints: dict[str, list[Endpoint]] = {}
+        self._common: list[Endpoint] = []
+        self._controllers: dict[str, ControllerView] = {}
+        self._told: dict[str, str] = {}
+        self._throttle = Throttle()
+        self._mailbox: Mailbox[tuple[str, Message]] = Mailbox(0)
+        self._ended = False
+        self._spinner = Spinner(node, context, self._on_callback_error)
+
+    def open(self, rate: float) -> None:
+        """Subscribe on both sides and begin; raises RemoteError."""
+        client, status = self._client, self._client.call("status")
+        self._mailbox.interval_ns = round(float(status["cycle"]["period_s"]) * 1e9)
+        self._common.append(RobotDescription(self, client.call("description")["urdf"]))
+        client.call("subscribe", state_rate=rate, events=True)
+        self._reactor.add_reader(client.fileno(), self._on_readable)
+        self._reactor.call_soon(self._on_readable)  # what came together with an answer makes no descriptor readable
+        self._spinner.start()
+
+    def close(self) -> bool:
+        """Leave both sides; False when a callback of ROS hangs. A second call does nothing."""
+        self._ended = True
+        self._reactor.remove_reader(self._client.fileno())
+        done = self._spinner.stop(_JOIN_S)
+        for name in list(self._endpoints):
+            self._forget(name)
+        self._client.close()
+        return done
+
+    # ------------------------------------------------------------------------------------------- for endpoints
+
+    def command(self, controller: str, method: str, params: Message) -> None:
+        """Send the newest command of a controller, at most one per cycle; from any thread."""
+        if self._mailbox.put(controller, (method, {"controller": controller, "source": "ros", **params})):
+            self._reactor.call_threadsafe(self._deliver)
+
+    def warn(self, key: str, text: str) -> None:
+        """Tell the user, each key once per second at most; from any thread."""
+        if self._throttle.allows(key, self._reactor.now()):
+            self.node.get_logger().warning(text)
+
+    def later(self, function: Callable[[], object]) -> None:
+        """Run a function on the spinner's thread."""
+        self._spinner.call(function)
+
+    # ------------------------------------------------------------------------------------------- robot to ROS
+
+    def _on_readable(self) -> None:
+        if self._ended:
+            return
+        try:
+            for message in self._client.messages(0):
+                self._on_message(message)
+        except RemoteError as error:
+            self._end(error)
+
+    def _on_message(self, message: Message) -> None:
+        state, event = message.get("state"), message.get("event")
+        if state is not None:
+            self._follow(state.get("controllers") or {})
+            for endpoint in self._all():
+                self._guarded(endpoint, endpoint.on_state, state)
+        elif event is not None:
+            for endpoint in self._all():
+                self._guarded(endpoint, endpoint.on_event, event)
+
+    def _guarded(self, endpoint: Endpoint, action: Callable[[Message], object], message: Message) -> None:
+        try:
+            action(message)
+        except Exception as error:  # noqa: BLE001 - one topic's trouble is not the others'
+            name = type(endpoint).__name__
+            self.warn(name, f"{name}: {type(error).__name__}: {error}")
+
+    def _all(self) -> list[Endpoint]:
+        return [*self._common, *(endpoint for group in self._endpoints.values() for endpoint in group)]
+
+    def _follow(self, told: dict[str, str]) -> None:
+        """Make and remove topics when a controller was loaded, switched or unloaded."""
+        if told == self._told:
+            return
+        controllers = controllers_of(self._client.call("controllers"))
+        for name in [name for name in self._endpoints if name not in controllers]:
+            self._forget(name)
+        for name, controller in controllers.items():
+            before = self._controllers.get(name)
+            if before is not None and (before.type, before.topic) != (controller.type, controller.topic):
+                self._forget(name)
+            if name not in self._endpoints:
+                self._endpoints[name] = endpoints_for(self, controller)
+            for endpoint in self._endpoints[name]:
+                endpoint.on_controller(controller)
+        self._controllers, self._told = controllers, told
+
+    def _forget(self, name: str) -> None:
+        for endpoint in self._endpoints.pop(name):
+            endpoint.close()
+        self._mailbox.forget(name)
+
+    # ------------------------------------------------------------------------------------------- ROS to robot
+
+    def _deliver(self) -> None:
+        if self._ended:
+            return
+        commands, later = self._mailbox.take(self._reactor.now())
+        try:
+            for method, params in commands.values():
+                self._client.notify(method, **params)
+        except RemoteError as error:
+            self._end(error)
+            return
+        if later is not None:
+            self._reactor.call_at(later, self._deliver)
+
+    def _on_callback_error(self, error: Exception) -> None:
+        self.warn("callback", f"a callback failed: {type(error).__name__}: {error}")
+
+    def _end(self, error: RemoteError) -> None:
+        if not self._ended:
+            self._ended = True
+            self._on_end(str(error))

@@ -1,0 +1,64 @@
+"""The one thread that rclpy's callbacks run in.
+
+The law of the file: an EventsExecutor where there is one, else a single-threaded one; every wait is finite, because the
+endless one of EventsExecutor.spin() is broken in the wheels (it burns a core and calls nobody); never a multi-threaded
+executor, which loses messages.
+"""
+
+from __future__ import annotations
+
+import threading
+from typing import TYPE_CHECKING, Final
+
+from canopen_control.ros.rcl import ExternalShutdownException, Future, make_executor
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from canopen_control.ros.rcl import Context, Node
+
+__all__ = ["Spinner"]
+
+_WAIT_S: Final = 1.0
+
+
+class Spinner:
+    """Spins a node; `on_error` gets the exception of a callback, in the spinning thread, and the spinning goes on."""
+
+    def __init__(self, node: Node, context: Context, on_error: Callable[[Exception], object]) -> None:
+        self._executor = make_executor(context)
+        self._executor.add_node(node)
+        self._node, self._on_error = node, on_error
+        self._ending = threading.Event()
+        self._end = Future()
+        self._thread = threading.Thread(target=self._run, name="ros", daemon=True)
+
+    def start(self) -> None:
+        """Begin."""
+        self._thread.start()
+
+    def stop(self, timeout: float) -> bool:
+        """End; False if a callback has kept the thread for `timeout` seconds."""
+        self._ending.set()
+        self._end.set_result(None)
+        self._executor.wake()
+        if self._thread.ident is not None:
+            self._thread.join(timeout)
+        if self._thread.is_alive():
+            return False
+        self._executor.remove_node(self._node)
+        self._executor.shutdown(timeout)
+        return True
+
+    def call(self, function: Callable[[], object]) -> None:
+        """Run a function in the spinning thread, between callbacks; from any thread."""
+        self._executor.create_task(function)
+
+    def _run(self) -> None:
+        while not self._ending.is_set():
+            try:
+                self._executor.spin_until_future_complete(self._end, timeout_sec=_WAIT_S)
+            except ExternalShutdownException:
+                return
+            except Exception as error:  # noqa: BLE001 - a callback's mistake is told, and the next one is served
+                self._on_error(error)

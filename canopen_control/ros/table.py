@@ -1,0 +1,36 @@
+"""Which topics a controller has: one table, by the kind of its commands or by its type.
+
+A new kind of controller gets a line here and an `Endpoint` in a file of its own.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+from canopen_control.ros.forward import ForwardCommands
+from canopen_control.ros.joint_states import JointStates
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from canopen_control.ros.conversions import ControllerView
+    from canopen_control.ros.endpoint import Endpoint, Ros
+
+    Factory = Callable[[Ros, ControllerView], Endpoint]
+
+__all__ = ["endpoints_for"]
+
+#: by where its commands come (`topic` of the API)
+BY_TOPIC: Final[dict[str | None, tuple[Factory, ...]]] = {
+    "commands": (ForwardCommands,),
+}
+#: by its type
+BY_TYPE: Final[dict[str, tuple[Factory, ...]]] = {
+    "joint_state_broadcaster/JointStateBroadcaster": (JointStates,),
+}
+
+
+def endpoints_for(ros: Ros, controller: ControllerView) -> list[Endpoint]:
+    """Make the topics of one controller."""
+    factories = (*BY_TOPIC.get(controller.topic, ()), *BY_TYPE.get(controller.type, ()))
+    return [make(ros, controller) for make in factories]
