@@ -65,9 +65,11 @@ class SdoClient:
         """Upload an object; `data` of the request holds its bytes once it is `done`.
 
         `size` is the length the caller knows the object to have: an answer of another length is an error, one that
-        does not tell its length is cut to it. With `now` the timeout starts at once, else with the next `tick`.
+        does not tell its length is cut to it. Block transfer is used if `block` is True. With `now` the timeout starts
+        at once, else with the next `tick`.
         """
-        request = SdoRequest(index, subindex, None, self.timeout_ns if timeout_ns is None else timeout_ns, block, size)
+        timeout = self.timeout_ns if timeout_ns is None else timeout_ns
+        request = SdoRequest(index, subindex, None, timeout, block is True, size)
         self._enqueue(request, now)
         return request
 
@@ -81,8 +83,13 @@ class SdoClient:
         block: bool | None = None,
         now: int | None = None,
     ) -> SdoRequest:
-        """Download the bytes `data` to an object; the request is `done` when the server has confirmed it."""
-        request = SdoRequest(index, subindex, bytes(data), self.timeout_ns if timeout_ns is None else timeout_ns, block)
+        """Download the bytes `data` to an object; the request is `done` when the server has confirmed it.
+
+        Without a wish of the caller, `block`, the length decides (see SdoOptions).
+        """
+        timeout = self.timeout_ns if timeout_ns is None else timeout_ns
+        blocks = len(data) >= self._exchange.options.block_threshold if block is None else block
+        request = SdoRequest(index, subindex, bytes(data), timeout, blocks)
         self._enqueue(request, now)
         return request
 

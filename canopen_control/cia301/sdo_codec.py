@@ -51,7 +51,6 @@ __all__ = [
     "UPLOAD_SIZED",
     "UPLOAD_UNSIZED",
     "crc16",
-    "mux_bytes",
 ]
 
 REQUEST_BASE: Final = 0x600  # client to server, plus node id
@@ -99,11 +98,6 @@ BLOCK_END_FRAME: Final = struct.Struct("<BH5x")
 PROGRESS: Final = 0
 DONE: Final = -1
 IGNORED: Final = -2
-
-
-def mux_bytes(index: int, subindex: int) -> bytes:
-    """Return the three bytes of the multiplexer."""
-    return bytes((index & 0xFF, index >> 8, subindex))
 
 
 def crc16(data: bytes | bytearray) -> int:

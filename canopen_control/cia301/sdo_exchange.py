@@ -47,7 +47,6 @@ from canopen_control.cia301.sdo_initiate import (
     completed,
     fitted,
     initiate,
-    wants_block,
 )
 from canopen_control.cia301.sdo_quarantine import Quarantine
 from canopen_control.cia301.sdo_request import Patience, SdoOptions, SdoRequest
@@ -158,13 +157,15 @@ class SdoExchange:
 
     def _begin(self, request: SdoRequest, now: int | None) -> None:
         self._transfer = None
-        block = wants_block(request, self.options) and self.block_supported is not False
-        if self._patience and self._patience.plain:
+        block = request.block and self.block_supported is not False
+        if self._patience is not None and self._patience.plain:
             block = False
         self._kind, data = initiate(request, self.options, block)
-        if data[1:4] in self._quarantine.owed:
+        mux = data[1:4]
+        if mux in self._quarantine.owed:
             self._kind, data = AWAIT_PROBE, self._quarantine.probe()
-        self._request, self._mux = data, data[1:4]
+            mux = data[1:4]
+        self._request, self._mux = data, mux
         self.out.append(CanFrame(self.request_cob_id, data))
         self.deadline = _UNARMED if now is None else now + request.timeout_ns
 
@@ -175,7 +176,8 @@ class SdoExchange:
         if request is None or data[0] & COMMAND_MASK != UPLOAD:
             self.ignored += 1
             return
-        self._quarantine.answered(self._mux)
+        if self._quarantine.owed:
+            self._quarantine.answered(self._mux)
         if (length := EXPEDITED_LENGTHS.get(data[0])) is not None:
             self._uploaded(request, data[4 : 4 + length], data[0] & 1 == 1, now)
         elif data[0] in (UPLOAD_SIZED, UPLOAD_UNSIZED):
@@ -259,7 +261,10 @@ class SdoExchange:
             self._break(request, outcome, now)
 
     def _uploaded(self, request: SdoRequest, data: bytes, sized: bool, now: int) -> None:
-        request.data, code = fitted(data, request.size, sized, self.options.lenient)
+        code = 0
+        if request.size is not None:
+            data, code = fitted(data, request.size, sized, self.options.lenient)
+        request.data = data
         self._finish(request, now, self._abort_error(request, code) if code else None)
 
     # -- aborts and errors

@@ -1,8 +1,7 @@
 """How an SDO transfer begins on the client's side: its first frame, and what the answer must at least be.
 
-The law: what fits four bytes goes with the initiate (expedited), everything else in segments or blocks. The caller's
-wish for block transfer counts, and without one the length of what is written. Some servers cut their frames behind the
-last used byte, although CiA 301 wants eight: that is made good where no byte is missing.
+The law: what fits four bytes goes with the initiate (expedited), everything else in segments or blocks. Some servers
+cut their frames behind the last used byte, although CiA 301 wants eight: that is made good where no byte is missing.
 """
 
 from __future__ import annotations
@@ -41,7 +40,6 @@ __all__ = [
     "completed",
     "fitted",
     "initiate",
-    "wants_block",
 ]
 
 # What a client waits for; plain numbers, because the hot path compares them.
@@ -63,13 +61,6 @@ BLOCK_ERRORS: Final = frozenset(  # what segments may still do: without CRC a lo
         AbortCode.LENGTH_TOO_LOW,
     ),
 )
-
-
-def wants_block(request: SdoRequest, options: SdoOptions) -> bool:
-    """Whether block transfer is to be tried."""
-    if request.block is None:
-        return request.is_write and len(request.data) >= options.block_threshold
-    return request.block
 
 
 def initiate(request: SdoRequest, options: SdoOptions, block: bool) -> tuple[int, bytes]:
@@ -104,9 +95,9 @@ def completed(data: bytes) -> bytes:
     return data.ljust(8, b"\0") if len(data) >= used else b""
 
 
-def fitted(data: bytes, size: int | None, sized: bool, lenient: bool) -> tuple[bytes, int]:
+def fitted(data: bytes, size: int, sized: bool, lenient: bool) -> tuple[bytes, int]:
     """Return what was read as the `size` bytes it should have, and 0; or else an abort code."""
-    if size is None or len(data) == size:
+    if len(data) == size:
         return data, 0
     if len(data) < size:
         return data.ljust(size, b"\0"), 0 if lenient else AbortCode.LENGTH_TOO_LOW

@@ -55,8 +55,8 @@ class SdoRequest:
     """One upload or download, from the queue to its end.
 
     `data` is the result of a read and the payload of a write; `error` says why it failed, None while it has not;
-    `context` is free for whoever asked. `elapsed_ns` counts from the first frame, not from the queue; it stays 0 for
-    one that was cancelled.
+    `block` whether block transfer is tried first; `context` is free for whoever asked. `elapsed_ns` counts from the
+    first frame, not from the queue; it stays 0 for one that was cancelled.
     """
 
     __slots__ = (
@@ -82,7 +82,7 @@ class SdoRequest:
         subindex: int,
         data: bytes | None,
         timeout_ns: int,
-        block: bool | None = None,
+        block: bool = False,
         size: int | None = None,
     ) -> None:
         self.index = index

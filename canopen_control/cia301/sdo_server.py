@@ -187,7 +187,8 @@ class SdoServer:
 
     def _on_upload(self, data: bytes, now: int) -> None:
         _, index, subindex = INITIATE.unpack(data)
-        self._end()
+        if self._transfer is not None:
+            self._end()
         self._last = data
         if (value := self._read(index, subindex)) is not None:
             self._answer_upload(index, subindex, value, now)

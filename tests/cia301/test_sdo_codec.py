@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from canopen_control.cia301.sdo_codec import EXPEDITED_CODES, EXPEDITED_LENGTHS, UPLOAD, crc16, mux_bytes
+from canopen_control.cia301.sdo_codec import EXPEDITED_CODES, EXPEDITED_LENGTHS, UPLOAD, crc16
 
 CRC = json.loads((Path(__file__).parents[1] / "data" / "sdo.json").read_text())["crc16"]
 RULES = {
@@ -25,7 +25,3 @@ def test_the_crc_is_that_of_the_standard(vector):
 def test_expedited_lengths_and_codes_are_inverse():
     for length in (1, 2, 3, 4):
         assert EXPEDITED_LENGTHS[UPLOAD | EXPEDITED_CODES[length]] == length
-
-
-def test_the_multiplexer_is_little_endian():
-    assert mux_bytes(0x1018, 2) == bytes.fromhex("181002")

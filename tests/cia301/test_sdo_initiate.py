@@ -2,14 +2,14 @@ from __future__ import annotations
 
 import pytest
 
-from canopen_control.cia301.sdo_initiate import completed, fitted, initiate, wants_block
+from canopen_control.cia301.sdo_initiate import completed, fitted, initiate
 from canopen_control.cia301.sdo_request import SdoOptions, SdoRequest
 
-OPTIONS = SdoOptions(block_threshold=100)
+OPTIONS = SdoOptions()
 
 
-def request(length=None, block=None):
-    return SdoRequest(0x2001, 2, None if length is None else bytes(length), 1, block)
+def request(length=None):
+    return SdoRequest(0x2001, 2, None if length is None else bytes(length), 1)
 
 
 @pytest.mark.parametrize(
@@ -40,21 +40,6 @@ def test_the_first_frame_of_a_client_that_offers_nothing(length, block, first):
 
 
 @pytest.mark.parametrize(
-    ("length", "wish", "block"),
-    [
-        (99, None, False),
-        (100, None, True),
-        (None, None, False),
-        (100, False, False),
-        (1, True, True),
-        (None, True, True),
-    ],
-)
-def test_the_wish_for_block_transfer_counts_and_else_the_length(length, wish, block):
-    assert wants_block(request(length, wish), OPTIONS) is block
-
-
-@pytest.mark.parametrize(
     ("data", "whole"),
     [
         ("60012000", True),
@@ -79,7 +64,6 @@ def test_a_cut_frame_is_whole_if_no_byte_that_counts_is_missing(data, whole):
 @pytest.mark.parametrize(
     ("length", "size", "sized", "lenient", "result"),
     [
-        (2, None, True, False, (2, 0)),
         (2, 2, True, False, (2, 0)),
         (4, 2, False, False, (2, 0)),
         (4, 2, True, False, (2, 0x06070012)),

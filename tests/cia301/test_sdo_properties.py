@@ -52,7 +52,7 @@ def operate(client, step, now):
 
 
 @given(STEPS)
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=100, deadline=None)
 def test_no_sequence_of_frames_breaks_the_client(steps):
     client = SdoClient(NODE, options=SdoOptions(max_size=50))
     now = 0
@@ -69,7 +69,7 @@ def test_no_sequence_of_frames_breaks_the_client(steps):
 
 
 @given(STEPS, st.booleans())
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=100, deadline=None)
 def test_no_sequence_of_frames_breaks_the_server(steps, fetch):
     store = MemoryStore({(0x2000, 0): bytes(20), (0x2001, 0): b"\1\2"})
     server = SdoServer(NODE, store, max_size=50)
@@ -139,7 +139,7 @@ LATES = st.sampled_from((0.0, 0.01, 0.2))
 
 
 @given(st.integers(0, 2**32), LOSSES, DOUBLES, LATES, st.booleans(), st.booleans())
-@settings(max_examples=400, deadline=None)
+@settings(max_examples=150, deadline=None)
 def test_on_a_bad_line_a_success_is_true(seed, loss, double, late, block, crc):
     """Reads and writes of one object, of changing length, each with data of its own."""
     choose = random.Random(seed)
@@ -218,7 +218,7 @@ class Counter(MemoryStore):
 
 
 @given(st.integers(0, 2**32), LOSSES, DOUBLES, LATES)
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=100, deadline=None)
 def test_no_answer_is_taken_for_that_of_another_request(seed, loss, double, late):
     choose = random.Random(seed)
     store = Counter({(0x2000, 0): b"", (0x2001, 0): b"\0\0\0\0"})
@@ -239,7 +239,7 @@ def test_no_answer_is_taken_for_that_of_another_request(seed, loss, double, late
 
 
 @given(st.integers(0, 2**32), LOSSES, DOUBLES, LATES)
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=100, deadline=None)
 def test_nor_if_all_are_asked_at_once(seed, loss, double, late):
     choose = random.Random(seed)
     store = Counter({(0x2000, 0): b"", (0x2001, 0): b"\0\0\0\0"})
