@@ -55,7 +55,7 @@ def make_plan(
     _check_chains(controllers, registry, entering, leaving)
     _check_claims(registry, entering, leaving)
     # the commanded start first and stop last, so that a reference always has somebody behind it
-    start, stop = tuple(reversed(in_order(entering))), tuple(in_order(leaving))
+    start, stop = tuple(reversed(in_order(entering[::-1]))), tuple(in_order(leaving))
     return Plan(start, stop, _switches(registry, start, stop))
 
 

@@ -272,7 +272,7 @@ class ControllerManager:
         except Exception as error:
             for controller in started:
                 self._stop(controller, now, "error", str(error))
-            self._release_hardware(started)
+            self._release_hardware(plan.activate)
             self._rebuild(now)
             raise ControlError(f"{started[-1].name} could not be activated: {error}") from error
 

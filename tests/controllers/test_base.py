@@ -1,0 +1,37 @@
+from __future__ import annotations
+
+import pytest
+
+from canopen_control.controllers.base import ALL_STATES, Controller, ControllerState, zero_targets
+from canopen_control.controllers.params import Params
+from canopen_control.errors import ControlError
+from canopen_control.hardware.interfaces import CommandInterface, ReturnType
+
+
+def test_the_least_controller_claims_nothing_and_does_nothing():
+    idle = Controller("idle")
+    idle.on_configure(Params.of({"update_rate": 5, "use_sim_time": True}))
+    assert (idle.command_interface_names(), idle.state_interface_names(), idle.update_rate) == ([], [], 5)
+    assert idle.update(0, 0.01) is ReturnType.OK
+    assert idle.reference_interfaces() == ()
+    assert ALL_STATES == "*"
+
+
+def test_zero_targets_stops_what_moves_and_holds_positions():
+    interfaces = [CommandInterface("j", kind, 3.0) for kind in ("velocity", "effort", "acceleration", "position", "io")]
+    zero_targets(interfaces)
+    assert [each.value for each in interfaces] == [0.0, 0.0, 0.0, 3.0, 3.0]
+
+
+def test_a_refused_command_is_counted_and_says_what_is_wanted():
+    idle = Controller("idle")
+    with pytest.raises(ControlError, match="takes no commands"):
+        idle.set_command([1.0], 0)
+    with pytest.raises(ControlError, match="idle is unconfigured"):
+        idle.checked([1.0], ["a"])
+    idle.state = ControllerState.ACTIVE
+    with pytest.raises(ControlError, match=r"wants 2 values \(a, b\), got 1; nothing was applied"):
+        idle.checked([1.0], ["a", "b"])
+    with pytest.raises(ControlError, match="wants finite numbers, got 'x' for a"):
+        idle.checked(["x"], ["a"])
+    assert idle.rejected == 4

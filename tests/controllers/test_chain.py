@@ -1,0 +1,47 @@
+from __future__ import annotations
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from canopen_control.controllers.base import Controller
+from canopen_control.controllers.chain import in_order, users_of
+from canopen_control.hardware.interfaces import CommandInterface
+
+
+class Link(Controller):
+    def __init__(self, name: str, *commands: str) -> None:
+        super().__init__(name)
+        self.wanted, self.own = [f"{each}/velocity" for each in commands], [CommandInterface(name, "velocity")]
+
+    def command_interface_names(self) -> list[str]:
+        return self.wanted
+
+    def reference_interfaces(self) -> list[CommandInterface]:
+        return self.own
+
+
+def names(controllers) -> list[str]:
+    return [each.name for each in controllers]
+
+
+def test_who_commands_runs_before_whom_it_commands():
+    bottom, middle, top, alone = Link("bottom"), Link("middle", "bottom"), Link("top", "middle"), Link("alone")
+    assert names(in_order([bottom, alone, middle, top])) == ["top", "middle", "bottom", "alone"]
+
+
+def test_a_chain_stops_as_a_whole_and_others_go_on():
+    bottom, middle, top, alone = Link("bottom"), Link("middle", "bottom"), Link("top", "middle"), Link("alone")
+    assert names(users_of([middle], [bottom, middle, top, alone])) == ["top", "middle", "bottom"]
+    assert names(users_of([alone], [bottom, middle, top, alone])) == ["alone"]
+    assert users_of([alone], [bottom]) == []
+
+
+@given(st.dictionaries(st.integers(0, 6), st.sets(st.integers(0, 6), max_size=2), max_size=7))
+def test_any_wiring_even_a_ring_gives_each_controller_once(wiring):
+    links = [Link(str(name), *(str(each) for each in sorted(below))) for name, below in wiring.items()]
+    order = names(in_order(links))
+    assert sorted(order) == sorted(names(links))
+    downhill = all(each < name for name, below in wiring.items() for each in below)
+    if downhill:
+        for name, below in wiring.items():
+            assert all(order.index(str(name)) < order.index(str(each)) for each in below if each in wiring)

@@ -1,0 +1,69 @@
+from __future__ import annotations
+
+import math
+
+import pytest
+from support.control import BROADCASTER, Hardware, S, add, manager, same, vectors
+
+from canopen_control.errors import ControlError
+
+CASES = [case for case in vectors("joint_state_broadcaster") if "expect_topic" not in case]
+
+
+def robot(case):
+    joints = case.get("joints", ["joint1", "joint2", "joint3"])
+    kinds = ("position", "velocity", "effort")
+    hardware = Hardware(states=tuple(f"{joint}/{kind}" for joint in joints for kind in kinds))
+    for number, joint in enumerate(joints):
+        for kind in kinds:
+            hardware.set(f"{joint}/{kind}", number + 1.1)
+    urdf = case.get("urdf_joints")
+    control = manager(hardware, joints=None if urdf is None else tuple(urdf))
+    return hardware, control, add(control, "states", BROADCASTER, **case.get("params", {}))
+
+
+@pytest.mark.parametrize("case", CASES, ids=lambda case: case["name"])
+def test_it_gathers_what_upstream_gathers(case):
+    hardware, control, states = robot(case)
+    if case.get("expect") == "activate ERROR":
+        with pytest.raises(ControlError, match="no state interface exists"):
+            control.switch(["states"], now=0)
+        return
+    control.switch(["states"], now=0)
+    control.update(S, 0.01)
+    assert states.names == (case["expect_name_jazzy"] if "expect_name_jazzy" in case else case["expect_name"])
+    assert len(states.positions) == len(states.velocities) == len(states.efforts) == len(states.names)
+    for key, array in (("expect_velocity", states.velocities), ("expect_effort", states.efforts)):
+        assert all(same(a, b) for a, b in zip(array, case.get(key, array), strict=True))
+    if "expect_extra_value" in case:
+        assert states.positions[3:] == [case["expect_extra_value"]] * 3
+    if "expect_dynamic_names" in case:
+        assert list(states.dynamic_joint_states()) == case["expect_dynamic_names"]
+    assert states.stamp == S
+    del hardware
+
+
+def test_values_are_overwritten_in_place_and_missing_interfaces_stay_nan():
+    hardware = Hardware(states=("a/position", "b/velocity", "b/temperature"))
+    control = manager(hardware)
+    states = add(control, "states", BROADCASTER)
+    control.switch(["states"], now=0)
+    positions = states.positions
+    hardware.set("a/position", 1.5)
+    hardware.set("b/velocity", 2.5)
+    control.update(S, 0.01)
+    assert states.positions is positions
+    assert states.names == ["a", "b"]
+    assert positions[0] == 1.5
+    assert math.isnan(positions[1])
+    assert states.velocities[1] == 2.5
+    assert math.isnan(states.dynamic_joint_states()["b"]["temperature"])
+
+
+def test_an_interface_may_be_mapped_to_another_column():
+    hardware = Hardware(states=("a/angle",))
+    control = manager(hardware)
+    states = add(control, "states", BROADCASTER, map_interface_to_joint_state__position="angle")
+    hardware.set("a/angle", 0.5)
+    control.switch(["states"], now=0)
+    assert states.positions == [0.5]

@@ -1,0 +1,340 @@
+from __future__ import annotations
+
+import math
+import sys
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from support.control import BROADCASTER, FORWARD, Hardware, S, add, manager
+
+from canopen_control.controllers.base import Controller, ControllerState
+from canopen_control.controllers.manager import ControllerManager
+from canopen_control.controllers.params import Params
+from canopen_control.errors import (
+    CanopenError,
+    ControlError,
+    InterfaceConflict,
+    RobotConfigError,
+    UnknownInterface,
+    UnsupportedMode,
+)
+from canopen_control.hardware.interfaces import InterfaceRegistry, LifecycleState, ReturnType
+
+
+class Scripted(Controller):
+    """Does what the test says: `result` is returned or raised, `runs` are the (now, period) it was called with."""
+
+    def __init__(self, name: str, wheel: str = "l", result: object = ReturnType.OK) -> None:
+        super().__init__(name, "test/Scripted")
+        self.wheel, self.result, self.start_error, self.runs = wheel, result, None, []
+
+    def command_interface_names(self) -> list[str]:
+        return [f"{self.wheel}/velocity"]
+
+    def on_activate(self, commands, states, now) -> None:
+        super().on_activate(commands, states, now)
+        if self.start_error is not None:
+            raise self.start_error
+
+    def update(self, now: int, period: float) -> ReturnType:
+        self.runs.append((now, period))
+        if isinstance(self.result, Exception):
+            raise self.result
+        for each in self.commands:
+            each.value = 5.0
+        return self.result
+
+
+def wheels() -> Hardware:
+    return Hardware("l/velocity", "r/velocity", states=("l/position", "r/position"), name="base")
+
+
+def put(control: ControllerManager, controller: Controller, rate: int = 0) -> Controller:
+    """Put a controller in as loaded and configured."""
+    control._controllers[controller.name] = controller
+    control._params[controller.name] = Params.of({"update_rate": rate})
+    control.configure(controller.name)
+    return controller
+
+
+@pytest.fixture
+def robot():
+    hardware = wheels()
+    control = manager(hardware)
+    for name, joints in (("both", ["l", "r"]), ("left", ["l"]), ("right", ["r"])):
+        add(control, name, FORWARD, joints=joints, interface_name="velocity")
+    add(control, "states", BROADCASTER)
+    return hardware, control
+
+
+def states(control: ControllerManager) -> dict[str, str]:
+    return {each.name: each.state for each in control.list()}
+
+
+def test_a_controller_is_loaded_configured_activated_deactivated_and_unloaded(robot):
+    _, control = robot
+    control.load("new", FORWARD, Params.of({"joints": ["l"], "interface_name": "velocity"}))
+    assert states(control)["new"] == "unconfigured"
+    control.configure("new")
+    assert states(control)["new"] == "inactive"
+    assert control.switch(["new"], now=0).activated == ("new",)
+    with pytest.raises(ControlError, match="is active; deactivate it before unloading"):
+        control.unload("new")
+    with pytest.raises(ControlError, match="is active; deactivate it before configuring"):
+        control.configure("new")
+    assert control.switch(deactivate=["new"]).deactivated == ("new",)
+    control.unload("new")
+    with pytest.raises(ControlError, match="no controller 'new' is loaded"):
+        control.get("new")
+
+
+def test_parameters_that_are_refused_leave_the_controller_unconfigured(robot):
+    _, control = robot
+    control.load("bad", FORWARD, Params.of({"joints": 3}))
+    with pytest.raises(RobotConfigError):
+        control.configure("bad")
+    assert states(control)["bad"] == "unconfigured"
+    with pytest.raises(ControlError, match="cannot activate bad: it is unconfigured"):
+        control.switch(["bad"])
+    with pytest.raises(ControlError, match="loaded already"):
+        control.load("bad", FORWARD)
+
+
+def test_a_claimed_interface_refuses_the_whole_request_in_both_strictnesses(robot):
+    hardware, control = robot
+    control.switch(["left"], now=0)
+    for strict in (True, False):
+        with pytest.raises(InterfaceConflict, match="l/velocity is claimed by left"):
+            control.switch(["right", "both"], strict=strict)
+        with pytest.raises(InterfaceConflict):
+            control.switch(["both", "right"], ["left"], strict=strict)
+    assert control.active == ("left",)
+    assert [each.owner for each in hardware.command_interfaces] == ["left", None]
+
+
+def test_a_swap_is_one_request(robot):
+    hardware, control = robot
+    control.switch(["left", "right"], now=0)
+    hardware.calls.clear()
+    done = control.switch(["both"], ["left", "right"])
+    assert (done.activated, done.deactivated) == (("both",), ("left", "right"))
+    names = ("l/velocity", "r/velocity")
+    assert hardware.calls == [("prepare", names, names), ("perform", names, names)]
+    assert [each.owner for each in hardware.command_interfaces] == ["both", "both"]
+
+
+def test_a_restart_of_an_active_controller_is_one_request(robot):
+    _, control = robot
+    control.switch(["left"], now=0)
+    control.command("left", [3.0], 0)
+    assert control.switch(["left"], ["left"]).activated == ("left",)
+    assert math.isnan(control.get("left").commands[0].value)
+
+
+def test_strict_refuses_what_is_impossible_and_best_effort_drops_it(robot):
+    _, control = robot
+    control.switch(["left"], now=0)
+    for activate, deactivate, text in (
+        (["right", "nobody"], [], "cannot activate 'nobody'"),
+        (["right", "left"], [], "cannot activate left: it is active"),
+        (["right"], ["states"], "cannot deactivate states: it is inactive"),
+    ):
+        with pytest.raises(ControlError, match=text):
+            control.switch(activate, deactivate)
+        assert control.active == ("left",)
+        assert control.switch(activate, deactivate, strict=False).activated == ("right",)
+        control.switch(deactivate=["right"])
+
+
+def test_an_unknown_name_is_answered_with_the_nearest(robot):
+    _, control = robot
+    with pytest.raises(ControlError, match="did you mean 'right'"):
+        control.switch(["rigth"])
+    with pytest.raises(
+        ControlError, match="no type 'forward_command_controller/ForwardCommandControler' is known, did"
+    ):
+        control.load("x", "forward_command_controller/ForwardCommandControler")
+
+
+def test_what_hardware_refuses_changes_nothing(robot):
+    hardware, control = robot
+    control.switch(["left"], now=0)
+    hardware.calls.clear()
+    hardware.refuse = UnsupportedMode("velocity", ("position",))
+    with pytest.raises(UnsupportedMode):
+        control.switch(["right"], ["left"])
+    assert [verb for verb, _, _ in hardware.calls] == ["prepare"]
+    assert control.active == ("left",)
+
+
+def test_hardware_that_is_not_active_can_not_be_claimed(robot):
+    hardware, control = robot
+    hardware.state = LifecycleState.INACTIVE
+    with pytest.raises(ControlError, match="hardware 'base', which is inactive"):
+        control.switch(["left"])
+    assert control.switch(["states"], now=0).activated == ("states",)
+
+
+def test_a_controller_that_fails_to_start_takes_its_whole_request_back(robot):
+    hardware, control = robot
+    bad = put(control, Scripted("bad", "r"))
+    bad.start_error = RuntimeError("no")
+    with pytest.raises(ControlError, match="bad could not be activated: no"):
+        control.switch(["left", "bad"], now=0)
+    assert control.active == ()
+    assert [each.owner for each in hardware.command_interfaces] == [None, None]
+    assert hardware.calls[-1][0] == "perform"
+    assert set(hardware.calls[-1][2]) == {"l/velocity", "r/velocity"}
+
+
+@pytest.mark.parametrize("result", [ReturnType.ERROR, ValueError("boom"), ReturnType.DEACTIVATE])
+def test_a_controller_whose_update_fails_is_stopped_and_the_others_run_on(result):
+    hardware = wheels()
+    control = manager(hardware)
+    bad, good = put(control, Scripted("bad", "l")), put(control, Scripted("good", "r"))
+    control.switch(["bad", "good"], now=0)
+    control.update(S, 0.01)
+    bad.result = result
+    control.events()
+    control.update(2 * S, 0.01)
+    assert control.active == ("good",)
+    assert hardware.values() == [0.0, 5.0]
+    assert hardware.calls[-1] == ("perform", (), ("l/velocity",))
+    assert [(each.kind, each.controller) for each in control.events()] == [("error", "bad")]
+    control.update(3 * S, 0.01)
+    assert len(good.runs) == 3
+
+
+def test_a_failing_deactivation_hook_still_leaves_zero_targets():
+    hardware = wheels()
+    control = manager(hardware)
+    bad = put(control, Scripted("bad"))
+    bad.on_deactivate = lambda now: 1 / 0
+    control.switch(["bad"], now=0)
+    control.update(0, 0.01)
+    control.switch(deactivate=["bad"])
+    assert hardware.values()[0] == 0.0
+    assert hardware.command_interfaces[0].owner is None
+    assert "on_deactivate raised ZeroDivisionError" in control.events()[-1].text
+
+
+def test_a_hardware_error_deactivates_who_commands_it_and_names_why():
+    left, right = Hardware("l/velocity", name="a"), Hardware("r/velocity", states=("r/position",), name="b")
+    control = manager(left, right)
+    for name in "lr":
+        add(control, name, FORWARD, joints=[name], interface_name="velocity")
+    add(control, "states", BROADCASTER)
+    control.switch(["l", "r", "states"], now=0)
+    control.command("l", [4.0], 0)
+    control.update(0, 0.01)
+    control.events()
+    assert control.deactivate_using(left, "node 3 is gone") == ["l"]
+    assert control.active == ("r", "states")
+    assert left.values() == [0.0]
+    assert [each.text for each in control.events()] == ["l was deactivated: node 3 is gone"]
+    assert control.deactivate_using(left, "again") == []
+
+
+@pytest.mark.parametrize(("rate", "runs"), [(0, 100), (100, 100), (50, 50), (33, 33), (10, 10), (1, 1), (1000, 100)])
+def test_a_controller_runs_at_its_own_rate(rate, runs):
+    control = manager(wheels())
+    each = put(control, Scripted("slow"), rate)
+    control.switch(["slow"], now=0)
+    for step in range(100):
+        control.update(step * S // 100, 0.01)
+    assert abs(len(each.runs) - runs) <= 1
+    if 0 < rate < 100:
+        assert math.isclose(sum(period for _, period in each.runs), 1.0, abs_tol=1.5 / rate)
+
+
+def test_a_rate_above_the_managers_is_told():
+    control = manager(wheels())
+    put(control, Scripted("fast"), 1000)
+    assert [each.kind for each in control.events()] == ["update_rate"]
+
+
+def test_two_controllers_on_one_interface_in_one_request_are_refused(robot):
+    _, control = robot
+    with pytest.raises(InterfaceConflict, match="l/velocity is claimed by left"):
+        control.switch(["left", "both"])
+
+
+def test_the_list_tells_what_a_client_shows(robot):
+    _, control = robot
+    control.switch(["both"], now=0)
+    info = control.list()[0].as_dict()
+    assert info == {
+        "name": "both",
+        "type": FORWARD,
+        "state": "active",
+        "joints": ["l", "r"],
+        "interface": "velocity",
+        "claimed_interfaces": ["l/velocity", "r/velocity"],
+        "required_command_interfaces": ["l/velocity", "r/velocity"],
+        "required_state_interfaces": [],
+        "topic": "commands",
+        "is_broadcaster": False,
+        "rejected": 0,
+    }
+    assert control.list()[-1].topic is None
+
+
+def test_a_broadcaster_takes_no_commands(robot):
+    _, control = robot
+    control.switch(["states"], now=0)
+    with pytest.raises(ControlError, match="takes no commands"):
+        control.command("states", [1.0], 0)
+
+
+def test_unknown_parameters_come_out_as_events(robot):
+    _, control = robot
+    add(control, "odd", FORWARD, joints=["l"], interface_name="velocity", comand_timeout=1.0)
+    assert "did you mean 'command_timeout'?" in control.events()[-1].text
+
+
+def test_an_update_rate_of_nothing_is_refused():
+    with pytest.raises(ControlError, match="update_rate is 0"):
+        ControllerManager(InterfaceRegistry(), 0)
+
+
+def test_the_cycle_allocates_nothing_that_stays(robot):
+    _, control = robot
+    control.switch(["both", "states"], now=0)
+    control.command("both", [1.0, 2.0], 0)
+    for step in range(200):
+        control.update(step * S // 100, 0.01)
+    before = sys.getallocatedblocks()
+    for step in range(200, 2200):
+        control.update(step * S // 100, 0.01)
+    assert sys.getallocatedblocks() - before < 20
+
+
+NAMES = st.lists(st.sampled_from(["both", "left", "right", "states", "nobody"]), max_size=4)
+
+
+@given(st.lists(st.tuples(NAMES, NAMES, st.booleans()), max_size=12))
+@settings(deadline=None)
+def test_whatever_is_switched_every_interface_has_one_active_owner_or_none(requests):
+    hardware = wheels()
+    control = manager(hardware)
+    for name, joints in (("both", ["l", "r"]), ("left", ["l"]), ("right", ["r"])):
+        add(control, name, FORWARD, joints=joints, interface_name="velocity")
+    add(control, "states", BROADCASTER)
+    for number, (activate, deactivate, strict) in enumerate(requests):
+        before = control.active, [each.owner for each in hardware.command_interfaces]
+        try:
+            control.switch(activate, deactivate, strict=strict, now=number * S)
+        except (ControlError, UnknownInterface):
+            after = control.active, [each.owner for each in hardware.command_interfaces]
+            assert after == before
+        control.update(number * S, 0.01)
+        for each in hardware.command_interfaces:
+            owners = [name for name in control.active if each.name in control.get(name).command_interface_names()]
+            assert owners == ([each.owner] if each.owner else [])
+        for info in control.list():
+            assert (info.state == ControllerState.ACTIVE.value) == (info.name in control.active)
+
+
+def test_errors_of_the_manager_are_of_the_package():
+    assert issubclass(ControlError, CanopenError)
