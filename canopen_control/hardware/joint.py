@@ -186,6 +186,7 @@ class JointDrive:
         if self.wish is Wish.STOPPING and (not fresh or self.standing or now - self._since > STOP_NS):
             self.wish = Wish.OFF
             self.machine.disable()
+        self.machine.standstill = self.standing
         word = self.machine.update(
             self._statusword.value if fresh else None, self._display.value if fresh else None, now
         )

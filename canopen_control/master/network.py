@@ -53,6 +53,7 @@ class Network:
         """Send the master's boot-up and begin the boot of every node."""
         self._producer.boot_up(now)
         self._producer.state = NmtState.OPERATIONAL
+        self._outgoing.extend(self._producer.frames())
         for node in self.nodes.values():
             if node.config.boot:
                 node.begin_boot(now, reset=node.config.reset_communication)

@@ -56,5 +56,5 @@ def test_an_unknown_robot_names_the_bundled_ones():
 
 
 def test_a_file_that_is_not_there_is_named_with_its_option():
-    with pytest.raises(RobotConfigError, match="--bus: no file nowhere.yml"):
+    with pytest.raises(RobotConfigError, match=r"--bus: no file nowhere\.yml"):
         find_robot("robby", bus="nowhere.yml")

@@ -28,10 +28,14 @@ class Bench:
         self.reactor.on_error = self.errors.append
         self.bus = MemoryBus.get(name)
         self.setup = read_robot(find_robot(str(config)), can=[self.channel], **how)
-        self.drives, self.hosts, self.ports = {}, {}, {}
+        self.drives, self.hosts, self.ports, self.robot = {}, {}, {}, None
+        try:
+            self.robot = RobotCore(self.setup, self.reactor)
+        except BaseException:
+            self.close()
+            raise
         for node_id in drives:
             self.power_on(node_id, faults)
-        self.robot = RobotCore(self.setup, self.reactor)
         self.events = []
         self.robot.on_event = self.events.append
 
@@ -91,7 +95,8 @@ class Bench:
         return self.drives[node_id].get(0x606C)
 
     def close(self):
-        self.robot.close()
+        if self.robot is not None:
+            self.robot.close()
         for node_id in list(self.hosts):
             self.power_off(node_id)
         self.reactor.close()

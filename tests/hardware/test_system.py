@@ -1,0 +1,93 @@
+"""The component: who may claim what, and what one joint's trouble means for the others."""
+
+import pytest
+from support.robots import LEFT, RIGHT, Bench, copy_robby
+
+from canopen_control.errors import ControlError, RobotConfigError, UnknownInterface
+from canopen_control.hardware.interfaces import LifecycleState, ReturnType
+from canopen_control.hardware.joint import Wish
+
+DEVICE = '<param name="device_name">${side}_drive</param>'
+VELOCITIES = ["left_wheel_joint/velocity", "right_wheel_joint/velocity"]
+
+
+@pytest.fixture
+def robby():
+    bench = Bench("system")
+    yield bench
+    bench.close()
+
+
+def test_the_interfaces_are_those_of_the_description_and_the_pdos(robby):
+    system = robby.robot.systems[0]
+    assert [each.name for each in system.command_interfaces] == VELOCITIES
+    assert {each.name for each in system.state_interfaces} == {
+        f"{side}_wheel_joint/{what}" for side in ("left", "right") for what in ("position", "velocity")
+    }
+
+
+def test_the_lifecycle_only_changes_the_state(robby):
+    system = robby.robot.systems[0]
+    assert system.state is LifecycleState.UNCONFIGURED
+    for verb, state in (
+        (system.configure, LifecycleState.INACTIVE),
+        (system.activate, LifecycleState.ACTIVE),
+        (system.deactivate, LifecycleState.INACTIVE),
+        (system.cleanup, LifecycleState.UNCONFIGURED),
+        (system.shutdown, LifecycleState.FINALIZED),
+    ):
+        verb()
+        assert system.state is state
+    assert system.read(0, 0.02) is ReturnType.OK
+
+
+def test_an_interface_nobody_has_cannot_be_claimed(robby):
+    with pytest.raises(UnknownInterface, match="left_wheel_joint/velocity"):
+        robby.robot.systems[0].prepare_command_mode_switch(["left_wheel/velocity"], [])
+
+
+def test_a_joint_that_is_commanded_cannot_be_claimed_again(robby):
+    robby.start()
+    with pytest.raises(ControlError, match="deactivate"):
+        robby.robot.systems[0].prepare_command_mode_switch(VELOCITIES, [])
+
+
+def test_releasing_the_interfaces_ramps_down_and_disables(robby):
+    robby.start()
+    robby.hold(10.0, 10.0, ms=500)
+    robby.robot.switch([], ["robby_forward_controller"], strict=True)
+    assert all(joint.wish is Wish.STOPPING for joint in robby.robot.joints.values())
+    robby.until(lambda: robby.robot.systems[0].stopped)
+    assert robby.speed(LEFT) == robby.speed(RIGHT) == 0
+    robby.robot.switch(["robby_forward_controller"], [], strict=True)
+    robby.until(lambda: all(joint.enabled for joint in robby.robot.joints.values()))
+
+
+def test_a_drive_whose_node_is_gone_cannot_be_enabled(robby):
+    robby.start()
+    robby.power_off(LEFT)
+    robby.until(lambda: not robby.joint(LEFT).node.ready)
+    with pytest.raises(ControlError, match=r"node 3 \(left_drive\) is not operational"):
+        robby.robot.systems[0].enable([robby.joint(LEFT)])
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("${side}_drive", "${side}_driv", "did you mean 'left_drive'"),
+        (DEVICE, "", "device_name"),
+        (DEVICE, '<param name="node_id">77</param>', "node_id 77"),
+    ],
+)
+def test_a_joint_without_its_drive_is_an_error_that_names_both(tmp_path, old, new, words):
+    config = copy_robby(tmp_path, description={old: new})
+    with pytest.raises(RobotConfigError, match=words):
+        Bench("system2", config=config)
+
+
+def test_a_joint_may_name_its_drive_by_node_id(tmp_path):
+    by_id = '<param name="node_id">${3 if side == "left" else 2}</param>'
+    config = copy_robby(tmp_path, description={DEVICE: by_id})
+    bench = Bench("system3", config=config)
+    assert bench.joint(LEFT).node.name == "left_drive"
+    bench.close()

@@ -1,0 +1,93 @@
+"""The runner of a boot: nothing waits, everything times out, the time of each step is known."""
+
+from canopen_control.cia301.nmt import NmtCommand, NmtState
+from canopen_control.cia301.sdo_client import SdoClient
+from canopen_control.frame import CanFrame
+from canopen_control.master.boot_task import BootTask
+from canopen_control.master.plan import Identity, NodePlan, PlannedWrite
+
+MS = 1_000_000
+PLAN = NodePlan(
+    name="io",
+    node_id=3,
+    source="io.eds",
+    identity=Identity(),
+    writes=(PlannedWrite(0x1017, 0, b"\x64\x00", "producer"),),
+    rpdos=(),
+    tpdos=(),
+    axes=(),
+    heartbeat_timeout_ns=300 * MS,
+)
+
+
+class Harness:
+    def __init__(self, *, reset=True):
+        self.sdo, self.commands = SdoClient(3, timeout_ns=100 * MS), []
+        self.task = BootTask(PLAN, self.sdo, self.commands.append, reset=reset, now=0)
+
+    def serve(self, now):
+        """Answer what the client asks, as a node that accepts everything."""
+        while frames := self.sdo.frames():
+            for frame in frames:
+                mux, kind = frame.data[1:4], frame.data[0]
+                answer = bytes((0x60,)) + mux + bytes(4) if kind & 0xE0 == 0x20 else bytes((0x43,)) + mux + bytes(4)
+                self.sdo.receive(CanFrame(0x583, answer), now)
+            self.pump(now)
+
+    def pump(self, now):
+        for request in self.sdo.events():
+            self.task.transfer_ended(request, now)
+
+
+def test_a_good_boot_goes_through_its_steps_and_knows_their_times():
+    harness = Harness()
+    task = harness.task
+    assert task.awaits_boot_up
+    assert harness.commands == [NmtCommand.RESET_COMMUNICATION]
+    task.boot_up(20 * MS)
+    harness.serve(25 * MS)
+    assert task.step == "heartbeat"
+    task.heartbeat(NmtState.PRE_OPERATIONAL, 60 * MS)
+    assert harness.commands[-1] is NmtCommand.START
+    task.heartbeat(NmtState.PRE_OPERATIONAL, 70 * MS)
+    assert not task.done
+    task.heartbeat(NmtState.OPERATIONAL, 80 * MS)
+    assert task.result is not None
+    assert [(step.name, round(step.seconds * 1000)) for step in task.steps] == [
+        ("reset", 20),
+        ("identify", 5),
+        ("configure", 0),
+        ("heartbeat", 35),
+        ("start", 20),
+    ]
+
+
+def test_a_boot_up_that_never_comes_is_waited_for_a_second():
+    harness = Harness()
+    assert harness.task.next_deadline() == 1000 * MS
+    harness.task.tick(999 * MS)
+    assert harness.task.step == "reset"
+    harness.task.tick(1000 * MS)
+    assert harness.task.step == "identify"
+
+
+def test_a_server_that_is_silent_ends_the_boot_with_its_step():
+    harness = Harness(reset=False)
+    harness.sdo.frames()
+    for ms in range(0, 5000, 50):
+        harness.sdo.tick(ms * MS)
+        harness.sdo.frames()
+        harness.pump(ms * MS)
+    assert harness.task.error is not None
+    assert harness.task.steps[-1].name == "identify"
+    assert "boot error B" in harness.task.steps[-1].error
+
+
+def test_a_cancelled_boot_hears_nothing_any_more():
+    harness = Harness(reset=False)
+    harness.task.cancel()
+    harness.serve(10 * MS)
+    harness.task.heartbeat(NmtState.OPERATIONAL, 20 * MS)
+    harness.task.tick(10_000 * MS)
+    assert harness.task.result is None
+    assert harness.task.error is None
