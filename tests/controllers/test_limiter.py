@@ -106,3 +106,25 @@ def test_the_jerk_limit_of_older_distributions_is_another_one():
     # humble bounds by jerk * 2 * dt^2 and always; ours is jazzy's jerk * dt^2, while the step grows: a smoother start
     limiter = RateLimiter(Limits(max_jerk=5.0))
     assert same(limiter.limit(1.0, 0.0, 0.0, 0.1), 5.0 * 0.1**2)
+
+
+HUMBLE = [
+    case
+    for case in vectors("speed_limiter_humble")
+    if "expect_error" not in case and not case["params"]["has_jerk_limits"]
+]
+
+
+@pytest.mark.parametrize("case", HUMBLE)
+def test_an_older_file_limits_alike_with_min_acceleration_as_the_reverse_one(case):
+    params, off = case["params"], math.nan
+    velocity, acceleration = params["has_velocity_limits"], params["has_acceleration_limits"]
+    limiter = RateLimiter(
+        Limits(
+            min_velocity=params["min_velocity"] if velocity else off,
+            max_velocity=params["max_velocity"] if velocity else off,
+            max_acceleration_reverse=params["min_acceleration"] if acceleration else off,
+            max_acceleration=params["max_acceleration"] if acceleration else off,
+        )
+    )
+    assert same(limiter.limit(case["v"], case["v0"], case["v1"], case["dt"]), case["expect_v"], 1e-12)
