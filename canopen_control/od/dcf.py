@@ -179,14 +179,12 @@ def _device_info(od: ObjectDictionary, old: Section | None) -> _Lines:
         if key == "baudrate":
             kbits = sorted({*_BIT_RATES, *(bits // 1000 for bits in od.device.bit_rates)})
             lines |= {f"BaudRate_{rate}": str(int(rate * 1000 in od.device.bit_rates)) for rate in kbits}
-        else:
-            lines[_SPELLING[key]] = _device_text(key, getattr(od.device, fields[key]))
+        elif (value := getattr(od.device, fields[key])) is not None:
+            lines[_SPELLING[key]] = _device_text(key, value)
     return lines | _unknown(old, lines)
 
 
-def _device_text(key: str, value: str | int | None) -> str:
-    if value is None:
-        return ""
+def _device_text(key: str, value: str | int) -> str:
     if isinstance(value, str):
         return value
     return f"0x{value:08X}" if key in DEVICE_NUMBERS else str(int(value))

@@ -13,9 +13,11 @@ from pathlib import Path
 
 from canopen_control.errors import EdsError
 from canopen_control.od.checks import check_dictionary
+from canopen_control.od.compact_pdo import expand_compact_pdos
 from canopen_control.od.eds_device import check_lists, read_device
 from canopen_control.od.eds_entry import EntryReader
 from canopen_control.od.eds_sections import (
+    Pair,
     Section,
     Sections,
     clip,
@@ -77,6 +79,7 @@ def parse_eds(data: bytes, node_id: int | None = None, *, name: str = "<eds>") -
     od = read_device(sections, node_id, report)
     _Reader(od, sections, report).run()
     check_lists(od, sections, report)
+    expand_compact_pdos(od, report)
     check_dictionary(od, report)
     report.issues.sort(key=lambda issue: issue.line)
     return EdsFile(name, od, report.issues, encoding)
@@ -150,9 +153,8 @@ class _Reader:
         is_list = index in self.has_subs or self._compact_count(section, quiet=True) > 0
         if number is None:
             if is_list:
-                self.report.warning(
-                    section.line, "object-type", f"[{section.title}] has no ObjectType; taken as RECORD"
-                )
+                text = f"[{section.title}] has no ObjectType; taken as RECORD"
+                self.report.warning(section.line, "object-type", text)
             return ObjectCode.RECORD if is_list else ObjectCode.VAR
         code = _CODES.get(number)
         if code is None:
@@ -160,9 +162,8 @@ class _Reader:
             text = f"ObjectType {number:#x} is unknown; taken as {code.name}"
             self.report.warning(section.line_of("objecttype"), "object-type", text)
         elif is_list and code is ObjectCode.VAR:
-            self.report.warning(
-                section.line, "object-type", f"[{section.title}] is a VAR with subindices; both are kept"
-            )
+            text = f"[{section.title}] is a VAR with subindices; both are kept"
+            self.report.warning(section.line, "object-type", text)
         return code
 
     def _compact_count(self, section: Section, *, quiet: bool = False) -> int:
@@ -178,9 +179,8 @@ class _Reader:
     def _name(self, section: Section, fallback: str) -> str:
         name = section.get("parametername")
         if not name:
-            self.report.warning(
-                section.line, "name-missing", f"[{section.title}] has no ParameterName; now {fallback!r}"
-            )
+            text = f"[{section.title}] has no ParameterName; now {fallback!r}"
+            self.report.warning(section.line, "name-missing", text)
         return name or fallback
 
     def _sub(self, section: Section, index: int, subindex: int) -> None:
@@ -202,26 +202,28 @@ class _Reader:
         entries[index, 0] = Entry(
             index, 0, "Highest sub-index supported", DataType.UNSIGNED8, "ro", default=count, line=section.line
         )
-        names = self._compact_texts(f"{index:04x}name", count)
-        values = self._compact_texts(f"{index:04x}value", count)
+        names = self._compact_pairs(f"{index:04x}name", count)
+        values = self._compact_pairs(f"{index:04x}value", count)
         model = self.entry_reader.read(section, index, 1, label, ObjectCode.VAR)
         for subindex in range(1, count + 1):
-            name = names.get(subindex) or f"{label}{subindex}"
+            name = names[subindex].value if subindex in names else f"{label}{subindex}"
             entry = replace(model, subindex=subindex, name=name, texts={})
             if subindex in values:
-                entry = self.entry_reader.with_default(entry, self.sections[f"{index:04x}value"], str(subindex))
+                values_section = self.sections[f"{index:04x}value"]
+                entry = self.entry_reader.with_default(entry, values_section, values[subindex].key)
             entries[index, subindex] = entry
 
-    def _compact_texts(self, name: str, count: int) -> dict[int, str]:
+    def _compact_pairs(self, name: str, count: int) -> dict[int, Pair]:
+        """Return by subindex what a [xxxxName] or [xxxxValue] section says of it."""
         section = self.sections.get(name)
         if section is None:
             return {}
-        texts = {}
+        pairs: dict[int, Pair] = {}
         for pair in section.numbered():
             subindex = int(pair.key) if len(pair.key) < 5 else -1
-            if 0 < subindex <= count:
-                texts[subindex] = pair.value
+            if 0 < subindex <= count and subindex not in pairs:
+                pairs[subindex] = pair
             else:
-                text = f"[{section.title}] names subindex {clip(pair.key)}, but CompactSubObj ends at {count}; ignored"
+                text = f"[{section.title}] names {clip(pair.key)}, which is not 1 to {count} or comes again; ignored"
                 self.report.warning(pair.line, "compact-unused", text)
-        return texts
+        return pairs

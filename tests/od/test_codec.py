@@ -1,0 +1,110 @@
+"""Values and their bytes."""
+
+import struct
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from canopen_control.od.codec import decode, default_of, encode, zero_of
+from canopen_control.od.model import DataType, Entry
+
+INTEGERS = [t for t in DataType if t.is_integer]
+
+
+@pytest.mark.parametrize(
+    ("data_type", "value", "data"),
+    [
+        (DataType.BOOLEAN, 1, "01"),
+        (DataType.INTEGER8, -3, "fd"),
+        (DataType.INTEGER24, -2, "feffff"),
+        (DataType.INTEGER32, -2147483647, "01000080"),
+        (DataType.UNSIGNED16, 0x1234, "3412"),
+        (DataType.UNSIGNED56, 1, "01000000000000"),
+        (DataType.UNSIGNED64, 2**64 - 1, "ffffffffffffffff"),
+        (DataType.REAL32, 10.0, "00002041"),
+        (DataType.REAL64, -2.25, "00000000000002c0"),
+        (DataType.VISIBLE_STRING, "5 °C", "3520b043"),
+        (DataType.UNICODE_STRING, "aé", "6100e900"),
+        (DataType.OCTET_STRING, b"\x00\x01", "0001"),
+        (DataType.DOMAIN, b"", ""),
+        (DataType.TIME_OF_DAY, 14669 << 32 | 45296789, "952cb3024d39"),
+    ],
+)
+def test_known_values_have_known_bytes(data_type, value, data):
+    assert encode(value, data_type).hex() == data
+    assert decode(bytes.fromhex(data), data_type) == value
+
+
+@given(st.sampled_from(INTEGERS), st.data())
+def test_every_whole_number_comes_back(data_type, data):
+    value = data.draw(st.integers(data_type.minimum, data_type.maximum))
+    encoded = encode(value, data_type)
+    assert len(encoded) == (data_type.bits + 7) // 8
+    assert decode(encoded, data_type) == value
+
+
+@given(st.floats(width=32, allow_nan=False))
+def test_every_single_comes_back(value):
+    assert decode(encode(value, DataType.REAL32), DataType.REAL32) == value
+    assert encode(value, DataType.REAL64) == struct.pack("<d", value)
+
+
+@given(st.text(st.characters(max_codepoint=0xFF)).filter(lambda text: not text.endswith("\0")))
+def test_every_string_comes_back(text):
+    for data_type in (DataType.VISIBLE_STRING, DataType.UNICODE_STRING):
+        assert decode(encode(text, data_type), data_type) == text
+
+
+@given(st.binary(max_size=10), st.sampled_from(list(DataType)))
+def test_decoding_knows_no_error_but_value_error(data, data_type):
+    try:
+        value = decode(data, data_type)
+    except ValueError:
+        return
+    assert isinstance(value, int | float | str | bytes)
+
+
+@pytest.mark.parametrize("data_type", INTEGERS)
+def test_numbers_beyond_the_type_are_refused(data_type):
+    for value in (data_type.minimum - 1, data_type.maximum + 1):
+        with pytest.raises(ValueError, match=f"{value} is no {data_type.name}: it holds"):
+            encode(value, data_type)
+
+
+@pytest.mark.parametrize(
+    ("value", "data_type", "sentence"),
+    [
+        ("5", DataType.UNSIGNED8, "a whole number is wanted"),
+        (5.0, DataType.UNSIGNED8, "a whole number is wanted"),
+        ("x", DataType.REAL32, "a number is wanted"),
+        (1e39, DataType.REAL32, "too large"),
+        (10**400, DataType.REAL64, "too large"),
+        (5, DataType.VISIBLE_STRING, "a string is wanted"),
+        ("€", DataType.VISIBLE_STRING, "characters"),
+        ("text", DataType.DOMAIN, "bytes are wanted"),
+    ],
+)
+def test_values_of_another_kind_are_refused(value, data_type, sentence):
+    with pytest.raises(ValueError, match=sentence):
+        encode(value, data_type)
+
+
+def test_data_of_another_length_is_refused():
+    with pytest.raises(ValueError, match="UNSIGNED32 has 4 bytes, not 3"):
+        decode(b"\0\0\0", DataType.UNSIGNED32)
+    with pytest.raises(ValueError, match="not UTF-16"):
+        decode(b"a", DataType.UNICODE_STRING)
+
+
+def test_padding_is_no_part_of_a_string():
+    assert decode(b"TMCM\0\0", DataType.VISIBLE_STRING) == "TMCM"
+
+
+def test_what_a_node_holds_after_power_on():
+    assert default_of(Entry(0x2000, 0, "a", DataType.UNSIGNED8, default=7)) == 7
+    assert default_of(Entry(0x2000, 0, "a", DataType.UNSIGNED8, default=7, parameter_value=8)) == 8
+    for data_type in DataType:
+        zero = default_of(Entry(0x2000, 0, "a", data_type))
+        assert zero == zero_of(data_type)
+        assert not any(encode(zero, data_type))

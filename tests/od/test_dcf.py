@@ -1,0 +1,194 @@
+"""What is written says the same when it is read."""
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from support.eds import MALFORMED, codes, eds, parse, section
+
+from canopen_control.data_files import data_path
+from canopen_control.errors import EdsError
+from canopen_control.od.dcf import configured, dcf_text, eds_text, write_dcf, write_eds
+from canopen_control.od.eds import parse_eds, read_eds
+from canopen_control.od.model import Commissioning, DataType, DeviceInfo, Entry, ObjectDictionary
+
+SHIPPED = [data_path("eds", name) for name in ("TMCM-1270.eds", "generic_cia402.eds")]
+FILES = [*SHIPPED, *sorted(MALFORMED.glob("*.eds")), *sorted((MALFORMED.parent / "deviations").glob("*.eds"))]
+
+
+def read_or_skip(path):
+    try:
+        return read_eds(path)
+    except EdsError:
+        return None
+
+
+LOADED = {path.name: file for path in FILES if (file := read_or_skip(path)) is not None}
+MADE = ("mandatoryobjects", "optionalobjects", "manufacturerobjects")
+
+
+def same(a, b):
+    """Compare everything that a dictionary holds but the texts of what is written anew."""
+    for field in ("node_id", "bitrate", "device", "dummy_usage", "commissioning", "comments", "entries", "objects"):
+        assert getattr(a, field) == getattr(b, field), field
+
+
+@pytest.mark.parametrize("name", LOADED)
+def test_an_eds_comes_back_without_loss(name):
+    od = LOADED[name].od
+    again = parse_eds(eds_text(od).encode())
+    same(od, again.od)
+    for title, texts in od.sections.items():
+        if title.lower() not in ("1016value", "deviceinfo", "dummyusage"):
+            assert again.od.sections[title] == texts
+    for address, entry in od.entries.items():
+        for key, text in entry.texts.items():
+            if key.lower() != "compactsubobj":
+                written = {k.lower(): v for k, v in again.od[address].texts.items()}
+                assert written[key.lower()] == text
+
+
+@pytest.mark.parametrize("name", LOADED)
+def test_writing_twice_changes_nothing(name):
+    text = eds_text(LOADED[name].od)
+    assert eds_text(parse_eds(text.encode()).od) == text
+
+
+@pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.name)
+def test_the_bundled_files_are_as_the_writer_writes_them(path):
+    assert eds_text(read_eds(path).od) == path.read_text(encoding="utf-8")
+
+
+def test_what_was_not_understood_is_written_as_it_was():
+    od = parse(eds(DefaultValue="$MY_ID+1", LowLimit="9", HighLimit="1", Unit="mm"), section("Tools", Items=1)).od
+    text = eds_text(od)
+    for line in ("DefaultValue=$MY_ID+1", "LowLimit=9", "HighLimit=1", "Unit=mm", "[Tools]", "Items=1"):
+        assert line in text.splitlines()
+
+
+def test_what_was_changed_is_written_anew():
+    od = parse(eds(DefaultValue="0x5", access="RW", Unit="mm")).od
+    od.add(Entry(0x2000, 0, "Thing", DataType.UNSIGNED32, "ro", default=6, texts=od[0x2000, 0].texts))
+    lines = eds_text(od).splitlines()
+    assert "DefaultValue=0x00000006" in lines
+    assert "AccessType=ro" in lines
+    assert "Unit=mm" in lines
+    assert "DefaultValue=0x5" not in lines
+
+
+def made_by_hand():
+    od = ObjectDictionary(
+        device=DeviceInfo(vendor_name="V", vendor_number=5, bit_rates=frozenset((500_000,)), rpdo_count=1),
+        dummy_usage=frozenset((5,)),
+        comments=("one", "two"),
+    )
+    values = [
+        (DataType.INTEGER8, -3),
+        (DataType.REAL32, 0.5),
+        (DataType.VISIBLE_STRING, "a=b ;c"),
+        (DataType.DOMAIN, b"\1\2"),
+    ]
+    for subindex, (data_type, value) in enumerate(values, 1):
+        od.add(Entry(0x2000, subindex, f"S{subindex}", data_type, "rww", True, value, obj_flags=1))
+    od.add(Entry(0x1400, 1, "COB-ID", DataType.UNSIGNED32, default=0x200, relative=True, low=0x180, low_relative=True))
+    od.add(Entry(0x6040, 0, "Controlword", DataType.UNSIGNED16, "rw", low=0, high=0xFFFF))
+    return od
+
+
+def test_a_dictionary_made_by_hand_comes_back():
+    od = made_by_hand()
+    again = parse_eds(eds_text(od).encode()).od
+    same(od, again)
+
+
+def test_compact_objects_are_written_out():
+    head = section(
+        "2000", ParameterName="T", ObjectType=8, DataType=7, AccessType="rw", CompactSubObj=2, DefaultValue=4
+    )
+    od = parse(head, section("2000Name", **{"1": "first"}), section("2000Value", **{"2": "$NODEID+9"}), node_id=3).od
+    text = eds_text(od)
+    assert "CompactSubObj" not in text
+    assert "[2000Name]" not in text
+    again = parse_eds(text.encode(), 3)
+    assert again.od.entries == od.entries
+    assert "compact-unused" not in codes(again)
+
+
+def test_objects_are_listed_where_they_belong():
+    od = parse(eds("1000"), eds("2000"), eds("6040")).od
+    sections = parse_eds(eds_text(od).encode())
+    assert "list-absent" not in codes(sections)
+    assert "list-count" not in codes(sections)
+    assert "[MandatoryObjects]\nSupportedObjects=1\n1=0x1000\n" in eds_text(od)
+    assert "[ManufacturerObjects]\nSupportedObjects=1\n1=0x2000\n" in eds_text(od)
+
+
+def test_a_name_of_several_lines_stays_one_key():
+    od = ObjectDictionary()
+    od.add(Entry(0x2000, 0, "two\nlines", DataType.UNSIGNED8))
+    assert "ParameterName=two lines" in eds_text(od)
+
+
+def test_a_dcf_has_the_node_and_its_values():
+    od = read_eds(SHIPPED[0]).od
+    values = {(0x6083, 0): 16000, (0x60C2, 2): -3, (0x1017, 0): 1000}
+    file = parse_eds(dcf_text(od, 3, 500_000, values, node_name="left").encode())
+    assert (file.od.node_id, file.od.bitrate) == (3, 500_000)
+    assert file.od.commissioning == Commissioning("left", 0, "", False, 0)
+    assert {entry.address: entry.parameter_value for entry in file.od if entry.parameter_value is not None} == values
+    assert file.od[0x1400, 1].default == 0x40000203
+    assert file.issues == []
+    assert od[0x6083, 0].parameter_value is None
+
+
+def test_a_dcf_of_a_dcf_keeps_what_it_does_not_change():
+    extra = section("DeviceComissioning", NodeID=9, Baudrate=125, NodeName="old", NetNumber=4, Vendor="x")
+    od = parse(extra, eds(ParameterValue=5), eds("2001", ParameterValue="$NODEID+1")).od
+    assert parse_eds(eds_text(od).encode()).od.node_id == 9
+    again = parse_eds(dcf_text(od, 10, 250_000, {(0x2000, 0): 6}).encode()).od
+    assert (again.node_id, again.bitrate, again.commissioning.node_name) == (10, 250_000, "old")
+    assert again.commissioning.network_number == 4
+    assert (again[0x2000, 0].parameter_value, again[0x2001, 0].parameter_value) == (6, 11)
+    assert "Vendor=x" in dcf_text(od, 10, 250_000)
+
+
+def test_values_that_do_not_fit_are_refused():
+    od = parse(eds(data_type=5)).od
+    with pytest.raises(ValueError, match="0x2001:00 is not in the object dictionary"):
+        configured(od, {(0x2001, 0): 1})
+    with pytest.raises(ValueError, match="256 is no UNSIGNED8"):
+        dcf_text(od, 3, 500_000, {(0x2000, 0): 256})
+
+
+def test_files_are_written_in_utf_8(tmp_path):
+    od = parse(eds(name="Höhe")).od
+    write_eds(tmp_path / "a.eds", od)
+    write_dcf(tmp_path / "a.dcf", od, 5, 1_000_000, {(0x2000, 0): 1})
+    assert read_eds(tmp_path / "a.eds").od[0x2000, 0].name == "Höhe"
+    assert read_eds(tmp_path / "a.dcf").od[0x2000, 0].value == 1
+
+
+TEXT = st.text(st.characters(exclude_categories=["Cc", "Cs", "Zl", "Zp"]), min_size=1).map(str.strip).filter(bool)
+
+
+@st.composite
+def dictionaries(draw):
+    od = ObjectDictionary()
+    for index in draw(st.lists(st.integers(0x2000, 0x2003), min_size=1, unique=True)):
+        for subindex in draw(st.lists(st.integers(0, 5), min_size=1, unique=True)):
+            data_type = draw(st.sampled_from([t for t in DataType if t.is_integer]))
+            whole = st.none() | st.integers(data_type.minimum, data_type.maximum)
+            name = draw(TEXT)
+            access = draw(st.sampled_from(("ro", "wo", "rw", "rwr", "rww", "const")))
+            values = draw(st.tuples(whole, whole))
+            od.add(
+                Entry(
+                    index, subindex, name, data_type, access, draw(st.booleans()), values[0], parameter_value=values[1]
+                )
+            )
+    return od
+
+
+@settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(dictionaries())
+def test_any_dictionary_comes_back(od):
+    assert parse_eds(eds_text(od).encode()).od.entries == od.entries

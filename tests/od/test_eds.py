@@ -1,0 +1,393 @@
+"""Whole files: what loads, what is refused, what is reported, and what it costs."""
+
+import csv
+import json
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, example, given, settings
+from hypothesis import strategies as st
+from support.eds import DEVICE_TYPE, MALFORMED, codes, eds, lines_executed, parse, section
+
+from canopen_control.data_files import data_path
+from canopen_control.errors import EdsError
+from canopen_control.od.codec import default_of, encode
+from canopen_control.od.eds import Severity, parse_eds, read_eds
+from canopen_control.od.model import DataType, ObjectCode
+
+HERE = Path(__file__).parent
+DEVIATIONS = HERE / "deviations"
+SHIPPED = ("TMCM-1270.eds", "generic_cia402.eds")
+
+
+def rows(folder):
+    with (folder / "index.csv").open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
+
+
+# --- The malformed files ---
+
+INDEX = {row["file"]: row["wanted"] for row in rows(MALFORMED)}
+GOOD = read_eds(MALFORMED / "00_good.eds", 5)
+
+WANTED_VALUES = {
+    "01_latin1_name": lambda od: od[0x6040, 0].name == "Höhe µm",
+    "14_keys_lowercase": lambda od: od[0x6040, 0].name == "Controlword",
+    "17_SUB_uppercase": lambda od: od[0x1018, 1].default == 1,
+    "23_nodeid_bit31": lambda od: od[0x1400, 1].default == 0x80000205,
+    "24_my_node_id": lambda od: od[0x1400, 1].default is None and od[0x1400, 1].texts["DefaultValue"],
+    "25_default_int_suffix_LL": lambda od: od[0x1000, 0].default == 0x20192,
+    "26_default_inline_comment": lambda od: od[0x1000, 0].default == 0x20192,
+    "27_signed_hex_default": lambda od: od[0x607A, 0].default == -2147483647,
+    "28_real32_hex_bits": lambda od: od[0x2000, 0].default == 10.0,
+    "29_leading_zero_octal": lambda od: od[0x1400, 2].default == 8,
+    "30_compactsubobj": lambda od: od.subindices(0x1003) == [0, 1, 2, 3, 4] and od[0x1003, 0].default == 4,
+    "31_compact_value": lambda od: od[0x1016, 2].default == 0x203E8 and od[0x1016, 1].default is None,
+    "32_unknown_datatype": lambda od: od[0x6040, 0].data_type is DataType.DOMAIN,
+    "35_commissioning_mm": lambda od: od.bitrate == 500_000,
+    "36_commissioning_hex_id": lambda od: od.bitrate == 1_000_000,
+    "37_baudrate_hex": lambda od: od.bitrate == 500_000,
+    "45_value_with_percent": lambda od: od[0x1001, 0].name == "Load 100% of %(x)s",
+    "46_same_names": lambda od: od[0x6040, 0].name == od[0x2001, 0].name == "Controlword",
+    "47_equals_in_value": lambda od: od[0x1001, 0].name == "a=b (c=d)",
+    "50_module_device": lambda od: od.sections["M1SubExtends"] == {"NrOfEntries": "1", "1": "0x6000"},
+}
+
+
+def test_the_index_lists_the_files():
+    assert {path.stem for path in MALFORMED.glob("*.eds")} == set(INDEX)
+    assert len(INDEX) == 51
+
+
+@pytest.mark.parametrize("name", [name for name, wanted in INDEX.items() if wanted.startswith("load")])
+def test_a_file_that_can_be_understood_loads(name):
+    file = read_eds(MALFORMED / f"{name}.eds", 5)
+    doubts = [issue for issue in file.issues if issue.severity is not Severity.NOTE]
+    assert bool(doubts) is INDEX[name].startswith("load+warn"), [str(issue) for issue in doubts]
+    assert all(issue.path.endswith(f"{name}.eds") and issue.code and issue.text for issue in file.issues)
+    assert WANTED_VALUES.get(name, lambda _: True)(file.od)
+
+
+#: what the defect itself takes away or changes; everything else must be as in the good file
+TOUCHED = {
+    "01_latin1_name": {(0x6040, 0)},
+    "15_no_DataType_VAR": {(0x1001, 0)},
+    "16_no_ParameterName": {(0x1001, 0)},
+    "24_my_node_id": {(0x1400, 1)},
+    "23_nodeid_bit31": {(0x1400, 1)},
+    "29_leading_zero_octal": {(0x1400, 2)},
+    "32_unknown_datatype": {(0x6040, 0)},
+    "39_pdomapping_empty": {(0x6040, 0)},
+    "40_mapping_missing_object": {(0x6040, 0)},
+    "45_value_with_percent": {(0x1001, 0)},
+    "47_equals_in_value": {(0x1001, 0)},
+}
+
+
+@pytest.mark.parametrize("name", [name for name, wanted in INDEX.items() if wanted.startswith("load")])
+def test_a_defect_costs_nothing_but_itself(name):
+    od = read_eds(MALFORMED / f"{name}.eds", 5).od
+    for address, entry in GOOD.od.entries.items():
+        if address not in TOUCHED.get(name, ()):
+            assert od[address] == entry
+
+
+@pytest.mark.parametrize("name", [name for name, wanted in INDEX.items() if wanted.startswith("reject")])
+def test_what_is_no_canopen_eds_is_refused_with_one_clear_error(name):
+    path = MALFORMED / f"{name}.eds"
+    with pytest.raises(EdsError) as caught:
+        read_eds(path)
+    assert (caught.value.path, caught.value.line) == (str(path), 1)
+    words = {"41_odva_eds": "ODVA", "42_symlink_text": "symbolic link", "43_empty": "empty", "44_xdd": "XDD"}
+    assert words[name] in caught.value.reason
+
+
+def test_commissioned_node_ids_are_read():
+    for name in ("35_commissioning_mm", "36_commissioning_hex_id", "37_baudrate_hex"):
+        assert read_eds(MALFORMED / f"{name}.eds").od.node_id == 10
+
+
+@pytest.mark.parametrize(
+    ("name", "line"),
+    [
+        ("05_dup_section", 133),
+        ("06_dup_key", 53),
+        ("13_objecttype_hash_comment", 127),
+        ("24_my_node_id", 93),
+        ("34_listed_no_section", 37),
+        ("39_pdomapping_empty", 131),
+    ],
+)
+def test_an_issue_is_at_its_line(name, line):
+    assert line in [issue.line for issue in read_eds(MALFORMED / f"{name}.eds", 5).issues]
+
+
+# --- Deviations of real drives ---
+
+
+@pytest.mark.parametrize("row", rows(DEVIATIONS), ids=lambda row: row["file"])
+def test_a_drive_that_deviates_loads_with_its_own_types_and_the_deviation_is_told(row):
+    file = read_eds(DEVIATIONS / f"{row['file']}.eds", 3)
+    assert sorted(issue.code for issue in file.issues) == sorted(row["issues"].split())
+    for expected in row["types"].split():
+        place, data_type = expected.split("=")
+        index, subindex = (int(part, 16) for part in place.split(":"))
+        assert file.od[index, subindex].data_type.name == data_type
+
+
+def test_there_are_twelve_deviations():
+    assert len(rows(DEVIATIONS)) == len(list(DEVIATIONS.glob("*.eds"))) == 12
+
+
+def test_values_of_the_deviating_types_are_right():
+    def od(name):
+        return read_eds(DEVIATIONS / f"{name}.eds", 3).od
+
+    assert od("03_target_velocity_unsigned")[0x60FF, 0].default == 0xFFFFFFFF
+    assert od("04_torque_32_bits")[0x6071, 0].default == -10
+    assert od("11_limits_and_capitals")[0x60FF, 0].low == -4096
+    assert od("12_pdos_fixed")[0x1800, 1].default == 0x40000183
+    assert od("12_pdos_fixed")[0x1600, 1].default == 0x60400010
+
+
+# --- The bundled files ---
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_the_bundled_files_have_no_issue(name):
+    file = read_eds(data_path("eds", name), 3)
+    assert [str(issue) for issue in file.issues] == []
+    assert file.worst() is None
+
+
+TMCM = json.loads((HERE.parent / "data" / "tmcm1270_objects.json").read_text(encoding="utf-8"))
+FROM_THE_DEVICE_BLOCK = {(0x1008, 0): "TMCM-1270", (0x1018, 3): 0x0003001A}  # the table itself gives no default
+
+
+def test_the_tmcm_1270_is_complete():
+    od = read_eds(data_path("eds", "TMCM-1270.eds")).od
+    assert len(od.objects) == TMCM["counts"]["indices"] == 136
+    assert len(od) == TMCM["counts"]["sections_with_value"] == 243
+    values = [row for row in TMCM["objects"] if row.get("sub") is not None]
+    assert {(int(row["index"], 16), row["sub"]) for row in values} == set(od.entries)
+    for row in values:
+        entry = od[int(row["index"], 16), row["sub"]]
+        default = FROM_THE_DEVICE_BLOCK.get(entry.address, row["default"])
+        assert (entry.data_type.name, entry.access, entry.default) == (row["data_type"], row["access"], default)
+        assert entry.relative is bool(row["default_plus_nodeid"])
+        assert entry.pdo_mappable is row["pdo_mappable"]
+        assert (entry.rpdo_mappable, entry.tpdo_mappable) == (row["rpdo_mappable"], row["tpdo_mappable"])
+        assert entry.obj_flags == int(row["obj_flags"] or "0", 16)
+    for row in TMCM["objects"]:
+        if row.get("sub") is None:
+            assert od.objects[int(row["index"], 16)].code.name == row["object_type"]
+
+
+def test_the_tmcm_1270_knows_itself():
+    od = read_eds(data_path("eds", "TMCM-1270.eds"), 3).od
+    assert (od.device.vendor_number, od.device.product_number) == (0x286, 0x4F6)
+    assert od.device.revision_number == od[0x1018, 3].default == 0x0003001A
+    assert od.device.bit_rates == {rate * 1000 for rate in TMCM["device"]["bit_rates_kbit"]}
+    assert od.dummy_usage == frozenset()
+    assert (od[0x607D, 1].default, od[0x60C2, 2].default) == (-2147483647, -3)
+    assert od[0x1400, 1].default == 0x40000203
+
+
+def test_the_generic_servo_has_every_mode():
+    od = read_eds(data_path("eds", "generic_cia402.eds"), 3).od
+    assert od[0x6502, 0].default == 0x3EF
+    wanted = (0x1003, 0x6007, 0x603F, 0x6042, 0x6071, 0x6077, 0x6098, 0x60C1, 0x60F4, 0x60FF)
+    assert [hex(index) for index in wanted if index not in od.objects] == []
+    assert od.objects[0x2000].code is ObjectCode.DOMAIN
+    assert [index for index in od.objects if 0x1F00 <= index < 0x2000] == []
+    assert {entry.data_type for entry in od} == set(DataType)
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_every_default_of_the_bundled_files_has_bytes(name):
+    for entry in read_eds(data_path("eds", name), 127).od:
+        assert isinstance(encode(default_of(entry), entry.data_type), bytes)
+
+
+# --- Structure ---
+
+
+def test_a_sub_without_its_object_makes_one():
+    file = parse(eds("2000sub1"))
+    assert (file.od.objects[0x2000].code, file.od.objects[0x2000].name) == (ObjectCode.RECORD, "Object 2000")
+    assert codes(file, "sub0-missing") == ["object-missing"]
+
+
+@pytest.mark.parametrize(
+    ("text", "code", "issue"),
+    [
+        (section("2000", ParameterName="A", DataType=7, AccessType="rw"), ObjectCode.VAR, []),
+        (
+            section("2000", ParameterName="A", ObjectType="0x44", DataType=7, AccessType="rw"),
+            ObjectCode.VAR,
+            ["object-type"],
+        ),
+        (section("2000", ParameterName="A") + eds("2000sub1"), ObjectCode.RECORD, ["object-type"]),
+        (eds("2000") + eds("2000sub1"), ObjectCode.VAR, ["object-type"]),
+        (section("0005", ParameterName="U8", ObjectType=5, DataType=5, AccessType="ro"), ObjectCode.DEFTYPE, []),
+    ],
+)
+def test_object_types(text, code, issue):
+    file = parse(text)
+    (info,) = file.od.objects.values()
+    assert info.code is code
+    assert codes(file, "sub0-missing") == issue
+    assert len(file.od) > 0
+
+
+@pytest.mark.parametrize("title", ["2000sub1", "2000SUB1", "2000Sub01", "2000 sub 1"])
+def test_subindices_are_hexadecimal_in_any_spelling(title):
+    assert (0x2000, 1) in parse(eds(title)).od
+    assert (0x2000, 0x1F) in parse(eds("2000sub1F")).od
+
+
+@pytest.mark.parametrize("title", ["1018sub", "1018sub100", "1018subG", "20005"])
+def test_what_looks_like_an_object_and_is_none_is_told(title):
+    file = parse(DEVICE_TYPE, section(title, ParameterName="x"))
+    assert codes(file) == ["section-unknown"]
+    assert file.od.sections[title] == {"ParameterName": "x"}
+
+
+def compact(count, index="2000", **keys):
+    return section(
+        index, ParameterName="Things", ObjectType=8, DataType=7, AccessType="rw", CompactSubObj=count, **keys
+    )
+
+
+def test_compact_objects_have_names_values_and_a_default_for_the_others():
+    names = section("2000Name", NrOfEntries=2, **{"2": "second", "3": "third"})
+    values = section("2000VALUE", NrOfEntries=2, **{"1": "$NODEID+0x200", "3": "0x30"})
+    file = parse(compact(3, DefaultValue="7", PDOMapping=1), names, values, node_id=5)
+    assert codes(file) == []
+    subs = [file.od[0x2000, subindex] for subindex in (1, 2, 3)]
+    assert [entry.name for entry in subs] == ["Things1", "second", "third"]
+    assert [entry.default for entry in subs] == [0x205, 7, 0x30]
+    assert [entry.relative for entry in subs] == [True, False, False]
+    assert all(entry.pdo_mappable for entry in subs)
+    assert (file.od[0x2000, 0].default, file.od[0x2000, 0].data_type) == (3, DataType.UNSIGNED8)
+
+
+@pytest.mark.parametrize(
+    ("text", "issue"),
+    [
+        (compact(255), ["compact-count"]),
+        (compact(-1), ["compact-count", "sub-missing"]),
+        (compact("x"), ["key-number", "sub-missing"]),
+        (compact(2) + section("2000Value", **{"3": "1"}), ["compact-unused"]),
+        (compact(2) + section("2000Value", **{"1": "1", "01": "2"}), ["compact-unused"]),
+        (compact(2) + section("2000Value", **{"1": "x"}), ["value-form"]),
+        (DEVICE_TYPE + section("1000Value", **{"1": "x"}), ["compact-unused"]),
+    ],
+)
+def test_compact_objects_that_do_not_fit(text, issue):
+    assert sorted(codes(parse(text))) == issue
+
+
+def test_denotations_are_kept_as_they_are():
+    file = parse(compact(2), section("2000Denotation", **{"1": "left"}))
+    assert codes(file) == []
+    assert file.od.sections["2000Denotation"] == {"1": "left"}
+
+
+def test_a_file_without_objects_is_no_canopen_eds():
+    with pytest.raises(EdsError, match=r"no object sections.*begins with \[FileInfo\]"):
+        parse("[FileInfo]\nFileName=x\n")
+    with pytest.raises(EdsError, match="ODVA"):
+        parse("[File]\nx=1\n[Device]\nVendCode=1;\n")
+
+
+def test_a_file_that_cannot_be_read_is_an_eds_error(tmp_path):
+    with pytest.raises(EdsError, match="cannot be read"):
+        read_eds(tmp_path / "none.eds")
+    with pytest.raises(EdsError, match="cannot be read"):
+        read_eds(tmp_path)
+    with pytest.raises(EdsError, match="cannot be read"):
+        read_eds("a\0b")
+
+
+def test_the_worst_issue_decides():
+    assert parse(eds(DefaultValue="x")).worst() is Severity.ERROR
+    assert parse(eds()).worst() is Severity.WARNING
+
+
+# --- Anything at all ---
+
+SEEDS = [path.read_bytes() for path in sorted([*MALFORMED.glob("*.eds"), *DEVIATIONS.glob("*.eds")])]
+NASTY = [
+    *(b"", b"\n", b"\r", b"\x1a", b"\0", b"=", b"[", b"]", b"[1000]\n", b"[1018sub1]", b"[1003Value]\n1=5\n"),
+    *(b"$NODEID", b"+$NODEID", b"0x", b"-1", b"1e999", b"0xFFFFFFFFFFFFFFFFFF", b"9" * 5000, b"\xff\xfe", b"\xe9"),
+    *(b"CompactSubObj=99999\n", b"CompactSubObj=254\n", b"ObjectType=0x9\n", b"DataType=0x8\n", b"SubNumber=x\n"),
+    *(b"DefaultValue=0x7FC00000\n", b"LowLimit=5\nHighLimit=1\n", b"CompactPDO=0x3F\n", b"NrOfRXPDO=3\n", b"%s%(x)s"),
+]
+
+
+@st.composite
+def mutated(draw):
+    data = draw(st.sampled_from(SEEDS))
+    for _ in range(draw(st.integers(1, 6))):
+        start = draw(st.integers(0, len(data)))
+        end = min(len(data), start + draw(st.sampled_from((0, 0, 1, 7, 60, 600))))
+        piece = draw(st.sampled_from(NASTY) | st.binary(max_size=8) | st.just(data[start:end] * 2))
+        data = data[:start] + piece + data[end:]
+    return data
+
+
+@settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(mutated() | st.binary(max_size=200), st.none() | st.integers(1, 127))
+@example(b"[1000]\nDataType=8\nDefaultValue=0x7FC00000", None)
+@example(b"[1000]\n1=\n[1000Value]\n" + b"9" * 5000 + b"=1", 5)
+def test_no_bytes_bring_another_error_than_eds_error(data, node_id):
+    try:
+        file = parse_eds(data, node_id, name="mutated.eds")
+    except EdsError:
+        return
+    lines = data.count(b"\n") + data.count(b"\r") + 1
+    for issue in file.issues:
+        assert 0 <= issue.line <= lines
+        assert issue.path == "mutated.eds"
+        assert len(issue.text) < 500
+    for entry in file.od:
+        assert isinstance(encode(default_of(entry), entry.data_type), bytes)
+        assert entry.index in file.od.objects
+
+
+# --- What reading costs ---
+
+SHAPES = {
+    "objects": lambda n: "".join(eds(f"{0x2000 + i:04X}", DefaultValue=i, LowLimit=0, HighLimit=5) for i in range(n)),
+    "subindices": lambda n: "".join(eds(f"{0x2000 + i // 250:04X}sub{i % 250 + 1:X}") for i in range(n)),
+    "compact": lambda n: "".join(compact(254, f"{0x2000 + i:04X}") for i in range(n // 20)),
+    "compact values": lambda n: compact(254) + section("2000Value", **{str(i): i for i in range(n)}),
+    "lists": lambda n: section("OptionalObjects", **{str(i): f"0x{i:04X}" for i in range(n)}),
+    "same listed": lambda n: section("OptionalObjects", **{str(i): "0x2000" for i in range(n)}),
+    "same section": lambda n: eds() * n,
+    "same key": lambda n: "[2000]\n" + "DefaultValue=5\n" * n,
+    "stray lines": lambda n: "stray\n" * n,
+    "comments": lambda n: section("Comments", **{f"Line{n - i}": "text" for i in range(n)}),
+    "unknown keys": lambda n: section("2000", **{f"Key{i}": i for i in range(n)}),
+    "unknown sections": lambda n: "".join(section(f"M{i}ModuleInfo", A=1) for i in range(n)),
+    "mappings": lambda n: "".join(
+        eds(f"{0x1600 + i // 64:04X}sub{i % 64 + 1:X}", DefaultValue="0x60400010") for i in range(n)
+    ),
+    "bad values": lambda n: "".join(
+        eds(f"{0x2000 + i:04X}", data_type=99, access="x", DefaultValue="x") for i in range(n)
+    ),
+    "long line": lambda n: eds(DefaultValue=" " * n + "x" * n + " " * n + ";"),
+    "blank lines": lambda n: "\r\n \r\n" * n,
+}
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_ten_times_the_bytes_cost_at_most_fifteen_times_the_work(shape):
+    small, large = ((DEVICE_TYPE + SHAPES[shape](n)).encode() for n in (60, 600))
+    lines_executed(lambda: parse_eds(large))  # the texts that are parsed only once are known from here on
+    cost = [lines_executed(lambda data=data: parse_eds(data)) for data in (small, large)]
+    entries = [len(parse_eds(data).od) for data in (small, large)]
+    assert len(large) <= 11 * len(small)
+    assert cost[1] <= 15 * cost[0]
+    assert entries[1] <= 15 * entries[0]
