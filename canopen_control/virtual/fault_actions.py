@@ -122,7 +122,7 @@ def jittered(node: VirtualNode, frame: CanFrame, now: int) -> list[tuple[int, Ca
         return [(0, frame)]
     period = node.heartbeat.period_ns
     step = now // period if period else 0
-    return [(period * (step * 37 % 61) // 100, frame)]
+    return [(period * ((step * step * 7 + step * 13) % 61) // 100, frame)]
 
 
 heartbeat_dropped = _on(is_heartbeat, lambda _frame: [])

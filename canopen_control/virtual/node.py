@@ -228,9 +228,9 @@ class VirtualNode:
             self.tell(EmergencyRaised(code, data))
         self.touch()
 
-    def report(self, code: int, _register: int, data: bytes = b"") -> None:
+    def report(self, code: int, register: int, data: bytes = b"") -> None:
         """Say an error that does not stay."""
-        self.emcy.report(code, self.now, data)
+        self.emcy.report(code, self.now, data, register=int(register))
         self.tell(EmergencyRaised(code, data))
 
     def clear_errors(self) -> None:
@@ -271,6 +271,11 @@ class VirtualNode:
         """Forget the error of a node that is no longer watched."""
         if not any(self.consumer.is_missed(node_id) for node_id in self.consumer.watched()):
             self.clear_error(HEARTBEAT_ERROR)
+
+    def follow(self, now: int) -> None:
+        """Follow up what was done to the node from outside: send what changed, tick what is due."""
+        if not self._settling:
+            self.tick(now)
 
     def advance_drives(self, now: int) -> None:
         """Bring all axes to `now`."""

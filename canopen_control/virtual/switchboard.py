@@ -60,7 +60,7 @@ class FaultSwitches:
         fault = find_fault(name)
         if on == (name in self._on):
             return
-        self._node.tick(now)
+        self._node.advance_drives(now)
         self._node.filter = self
         if on:
             self._on = {n: f for n, f in FAULTS.items() if n in self._on or n == name}
@@ -73,7 +73,8 @@ class FaultSwitches:
             fault.turn(self._node, on, now)
             if on and fault.once:
                 self._off(name)
-        self._node.tick(now)
+        self._node.touch()
+        self._node.follow(now)
         self._retire()
 
     def incoming(self, frame: CanFrame, now: int) -> CanFrame | None:
@@ -103,9 +104,9 @@ class FaultSwitches:
         if not self._started:
             self._started = True
             self._planned = [(now + delay, name) for delay, name in self._planned]
-        for plan in [plan for plan in self._planned if plan[0] <= now]:
-            self._planned.remove(plan)
-            self.set(plan[1], True, now)
+        while self._planned and (first := min(self._planned))[0] <= now:
+            self._planned.remove(first)
+            self.set(first[1], True, now)
         while self._held and self._held[0][0] <= now:
             self._due.append(heapq.heappop(self._held)[2])
         while self._flood_at is not None and self._flood_at <= now:

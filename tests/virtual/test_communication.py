@@ -1,0 +1,60 @@
+from __future__ import annotations
+
+import pytest
+from support.virtualbench import Bench, servo
+
+
+@pytest.mark.parametrize(
+    ("index", "sub", "value", "code"),
+    [
+        (0x1005, 0, 0x40000080, 0x06090030),  # it produces no SYNC
+        (0x1014, 0, 0x00000601, 0x06090030),  # a reserved identifier
+        (0x1019, 0, 1, 0x06090030),
+        (0x1019, 0, 241, 0x06090030),
+        (0x1029, 1, 3, 0x06090030),
+        (0x1010, 1, 1, 0x08000020),
+        (0x1011, 1, 0x65766173, 0x08000020),
+    ],
+)
+def test_what_the_standard_forbids_is_refused(index, sub, value, code):
+    bench = Bench(servo())
+    before = bench.read(index, sub)
+    assert bench.abort_of(index, value, sub) == code
+    assert bench.read(index, sub) == before
+
+
+def test_a_sync_on_another_identifier_with_a_counter():
+    bench = Bench(servo())
+    bench.write(0x1005, 0x0A0)
+    bench.write(0x1019, 4)
+    bench.start()
+    bench.seen.clear()
+    bench.put(0x080, b"\x01")
+    assert bench.seen == []
+    bench.put(0x0A0, b"\x01")
+    assert len(bench.seen) == 2
+
+
+def test_the_ability_to_store_is_shown():
+    bench = Bench(servo())
+    assert [bench.number(0x1010, sub) for sub in (1, 2, 3)] == [1, 1, 1]
+
+
+def test_a_heartbeat_time_of_zero_ends_the_heartbeat_and_lets_guarding_answer():
+    bench = Bench(servo())
+    bench.write(0x1017, 100)
+    bench.on(0.25)
+    assert bench.put(0x705 | 0x40000000, b"\0") == []
+    bench.write(0x1017, 0)
+    bench.seen.clear()
+    bench.on(1)
+    assert bench.seen == []
+    assert len(bench.put(0x705 | 0x40000000, b"\0")) == 1
+
+
+def test_the_serial_number_may_be_given():
+    from support.virtualbench import TMCM
+
+    from canopen_control.virtual.device import make_device
+
+    assert Bench(make_device(TMCM, 3, serial=12345)).number(0x1018, 4) == 12345

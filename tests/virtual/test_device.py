@@ -1,0 +1,66 @@
+from __future__ import annotations
+
+import pytest
+from support.virtualbench import TMCM, Bench, T, entry, servo_od
+
+from canopen_control.errors import ConfigError, EdsError
+from canopen_control.od.model import ObjectDictionary
+from canopen_control.virtual.device import make_device, personality_of
+from canopen_control.virtual.personality import GENERIC
+from canopen_control.virtual.plant import LagPlant
+from canopen_control.virtual.tmcm1270 import TMCM1270
+
+
+def test_a_file_makes_a_device_and_one_dictionary_makes_many():
+    assert make_device(TMCM, 3).store.number(0x1014) == 0x83
+    od = servo_od(node_id=5)
+    assert [make_device(od, node_id).store.number(0x1014) for node_id in (5, 9)] == [0x85, 0x89]
+
+
+def test_a_file_that_is_not_there_and_a_fault_that_is_none_are_configuration_errors(tmp_path):
+    with pytest.raises(EdsError):
+        make_device(tmp_path / "none.eds", 3)
+    with pytest.raises(ConfigError, match="no fault"):
+        make_device(TMCM, 3, ("nonsense",))
+
+
+def test_the_identity_brings_the_personality():
+    assert personality_of(make_device(TMCM, 3).od) is TMCM1270
+    assert personality_of(servo_od()) is GENERIC
+
+
+def test_each_axis_has_its_plant():
+    node = make_device(servo_od(axes=3), 5, plant=lambda axis: LagPlant(time_constant=axis + 1.0))
+    assert [drive.mover.plant.time_constant for drive in node.drives.values()] == [1.0, 2.0, 3.0]
+
+
+@pytest.mark.parametrize("change", ["no 6502", "no 606C", "const COB-IDs", "few objects", "real target", "string name"])
+def test_files_that_deviate_start_and_reach_operation(change):
+    od = servo_od()
+    if change == "no 6502":
+        del od.entries[0x6502, 0]
+    elif change == "no 606C":
+        del od.entries[0x606C, 0]
+    elif change == "const COB-IDs":
+        od.add(entry(0x1400, 1, T.UNSIGNED32, 0x205, "const"))
+    elif change == "few objects":
+        keep = {(0x1000, 0), (0x6040, 0), (0x6041, 0)}
+        od.entries = {address: item for address, item in od.entries.items() if address in keep}
+    elif change == "real target":
+        od.add(entry(0x60FF, 0, T.REAL32, 0.0))
+    else:
+        od.add(entry(0x6041, 0, T.VISIBLE_STRING, ""))
+    bench = Bench(make_device(od, 5))
+    bench.start()
+    for word in (6, 7, 15):
+        bench.control(word)
+    bench.sync()
+    assert bench.state == "OPERATION_ENABLED"
+
+
+def test_an_empty_dictionary_makes_a_node_that_boots():
+    bench = Bench(make_device(ObjectDictionary(node_id=1), 1))
+    assert [str(frame) for _, frame in bench.seen] == ["701#00"]
+    bench.start()
+    bench.sync()
+    assert bench.node.operational

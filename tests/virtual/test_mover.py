@@ -1,0 +1,132 @@
+from __future__ import annotations
+
+from canopen_control.virtual import motion
+from canopen_control.virtual.mover import SAMPLE_NS, Mover
+from canopen_control.virtual.plant import IdealPlant, LagPlant
+
+S = 1_000_000_000
+
+
+class Owner:
+    """Notes what it is told."""
+
+    def __init__(self, samples=False):
+        self.told = []
+        self.samples = samples
+
+    def arrived(self, now):
+        self.told.append(("arrived", now))
+
+    def touched(self, side, now):
+        self.told.append(("touched", side, now))
+
+    def left_behind(self, error, now):
+        self.told.append(("behind", round(error), now))
+
+    def sampled(self):
+        self.told.append("sampled")
+
+    def wants_samples(self):
+        return self.samples
+
+
+def powered(plant=None, **kwargs):
+    owner = Owner(**kwargs)
+    mover = Mover(plant or IdealPlant(), owner)
+    mover.advance(0)
+    mover.power(True, 0)
+    return mover, owner
+
+
+def test_timers_are_served_in_order_each_at_its_own_time():
+    mover, _ = powered()
+    served = []
+    for name, due in (("b", 20), ("a", 10), ("c", 30)):
+        mover.at(name, due, lambda now, name=name: served.append((name, now, mover.now)))
+    mover.cancel("nothing")
+    mover.advance(25)
+    assert served == [("a", 10, 10), ("b", 20, 20)]
+    assert mover.next_deadline() == 30
+    mover.cancel("c")
+    assert mover.next_deadline() is None
+
+
+def test_a_timer_of_the_same_name_gives_way_and_may_set_itself_anew():
+    mover, _ = powered()
+    served = []
+
+    def again(now):
+        served.append(now)
+        if now < 50:
+            mover.at("x", now + 10, again)
+
+    mover.at("x", 5, lambda now: served.append("old"))
+    mover.at("x", 10, again)
+    mover.advance(100)
+    assert served == [10, 20, 30, 40, 50]
+
+
+def test_the_end_of_a_demand_is_told_once():
+    mover, owner = powered()
+    mover.run(motion.ramp_to(0, 0.0, 0.0, 100.0, 100.0, 100.0), 0)
+    mover.advance(5 * S)
+    assert owner.told == [("arrived", S)]
+    assert (mover.plant.position, mover.plant.velocity) == (450.0, 100.0)
+    mover.run(motion.hold(5 * S, 450.0), 5 * S)
+    assert owner.told[1:] == [("arrived", 5 * S)]
+
+
+def test_without_power_the_plant_is_released_and_the_demand_is_where_it_is():
+    mover, _ = powered(LagPlant())
+    mover.run(motion.cruise(0, 0.0, 100.0), 0)
+    mover.advance(S)
+    mover.power(False, S)
+    mover.advance(10 * S)
+    assert mover.standing
+    assert mover.state(10 * S) == (mover.plant.position, mover.plant.velocity)
+
+
+def test_a_plant_that_lags_is_compared_until_both_stand():
+    mover, owner = powered(LagPlant(time_constant=0.05))
+    mover.run(motion.move_to(0, 0.0, 0.0, 100.0, 1000.0, 1000.0, 1000.0), 0)
+    mover.advance(5 * S)
+    errors = [item[1] for item in owner.told if item[0] == "behind"]
+    assert max(errors) > 5
+    assert errors[-1] == 0
+    assert mover.next_deadline() is None
+
+
+def test_wired_switches_are_touched_where_they_are():
+    mover, owner = powered()
+    mover.switches.wired, mover.switches.positive = True, 50.0
+    mover.run(motion.cruise(0, 0.0, 100.0), 0)
+    mover.advance(S)
+    assert ("touched", 1, S // 2) in owner.told
+
+
+def test_moving_values_are_sampled_only_for_those_who_look():
+    for wanted in (False, True):
+        mover, owner = powered(samples=wanted)
+        mover.run(motion.move_to(0, 0.0, 0.0, 100.0, 1000.0, 1000.0, 1000.0), 0)
+        mover.advance(5 * S)
+        end = mover.demand.end_ns
+        assert owner.told.count("sampled") == (end // SAMPLE_NS + 1 if wanted else 0)
+        assert mover.next_deadline() is None
+
+
+def test_a_shaft_moved_by_force_goes_on_from_there():
+    mover, _ = powered()
+    mover.run(motion.cruise(0, 0.0, 100.0), 0)
+    mover.advance(S)
+    mover.displace(-30.0, S)
+    mover.advance(2 * S)
+    assert mover.plant.position == 170.0
+
+
+def test_a_torque_pushes_the_plant_and_its_ramp_has_an_end():
+    mover, owner = powered()
+    mover.push(motion.ramp_to(0, 0.0, 0.0, 100.0, 200.0, 200.0), 0)
+    mover.advance(S)
+    assert owner.told == [("arrived", S // 2)]
+    assert mover.plant.velocity > 0
+    assert mover.state(S) == (mover.plant.position, mover.plant.velocity)
