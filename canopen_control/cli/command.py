@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from canopen_control.cli.repeat import add_repeat_arguments, send
+from canopen_control.cli.repeat import add_repeat_arguments, finite, send
 
 if TYPE_CHECKING:
     import argparse
@@ -17,7 +17,7 @@ EXAMPLE = "canopen-control command robby_forward_controller 10 10 --for 3"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     parser.add_argument("controller", help="its name in ros2_controllers.yaml")
-    parser.add_argument("values", nargs="+", type=float, metavar="VALUE", help="one for each joint, SI units (rad/s)")
+    parser.add_argument("values", nargs="+", type=finite, metavar="VALUE", help="one for each joint, SI units (rad/s)")
     add_repeat_arguments(parser)
 
 

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
+import argparse
+import math
 import signal
 import threading
 import time
-from typing import TYPE_CHECKING
 
 from canopen_control.client import RobotClient
 
-if TYPE_CHECKING:
-    import argparse
-
-__all__ = ["add_repeat_arguments", "send"]
+__all__ = ["add_repeat_arguments", "finite", "send"]
 
 PERIOD_S = 0.1
 
@@ -25,6 +23,14 @@ def add_repeat_arguments(parser: argparse.ArgumentParser) -> None:
         "--once", action="store_true", help="send it once; the controller's timeout decides how long it holds"
     )
     parser.add_argument("--name", help="the robot (default: the only one that runs)")
+
+
+def finite(text: str) -> float:
+    """Read a number that can be commanded: neither nan nor infinite."""
+    value = float(text)
+    if not math.isfinite(value):
+        raise argparse.ArgumentTypeError(f"{text} is no value that a drive could reach")
+    return value
 
 
 def send(args: argparse.Namespace, method: str, params: dict[str, object], zeros: dict[str, object]) -> int:

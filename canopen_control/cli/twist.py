@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from canopen_control.cli.repeat import add_repeat_arguments, send
+from canopen_control.cli.repeat import add_repeat_arguments, finite, send
 
 if TYPE_CHECKING:
     import argparse
@@ -17,8 +17,8 @@ EXAMPLE = "canopen-control twist robby_base_controller 0.2 0.5 --for 3"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     parser.add_argument("controller", help="its name in ros2_controllers.yaml")
-    parser.add_argument("linear", type=float, help="forward, m/s")
-    parser.add_argument("angular", type=float, help="to the left, rad/s")
+    parser.add_argument("linear", type=finite, help="forward, m/s")
+    parser.add_argument("angular", type=finite, help="to the left, rad/s")
     add_repeat_arguments(parser)
 
 

@@ -177,6 +177,7 @@ class RemoteNode:
 
     def _on_boot_up(self, now: int) -> None:
         self.nmt_state, self.last_seen = NmtState.INITIALISING, now
+        self.sdo.forget()  # a node that restarted answers nothing it was asked before
         if self._task is not None and self._task.awaits_boot_up:
             self._task.boot_up(now)
             self._settle(now)

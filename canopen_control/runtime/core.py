@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from canopen_control.cia301.nmt import NmtCommand
 from canopen_control.controllers.manager import ControllerManager
 from canopen_control.errors import BusError, CanopenError, ControlError, RobotConfigError, UnknownInterface
-from canopen_control.hardware.interfaces import InterfaceRegistry
+from canopen_control.hardware.interfaces import InterfaceRegistry, ReturnType
 from canopen_control.hardware.joint import Action
 from canopen_control.hardware.mock import PLUGINS as MOCK_PLUGINS
 from canopen_control.hardware.mock import GenericSystem
@@ -72,7 +72,9 @@ class RobotCore:
         self.nodes: dict[str, RemoteNode] = {}
         self.joints: dict[str, JointDrive] = {}
         self.systems: list[CanopenSystem] = []
-        self.manager = ControllerManager(self.registry, setup.controllers.update_rate, joints=_movable(setup))
+        self.manager = ControllerManager(
+            self.registry, setup.controllers.update_rate, joints=setup.description.movable_joints
+        )
         self._running_since: int | None = None
         self._phase = RobotState.STARTING
         self._activated = False
@@ -187,11 +189,13 @@ class RobotCore:
             bus.receive()
             bus.tick(now)
         for component in self.registry.components:
-            component.read(now, period)
+            if component.read(now, period) is ReturnType.ERROR:
+                self.manager.deactivate_using(component, f"{component.name} reported an error on read", now)
         self._advance(now)
         self.manager.update(now, period)
         for component in self.registry.components:
-            component.write(now, period)
+            if component.write(now, period) is not ReturnType.OK:
+                self.manager.deactivate_using(component, f"{component.name} reported an error on write", now)
         for bus in self.buses.values():
             bus.send_cycle()
         self._settle_requests(now)
@@ -238,6 +242,7 @@ class RobotCore:
             for node in bus.network.nodes.values():
                 bus.network.send_nmt(NmtCommand.RESET_COMMUNICATION, node.node_id)
             bus.send_waiting()
+        self.report(Event(now, "stopped", "", f"{self.setup.name} has stopped, its drives are disabled"))
         self.close()
         if self.on_stopped is not None:
             self.on_stopped()
@@ -345,10 +350,6 @@ class RobotCore:
         self.close()
         if self.on_stopped is not None:
             self.reactor.call_soon(self.on_stopped)
-
-
-def _movable(setup: RobotSetup) -> list[str]:
-    return [joint.name for joint in setup.description.joints.values() if joint.type != "fixed"]
 
 
 _CONTROLLER_LEVELS = {"activated": Level.INFO, "deactivated": Level.INFO, "error": Level.ERROR}

@@ -1,3 +1,5 @@
+import pytest
+
 from canopen_control.host.reactor import Reactor
 from canopen_control.host.timer import ManualClock
 from canopen_control.runtime.pacer import Pacer
@@ -5,13 +7,21 @@ from canopen_control.runtime.pacer import Pacer
 MS = 1_000_000
 
 
-def make(work, period=20 * MS):
-    clock = ManualClock(1000)
-    reactor = Reactor(clock)
-    return clock, reactor, Pacer(reactor, period, work)
+@pytest.fixture
+def make():
+    reactors = []
+
+    def make(work, period=20 * MS):
+        clock = ManualClock(1000)
+        reactors.append(Reactor(clock))
+        return clock, reactors[-1], Pacer(reactors[-1], period, work)
+
+    yield make
+    for reactor in reactors:
+        reactor.close()
 
 
-def test_edges_lie_on_the_grid_of_the_start():
+def test_edges_lie_on_the_grid_of_the_start(make):
     edges = []
     _, reactor, pacer = make(edges.append)
     pacer.start()
@@ -20,7 +30,7 @@ def test_edges_lie_on_the_grid_of_the_start():
     assert (pacer.count, pacer.missed) == (5, 0)
 
 
-def test_a_late_cycle_skips_what_it_missed_and_stays_on_the_grid():
+def test_a_late_cycle_skips_what_it_missed_and_stays_on_the_grid(make):
     edges = []
 
     def work(now):
@@ -38,7 +48,7 @@ def test_a_late_cycle_skips_what_it_missed_and_stays_on_the_grid():
     assert pacer.work_max == 50 * MS
 
 
-def test_work_may_stop_the_pacer():
+def test_work_may_stop_the_pacer(make):
     _, reactor, pacer = make(lambda now: pacer.stop())
     pacer.start()
     reactor.run_for(100 * MS)
@@ -47,7 +57,7 @@ def test_work_may_stop_the_pacer():
     pacer.stop()
 
 
-def test_work_that_fails_does_not_end_the_cycle():
+def test_work_that_fails_does_not_end_the_cycle(make):
     def work(now):
         raise RuntimeError("broken controller")
 

@@ -1,0 +1,70 @@
+import argparse
+
+import pytest
+
+from canopen_control.cli.main import main
+from canopen_control.cli.run import add_arguments, read_setup
+from canopen_control.client import find_robots
+
+
+def parse(*arguments):
+    parser = argparse.ArgumentParser()
+    add_arguments(parser)
+    return parser.parse_args(arguments)
+
+
+def test_a_run_on_mock_hardware_ends_with_0_and_leaves_no_socket(capsys):
+    assert main(["run", "robby", "--mock", "--duration", "0.3"]) == 0
+    said = capsys.readouterr().out
+    assert "robby runs" in said
+    assert find_robots() == []
+
+
+def test_a_run_on_virtual_drives_in_this_process(capsys):
+    assert main(["run", "robby", "--can", "memory:run", "--duration", "0.3"]) == 0
+    said = capsys.readouterr().out
+    assert "node 3 (left_drive): operational" in said
+    assert "has stopped" in said
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["nobody"], "nobody"),
+        (["robby", "--controller", "nobody"], "nobody"),
+        (["robby", "--real", "--mock"], "--real"),
+        (["robby", "--name", "a/b"], "a/b"),
+        (["robby", "--view"], "--view"),
+        (["robby", "--can", "nonsense"], "nonsense"),
+        (["robby", "--can", "left=can0"], "left"),
+        ([], "--bus"),
+    ],
+)
+def test_a_mistake_of_the_user_is_one_sentence_and_exit_code_2(capsys, arguments, words):
+    assert main(["run", *arguments]) == 2
+    error = capsys.readouterr().err
+    assert words in error
+    assert "Traceback" not in error
+    assert find_robots() == []
+
+
+def test_a_channel_that_is_not_there_is_exit_code_1_and_says_what_to_type(capsys):
+    assert main(["run", "robby", "--can", "can7", "--real"]) == 1
+    assert "can7" in capsys.readouterr().err
+
+
+def test_a_duration_must_be_a_time():
+    with pytest.raises(SystemExit) as caught:
+        parse("robby", "--duration", "0")
+    assert caught.value.code == 2
+
+
+def test_ros_is_off_unless_it_is_asked_for():
+    assert parse("robby").ros is False
+    assert parse("robby", "--ros").ros is True
+    assert parse("robby", "--no-ros").ros is False
+
+
+def test_the_setup_is_what_the_options_say():
+    setup = read_setup(parse("robby", "--can", "vcan0", "--name", "two", "--controller", "robby_base_controller"))
+    assert (setup.name, setup.channels["can"], setup.wanted[-1]) == ("two", "vcan0", "robby_base_controller")

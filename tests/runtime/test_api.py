@@ -1,0 +1,215 @@
+"""The API as a client sees it, byte by byte, in simulated time."""
+
+import json
+import socket
+
+import pytest
+from support.robots import FORWARD, LEFT, Bench
+
+from canopen_control.host.sockets import socket_path
+from canopen_control.runtime.api import ApiServer
+from canopen_control.runtime.core import RobotState
+
+
+class Client:
+    """A raw client: what it sends is bytes, what it gets are messages."""
+
+    def __init__(self, bench):
+        self._bench, self._buffer = bench, b""
+        self.socket = socket.socket(socket.AF_UNIX)
+        self.socket.setblocking(False)
+        self.socket.connect(str(socket_path("robot", "robby")))
+        self.hello = self.next()
+
+    def send(self, **message):
+        self.socket.send(json.dumps(message).encode() + b"\n")
+
+    def messages(self):
+        try:
+            self._buffer += self.socket.recv(1 << 20)
+        except BlockingIOError:
+            pass
+        *lines, self._buffer = self._buffer.split(b"\n")
+        return [json.loads(line) for line in lines]
+
+    def next(self, ms=2000):
+        found = []
+        self._bench.until(lambda: found.extend(self.messages()) or found, ms=ms)
+        assert len(found) == 1, found
+        return found[0]
+
+    def ask(self, method, **params):
+        self.send(id=1, method=method, params=params)
+        answer = self.next(ms=20_000)
+        assert answer["id"] == 1
+        return answer
+
+    def close(self):
+        self.socket.close()
+
+
+@pytest.fixture
+def robby():
+    bench = Bench("api")
+    bench.api = ApiServer(bench.robot)
+    bench.start()
+    yield bench
+    bench.api.close()
+    bench.close()
+
+
+@pytest.fixture
+def client(robby):
+    client = Client(robby)
+    yield client
+    client.close()
+
+
+def test_the_server_says_who_it_is_first(client):
+    hello = client.hello["hello"]
+    assert (hello["robot"], hello["protocol"]) == ("robby", 1)
+    assert hello["pid"] > 0
+
+
+def test_status_has_the_documented_shape(client):
+    status = client.ask("status")["result"]
+    assert status["robot"] == "robby"
+    assert status["state"] == "running"
+    assert set(status["cycle"]) >= {"period_s", "count", "missed"}
+    assert set(status["buses"]["can"]) >= {"channel", "rx", "tx", "lost", "load"}
+    node = status["nodes"]["left_drive"]
+    assert (node["bus"], node["node_id"], node["nmt_state"], node["error"]) == ("can", 3, "OPERATIONAL", None)
+    assert set(node["axes"][0]) >= {"cia402_state", "statusword", "mode", "error"}
+    assert node["axes"][0]["cia402_state"] == "OPERATION_ENABLED"
+    assert set(status["joints"]["left_wheel_joint"]) == {"position", "velocity", "effort", "command"}
+    assert status["joints"]["left_wheel_joint"]["effort"] is None
+    assert status["controllers"][FORWARD] == "active"
+    assert {step["step"] for step in status["boot"]} == {"reset", "identify", "configure", "heartbeat", "start"}
+    assert status["events"]
+
+
+def test_a_command_moves_the_wheels(robby, client):
+    assert client.ask("command", controller=FORWARD, values=[10, 10], source="test") == {"id": 1, "result": {}}
+    robby.run(500)
+    assert robby.velocity(LEFT) == pytest.approx(10.0, rel=0.01)
+    assert client.ask("status")["result"]["commander"] == "test"
+
+
+@pytest.mark.parametrize(
+    ("method", "params", "words"),
+    [
+        ("dance", {}, "no method 'dance'"),
+        ("command", {}, "values"),
+        ("command", {"controller": "nobody", "values": [1.0]}, "nobody"),
+        ("command", {"controller": FORWARD, "values": [1.0]}, "1"),
+        ("command", {"controller": FORWARD, "values": ["fast", "slow"]}, "fast"),
+        ("command", {"controller": FORWARD, "values": 3}, "parameter"),
+        ("subscribe", {"state_rate": -1}, "state_rate"),
+        ("axis", {"action": "explode", "node": "all"}, "enable"),
+        ("axis", {"action": "enable", "node": "nobody"}, "left_drive"),
+        ("switch", {"activate": ["nobody"]}, "nobody"),
+        ("nmt", {"command": "explode", "node": "all"}, "reset-node"),
+        ("sdo_read", {"node": "left_drive"}, "index"),
+        ("sdo_write", {"node": "left_drive", "index": 0x6083, "data": "xyz"}, "parameter"),
+    ],
+)
+def test_what_cannot_be_done_is_refused_in_a_sentence_and_the_robot_goes_on(robby, client, method, params, words):
+    answer = client.ask(method, **params)
+    assert words in answer["error"]["message"]
+    assert client.ask("status")["result"]["state"] == "running"
+
+
+@pytest.mark.parametrize("line", [b"not json\n", b"[1, 2]\n", b"\xff\xfe\n"])
+def test_garbage_ends_that_connection_only(robby, client, line):
+    other = Client(robby)
+    other.socket.send(line)
+    assert "error" in other.next()
+    other.close()
+    assert client.ask("status")["result"]["state"] == "running"
+
+
+def test_a_notification_is_not_answered(robby, client):
+    client.send(method="command", params={"controller": FORWARD, "values": [3.0, 3.0]})
+    client.send(method="command", params={"controller": "nobody", "values": [3.0]})
+    robby.run(500)
+    assert client.messages() == []
+    assert robby.velocity(LEFT) == pytest.approx(3.0, rel=0.01)
+
+
+def test_the_state_stream_comes_at_its_rate(robby, client):
+    client.ask("subscribe", state_rate=10, events=False)
+    robby.run(1000)
+    states = client.messages()
+    assert len(states) == 10
+    assert states[0]["state"]["joints"]["left_wheel_joint"]["position"] is not None
+
+
+def test_events_come_as_they_happen(robby, client):
+    client.ask("subscribe", state_rate=None, events=True)
+    robby.power_off(LEFT)
+    robby.run(1000)
+    kinds = [message["event"]["kind"] for message in client.messages()]
+    assert "heartbeat_lost" in kinds
+    assert "stop" in kinds
+
+
+def test_two_subscribers_of_one_rate_get_the_same_sample(robby, client):
+    other = Client(robby)
+    for each in (client, other):
+        each.ask("subscribe", state_rate=5)
+    robby.run(400)
+    assert client.messages()[-1] == other.messages()[-1]
+    other.close()
+
+
+def test_a_client_that_never_reads_is_dropped_with_an_event_and_the_cycle_goes_on(robby):
+    stalled = Client(robby)
+    stalled.ask("subscribe", state_rate=50, events=True)
+    robby.until(lambda: robby.texts("client_dropped"), ms=60_000)
+    assert "too slowly" in robby.texts("client_dropped")[0]
+    assert robby.robot.pacer.missed == 0
+    stalled.close()
+
+
+def test_stop_and_axis_are_answered_when_they_are_done(robby, client):
+    robby.hold(10.0, 10.0, ms=300)
+    assert client.ask("stop") == {"id": 1, "result": {}}
+    assert robby.speed(LEFT) == 0
+    assert client.ask("axis", action="enable", node="3") == {"id": 1, "result": {}}
+    assert robby.joint(LEFT).enabled
+    assert client.ask("axis", action="disable", node="left_drive") == {"id": 1, "result": {}}
+    assert not robby.joint(LEFT).machine.enabled
+
+
+def test_objects_are_read_and_written_through_the_robots_own_client(client):
+    assert client.ask("sdo_read", node="left_drive", index=0x6083)["result"] == {"data": "803e0000"}
+    assert client.ask("sdo_write", node="3", index=0x6083, data="a00f0000")["result"] == {}
+    assert client.ask("sdo_read", node=3, index=0x6083, subindex=0)["result"] == {"data": "a00f0000"}
+    read = client.ask("sdo_read", node="left_drive", index=0x1008, block=True, timeout=2.0)["result"]
+    assert bytes.fromhex(read["data"]).startswith(b"TMCM-1270")
+    assert "timeout" in client.ask("sdo_read", node="left_drive", index=0x1008, timeout=-1)["error"]["message"]
+    error = client.ask("sdo_read", node="left_drive", index=0x5FF0)["error"]
+    assert error["kind"] == "SdoAbort"
+    assert "0x06020000" in error["message"]
+
+
+def test_shutdown_is_answered_and_then_the_robot_ends(robby, client):
+    assert client.ask("shutdown") == {"id": 1, "result": {}}
+    robby.until(lambda: robby.robot.state is RobotState.STOPPED)
+
+
+def test_a_client_that_dies_leaves_its_command_to_the_timeout(robby):
+    client = Client(robby)
+    client.ask("command", controller=FORWARD, values=[10, 10])
+    client.close()
+    robby.run(1500)
+    assert robby.velocity(LEFT) == pytest.approx(10.0, rel=0.01)
+    robby.run(1000)
+    assert robby.speed(LEFT) == 0
+
+
+def test_the_description_and_the_controllers_are_there_for_the_asking(client):
+    assert "<robot" in client.ask("description")["result"]["urdf"]
+    controllers = {each["name"]: each for each in client.ask("controllers")["result"]}
+    assert controllers[FORWARD]["topic"] == "commands"
+    assert controllers["joint_state_broadcaster"]["topic"] is None

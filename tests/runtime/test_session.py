@@ -1,0 +1,47 @@
+import os
+
+import pytest
+
+from canopen_control.errors import CanopenError, RobotConfigError
+from canopen_control.host.reactor import Reactor
+from canopen_control.host.sockets import runtime_dir
+from canopen_control.runtime.files import find_robot
+from canopen_control.runtime.session import RunOptions, Session
+from canopen_control.runtime.setup import read_robot
+
+
+def setup(name, channel):
+    return read_robot(find_robot("robby"), name=name, can=[channel])
+
+
+def test_a_channel_has_one_master_on_this_host():
+    first = Session(setup("one", "memory:busy"), RunOptions(drives=False))
+    with pytest.raises(RobotConfigError, match=rf"memory:busy is busy: process {os.getpid()}"):
+        Session(setup("two", "memory:busy"), RunOptions(drives=False))
+    first.close()
+    Session(setup("two", "memory:busy"), RunOptions(drives=False)).close()
+
+
+def test_a_name_has_one_robot():
+    first = Session(setup("same", "memory:a"), RunOptions(drives=False))
+    with pytest.raises(CanopenError, match="same"):
+        Session(setup("same", "memory:b"), RunOptions(drives=False))
+    first.close()
+
+
+def test_closing_leaves_no_socket_and_twice_is_once():
+    session = Session(setup("gone", "memory:c"), RunOptions(drives=False))
+    assert list(runtime_dir().glob("robot-*.sock"))
+    session.close()
+    session.close()
+    assert list(runtime_dir().glob("robot-*.sock")) == []
+
+
+def test_the_duration_counts_from_running_on():
+    reactor = Reactor()
+    session = Session(setup("timed", "memory:d"), RunOptions(duration=0.2), reactor=reactor)
+    try:
+        assert session.run() is None
+        assert session.robot.pacer.count * 0.02 > 0.2
+    finally:
+        session.close()

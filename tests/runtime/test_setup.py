@@ -1,0 +1,59 @@
+import pytest
+from support.robots import copy_robby
+
+from canopen_control.errors import ConfigError, RobotConfigError
+from canopen_control.runtime.files import find_robot
+from canopen_control.runtime.setup import read_robot
+
+ROBBY = find_robot("robby")
+
+
+def test_without_a_choice_the_first_controller_that_is_no_broadcaster_runs():
+    setup = read_robot(ROBBY)
+    assert setup.wanted == ("joint_state_broadcaster", "robby_forward_controller")
+    assert setup.channels == {"can": "local:robby"}
+    assert setup.cycle_ns == 20_000_000
+
+
+def test_a_chosen_controller_runs_beside_the_broadcasters():
+    assert read_robot(ROBBY, controllers=["robby_base_controller"]).wanted == (
+        "joint_state_broadcaster",
+        "robby_base_controller",
+    )
+
+
+def test_an_unknown_controller_is_named_with_its_file_and_the_nearest():
+    with pytest.raises(RobotConfigError, match=r"ros2_controllers\.yaml.*did you mean 'robby_forward_controller'"):
+        read_robot(ROBBY, controllers=["robby_forward_controler"])
+
+
+def test_channels_are_given_for_the_bus_or_by_its_name():
+    assert read_robot(ROBBY, can=["vcan0"]).channels == {"can": "vcan0"}
+    assert read_robot(ROBBY, can=["can=can1"]).channels == {"can": "can1"}
+    with pytest.raises(RobotConfigError, match="no bus 'left'"):
+        read_robot(ROBBY, can=["left=can0"])
+
+
+def test_the_name_is_the_folders_or_given():
+    assert read_robot(ROBBY).name == "robby"
+    setup = read_robot(ROBBY, name="other")
+    assert (setup.name, setup.channels["can"]) == ("other", "local:other")
+
+
+def test_mistakes_of_any_of_the_three_files_are_configuration_errors(tmp_path):
+    for which, old, new in (
+        ("bus", "node_id: 3", "node_id: 300"),
+        ("controllers", "update_rate: 50", "update_rate: fast"),
+        ("description", "</robot>", "</robo>"),
+    ):
+        folder = tmp_path / which
+        folder.mkdir()
+        with pytest.raises(ConfigError, match=r"bus\.yml|ros2_controllers\.yaml|urdf"):
+            read_robot(find_robot(str(copy_robby(folder, **{which: {old: new}}))))
+
+
+def test_without_sync_the_cycle_is_the_controllers_rate(tmp_path):
+    config = copy_robby(
+        tmp_path, bus={"sync_period: 20000": "sync_period: 0"}, controllers={"update_rate: 50": "update_rate: 100"}
+    )
+    assert read_robot(find_robot(str(config))).cycle_ns == 10_000_000

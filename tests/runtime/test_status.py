@@ -1,0 +1,52 @@
+import json
+
+from support.robots import LEFT, Bench
+
+from canopen_control.runtime.status import event_dict, nodes_dict, state_dict, status_dict
+
+
+def test_everything_is_plain_json_and_nan_is_none():
+    bench = Bench("status", drives=(LEFT,))
+    bench.robot.start()
+    bench.run(500)
+    status = status_dict(bench.robot)
+    assert json.loads(json.dumps(status, allow_nan=False)) == status
+    missing = status["nodes"]["right_drive"]
+    assert (missing["nmt_state"], missing["age_s"], missing["ready"]) == (None, None, False)
+    assert missing["axes"][0]["cia402_state"] is None
+    assert status["joints"]["right_wheel_joint"]["position"] is None
+    assert status["state"] == "starting"
+    bench.close()
+
+
+def test_a_state_sample_is_stamped_in_unix_time_and_lighter_than_the_status():
+    bench = Bench("status2")
+    bench.start()
+    state = state_dict(bench.robot)
+    assert abs(state["time"] - (bench.reactor.now() + bench.robot.wall_offset_ns) / 1e9) < 1e-6
+    assert "events" not in state
+    assert "boot" not in state
+    event = event_dict(bench.robot, bench.events[-1])
+    assert set(event) == {"time", "kind", "node", "level", "text"}
+    bench.close()
+
+
+def test_the_load_of_the_bus_is_known_after_a_second():
+    bench = Bench("status3")
+    bench.start()
+    bench.run(2500)
+    load = status_dict(bench.robot)["buses"]["can"]["load"]
+    # SYNC and two TPDOs a drive each 20 ms, two RPDOs each 100 ms, three heartbeats: 2 % of 1 Mbit/s
+    assert 0.015 < load < 0.035
+    bench.close()
+
+
+def test_clients_learn_where_a_node_is_and_which_eds_describes_it():
+    bench = Bench("status4")
+    listing = nodes_dict(bench.robot)
+    assert listing["buses"] == {"can": {"channel": "memory:status4", "node_id": 1}}
+    left = next(node for node in listing["nodes"] if node["name"] == "left_drive")
+    assert (left["node_id"], left["bus"], left["eds"].rpartition("/")[2]) == (LEFT, "can", "TMCM-1270.eds")
+    assert (left["identity"]["vendor_id"], left["identity"]["product_code"]) == (0x286, 0x4F6)
+    assert json.loads(json.dumps(listing)) == listing
+    bench.close()
