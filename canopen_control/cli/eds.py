@@ -133,11 +133,14 @@ def _issue_document(issue: Issue) -> dict[str, Any]:
 
 def _report_lines(report: dict[str, Any]) -> Iterator[str]:
     for issue in report["issues"]:
-        place = f"{report['file']}:{issue['line']}" if issue["line"] else report["file"]
-        yield f"{place}: {issue['severity']}: {issue['text']} [{issue['code']}]"
-    counts = [f"{report[kind]} {kind}" for kind in ("errors", "warnings", "notes") if report[kind]]
+        yield f"{report['file']}:{issue['line']}: {issue['severity']}: {issue['text']} [{issue['code']}]"
+    counts = [_counted(report[kind], kind) for kind in ("errors", "warnings", "notes") if report[kind]]
     summary = ", ".join(counts) or "no issue"
     yield f"{report['file']}: {report['objects']} objects, {report['entries']} entries: {summary}"
+
+
+def _counted(number: int, plural: str) -> str:
+    return f"{number} {plural if number > 1 else plural.removesuffix('s')}"
 
 
 # --- show ---

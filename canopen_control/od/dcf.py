@@ -120,7 +120,7 @@ def _text(sections: Iterable[tuple[str, _Lines]]) -> str:
 
 
 def _one_line(value: str) -> str:
-    return " ".join(value.splitlines()) if len(value.splitlines()) > 1 else value.rstrip("\r\n")
+    return value.replace("\r\n", " ").replace("\r", " ").replace("\n", " ")
 
 
 def _sections(od: ObjectDictionary, *, is_dcf: bool = False) -> Iterator[tuple[str, _Lines]]:
@@ -238,13 +238,22 @@ def _objects(od: ObjectDictionary) -> Iterator[tuple[str, _Lines]]:
     for index in sorted(od.objects):
         info, subs = od.objects[index], sorted(subindices[index])
         is_compact = bool(_get(info.texts, "compactsubobj"))
-        if info.code in _SCALAR and not is_compact and subs[:1] == [0]:
+        if subs[:1] == [0] and not is_compact and _is_one(info, od[index, 0]):
             yield f"{index:04X}", _entry(od, od[index, 0], info.code)
             subs = subs[1:]
         else:
             yield f"{index:04X}", _object(info, len(subs), is_compact)
         for subindex in subs:
-            yield f"{index:04X}sub{subindex:X}", _entry(od, od[index, subindex], ObjectCode.VAR)
+            entry = od[index, subindex]
+            code = ObjectCode.DOMAIN if entry.data_type is DataType.DOMAIN else ObjectCode.VAR
+            yield f"{index:04X}sub{subindex:X}", _entry(od, entry, code)
+
+
+def _is_one(info: ObjectInfo, entry: Entry) -> bool:
+    """Whether the object is its only value, so that one section tells both; a VAR may have a sub 0 of its own."""
+    if info.code not in _SCALAR or info.name != entry.name:
+        return False
+    return not (info.texts and entry.texts) or info.texts == entry.texts
 
 
 def _object(info: ObjectInfo, count: int, is_compact: bool) -> _Lines:
@@ -285,10 +294,9 @@ def _entry_keys(entry: Entry, told: Entry | None, code: ObjectCode, node_id: int
     def same(*fields: str) -> bool:
         return told is not None and all(getattr(told, field) == getattr(entry, field) for field in fields)
 
-    scalar = ObjectCode.DOMAIN if entry.data_type is DataType.DOMAIN else ObjectCode.VAR
     return {
         "parametername": (entry.name, same("name")),
-        "objecttype": (f"0x{code if code is ObjectCode.DEFTYPE else scalar:X}", told is not None),
+        "objecttype": (f"0x{code:X}", told is not None),
         "datatype": (f"0x{entry.data_type:04X}", same("data_type")),
         "accesstype": (entry.access, same("access")),
         "defaultvalue": (value_text(entry.default, entry.relative), same("default", "relative")),

@@ -23,7 +23,7 @@ class Severity(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class Issue:
-    """Something odd at one line of a file; line 0 is the file as a whole."""
+    """Something odd at one line of a file; what concerns the file as a whole is at line 1."""
 
     path: str
     line: int
@@ -32,8 +32,7 @@ class Issue:
     text: str
 
     def __str__(self) -> str:
-        place = f"{self.path}:{self.line}" if self.line else self.path
-        return f"{place}: {self.severity.value}: {self.text} [{self.code}]"
+        return f"{self.path}:{self.line}: {self.severity.value}: {self.text} [{self.code}]"
 
 
 @dataclass(slots=True)
@@ -44,8 +43,8 @@ class Report:
     issues: list[Issue] = field(default_factory=list)
 
     def add(self, line: int, code: str, severity: Severity, text: str) -> None:
-        """Add an issue."""
-        self.issues.append(Issue(self.path, line, code, severity, text))
+        """Add an issue; line 0 stands for the file as a whole."""
+        self.issues.append(Issue(self.path, max(line, 1), code, severity, text))
 
     def error(self, line: int, code: str, text: str) -> None:
         """Add an ERROR."""

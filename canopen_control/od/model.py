@@ -266,7 +266,8 @@ class ObjectDictionary:
         """Put `entry` in place of what is there; an index new to the dictionary becomes an object of its own."""
         self.entries[entry.address] = entry
         if entry.index not in self.objects:
-            code = ObjectCode.VAR if entry.subindex == 0 else ObjectCode.RECORD
+            scalar = ObjectCode.DOMAIN if entry.data_type is DataType.DOMAIN else ObjectCode.VAR
+            code = scalar if entry.subindex == 0 else ObjectCode.RECORD
             self.objects[entry.index] = ObjectInfo(entry.index, entry.name, code)
 
     def subindices(self, index: int) -> list[int]:

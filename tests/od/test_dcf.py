@@ -1,9 +1,9 @@
 """What is written says the same when it is read."""
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
-from support.eds import MALFORMED, codes, eds, parse, section
+from support.eds import DEVIATIONS, MALFORMED, codes, eds, mutated, parse, section
 
 from canopen_control.data_files import data_path
 from canopen_control.errors import EdsError
@@ -12,7 +12,7 @@ from canopen_control.od.eds import parse_eds, read_eds
 from canopen_control.od.model import Commissioning, DataType, DeviceInfo, Entry, ObjectDictionary
 
 SHIPPED = [data_path("eds", name) for name in ("TMCM-1270.eds", "generic_cia402.eds")]
-FILES = [*SHIPPED, *sorted(MALFORMED.glob("*.eds")), *sorted((MALFORMED.parent / "deviations").glob("*.eds"))]
+FILES = [*SHIPPED, *sorted(MALFORMED.glob("*.eds")), *sorted(DEVIATIONS.glob("*.eds"))]
 
 
 def read_or_skip(path):
@@ -192,3 +192,14 @@ def dictionaries(draw):
 @given(dictionaries())
 def test_any_dictionary_comes_back(od):
     assert parse_eds(eds_text(od).encode()).od.entries == od.entries
+
+
+@settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(mutated(), st.none() | st.integers(1, 127))
+def test_whatever_was_read_comes_back(data, node_id):
+    try:
+        od = parse_eds(data, node_id).od
+    except EdsError:
+        return
+    assume(all(value == value for entry in od for value in (entry.default, entry.low)))  # not a number
+    same(od, parse_eds(eds_text(od).encode(), node_id).od)

@@ -50,7 +50,7 @@ def test_device_info_field_by_field():
 def test_without_device_info_there_is_a_warning_and_nothing_is_made_up():
     file = parse(eds())
     assert file.od.device == DeviceInfo()
-    assert [issue.line for issue in file.issues if issue.code == "device-info"] == [0]
+    assert [issue.line for issue in file.issues if issue.code == "device-info"] == [1]
 
 
 def test_dummies_are_those_that_are_allowed():

@@ -1,0 +1,199 @@
+"""The verb `eds`: what it prints, and its exit codes."""
+
+import argparse
+import json
+
+import pytest
+from support.eds import MALFORMED, eds, section
+
+from canopen_control.cli.eds import EXAMPLE, add_arguments, run
+
+TMCM = "TMCM-1270.eds"
+
+
+@pytest.fixture
+def cli(capsys):
+    def call(*arguments):
+        parser = argparse.ArgumentParser()
+        add_arguments(parser)
+        code = run(parser.parse_args([str(argument) for argument in arguments]))
+        captured = capsys.readouterr()
+        return code, captured.out, captured.err
+
+    return call
+
+
+@pytest.fixture
+def cli_json(cli):
+    def call(*arguments):
+        code, out, _ = cli(*arguments, "--json")
+        return code, json.loads(out)
+
+    return call
+
+
+def malformed(name):
+    return MALFORMED / f"{name}.eds"
+
+
+@pytest.mark.parametrize("name", [TMCM, "generic_cia402.eds"])
+def test_the_bundled_files_are_good(cli, name):
+    code, out, err = cli("check", name)
+    assert (code, err) == (0, "")
+    assert out.startswith(f"{name}: ")
+    assert out.endswith("entries: no issue\n")
+
+
+def test_the_example_is_a_command_that_works(cli):
+    assert EXAMPLE.split()[:2] == ["canopen-control", "eds"]
+    assert cli(*EXAMPLE.split()[2:])[0] == 0
+
+
+def test_an_error_is_told_with_its_line_and_exit_code_1(cli):
+    code, out, _ = cli("check", malformed("24_my_node_id"))
+    assert code == 1
+    assert "24_my_node_id.eds:93: error: DefaultValue=$MY_NODE_ID+0x200" in out
+    assert out.endswith("10 entries: 1 error\n")
+
+
+def test_warnings_alone_are_good(cli):
+    code, out, _ = cli("check", malformed("39_pdomapping_empty"))
+    assert code == 0
+    assert ":131: warning:" in out
+
+
+def test_a_file_that_is_no_eds_is_an_error_among_the_others(cli_json):
+    code, reports = cli_json("check", TMCM, malformed("44_xdd"))
+    assert code == 1
+    assert [report["errors"] for report in reports] == [0, 1]
+    (issue,) = reports[1]["issues"]
+    assert (issue["line"], issue["code"], issue["severity"]) == (1, "not-canopen", "error")
+    assert "XDD" in issue["text"]
+
+
+def test_a_report_in_json(cli_json):
+    code, (report,) = cli_json("check", malformed("06_dup_key"))
+    assert code == 0
+    assert (report["objects"], report["entries"], report["warnings"]) == (6, 10, 1)
+    assert report["issues"][0]["line"] == 53
+
+
+@pytest.mark.parametrize(
+    "arguments", [("check", "none.eds", TMCM), ("show", "none.eds"), ("diff", TMCM, "none.eds"), ("pdos", "none.eds")]
+)
+def test_a_file_that_is_not_there_is_exit_code_2(cli, arguments):
+    code, out, err = cli(*arguments)
+    assert (code, out) == (2, "")
+    assert err == "canopen-control: no such file: none.eds\n"
+
+
+@pytest.mark.parametrize("arguments", [(), ("check",), ("show",), ("show", TMCM, "--node-id", "128"), ("diff", TMCM)])
+def test_wrong_usage_is_exit_code_2(cli, arguments):
+    with pytest.raises(SystemExit) as caught:
+        cli(*arguments)
+    assert caught.value.code == 2
+
+
+@pytest.mark.parametrize("action", ["show", "pdos"])
+def test_a_file_that_is_no_eds_cannot_be_shown(cli, action):
+    code, out, err = cli(action, malformed("43_empty"))
+    assert (code, out) == (1, "")
+    assert "is empty" in err
+
+
+def test_one_value_is_shown_with_type_access_default_and_mappability(cli):
+    code, out, _ = cli("show", TMCM, "607D:1")
+    assert code == 0
+    header, row = out.splitlines()
+    assert header.split() == ["address", "name", "type", "access", "PDO", "default", "limits"]
+    assert row.split("  ")[0] == "0x607D:01"
+    assert row.split()[-5:] == ["INTEGER32", "rw", "-", "-2147483647", "-"]
+    assert cli("show", TMCM, "60FF")[1].splitlines()[1].split()[-3] == "RT"
+    assert cli("show", TMCM, "0x1600:0")[1].splitlines()[1].split()[-1] == "0..3"
+
+
+def test_a_whole_object_and_a_whole_file_are_shown(cli):
+    assert len(cli("show", TMCM, "0x1018")[1].splitlines()) == 1 + 5
+    assert len(cli("show", TMCM)[1].splitlines()) == 1 + 243
+
+
+@pytest.mark.parametrize(
+    ("name", "rows"),
+    [("Target velocity", 1), ("TARGET VELOCITY", 1), ("Identity object", 5), ("Identity object.Serial number", 1)],
+)
+def test_objects_have_names_for_people(cli, name, rows):
+    code, out, _ = cli("show", TMCM, name)
+    assert (code, len(out.splitlines())) == (0, 1 + rows)
+
+
+def test_an_object_that_is_not_there_is_exit_code_1_with_a_hint(cli):
+    code, out, err = cli("show", TMCM, "velocity actual")
+    assert (code, out) == (1, "")
+    assert "no object 'velocity actual'; did you mean 0x606C Velocity actual value?" in err
+    assert cli("show", TMCM, "603F")[0] == 1
+
+
+def test_the_node_id_is_left_open_or_filled_in(cli, cli_json):
+    assert "$NODEID+0x40000200" in cli("show", TMCM, "1400:1")[1]
+    assert "0x40000205" in cli("show", TMCM, "1400:1", "--node-id", "5")[1]
+    _, (entry,) = cli_json("show", TMCM, "1400:1")
+    assert (entry["default"], entry["plus_node_id"]) == (0x40000200, True)
+    _, (entry,) = cli_json("show", TMCM, "1400:1", "--node-id", "5")
+    assert (entry["default"], entry["plus_node_id"]) == (0x40000205, False)
+
+
+def test_limits_may_have_the_node_id(cli, tmp_path):
+    path = tmp_path / "a.eds"
+    path.write_text(eds(LowLimit="$NODEID+0x10", HighLimit="0x20"))
+    assert "$NODEID+0x00000010..0x00000020" in cli("show", path)[1]
+    assert "0x00000013..0x00000020" in cli("show", path, "--node-id", "3")[1]
+
+
+def test_values_that_json_lacks_are_text(cli_json, tmp_path):
+    path = tmp_path / "a.eds"
+    path.write_text(eds(data_type=8, DefaultValue="0x7FC00000") + eds("2001", data_type=15, DefaultValue="01 02"))
+    _, entries = cli_json("show", path)
+    assert [entry["default"] for entry in entries] == ["0x7FF8000000000000", "0102"]
+
+
+def test_files_with_the_same_objects_do_not_differ(cli):
+    assert cli("diff", TMCM, TMCM) == (0, "", "")
+
+
+def test_differences_are_told_value_by_value(cli, cli_json, tmp_path):
+    a, b = tmp_path / "a.eds", tmp_path / "b.eds"
+    a.write_text(eds("2000", DefaultValue=1) + eds("2001"))
+    b.write_text(eds("2000", DefaultValue=2, data_type=6, name="Other") + eds("2002"))
+    code, out, _ = cli("diff", a, b)
+    assert code == 1
+    assert out.splitlines() == [
+        "~ 0x2000:00 Other: name Thing -> Other, data_type UNSIGNED32 -> UNSIGNED16, default 1 -> 2",
+        "- 0x2001:00 Thing",
+        "+ 0x2002:00 Thing",
+    ]
+    code, changes = cli_json("diff", a, b)
+    assert (code, [change["change"] for change in changes]) == (1, ["changed", "removed", "added"])
+    assert changes[0]["fields"]["default"] == {"a": 1, "b": 2}
+
+
+def test_the_map_of_the_pdos_with_bits_used_of_64(cli, cli_json):
+    code, out, _ = cli("pdos", TMCM)
+    assert code == 0
+    assert "RPDO4  off  500+node  type 254  48 of 64 bits, 3 slots" in out.splitlines()
+    assert "    0x60FF:00  32 bits  Target velocity" in out.splitlines()
+    assert "RPDO3  on   403  type 255  48 of 64 bits, 3 slots" in cli("pdos", TMCM, "--node-id", "3")[1].splitlines()
+    _, pdos = cli_json("pdos", TMCM, "--node-id", "3")
+    assert [pdo["bits"] for pdo in pdos] == [16, 24, 48, 48] * 2
+    assert (pdos[3]["enabled"], pdos[3]["cob_id"], pdos[3]["cob_id_entry"]) == (False, 0x503, 0xC0000503)
+
+
+def test_pdos_that_are_not_whole_are_shown_too(cli, tmp_path):
+    path = tmp_path / "a.eds"
+    mapping = section("1600", ParameterName="M", ObjectType=9)
+    mapping += eds("1600sub1", DefaultValue="0x00050008") + eds("1600sub2", DefaultValue="0x60400010")
+    path.write_text(mapping)
+    assert cli("pdos", path)[1].splitlines() == [
+        "RPDO1  off  no COB-ID  type ?  24 of 64 bits, 2 slots",
+        "    0x0005:00   8 bits  dummy",
+        "    0x6040:00  16 bits  (not in the file)",
+    ]
