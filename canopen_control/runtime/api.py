@@ -14,8 +14,11 @@ The whole protocol. The server speaks first: `{"hello": {"robot", "version", "pr
   controllers                                       name, type, state, interfaces of each
   switch       activate, deactivate, strict         controller names
   nmt          command, node                        start, stop, preop, reset-node, reset-comm
-  sdo_read     node, index, subindex                `{"data": hex}`
-  sdo_write    node, index, subindex, data (hex)
+  nodes                                             `{"buses": {bus: {"channel", "node_id"}}, "nodes": [{"name",
+                                                    "node_id", "bus", "eds", "identity"}]}`: the master's node ids;
+                                                    paths; what boot expects of 0x1000 and 0x1018 (0: anything)
+  sdo_read     node, index, subindex, block, timeout   `{"data": hex}`; block true asks for block transfer
+  sdo_write    node, index, subindex, data (hex), timeout   seconds for each answer; default: the node's
   description                                       `{"urdf": text}`
 
 A client that reads too slowly is dropped; a client that dies changes nothing but that its commands time out.
@@ -34,7 +37,7 @@ from canopen_control.hardware.joint import Action
 from canopen_control.host.jsonlines import LineServer, encode
 from canopen_control.host.sockets import socket_path
 from canopen_control.master.events import Event, Level
-from canopen_control.runtime.status import event_dict, state_dict, status_dict
+from canopen_control.runtime.status import event_dict, nodes_dict, state_dict, status_dict
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -47,6 +50,8 @@ __all__ = ["PROTOCOL", "ApiServer"]
 
 PROTOCOL = 1
 MAX_RATE = 1000.0  # Hz, of the state stream
+MAX_TIMEOUT_S = 60.0  # of one SDO answer
+MAX_OBJECT = 400_000  # bytes of an uploaded object that an answer can carry
 _NMT = {
     "start": NmtCommand.START,
     "stop": NmtCommand.STOP,
@@ -100,8 +105,13 @@ class _Call:
         """Answer the end of an SDO transfer."""
         if request.error is not None:
             self.refuse(request.error)
+        elif request.is_write:
+            self.reply({})
+        elif len(request.data) > MAX_OBJECT:
+            text = f"0x{request.index:04X}:{request.subindex:02X} has {len(request.data)} bytes, more than {MAX_OBJECT}"
+            self.refuse(LocalProtocolError(f"{text}; end the robot and upload it straight from the bus"))
         else:
-            self.reply({} if request.is_write else {"data": (request.data or b"").hex()})
+            self.reply({"data": request.data.hex()})
 
 
 class ApiServer:
@@ -123,6 +133,7 @@ class ApiServer:
             "axis": self._axis,
             "controllers": lambda call: call.reply([asdict(info) for info in robot.manager.list()]),
             "switch": self._switch,
+            "nodes": lambda call: call.reply(nodes_dict(robot)),
             "nmt": self._nmt,
             "sdo_read": self._sdo_read,
             "sdo_write": self._sdo_write,
@@ -225,17 +236,31 @@ class ApiServer:
         call.reply({})
 
     def _sdo_read(self, call: _Call) -> None:
-        node = self._robot.node(str(call.params["node"]))
-        request = node.sdo.read(int(call.params["index"]), int(call.params.get("subindex", 0)))
+        node, (index, subindex) = self._robot.node(str(call.params["node"])), _address(call)
+        block = bool(call.params.get("block", False))
+        request = node.sdo.read(index, subindex, block=block, timeout_ns=_timeout(call))
         request.context = call.ended
         self._robot.bus_of(node).send_waiting()
 
     def _sdo_write(self, call: _Call) -> None:
-        node = self._robot.node(str(call.params["node"]))
+        node, (index, subindex) = self._robot.node(str(call.params["node"])), _address(call)
         data = bytes.fromhex(str(call.params["data"]))
-        request = node.sdo.write(int(call.params["index"]), int(call.params.get("subindex", 0)), data)
+        request = node.sdo.write(index, subindex, data, timeout_ns=_timeout(call))
         request.context = call.ended
         self._robot.bus_of(node).send_waiting()
+
+
+def _address(call: _Call) -> tuple[int, int]:
+    return int(call.params["index"]), int(call.params.get("subindex", 0))
+
+
+def _timeout(call: _Call) -> int | None:
+    seconds = call.params.get("timeout")
+    if seconds is None:
+        return None
+    if not 0.0 < float(seconds) <= MAX_TIMEOUT_S:
+        raise LocalProtocolError(f"timeout {seconds} s: it must be above 0 and at most {MAX_TIMEOUT_S:g}")
+    return round(float(seconds) * 1e9)
 
 
 def _choice(kind: type[Action], text: object) -> Action:

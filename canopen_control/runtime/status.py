@@ -7,6 +7,7 @@ as in bus.yml and the description. Keys may be added, never renamed.
 from __future__ import annotations
 
 import math
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from canopen_control.cia402.modes import mode_name
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
     from canopen_control.master.node import RemoteNode
     from canopen_control.runtime.core import RobotCore
 
-__all__ = ["event_dict", "state_dict", "status_dict"]
+__all__ = ["event_dict", "nodes_dict", "state_dict", "status_dict"]
 
 _MAX_EVENTS = 50
 
@@ -48,6 +49,25 @@ def status_dict(robot: RobotCore) -> dict[str, Any]:
 def state_dict(robot: RobotCore) -> dict[str, Any]:
     """Return one sample of the state stream."""
     return {"time": (robot.reactor.now() + robot.wall_offset_ns) / 1e9, **_common(robot)}
+
+
+def nodes_dict(robot: RobotCore) -> dict[str, Any]:
+    """Return where each node is and which EDS describes it, for clients that talk to it in its own words."""
+    return {
+        "buses": {
+            name: {"channel": bus.channel, "node_id": bus.config.master.node_id} for name, bus in robot.buses.items()
+        },
+        "nodes": [
+            {
+                "name": name,
+                "node_id": node.node_id,
+                "bus": robot.bus_of(node).name,
+                "eds": str(robot.setup.bus.eds_paths[name].resolve()),
+                "identity": asdict(node.plan.identity),
+            }
+            for name, node in robot.nodes.items()
+        ],
+    }
 
 
 def event_dict(robot: RobotCore, event: Event) -> dict[str, Any]:
