@@ -1,0 +1,196 @@
+"""Every process of a robot is killed in turn: the wheels stop, the death is named, nobody survives."""
+
+import os
+import signal
+
+import pytest
+from support.host import eventually
+from support.localbus import hub_status
+from support.processes import GONE_S, seconds_until
+from support.robots import copy_robby
+
+from canopen_control.bus.channel import open_port
+from canopen_control.client import RobotClient
+
+LEFT, RIGHT = 3, 2
+NODES = (LEFT, RIGHT)
+SPEED = 10 / 0.003926990816987242  # microsteps/s at 10 rad/s
+RAMP_S = SPEED / 16000  # by 0x6084 and 0x6085
+CONSUMER_S = 0.5  # 0x1016: five heartbeats of 100 ms
+SLACK_S = 0.1  # of a busy machine
+
+
+@pytest.fixture
+def turning(stage, probe):
+    """Return what starts a robot and turns its wheels: program, and the drives' own probes."""
+
+    def start(name, *options, apart=False, config="robby"):
+        if apart:
+            for node_id in NODES:
+                stage.drive(name, node_id)
+            options = (*options, "--no-drives")
+        robot = stage.start("run", config, "--name", name, "--can", f"local:{name}", *options)
+        robot.until(f"{name} runs")
+        stage.start("command", "robby_forward_controller", 10, 10, "--name", name)
+        probes = [probe(name, node_id) for node_id in NODES]
+        assert eventually(lambda: all(abs(each.speed) == pytest.approx(SPEED, rel=0.01) for each in probes))
+        return robot, probes
+
+    return start
+
+
+def standing(probes):
+    return all(abs(each.speed) < 1 for each in probes)
+
+
+def position(probe):
+    return probe.state["axes"][0]["plant"]["position"]
+
+
+def events(client):
+    return [event["text"] for event in client.call("status")["events"]]
+
+
+def test_when_the_runtime_is_killed_the_drives_stop_by_their_own_consumer(stage, turning):
+    robot, probes = turning("killed", apart=True)
+    robot.end(signal.SIGKILL)
+    took = seconds_until(lambda: standing(probes), 5)
+    assert CONSUMER_S - 0.1 <= took <= CONSUMER_S + RAMP_S + SLACK_S
+    for each in probes:
+        assert each.power == "FAULT"
+        assert each.state["errors"] == [0x8130]
+
+
+def test_without_a_reaction_to_the_lost_master_the_wheels_would_turn_on(stage, turning, tmp_path):
+    config = copy_robby(tmp_path, bus={"error_behavior: {1: 2}": "error_behavior: {1: 0}"})
+    robot, probes = turning("onwards", apart=True, config=config)
+    robot.end(signal.SIGKILL)
+    seconds_until(lambda: all(0x8130 in each.state["errors"] for each in probes), 5)  # they noticed, all the same
+    begin = [position(each) for each in probes]
+    ways = lambda: [abs(position(each) - start) for each, start in zip(probes, begin, strict=True)]  # noqa: E731
+    seconds_until(lambda: min(ways()) > 1.5 * SPEED, 5)
+    assert all(abs(each.speed) == pytest.approx(SPEED, rel=0.01) for each in probes)
+    assert all(each.power == "OPERATION_ENABLED" for each in probes)
+
+
+def test_nobody_survives_a_killed_runtime(stage, turning):
+    robot, probes = turning("orphans")
+    command = stage.programs[-1]
+    hub, drives = hub_status("orphans")["pid"], [each.hello["pid"] for each in probes]
+    assert set(stage.survivors()) == {robot.pid, command.pid, hub, *drives}
+    robot.end(signal.SIGKILL)
+    stage.nobody_is_left(GONE_S)
+    assert command.wait() == 1
+    assert "robot orphans" in command.err
+    assert "Traceback" not in command.err
+
+
+def test_a_hung_runtime_looks_dead_to_the_drives(stage, turning):
+    robot, probes = turning("hung")
+    os.kill(robot.pid, signal.SIGSTOP)
+    try:
+        took = seconds_until(lambda: standing(probes), 5)
+    finally:
+        os.kill(robot.pid, signal.SIGCONT)
+    assert took <= CONSUMER_S + RAMP_S + SLACK_S
+    assert all(each.power == "FAULT" for each in probes)
+    with RobotClient.connect("hung") as client:
+        assert eventually(lambda: all(node["ready"] for node in client.call("status")["nodes"].values()))
+        status = client.call("status")
+    assert status["state"] == "fault"
+    assert status["cycle"]["missed"] > 10
+    assert standing(probes)  # although somebody still commands 10 rad/s
+    assert stage.call("axis", "enable", "all").wait() == 1
+    assert stage.call("axis", "fault-reset", "all").wait() == 0
+    assert standing(probes)
+    assert stage.call("axis", "enable", "all").wait() == 0
+    assert eventually(lambda: not standing(probes))
+    assert robot.end() == 0, robot
+
+
+def test_when_the_hub_is_killed_the_run_ends_with_one_sentence(stage, turning):
+    robot, _ = turning("nohub")
+    os.kill(hub_status("nohub")["pid"], signal.SIGKILL)
+    assert robot.wait() == 1
+    assert robot.err.startswith("canopen-control: bus local:nohub")
+    assert robot.err.count("\n") == 1
+    assert "Traceback" not in robot.out
+    stage.nobody_is_left(GONE_S)
+
+
+@pytest.mark.parametrize(("node", "other"), [("left_drive", "right_drive"), ("right_drive", "left_drive")])
+def test_when_a_drive_is_killed_the_robot_stops_and_names_it_and_runs_on(stage, turning, node, other):
+    robot, probes = turning("drive")
+    victim, rest = probes if node == "left_drive" else probes[::-1]
+    pid = victim.hello["pid"]
+    os.kill(pid, signal.SIGKILL)
+    took = seconds_until(lambda: abs(rest.speed) < 1, 5)
+    assert took <= CONSUMER_S + RAMP_S + SLACK_S
+    with RobotClient.connect("drive") as client:
+        status = client.call("status")
+        assert status["state"] == "fault"
+        assert f"node {victim.hello['node_id']} ({node})" in status["nodes"][node]["error"]
+        assert status["nodes"][other]["nmt_state"] == "OPERATIONAL"
+        assert any(f"process drive-{node} (pid {pid}) was ended by signal 9" in text for text in events(client))
+        assert any(f"({node})" in text and "no heartbeat" in text for text in events(client))
+    assert eventually(lambda: rest.power == "SWITCH_ON_DISABLED")
+    assert robot.running
+    assert robot.end() == 0, robot
+    stage.nobody_is_left(GONE_S)
+
+
+def test_a_drive_that_comes_back_moves_again_after_an_enable_and_not_before(stage, turning):
+    robot, probes = turning("back", apart=True)
+    stage.programs[0].end(signal.SIGKILL)  # the left drive
+    assert eventually(lambda: standing(probes[1:]))
+    stage.drive("back", LEFT)
+    with RobotClient.connect("back") as client:
+        assert eventually(lambda: client.call("status")["state"] == "running")
+        assert standing(probes[1:])  # although somebody still commands 10 rad/s
+        assert stage.call("axis", "enable", "all", "--name", "back").wait() == 0
+        joints = lambda: client.call("status")["joints"].values()  # noqa: E731
+        assert eventually(lambda: all(each["velocity"] == pytest.approx(10, rel=0.01) for each in joints()))
+    assert robot.end() == 0, robot
+
+
+def test_a_frozen_drive_stops_the_robot_and_is_booted_again_when_it_thaws(stage, turning):
+    robot, probes = turning("frozen")
+    pid = probes[1].hello["pid"]
+    os.kill(pid, signal.SIGSTOP)
+    try:
+        seconds_until(lambda: abs(probes[0].speed) < 1, 5)
+        with RobotClient.connect("frozen") as client:
+            assert client.call("status")["state"] == "fault"
+    finally:
+        os.kill(pid, signal.SIGCONT)
+    with RobotClient.connect("frozen") as client:
+        assert eventually(lambda: client.call("status")["state"] == "running")
+        assert any("(right_drive)" in text and "booting it again" in text for text in events(client))
+    assert robot.end() == 0, robot
+
+
+def test_a_client_that_dies_while_commanding_is_a_command_that_times_out(stage, probe):
+    stage.robby("widow")
+    probes = [probe("widow", node_id) for node_id in NODES]
+    command = stage.start("command", "robby_forward_controller", 10, 10, "--name", "widow")
+    assert eventually(lambda: all(abs(each.speed) > 0.99 * SPEED for each in probes))
+    command.end(signal.SIGKILL)
+    took = seconds_until(lambda: standing(probes), 5)
+    assert 1.8 <= took <= 2.0 + RAMP_S + SLACK_S  # command_timeout: 2.0
+    with RobotClient.connect("widow") as client:
+        assert any("no command for 2.0" in text for text in events(client))
+        assert client.call("status")["state"] == "running"
+        assert all(each.power == "OPERATION_ENABLED" for each in probes)
+
+
+def test_the_bus_outlives_a_robot_that_is_not_alone_on_it(stage):
+    """The hub belongs to nobody: who else is on the bus keeps it."""
+    robot = stage.robby("shared")
+    port = open_port("local:shared", label="another")
+    try:
+        robot.end(signal.SIGKILL)
+        assert eventually(lambda: [each["label"] for each in hub_status("shared")["members"]] == ["another"], GONE_S)
+        assert stage.robby("shared").end() == 0
+    finally:
+        port.close()
+    stage.nobody_is_left(GONE_S)

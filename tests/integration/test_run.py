@@ -1,0 +1,136 @@
+"""`run robby` from boot to clean end, as somebody else on the bus sees it."""
+
+import contextlib
+import struct
+import threading
+
+import pytest
+from support.host import eventually
+from support.listener import SYNC, Witness, gaps
+
+from canopen_control.client import RobotClient
+
+LEFT, RIGHT = 3, 2
+RAD = {LEFT: -0.003926990816987242, RIGHT: 0.003926990816987242}  # per microstep; the left motor is mirrored
+STATUSWORD, POSITION, VELOCITY = 0x6041, 0x6064, 0x606C
+RAMP_S = 10 / 0.003926990816987242 / 16000  # to 10 rad/s, by 0x6083
+TPDOS = {0x180 + LEFT, 0x280 + LEFT, 0x180 + RIGHT, 0x280 + RIGHT}
+
+
+@pytest.fixture
+def witness():
+    with contextlib.ExitStack() as stack:
+
+        def open_witness(name):
+            witness = Witness(name)
+            stack.callback(witness.close)
+            return witness
+
+        yield open_witness
+
+
+def enabled(statusword):
+    return statusword & 0x6F == 0x27
+
+
+def statuswords(frames, node_id):
+    return [
+        (time, struct.unpack_from("<H", data)[0]) for time, identifier, data in frames if identifier == 0x180 + node_id
+    ]
+
+
+def controlwords(frames, node_id):
+    return [
+        (time, struct.unpack_from("<H", data)[0]) for time, identifier, data in frames if identifier == 0x200 + node_id
+    ]
+
+
+def test_a_witness_sees_both_wheels_at_ten_rad_per_second_and_no_frame_missing(stage, witness):
+    sees = witness("wheels")
+    robot = stage.robby("wheels", "--duration", 5)
+    for node_id in (LEFT, RIGHT):
+        sees.join(node_id)
+    command = stage.start("command", "robby_forward_controller", 10, 10, "--for", 2.5, "--name", "wheels")
+    for node_id in (LEFT, RIGHT):
+        assert eventually(lambda node_id=node_id: any(value for _, value in sees.series(node_id, VELOCITY)))
+        node = sees.nodes[node_id]
+        assert sees.patiently(lambda node=node: node.sdo[0x1018][1].raw) == 0x286
+        assert sees.patiently(lambda node=node: node.sdo[0x1008].raw).startswith("TMCM-1270")
+    assert command.wait() == 0, command
+    assert robot.wait() == 0, robot
+    assert robot.err == ""
+
+    for node_id in (LEFT, RIGHT):
+        speeds = [(time, RAD[node_id] * value) for time, value in sees.series(node_id, VELOCITY)]
+        begin = next(time for time, speed in speeds if speed)
+        steady = [(time, speed) for time, speed in speeds if begin + RAMP_S + 0.04 <= time <= begin + 2.4]
+        assert len(steady) > 90
+        assert all(abs(speed - 10.0) <= 0.1 for _, speed in steady), steady
+        assert all(speed < 9.9 for time, speed in speeds if time < begin + RAMP_S - 0.06), "it did not ramp"
+        positions = [(time, RAD[node_id] * value) for time, value in sees.series(node_id, POSITION)]
+        held = [each for each in positions if begin + RAMP_S + 0.04 <= each[0] <= begin + 2.4]
+        cycles = sum(held[0][0] < time <= held[-1][0] for time, identifier, _ in sees.frames if identifier == SYNC)
+        assert (held[-1][1] - held[0][1]) / (0.02 * cycles) == pytest.approx(10.0, rel=0.01)
+        assert speeds[-1][1] == 0.0
+
+    ready = [time for time, identifier, data in sees.frames if identifier == 0x000 and data[0] == 1][-1] + 0.1
+    stop = next(
+        time for time, identifier, data in sees.frames if identifier == 0x000 and data[0] == 0x82 and time > ready
+    )
+    live = [frame for frame in sees.frames if ready < frame[0] < stop]
+    assert sum(identifier == SYNC for _, identifier, _ in live) > 240
+    assert gaps(live, TPDOS) == []
+    assert sees.lost == 0
+
+
+def test_drives_are_enabled_only_once_the_controller_is_active_and_disabled_before_the_bus_is_left(stage, witness):
+    sees = witness("order")
+    robot = stage.start(
+        "run", "robby", "--name", "order", "--can", "local:order", "--controller", "joint_state_broadcaster"
+    )
+    robot.until("order runs")
+    with RobotClient.connect("order") as client:
+        idle = client.call("status")["cycle"]["count"]
+        assert eventually(lambda: client.call("status")["cycle"]["count"] > idle + 25)
+        assert not any(enabled(word) for node in (LEFT, RIGHT) for _, word in statuswords(sees.frames, node))
+        assert not any(word & 0x08 for node in (LEFT, RIGHT) for _, word in controlwords(sees.frames, node))
+        client.call("switch", activate=["robby_forward_controller"], deactivate=[])
+        assert eventually(lambda: all(joint_enabled(client)))
+        activated = next(
+            event for event in client.call("status")["events"] if "robby_forward_controller" in event["text"]
+        )
+    assert robot.end() == 0, robot
+    for node in (LEFT, RIGHT):
+        first = next(time for time, word in controlwords(sees.frames, node) if word & 0x08)
+        assert first >= activated["time"] - 0.005  # the event bears the time at which its cycle began
+        assert any(enabled(word) for _, word in statuswords(sees.frames, node))
+        assert not enabled(statuswords(sees.frames, node)[-1][1])
+    assert sees.lost == 0
+
+
+def joint_enabled(client):
+    nodes = client.call("status")["nodes"].values()
+    return [axis["cia402_state"] == "OPERATION_ENABLED" for node in nodes for axis in node["axes"]]
+
+
+def test_sdo_of_another_client_at_the_same_time_disturbs_none_of_ours(stage, witness):
+    sees = witness("clash")
+    stage.robby("clash")
+    node = sees.join(LEFT)
+    theirs, over = [], threading.Event()
+
+    def read_on():
+        while not over.is_set():
+            theirs.append(sees.patiently(lambda: node.sdo[0x2000].raw))
+
+    reader = threading.Thread(target=read_on)
+    with RobotClient.connect("clash") as client:
+        reader.start()
+        ours = [client.call("sdo_read", node="left_drive", index=0x1018, subindex=1)["data"] for _ in range(50)]
+        over.set()
+        reader.join()
+        status = client.call("status")
+    assert ours == ["86020000"] * 50
+    assert set(theirs) == {3}
+    assert status["state"] == "running"
+    assert status["buses"]["can"]["lost"] == 0

@@ -1,0 +1,86 @@
+"""An independent witness on a `local:` bus: the `canopen` package, joined through the python-can plugin.
+
+It shares no code with the master and none with the virtual drives, the hub's port apart: frames are decoded by the
+`canopen` package, with the EDS as it reads it and the PDO mapping as it reads it out of the drives.
+"""
+
+from __future__ import annotations
+
+import threading
+from typing import TYPE_CHECKING, Any
+
+import can
+import canopen
+
+from canopen_control.data_files import data_path
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+SYNC = 0x080
+
+
+class Witness(can.Listener):
+    """Hears a bus from construction on; `frames` are (seconds, identifier, data) in the order they came."""
+
+    def __init__(self, name: str) -> None:
+        self.frames: list[tuple[float, int, bytes]] = []
+        self.values: dict[int, list[tuple[float, dict[int, int]]]] = {}
+        self.nodes: dict[int, canopen.RemoteNode] = {}
+        self._lock = threading.Lock()
+        self.network = canopen.Network()
+        self.network.listeners.append(self)
+        self.network.connect(interface="canopen_control", channel=name, label="witness")
+        self.clashes = 0
+
+    @property
+    def lost(self) -> int:
+        """How many frames this end has lost."""
+        return self.network.bus._port.stats.lost
+
+    def on_message_received(self, msg: can.Message) -> None:
+        assert not msg.is_error_frame
+        self.frames.append((msg.timestamp, msg.arbitration_id, bytes(msg.data)))
+
+    def join(self, node_id: int) -> canopen.RemoteNode:
+        """Make a node known, read its PDO mapping out of it, and keep what its TPDOs say in `values`."""
+        node = self.network.add_node(node_id, str(data_path("eds", "TMCM-1270.eds")))
+        node.sdo.RESPONSE_TIMEOUT = 0.5
+        self.nodes[node_id] = node
+        self.values[node_id] = []
+        self.patiently(node.tpdo.read)
+        for pdo in node.tpdo.values():
+            pdo.add_callback(lambda pdo, node_id=node_id: self._keep(node_id, pdo))
+        return node
+
+    def patiently(self, work: Callable[[], Any]) -> Any:
+        """Do SDO transfers; a server has one client, so that a clash with the master's is tried again and counted."""
+        for _ in range(50):
+            try:
+                return work()
+            except (canopen.SdoCommunicationError, canopen.SdoAbortedError):
+                self.clashes += 1
+        return work()
+
+    def _keep(self, node_id: int, pdo: Any) -> None:
+        self.values[node_id].append((pdo.timestamp, {variable.index: variable.raw for variable in pdo}))
+
+    def series(self, node_id: int, index: int) -> list[tuple[float, int]]:
+        """Return (seconds, value) of an object as the TPDOs of a node showed it."""
+        return [(time, values[index]) for time, values in list(self.values[node_id]) if index in values]
+
+    def close(self) -> None:
+        self.network.disconnect()
+
+
+def gaps(frames: list[tuple[float, int, bytes]], identifiers: set[int]) -> list[str]:
+    """Return every SYNC, the last apart, after which not each of the identifiers came once before the next one."""
+    found, since, seen = [], None, []
+    for time, identifier, _ in frames:
+        if identifier == SYNC:
+            if since is not None and sorted(seen) != sorted(identifiers):
+                found.append(f"{since:.3f}: {[hex(each) for each in seen]}")
+            since, seen = time, []
+        elif identifier in identifiers:
+            seen.append(identifier)
+    return found

@@ -1,0 +1,211 @@
+"""Real processes of a test: started, watched, ended by their ids, and none of them left behind.
+
+A process belongs to a test when its environment names the test's own runtime folder. That finds the children of
+children and the hub as well, and nothing that anybody else has started.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from support.host import eventually
+from support.localbus import end_hubs
+
+from canopen_control.host.lineclient import LineClient
+from canopen_control.virtual.control import control_path
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+PATIENCE_S = 20.0
+GONE_S = 10.0  # nobody may be there longer than this after the death of whom he depends on
+
+
+class Program:
+    """One process of the command line; `out` and `err` are what it has printed so far."""
+
+    def __init__(self, arguments: list[str], folder: Path, number: int, environment: dict[str, str]) -> None:
+        self.arguments = arguments
+        self._paths = [folder / f"{number}-{arguments[0]}.{kind}" for kind in ("out", "err")]
+        with self._paths[0].open("wb") as out, self._paths[1].open("wb") as err:
+            self._process = subprocess.Popen(
+                [sys.executable, "-m", "canopen_control", *arguments],
+                cwd=folder,
+                env={**os.environ, **environment},
+                stdin=subprocess.DEVNULL,
+                stdout=out,
+                stderr=err,
+            )
+        self.pid = self._process.pid
+
+    @property
+    def out(self) -> str:
+        return self._paths[0].read_text()
+
+    @property
+    def err(self) -> str:
+        return self._paths[1].read_text()
+
+    @property
+    def running(self) -> bool:
+        return self._process.poll() is None
+
+    def until(self, text: str, seconds: float = PATIENCE_S) -> str:
+        """Wait until it has printed `text`, and return the line that holds it."""
+        assert eventually(lambda: text in self.out or not self.running, seconds), f"{self} has not said {text!r}"
+        line = next((line for line in self.out.splitlines() if text in line), None)
+        assert line is not None, f"{self} ended without saying {text!r}"
+        return line
+
+    def send(self, number: int) -> None:
+        """Send a signal, to this process alone."""
+        self._process.send_signal(number)
+
+    def wait(self, seconds: float = PATIENCE_S) -> int:
+        """Wait for its end and return the exit code."""
+        try:
+            return self._process.wait(seconds)
+        except subprocess.TimeoutExpired:
+            raise AssertionError(f"{self} has not ended within {seconds} s") from None
+
+    def end(self, number: int = signal.SIGTERM, seconds: float = PATIENCE_S) -> int:
+        """End it by a signal; returns the exit code."""
+        if self.running:
+            self.send(number)
+        return self.wait(seconds)
+
+    def __str__(self) -> str:
+        return f"{' '.join(self.arguments)} (pid {self.pid}); out: {self.out!r}, err: {self.err!r}"
+
+
+class Stage:
+    """The processes of one test; `folder` is its runtime folder, `place` where they run."""
+
+    def __init__(self, folder: Path, place: Path) -> None:
+        self.folder, self.place = folder, place
+        self.programs: list[Program] = []
+
+    def start(self, *arguments: object, **environment: str) -> Program:
+        """Start `canopen-control ARGUMENTS` and go on."""
+        environment.setdefault("_ROS_WHEELS_BOOTSTRAP_COMPLETE", "1")
+        words = [str(argument) for argument in arguments]
+        program = Program(words, self.place, len(self.programs), environment)
+        self.programs.append(program)
+        return program
+
+    def call(self, *arguments: object, seconds: float = PATIENCE_S, **environment: str) -> Program:
+        """Run `canopen-control ARGUMENTS` to its end."""
+        program = self.start(*arguments, **environment)
+        program.wait(seconds)
+        return program
+
+    def robby(self, name: str, *options: object) -> Program:
+        """Start robby on a bus of its own, and wait until it runs."""
+        program = self.start("run", "robby", "--name", name, "--can", f"local:{name}", *options)
+        program.until(f"{name} runs")
+        return program
+
+    def drive(self, name: str, node_id: int, *options: object) -> Program:
+        """Start one virtual drive on its own, without the lifeline of a robot."""
+        program = self.start(
+            "drive", "--node-id", node_id, "--eds", "TMCM-1270.eds", "--can", f"local:{name}", *options
+        )
+        program.until("ready on")
+        return program
+
+    def survivors(self) -> dict[int, str]:
+        """Return all processes of the test that are there, by their id."""
+        return processes_of(self.folder)
+
+    def pid_of(self, words: str) -> int:
+        """Return the id of the only process of the test whose command line holds `words`."""
+        found = [pid for pid, line in self.survivors().items() if words in line]
+        assert len(found) == 1, f"{words!r}: {found} of {self.survivors()}"
+        return found[0]
+
+    def nobody_is_left(self, seconds: float = GONE_S) -> None:
+        """Wait until no process of the test is there; fail if one survives."""
+        assert eventually(lambda: not self.survivors(), seconds), f"still there: {self.survivors()}"
+
+    def end(self) -> None:
+        """End everything by its id; fail if something does not end as it should."""
+        try:
+            for program in self.programs:
+                with contextlib.suppress(ProcessLookupError):
+                    program.end()
+            end_hubs()
+            self.nobody_is_left()
+        finally:
+            for pid in self.survivors():
+                with contextlib.suppress(ProcessLookupError):
+                    os.kill(pid, signal.SIGKILL)
+            for program in self.programs:
+                program.wait()
+
+
+def processes_of(folder: Path) -> dict[int, str]:
+    """Return the command lines, by process id, of all whose runtime folder is `folder`; without this process."""
+    mark = f"XDG_RUNTIME_DIR={folder}".encode()
+    found = {}
+    for entry in Path("/proc").iterdir():
+        if not entry.name.isdecimal() or int(entry.name) == os.getpid():
+            continue
+        with contextlib.suppress(OSError):
+            if mark in (entry / "environ").read_bytes().split(b"\0"):
+                found[int(entry.name)] = (entry / "cmdline").read_bytes().replace(b"\0", b" ").decode()
+    return found
+
+
+class DriveProbe:
+    """A drive as it is, through its control socket: past the bus and past any master."""
+
+    def __init__(self, bus: str, node_id: int) -> None:
+        self._line = LineClient(control_path(f"local:{bus}", node_id))
+        self.hello = (self._line.receive(PATIENCE_S) or {})["hello"]
+        self._number = 0
+
+    def ask(self, method: str, **params: object) -> dict:
+        """Return the result of a method."""
+        self._number += 1
+        self._line.send({"id": self._number, "method": method, "params": params})
+        while (answer := self._line.receive(PATIENCE_S)) is not None:
+            if answer.get("id") == self._number:
+                assert "error" not in answer, answer
+                return answer["result"]
+        raise AssertionError(f"the drive has not answered {method}")
+
+    @property
+    def state(self) -> dict:
+        """What the node says of itself."""
+        return self.ask("state")
+
+    @property
+    def speed(self) -> float:
+        """The plant's velocity, in the drive's own units per second."""
+        return self.state["axes"][0]["plant"]["velocity"]
+
+    @property
+    def power(self) -> str:
+        """The CiA 402 state."""
+        return self.state["axes"][0]["state"]
+
+    def fault(self, name: str, on: bool = True) -> None:
+        """Switch a fault."""
+        self.ask("fault", name=name, on=on)
+
+    def close(self) -> None:
+        self._line.close()
+
+
+def seconds_until(condition: Callable[[], bool], limit: float) -> float:
+    """Wait until `condition` and return how long it took; fail after `limit` seconds."""
+    begin = time.monotonic()
+    assert eventually(condition, limit), f"not within {limit} s"
+    return time.monotonic() - begin
