@@ -116,17 +116,18 @@ class Bridge:
         self._end_session()
         self._reactor.call_later(_RETRY_NS, self._connect)
 
-    def _end_session(self) -> None:
+    def _end_session(self) -> bool:
+        """Leave the robot; False if a thread of rclpy hangs."""
         session, self._session = self._session, None
-        if session is not None:
-            session.close()
+        return session is None or session.close()
 
     def _close(self) -> None:
         """Leave; a thread that hangs in rclpy is not waited for."""
         giving_up = threading.Timer(_PATIENCE_S, os._exit, (0,))
         giving_up.daemon = True
         giving_up.start()
-        self._end_session()
+        if not self._end_session():
+            os._exit(0)  # rclpy aborts when its executor is torn down under a callback
         with contextlib.suppress(Exception):
             self._node.destroy_node()
             self._context.try_shutdown()

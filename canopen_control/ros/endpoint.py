@@ -31,8 +31,11 @@ class Ros(Protocol):
     def warn(self, key: str, text: str) -> None:
         """Tell the user, rarely."""
 
-    def later(self, function: Callable[[], object]) -> None:
-        """Run a function on the spinner's thread."""
+    def subscribe(self, message: type, topic: str, callback: Callable[[Any], object], qos: object) -> object:
+        """Make a subscription; an exception of the callback becomes a warning."""
+
+    def unsubscribe(self, subscription: object) -> None:
+        """Leave a topic."""
 
 
 class Endpoint:

@@ -26,7 +26,7 @@ class ForwardCommands(Endpoint):
 
     def __init__(self, ros: Ros, controller: ControllerView) -> None:
         self._ros, self._controller = ros, controller
-        self._subscription = ros.node.create_subscription(
+        self._subscription = ros.subscribe(
             Float64MultiArray, f"{controller.name}/commands", self._on_message, SYSTEM_DEFAULT
         )
 
@@ -36,8 +36,7 @@ class ForwardCommands(Endpoint):
 
     def close(self) -> None:
         """Leave the topic."""
-        subscription = self._subscription
-        self._ros.later(lambda: self._ros.node.destroy_subscription(subscription))
+        self._ros.unsubscribe(self._subscription)
 
     def _on_message(self, message: Float64MultiArray) -> None:
         values = list(message.data)

@@ -82,9 +82,21 @@ class Session:
         if self._throttle.allows(key, self._reactor.now()):
             self.node.get_logger().warning(text)
 
-    def later(self, function: Callable[[], object]) -> None:
-        """Run a function on the spinner's thread."""
-        self._spinner.call(function)
+    def subscribe(self, message: type, topic: str, callback: Callable[[Any], object], qos: object) -> object:
+        """Make a subscription; an exception of the callback becomes a warning (the executor would drop messages)."""
+
+        def guarded(each: object) -> None:
+            try:
+                callback(each)
+            except Exception as error:  # noqa: BLE001 - see above
+                self.warn(topic, f"{topic}: {type(error).__name__}: {error}")
+
+        subscription: object = self.node.create_subscription(message, topic, guarded, qos)
+        return subscription
+
+    def unsubscribe(self, subscription: object) -> None:
+        """Leave a topic, between two callbacks."""
+        self._spinner.call(lambda: self.node.destroy_subscription(subscription))
 
     # ------------------------------------------------------------------------------------------- robot to ROS
 

@@ -1,0 +1,185 @@
+"""The bridge as a process: how it starts, what ends it, and the whole path from a topic to the wheels and back."""
+
+from __future__ import annotations
+
+import json
+import os
+import select
+import signal
+import subprocess
+import sys
+
+import pytest
+from support import ros
+
+from canopen_control.host.environment import clean_environment
+from canopen_control.host.spawn import spawn
+
+pytestmark = pytest.mark.ros
+COMMANDS, TYPE = "/robby_forward_controller/commands", "std_msgs/msg/Float64MultiArray"
+
+
+@pytest.fixture
+def number():
+    with ros.domain() as number:
+        yield number
+
+
+def test_a_foreign_middleware_is_one_sentence_and_exit_code_1(number):
+    with ros.bridge(number, RMW_IMPLEMENTATION="rmw_cyclonedds_cpp") as process:
+        output, _ = process.communicate(timeout=ros.PATIENCE)
+    assert process.returncode == 1
+    assert output.startswith("canopen-control: RMW_IMPLEMENTATION is rmw_cyclonedds_cpp, but")
+    assert output.count("\n") == 1
+
+
+def test_without_a_robot_it_says_so(number):
+    with ros.bridge(number) as process:
+        output, _ = process.communicate(timeout=ros.PATIENCE)
+    assert (process.returncode, output) == (1, "canopen-control: no robot 'fake' is running\n")
+
+
+def test_started_by_a_parent_it_ends_with_its_lifeline(number, private_folders):
+    with ros.FakeRobot() as robot:
+        child = start_as_run_does(number)
+        try:
+            assert ros.eventually(lambda: robot.told)
+            child.cut_lifeline()
+            assert child.wait(2.0) == 0
+        finally:
+            child.kill()
+            child.wait()
+
+
+def test_started_by_a_parent_it_ends_when_the_robot_closes_its_api(number):
+    with ros.FakeRobot() as robot:
+        child = start_as_run_does(number)
+        try:
+            assert ros.eventually(lambda: robot.told)
+            robot.leave()
+            assert child.wait(2.0) == 0
+            assert "has closed the connection" in "".join(child.last_lines())
+        finally:
+            child.kill()
+            child.wait()
+
+
+def start_as_run_does(number):
+    with pytest.MonkeyPatch.context() as patch:
+        for name, value in ros.ros_environment(number).items():
+            patch.setenv(name, value)
+        return spawn([sys.executable, "-m", "canopen_control.ros.bridge", "--name", "fake"], name="ros", ros=True)
+
+
+@pytest.mark.parametrize("number_of_signal", [signal.SIGTERM, signal.SIGINT])
+def test_a_signal_ends_it_within_two_seconds(number, number_of_signal):
+    with ros.FakeRobot() as robot, ros.bridge(number) as process:
+        assert ros.eventually(lambda: robot.told)
+        process.send_signal(number_of_signal)
+        assert process.wait(2.0) == 0
+
+
+def test_started_by_hand_it_waits_for_the_robot_to_come_back(number):
+    with ros.Peer(number) as peer:
+        with ros.FakeRobot():
+            process = ros.bridge(number)
+            process.__enter__()
+            peer.order("subscribe", topic="/joint_states", of="sensor_msgs/msg/JointState")
+            peer.message("/joint_states")
+        with ros.FakeRobot() as robot:
+            robot.time = 1_800_000_000.0
+            peer.message("/joint_states", lambda message: message["header"]["stamp"]["sec"] == 1_800_000_000)
+        process.__exit__(None, None, None)
+
+
+def test_two_robots_live_in_one_graph_under_their_namespaces(number):
+    with (
+        ros.FakeRobot("one"),
+        ros.FakeRobot("two") as two,
+        ros.bridge(number, "--namespace", "/one", name="one"),
+        ros.bridge(number, "--namespace", "/two", name="two"),
+        ros.Peer(number) as peer,
+    ):
+        topic = "/two/forward/commands"
+        peer.order("publish", topic=topic, of=TYPE, data={"data": [1.0, 2.0]}, rate=20)
+        assert ros.eventually(two.commands)
+        assert ros.eventually(lambda: {"/one/joint_states", "/two/joint_states"} <= set(peer.order("graph")["topics"]))
+
+
+class Robby:
+    """`canopen-control run robby --mock --ros` in a process of its own."""
+
+    def __init__(self, number, *arguments):
+        environment = ros.ros_environment(number)
+        environment["_ROS_WHEELS_BOOTSTRAP_COMPLETE"] = "1"
+        command = [sys.executable, "-m", "canopen_control", "run", "robby", "--mock", "--ros", *arguments]
+        self.process = subprocess.Popen(
+            command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+        )
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.process.terminate()
+        self.output, _ = self.process.communicate(timeout=ros.PATIENCE)
+
+    def bridge_pid(self):
+        for pid in filter(str.isdigit, os.listdir("/proc")):
+            try:
+                with open(f"/proc/{pid}/stat") as stat:
+                    parent = stat.read().rpartition(")")[2].split()[1]
+                with open(f"/proc/{pid}/cmdline") as line:
+                    words = line.read()
+            except OSError:
+                continue
+            if parent == str(self.process.pid) and "canopen_control.ros.bridge" in words:
+                return int(pid)
+        return None
+
+
+def test_a_publisher_at_one_hertz_turns_both_wheels_and_joint_states_show_it(number):
+    with Robby(number) as robby, ros.Peer(number) as peer:
+        peer.order("subscribe", topic="/joint_states", of="sensor_msgs/msg/JointState")
+        peer.order("publish", topic=COMMANDS, of=TYPE, data={"data": [10.0, 10.0]}, rate=1)
+        turning = peer.message("/joint_states", lambda message: message["velocity"] == [10.0, 10.0])
+        assert turning["name"] == ["left_wheel_joint", "right_wheel_joint"]
+        later = peer.message("/joint_states", lambda message: message["position"][0] > turning["position"][0] + 1)
+        assert later["velocity"] == [10.0, 10.0]
+    assert robby.process.returncode == 0
+
+
+def test_a_publisher_that_dies_stops_the_wheels_by_the_timeout(number):
+    with Robby(number), ros.Peer(number) as watcher:
+        watcher.order("subscribe", topic="/joint_states", of="sensor_msgs/msg/JointState")
+        with ros.Peer(number) as peer:
+            peer.order("publish", topic=COMMANDS, of=TYPE, data={"data": [10.0, 10.0]}, rate=10)
+            watcher.message("/joint_states", lambda message: message["velocity"] == [10.0, 10.0])
+            peer.kill()
+        watcher.message("/joint_states", lambda message: message["velocity"] == [0.0, 0.0])
+
+
+def test_the_death_of_the_bridge_is_told_and_the_robot_goes_on(number):
+    with Robby(number) as robby:
+        assert ros.eventually(lambda: robby.bridge_pid() is not None)
+        os.kill(robby.bridge_pid(), signal.SIGKILL)
+        status = [sys.executable, "-m", "canopen_control", "status", "--json", "--name", "robby"]
+
+        def seen():
+            done = subprocess.run(status, env=clean_environment(ros=False), capture_output=True, text=True)
+            state = json.loads(done.stdout)
+            return state["state"] == "running" and any(each["kind"] == "process_ended" for each in state["events"])
+
+        assert ros.eventually(seen)
+    assert robby.process.returncode == 0
+
+
+def test_the_death_of_the_runtime_ends_the_bridge(number):
+    with Robby(number) as robby:
+        assert ros.eventually(lambda: robby.bridge_pid() is not None)
+        pidfd = os.pidfd_open(robby.bridge_pid())
+        robby.process.kill()
+        try:
+            assert select.select([pidfd], [], [], 5.0)[0], "the bridge still runs"
+        finally:
+            os.close(pidfd)

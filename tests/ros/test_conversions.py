@@ -1,0 +1,86 @@
+from __future__ import annotations
+
+import math
+import re
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from support.ros import CONTROLLERS
+
+from canopen_control.ros.conversions import controllers_of, joint_arrays, quaternion_of_yaw, stamp_of, wrong
+
+JOINTS = {
+    "right": {"position": 2.0, "velocity": 20, "effort": None, "command": 1.0},
+    "left": {"position": 1.0, "velocity": None},
+}
+
+
+def test_joints_come_alphabetically_unless_the_broadcaster_has_an_order():
+    assert joint_arrays(JOINTS).names == ["left", "right"]
+    assert joint_arrays(JOINTS, ("right", "left")).names == ["right", "left"]
+
+
+def test_a_joint_that_the_state_does_not_know_is_left_out():
+    assert joint_arrays(JOINTS, ("gone", "left")).names == ["left"]
+
+
+def test_what_is_not_known_is_nan_and_all_arrays_have_one_length():
+    arrays = joint_arrays(JOINTS)
+    assert arrays.position == [1.0, 2.0]
+    assert math.isnan(arrays.velocity[0])
+    assert arrays.velocity[1] == 20.0
+    assert len(arrays.effort) == 2
+    assert all(map(math.isnan, arrays.effort))
+    assert all(isinstance(value, float) for value in arrays.velocity)
+
+
+@given(st.floats(0, 4e9))
+def test_a_stamp_is_the_time_in_valid_parts(time):
+    seconds, nanoseconds = stamp_of(time)
+    assert 0 <= nanoseconds < 1_000_000_000
+    assert seconds + nanoseconds / 1e9 == pytest.approx(time, abs=1e-6)
+
+
+def test_a_stamp_just_below_a_second_does_not_overflow():
+    assert stamp_of(math.nextafter(1.0, 0.0)) == (0, 999_999_999)
+
+
+def test_a_quarter_turn_as_a_quaternion():
+    assert quaternion_of_yaw(math.pi / 2) == pytest.approx((0, 0, math.sqrt(0.5), math.sqrt(0.5)))
+
+
+def test_controllers_are_read_as_the_api_tells_them():
+    views = controllers_of(CONTROLLERS)
+    assert list(views) == ["joint_state_broadcaster", "forward", "base"]
+    assert (views["forward"].width, views["forward"].topic, views["forward"].active) == (2, "commands", True)
+    assert (views["base"].topic, views["base"].active) == ("cmd_vel", False)
+    assert views["joint_state_broadcaster"].is_broadcaster
+
+
+def test_a_controller_of_an_older_runtime_has_the_width_it_claims_or_none():
+    assert controllers_of([{"name": "x", "claimed_interfaces": ["a/velocity"]}])["x"].width == 1
+    assert controllers_of([{"name": "x"}])["x"].width == 0
+
+
+@pytest.mark.parametrize(
+    ("values", "sentence"),
+    [
+        ([1.0, 2.0], None),
+        ([1.0], "forward wants 2 values, got 1; the command was dropped"),
+        ([1.0, math.nan], r"forward: a value is not finite: \[1, nan\]; the command was dropped"),
+        ([math.inf] * 20, r"not finite: \[inf, inf, inf, inf, inf, inf, inf, inf, \.\.\.\]"),
+    ],
+)
+def test_a_command_that_the_robot_would_refuse_is_told_why(values, sentence):
+    refusal = wrong(values, controllers_of(CONTROLLERS)["forward"])
+    if sentence is None:
+        assert refusal is None
+    else:
+        assert re.search(sentence, refusal)
+
+
+def test_a_command_for_a_controller_that_is_not_active_is_told():
+    assert (
+        wrong([1.0, 2.0], controllers_of(CONTROLLERS)["base"]) == "base is inactive; activate it before commanding it"
+    )

@@ -1,0 +1,61 @@
+from __future__ import annotations
+
+import math
+
+import pytest
+from support.ros import eventually
+
+pytestmark = pytest.mark.ros
+TOPIC, TYPE = "/forward/commands", "std_msgs/msg/Float64MultiArray"
+
+
+def commands(stage):
+    return stage.robot.commands()
+
+
+def test_a_message_becomes_a_command_of_that_controller(fresh):
+    fresh.peer.order("publish", topic=TOPIC, of=TYPE, data={"data": [10.0, -5.5]}, rate=20)
+    assert eventually(lambda: commands(fresh))
+    fresh.peer.order("silence", topic=TOPIC)
+    assert commands(fresh)[0] == {"controller": "forward", "values": [10.0, -5.5], "source": "ros"}
+
+
+def test_every_quality_of_service_is_accepted(fresh):
+    assert fresh.peer.order("publish", topic=TOPIC, of=TYPE, data={"data": [1.0, 1.0]}, rate=50)
+    for number, qos in enumerate(("best_effort", "latched", "default"), 2):
+        topic = TOPIC
+        fresh.peer.order("silence", topic=topic)
+        fresh.peer.order("renew", topic=topic)
+        fresh.peer.order("publish", topic=topic, of=TYPE, data={"data": [number, 1.0]}, qos=qos, rate=50)
+        assert eventually(lambda wanted=[number, 1.0]: any(each["values"] == wanted for each in commands(fresh))), qos
+    fresh.peer.order("silence", topic=TOPIC)
+
+
+def test_values_that_are_not_finite_and_wrong_sizes_never_reach_the_robot(fresh):
+    for data in ([math.nan, 1.0], [math.inf, 1.0], [1.0], [1.0, 2.0, 3.0], []):
+        for _ in range(3):
+            fresh.peer.order("publish", topic=TOPIC, of=TYPE, data={"data": data})
+    fresh.peer.order("publish", topic=TOPIC, of=TYPE, data={"data": [3.0, 3.0]}, rate=50)
+    assert eventually(lambda: commands(fresh))
+    fresh.peer.order("silence", topic=TOPIC)
+    assert {tuple(each["values"]) for each in commands(fresh)} == {(3.0, 3.0)}
+
+
+def test_a_controller_that_is_not_active_gets_nothing_until_it_is(fresh):
+    fresh.robot.switch(forward="inactive")
+    fresh.peer.order("publish", topic=TOPIC, of=TYPE, data={"data": [4.0, 4.0]}, rate=50)
+    watched = len(fresh.robot.told)
+    assert eventually(lambda: any(each["method"] == "controllers" for each in fresh.robot.told))
+    before = len(commands(fresh))
+    fresh.robot.switch(forward="active")
+    assert eventually(lambda: len(commands(fresh)) > before)
+    fresh.peer.order("silence", topic=TOPIC)
+    assert watched < len(fresh.robot.told)
+
+
+def test_a_flood_arrives_as_one_command_per_cycle_with_the_newest_value(fresh):
+    fresh.peer.order("flood", topic=TOPIC, of=TYPE, count=3000)
+    assert eventually(lambda: commands(fresh) and commands(fresh)[-1]["values"] == [2999.0, 0.0])
+    values = [each["values"][0] for each in commands(fresh)]
+    assert values == sorted(values)
+    assert len(values) < 1000, "superseded, not queued"

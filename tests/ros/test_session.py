@@ -1,0 +1,44 @@
+from __future__ import annotations
+
+import pytest
+from support.ros import eventually
+
+pytestmark = pytest.mark.ros
+TYPE = "std_msgs/msg/Float64MultiArray"
+
+
+def topics(stage):
+    return stage.peer.order("graph")["topics"]
+
+
+def test_the_topics_of_a_controller_come_and_go_with_it(fresh):
+    loaded = {"name": "later", "type": "x/Y", "state": "inactive", "topic": "commands", "joints": []}
+    fresh.robot.controllers.append(loaded)
+    assert eventually(lambda: "/later/commands" in topics(fresh))
+    fresh.robot.controllers.remove(loaded)
+    assert eventually(lambda: "/later/commands" not in topics(fresh))
+
+
+def test_a_controller_of_another_kind_under_the_same_name_has_other_topics(fresh):
+    loaded = {"name": "later", "type": "x/Y", "state": "inactive", "topic": "commands", "joints": []}
+    fresh.robot.controllers.append(loaded)
+    assert eventually(lambda: "/later/commands" in topics(fresh))
+    loaded.update(topic=None, state="active")
+    assert eventually(lambda: "/later/commands" not in topics(fresh))
+    fresh.robot.controllers.remove(loaded)
+
+
+def test_what_the_bridge_cannot_make_of_a_sample_does_not_end_it(fresh):
+    fresh.peer.order("subscribe", topic="/joint_states", of="sensor_msgs/msg/JointState", qos="default")
+    before = fresh.robot.joints
+    fresh.robot.joints = {"left": "garbage"}
+    assert eventually(lambda: fresh.bridge.poll() is None and _warned(fresh))
+    fresh.robot.joints = before
+    fresh.peer.waiting("/joint_states")
+    assert fresh.peer.message("/joint_states")["name"] == ["left", "right"]
+
+
+def _warned(stage):
+    if not hasattr(stage, "logging"):
+        stage.logging = stage.peer.order("subscribe", topic="/rosout", of="rcl_interfaces/msg/Log", qos="latched")
+    return any("JointStates: AttributeError" in message["msg"] for message in stage.peer.waiting("/rosout"))

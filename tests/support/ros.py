@@ -1,0 +1,313 @@
+"""What the tests of the ROS room share: a domain of its own, other ROS programs as processes, and a robot to show."""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from pathlib import Path
+from queue import Empty, Queue
+
+from canopen_control.host.environment import clean_environment
+from canopen_control.host.jsonlines import LineServer
+from canopen_control.host.reactor import Reactor
+from canopen_control.host.sockets import socket_path
+
+ROOT = Path(__file__).parents[2]
+PEER = Path(__file__).with_name("ros_peer.py")
+PATIENCE = 20.0  # seconds that something may take which takes a fraction of one
+
+
+@contextlib.contextmanager
+def domain():
+    """Yield a ROS domain that no other test of this host uses now; up to 101 the ports are no ephemeral ones."""
+    for number in range(20, 100):
+        fd = os.open(
+            f"{tempfile.gettempdir()}/canopen_control_test_domain_{number}",
+            os.O_RDWR | os.O_CREAT | os.O_CLOEXEC,
+            0o666,
+        )
+        try:
+            fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            os.close(fd)
+            continue
+        try:
+            yield number
+        finally:
+            os.close(fd)
+        return
+    raise AssertionError("all ROS domains are taken")
+
+
+def ros_environment(number, **more):
+    """Return the environment of a ROS program of its own, as from a fresh shell."""
+    environment = clean_environment(ros=True)
+    for name in ("RMW_IMPLEMENTATION", "ROS_LOCALHOST_ONLY", "FASTRTPS_DEFAULT_PROFILES_FILE", "AMENT_PREFIX_PATH"):
+        environment.pop(name, None)
+    environment.update(
+        ROS_DOMAIN_ID=str(number),
+        ROS_AUTOMATIC_DISCOVERY_RANGE="LOCALHOST",
+        FASTRTPS_DEFAULT_PROFILES_FILE=str(ROOT / "canopen_control/ros/loopback.xml"),
+        PYTHONPATH=str(ROOT),
+    )
+    environment.update(more)
+    return environment
+
+
+def run_ros(code, number=0, arguments=(), **more):
+    """Run code in a fresh interpreter that may import rclpy; return what it printed. It asserts for itself."""
+    command = [sys.executable, "-c", code, *arguments]
+    done = subprocess.run(command, env=ros_environment(number, **more), capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+class Peer:
+    """A ROS program of its own; `order` makes it do something, `messages` is what its subscriptions got."""
+
+    def __init__(self, number, *arguments, **more):
+        self._process = subprocess.Popen(
+            [sys.executable, str(PEER), *arguments],
+            env=ros_environment(number, **more),
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        self._answers, self._messages, self._errors = Queue(), {}, []
+        self._threads = [threading.Thread(target=self._read), threading.Thread(target=self._read_errors)]
+        for thread in self._threads:
+            thread.start()
+        self._answer()
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.close()
+
+    def _read(self):
+        for line in self._process.stdout:
+            answer = json.loads(line)
+            if "topic" in answer:
+                self._messages.setdefault(answer["topic"], Queue()).put(answer["message"])
+            else:
+                self._answers.put(answer)
+
+    def _read_errors(self):
+        self._errors.extend(self._process.stderr)
+
+    def _answer(self, timeout=PATIENCE):
+        try:
+            return self._answers.get(timeout=timeout)
+        except Empty:
+            self._process.kill()
+            raise AssertionError(f"the ROS program does not answer: {''.join(self._errors)}") from None
+
+    def order(self, do, **params):
+        """Have it do something, and return its answer."""
+        if "topic" in params:
+            self._messages.setdefault(params["topic"], Queue())
+        self._process.stdin.write(json.dumps({"do": do, **params}) + "\n")
+        self._process.stdin.flush()
+        return self._answer()
+
+    def message(self, topic, matching=lambda message: True, timeout=PATIENCE):
+        """Return the next message of a topic that it subscribed to, for which `matching` holds."""
+        deadline, last = time.monotonic() + timeout, None
+        while True:
+            try:
+                last = self._messages[topic].get(timeout=max(deadline - time.monotonic(), 0))
+            except Empty:
+                raise AssertionError(f"no such message on {topic}; the last one was {last}") from None
+            if matching(last):
+                return last
+
+    def waiting(self, topic):
+        """Take what has come on a topic."""
+        messages = []
+        with contextlib.suppress(Empty):
+            while True:
+                messages.append(self._messages[topic].get_nowait())
+        return messages
+
+    def kill(self):
+        """End it as a crash does."""
+        self._process.kill()
+
+    def close(self):
+        self._process.stdin.close()
+        try:
+            self._process.wait(PATIENCE)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        for thread in self._threads:
+            thread.join()
+        self._process.stdout.close()
+        self._process.stderr.close()
+
+
+URDF = "<robot name='fake'><link name='base'/></robot>"
+CONTROLLERS = [
+    {"name": "joint_state_broadcaster", "type": "joint_state_broadcaster/JointStateBroadcaster", "state": "active",
+     "joints": ["left", "right"], "interface": None, "claimed_interfaces": [], "required_command_interfaces": [],
+     "required_state_interfaces": ["*"], "topic": None, "is_broadcaster": True, "rejected": 0},
+    {"name": "forward", "type": "forward_command_controller/ForwardCommandController", "state": "active",
+     "joints": ["left", "right"], "interface": "velocity", "claimed_interfaces": ["left/velocity", "right/velocity"],
+     "required_command_interfaces": ["left/velocity", "right/velocity"], "required_state_interfaces": [],
+     "topic": "commands", "is_broadcaster": False, "rejected": 0},
+    {"name": "base", "type": "diff_drive_controller/DiffDriveController", "state": "inactive",
+     "joints": ["left", "right"], "interface": "velocity", "claimed_interfaces": [],
+     "required_command_interfaces": ["left/velocity", "right/velocity"], "required_state_interfaces": [],
+     "topic": "cmd_vel", "is_broadcaster": False, "rejected": 0},
+]  # fmt: skip
+
+
+class FakeRobot:
+    """The API of a runtime, on a thread of its own: answers, pushes its state at 100 Hz, remembers what it was told."""
+
+    def __init__(self, name="fake"):
+        self.reactor, self.raised, self.told = Reactor(), [], []
+        self.reactor.on_error = self.raised.append
+        self.controllers = json.loads(json.dumps(CONTROLLERS))
+        self.joints = {"right": {"position": 2.0, "velocity": 20.0, "effort": None, "command": None},
+                       "left": {"position": 1.0, "velocity": 10.0, "effort": None, "command": None}}  # fmt: skip
+        self.nodes = {"left_drive": node(3, "left"), "right_drive": node(2, "right")}
+        self.time, self.more, self.refusals = 1_700_000_000.25, {}, {}
+        self._watching = []
+        self._server = LineServer(
+            self.reactor, socket_path("robot", name), self._greet, self._on_message, self._on_close
+        )
+        self._name, self._thread = name, threading.Thread(target=self.reactor.run)
+
+    def __enter__(self):
+        self._thread.start()
+        self.reactor.call_threadsafe(self._push)
+        return self
+
+    def __exit__(self, *_):
+        self.leave()
+        self.reactor.call_threadsafe(self.reactor.stop)
+        self._thread.join(10)
+        self.reactor.close()
+        assert self.raised == []
+
+    def leave(self):
+        """End the API, as a runtime that is shut down."""
+        self.on_loop(self._server.close)
+
+    def on_loop(self, function):
+        done = threading.Event()
+        self.reactor.call_threadsafe(lambda: (function(), done.set()))
+        assert done.wait(10)
+
+    def event(self, **event):
+        """Push an event."""
+        self.on_loop(lambda: [connection.send({"event": event}) for connection in self._watching])
+
+    def switch(self, **states):
+        """Change the states of controllers by name."""
+        for each in self.controllers:
+            each["state"] = states.get(each["name"], each["state"])
+
+    def commands(self, method="command"):
+        """Return the parameters of the commands that have come."""
+        return [message["params"] for message in list(self.told) if message["method"] == method]
+
+    def state(self):
+        return {
+            "time": self.time,
+            "state": "running",
+            "cycle": {"period_s": 0.02, "count": 1, "missed": 0},
+            "joints": self.joints,
+            "nodes": self.nodes,
+            "controllers": {each["name"]: each["state"] for each in self.controllers},
+            **self.more,
+        }
+
+    def _greet(self, connection):
+        connection.send({"hello": {"robot": self._name, "version": "0", "protocol": 1, "pid": os.getpid()}})
+
+    def _on_close(self, connection):
+        if connection in self._watching:
+            self._watching.remove(connection)
+
+    def _on_message(self, connection, message):
+        method = message["method"]
+        self.told.append(message)
+        if method == "subscribe":
+            self._watching.append(connection)
+        answers = {
+            "status": lambda: {**self.state(), "robot": self._name, "events": []},
+            "controllers": lambda: self.controllers,
+            "description": lambda: {"urdf": URDF},
+        }
+        if "id" in message and method in self.refusals:
+            connection.send({"id": message["id"], "error": self.refusals[method]})
+        elif "id" in message:
+            connection.send({"id": message["id"], "result": answers.get(method, dict)()})
+
+    def _push(self):
+        for connection in self._watching:
+            connection.send({"state": self.state()})
+        self.reactor.call_later(10_000_000, self._push)
+
+
+def node(node_id, joint):
+    """Return a healthy node as the API tells it."""
+    axis = {
+        "joint": joint,
+        "cia402_state": "OPERATION_ENABLED",
+        "statusword": 0x1637,
+        "mode": "PROFILE_VELOCITY",
+        "error": None,
+    }
+    return {
+        "bus": "can",
+        "node_id": node_id,
+        "nmt_state": "OPERATIONAL",
+        "ready": True,
+        "age_s": 0.01,
+        "error": None,
+        "axes": [axis],
+    }
+
+
+@contextlib.contextmanager
+def bridge(number, *arguments, name="fake", **more):
+    """Run a bridge as somebody does by hand; yields the process."""
+    process = subprocess.Popen(
+        [sys.executable, "-m", "canopen_control.ros.bridge", "--name", name, *arguments],
+        env=ros_environment(number, **more),
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+    try:
+        yield process
+    finally:
+        process.terminate()
+        try:
+            process.communicate(timeout=PATIENCE)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.communicate()
+
+
+def eventually(condition, seconds=PATIENCE):
+    """Wait for other processes; returns at once when the condition holds."""
+    deadline = time.monotonic() + seconds
+    while not condition():
+        if time.monotonic() > deadline:
+            return False
+        time.sleep(0.005)
+    return True

@@ -1,0 +1,169 @@
+"""Some other ROS program, for the tests: does what lines of JSON on its standard input say, answers on its output.
+
+Run as a process; knows nothing of the package, unless its first argument is --interfaces: then it makes the classes of
+packages that are not installed with the package's help.
+"""
+
+import importlib
+import json
+import sys
+import threading
+import time
+
+import rclpy
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy, qos_profile_system_default
+
+QOS = {
+    "default": qos_profile_system_default,
+    "reliable": QoSProfile(depth=100),
+    "best_effort": QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT),
+    "latched": QoSProfile(
+        depth=10, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
+    ),
+}
+
+
+def kind(name):
+    package, group, short = name.split("/")
+    return getattr(importlib.import_module(f"{package}.{group}"), short)
+
+
+def plain(value):
+    """Return a message as JSON holds it."""
+    if hasattr(value, "get_fields_and_field_types"):
+        return {field: plain(getattr(value, field)) for field in value.get_fields_and_field_types()}
+    if isinstance(value, bytes):
+        return value[0]
+    if isinstance(value, str | int | float | bool):
+        return value
+    return [plain(each) for each in value]
+
+
+def filled(message, data):
+    """Fill a message from JSON."""
+    types = message.get_fields_and_field_types()
+    for field, value in data.items():
+        inner = getattr(message, field)
+        if isinstance(value, dict):
+            filled(inner, value)
+        elif types[field].startswith("sequence<") and value and isinstance(value[0], dict):
+            setattr(message, field, [filled(kind(_full(types[field]))(), each) for each in value])
+        elif types[field] == "octet":
+            setattr(message, field, bytes([value]))
+        else:
+            setattr(message, field, value)
+    return message
+
+
+def _full(text):
+    package, _, short = text.removeprefix("sequence<").rstrip(">").partition("/")
+    return f"{package}/msg/{short}"
+
+
+class Peer:
+    def __init__(self):
+        rclpy.init()
+        self.node = rclpy.create_node("peer")
+        self.publishers, self.clients, self.timers = {}, {}, {}
+        self.lock = threading.Lock()
+
+    def say(self, **answer):
+        with self.lock:
+            print(json.dumps(answer), flush=True)
+
+    def subscribe(self, topic, of, qos="reliable"):
+        self.node.create_subscription(
+            kind(of), topic, lambda message: self.say(topic=topic, message=plain(message)), QOS[qos]
+        )
+        self.say(done="subscribe")
+
+    def publish(self, topic, of, data, qos="reliable", rate=None):
+        if topic not in self.publishers:
+            self.publishers[topic] = self.node.create_publisher(kind(of), topic, QOS[qos])
+        publisher, message = self.publishers[topic], filled(kind(of)(), data)
+        if topic in self.timers:
+            self.node.destroy_timer(self.timers.pop(topic))
+        publisher.publish(message)
+        if rate is not None:
+            self.timers[topic] = self.node.create_timer(1 / rate, lambda: publisher.publish(message))
+        self.say(done="publish", subscribers=publisher.get_subscription_count())
+
+    def silence(self, topic):
+        self.node.destroy_timer(self.timers.pop(topic))
+        self.say(done="silence")
+
+    def renew(self, topic):
+        """Let the next publication be a new publisher's."""
+        self.node.destroy_publisher(self.publishers.pop(topic))
+        self.say(done="renew")
+
+    def flood(self, topic, of, count):
+        """Publish as fast as it goes; the first number counts."""
+        publisher = self.publishers.setdefault(topic, self.node.create_publisher(kind(of), topic, QOS["reliable"]))
+        while not publisher.get_subscription_count():
+            time.sleep(0.001)
+        for number in range(count):
+            publisher.publish(kind(of)(data=[float(number), 0.0]))
+        self.say(done="flood")
+
+    def call(self, service, of, data, timeout=10.0):
+        cls = kind(of)
+        if service not in self.clients:
+            self.clients[service] = self.node.create_client(cls, service)
+        client = self.clients[service]
+        if not client.wait_for_service(timeout):
+            self.say(done="call", error="no such service")
+            return
+        future = client.call_async(filled(cls.Request(), data))
+        future.add_done_callback(lambda future: self.say(done="call", response=plain(future.result())))
+
+    def graph(self):
+        topics = dict(self.node.get_topic_names_and_types())
+        services = dict(self.node.get_service_names_and_types())
+        self.say(
+            done="graph",
+            topics=topics,
+            services=services,
+            nodes=self.node.get_fully_qualified_node_names()
+            if hasattr(self.node, "get_fully_qualified_node_names")
+            else self.node.get_node_names(),
+        )
+
+    def endpoints(self, topic):
+        publishers = self.node.get_publishers_info_by_topic(topic)
+        self.say(
+            done="endpoints",
+            publishers=[
+                {
+                    "node": each.node_name,
+                    "reliability": each.qos_profile.reliability.name,
+                    "durability": each.qos_profile.durability.name,
+                    "hash": str(each.topic_type_hash),
+                }
+                for each in publishers
+            ],
+        )
+
+
+def main():
+    peer = Peer()
+    executor = rclpy.executors.SingleThreadedExecutor()
+    executor.add_node(peer.node)
+
+    def obey():
+        for line in sys.stdin:
+            order = json.loads(line)
+            # everything happens between callbacks, in the thread that spins
+            executor.create_task(lambda order=order: getattr(peer, order.pop("do"))(**order))
+        executor.create_task(rclpy.shutdown)
+
+    threading.Thread(target=obey, daemon=True).start()
+    peer.say(done="start")
+    while rclpy.ok():
+        executor.spin_once(timeout_sec=0.5)
+
+
+if __name__ == "__main__":
+    if sys.argv[1:2] == ["--interfaces"]:
+        importlib.import_module("canopen_control.ros.interfaces").provide(sys.argv[2:])
+    main()
