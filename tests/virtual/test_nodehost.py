@@ -1,0 +1,124 @@
+from __future__ import annotations
+
+import itertools
+
+import pytest
+from support.virtualbench import MS, S, servo, tmcm
+
+from canopen_control.bus.memory import MemoryBus
+from canopen_control.cia301.nmt import NmtStateChanged
+from canopen_control.frame import CanFrame, frames_of, pack_records
+from canopen_control.host.reactor import ManualClock, Reactor
+from canopen_control.virtual.nodehost import NodeHost
+
+
+class World:
+    """Nodes on a memory bus, a listener beside them, a clock moved by hand."""
+
+    def __init__(self, nodes):
+        self.bus = MemoryBus("nodehost")
+        self.reactor = Reactor(ManualClock(S))
+        self.heard, self.events, self.closed = [], [], []
+        self.listener = self.bus.open("listener")
+        self.host = NodeHost(
+            self.reactor,
+            self.bus.open("drives"),
+            nodes,
+            on_event=lambda node, event: self.events.append((node.node_id, event)),
+            on_closed=self.closed.append,
+        )
+        self.reactor.add_reader(self.listener, self._listen)
+        self.reactor.run_for(0)
+
+    def _listen(self):
+        self.heard += [(self.reactor.now(), frame) for frame in frames_of(self.listener.receive())]
+
+    def send(self, *frames):
+        self.listener.send(pack_records(frames))
+        self.reactor.run_for(0)
+
+    def close(self):
+        self.host.close()
+        self.listener.close()
+        self.host.port.close()
+        self.reactor.close()
+
+
+@pytest.fixture
+def world():
+    worlds = []
+
+    def make(*nodes):
+        worlds.append(World(nodes))
+        return worlds[-1]
+
+    yield make
+    for each in worlds:
+        each.close()
+
+
+def test_nodes_boot_in_the_next_turn_and_answer(world):
+    w = world(tmcm(2), tmcm(3))
+    assert [str(frame) for _, frame in w.heard] == ["702#00", "703#00"]
+    w.send(CanFrame(0x602, bytes.fromhex("4000100000000000")))
+    assert str(w.heard[-1][1]) == "582#430010009201FFFF"
+    assert any(isinstance(event, NmtStateChanged) for _, event in w.events)
+
+
+def test_each_frame_reaches_those_who_listen_to_it_only(world):
+    w = world(tmcm(2), tmcm(3))
+    w.send(CanFrame(0, b"\x01\x03"))
+    assert [node.operational for node in w.host.nodes] == [False, True]
+    w.send(CanFrame(0, b"\x01\x00"), CanFrame(0x7FF, b"\x01"))
+    assert [node.operational for node in w.host.nodes] == [True, True]
+
+
+def test_heartbeats_come_on_time_and_idle_nodes_leave_the_timer_alone(world):
+    w = world(tmcm(2))
+    assert w.host._timer is None
+    w.send(CanFrame(0x602, bytes.fromhex("2B17100064000000")))
+    w.heard.clear()
+    w.reactor.run_for(S)
+    times = [when for when, frame in w.heard if frame.can_id == 0x702]
+    assert len(times) == 10
+    assert {b - a for a, b in itertools.pairwise(times)} == {100 * MS}
+
+
+def test_a_moved_identifier_is_heard_at_once(world):
+    w = world(servo(5))
+    w.send(CanFrame(0, b"\x01\x05"))
+    for data in ("2300140105020080", "2300140141020000"):
+        w.send(CanFrame(0x605, bytes.fromhex(data)))
+    w.send(CanFrame(0x241, b"\x06\0\x03"))
+    assert w.host.nodes[0].drives[0].state.name == "READY_TO_SWITCH_ON"
+
+
+def test_nodes_of_one_host_hear_each_other(world):
+    w = world(servo(5), servo(6))
+    w.send(CanFrame(0x606, bytes.fromhex("2316100164000500")))  # 6 watches 5 with 100 ms
+    w.send(CanFrame(0x605, bytes.fromhex("2B17100032000000")))  # 5 beats every 50 ms
+    w.reactor.run_for(S)
+    assert w.host.nodes[1].emcy.active == ()
+    w.send(CanFrame(0x605, bytes.fromhex("2B17100000000000")))
+    w.reactor.run_for(S)
+    assert w.host.nodes[1].emcy.active == (0x8130,)
+
+
+def test_a_bus_that_is_gone_is_told_once(world):
+    w = world(tmcm(2))
+    w.bus.close()
+    w.reactor.remove_reader(w.listener)
+    w.reactor.run_for(S)
+    assert len(w.closed) == 1
+    w.host.close()
+
+
+def test_a_node_changed_from_outside_is_served(world):
+    w = world(servo(5))
+    node = w.host.nodes[0]
+    w.heard.clear()
+    node.now = w.reactor.now()
+    node.emergency(0x4310, 8)
+    w.host.wake(node)
+    w.reactor.run_for(0)
+    assert [frame.can_id for _, frame in w.heard] == [0x085]

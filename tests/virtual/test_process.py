@@ -1,0 +1,126 @@
+from __future__ import annotations
+
+import os
+import signal
+
+import pytest
+from support.virtualbench import MS, S, ready_tmcm, servo
+
+from canopen_control.bus.memory import MemoryBus
+from canopen_control.errors import BusClosed
+from canopen_control.frame import CanFrame, pack_records
+from canopen_control.host.reactor import ManualClock, Reactor
+from canopen_control.virtual import process
+from canopen_control.virtual.control import control_path
+from canopen_control.virtual.launch import NodeIdTaken
+from canopen_control.virtual.process import DriveProcess
+
+
+PORTS = []
+
+
+@pytest.fixture
+def reactor():
+    made = Reactor(ManualClock(S))
+    yield made
+    made.close()
+    while PORTS:
+        PORTS.pop().close()
+
+
+def join(bus, label):
+    PORTS.append(bus.open(label))
+    return PORTS[-1]
+
+
+def started(reactor, nodes, monkeypatch=None, lifeline=None):
+    bus = MemoryBus("process")
+    if lifeline is not None:
+        monkeypatch.setattr(process, "lifeline_fd", lambda: lifeline)
+    lines = []
+    drives = DriveProcess(reactor, join(bus, "drives"), nodes, lines.append)
+    return bus, drives, lines
+
+
+def test_it_prints_one_line_when_ready_and_ends_with_0_on_a_signal(reactor):
+    _, drives, lines = started(reactor, [servo(5)])
+    reactor.call_later(S, lambda: os.kill(os.getpid(), signal.SIGTERM))
+    reactor.call_later(2 * S, reactor.stop)
+    assert drives.run() == 0
+    assert "node 5 (servo) ready on memory:process" not in lines
+    assert "drive 5 (servo) ready on memory:process" in lines
+    assert any("node 5: NMT PRE_OPERATIONAL" in line for line in lines)
+
+
+def test_several_nodes_say_so(reactor):
+    _, drives, lines = started(reactor, [servo(5), servo(6)])
+    reactor.call_later(MS, reactor.stop)
+    drives.run()
+    assert "drives 5, 6 (servo) ready on memory:process" in lines
+
+
+def test_it_logs_state_changes_in_words(reactor):
+    bus, drives, lines = started(reactor, [servo(5)])
+    master = join(bus, "master")
+    frames = [CanFrame(0, b"\x01\x05"), CanFrame(0x205, b"\x06\0\x03")]
+    reactor.call_later(MS, lambda: master.send(pack_records(frames)))
+    reactor.call_later(2 * MS, reactor.stop)
+    drives.run()
+    text = "\n".join(lines)
+    assert "node 5: NMT OPERATIONAL" in text
+    assert "node 5: SWITCH_ON_DISABLED -> READY_TO_SWITCH_ON" in text
+    assert "node 5: mode PV" in text
+
+
+def test_a_bus_that_is_gone_for_good_ends_it_with_its_error(reactor):
+    bus, drives, _ = started(reactor, [servo(5)])
+    reactor.call_later(MS, bus.close)
+    with pytest.raises(BusClosed):
+        drives.run()
+
+
+def test_a_control_socket_that_is_served_already_means_that_the_id_is_taken(reactor):
+    from canopen_control.host.sockets import listen
+
+    _, drives, _ = started(reactor, [servo(5)])
+    taken = listen(control_path("memory:process", 5))
+    with pytest.raises(NodeIdTaken):
+        drives.run()
+    taken.close()
+
+
+def test_without_its_parent_it_ends_at_once_when_nothing_turns(reactor, monkeypatch):
+    read, write = os.pipe()
+    _, drives, lines = started(reactor, [servo(5)], monkeypatch, read)
+    reactor.call_later(S, lambda: os.close(write))
+    assert drives.run() == 0
+    assert reactor.now() < 2.1 * S
+    assert "the parent process is gone" in lines[-1]
+    os.close(read)
+
+
+@pytest.mark.parametrize(("watched", "seconds"), [(True, 0.5 + 2546 / 16000), (False, 5.0)])
+def test_without_its_parent_it_serves_until_its_own_reaction_has_stopped_the_motor(
+    reactor, monkeypatch, watched, seconds
+):
+    read, write = os.pipe()
+    bench = ready_tmcm()
+    bench.write(0x60FF, 2546)
+    if watched:
+        bench.write(0x1029, 2, 1)
+        bench.write(0x1016, 0x000101F4, 1)
+    bench.on(1)
+    reactor.clock.now_ns = bench.now
+    bus, drives, _ = started(reactor, [bench.node], monkeypatch, read)
+    master = join(bus, "master")
+    died = bench.now + S
+
+    def die():
+        master.send(pack_records([CanFrame(0x701, b"\x05")]))
+        os.close(write)
+
+    reactor.call_at(died, die)
+    assert drives.run() == 0
+    assert (reactor.now() - died) / S == pytest.approx(seconds, abs=0.05)
+    assert (bench.drive.mover.plant.velocity == 0) == watched
+    os.close(read)
