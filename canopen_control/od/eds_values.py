@@ -204,11 +204,20 @@ def _bytes(text: str, _data_type: DataType) -> Parsed:
         return Parsed(bytes.fromhex(digits))
     except ValueError:
         doubt = Doubt("bytes-text", Severity.NOTE, "not in hexadecimal; the characters are taken as bytes")
-        return Parsed(text.encode("latin-1", errors="replace"), False, doubt)
+        return Parsed(_latin(text), False, doubt)
 
 
-def _text(text: str, _data_type: DataType) -> Parsed:
+def _text(text: str, data_type: DataType) -> Parsed:
+    if data_type is DataType.VISIBLE_STRING:
+        _latin(text)
     return Parsed(text)
+
+
+def _latin(text: str) -> bytes:
+    try:
+        return text.encode("latin-1")
+    except UnicodeEncodeError:
+        raise ValueError("it has characters beyond ISO 8859-1") from None
 
 
 _PARSERS = {  # the others are whole numbers

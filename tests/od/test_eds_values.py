@@ -139,6 +139,13 @@ def test_strings_are_taken_as_they_are():
     assert parse_value("$NODEID", DataType.UNICODE_STRING).value == "$NODEID"
 
 
+@pytest.mark.parametrize("data_type", [DataType.VISIBLE_STRING, DataType.OCTET_STRING, DataType.DOMAIN])
+def test_characters_that_no_byte_holds_are_refused(data_type):
+    with pytest.raises(ValueError, match="beyond ISO 8859-1"):
+        parse_value("5 €", data_type)
+    assert parse_value("5 €", DataType.UNICODE_STRING).value == "5 €"
+
+
 def test_octets_are_hexadecimal_and_else_characters():
     assert parse_value("01 02 0A", DataType.OCTET_STRING).value == b"\x01\x02\x0a"
     assert parse_value("0x0102", DataType.DOMAIN).value == b"\x01\x02"
