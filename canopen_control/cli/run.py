@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 import sys
 from typing import TYPE_CHECKING
 
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
 
 __all__ = ["add_arguments", "add_robot_arguments", "run", "run_robot"]
 
+LONGEST_S = 1e9  # some thirty years
 EXAMPLE = "canopen-control run robby --duration 5"
 
 
@@ -118,17 +120,21 @@ def _teller(announcer: Announcer, table: bool) -> Callable[[Event], None]:
     lowest = Level.WARNING if table else Level.INFO
 
     def tell(event: Event) -> None:
-        if event.level >= lowest and event.kind not in _CHATTER:
+        if event.kind in _ALWAYS or (event.level >= lowest and event.kind not in _CHATTER):
             announcer.say(event.text)
 
     return tell
 
 
-_CHATTER = ("note", "mode", "state")
+_ALWAYS = ("demo", "stopping", "stopped")
+_CHATTER = ("note", "mode", "state", "failed")  # the last is what the run ends with, on standard error
 
 
 def _seconds(text: str) -> float:
-    value = float(text)
-    if not value > 0:
-        raise argparse.ArgumentTypeError(f"{text} is no time above 0")
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0 < value < LONGEST_S:
+        raise argparse.ArgumentTypeError(f"{text!r} is no time in seconds above 0")
     return value

@@ -17,6 +17,7 @@ __all__ = ["add_arguments", "render", "run"]
 
 EXAMPLE = "canopen-control status --watch"
 RATE = 5.0  # Hz of the live table
+PLAIN_RATE = 1.0  # Hz where it is printed line by line
 _COLUMNS = ("node", "NMT", "CiA 402", "joint", "target rad/s", "actual rad/s", "position rad", "age ms")
 
 
@@ -95,8 +96,8 @@ def _events(status: dict[str, Any]) -> list[str]:
 
 def _watch(robot: RobotClient, *, as_json: bool) -> int:
     """Print sample after sample: over each other on a terminal, line by line elsewhere."""
-    robot.call("subscribe", state_rate=RATE, events=False)
     live = sys.stdout.isatty() and not as_json
+    robot.call("subscribe", state_rate=PLAIN_RATE if not (live or as_json) else RATE, events=False)
     height = 0
     try:
         for message in robot.messages(None):
