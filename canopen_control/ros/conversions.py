@@ -12,7 +12,17 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
-__all__ = ["ControllerView", "JointArrays", "controllers_of", "joint_arrays", "quaternion_of_yaw", "stamp_of", "wrong"]
+__all__ = [
+    "ControllerView",
+    "JointArrays",
+    "controllers_of",
+    "diagonal",
+    "joint_arrays",
+    "quaternion_of_yaw",
+    "seconds_of",
+    "stamp_of",
+    "wrong",
+]
 
 Json = dict[str, Any]
 
@@ -76,6 +86,19 @@ def joint_arrays(joints: Mapping[str, Json], names: Sequence[str] = ()) -> Joint
 def quaternion_of_yaw(yaw: float) -> tuple[float, float, float, float]:
     """Return (x, y, z, w) of a rotation by `yaw` rad about z."""
     return 0.0, 0.0, math.sin(yaw / 2.0), math.cos(yaw / 2.0)
+
+
+def seconds_of(seconds: int, nanoseconds: int) -> float | None:
+    """Return a stamp in Unix seconds; zero is no stamp, None."""
+    return seconds + nanoseconds / 1e9 if seconds or nanoseconds else None
+
+
+def diagonal(values: Sequence[float]) -> list[float]:
+    """Return a covariance of six by six, row by row, with these on its diagonal; 0 where there are none."""
+    covariance = [0.0] * 36
+    for row, value in enumerate(values[:6]):
+        covariance[7 * row] = float(value)
+    return covariance
 
 
 def wrong(values: Sequence[float], controller: ControllerView) -> str | None:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
+from canopen_control.ros.diff_drive import BaseOdometry, TwistCommands
 from canopen_control.ros.forward import ForwardCommands
 from canopen_control.ros.joint_states import JointStates
 
@@ -23,6 +24,7 @@ __all__ = ["endpoints_for"]
 #: by where its commands come (`topic` of the API)
 BY_TOPIC: Final[dict[str | None, tuple[Factory, ...]]] = {
     "commands": (ForwardCommands,),
+    "cmd_vel": (TwistCommands, BaseOdometry),
 }
 #: by its type
 BY_TYPE: Final[dict[str, tuple[Factory, ...]]] = {

@@ -8,7 +8,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.ros import CONTROLLERS
 
-from canopen_control.ros.conversions import controllers_of, joint_arrays, quaternion_of_yaw, stamp_of, wrong
+from canopen_control.ros.conversions import (
+    controllers_of,
+    diagonal,
+    joint_arrays,
+    quaternion_of_yaw,
+    seconds_of,
+    stamp_of,
+    wrong,
+)
 
 JOINTS = {
     "right": {"position": 2.0, "velocity": 20, "effort": None, "command": 1.0},
@@ -44,6 +52,19 @@ def test_a_stamp_is_the_time_in_valid_parts(time):
 
 def test_a_stamp_just_below_a_second_does_not_overflow():
     assert stamp_of(math.nextafter(1.0, 0.0)) == (0, 999_999_999)
+
+
+def test_a_stamp_of_zero_is_none_and_any_other_is_a_time():
+    assert seconds_of(0, 0) is None
+    assert seconds_of(12, 500_000_000) == 12.5
+    assert seconds_of(0, 1) == 1e-9
+
+
+def test_a_covariance_is_a_diagonal_of_six():
+    covariance = diagonal([1, 2, 3, 4, 5, 6])
+    assert covariance[0::7] == [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]
+    assert sum(covariance) == 21.0
+    assert diagonal(()) == [0.0] * 36
 
 
 def test_a_quarter_turn_as_a_quaternion():

@@ -1,0 +1,119 @@
+"""The topics of a diff drive controller: `~/cmd_vel` (stamped), `~/cmd_vel_unstamped`, `~/odom` and `~/cmd_vel_out`.
+
+The law of the file (diff_drive_controller, Jazzy): only linear.x and angular.z count, the frame of a command is not
+looked at, a stamp of zero means now; how old a stamp may be is the controller's `cmd_vel_timeout`, so the stamp goes to
+the runtime with the command. A twist that is not finite is dropped, and does not refresh the timeout. Odometry is
+planar: z is 0, the covariances are diagonals, and only linear.x and angular.z are measured.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+from geometry_msgs.msg import Twist, TwistStamped
+from nav_msgs.msg import Odometry
+
+from canopen_control.ros.conversions import diagonal, quaternion_of_yaw, seconds_of
+from canopen_control.ros.endpoint import Endpoint
+from canopen_control.ros.joint_states import time_message
+from canopen_control.ros.qos import SYSTEM_DEFAULT
+
+if TYPE_CHECKING:
+    from canopen_control.ros.conversions import ControllerView
+    from canopen_control.ros.endpoint import Ros
+
+__all__ = ["BaseOdometry", "TwistCommands"]
+
+
+class TwistCommands(Endpoint):
+    """The two subscriptions of one base controller."""
+
+    def __init__(self, ros: Ros, controller: ControllerView) -> None:
+        self._ros, self._controller = ros, controller
+        name = controller.name
+        self._subscriptions = [
+            ros.subscribe(TwistStamped, f"{name}/cmd_vel", self._on_stamped, SYSTEM_DEFAULT),
+            ros.subscribe(Twist, f"{name}/cmd_vel_unstamped", self._on_twist, SYSTEM_DEFAULT),
+        ]
+
+    def on_controller(self, controller: ControllerView) -> None:
+        """Know whether it is active."""
+        self._controller = controller
+
+    def close(self) -> None:
+        """Leave the topics."""
+        for subscription in self._subscriptions:
+            self._ros.unsubscribe(subscription)
+
+    def _on_stamped(self, message: TwistStamped) -> None:
+        self._command(message.twist, seconds_of(message.header.stamp.sec, message.header.stamp.nanosec))
+
+    def _on_twist(self, message: Twist) -> None:
+        self._command(message, None)
+
+    def _command(self, twist: Twist, stamp: float | None) -> None:
+        name, linear, angular = self._controller.name, twist.linear.x, twist.angular.z
+        if not self._controller.active:
+            self._ros.warn(f"{name}/cmd_vel", f"{name} is {self._controller.state}; activate it before commanding it")
+        elif not (math.isfinite(linear) and math.isfinite(angular)):
+            text = f"{name}: a twist is not finite: linear.x {linear:g}, angular.z {angular:g}; it was dropped"
+            self._ros.warn(f"{name}/cmd_vel", text)
+        else:
+            params = {"linear": linear, "angular": angular}
+            self._ros.command(name, "twist", params if stamp is None else {**params, "stamp": stamp})
+
+
+class BaseOdometry(Endpoint):
+    """`~/odom`, and `~/cmd_vel_out` where the controller publishes its limited twist, each time it has a new one.
+
+    The state stream holds it under "odometry", by controller: time, x, y, heading, linear, angular, frame_id,
+    child_frame_id, pose_covariance and twist_covariance (the six of a diagonal), and `limited` as [linear, angular].
+    """
+
+    def __init__(self, ros: Ros, controller: ControllerView) -> None:
+        self._ros, self._name, self._time = ros, controller.name, -math.inf
+        self._publisher: Any = None
+        self._limited: Any = None
+
+    def on_state(self, state: dict[str, Any]) -> None:
+        """Publish what is new."""
+        sample = (state.get("odometry") or {}).get(self._name)
+        if sample is None or sample["time"] == self._time:
+            return
+        self._time = sample["time"]
+        if self._publisher is None:
+            self._publisher = self._ros.node.create_publisher(Odometry, f"{self._name}/odom", SYSTEM_DEFAULT)
+        self._publisher.publish(odometry_message(sample))
+        if sample.get("limited") is not None:
+            self._publish_limited(sample)
+
+    def close(self) -> None:
+        """Leave the topics."""
+        for publisher in (self._publisher, self._limited):
+            if publisher is not None:
+                self._ros.node.destroy_publisher(publisher)
+
+    def _publish_limited(self, sample: dict[str, Any]) -> None:
+        if self._limited is None:
+            topic = f"{self._name}/cmd_vel_out"
+            self._limited = self._ros.node.create_publisher(TwistStamped, topic, SYSTEM_DEFAULT)
+        message = TwistStamped()
+        message.header.stamp = time_message(sample["time"])
+        message.header.frame_id = sample["child_frame_id"]
+        message.twist.linear.x, message.twist.angular.z = map(float, sample["limited"])
+        self._limited.publish(message)
+
+
+def odometry_message(sample: dict[str, Any]) -> Odometry:
+    """Return a sample of the state stream as a message."""
+    message = Odometry()
+    message.header.stamp = time_message(sample["time"])
+    message.header.frame_id, message.child_frame_id = sample["frame_id"], sample["child_frame_id"]
+    pose, twist = message.pose, message.twist
+    pose.pose.position.x, pose.pose.position.y = float(sample["x"]), float(sample["y"])
+    _, _, pose.pose.orientation.z, pose.pose.orientation.w = quaternion_of_yaw(sample["heading"])
+    pose.covariance = diagonal(sample.get("pose_covariance") or ())
+    twist.twist.linear.x, twist.twist.angular.z = float(sample["linear"]), float(sample["angular"])
+    twist.covariance = diagonal(sample.get("twist_covariance") or ())
+    return message

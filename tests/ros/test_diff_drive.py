@@ -1,0 +1,88 @@
+from __future__ import annotations
+
+import math
+
+import pytest
+from support.ros import eventually
+
+pytestmark = pytest.mark.ros
+STAMPED, PLAIN = "geometry_msgs/msg/TwistStamped", "geometry_msgs/msg/Twist"
+ODOMETRY = {
+    "time": 1_700_000_000.5, "x": 1.0, "y": 2.0, "heading": math.pi / 2, "linear": 0.5, "angular": -0.25,
+    "frame_id": "odom", "child_frame_id": "base_link", "limited": [0.4, -0.2],
+    "pose_covariance": [0.001, 0.002, 0, 0, 0, 0.01], "twist_covariance": [0.1, 0, 0, 0, 0, 0.2],
+}  # fmt: skip
+
+
+def twist(linear, angular):
+    return {"linear": {"x": linear}, "angular": {"z": angular}}
+
+
+def twists(stage):
+    return stage.robot.commands("twist")
+
+
+@pytest.fixture
+def driving(fresh):
+    fresh.robot.switch(base="active")
+    return fresh
+
+
+def test_a_stamped_twist_goes_to_the_runtime_with_its_stamp(driving):
+    data = {
+        "header": {"stamp": {"sec": 12, "nanosec": 500_000_000}, "frame_id": "whatever"},
+        "twist": twist(0.5, -0.25),
+    }
+    driving.peer.order("publish", topic="/base/cmd_vel", of=STAMPED, data=data, rate=20)
+    assert eventually(lambda: twists(driving))
+    driving.peer.order("silence", topic="/base/cmd_vel")
+    assert twists(driving)[-1] == {
+        "controller": "base",
+        "linear": 0.5,
+        "angular": -0.25,
+        "stamp": 12.5,
+        "source": "ros",
+    }
+
+
+def test_a_stamp_of_zero_is_now(driving):
+    driving.peer.order("publish", topic="/base/cmd_vel", of=STAMPED, data={"twist": twist(0.75, 0.0)}, rate=20)
+    assert eventually(lambda: any(each["linear"] == 0.75 for each in twists(driving)))
+    driving.peer.order("silence", topic="/base/cmd_vel")
+    assert "stamp" not in twists(driving)[-1]
+
+
+def test_a_plain_twist_has_its_own_topic(driving):
+    driving.peer.order("publish", topic="/base/cmd_vel_unstamped", of=PLAIN, data=twist(0.1, 0.2), rate=20)
+    assert eventually(lambda: {"controller": "base", "linear": 0.1, "angular": 0.2, "source": "ros"} in twists(driving))
+    driving.peer.order("silence", topic="/base/cmd_vel_unstamped")
+
+
+def test_a_twist_that_is_not_finite_is_dropped(driving):
+    topic = "/base/cmd_vel_unstamped"
+    for bad in (twist(math.nan, 0.0), twist(0.0, math.inf)):
+        driving.peer.order("publish", topic=topic, of=PLAIN, data=bad)
+    driving.peer.order("publish", topic=topic, of=PLAIN, data=twist(0.3, 0.3), rate=20)
+    assert eventually(lambda: any(each["linear"] == 0.3 for each in twists(driving)))
+    driving.peer.order("silence", topic=topic)
+    assert not any(each["linear"] == 0.0 for each in twists(driving))
+
+
+def test_odometry_is_published_once_for_each_new_sample(driving):
+    peer, robot = driving.peer, driving.robot
+    peer.order("subscribe", topic="/base/odom", of="nav_msgs/msg/Odometry", qos="default")
+    peer.order("subscribe", topic="/base/cmd_vel_out", of=STAMPED, qos="default")
+    robot.more = {"odometry": {"base": ODOMETRY}}
+    odom = peer.message("/base/odom")
+    limited = peer.message("/base/cmd_vel_out")
+    assert (odom["header"]["frame_id"], odom["child_frame_id"]) == ("odom", "base_link")
+    assert odom["header"]["stamp"] == {"sec": 1_700_000_000, "nanosec": 500_000_000}
+    pose, velocity = odom["pose"], odom["twist"]
+    assert pose["pose"]["position"] == {"x": 1.0, "y": 2.0, "z": 0.0}
+    assert pose["pose"]["orientation"]["z"] == pytest.approx(math.sqrt(0.5))
+    assert pose["covariance"][0::7] == [0.001, 0.002, 0.0, 0.0, 0.0, 0.01]
+    assert (velocity["twist"]["linear"]["x"], velocity["twist"]["angular"]["z"]) == (0.5, -0.25)
+    assert velocity["covariance"][0::7] == [0.1, 0.0, 0.0, 0.0, 0.0, 0.2]
+    assert (limited["twist"]["linear"]["x"], limited["twist"]["angular"]["z"]) == (0.4, -0.2)
+    robot.more = {"odometry": {"base": {**ODOMETRY, "time": 1_700_000_001.0, "limited": None}}}
+    assert peer.message("/base/odom")["header"]["stamp"]["sec"] == 1_700_000_001, "the same sample was not repeated"
