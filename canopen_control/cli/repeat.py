@@ -18,7 +18,7 @@ PERIOD_S = 0.1
 def add_repeat_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare how long a command lasts."""
     how = parser.add_mutually_exclusive_group()
-    how.add_argument("--for", type=float, metavar="S", dest="seconds", help="repeat for S seconds, then send zeros")
+    how.add_argument("--for", type=seconds, metavar="S", dest="seconds", help="repeat for S seconds, then send zeros")
     how.add_argument(
         "--once", action="store_true", help="send it once; the controller's timeout decides how long it holds"
     )
@@ -59,3 +59,11 @@ def _repeat(
         if left <= 0 or stopped.wait(left):
             return
         robot.request(method, params)
+
+
+def seconds(text: str) -> float:
+    """Read a time in seconds above 0."""
+    value = finite(text)
+    if not value > 0:
+        raise argparse.ArgumentTypeError(f"{text!r} is no time in seconds above 0")
+    return value

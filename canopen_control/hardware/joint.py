@@ -153,8 +153,9 @@ class JointDrive:
         self.machine.halt(True)
 
     def fault_reset(self) -> None:
-        """Acknowledge a fault; the drive stays disabled."""
-        self.wish = Wish.OFF
+        """Acknowledge a fault; the drive stays disabled. Without a fault nothing changes."""
+        if self.machine.fault:
+            self.wish = Wish.OFF
         self.machine.fault_reset()
 
     def give_up(self) -> None:

@@ -18,7 +18,7 @@ from canopen_control.cia402.events import (
     StateChanged,
     TransitionTimedOut,
 )
-from canopen_control.errors import ControlError, DriveError, RobotConfigError, UnknownInterface
+from canopen_control.errors import ControlError, DriveError, RobotConfigError, UnknownInterface, UnsupportedMode
 from canopen_control.hardware.interfaces import LifecycleState, ReturnType
 from canopen_control.hardware.joint import JointDrive, Wish
 from canopen_control.master.events import Event, Level
@@ -100,7 +100,10 @@ class CanopenSystem:
                 raise ControlError(
                     f"joint {joint.joint} is commanded by {joint.claimed}; deactivate that controller first"
                 )
-            joint.mode_for(name.rpartition("/")[2])
+            try:
+                joint.mode_for(name.rpartition("/")[2])
+            except UnsupportedMode as error:
+                raise DriveError(f"{_who(joint)}: {error}") from error
 
     def perform_command_mode_switch(self, start: Sequence[str], stop: Sequence[str]) -> None:
         """Stop what is released, set the mode of what is claimed and enable it; nothing here waits."""

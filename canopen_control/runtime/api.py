@@ -207,8 +207,11 @@ class ApiServer:
         call.reply({})
 
     def _twist(self, call: _Call) -> None:
+        name = str(call.params["controller"])
+        if self._robot.manager.get(name).topic != "cmd_vel":
+            raise ControlError(f"{name} takes no twist; it is no base controller, command it by values")
         values = [float(call.params["linear"]), float(call.params["angular"])]
-        self._robot.command(str(call.params["controller"]), values, call.source)
+        self._robot.command(name, values, call.source)
         call.reply({})
 
     def _shutdown(self, call: _Call) -> None:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from canopen_control.cia301.nmt import NmtCommand
 from canopen_control.controllers.manager import ControllerManager
-from canopen_control.errors import BusError, CanopenError, ControlError, RobotConfigError, UnknownInterface
+from canopen_control.errors import BusError, CanopenError, ControlError, RobotConfigError
 from canopen_control.hardware.interfaces import InterfaceRegistry, ReturnType
 from canopen_control.hardware.joint import Action
 from canopen_control.hardware.mock import PLUGINS as MOCK_PLUGINS
@@ -24,10 +24,12 @@ from canopen_control.runtime.bus import RobotBus
 from canopen_control.runtime.pacer import Pacer
 from canopen_control.runtime.request import AxisRequest
 from canopen_control.runtime.setup import BUS_NAME
+from canopen_control.runtime.wanted import load_controller, prepare_controllers
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
+    from canopen_control.hardware.description import Ros2ControlSystem
     from canopen_control.hardware.joint import JointDrive
     from canopen_control.host.reactor import Reactor
     from canopen_control.master.cycle import ProcessImage
@@ -82,6 +84,7 @@ class RobotCore:
         self._stopping_until = 0
         self._requests: list[AxisRequest] = []
         self._build()
+        prepare_controllers(setup, self.manager, self.registry)
 
     # ------------------------------------------------------------------------------------------- life
 
@@ -147,7 +150,7 @@ class RobotCore:
         loaded = {info.name for info in self.manager.list()}
         for name in activate:
             if name not in loaded:
-                self._load(name)
+                load_controller(self.setup, self.manager, name)
         self.manager.switch(activate=activate, deactivate=deactivate, strict=strict)
 
     def stop(self, done: Callable[[str | None], None]) -> None:
@@ -175,7 +178,8 @@ class RobotCore:
         for node in self.nodes.values():
             if name in (node.name, str(node.node_id)):
                 return node
-        raise UnknownInterface(name, tuple(self.nodes))
+        known = ", ".join(f"{node.name} ({node.node_id})" for node in self.nodes.values()) or "none"
+        raise ControlError(f"no node {name!r}; there are: {known}")
 
     def bus_of(self, node: RemoteNode) -> RobotBus:
         """Return the bus a node is on."""
@@ -224,7 +228,17 @@ class RobotCore:
             if self.on_running is not None:
                 self.on_running()
         elif missing and now > self._deadline:
-            self._fail("; ".join(self._why_missing(node) for node in missing))
+            self._fail(self._why_silent() or "; ".join(self._why_missing(node) for node in missing))
+
+    def _why_silent(self) -> str:
+        """Say that nobody is there at all, where not one frame has come from any bus."""
+        silent = [bus for bus in self.buses.values() if bus.port is not None and bus.port.stats.rx == 0]
+        return "; ".join(
+            f"nobody answers on {bus.channel}: not one frame came from {', '.join(bus.config.nodes)} "
+            f"within {bus.config.master.boot_time / 1000:g} s; are the drives there, powered, "
+            f"and set to {bus.config.master.baudrate} kbit/s?"
+            for bus in (silent if len(silent) == len(self.buses) else ())
+        )
 
     def _why_missing(self, node: RemoteNode) -> str:
         if node.error and node.error.startswith(f"node {node.node_id}"):
@@ -256,13 +270,6 @@ class RobotCore:
             self.switch(self.setup.wanted, (), strict=True)
         except CanopenError as error:
             self._fail(str(error))
-
-    def _load(self, name: str) -> None:
-        config = self.setup.controllers.controllers.get(name)
-        if config is None:
-            raise ControlError(f"no controller {name!r} in {self.setup.files.controllers}")
-        self.manager.load(name, config.type, config.params)
-        self.manager.configure(name)
 
     def _fail(self, text: str) -> None:
         self.failure = self.failure or text
@@ -311,7 +318,7 @@ class RobotCore:
                 if not needs_bus:
                     self._build_bus()
                 needs_bus = True
-                system = CanopenSystem(description, self._nodes_with_image(), self.report)
+                system = self._canopen_system(description)
                 self.systems.append(system)
                 self.joints.update((joint.joint, joint) for joint in system.joints)
                 self.registry.register(system)
@@ -325,6 +332,12 @@ class RobotCore:
             raise RobotConfigError(
                 f"{setup.files.description}: no <ros2_control> tag; it says which drive moves which joint"
             )
+
+    def _canopen_system(self, description: Ros2ControlSystem) -> CanopenSystem:
+        try:
+            return CanopenSystem(description, self._nodes_with_image(), self.report)
+        except RobotConfigError as error:
+            raise RobotConfigError(f"{self.setup.files.description}:{description.line}: {error}") from error
 
     def _build_bus(self) -> None:
         bus = RobotBus(

@@ -32,6 +32,9 @@ def find_robot(
     config: str | None, *, bus: str | None = None, controllers: str | None = None, description: str | None = None
 ) -> RobotFiles:
     """Find the files; those given one by one win over the folder's. RobotConfigError names all that is missing."""
+    if config is None and bus is None and controllers is None and description is None:
+        names = ", ".join(data_names("config"))
+        raise RobotConfigError(f"no robot given: name a folder or a bundled robot ({names}), or its three files")
     folder = _folder(config) if config is not None else None
     missing: list[str] = []
     found = {

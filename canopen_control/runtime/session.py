@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 from canopen_control.errors import RobotConfigError
 from canopen_control.host.reactor import Reactor
-from canopen_control.host.sockets import runtime_dir
+from canopen_control.host.sockets import SocketInUse, runtime_dir
 from canopen_control.runtime.api import ApiServer
 from canopen_control.runtime.core import RobotCore
 from canopen_control.runtime.motion import DemoMotion
@@ -63,7 +63,13 @@ class Session:
             cleanup.callback(os.close, _claim(channel))
         self.supervisor = Supervisor(setup.name, self.reactor, self.robot.report)
         cleanup.callback(self.supervisor.end)
-        self.api = ApiServer(self.robot)
+        try:
+            self.api = ApiServer(self.robot)
+        except SocketInUse as error:
+            owner = f" (process {error.pid})" if error.pid else ""
+            raise RobotConfigError(
+                f"a robot named {setup.name} runs already{owner}; stop that one, or choose another --name"
+            ) from error
         cleanup.callback(self.api.close)
         cleanup.callback(self.robot.close)
         self.robot.on_stopped = self.reactor.stop

@@ -37,7 +37,7 @@ def test_a_run_on_virtual_drives_in_this_process(capsys):
         (["robby", "--view"], "--view"),
         (["robby", "--can", "nonsense"], "nonsense"),
         (["robby", "--can", "left=can0"], "left"),
-        ([], "--bus"),
+        ([], "bundled robot"),
     ],
 )
 def test_a_mistake_of_the_user_is_one_sentence_and_exit_code_2(capsys, arguments, words):
