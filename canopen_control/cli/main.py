@@ -31,6 +31,10 @@ VERBS = {
     "stop": "ramp all wheels to zero and disable the drives",
     "shutdown": "stop, then end the runtime",
     "axis": "enable, disable, halt, quick-stop or fault-reset drives",
+    "sdo": "read and write objects of a node, transfer files",
+    "nmt": "start, stop or reset nodes",
+    "scan": "who is on a bus, which EDS fits, what bus.yml expects",
+    "lss": "give node ids and bit rates to nodes",
     "eds": "look into EDS and DCF files",
 }
 

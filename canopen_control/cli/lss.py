@@ -1,0 +1,192 @@
+"""`lss`: give node ids and bit rates to nodes on a bare bus (CiA 305).
+
+First one slave must be alone in configuration: `switch configuration` with its four identity numbers, or without them
+if it is the only slave on the bus; or `fast-scan`, which finds one without a node id. Then `node-id`, `bit-timing`,
+`store` and `inquire` speak to it, and `switch waiting` ends it. A new node id counts after `nmt reset-comm` or at the
+next power-on; `activate` changes the bit rate of all slaves in configuration, and this end has to follow.
+
+Exit codes: 0 good; 1 no slave answered or it refused; 2 wrong usage.
+"""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING
+
+from canopen_control.cia301.lss import (
+    AUTOMATIC_BIT_TIMING,
+    BIT_TIMINGS,
+    UNCONFIGURED,
+    LssIdentity,
+    LssMode,
+    bit_timing_index,
+)
+from canopen_control.cli.target import LABEL, robot_on
+from canopen_control.errors import ConfigError, RemoteProtocolError
+from canopen_control.master.direct import DirectBus
+
+if TYPE_CHECKING:
+    import argparse
+    from collections.abc import Callable
+
+__all__ = ["EXAMPLE", "add_arguments", "run"]
+
+EXAMPLE = """canopen-control lss fast-scan --can can0
+         canopen-control lss node-id 5 --can can0
+         canopen-control lss store --can can0
+         canopen-control lss switch waiting --can can0"""
+
+PARTS = LssIdentity._fields
+NODE_ID = "node-id"
+AUTO = "auto"
+_U32 = 0xFFFFFFFF
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
+    switch = actions.add_parser("switch", help="switch all slaves, or the one of an identity, to a mode")
+    switch.add_argument("mode", choices=[mode.name.lower() for mode in LssMode])
+    inquire = actions.add_parser("inquire", help="ask the slave in configuration for its identity and node id")
+    inquire.add_argument("part", nargs="?", choices=(*PARTS, NODE_ID), help="one of them only")
+    node_id = actions.add_parser("node-id", help="give the slave in configuration a node id")
+    node_id.add_argument("node_id", type=_whole, metavar="N", help="1 to 127, or 255 to take it away")
+    timing = actions.add_parser("bit-timing", help="give the slave in configuration a bit rate")
+    timing.add_argument("bitrate", metavar="BITRATE", help=f"bit/s: {_rates()}, or {AUTO}")
+    store = actions.add_parser("store", help="let the slave in configuration keep node id and bit rate")
+    activate = actions.add_parser("activate", help="let all slaves in configuration change to their new bit rate")
+    activate.add_argument("delay_ms", type=_whole, metavar="DELAY_MS", help="before the change, and silent after it")
+    scan = actions.add_parser("fast-scan", help="find one slave without a node id and switch it to configuration")
+    find = actions.add_parser("find", help="ask whether there are slaves without a node id")
+    for part in PARTS:
+        switch.add_argument(f"--{part}", type=_number, metavar="N", help="of the one slave to switch; all four")
+        scan.add_argument(f"--{part}", type=_number, metavar="N", help="known already: only confirmed, saves time")
+    for action in (switch, inquire, node_id, timing, store, activate, scan, find):
+        action.add_argument("--can", required=True, metavar="CHANNEL", help="can0, local:NAME, ...")
+    for action in (inquire, scan):
+        action.add_argument("--json", action="store_true", help="print JSON")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the verb."""
+    owner = robot_on(args.can)
+    if owner is not None:
+        raise ConfigError(f"robot {owner[0]} runs on {args.can}; LSS would take its nodes away: shutdown it first")
+    with DirectBus.open(args.can, label=LABEL) as bus:
+        return _ACTIONS[args.action](args, bus)
+
+
+def _whole(text: str) -> int:
+    return int(text, 0)
+
+
+def _number(text: str) -> int:
+    number = int(text, 0)
+    if not 0 <= number <= _U32:
+        raise ValueError(text)
+    return number
+
+
+def _rates() -> str:
+    return ", ".join(str(rate) for rate in BIT_TIMINGS.values())
+
+
+def _switch(args: argparse.Namespace, bus: DirectBus) -> int:
+    mode, parts = LssMode[args.mode.upper()], {part: getattr(args, part) for part in PARTS}
+    missing = [f"--{part}" for part, number in parts.items() if number is None]
+    if len(missing) == len(PARTS):
+        bus.lss(lambda master: master.switch_global(mode))
+        print(f"all slaves were told to switch to {args.mode}; LSS has no answer to that")
+        return 0
+    if missing:
+        raise ConfigError(f"one slave is switched by its whole identity: {', '.join(missing)} missing")
+    if mode is LssMode.WAITING:
+        raise ConfigError("a single slave cannot be switched to waiting; leave the identity out to switch all")
+    identity = LssIdentity(**parts)
+    bus.lss(lambda master: master.switch_selective(identity))
+    print(f"{_identity(identity)}: in configuration")
+    return 0
+
+
+def _inquire(args: argparse.Namespace, bus: DirectBus) -> int:
+    wanted = [args.part] if args.part else [*PARTS, NODE_ID]
+    found: dict[str, int] = {}
+    for part in wanted:
+        answer = bus.lss(lambda master, part=part: master.inquire(part.replace("-", "_")))  # type: ignore[misc]  # part has its type from the list
+        assert isinstance(answer, int)
+        found[part] = answer
+    if args.json:
+        print(json.dumps({part.replace("-", "_"): number for part, number in found.items()}, indent=2))
+        return 0
+    for part, number in found.items():
+        shown = "none" if part == NODE_ID and number == UNCONFIGURED else f"{number}"
+        print(f"{part}: {shown} (0x{number:0{2 if part == NODE_ID else 8}X})")
+    return 0
+
+
+def _node_id(args: argparse.Namespace, bus: DirectBus) -> int:
+    if not 1 <= args.node_id <= 127 and args.node_id != UNCONFIGURED:
+        raise ConfigError(f"node id {args.node_id}: it is 1 to 127, or {UNCONFIGURED} for none")
+    bus.lss(lambda master: master.configure_node_id(args.node_id))
+    print(f"node id {args.node_id}: accepted; keep it with `lss store`, use it after `nmt reset-comm` or a restart")
+    return 0
+
+
+def _bit_timing(args: argparse.Namespace, bus: DirectBus) -> int:
+    rate = args.bitrate
+    index = AUTOMATIC_BIT_TIMING if rate == AUTO else bit_timing_index(int(rate)) if rate.isdecimal() else None
+    if index is None:
+        raise ConfigError(f"bit rate {rate!r}: LSS knows {_rates()} bit/s and {AUTO}")
+    bus.lss(lambda master: master.configure_bit_timing(index))
+    print(f"bit rate {rate}: accepted; `lss activate` changes to it now, `lss store` keeps it for the next power-on")
+    return 0
+
+
+def _store(_args: argparse.Namespace, bus: DirectBus) -> int:
+    bus.lss(lambda master: master.store())
+    print("stored")
+    return 0
+
+
+def _activate(args: argparse.Namespace, bus: DirectBus) -> int:
+    if not 0 <= args.delay_ms <= 0xFFFF:
+        raise ConfigError(f"delay {args.delay_ms} ms: it is 0 to 65535")
+    bus.lss(lambda master: master.activate_bit_timing(args.delay_ms))
+    print(f"told to change in {args.delay_ms} ms; change this end's bit rate too, then wait {args.delay_ms} ms more")
+    return 0
+
+
+def _fast_scan(args: argparse.Namespace, bus: DirectBus) -> int:
+    identity = bus.lss(lambda master: master.fast_scan(**{part: getattr(args, part) for part in PARTS}))
+    if identity is None:
+        raise RemoteProtocolError(0, f"LSS: no slave without a node id answers on {args.can}")
+    assert isinstance(identity, LssIdentity)
+    if args.json:
+        print(json.dumps(identity._asdict(), indent=2))
+    else:
+        print(f"{_identity(identity)}: in configuration")
+    return 0
+
+
+def _find(args: argparse.Namespace, bus: DirectBus) -> int:
+    there = bus.lss(lambda master: master.identify_non_configured())
+    if not there:
+        raise RemoteProtocolError(0, f"LSS: no slave without a node id answers on {args.can}")
+    print("there are slaves without a node id; `lss fast-scan` finds one of them")
+    return 0
+
+
+def _identity(identity: LssIdentity) -> str:
+    return ", ".join(f"{part} 0x{number:08X}" for part, number in identity._asdict().items())
+
+
+_ACTIONS: dict[str, Callable[[argparse.Namespace, DirectBus], int]] = {
+    "switch": _switch,
+    "inquire": _inquire,
+    "node-id": _node_id,
+    "bit-timing": _bit_timing,
+    "store": _store,
+    "activate": _activate,
+    "fast-scan": _fast_scan,
+    "find": _find,
+}

@@ -1,0 +1,135 @@
+"""`nmt`: start, stop or reset nodes, and see whether they did.
+
+NODE is one of a running robot (name or node id in bus.yml), or with --can any node of a bare bus (node id), or all. An
+NMT command has no answer: heartbeats and boot-ups show what became of it. A running robot drops a node from its process
+data when it is told to leave OPERATIONAL, and boots it again with `start`; `axis enable` then lets it move.
+
+Exit codes: 0 confirmed, or sent to nodes without heartbeat; 1 a node shows another state; 2 wrong usage.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from typing import TYPE_CHECKING, Any
+
+from canopen_control.cia301.nmt import EXPECTED_STATE, RESETS, NmtCommand, NmtConfirmed, NmtState
+from canopen_control.cli.target import LABEL, RobotTarget, add_target_arguments, parse_node_id
+from canopen_control.client import RobotClient
+from canopen_control.frame import BROADCAST
+from canopen_control.master.direct import DirectBus
+
+if TYPE_CHECKING:
+    import argparse
+
+__all__ = ["EXAMPLE", "add_arguments", "run"]
+
+EXAMPLE = """canopen-control nmt preop left_drive
+         canopen-control nmt reset-node all --can can0"""
+
+COMMANDS = {
+    "start": NmtCommand.START,
+    "stop": NmtCommand.STOP,
+    "preop": NmtCommand.ENTER_PRE_OPERATIONAL,
+    "reset-node": NmtCommand.RESET_NODE,
+    "reset-comm": NmtCommand.RESET_COMMUNICATION,
+}
+ALL = "all"
+PATIENCE_S = 1.5  # a heartbeat of a second and a half
+RESET_PATIENCE_S = 5.0
+BOOT_PATIENCE_S = 10.0  # `start` through a robot configures the node first
+POLL_S = 0.05
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    parser.add_argument("command", choices=COMMANDS)
+    parser.add_argument("node", metavar="NODE", help="name or node id, on a bare bus the node id; or all")
+    parser.add_argument("--wait", type=_seconds, metavar="S", help="for the confirmation (default: 1.5, resets 5)")
+    add_target_arguments(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the verb."""
+    command = COMMANDS[args.command]
+    if args.can is not None:
+        node_id = BROADCAST if args.node == ALL else parse_node_id(args.node)
+        with DirectBus.open(args.can, label=LABEL) as bus:
+            return _on_bus(args, bus, command, node_id)
+    with RobotTarget(RobotClient.connect(args.name)) as robot:
+        return _through_robot(args, robot, command)
+
+
+def _seconds(text: str) -> float:
+    seconds = float(text)
+    if not 0.0 < seconds <= 60.0:
+        raise ValueError(text)
+    return seconds
+
+
+def _on_bus(args: argparse.Namespace, bus: DirectBus, command: NmtCommand, node_id: int) -> int:
+    patience = args.wait or (RESET_PATIENCE_S if command in RESETS and node_id else PATIENCE_S)
+    results = bus.command(command, node_id, patience)
+    failed = False
+    for result in results:
+        if isinstance(result, NmtConfirmed):
+            print(f"node {result.node_id}: {_words(EXPECTED_STATE[command])}")
+        elif result.state is None:
+            print(
+                f"node {result.node_id}: {args.command} was sent; no heartbeat has confirmed it within {patience:g} s"
+            )
+        else:
+            failed = True
+            _complain(f"node {result.node_id}", result.state.name, args.command, patience)
+    if not results:
+        print(f"{args.command} was sent to all; no heartbeat was heard within {patience:g} s")
+    return 1 if failed else 0
+
+
+def _through_robot(args: argparse.Namespace, target: RobotTarget, command: NmtCommand) -> int:
+    places = target.places if args.node == ALL else [target.place(args.node)]
+    begin = time.monotonic()
+    target.robot.call("nmt", command=args.command, node=ALL if args.node == ALL else str(places[0].node_id))
+    patience = args.wait or _ROBOT_PATIENCE.get(command, PATIENCE_S)
+    waiting, nodes = places, dict[str, Any]()
+    while waiting and time.monotonic() < begin + patience:
+        time.sleep(POLL_S)
+        nodes = target.robot.call("status")["nodes"]
+        elapsed = time.monotonic() - begin
+        waiting = [place for place in waiting if not _shows(nodes[place.name], command, elapsed)]
+    for place in places:
+        if place in waiting:
+            _complain(str(place), nodes[place.name]["nmt_state"], args.command, patience, nodes[place.name]["error"])
+        else:
+            print(f"{place}: {_words(nodes[place.name]['nmt_state'])}")
+    return 1 if waiting else 0
+
+
+_ROBOT_PATIENCE = {
+    NmtCommand.START: BOOT_PATIENCE_S,
+    NmtCommand.RESET_NODE: RESET_PATIENCE_S,
+    NmtCommand.RESET_COMMUNICATION: RESET_PATIENCE_S,
+}
+
+
+def _shows(node: dict[str, Any], command: NmtCommand, elapsed: float) -> bool:
+    """Whether the node has shown the wanted state since the command was sent."""
+    if command is NmtCommand.START:
+        return bool(node["ready"])
+    wanted = {EXPECTED_STATE[command].name}
+    if command in RESETS:
+        wanted.add(NmtState.PRE_OPERATIONAL.name)  # where it goes by itself
+    return node["nmt_state"] in wanted and node["age_s"] is not None and node["age_s"] <= elapsed
+
+
+def _words(state: NmtState | str) -> str:
+    name = state if isinstance(state, str) else state.name
+    if name == NmtState.INITIALISING.name:
+        return "has booted"
+    return name.replace("_", " ")
+
+
+def _complain(who: str, state: str | None, command: str, patience: float, error: str | None = None) -> None:
+    shown = "has not been heard since" if state is None else f"shows {state.replace('_', ' ')}"
+    why = f" ({error})" if error else ""
+    print(f"canopen-control: {who}: {command} is not confirmed within {patience:g} s; it {shown}{why}", file=sys.stderr)

@@ -1,0 +1,291 @@
+"""`scan`: who is on a bus, which EDS describes each node, and what the bus.yml expects instead.
+
+Every node id is asked for 0x1000, 0x1018 and 0x1008; nothing is written. With --can it is a bare bus, compared to a
+robot's bus.yml with --config. Without, it is the bus of the running robot: its own nodes are asked through it, all other
+node ids straight on the bus.
+
+Exit codes: 0 good; 1 nobody is there, or a node of the bus.yml is missing or another one; 2 wrong usage.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from canopen_control.bus.channel import ChannelKind, parse_channel
+from canopen_control.cli.identity import FIELDS, NAME, NodeIdentity, differences, identity_of, match_eds, read_known
+from canopen_control.cli.table import Table
+from canopen_control.cli.target import LABEL, MAX_NODE_ID, RobotTarget, find_eds, robot_on
+from canopen_control.client import RobotClient
+from canopen_control.data_files import data_names, data_path
+from canopen_control.errors import CanopenError, ConfigError, RemoteError, SdoTimeout
+from canopen_control.master.direct import DirectBus
+
+if TYPE_CHECKING:
+    import argparse
+    from collections.abc import Iterable, Mapping
+
+    from canopen_control.cli.identity import KnownEds
+
+__all__ = ["EXAMPLE", "add_arguments", "run"]
+
+EXAMPLE = """canopen-control scan --can can0 --config robby
+         canopen-control scan --can can0 --eds-dir ~/eds
+         canopen-control scan"""
+
+SHARED = (ChannelKind.LOCAL, ChannelKind.SOCKETCAN)  # channels that a second process can open
+_OBJECTS = [*(address for address, _ in FIELDS.values()), NAME]
+_HEADINGS = ("node", "device type", "vendor", "product", "revision", "serial", "device name", "NMT", "EDS", "bus.yml")
+
+
+@dataclass(slots=True)
+class Found:
+    """One line of the result; `identity` is None for a node that answers no SDO."""
+
+    node_id: int
+    identity: NodeIdentity | None = None
+    nmt_state: str | None = None
+    name: str = ""
+    eds: str | None = None
+    remark: str = ""
+    problems: list[str] = field(default_factory=list)
+
+
+@dataclass(frozen=True, slots=True)
+class Expected:
+    """What a bus.yml says of a node."""
+
+    name: str
+    identity: dict[str, int]
+
+
+@dataclass(slots=True)
+class Survey:
+    """What is on the bus; `notes` tell what could not be looked at."""
+
+    channel: str
+    found: dict[int, Found]
+    expected: dict[int, Expected] | None = None
+    master_id: int | None = None
+    notes: list[str] = field(default_factory=list)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    where = parser.add_mutually_exclusive_group()
+    where.add_argument("--can", metavar="CHANNEL", help="this bus (can0, local:NAME, ...)")
+    where.add_argument("--name", help="the bus of this running robot (default: the only one)")
+    parser.add_argument("--config", metavar="ROBOT", help="compare to this bus.yml: a folder, a bundled name or a file")
+    parser.add_argument("--eds-dir", metavar="DIR", action="append", default=[], help="EDS files to match (repeatable)")
+    parser.add_argument("--timeout", type=_seconds, default=0.2, metavar="S", help="for each answer (default: 0.2)")
+    parser.add_argument("--json", action="store_true", help="print JSON")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the verb."""
+    folders = [_folder(text) for text in args.eds_dir]
+    expected = _expected_of(args.config) if args.config is not None else None
+    owner = robot_on(args.can) if args.can is not None else None
+    if args.can is not None and owner is None:
+        survey = _survey_bus(args.can, args.timeout)
+    else:
+        name = owner[0] if owner is not None else args.name
+        with RobotTarget(RobotClient.connect(name)) as robot:
+            survey = _survey_robot(robot, args.timeout)
+    if expected is not None:
+        survey.expected = expected
+    known, refused = read_known(_eds_files(folders))
+    survey.notes += refused
+    _compare(survey, known)
+    _report(survey, as_json=args.json)
+    nodes = [found for node_id, found in survey.found.items() if node_id != survey.master_id]
+    return 1 if not nodes or any(found.problems for found in nodes) else 0
+
+
+def _seconds(text: str) -> float:
+    seconds = float(text)
+    if not 0.0 < seconds <= 60.0:
+        raise ValueError(text)
+    return seconds
+
+
+# --- what should be there ---
+
+
+def _folder(text: str) -> Path:
+    folder = Path(text).expanduser()
+    if not folder.is_dir():
+        raise ConfigError(f"--eds-dir {text}: no such folder")
+    return folder
+
+
+def _eds_files(folders: Iterable[Path]) -> list[Path]:
+    files = [find_eds(name) for name in data_names("eds") if name.lower().endswith(".eds")]
+    for folder in folders:
+        files += sorted(path for path in folder.iterdir() if path.suffix.lower() in (".eds", ".dcf") and path.is_file())
+    return files
+
+
+def _expected_of(config: str) -> dict[int, Expected]:
+    from canopen_control.master.config import read_bus
+
+    path = Path(config).expanduser()
+    if path.is_dir():
+        path /= "bus.yml"
+    elif not path.is_file():
+        path = data_path("config", config) / "bus.yml"
+    if not path.is_file():
+        names = ", ".join(data_names("config"))
+        raise ConfigError(
+            f"--config {config}: no bus.yml, no folder with one, and none of the bundled robots ({names})"
+        )
+    bus = read_bus(path)
+    return {plan.node_id: Expected(name, asdict(plan.identity)) for name, plan in bus.plans.items()}
+
+
+# --- what is there ---
+
+
+def _survey_bus(channel: str, timeout: float) -> Survey:
+    with DirectBus.open(channel, label=LABEL, timeout_s=timeout, retries=0) as bus:
+        return Survey(channel, _ask(bus, range(1, MAX_NODE_ID + 1)))
+
+
+def _ask(bus: DirectBus, node_ids: Iterable[int]) -> dict[int, Found]:
+    """Ask for the one object that every node has, and those that answer for the rest."""
+    there = bus.read_many((node_id, *_OBJECTS[0]) for node_id in node_ids)
+    answering = [node_id for (node_id, _, _), answer in there.items() if not _is_silent(answer)]
+    rest = bus.read_many((node_id, *address) for node_id in answering for address in _OBJECTS[1:])
+    answers = {**there, **rest}
+    found = {}
+    for node_id in answering:
+        data = {(index, subindex): answer for (node, index, subindex), answer in answers.items() if node == node_id}
+        found[node_id] = Found(node_id, identity_of(data))
+    for node_id, state in bus.heard.items():
+        entry = found.setdefault(node_id, Found(node_id))
+        entry.nmt_state = None if state is None else state.name
+    return dict(sorted(found.items()))
+
+
+def _is_silent(answer: bytes | CanopenError) -> bool:
+    return isinstance(answer, SdoTimeout)
+
+
+def _survey_robot(robot: RobotTarget, timeout: float) -> Survey:
+    buses, listing = robot.listing["buses"], robot.listing["nodes"]
+    if not buses:
+        raise ConfigError(f"robot {robot.robot.robot} has no bus: it runs on mock hardware")
+    bus = next(iter(buses.values()))
+    expected = {int(node["node_id"]): Expected(str(node["name"]), node["identity"]) for node in listing}
+    survey = Survey(bus["channel"], {}, expected, int(bus["node_id"]))
+    states = robot.robot.call("status")["nodes"]
+    for place in robot.places:
+        identity = _through_robot(robot, place.node_id)
+        if identity is not None:
+            survey.found[place.node_id] = Found(place.node_id, identity, states[place.name]["nmt_state"])
+    if parse_channel(survey.channel).kind in SHARED:
+        others = [node_id for node_id in range(1, MAX_NODE_ID + 1) if node_id not in (*expected, survey.master_id)]
+        with DirectBus.open(survey.channel, label=LABEL, timeout_s=timeout, retries=0) as direct:
+            found = _ask(direct, others)
+        survey.found.update((node_id, each) for node_id, each in found.items() if node_id in others)
+    else:
+        survey.notes.append(f"{survey.channel} can be opened once only: nodes that are not in the bus.yml stay unseen")
+    survey.found = dict(sorted(survey.found.items()))
+    return survey
+
+
+def _through_robot(robot: RobotTarget, node_id: int) -> NodeIdentity | None:
+    """Ask a node of the robot; None if it does not answer."""
+    place, data = robot.place(str(node_id)), dict[tuple[int, int], object]()
+    for address in _OBJECTS:
+        try:
+            data[address] = robot.read(place, *address)
+        except RemoteError as error:
+            if error.kind != "SdoAbort":
+                return None
+    return identity_of(data)
+
+
+# --- the two against each other ---
+
+
+def _compare(survey: Survey, known: list[KnownEds]) -> None:
+    for found in survey.found.values():
+        if found.identity is not None:
+            eds, found.remark = match_eds(found.identity, known)
+            found.eds = None if eds is None else str(eds.path)
+    for node_id, expected in (survey.expected or {}).items():
+        entry = survey.found.setdefault(node_id, Found(node_id))
+        entry.name = expected.name
+        if entry.identity is not None:
+            entry.problems = differences(entry.identity, expected.identity)
+        elif entry.nmt_state is not None:
+            entry.problems = ["answers no SDO"]
+        else:
+            entry.problems = ["missing"]
+    survey.found = dict(sorted(survey.found.items()))
+
+
+def _report(survey: Survey, *, as_json: bool) -> None:
+    if as_json:
+        print(json.dumps(_document(survey), indent=2))
+    elif survey.found:
+        table = Table(_HEADINGS if survey.expected is not None else _HEADINGS[:-1])
+        for found in survey.found.values():
+            table.add(_row(survey, found))
+        print("\n".join(table.lines()))
+    else:
+        print(
+            f"canopen-control: nobody answers on {survey.channel}; is it powered, and the bit rate right?",
+            file=sys.stderr,
+        )
+    for note in survey.notes:
+        print(f"canopen-control: {note}", file=sys.stderr)
+
+
+def _row(survey: Survey, found: Found) -> tuple[str, ...]:
+    identity = found.identity or NodeIdentity()
+    numbers = [getattr(identity, each) for each in FIELDS]
+    eds = "-" if found.eds is None else Path(found.eds).name + (f" ({found.remark})" if found.remark else "")
+    row = (
+        f"{found.node_id}",
+        *("-" if number is None else f"0x{number:08X}" for number in numbers),
+        identity.device_name or "-",
+        (found.nmt_state or "-").replace("_", " "),
+        eds,
+    )
+    return row if survey.expected is None else (*row, _verdict(survey, found))
+
+
+def _verdict(survey: Survey, found: Found) -> str:
+    if found.node_id == survey.master_id:
+        return "the master"
+    if not found.name:
+        return "not in it"
+    return f"{found.name}: {', '.join(found.problems) or 'as expected'}"
+
+
+def _document(survey: Survey) -> Mapping[str, Any]:
+    return {
+        "channel": survey.channel,
+        "nodes": [
+            {
+                "node_id": found.node_id,
+                "answers": found.identity is not None,
+                **asdict(found.identity or NodeIdentity()),
+                "nmt_state": found.nmt_state,
+                "eds": found.eds,
+                "eds_remark": found.remark or None,
+                "name": found.name or None,
+                "problems": found.problems,
+                "expected": survey.expected[found.node_id].identity
+                if survey.expected and found.node_id in survey.expected
+                else None,
+            }
+            for found in survey.found.values()
+        ],
+        "notes": survey.notes,
+    }

@@ -1,0 +1,164 @@
+"""`sdo`: read and write objects of a node, and transfer files.
+
+The node is one of a running robot (name or node id in bus.yml), or with --can any node of a bare bus (node id). The
+object is INDEX[:SUB] in hexadecimal, or its name in the EDS: the running robot knows each node's, --eds gives another.
+
+Exit codes: 0 good; 1 the node aborted or did not answer; 2 wrong usage.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from canopen_control.cli.objects import find_object
+from canopen_control.cli.target import add_target_arguments, open_target
+from canopen_control.cli.values import TYPE_NAMES, parse_type, parse_value, show
+from canopen_control.errors import ConfigError
+from canopen_control.od.codec import decode
+
+if TYPE_CHECKING:
+    import argparse
+    from collections.abc import Callable
+
+    from canopen_control.cli.objects import ObjectAddress
+    from canopen_control.cli.target import Place, Target
+    from canopen_control.od.model import DataType
+
+__all__ = ["EXAMPLE", "add_arguments", "run"]
+
+EXAMPLE = """canopen-control sdo read left_drive 0x6041
+         canopen-control sdo write 3 "Profile velocity" 1600
+         canopen-control sdo write 3 0x60FF -500 --can can0 --type i32
+         canopen-control sdo upload 5 0x1021 device.eds --can can0"""
+
+STREAM = "-"  # instead of FILE: standard input or output
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
+    read = actions.add_parser("read", help="read an object")
+    write = actions.add_parser("write", help="write an object")
+    upload = actions.add_parser("upload", help="read an object into a file, by block transfer where the node knows it")
+    download = actions.add_parser("download", help="write a file into an object, by block transfer if it is large")
+    for action in (read, write, upload, download):
+        action.add_argument("node", metavar="NODE", help="name or node id; on a bare bus the node id")
+        action.add_argument("object", metavar="INDEX[:SUB]", help="hexadecimal, or a name of the EDS")
+    write.add_argument(
+        "value", metavar="VALUE", help="decimal, 0x, text or bytes in hexadecimal, by type; -- before one like -0x10"
+    )
+    for action in (upload, download):
+        action.add_argument("file", metavar="FILE", help="a path, or - for standard input or output")
+    for action in (read, write):
+        action.add_argument("--type", metavar="T", help=f"instead of the EDS's: {TYPE_NAMES}")
+    read.add_argument("--json", action="store_true", help="print JSON")
+    for action in (read, write, upload, download):
+        action.add_argument("--eds", metavar="FILE", help="a path, or the name of a bundled file")
+        action.add_argument(
+            "--timeout", type=_seconds, metavar="S", help="for each answer (default: 0.5, or bus.yml's)"
+        )
+        add_target_arguments(action)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the verb."""
+    with open_target(args) as target:
+        place = target.place(args.node)
+        address = find_object(args.object, place.dictionary())
+        _ACTIONS[args.action](args, target, place, address)
+    return 0
+
+
+def _seconds(text: str) -> float:
+    seconds = float(text)
+    if not 0.0 < seconds <= 60.0:
+        raise ValueError(text)
+    return seconds
+
+
+def _type_of(args: argparse.Namespace, address: ObjectAddress) -> DataType | None:
+    if args.type is not None:
+        return parse_type(args.type)
+    return address.entry.data_type if address.entry is not None else None
+
+
+def _read(args: argparse.Namespace, target: Target, place: Place, address: ObjectAddress) -> None:
+    data_type = _type_of(args, address)
+    data = target.read(place, address.index, address.subindex)
+    data_type = _fitting(data, data_type, place, address)
+    if args.json:
+        print(json.dumps(_document(data, data_type, place, address), indent=2))
+    else:
+        print(f"{place}: {address.label}: {show(data, data_type)}")
+
+
+def _fitting(data: bytes, data_type: DataType | None, place: Place, address: ObjectAddress) -> DataType | None:
+    """Return the type, or None for data of another length: they are shown as they are, and the user is told."""
+    if data_type is None:
+        return None
+    try:
+        decode(data, data_type)
+    except ValueError as error:
+        print(f"canopen-control: {place}: {address.label}: {error}; shown without a type", file=sys.stderr)
+        return None
+    return data_type
+
+
+def _document(data: bytes, data_type: DataType | None, place: Place, address: ObjectAddress) -> dict[str, object]:
+    value = None if data_type is None else decode(data, data_type)
+    return {
+        "node_id": place.node_id,
+        "node": place.name or None,
+        "index": address.index,
+        "subindex": address.subindex,
+        "name": address.entry.name if address.entry is not None else None,
+        "type": None if data_type is None else data_type.name,
+        "value": value.hex() if isinstance(value, bytes) else value,
+        "data": data.hex(),
+    }
+
+
+def _write(args: argparse.Namespace, target: Target, place: Place, address: ObjectAddress) -> None:
+    data_type = _type_of(args, address)
+    if data_type is None:
+        known = "the EDS does not have it" if place.eds is not None else "there is no EDS"
+        raise ConfigError(f"0x{address.index:04X}:{address.subindex:02X}: {known}: give its type, as in --type u32")
+    data = parse_value(args.value, data_type)
+    target.write(place, address.index, address.subindex, data)
+    print(f"{place}: {address.label}: written {show(data, data_type)}")
+
+
+def _upload(args: argparse.Namespace, target: Target, place: Place, address: ObjectAddress) -> None:
+    path = None if args.file == STREAM else Path(args.file).expanduser()
+    if path is not None and not path.parent.is_dir():
+        raise ConfigError(f"no folder {path.parent} for {args.file}")
+    data = target.read(place, address.index, address.subindex, block=True)
+    if path is None:
+        sys.stdout.buffer.write(data)
+        sys.stdout.buffer.flush()
+        return
+    try:
+        path.write_bytes(data)
+    except OSError as error:
+        raise ConfigError(f"{args.file} cannot be written: {error.strerror}") from None
+    print(f"{place}: {address.label}: {len(data)} bytes to {args.file}")
+
+
+def _download(args: argparse.Namespace, target: Target, place: Place, address: ObjectAddress) -> None:
+    try:
+        data = sys.stdin.buffer.read() if args.file == STREAM else Path(args.file).expanduser().read_bytes()
+    except OSError as error:
+        raise ConfigError(f"{args.file} cannot be read: {error.strerror}") from None
+    target.write(place, address.index, address.subindex, data)
+    print(f"{place}: {address.label}: {len(data)} bytes from {args.file}")
+
+
+_ACTIONS: dict[str, Callable[[argparse.Namespace, Target, Place, ObjectAddress], None]] = {
+    "read": _read,
+    "write": _write,
+    "upload": _upload,
+    "download": _download,
+}

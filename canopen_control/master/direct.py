@@ -1,0 +1,222 @@
+"""Straight onto a bus without a running master: a port, and the services of CiA 301 as calls that wait.
+
+The law of this file: the cores decide, this only moves their frames and waits until the request is done. An SDO server
+has one client: whoever uses this on the bus of a running robot keeps off that robot's nodes. A wait that is broken off,
+by Ctrl-C too, aborts the transfer, so that no server is left in the middle of one.
+"""
+
+from __future__ import annotations
+
+import select
+import time
+from functools import partial
+from typing import TYPE_CHECKING, Protocol
+
+from canopen_control.bus.channel import open_port
+from canopen_control.bus.port import BusEventKind
+from canopen_control.cia301.lss_master import LssMaster
+from canopen_control.cia301.nmt import ERROR_CONTROL_COB_ID, MAX_NODE_ID, NmtMaster, NmtUnconfirmed, state_of_byte
+from canopen_control.cia301.sdo_client import SdoClient
+from canopen_control.errors import BusClosed, BusOff, CanopenError
+from canopen_control.frame import BROADCAST, CanFrame, frames_of, pack_records
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Sequence
+    from types import TracebackType
+
+    from canopen_control.bus.port import Port
+    from canopen_control.cia301.lss_master import LssRequest, LssResult
+    from canopen_control.cia301.nmt import NmtCommand, NmtConfirmed, NmtState
+    from canopen_control.cia301.sdo_client import SdoRequest
+
+__all__ = ["Core", "DirectBus"]
+
+FLUSH_S = 1.0  # what the last frames have to leave before the port is closed
+PARALLEL = 16  # servers asked at the same time by `read_many`: what a slow bus carries within one timeout
+
+
+class Core(Protocol):
+    """What `serve` needs of a service: the sans-IO verbs."""
+
+    def receive(self, frame: CanFrame, now: int) -> None:
+        """Take a frame."""
+
+    def tick(self, now: int) -> None:
+        """Let time pass."""
+
+    def next_deadline(self) -> int | None:
+        """Return when `tick` has something to do."""
+
+    def frames(self) -> list[CanFrame]:
+        """Drain what to send."""
+
+
+class DirectBus:
+    """A port of one's own; `heard` are the nodes whose boot-up, heartbeat or guarding answer was seen, by node id.
+
+    `timeout_s` is what each SDO answer may take. Every call raises BusError when the bus is gone.
+    """
+
+    def __init__(self, port: Port, *, timeout_s: float = 0.5, retries: int = 1) -> None:
+        self.port = port
+        self.timeout_s, self.retries = timeout_s, retries
+        self.heard: dict[int, NmtState | None] = {}
+        self._clients: dict[int, SdoClient] = {}
+        self._poll = select.poll()
+        self._poll.register(port.fileno(), select.POLLIN)
+
+    @classmethod
+    def open(cls, channel: str, *, label: str = "direct", timeout_s: float = 0.5, retries: int = 1) -> DirectBus:
+        """Open a channel; raises ConfigError for a name that is none, BusError for one that cannot be opened."""
+        return cls(open_port(channel, label=label), timeout_s=timeout_s, retries=retries)
+
+    def __enter__(self) -> DirectBus:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Let the last frames leave, then the bus; a second call does nothing."""
+        try:
+            deadline = time.monotonic() + FLUSH_S
+            while (self.port.wants_write or self.port.stats.queued) and time.monotonic() < deadline:
+                self._wait(10_000_000)
+                self._receive([])
+        except CanopenError:
+            pass  # the bus is gone, and with it whoever could have heard them
+        self.port.close()
+
+    # -- SDO
+
+    def read(self, node_id: int, index: int, subindex: int = 0, *, block: bool = False) -> bytes:
+        """Upload an object; raises SdoAbort, SdoTimeout or another RemoteProtocolError."""
+        client = self.client(node_id)
+        return self._transfer(client, client.read(index, subindex, block=block, now=time.monotonic_ns()))
+
+    def write(self, node_id: int, index: int, subindex: int, data: bytes, *, block: bool | None = None) -> None:
+        """Download an object; without a wish for block transfer the length decides. Raises as `read` does."""
+        client = self.client(node_id)
+        self._transfer(client, client.write(index, subindex, data, block=block, now=time.monotonic_ns()))
+
+    def read_many(self, wanted: Iterable[tuple[int, int, int]]) -> dict[tuple[int, int, int], bytes | CanopenError]:
+        """Upload (node_id, index, subindex) from many nodes at once; what a node refused is its error."""
+        by_node: dict[int, list[tuple[int, int]]] = {}
+        for node_id, index, subindex in wanted:
+            by_node.setdefault(node_id, []).append((index, subindex))
+        nodes = list(by_node)
+        found: dict[tuple[int, int, int], bytes | CanopenError] = {}
+        for start in range(0, len(nodes), PARALLEL):
+            batch = nodes[start : start + PARALLEL]
+            requests = [
+                (node_id, self.client(node_id).read(*address)) for node_id in batch for address in by_node[node_id]
+            ]
+            self.serve([self.client(node_id) for node_id in batch], partial(_all_done, requests))
+            for node_id, request in requests:
+                found[node_id, request.index, request.subindex] = request.error or request.data
+        return found
+
+    def client(self, node_id: int) -> SdoClient:
+        """Return the client of a node's server: one for each, so that late answers are known as such."""
+        client = self._clients.get(node_id)
+        if client is None:
+            client = SdoClient(node_id, timeout_ns=round(self.timeout_s * 1e9), retries=self.retries)
+            self._clients[node_id] = client
+        return client
+
+    def _transfer(self, client: SdoClient, request: SdoRequest) -> bytes:
+        try:
+            self.serve([client], lambda: request.done)
+        except BaseException:
+            client.cancel_all(BusClosed(self.port.channel, "broken off"))
+            self._send(client.frames())
+            raise
+        client.events()
+        if request.error is not None:
+            raise request.error
+        return request.data
+
+    # -- NMT
+
+    def command(self, command: NmtCommand, node_id: int, patience_s: float) -> list[NmtConfirmed | NmtUnconfirmed]:
+        """Send an NMT command, 0 for all nodes, and return who showed within `patience_s` what became of it.
+
+        Only heartbeats and boot-ups can confirm: a node without them is `NmtUnconfirmed` with the state None, and for
+        all nodes it is left out.
+        """
+        patience = round(patience_s * 1e9)
+        master = NmtMaster(retry_ns=patience, tries=1, reset_timeout_ns=patience)
+        nodes = range(1, MAX_NODE_ID + 1) if node_id == BROADCAST else (node_id,)
+        master.command(command, node_id, time.monotonic_ns(), confirm_by=nodes)
+        self.serve([master], lambda: master.next_deadline() is None)
+        events = master.events()
+        if node_id == BROADCAST:
+            events = [event for event in events if not isinstance(event, NmtUnconfirmed) or event.state is not None]
+        return sorted(events, key=lambda event: event.node_id)
+
+    def listen(self, seconds: float) -> None:
+        """Do nothing but hear who is there, for `heard`."""
+        self.serve([], lambda: False, seconds)
+
+    # -- LSS
+
+    def lss(self, ask: Callable[[LssMaster], LssRequest]) -> LssResult:
+        """Run one LSS service, such as `lambda master: master.store()`; raises RemoteProtocolError."""
+        master = LssMaster(timeout_ns=round(self.timeout_s * 1e9))
+        request = ask(master)
+        self.serve([master], lambda: request.done)
+        if request.error is not None:
+            raise request.error
+        return request.result
+
+    # -- the loop
+
+    def serve(self, cores: Sequence[Core], done: Callable[[], bool], seconds: float | None = None) -> bool:
+        """Move frames until `done`, or until `seconds` are over: then return False."""
+        end = None if seconds is None else time.monotonic_ns() + round(seconds * 1e9)
+        while True:
+            now = time.monotonic_ns()
+            out = []
+            for core in cores:
+                core.tick(now)
+                out += core.frames()
+            if out:
+                self._send(out)
+            if done():
+                return True
+            if end is not None and now >= end:
+                return False
+            deadlines = [end, *(core.next_deadline() for core in cores)]
+            deadline = min((each for each in deadlines if each is not None), default=None)
+            self._wait(None if deadline is None else max(0, deadline - now))
+            self._receive(cores)
+
+    def _receive(self, cores: Sequence[Core]) -> None:
+        records = self.port.receive()
+        if records:
+            now = time.monotonic_ns()
+            for frame in frames_of(records):
+                for core in cores:
+                    core.receive(frame, now)
+                if ERROR_CONTROL_COB_ID < frame.can_id <= ERROR_CONTROL_COB_ID + MAX_NODE_ID and len(frame.data) == 1:
+                    self.heard[frame.can_id - ERROR_CONTROL_COB_ID] = state_of_byte(frame.data[0])
+        if self.port.wants_write:
+            self.port.flush()
+        for event in self.port.events():
+            if event.kind is BusEventKind.BUS_OFF:
+                raise BusOff(self.port.channel)
+
+    def _send(self, frames: list[CanFrame]) -> None:
+        if frames:
+            self.port.send(pack_records(frames))
+
+    def _wait(self, nanoseconds: int | None) -> None:
+        """Wait until the port has something, takes something again, or the time is over."""
+        events = select.POLLIN | select.POLLOUT if self.port.wants_write else select.POLLIN
+        self._poll.modify(self.port.fileno(), events)
+        # Rounded up: a deadline that is half a millisecond away must not become a busy loop.
+        self._poll.poll(None if nanoseconds is None else -(-nanoseconds // 1_000_000))
+
+
+def _all_done(requests: list[tuple[int, SdoRequest]]) -> bool:
+    return all(request.done for _, request in requests)
