@@ -35,6 +35,7 @@ if TYPE_CHECKING:
 
 __all__ = ["EmergencyRaised", "FrameFilter", "HeartbeatMissed", "VirtualNode"]
 
+_MOST_WAITING = 1000  # events, and frames of injected faults
 HEARTBEAT_ERROR, SYNC_LENGTH_ERROR = 0x8130, 0x8240
 Route = tuple[int, "Callable[[CanFrame, int], None]"]
 
@@ -96,7 +97,8 @@ class VirtualNode:
         self.routes_version = 0
         self._routes: dict[int, Callable[[CanFrame, int], None]] = {}
         self._boot_at: int | None = 0
-        self._settling = self._touched = False
+        self._started = self._settling = self._touched = False
+        self.events_lost = self.frames_lost = 0  # nobody fetched them
         self._sent: list[CanFrame] = []
         self.self_starting = False  # OPERATIONAL without a command, whatever the dictionary says
         self.clears_on_reset_communication: set[int] = set()  # causes of faults
@@ -164,8 +166,10 @@ class VirtualNode:
 
     def send(self, frame: CanFrame) -> None:
         """Put a frame of somebody else's making on the wire."""
-        if len(self._sent) < 1000:
+        if len(self._sent) < _MOST_WAITING:
             self._sent.append(frame)
+        else:
+            self.frames_lost += 1
 
     # -- what its parts ask and tell
 
@@ -218,9 +222,11 @@ class VirtualNode:
         self._touched = True
 
     def tell(self, event: object) -> None:
-        """Note an event for whoever shows them; old ones give way."""
-        if len(self._events) < 1000:
+        """Note an event for whoever shows them."""
+        if len(self._events) < _MOST_WAITING:
             self._events.append(event)
+        else:
+            self.events_lost += 1
 
     def emergency(self, code: int, register: int, data: bytes = b"") -> None:
         """Raise an error that stays until it is cleared; one that is active already is not said again."""
@@ -329,8 +335,8 @@ class VirtualNode:
             self._boot_at = None if delay_ns is None else now + delay_ns
 
     def _advance(self, now: int) -> None:
-        if self.now == 0:  # power-on: without a delay before the first boot-up
-            self.now = now
+        if not self._started:  # power-on: without a delay before the first boot-up
+            self._started, self.now = True, now
             self.reset(NmtCommand.RESET_NODE, now)
             if self._boot_at is not None and self.reset_delay_ns == 0:
                 self._boot_at = now

@@ -48,7 +48,7 @@ class NodeHost:
         self.reactor, self.port, self.nodes = reactor, port, list(nodes)
         self.on_event, self.on_bus_event, self.on_closed = on_event, on_bus_event, on_closed
         self._routes: dict[int, tuple[VirtualNode, ...]] = {}
-        self._version = -1
+        self._versions = dict.fromkeys(self.nodes, -1)
         self._deadlines: dict[VirtualNode, int | None] = dict.fromkeys(self.nodes, 0)
         self._timer: Timer | None = None
         self._timer_at: int | None = None
@@ -92,7 +92,8 @@ class NodeHost:
             if node is not sender:
                 node.receive(frame, now)
                 touched[node] = None
-                self._reroute()
+                if node.routes_version != self._versions[node]:
+                    self._reroute()
 
     def _on_timer(self) -> None:
         if self._closed:
@@ -158,10 +159,10 @@ class NodeHost:
             self.on_closed(error)
 
     def _reroute(self) -> None:
-        version = sum(node.routes_version for node in self.nodes)
-        if version == self._version:
+        versions = {node: node.routes_version for node in self.nodes}
+        if versions == self._versions:
             return
-        self._version = version
+        self._versions = versions
         routes: dict[int, list[VirtualNode]] = {}
         for node in self.nodes:
             for can_id in node.routes():

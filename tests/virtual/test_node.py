@@ -352,3 +352,21 @@ def test_no_sdo_frame_leaves_it_unable_to_answer(requests):
     bench.put(0x603, b"\x80" + bytes(7))
     bench.put(0x603, CanFrame(0x603, b"\x40\x00\x10\x00" + bytes(4)).data)
     assert bench.seen[-1][1].data == bytes.fromhex("430010009201FFFF")
+
+
+def test_a_clock_may_start_at_zero():
+    bench = Bench(servo(), start=0)
+    bench.node.tick(0)
+    bench.node.tick(0)
+    assert texts(bench.node.frames()) == []
+    assert bench.number(0x1000) == 0x20192
+
+
+def test_what_nobody_fetches_is_bounded_and_counted():
+    node = servo()
+    node.tick(S)
+    for _ in range(1500):
+        node.tell(object())
+        node.send(CanFrame(0x123))
+    assert (node.events_lost > 400, node.frames_lost) == (True, 500)
+    assert len(node.frames()) == 1001

@@ -15,7 +15,6 @@ from canopen_control.virtual.control import control_path
 from canopen_control.virtual.launch import NodeIdTaken
 from canopen_control.virtual.process import DriveProcess
 
-
 PORTS = []
 
 
