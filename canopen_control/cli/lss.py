@@ -10,6 +10,7 @@ Exit codes: 0 good; 1 no slave answered or it refused; 2 wrong usage.
 
 from __future__ import annotations
 
+import argparse
 import json
 from typing import TYPE_CHECKING
 
@@ -26,7 +27,6 @@ from canopen_control.errors import ConfigError, RemoteProtocolError
 from canopen_control.master.direct import DirectBus
 
 if TYPE_CHECKING:
-    import argparse
     from collections.abc import Callable
 
 __all__ = ["EXAMPLE", "add_arguments", "run"]
@@ -50,12 +50,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     inquire = actions.add_parser("inquire", help="ask the slave in configuration for its identity and node id")
     inquire.add_argument("part", nargs="?", choices=(*PARTS, NODE_ID), help="one of them only")
     node_id = actions.add_parser("node-id", help="give the slave in configuration a node id")
-    node_id.add_argument("node_id", type=_whole, metavar="N", help="1 to 127, or 255 to take it away")
+    node_id.add_argument("node_id", type=_number, metavar="N", help="1 to 127, or 255 to take it away")
     timing = actions.add_parser("bit-timing", help="give the slave in configuration a bit rate")
     timing.add_argument("bitrate", metavar="BITRATE", help=f"bit/s: {_rates()}, or {AUTO}")
     store = actions.add_parser("store", help="let the slave in configuration keep node id and bit rate")
     activate = actions.add_parser("activate", help="let all slaves in configuration change to their new bit rate")
-    activate.add_argument("delay_ms", type=_whole, metavar="DELAY_MS", help="before the change, and silent after it")
+    activate.add_argument("delay_ms", type=_number, metavar="DELAY_MS", help="before the change, and silent after it")
     scan = actions.add_parser("fast-scan", help="find one slave without a node id and switch it to configuration")
     find = actions.add_parser("find", help="ask whether there are slaves without a node id")
     for part in PARTS:
@@ -76,14 +76,13 @@ def run(args: argparse.Namespace) -> int:
         return _ACTIONS[args.action](args, bus)
 
 
-def _whole(text: str) -> int:
-    return int(text, 0)
-
-
 def _number(text: str) -> int:
-    number = int(text, 0)
+    try:
+        number = int(text, 0)
+    except ValueError:
+        number = -1
     if not 0 <= number <= _U32:
-        raise ValueError(text)
+        raise argparse.ArgumentTypeError(f"{text!r}: a number is wanted, decimal or 0x, of at most 32 bits")
     return number
 
 

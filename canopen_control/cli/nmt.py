@@ -14,7 +14,7 @@ import time
 from typing import TYPE_CHECKING, Any
 
 from canopen_control.cia301.nmt import EXPECTED_STATE, RESETS, NmtCommand, NmtConfirmed, NmtState
-from canopen_control.cli.target import LABEL, RobotTarget, add_target_arguments, parse_node_id
+from canopen_control.cli.target import LABEL, RobotTarget, add_target_arguments, parse_node_id, seconds
 from canopen_control.client import RobotClient
 from canopen_control.frame import BROADCAST
 from canopen_control.master.direct import DirectBus
@@ -45,7 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     parser.add_argument("command", choices=COMMANDS)
     parser.add_argument("node", metavar="NODE", help="name or node id, on a bare bus the node id; or all")
-    parser.add_argument("--wait", type=_seconds, metavar="S", help="for the confirmation (default: 1.5, resets 5)")
+    parser.add_argument("--wait", type=seconds, metavar="S", help="for the confirmation (default: 1.5, resets 5)")
     add_target_arguments(parser)
 
 
@@ -58,13 +58,6 @@ def run(args: argparse.Namespace) -> int:
             return _on_bus(args, bus, command, node_id)
     with RobotTarget(RobotClient.connect(args.name)) as robot:
         return _through_robot(args, robot, command)
-
-
-def _seconds(text: str) -> float:
-    seconds = float(text)
-    if not 0.0 < seconds <= 60.0:
-        raise ValueError(text)
-    return seconds
 
 
 def _on_bus(args: argparse.Namespace, bus: DirectBus, command: NmtCommand, node_id: int) -> int:

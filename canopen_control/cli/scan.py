@@ -1,8 +1,8 @@
 """`scan`: who is on a bus, which EDS describes each node, and what the bus.yml expects instead.
 
 Every node id is asked for 0x1000, 0x1018 and 0x1008; nothing is written. With --can it is a bare bus, compared to a
-robot's bus.yml with --config. Without, it is the bus of the running robot: its own nodes are asked through it, all other
-node ids straight on the bus.
+robot's bus.yml with --config. Without, it is the bus of the running robot: its own nodes are asked through it, all
+other node ids straight on the bus.
 
 Exit codes: 0 good; 1 nobody is there, or a node of the bus.yml is missing or another one; 2 wrong usage.
 """
@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 from canopen_control.bus.channel import ChannelKind, parse_channel
 from canopen_control.cli.identity import FIELDS, NAME, NodeIdentity, differences, identity_of, match_eds, read_known
 from canopen_control.cli.table import Table
-from canopen_control.cli.target import LABEL, MAX_NODE_ID, RobotTarget, find_eds, robot_on
+from canopen_control.cli.target import LABEL, MAX_NODE_ID, RobotTarget, find_eds, robot_on, seconds
 from canopen_control.client import RobotClient
 from canopen_control.data_files import data_names, data_path
 from canopen_control.errors import CanopenError, ConfigError, RemoteError, SdoTimeout
@@ -80,7 +80,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     where.add_argument("--name", help="the bus of this running robot (default: the only one)")
     parser.add_argument("--config", metavar="ROBOT", help="compare to this bus.yml: a folder, a bundled name or a file")
     parser.add_argument("--eds-dir", metavar="DIR", action="append", default=[], help="EDS files to match (repeatable)")
-    parser.add_argument("--timeout", type=_seconds, default=0.2, metavar="S", help="for each answer (default: 0.2)")
+    parser.add_argument("--timeout", type=seconds, default=0.2, metavar="S", help="for each answer (default: 0.2)")
     parser.add_argument("--json", action="store_true", help="print JSON")
 
 
@@ -103,13 +103,6 @@ def run(args: argparse.Namespace) -> int:
     _report(survey, as_json=args.json)
     nodes = [found for node_id, found in survey.found.items() if node_id != survey.master_id]
     return 1 if not nodes or any(found.problems for found in nodes) else 0
-
-
-def _seconds(text: str) -> float:
-    seconds = float(text)
-    if not 0.0 < seconds <= 60.0:
-        raise ValueError(text)
-    return seconds
 
 
 # --- what should be there ---

@@ -9,12 +9,13 @@ Exit codes: 0 good; 1 the node aborted or did not answer; 2 wrong usage.
 from __future__ import annotations
 
 import json
+import re
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from canopen_control.cli.objects import find_object
-from canopen_control.cli.target import add_target_arguments, open_target
+from canopen_control.cli.target import add_target_arguments, open_target, seconds
 from canopen_control.cli.values import TYPE_NAMES, parse_type, parse_value, show
 from canopen_control.errors import ConfigError
 from canopen_control.od.codec import decode
@@ -47,9 +48,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     for action in (read, write, upload, download):
         action.add_argument("node", metavar="NODE", help="name or node id; on a bare bus the node id")
         action.add_argument("object", metavar="INDEX[:SUB]", help="hexadecimal, or a name of the EDS")
-    write.add_argument(
-        "value", metavar="VALUE", help="decimal, 0x, text or bytes in hexadecimal, by type; -- before one like -0x10"
-    )
+    write.add_argument("value", metavar="VALUE", help="decimal or 0x, a text, or bytes in hexadecimal: by type")
+    # Without this, Python 3.11's argparse takes -0x10 and -1e3 for options.
+    write._negative_number_matcher = re.compile(r"-\.?\d.*")  # noqa: SLF001 - there is no public way
     for action in (upload, download):
         action.add_argument("file", metavar="FILE", help="a path, or - for standard input or output")
     for action in (read, write):
@@ -57,9 +58,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     read.add_argument("--json", action="store_true", help="print JSON")
     for action in (read, write, upload, download):
         action.add_argument("--eds", metavar="FILE", help="a path, or the name of a bundled file")
-        action.add_argument(
-            "--timeout", type=_seconds, metavar="S", help="for each answer (default: 0.5, or bus.yml's)"
-        )
+        action.add_argument("--timeout", type=seconds, metavar="S", help="for each answer (default: 0.5, or bus.yml's)")
         add_target_arguments(action)
 
 
@@ -70,13 +69,6 @@ def run(args: argparse.Namespace) -> int:
         address = find_object(args.object, place.dictionary())
         _ACTIONS[args.action](args, target, place, address)
     return 0
-
-
-def _seconds(text: str) -> float:
-    seconds = float(text)
-    if not 0.0 < seconds <= 60.0:
-        raise ValueError(text)
-    return seconds
 
 
 def _type_of(args: argparse.Namespace, address: ObjectAddress) -> DataType | None:

@@ -6,6 +6,7 @@ bare bus on which a robot runs is open for the other nodes only.
 
 from __future__ import annotations
 
+import argparse
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
@@ -18,7 +19,6 @@ from canopen_control.master.direct import DirectBus
 from canopen_control.od.eds import read_eds
 
 if TYPE_CHECKING:
-    import argparse
     from types import TracebackType
     from typing import Any
 
@@ -35,11 +35,13 @@ __all__ = [
     "open_target",
     "parse_node_id",
     "robot_on",
+    "seconds",
 ]
 
 MAX_NODE_ID = 127
 LABEL = "canopen-control"  # what others on the bus see of a verb
 MAX_DOWNLOAD = 400_000  # bytes that one request of the API carries
+MAX_SECONDS = 60.0
 PATIENCE_S = 15.0  # with a robot that has other requests for the node waiting
 _BYTES_PER_S = 1_000  # of the slowest transfer worth waiting for
 
@@ -91,6 +93,17 @@ def add_target_arguments(parser: argparse.ArgumentParser) -> None:
     where.add_argument("--name", help="the running robot (default: the only one)")
 
 
+def seconds(text: str) -> float:
+    """Read a duration option, above 0 and at most a minute."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = 0.0
+    if not 0.0 < value <= MAX_SECONDS:
+        raise argparse.ArgumentTypeError(f"{text!r}: seconds are wanted, above 0 and at most {MAX_SECONDS:g}")
+    return value
+
+
 def open_target(args: argparse.Namespace) -> Target:
     """Open what the arguments `can`, `name`, `eds` and `timeout` (seconds or None) say."""
     eds = find_eds(args.eds) if args.eds else None
@@ -117,8 +130,12 @@ def robot_on(channel: str) -> tuple[str, dict[str, Any]] | None:
         try:
             with RobotClient.connect(name, timeout=2.0) as robot:
                 listing: dict[str, Any] = robot.call("nodes")
-        except (ConfigError, RemoteError):
+        except ConfigError:
             continue  # it has ended meanwhile
+        except RemoteError as error:
+            if error.kind == "BusClosed":
+                continue
+            raise  # one that hangs may still hold the bus
         if any(bus["channel"] == wanted for bus in listing["buses"].values()):
             return name, listing
     return None
