@@ -12,13 +12,13 @@ sample.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
-from canopen_control.controllers.base import Controller
+from canopen_control.controllers.base import Controller, ControllerState
 from canopen_control.controllers.diff_drive_params import DiffDriveParams, frozen_by_jerk, read_params, tf_prefix
 from canopen_control.controllers.limiter import Limits, RateLimiter
 from canopen_control.controllers.odometry import Odometry
-from canopen_control.errors import RobotConfigError
+from canopen_control.errors import ControlError, RobotConfigError
 from canopen_control.hardware.interfaces import POSITION, VELOCITY, CommandInterface, ReturnType
 
 if TYPE_CHECKING:
@@ -81,8 +81,29 @@ class DiffDriveController(Controller):
         return prefix + self.params.odom_frame_id, prefix + self.params.base_frame_id
 
     def set_odometry(self, x: float, y: float, heading: float) -> None:
-        """Be somewhere else, in m and rad."""
+        """Be somewhere else, in m and rad, from the next update on; ControlError if it is not active."""
+        if self.state is not ControllerState.ACTIVE:
+            raise ControlError(f"{self.name} is {self.state.value}; its odometry is set while it is active")
+        if not all(map(math.isfinite, (x, y, heading))):
+            raise ControlError(f"{self.name}: a pose is three finite numbers, got {x}, {y}, {heading}")
         self.odometry.set_pose(x, y, heading)
+
+    def sample(self, namespace: str = "") -> dict[str, Any]:
+        """Return its odometry as plain values: m, rad, s, and the six of each covariance's diagonal."""
+        frame, child = self.frame_ids(namespace)
+        return {
+            "x": self.odometry.x,
+            "y": self.odometry.y,
+            "heading": self.odometry.heading,
+            "linear": self.odometry.linear,
+            "angular": self.odometry.angular,
+            "frame_id": frame,
+            "child_frame_id": child,
+            "pose_covariance": list(self.params.pose_covariance_diagonal),
+            "twist_covariance": list(self.params.twist_covariance_diagonal),
+            "enable_odom_tf": self.params.enable_odom_tf,
+            "limited": [self.limited_linear, self.limited_angular] if self.params.publish_limited_velocity else None,
+        }
 
     # ----------------------------------------------------------------------------------------------------- lifecycle
 

@@ -74,6 +74,7 @@ class Switched:
 Events = list[ControllerEvent]
 Names = list[str]
 States = list["StateInterface"]
+Running = tuple[Controller, ...]
 
 
 class _Slot:
@@ -161,6 +162,11 @@ class ControllerManager:
     def active(self) -> tuple[str, ...]:
         """The names of the active controllers in the order they run."""
         return tuple(slot.controller.name for slot in self._order)
+
+    @property
+    def running(self) -> Running:
+        """The active controllers in the order they run."""
+        return tuple(slot.controller for slot in self._order)
 
     def events(self) -> Events:
         """Return what happened since the last call."""

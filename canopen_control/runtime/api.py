@@ -32,6 +32,7 @@ from typing import TYPE_CHECKING, Any
 
 from canopen_control import __version__
 from canopen_control.cia301.nmt import NmtCommand
+from canopen_control.controllers.diff_drive import DiffDriveController
 from canopen_control.errors import CanopenError, ControlError, LocalProtocolError
 from canopen_control.hardware.joint import Action
 from canopen_control.host.jsonlines import LineServer, encode
@@ -128,6 +129,7 @@ class ApiServer:
             "subscribe": self._subscribe,
             "command": self._command,
             "twist": self._twist,
+            "set_odometry": self._set_odometry,
             "stop": lambda call: robot.stop(call.settle),
             "shutdown": self._shutdown,
             "axis": self._axis,
@@ -211,7 +213,16 @@ class ApiServer:
         if self._robot.manager.get(name).topic != "cmd_vel":
             raise ControlError(f"{name} takes no twist; it is no base controller, command it by values")
         values = [float(call.params["linear"]), float(call.params["angular"])]
-        self._robot.command(name, values, call.source)
+        stamp = call.params.get("stamp")
+        self._robot.command(name, values, call.source, None if stamp is None else float(stamp))
+        call.reply({})
+
+    def _set_odometry(self, call: _Call) -> None:
+        name = str(call.params["controller"])
+        controller = self._robot.manager.get(name)
+        if not isinstance(controller, DiffDriveController):
+            raise ControlError(f"{name} has no odometry; it is no base controller")
+        controller.set_odometry(*(float(call.params[key]) for key in ("x", "y", "heading")))
         call.reply({})
 
     def _shutdown(self, call: _Call) -> None:

@@ -140,9 +140,10 @@ class RobotCore:
         if self.on_event is not None:
             self.on_event(event)
 
-    def command(self, controller: str, values: Sequence[float], source: str) -> None:
-        """Hand a command to a controller; raises ControlError."""
-        self.manager.command(controller, values, self.reactor.now())
+    def command(self, controller: str, values: Sequence[float], source: str, stamp: float | None = None) -> None:
+        """Hand a command to a controller; `stamp` is when it was made, in Unix seconds. Raises ControlError."""
+        made = None if stamp is None else round(stamp * 1e9) - self.wall_offset_ns
+        self.manager.command(controller, values, self.reactor.now(), made)
         self.commander = source
 
     def switch(self, activate: Sequence[str], deactivate: Sequence[str], *, strict: bool) -> None:

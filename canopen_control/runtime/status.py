@@ -11,6 +11,7 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from canopen_control.cia402.modes import mode_name
+from canopen_control.controllers.diff_drive import DiffDriveController
 
 if TYPE_CHECKING:
     from canopen_control.hardware.joint import JointDrive
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
     from canopen_control.master.node import RemoteNode
     from canopen_control.runtime.core import RobotCore
 
-__all__ = ["event_dict", "nodes_dict", "state_dict", "status_dict"]
+__all__ = ["event_dict", "nodes_dict", "odometry_dict", "state_dict", "status_dict"]
 
 _MAX_EVENTS = 50
 
@@ -48,7 +49,20 @@ def status_dict(robot: RobotCore) -> dict[str, Any]:
 
 def state_dict(robot: RobotCore) -> dict[str, Any]:
     """Return one sample of the state stream."""
-    return {"time": (robot.reactor.now() + robot.wall_offset_ns) / 1e9, **_common(robot)}
+    return {
+        "time": (robot.reactor.now() + robot.wall_offset_ns) / 1e9,
+        **_common(robot),
+        "odometry": odometry_dict(robot),
+    }
+
+
+def odometry_dict(robot: RobotCore) -> dict[str, Any]:
+    """Return where each active diff drive controller believes to be; `time` is that of its last publication."""
+    return {
+        controller.name: {"time": (controller.stamp + robot.wall_offset_ns) / 1e9, **controller.sample()}
+        for controller in robot.manager.running
+        if isinstance(controller, DiffDriveController) and controller.publications
+    }
 
 
 def nodes_dict(robot: RobotCore) -> dict[str, Any]:

@@ -237,10 +237,18 @@ def test_a_jerk_limit_of_zero_is_told_to_freeze_the_robot():
 
 
 def test_frames_carry_the_prefix_and_the_pose_can_be_set():
-    _, _, base = robot(odom_frame_id="odom", base_frame_id="base_link", tf_frame_prefix="r1")
+    _, control, base = robot(odom_frame_id="odom", base_frame_id="base_link", tf_frame_prefix="r1")
     assert base.frame_ids("/ns") == ("r1/odom", "r1/base_link")
+    with pytest.raises(ControlError, match="base is inactive"):
+        base.set_odometry(1.0, 2.0, 3.0)
+    control.switch(["base"], now=0)
     base.set_odometry(1.0, 2.0, 3.0)
     assert (base.odometry.x, base.odometry.y, base.odometry.heading) == (1.0, 2.0, 3.0)
+    with pytest.raises(ControlError, match="three finite numbers"):
+        base.set_odometry(1.0, math.nan, 3.0)
+    sample = base.sample()
+    assert (sample["frame_id"], sample["child_frame_id"], sample["x"]) == ("r1/odom", "r1/base_link", 1.0)
+    assert sample["limited"] is None
 
 
 def test_a_robot_that_does_what_it_is_told_drives_a_square_back_to_its_start():

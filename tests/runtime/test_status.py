@@ -1,7 +1,9 @@
 import json
 
+import pytest
 from support.robots import LEFT, Bench
 
+from canopen_control.errors import ControlError
 from canopen_control.runtime.status import event_dict, nodes_dict, state_dict, status_dict
 
 
@@ -49,4 +51,32 @@ def test_clients_learn_where_a_node_is_and_which_eds_describes_it():
     assert (left["node_id"], left["bus"], left["eds"].rpartition("/")[2]) == (LEFT, "can", "TMCM-1270.eds")
     assert (left["identity"]["vendor_id"], left["identity"]["product_code"]) == (0x286, 0x4F6)
     assert json.loads(json.dumps(listing)) == listing
+    bench.close()
+
+
+def test_the_stream_carries_the_odometry_of_an_active_base_controller():
+    bench = Bench("status5", controllers=["robby_base_controller"])
+    bench.start()
+    bench.robot.command("robby_base_controller", [0.2, 0.0], "test")
+    bench.run(400)
+    before = state_dict(bench.robot)["odometry"]["robby_base_controller"]
+    assert before["x"] > 0.005
+    assert (before["frame_id"], before["child_frame_id"]) == ("odom", "base_footprint")
+    assert before["pose_covariance"] == [0.001, 0.001, 0.001, 0.001, 0.001, 0.01]
+    assert abs(before["time"] - (bench.reactor.now() + bench.robot.wall_offset_ns) / 1e9) < 0.05
+    assert json.loads(json.dumps(before, allow_nan=False)) == before
+    forward = Bench("status6")
+    forward.start()
+    assert state_dict(forward.robot)["odometry"] == {}
+    for each in (bench, forward):
+        each.close()
+
+
+def test_a_twist_as_old_as_the_timeout_is_refused_by_its_stamp():
+    bench = Bench("status7", controllers=["robby_base_controller"])
+    bench.start()
+    now = (bench.reactor.now() + bench.robot.wall_offset_ns) / 1e9
+    bench.robot.command("robby_base_controller", [0.2, 0.0], "test", now - 0.1)
+    with pytest.raises(ControlError, match=r"cmd_vel_timeout is 0\.5 s"):
+        bench.robot.command("robby_base_controller", [0.2, 0.0], "test", now - 0.6)
     bench.close()
