@@ -207,7 +207,7 @@ def _attribute(name: str, on_value: object, off_value: object) -> Turn:
     """Make a turn that sets an attribute of every axis."""
 
     def action(drive: VirtualDrive, on: bool, _now: int) -> None:
-        setattr(drive, name, on_value if on else off_value)
+        setattr(drive if hasattr(drive, name) else drive.power, name, on_value if on else off_value)
 
     return _each(action)
 
@@ -260,10 +260,10 @@ def lasting_fault(code: int, register: int) -> Turn:
 
     def action(drive: VirtualDrive, on: bool, now: int) -> None:
         if on:
-            drive.causes.add(code)
+            drive.power.causes.add(code)
             drive.fault(code, now, register=register)
         else:
-            drive.causes.discard(code)
+            drive.power.causes.discard(code)
 
     return _each(action)
 
@@ -272,30 +272,30 @@ def stubborn_fault(node: VirtualNode, on: bool, now: int) -> None:
     """Fault with a communication error that only a reset of the communication takes back."""
     for drive in node.drives.values():
         if on:
-            drive.causes.add(0x8120)
+            drive.power.causes.add(0x8120)
             drive.fault(0x8120, now, register=ErrorRegister.COMMUNICATION)
         else:
-            drive.causes.discard(0x8120)
+            drive.power.causes.discard(0x8120)
     node.clears_on_reset_communication = {0x8120} if on else set()
 
 
 def power_stage(drive: VirtualDrive, on: bool, now: int) -> None:
     """Lose the supply of the power stage, or get it back."""
     if on:
-        drive.lose_voltage(now)
+        drive.power.lose_voltage(now)
     else:
-        drive.voltage = True
+        drive.power.voltage = True
 
 
 def undervoltage(drive: VirtualDrive, on: bool, now: int) -> None:
     """Fault because of the supply."""
     if on:
-        drive.causes.add(0x3220)
-        drive.voltage = False
+        drive.power.causes.add(0x3220)
+        drive.power.voltage = False
         drive.fault(0x3220, now, register=ErrorRegister.VOLTAGE)
     else:
-        drive.causes.discard(0x3220)
-        drive.voltage = True
+        drive.power.causes.discard(0x3220)
+        drive.power.voltage = True
 
 
 def hand_moved(drive: VirtualDrive, _on: bool, now: int) -> None:

@@ -8,8 +8,7 @@ power-on values, reset communication those of 0x1000 to 0x1FFF. What happens bet
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 from canopen_control.cia301.emcy import EmcyProducer
 from canopen_control.cia301.emcy_codes import ErrorRegister
@@ -22,6 +21,7 @@ from canopen_control.cia301.sync import SyncConsumer, SyncEventKind
 from canopen_control.cia402 import objects as o
 from canopen_control.frame import REMOTE_FLAG, CanFrame
 from canopen_control.virtual.communication import CommunicationObjects
+from canopen_control.virtual.events import EmergencyRaised, HeartbeatMissed
 from canopen_control.virtual.pdos import ProcessData
 from canopen_control.virtual.personality import GENERIC, Personality
 from canopen_control.virtual.store import ObjectStore
@@ -33,43 +33,11 @@ if TYPE_CHECKING:
     from canopen_control.virtual.drive import VirtualDrive
     from canopen_control.virtual.switchboard import FaultSwitches
 
-__all__ = ["EmergencyRaised", "FrameFilter", "HeartbeatMissed", "VirtualNode"]
+__all__ = ["VirtualNode"]
 
 _MOST_WAITING = 1000  # events, and frames of injected faults
 HEARTBEAT_ERROR, SYNC_LENGTH_ERROR = 0x8130, 0x8240
 Route = tuple[int, "Callable[[CanFrame, int], None]"]
-
-
-@dataclass(frozen=True, slots=True)
-class EmergencyRaised:
-    """The node reports an error; 0: error reset."""
-
-    code: int
-    data: bytes = b""
-
-
-@dataclass(frozen=True, slots=True)
-class HeartbeatMissed:
-    """A node watched by 0x1016 (0: the guarding master) is silent, or heard again."""
-
-    node_id: int
-    missed: bool
-
-
-class FrameFilter(Protocol):
-    """What stands between the node and the wire while faults are injected."""
-
-    def incoming(self, frame: CanFrame, now: int) -> CanFrame | None:
-        """Return the frame the node hears, None: it hears nothing."""
-
-    def outgoing(self, frames: list[CanFrame], now: int) -> list[CanFrame]:
-        """Return the frames that leave the node."""
-
-    def tick(self, now: int) -> None:
-        """Serve the filter's own time."""
-
-    def next_deadline(self) -> int | None:
-        """Return when `tick` has something to do."""
 
 
 class VirtualNode:
@@ -92,7 +60,7 @@ class VirtualNode:
         self.sync = SyncConsumer()
         self.sdo = SdoServer(node_id, self.store)
         self.drives: dict[int, VirtualDrive] = {}
-        self.filter: FrameFilter | None = None
+        self.filter: FaultSwitches | None = None
         self.reset_delay_ns: int | None = 0
         self.routes_version = 0
         self._routes: dict[int, Callable[[CanFrame, int], None]] = {}
@@ -306,7 +274,7 @@ class VirtualNode:
         else:
             self.clear_error(HEARTBEAT_ERROR)
             for drive in self.drives.values():
-                drive.causes -= self.clears_on_reset_communication
+                drive.power.causes -= self.clears_on_reset_communication
         self.heartbeat.state = self.guarding.state = NmtState.INITIALISING
         self.emcy.allowed = False
         self._routes = {}

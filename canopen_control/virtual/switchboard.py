@@ -7,27 +7,19 @@ faults that are on, in the order of the table; what they delay is kept here and 
 from __future__ import annotations
 
 import heapq
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from canopen_control.virtual import fault_actions as act
+from canopen_control.virtual.events import FaultSwitched
 from canopen_control.virtual.faults import FAULTS, Fault, find_fault, parse_fault
 
 if TYPE_CHECKING:
     from canopen_control.frame import CanFrame
     from canopen_control.virtual.node import VirtualNode
 
-__all__ = ["FaultSwitched", "FaultSwitches"]
+__all__ = ["FaultSwitches"]
 
 _FLOOD_NS = 1_000_000
-
-
-@dataclass(frozen=True, slots=True)
-class FaultSwitched:
-    """A fault went on or off."""
-
-    name: str
-    on: bool
 
 
 class FaultSwitches:

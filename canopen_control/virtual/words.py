@@ -10,9 +10,14 @@ from typing import TYPE_CHECKING
 from canopen_control.cia301.emcy_codes import error_text
 from canopen_control.cia301.nmt import NmtStateChanged
 from canopen_control.cia402.modes import mode_name
-from canopen_control.virtual.drive import DriveFaulted, DriveStateChanged, ModeChanged
-from canopen_control.virtual.node import EmergencyRaised, HeartbeatMissed
-from canopen_control.virtual.switchboard import FaultSwitched
+from canopen_control.virtual.events import (
+    DriveFaulted,
+    DriveStateChanged,
+    EmergencyRaised,
+    FaultSwitched,
+    HeartbeatMissed,
+    ModeChanged,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -5,7 +5,7 @@ from support.virtualbench import MS, Bench, S, ready_tmcm, servo, tmcm
 
 from canopen_control.cia301.nmt import NmtCommand
 from canopen_control.cia402.state import State, decode_statusword
-from canopen_control.virtual.drive import DriveStateChanged
+from canopen_control.virtual.events import DriveStateChanged
 
 
 def states(bench):
@@ -197,11 +197,11 @@ def test_a_fault_stops_as_its_option_code_says_and_then_shows_fault(code, second
 
 def test_a_fault_is_reset_by_the_edge_and_only_when_its_cause_is_gone():
     bench = Bench(servo()).enable(3)
-    bench.drive.causes.add(0x4310)
+    bench.drive.power.causes.add(0x4310)
     bench.drive.fault(0x4310, bench.now, register=8)
     bench.control(0x80)
     assert bench.state == "FAULT"
-    bench.drive.causes.clear()
+    bench.drive.power.causes.clear()
     bench.control(0x80)  # the level is no edge
     assert bench.state == "FAULT"
     bench.control(0x00)
@@ -217,14 +217,14 @@ def test_a_fault_is_reset_by_the_edge_and_only_when_its_cause_is_gone():
 
 def test_losing_the_supply_falls_to_switch_on_disabled_without_a_fault():
     bench = spinning()
-    bench.drive.lose_voltage(bench.now)
+    bench.drive.power.lose_voltage(bench.now)
     bench.on(0)
     assert bench.state == "SWITCH_ON_DISABLED"
     assert not bench.statusword & 0x10
     for word in (6, 7, 15):
         bench.control(word)
     assert bench.state == "SWITCHED_ON"  # no power, no operation
-    bench.drive.voltage = True
+    bench.drive.power.voltage = True
     bench.control(15)
     assert bench.state == "OPERATION_ENABLED"
 

@@ -13,7 +13,7 @@ from canopen_control.cia402.state import State, decode_statusword
 from canopen_control.frame import REMOTE_FLAG, CanFrame
 from canopen_control.od.model import ObjectDictionary
 from canopen_control.virtual.device import make_device
-from canopen_control.virtual.node import HeartbeatMissed
+from canopen_control.virtual.events import HeartbeatMissed
 
 
 def texts(frames):

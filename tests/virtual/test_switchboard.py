@@ -4,7 +4,8 @@ import pytest
 from support.virtualbench import Bench, servo
 
 from canopen_control.errors import ConfigError
-from canopen_control.virtual.switchboard import FaultSwitched, FaultSwitches
+from canopen_control.virtual.events import FaultSwitched
+from canopen_control.virtual.switchboard import FaultSwitches
 
 
 def test_with_nothing_on_there_is_nothing_in_the_way():

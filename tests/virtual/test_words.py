@@ -4,9 +4,14 @@ import pytest
 
 from canopen_control.cia301.nmt import NmtState, NmtStateChanged
 from canopen_control.cia402.state import State
-from canopen_control.virtual.drive import DriveFaulted, DriveStateChanged, ModeChanged
-from canopen_control.virtual.node import EmergencyRaised, HeartbeatMissed
-from canopen_control.virtual.switchboard import FaultSwitched
+from canopen_control.virtual.events import (
+    DriveFaulted,
+    DriveStateChanged,
+    EmergencyRaised,
+    FaultSwitched,
+    HeartbeatMissed,
+    ModeChanged,
+)
 from canopen_control.virtual.words import in_words
 
 
