@@ -6,6 +6,9 @@ reported at once with its place. Keys that only the other stack uses are accepte
 
 Beside the format's own keys a node may have `required` (true: the robot does not start without it), `strict` is the
 `revision_number` given, and `allow_unsupervised` accepts a drive that nothing would stop when the master dies.
+`recovery` says how far a node that comes back goes by itself (booted, or enabled again too), `following_error_action`
+what bit 13 leads to, `transition_timeout_ms` how long a drive may take for a transition, `transition_timeouts_ms` the
+same by number of the transition.
 """
 
 from __future__ import annotations
@@ -13,7 +16,7 @@ from __future__ import annotations
 import os
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from canopen_control import yamltree
 from canopen_control.data_files import data_path
@@ -169,6 +172,10 @@ class NodeConfig:
     offset_pos_to_dev: float = 0.0
     offset_pos_from_dev: float = 0.0
     homing_timeout_seconds: float = 10.0
+    recovery: Literal["boot", "enable"] = "boot"
+    following_error_action: Literal["stop", "warn", "ignore"] = "stop"
+    transition_timeout_ms: int = setting(5000, low=1, high=600_000)
+    transition_timeouts_ms: dict[int, int] = field(default_factory=dict)
     driver: str = ""
     package: str = ""
     namespace: str = ""
