@@ -6,11 +6,18 @@ be surprised. NOTE: worth knowing. Line 0 is the file as a whole. The rules that
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 from canopen_control.od.issues import Severity
 
-__all__ = ["Finding", "Severity", "sorted_findings"]
+if TYPE_CHECKING:
+    from canopen_control.controllers.params import ControllersFile
+    from canopen_control.hardware.description import Description
+    from canopen_control.master.config import BusConfig
+    from canopen_control.runtime.files import RobotFiles
+
+__all__ = ["Finding", "SetupParts", "Severity", "sorted_findings"]
 
 _ORDER = (Severity.ERROR, Severity.WARNING, Severity.NOTE)
 
@@ -24,20 +31,36 @@ class Finding:
     severity: Severity
     text: str
     fix: str = ""
+    column: int = 0  # 0: not known
+    source: str = ""  # the line itself, with a caret below the place, for people
 
     def __str__(self) -> str:
-        place = f"{self.path}:{self.line}" if self.line else self.path
-        return f"{place}: {self.severity.value}: {self.text}" + (f"; {self.fix}" if self.fix else "")
+        place = ":".join([self.path, *(str(each) for each in (self.line, self.column) if each)])
+        fix = f"; {self.fix}" if self.fix else ""
+        source = f"\n{self.source}" if self.source else ""
+        return f"{place}: {self.severity.value}: {self.text}{fix}{source}"
 
     def as_dict(self) -> dict[str, object]:
         """Return what `check --json` prints of it."""
         return {
             "path": self.path,
             "line": self.line,
+            "column": self.column,
             "severity": self.severity.value,
             "text": self.text,
             "fix": self.fix,
         }
+
+
+@dataclass(frozen=True, slots=True)
+class SetupParts:
+    """What could be read of a robot: a part that is broken is absent (reported already), the others are there."""
+
+    files: RobotFiles
+    buses: dict[str, BusConfig] = field(default_factory=dict)  # by the name of the bus
+    controllers: ControllersFile | None = None
+    description: Description | None = None
+    wanted: tuple[str, ...] = ()  # controllers to activate, as `run` would choose them
 
 
 def sorted_findings(findings: list[Finding]) -> list[Finding]:

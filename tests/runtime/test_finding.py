@@ -8,12 +8,15 @@ def test_a_finding_is_told_with_its_place_its_weight_and_its_fix():
         "bus.yml:7: warning: it is late; start earlier"
     )
     assert str(Finding("bus.yml", 0, Severity.ERROR, "it is empty")) == "bus.yml: error: it is empty"
+    placed = Finding("bus.yml", 7, Severity.NOTE, "odd", column=3, source="    a: b\n      ^")
+    assert str(placed) == "bus.yml:7:3: note: odd\n    a: b\n      ^"
 
 
 def test_a_finding_is_plain_data_for_programs():
     assert Finding("a", 1, Severity.NOTE, "b").as_dict() == {
         "path": "a",
         "line": 1,
+        "column": 0,
         "severity": "note",
         "text": "b",
         "fix": "",
