@@ -17,17 +17,26 @@ def missing_ros():
     """Ask another interpreter: the ROS packages change the environment of the one that imports them."""
     environment = {key: value for key, value in os.environ.items() if key != "_ROS_WHEELS_BOOTSTRAP_COMPLETE"}
     probe = [sys.executable, "-c", "import rclpy, std_msgs.msg, sensor_msgs.msg"]
-    if importlib.util.find_spec("rclpy") is not None and subprocess.run(probe, env=environment, capture_output=True).returncode == 0:
+    present = importlib.util.find_spec("rclpy") is not None
+    if present and subprocess.run(probe, env=environment, capture_output=True).returncode == 0:
         return None
     return "rclpy is not installed: pip install canopen-control[ros], or source a ROS 2 installation"
 
 
 def missing_wheel_tools():
-    return None if importlib.util.find_spec("hatchling") else "hatchling is not installed: pip install canopen-control[dev]"
+    return (
+        None
+        if importlib.util.find_spec("hatchling")
+        else "hatchling is not installed: pip install canopen-control[dev]"
+    )
 
 
 def missing_socketcan():
-    return None if os.path.exists("/sys/class/net/vcan0") else "no vcan0: ip link add vcan0 type vcan; ip link set vcan0 up"
+    return (
+        None
+        if os.path.exists("/sys/class/net/vcan0")
+        else "no vcan0: ip link add vcan0 type vcan; ip link set vcan0 up"
+    )
 
 
 MISSING = {"ros": missing_ros, "wheel": missing_wheel_tools, "socketcan": missing_socketcan}

@@ -10,8 +10,30 @@ PACKAGE = "canopen_control"
 ROOT = Path(__file__).parents[1] / PACKAGE
 STDLIB = frozenset(sys.stdlib_module_names)
 PURE = frozenset(
-    "__future__ abc binascii bisect collections contextlib copy dataclasses datetime difflib enum functools heapq itertools"
-    " math operator pathlib re string struct types typing".split()
+    {
+        "__future__",
+        "abc",
+        "binascii",
+        "bisect",
+        "collections",
+        "contextlib",
+        "copy",
+        "dataclasses",
+        "datetime",
+        "difflib",
+        "enum",
+        "functools",
+        "heapq",
+        "itertools",
+        "math",
+        "operator",
+        "pathlib",
+        "re",
+        "string",
+        "struct",
+        "types",
+        "typing",
+    }
 )
 EVERYBODY = frozenset({"errors", "frame"})
 
@@ -33,7 +55,19 @@ MAY_IMPORT = {
     "hardware": ({"od", "cia402", "master", "yamltree"}, STDLIB | {"xacro", "ament_index_python"}),
     "controllers": ({"hardware.interfaces", "yamltree"}, STDLIB | {"numpy"}),
     "runtime": (
-        {"od", "cia301", "cia402", "bus", "host", "master", "virtual", "hardware", "controllers", "yamltree", "data_files"},
+        {
+            "od",
+            "cia301",
+            "cia402",
+            "bus",
+            "host",
+            "master",
+            "virtual",
+            "hardware",
+            "controllers",
+            "yamltree",
+            "data_files",
+        },
         STDLIB,
     ),
     "client": ({"host"}, STDLIB),
@@ -46,7 +80,9 @@ ONLY = {"rclpy": "ros", "can": "bus", "canopen": "interop", "yaml": "yamltree", 
 
 
 def modules():
-    return sorted(path for path in ROOT.rglob("*.py") if path.name not in ("__main__.py",) and path.parent != ROOT / "data")
+    return sorted(
+        path for path in ROOT.rglob("*.py") if path.name not in ("__main__.py",) and path.parent != ROOT / "data"
+    )
 
 
 def room_of(path):
@@ -88,7 +124,9 @@ def test_imports_follow_the_layers(path):
 def test_master_and_virtual_drives_never_share_code_that_decides():
     for path in modules():
         if room_of(path) == "virtual":
-            assert not any(name.startswith((f"{PACKAGE}.master", f"{PACKAGE}.hardware")) for name in imported(path)), path
+            assert not any(name.startswith((f"{PACKAGE}.master", f"{PACKAGE}.hardware")) for name in imported(path)), (
+                path
+            )
 
 
 def test_a_forbidden_import_would_be_seen(tmp_path):

@@ -1,5 +1,6 @@
 """The API as a client sees it, byte by byte, in simulated time."""
 
+import contextlib
 import json
 import socket
 
@@ -25,10 +26,8 @@ class Client:
         self.socket.send(json.dumps(message).encode() + b"\n")
 
     def messages(self):
-        try:
+        with contextlib.suppress(BlockingIOError):
             self._buffer += self.socket.recv(1 << 20)
-        except BlockingIOError:
-            pass
         *lines, self._buffer = self._buffer.split(b"\n")
         return [json.loads(line) for line in lines]
 

@@ -1,5 +1,6 @@
 """The bus of a robot: what happens when the channel does something."""
 
+import pytest
 from support.robots import LEFT, Bench
 
 from canopen_control.bus.error_frames import ERROR_FLAG
@@ -34,10 +35,8 @@ def test_a_start_on_a_channel_that_cannot_be_opened_leaves_nothing_open(monkeypa
 
     bench = Bench("bus3", drives=())
     monkeypatch.setattr("canopen_control.runtime.bus.open_port", refuse)
-    try:
+    with pytest.raises(BusError, match="memory:bus3"):
         bench.robot.start()
-    except BusError as error:
-        assert "memory:bus3" in str(error)
     assert bench.robot.state is RobotState.STOPPED
     bench.close()
 
