@@ -10,30 +10,8 @@ PACKAGE = "canopen_control"
 ROOT = Path(__file__).parents[1] / PACKAGE
 STDLIB = frozenset(sys.stdlib_module_names)
 PURE = frozenset(
-    {
-        "__future__",
-        "abc",
-        "binascii",
-        "bisect",
-        "collections",
-        "contextlib",
-        "copy",
-        "dataclasses",
-        "datetime",
-        "difflib",
-        "enum",
-        "functools",
-        "heapq",
-        "itertools",
-        "math",
-        "operator",
-        "pathlib",
-        "re",
-        "string",
-        "struct",
-        "types",
-        "typing",
-    }
+    """__future__ abc binascii bisect collections contextlib copy dataclasses datetime difflib enum functools heapq
+    itertools math operator pathlib re string struct types typing""".split()  # noqa: SIM905 - one name a line is no list
 )
 EVERYBODY = frozenset({"errors", "frame"})
 
