@@ -1,0 +1,173 @@
+"""Calls that wait on a bare bus, against devices on another thread."""
+
+import os
+import signal
+import threading
+
+import pytest
+from support.onbus import GENERIC, TMCM, OnBus
+
+from canopen_control.bus.memory import MemoryBus
+from canopen_control.cia301.lss import LssIdentity, LssMode
+from canopen_control.cia301.lss_slave import LssSlave
+from canopen_control.cia301.nmt import NmtCommand, NmtConfirmed, NmtState, NmtUnconfirmed
+from canopen_control.errors import (
+    BusClosed,
+    BusOff,
+    ConfigError,
+    LocalProtocolError,
+    RemoteProtocolError,
+    SdoAbort,
+    SdoTimeout,
+)
+from canopen_control.frame import CanFrame
+from canopen_control.master.direct import DirectBus
+
+
+@pytest.fixture
+def drives():
+    with OnBus("memory:direct", {3: TMCM, 5: GENERIC}) as drives:
+        yield drives
+
+
+@pytest.fixture
+def bus(drives):
+    with DirectBus.open("memory:direct", timeout_s=0.1, retries=0) as bus:
+        yield bus
+
+
+def test_objects_are_read_and_written(bus, drives):
+    assert bus.read(3, 0x1018, 1) == bytes.fromhex("86020000")
+    bus.write(3, 0x6081, 0, (1500).to_bytes(4, "little"))
+    assert bus.read(3, 0x6081) == (1500).to_bytes(4, "little")
+    assert drives.call(lambda: drives.nodes[3].get(0x6081)) == 1500
+
+
+@pytest.mark.parametrize("block", [False, True])
+@pytest.mark.parametrize("length", [0, 4, 7, 300, 20_000])
+def test_any_length_travels_both_ways(bus, length, block):
+    data = bytes(n % 251 for n in range(length))
+    bus.write(5, 0x2000, 0, data, block=block)
+    assert bus.read(5, 0x2000, block=block) == data
+
+
+def test_what_the_node_refuses_is_raised_and_the_next_request_works(bus):
+    with pytest.raises(SdoAbort, match="0x9999:00: abort 0x06020000") as caught:
+        bus.read(3, 0x9999)
+    assert caught.value.node_id == 3
+    with pytest.raises(SdoAbort, match="read-only"):
+        bus.write(3, 0x6041, 0, b"\0\0")
+    assert bus.read(3, 0x1000) == bytes.fromhex("9201ffff")
+
+
+def test_nobody_there_is_a_timeout_and_nonsense_a_mistake_of_the_caller(bus):
+    with pytest.raises(SdoTimeout, match=r"node 9: 0x1000:00: no answer within 0\.1 s"):
+        bus.read(9, 0x1000)
+    with pytest.raises(LocalProtocolError):
+        bus.read(3, 0x10000)
+    with pytest.raises(ConfigError):
+        DirectBus.open("nonsense")
+
+
+def test_all_nodes_are_asked_at_once_and_each_has_its_own_answer(bus):
+    wanted = [(node_id, 0x1018, sub) for node_id in range(1, 21) for sub in (2, 9)]
+    answers = bus.read_many(wanted)
+    assert set(answers) == set(wanted)
+    assert answers[3, 0x1018, 2] == (1270).to_bytes(4, "little")
+    assert isinstance(answers[3, 0x1018, 9], SdoAbort)
+    assert answers[5, 0x1018, 2] == (0x402).to_bytes(4, "little")
+    assert all(isinstance(answers[node, 0x1018, 2], SdoTimeout) for node in range(1, 21) if node not in (3, 5))
+
+
+def test_a_transfer_that_is_broken_off_is_aborted_on_the_wire(drives):
+    wire = MemoryBus.get("direct")
+    wire.hold(lambda label, frame: frame.can_id == 0x583)  # the answer comes too late
+    with DirectBus.open("memory:direct", label="cli", timeout_s=30) as bus:
+
+        def interrupt():
+            os.kill(os.getpid(), signal.SIGINT)
+
+        timer = threading.Timer(0.1, interrupt)
+        timer.start()
+        with pytest.raises(KeyboardInterrupt):
+            bus.read(3, 0x1008)
+        timer.join()
+    wire.hold(None)
+    sent = [frame for label, frame in wire.history if label == "cli"]
+    assert [frame.data[0] for frame in sent] == [0x40, 0x80]
+    assert sent[1].data[1:4] == bytes.fromhex("081000")
+
+
+def test_a_heartbeat_confirms_a_command_and_silence_says_so(bus):
+    assert bus.command(NmtCommand.START, 3, 0.05) == [NmtUnconfirmed(3, NmtCommand.START, 1, None)]
+    bus.write(3, 0x1017, 0, (10).to_bytes(2, "little"))
+    (confirmed,) = bus.command(NmtCommand.ENTER_PRE_OPERATIONAL, 3, 5.0)
+    assert isinstance(confirmed, NmtConfirmed)
+    assert bus.heard[3] is NmtState.PRE_OPERATIONAL
+
+
+def test_of_all_nodes_those_tell_that_boot(bus):
+    results = bus.command(NmtCommand.RESET_NODE, 0, 0.5)
+    assert [(type(result), result.node_id) for result in results] == [(NmtConfirmed, 3), (NmtConfirmed, 5)]
+
+
+def test_a_node_that_shows_another_state_is_unconfirmed_with_it():
+    with OnBus("memory:stubborn", cores=(Stubborn(),)), DirectBus.open("memory:stubborn") as bus:
+        assert bus.command(NmtCommand.START, 4, 0.2) == [NmtUnconfirmed(4, NmtCommand.START, 1, NmtState.STOPPED)]
+
+
+class Stubborn:
+    """Answers every NMT command with the heartbeat of a stopped node 4."""
+
+    def __init__(self):
+        self.out = []
+
+    def receive(self, frame, now):
+        if frame.can_id == 0:
+            self.out.append(CanFrame(0x704, b"\4"))
+
+    def frames(self):
+        out, self.out = self.out, []
+        return out
+
+
+def test_listening_hears_heartbeats_boot_ups_and_guarding_answers():
+    with OnBus("memory:listen", cores=(Stubborn(),)) as others, DirectBus.open("memory:listen") as bus:
+        others.send(CanFrame(0x709, b"\0"), CanFrame(0x70A, b"\x85"), CanFrame(0x70B, b"\x33"), CanFrame(0x70C, b""))
+        bus.listen(0.05)
+        assert bus.heard == {9: NmtState.INITIALISING, 10: NmtState.OPERATIONAL, 11: None}
+
+
+def test_lss_finds_and_names_a_slave():
+    slave = LssSlave(LssIdentity(0x286, 0x4F6, 1, 77))
+    with OnBus("memory:lss", cores=(slave,)), DirectBus.open("memory:lss", timeout_s=0.1) as bus:
+        found = bus.lss(lambda master: master.fast_scan(vendor=0x286, product=0x4F6, revision=1, serial=77))
+        assert found == LssIdentity(0x286, 0x4F6, 1, 77)
+        bus.lss(lambda master: master.configure_node_id(9))
+        assert bus.lss(lambda master: master.inquire("node_id")) == 255  # the new one counts after a reset
+        bus.lss(lambda master: master.switch_global(LssMode.WAITING))
+        with pytest.raises(RemoteProtocolError, match="no answer"):
+            bus.lss(lambda master: master.inquire("vendor"))
+    assert slave.pending_node_id == 9
+
+
+def test_a_bus_that_goes_away_is_an_error_at_once():
+    wire = MemoryBus.get("gone")
+    bus = DirectBus.open("memory:gone", timeout_s=30)
+    timer = threading.Timer(0.05, wire.close)
+    timer.start()
+    with pytest.raises(BusClosed):
+        bus.read(3, 0x1000)
+    timer.join()
+    bus.close()
+    bus.close()
+
+
+def test_bus_off_is_an_error_at_once():
+    wire = MemoryBus.get("off")
+    with DirectBus.open("memory:off", label="cli", timeout_s=30) as bus:
+        timer = threading.Timer(0.05, lambda: wire.bus_off("cli"))
+        timer.start()
+        with pytest.raises(BusOff):
+            bus.read(3, 0x1000)
+        timer.join()
