@@ -55,6 +55,9 @@ def add_robot_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="NAME",
         help="activate this controller (default: the first)",
     )
+    parser.add_argument(
+        "--strict", action="store_true", help="repeated and unknown keys of ros2_controllers.yaml are errors"
+    )
     parser.add_argument("--name", help="name of this robot for its clients (default: the folder's)")
 
 
@@ -110,7 +113,15 @@ def read_setup(args: argparse.Namespace) -> RobotSetup:
     files = find_robot(args.config, bus=args.bus, controllers=args.controllers, description=args.description)
     if args.name is not None:
         check_name(args.name)
-    return read_robot(files, name=args.name, can=args.can, controllers=args.controller, mock=args.mock)
+    return read_robot(
+        files,
+        name=args.name,
+        can=args.can,
+        controllers=args.controller,
+        mock=args.mock,
+        real=args.real,
+        strict=args.strict,
+    )
 
 
 def _teller(announcer: Announcer, table: bool) -> Callable[[Event], None]:

@@ -2,7 +2,8 @@
 
 The law of the file: xacro is the real one and imported only when a file asks for it; every mistake of the description
 is told at once, each with file and line (of a xacro file, the line that seems to be meant: the tags of its result have
-none); what ros2_control refuses is refused here too, so that a description that loads here loads there.
+none); what ros2_control refuses is refused here too, so that a description that loads here loads there. Without a
+<ros2_control> tag, ROS 1's <transmission> tags say which drive moves which joint.
 """
 
 from __future__ import annotations
@@ -13,13 +14,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.errors import RobotConfigError
+from canopen_control.hardware.interfaces import EFFORT, POSITION, VELOCITY
+from canopen_control.hardware.scene import GazeboPlugin, gazebo_plugins, radii
+from canopen_control.hardware.transmission import Transmission, read_transmission
 from canopen_control.hardware.urdf import Document, Element, read_document
 from canopen_control.hardware.xacro_files import run_xacro
 from canopen_control.yamltree import nearest
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Mapping
+    from collections.abc import Iterator, Mapping, Sequence
 
 __all__ = [
     "ControlJoint",
@@ -110,12 +114,17 @@ class Ros2ControlSystem:
     joints: tuple[ControlJoint, ...] = ()
     sensors: tuple[ControlJoint, ...] = ()
     gpios: tuple[ControlJoint, ...] = ()
+    transmissions: tuple[Transmission, ...] = ()
     line: int = 0
 
 
 @dataclass(frozen=True)
 class Description:
-    """A robot: its URDF as text (xacro processed), its tree, and who drives what."""
+    """A robot: its URDF as text (xacro processed), its tree, and who drives what.
+
+    `radii` are those of links whose collision (else visual) is one cylinder or sphere, in m. `ros1` says that the
+    hardware was made of ROS 1's <transmission> tags, for want of a <ros2_control> tag.
+    """
 
     path: str
     urdf_xml: str
@@ -123,6 +132,10 @@ class Description:
     links: tuple[str, ...] = ()
     joints: dict[str, UrdfJoint] = field(default_factory=dict)
     hardware: tuple[Ros2ControlSystem, ...] = ()
+    radii: dict[str, float] = field(default_factory=dict)
+    gazebo: tuple[GazeboPlugin, ...] = ()
+    ros1: bool = False
+    notes: tuple[str, ...] = ()
 
     @property
     def movable_joints(self) -> tuple[str, ...]:
@@ -152,11 +165,18 @@ def parse_description(urdf: str, path: str = "<urdf>", *, source: str | None = N
     links = tuple(document.name(each) for each in root.children if each.tag == "link")
     joints = {each.name: each for each in (_joint(document, one) for one in root.children if one.tag == "joint")}
     _check_tree(document, links, joints)
+    name = root.attributes.get("name", "")
     tags = [each for each in root.children if each.tag == "ros2_control"]
+    old = [each for each in root.children if each.tag == "transmission"]
+    gazebo = gazebo_plugins(root)
     hardware = tuple(_system(document, each, joints) for each in tags)
+    if not tags and old:
+        transmissions = _transmissions(document, old, joints)
+        hardware = (_ros1_system(name, transmissions, gazebo),)
     _check_owners(document, hardware)
     document.raise_if_any()
-    return Description(path, urdf, root.attributes.get("name", ""), links, joints, hardware)
+    notes = tuple(_notes(path, hardware, old if tags else ()))
+    return Description(path, urdf, name, links, joints, hardware, radii(root), gazebo, bool(old and not tags), notes)
 
 
 # ------------------------------------------------------------------------------------------------------- the tree
@@ -249,7 +269,10 @@ def _system(document: Document, element: Element, joints: dict[str, UrdfJoint]) 
     }
     text = plugin.text if plugin is not None else ""
     parameters = hardware.parameters() if hardware is not None else {}
-    return Ros2ControlSystem(name, kind, text, parameters, parts["joint"], parts["sensor"], parts["gpio"], element.line)
+    own = _transmissions(document, [each for each in element.children if each.tag == "transmission"], joints)
+    return Ros2ControlSystem(
+        name, kind, text, parameters, parts["joint"], parts["sensor"], parts["gpio"], own, element.line
+    )
 
 
 def _part(document: Document, element: Element, joints: dict[str, UrdfJoint]) -> ControlJoint:
@@ -297,3 +320,57 @@ def _check_owners(document: Document, hardware: tuple[Ros2ControlSystem, ...]) -
                 where = f"{owners[part.name]} and {system.name}" if owners[part.name] != system.name else system.name
                 document.problem(part.line, f"{part.name!r} stands twice in <ros2_control> ({where}); name it once")
             owners[part.name] = system.name
+
+
+# ---------------------------------------------------------------------------------------------- transmissions, ROS 1
+
+
+def _transmissions(
+    document: Document, elements: Sequence[Element], joints: dict[str, UrdfJoint]
+) -> tuple[Transmission, ...]:
+    found: dict[str, Transmission] = {}
+    for element in elements:
+        each = read_transmission(document, element)
+        if each.joint and each.joint not in joints:
+            document.error(element, f"transmission {each.name}: no joint {each.joint!r}{nearest(each.joint, joints)}")
+        if each.joint in found:
+            document.error(element, f"joint {each.joint} has two transmissions: {found[each.joint].name}, {each.name}")
+        found[each.joint] = each
+    return tuple(found.values())
+
+
+_STATES: Final = (POSITION, VELOCITY, EFFORT)
+ROS1_SIMULATION: Final = "gazebo_ros_control/DefaultRobotHWSim"
+ROS1_HARDWARE: Final = "canopen_control/CanopenSystem"
+
+
+def _ros1_system(
+    name: str, transmissions: tuple[Transmission, ...], gazebo: tuple[GazeboPlugin, ...]
+) -> Ros2ControlSystem:
+    """Return what a <ros2_control> tag would say: ROS 1 names the drives by the actuators of the transmissions."""
+    simulated = any(each.filename.endswith("gazebo_ros_control.so") for each in gazebo)
+    parts = tuple(
+        ControlJoint(
+            each.joint,
+            {"device_name": each.actuator},
+            {command: InterfaceInfo(command) for command in each.interfaces if command},
+            {state: InterfaceInfo(state) for state in _STATES},
+            line=each.line,
+        )
+        for each in transmissions
+    )
+    plugin = ROS1_SIMULATION if simulated else ROS1_HARDWARE
+    line = transmissions[0].line if transmissions else 0
+    return Ros2ControlSystem(name, "system", plugin, {}, parts, transmissions=transmissions, line=line)
+
+
+def _notes(path: str, hardware: Sequence[Ros2ControlSystem], ignored: Sequence[Element]) -> Iterator[str]:
+    for element in ignored:
+        name = element.attributes.get("name", "")
+        yield f"{path}:{element.line}: <transmission> {name} is ROS 1's and has no effect beside a <ros2_control> tag"
+    for each in (one for system in hardware for one in system.transmissions if not one.trivial):
+        drive, offset = each.actuator or "its drive", f", offset {each.offset:g}" if each.offset else ""
+        yield (
+            f"{path}:{each.line}: {each.joint} turns once for {each.reduction:g} turns of {drive}{offset}; "
+            "the scales of bus.yml are those of the motor shaft"
+        )

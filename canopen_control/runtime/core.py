@@ -16,9 +16,8 @@ from canopen_control.controllers.manager import ControllerManager
 from canopen_control.errors import BusError, CanopenError, ControlError, RobotConfigError
 from canopen_control.hardware.interfaces import InterfaceRegistry, ReturnType
 from canopen_control.hardware.joint import Action
-from canopen_control.hardware.mock import PLUGINS as MOCK_PLUGINS
-from canopen_control.hardware.mock import GenericSystem
-from canopen_control.hardware.system import PLUGINS, CanopenSystem
+from canopen_control.hardware.plugins import Kind, kind_of, made_up, transmitted
+from canopen_control.hardware.system import CanopenSystem
 from canopen_control.master.events import Event, EventLog, Level
 from canopen_control.runtime.bus import RobotBus
 from canopen_control.runtime.pacer import Pacer
@@ -312,23 +311,18 @@ class RobotCore:
     def _build(self) -> None:
         setup = self.setup
         needs_bus = False
-        for description in setup.description.hardware:
-            if description.plugin in MOCK_PLUGINS or setup.mock:
-                self.registry.register(GenericSystem(description))
-            elif description.plugin in PLUGINS:
-                if not needs_bus:
-                    self._build_bus()
-                needs_bus = True
-                system = self._canopen_system(description)
-                self.systems.append(system)
-                self.joints.update((joint.joint, joint) for joint in system.joints)
-                self.registry.register(system)
-            else:
-                known = ", ".join((*PLUGINS, *MOCK_PLUGINS))
-                raise RobotConfigError(
-                    f"{setup.files.description}:{description.line}: no hardware plugin {description.plugin!r}; "
-                    f"there are: {known}"
-                )
+        for tag in setup.description.hardware:
+            kind = kind_of(setup.description, tag, mock=setup.mock, real=setup.real)
+            if kind is not Kind.CANOPEN:
+                self.registry.register(made_up(setup.description, tag, kind))
+                continue
+            if not needs_bus:
+                self._build_bus()
+            needs_bus = True
+            system = self._canopen_system(tag)
+            self.systems.append(system)
+            self.joints.update((joint.joint, joint) for joint in system.joints)
+            self.registry.register(transmitted(system, tag))
         if not setup.description.hardware:
             raise RobotConfigError(
                 f"{setup.files.description}: no <ros2_control> tag; it says which drive moves which joint"

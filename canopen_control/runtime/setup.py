@@ -42,6 +42,7 @@ class RobotSetup:
     wanted: tuple[str, ...]
     mock: bool
     notes: tuple[str, ...]
+    real: bool = False
 
     @property
     def cycle_ns(self) -> int:
@@ -56,10 +57,16 @@ def read_robot(
     can: Sequence[str] = (),
     controllers: Sequence[str] = (),
     mock: bool = False,
+    real: bool = False,
+    strict: bool = False,
 ) -> RobotSetup:
-    """Read and check all three files; raises a ConfigError."""
+    """Read and check all three files; raises a ConfigError.
+
+    `mock` and `real` overrule the hardware plugins of the description; with `strict`, what is suspicious in
+    ros2_controllers.yaml is an error.
+    """
     bus = read_bus(files.bus)
-    control = read_controllers(files.controllers)
+    control = read_controllers(files.controllers, strict=strict)
     description = read_description(files.description, mappings={"use_mock_hardware": "true"} if mock else None)
     name = name or files.name
     return RobotSetup(
@@ -71,7 +78,8 @@ def read_robot(
         control,
         _wanted(files, control, controllers),
         mock,
-        (*bus.notes, *control.warnings),
+        (*bus.notes, *control.warnings, *description.notes),
+        real,
     )
 
 

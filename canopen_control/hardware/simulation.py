@@ -1,0 +1,294 @@
+"""SimulatedSystem: joints moved by simulated motors, where Gazebo's plugins would move them.
+
+The law of the file: a joint has no drive and no bus here, only a motor behind the `Motor` Protocol, so that another
+engine can take its place; the one that is built in is a first-order lag in closed form, exact for any step. (The plants
+of the virtual drives are not used: they follow the ramps of a drive in counts and per mille, and a joint of Gazebo has
+no drive; what has one runs on `CanopenSystem` and virtual drives.) A velocity is approached with `time_constant`, a
+position by a velocity proportional to the way left, an effort moves inertia against damping. Limits of the description
+hold. Released, a velocity or effort becomes zero and a position is held. `elapsed_ns` is the simulated time.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Final, Protocol
+
+from canopen_control.errors import ControlError, RobotConfigError, UnknownInterface
+from canopen_control.hardware.interfaces import (
+    EFFORT,
+    POSITION,
+    VELOCITY,
+    CommandInterface,
+    LifecycleState,
+    ReturnType,
+    StateInterface,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    from canopen_control.hardware.description import ControlJoint, Limits, Ros2ControlSystem, UrdfJoint
+
+__all__ = ["PLUGINS", "FirstOrderMotor", "Motor", "SimulatedSystem"]
+
+PLUGINS: Final = (
+    "canopen_control/SimulatedSystem",
+    "gazebo_ros2_control/GazeboSystem",
+    "gz_ros2_control/GazeboSimSystem",
+    "ign_ros2_control/IgnitionSystem",
+    "gazebo_ros_control/DefaultRobotHWSim",
+)
+"""The plugin names it stands in for; the last is ROS 1's, meant by every URDF that has its Gazebo plugin."""
+
+
+class Motor(Protocol):
+    """One joint's motor: rad, rad/s, Nm (or m, m/s, N)."""
+
+    position: float
+    velocity: float
+    effort: float
+
+    def follow(self, interface: str, target: float, seconds: float) -> None:
+        """Move for `seconds` as a target of position, velocity or effort makes it move."""
+
+
+class FirstOrderMotor:
+    """A velocity loop with one time constant (s), a position loop above it, or inertia (kg m^2) with damping (Nm s).
+
+    It reaches no further than its limits, in position, velocity and effort.
+    """
+
+    def __init__(
+        self, limits: Limits, time_constant: float = 0.02, inertia: float = 0.01, damping: float = 0.1
+    ) -> None:
+        self.position = self.velocity = self.effort = 0.0
+        self._limits, self._time_constant = limits, time_constant
+        self._inertia, self._damping = inertia, damping
+
+    def follow(self, interface: str, target: float, seconds: float) -> None:
+        """See `Motor`."""
+        if seconds <= 0.0:
+            return
+        before = self.velocity
+        if interface == EFFORT:
+            effort = _within(target, self._limits.effort)
+            self._approach(effort / self._damping, self._inertia / self._damping, seconds)
+        elif interface == POSITION:
+            # a quarter of the velocity loop's bandwidth: it arrives without overshoot
+            wanted = (target - self.position) / max(4.0 * self._time_constant, seconds)
+            self._approach(_within(wanted, self._limits.velocity), self._time_constant, seconds)
+        else:
+            self._approach(_within(target, self._limits.velocity), self._time_constant, seconds)
+        self._stop_at_the_ends()
+        self.effort = self._inertia * (self.velocity - before) / seconds + self._damping * self.velocity
+
+    def _approach(self, wanted: float, time_constant: float, seconds: float) -> None:
+        decay = math.exp(-seconds / time_constant)
+        self.position += wanted * seconds + time_constant * (self.velocity - wanted) * (1.0 - decay)
+        self.velocity = wanted + (self.velocity - wanted) * decay
+
+    def _stop_at_the_ends(self) -> None:
+        held = min(max(self.position, self._limits.lower), self._limits.upper)
+        if held != self.position:
+            self.position, self.velocity = held, 0.0
+
+
+def _within(value: float, limit: float) -> float:
+    return min(max(value, -limit), limit)
+
+
+class _Joint:
+    """A joint with its motor; `mode` is what is claimed of it, "" for nothing."""
+
+    __slots__ = ("commands", "held", "mode", "motor", "name", "states")
+
+    def __init__(self, part: ControlJoint, motor: Motor) -> None:
+        self.name, self.motor, self.mode = part.name, motor, ""
+        self.commands = {
+            name: CommandInterface(part.name, name, minimum=each.minimum, maximum=each.maximum)
+            for name, each in part.command_interfaces.items()
+        }
+        self.states = {name: StateInterface(part.name, name) for name in part.state_interfaces}
+        start = part.state_interfaces.get(POSITION)
+        self.motor.position = 0.0 if start is None or math.isnan(start.initial_value) else start.initial_value
+        self.held = self.motor.position
+
+    def step(self, seconds: float) -> None:
+        """Follow the command; without one a velocity or effort is zero and a position is held."""
+        target = self.commands[self.mode].value if self.mode else math.nan
+        mode = self.mode or VELOCITY
+        if math.isnan(target):
+            target = self.held if mode == POSITION else 0.0
+        self.motor.follow(mode, target, seconds)
+        self.held = target if mode == POSITION else self.motor.position
+
+    def show(self) -> None:
+        """Copy the motor's values into the state interfaces."""
+        for name, value in ((POSITION, self.motor.position), (VELOCITY, self.motor.velocity)):
+            if name in self.states:
+                self.states[name].value = value
+        if EFFORT in self.states:
+            self.states[EFFORT].value = self.motor.effort
+
+
+class SimulatedSystem:
+    """One <ros2_control> tag, simulated; `joints` are those of the description, for their limits and mimics.
+
+    Parameters of the tag or of a joint: time_constant (s), inertia, damping. `make_motor` replaces the motors.
+    """
+
+    def __init__(
+        self,
+        description: Ros2ControlSystem,
+        joints: Mapping[str, UrdfJoint],
+        make_motor: Callable[[Limits], Motor] | None = None,
+    ) -> None:
+        self.name = description.name
+        self.state = LifecycleState.UNCONFIGURED
+        self.elapsed_ns = 0
+        self._last: int | None = None
+        self._joints: list[_Joint] = []
+        for part in description.joints:
+            limits = joints[part.name].limits
+            motor = make_motor(limits) if make_motor else _motor(limits, {**description.parameters, **part.parameters})
+            self._joints.append(_Joint(part, motor))
+        by_name = {each.name: each for each in self._joints}
+        self._mimics = [
+            (by_name[part.name], by_name[part.mimic.joint], part.mimic)
+            for part in description.joints
+            if part.mimic is not None and part.mimic.joint in by_name
+        ]
+        following = [follower for follower, _, _ in self._mimics]
+        self._driven = [each for each in self._joints if each not in following]
+        fixed = [*description.sensors, *description.gpios]
+        extra_states, extra_commands, self._mirrored = _extras(fixed)
+        self.state_interfaces: Sequence[StateInterface] = [
+            *(one for each in self._joints for one in each.states.values()),
+            *extra_states,
+        ]
+        self.command_interfaces: Sequence[CommandInterface] = [
+            *(one for each in self._joints for one in each.commands.values()),
+            *extra_commands,
+        ]
+        self._owners: dict[str, _Joint | None] = {one.name: None for one in extra_commands}
+        self._owners.update({one.name: each for each in self._joints for one in each.commands.values()})
+
+    def configure(self) -> None:
+        """Show where the joints are."""
+        if self.state is LifecycleState.UNCONFIGURED:
+            self._show()
+            self.state = LifecycleState.INACTIVE
+
+    def activate(self) -> None:
+        """Allow commands."""
+        if self.state is LifecycleState.INACTIVE:
+            self.state = LifecycleState.ACTIVE
+
+    def deactivate(self) -> None:
+        """Let go of everything; the motors come to rest."""
+        if self.state is LifecycleState.ACTIVE:
+            for joint in self._joints:
+                joint.mode = ""
+            self.state = LifecycleState.INACTIVE
+
+    def cleanup(self) -> None:
+        """Go back to the start."""
+        self.deactivate()
+        if self.state is LifecycleState.INACTIVE:
+            self.state = LifecycleState.UNCONFIGURED
+
+    def shutdown(self) -> None:
+        """End for good."""
+        self.deactivate()
+        self.state = LifecycleState.FINALIZED
+
+    def prepare_command_mode_switch(self, start: Sequence[str], stop: Sequence[str]) -> None:
+        """Refuse two interfaces of one joint, and one that no motor knows."""
+        wanted: dict[str, str] = {}
+        for name in (*start, *stop):
+            if name not in self._owners:
+                raise UnknownInterface(name, tuple(self._owners))
+        for name in start:
+            joint = self._owners[name]
+            if joint is None:
+                continue
+            if name.rpartition("/")[2] not in (POSITION, VELOCITY, EFFORT):
+                raise ControlError(f"{name}: a simulated motor takes position, velocity or effort")
+            if wanted.setdefault(joint.name, name) != name:
+                raise ControlError(f"joint {joint.name}: {wanted[joint.name]} and {name} cannot be commanded together")
+
+    def perform_command_mode_switch(self, start: Sequence[str], stop: Sequence[str]) -> None:
+        """Let the motors follow what is claimed."""
+        for name in stop:
+            joint = self._owners[name]
+            if joint is not None and joint.mode == name.rpartition("/")[2]:
+                joint.mode = ""
+        for name in start:
+            joint = self._owners[name]
+            if joint is not None:
+                joint.mode = name.rpartition("/")[2]
+
+    def read(self, now: int, period: float) -> ReturnType:
+        """Let the simulated time pass; `now` in ns. Time that no cycle saw passes too."""
+        if self.state not in (LifecycleState.INACTIVE, LifecycleState.ACTIVE):
+            return ReturnType.OK
+        step = round(period * 1e9) if self._last is None else now - self._last
+        self._last = now
+        self.elapsed_ns += step
+        for command in self.command_interfaces:
+            if math.isinf(command.value):
+                return ReturnType.ERROR
+        for joint in self._driven:
+            joint.step(step / 1e9)
+        self._show()
+        return ReturnType.OK
+
+    def write(self, now: int, period: float) -> ReturnType:
+        """Do nothing: the motors see the commands at the next read."""
+        del now, period
+        return ReturnType.OK
+
+    def _show(self) -> None:
+        for follower, leader, mimic in self._mimics:
+            follower.motor.position = mimic.multiplier * leader.motor.position + mimic.offset
+            follower.motor.velocity = mimic.multiplier * leader.motor.velocity
+        for joint in self._joints:
+            joint.show()
+        for command, state in self._mirrored:
+            if not math.isnan(command.value):
+                state.value = command.value
+
+
+_Extras = tuple[list[StateInterface], list[CommandInterface], list[tuple[CommandInterface, StateInterface]]]
+
+
+def _extras(parts: Sequence[ControlJoint]) -> _Extras:
+    """Return what sensors and gpios export: states at their initial values, commands shown in states of their name."""
+    states: list[StateInterface] = []
+    commands: list[CommandInterface] = []
+    mirrored: list[tuple[CommandInterface, StateInterface]] = []
+    for part in parts:
+        own = {
+            name: StateInterface(part.name, name, 0.0 if math.isnan(each.initial_value) else each.initial_value)
+            for name, each in part.state_interfaces.items()
+        }
+        states += own.values()
+        for name in part.command_interfaces:
+            commands.append(CommandInterface(part.name, name))
+            if name in own:
+                mirrored.append((commands[-1], own[name]))
+    return states, commands, mirrored
+
+
+def _motor(limits: Limits, parameters: Mapping[str, str]) -> FirstOrderMotor:
+    given: dict[str, float] = {}
+    for name in ("time_constant", "inertia", "damping"):
+        if name not in parameters:
+            continue
+        try:
+            given[name] = float(parameters[name])
+        except ValueError:
+            given[name] = math.nan
+        if not (math.isfinite(given[name]) and given[name] > 0.0):
+            raise RobotConfigError(f"{name} is {parameters[name]!r}; it is a number above 0")
+    return FirstOrderMotor(limits, **given)

@@ -1,0 +1,65 @@
+import pytest
+
+from canopen_control.errors import RobotConfigError
+from canopen_control.hardware.description import ControlJoint, Description, InterfaceInfo, Ros2ControlSystem, UrdfJoint
+from canopen_control.hardware.mock import GenericSystem
+from canopen_control.hardware.plugins import KNOWN, Kind, kind_of, made_up, transmitted
+from canopen_control.hardware.simulation import SimulatedSystem
+from canopen_control.hardware.transmission import Transmission, TransmittedSystem
+
+JOINT = ControlJoint("j", {}, {"velocity": InterfaceInfo("velocity")}, {"position": InterfaceInfo("position")})
+ROBOT = Description("r.urdf", "", "r", joints={"j": UrdfJoint("j", "continuous", "a", "b")})
+
+
+def tag(plugin: str, **how) -> Ros2ControlSystem:
+    return Ros2ControlSystem("s", "system", plugin, joints=(JOINT,), line=7, **how)
+
+
+@pytest.mark.parametrize(
+    ("plugin", "kind"),
+    [
+        ("canopen_ros2_control/RobotSystem", Kind.CANOPEN),
+        ("canopen_ros2_control/Cia402System", Kind.CANOPEN),
+        ("canopen_ros2_control/CanopenSystem", Kind.CANOPEN),
+        ("canopen_control/CanopenSystem", Kind.CANOPEN),
+        ("mock_components/GenericSystem", Kind.MOCK),
+        ("fake_components/GenericSystem", Kind.MOCK),
+        ("gazebo_ros2_control/GazeboSystem", Kind.SIMULATION),
+        ("gz_ros2_control/GazeboSimSystem", Kind.SIMULATION),
+        ("ign_ros2_control/IgnitionSystem", Kind.SIMULATION),
+    ],
+)
+def test_the_plugins_of_others_mean_what_users_expect(plugin, kind):
+    assert kind_of(ROBOT, tag(plugin)) is kind
+
+
+def test_mock_and_real_overrule_whatever_is_written():
+    for plugin in (*KNOWN, "my_robot/Hardware"):
+        assert kind_of(ROBOT, tag(plugin), mock=True) is Kind.MOCK
+        assert kind_of(ROBOT, tag(plugin), real=True) is Kind.CANOPEN
+
+
+def test_an_unknown_plugin_is_named_with_its_place_and_the_nearest():
+    with pytest.raises(
+        RobotConfigError, match=r"r\.urdf:7: no hardware plugin 'gz_ros2_control/GazeboSystem', did you"
+    ):
+        kind_of(ROBOT, tag("gz_ros2_control/GazeboSystem"))
+
+
+def test_a_robot_that_is_mocked_by_option_moves_its_joints():
+    mocked = made_up(ROBOT, tag("canopen_control/CanopenSystem"), Kind.MOCK)
+    assert isinstance(mocked, GenericSystem)
+    mocked.configure()
+    mocked.activate()
+    mocked.perform_command_mode_switch(["j/velocity"], [])
+    mocked.command_interfaces[0].value = 2.0
+    mocked.read(0, 0.5)
+    assert mocked.state_interfaces[0].value == 1.0
+    assert isinstance(made_up(ROBOT, tag("gz_ros2_control/GazeboSimSystem"), Kind.SIMULATION), SimulatedSystem)
+
+
+def test_a_transmission_that_changes_nothing_is_not_between():
+    component = made_up(ROBOT, tag("mock_components/GenericSystem"), Kind.MOCK)
+    assert transmitted(component, tag("x", transmissions=(Transmission("t", "j", "m"),))) is component
+    through = transmitted(component, tag("x", transmissions=(Transmission("t", "j", "m", 2.0),)))
+    assert isinstance(through, TransmittedSystem)
