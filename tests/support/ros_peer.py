@@ -165,5 +165,5 @@ def main():
 
 if __name__ == "__main__":
     if sys.argv[1:2] == ["--interfaces"]:
-        importlib.import_module("canopen_control.ros.interfaces").provide(sys.argv[2:])
+        importlib.import_module("canopen_control.ros.interfaces").provide()
     main()

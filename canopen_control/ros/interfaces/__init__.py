@@ -1,0 +1,153 @@
+"""Interfaces that the installed ROS lacks (tf2_msgs, controller_manager_msgs ...), made at run time without a compiler.
+
+The law of the room: a package that is installed is used, never replaced. What is made here has upstream's type hashes,
+so that it talks to upstream's own; before the first one is used, a message that ROS's compiled code knows as well is
+sent through both (`provide`), and what differs in a single byte is refused.
+"""
+
+from __future__ import annotations
+
+import importlib
+import importlib.machinery
+import importlib.util
+import json
+import os
+import sys
+import types
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+from canopen_control.errors import CanopenError
+from canopen_control.ros.interfaces.cdr import Codecs
+from canopen_control.ros.interfaces.classes import message_class, service_class
+from canopen_control.ros.interfaces.definition import parts_of
+from canopen_control.ros.interfaces.description import Registry, hash_text
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from canopen_control.ros.interfaces.support import Supports
+
+__all__ = ["PACKAGES", "provide"]
+
+_DEFINITIONS: Final[dict[str, list[str]]] = json.loads(
+    Path(__file__).with_name("definitions.json").read_text(encoding="utf-8")
+)
+PACKAGES: Final = tuple(dict.fromkeys(parts_of(name)[0] for name in _DEFINITIONS))
+"""The packages that can be made; of control_msgs three interfaces only."""
+_PROBE: Final = "canopen_control_probe/msg/Header"  # std_msgs/msg/Header under another name
+_PROBED: Final = "std_msgs/msg/Header"
+
+
+def provide(packages: Iterable[str] = PACKAGES) -> list[str]:
+    """Make the packages that are not installed importable; return those. CanopenError when this ROS is not known."""
+    missing = [name for name in packages if name not in sys.modules and importlib.util.find_spec(name) is None]
+    if missing:
+        factory = _factory()
+        for package in missing:
+            factory.install(package)
+    return missing
+
+
+class _Factory:
+    """Makes classes of definitions; one for the process, as C keeps pointers to what it made."""
+
+    def __init__(self) -> None:
+        self.registry = Registry(_shares())
+        self.registry.add({**_DEFINITIONS, _PROBE: ["builtin_interfaces/Time stamp", "string frame_id"]})
+        self.codecs = Codecs(self.registry.get, self.class_of)
+        self._classes: dict[str, type] = {}
+        self._supports: Supports | None = None
+
+    def supports(self) -> Supports:
+        """Return what makes type supports; loads ROS's libraries."""
+        if self._supports is None:
+            from canopen_control.ros.interfaces.libraries import Libraries
+            from canopen_control.ros.interfaces.support import Supports
+
+            self._supports = Supports(Libraries(), self.registry, self.codecs)
+        return self._supports
+
+    def class_of(self, name: str) -> type:
+        """Return the class of a message, an installed one or one of ours."""
+        package, kind, short = parts_of(name)
+        if name in self._classes:
+            return self._classes[name]
+        if any(name.startswith(known) for known in _DEFINITIONS if parts_of(known)[0] == package) or name == _PROBE:
+            self._classes[name] = message_class(self.registry.get(name), self.class_of, self.supports)
+            return self._classes[name]
+        module = importlib.import_module(f"{package}.{kind}")
+        found: type = getattr(module, short)
+        return found
+
+    def install(self, package: str) -> None:
+        """Put the modules of a package where `import` finds them."""
+        modules = {kind: _module(f"{package}.{kind}") for kind in ("msg", "srv")}
+        for name in _DEFINITIONS:
+            if parts_of(name)[0] == package:
+                self._install_interface(name, modules[parts_of(name)[1]])
+        top = _module(package)
+        for kind, module in modules.items():
+            setattr(top, kind, module)
+            sys.modules[module.__name__] = module
+        sys.modules[package] = top
+
+    def _install_interface(self, name: str, module: Any) -> None:  # noqa: ANN401 - a module
+        _, kind, short = parts_of(name)
+        if kind == "msg":
+            setattr(module, short, self.class_of(name))
+            return
+        parts = {part: self.class_of(f"{name}_{part}") for part in ("Request", "Response", "Event")}
+        for part, made in parts.items():
+            setattr(module, f"{short}_{part}", made)
+        setattr(module, short, service_class(name, parts, self.supports))
+
+
+_made: list[_Factory] = []
+
+
+def _factory() -> _Factory:
+    if not _made:
+        factory = _Factory()
+        try:
+            _check(factory)
+        except Exception as error:
+            raise CanopenError(f"no interfaces can be made for this ROS: {type(error).__name__}: {error}") from error
+        _made.append(factory)
+    return _made[0]
+
+
+def _check(factory: _Factory) -> None:
+    """Send a message through our code and through ROS's own, in both directions; raises what differs."""
+    serialization = importlib.import_module("rclpy.serialization")
+    theirs_of, ours_of = factory.class_of(_PROBED), factory.class_of(_PROBE)
+    stamp = factory.class_of("builtin_interfaces/msg/Time")(sec=-12345, nanosec=67890)
+    ours, theirs = ours_of(stamp=stamp, frame_id="base_link"), theirs_of(stamp=stamp, frame_id="base_link")
+    told = json.loads(_description_file(_PROBED).read_text(encoding="utf-8"))["type_hashes"][0]["hash_string"]
+    checks = {
+        "hash": hash_text(factory.registry.describe(_PROBED)) == told,
+        "sending": serialization.deserialize_message(serialization.serialize_message(ours), theirs_of) == theirs,
+        "receiving": serialization.deserialize_message(serialization.serialize_message(theirs), ours_of) == ours,
+    }
+    wrong = [name for name, good in checks.items() if not good]
+    if wrong:
+        raise RuntimeError(f"the self-test differs in {', '.join(wrong)}")
+
+
+def _shares() -> list[Path]:
+    """Return where installed packages describe themselves."""
+    prefixes = [each for each in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if each]
+    return [Path(prefix, "share") for prefix in (*prefixes, sys.prefix)]
+
+
+def _description_file(name: str) -> Path:
+    package, kind, short = parts_of(name)
+    paths = [share / package / kind / f"{short}.json" for share in _shares()]
+    return next(path for path in paths if path.exists())
+
+
+def _module(name: str) -> types.ModuleType:
+    module = types.ModuleType(name, "Made at run time, because this package is not installed.")
+    module.__spec__ = importlib.machinery.ModuleSpec(name, None, is_package="." not in name)
+    module.__path__ = []
+    return module

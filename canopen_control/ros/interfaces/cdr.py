@@ -1,0 +1,204 @@
+"""Messages to bytes and back: the body of a CDR message in little endian, without its four bytes of header.
+
+The law of the file (OMG CDR, XCDR version 1, as Fast CDR writes it): a number is aligned to its own size, at most
+eight, counted from the beginning of the body; a string is its length with the final zero byte, the text, the zero; a
+sequence is its length and its elements, an array the elements alone, and the elements of an empty one are not aligned.
+What comes from the wire may be anything: a body that is too short or senseless is a ValueError, never a wrong value.
+"""
+
+from __future__ import annotations
+
+import struct
+from array import array
+from typing import TYPE_CHECKING, Any, Final
+
+from canopen_control.ros.interfaces.definition import BOUNDED_STRING, DUMMY, NESTED, STRING, FieldType, Shape
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from canopen_control.ros.interfaces.definition import Structure
+
+    Encoder = Callable[[Any, bytearray], None]
+    Decoder = Callable[[memoryview, int], tuple[Any, int]]
+    Codec = tuple[Encoder, Decoder]
+
+__all__ = ["NUMBERS", "Codecs"]
+
+#: struct and array codes of the numbers by type id
+NUMBERS: Final = {2: "b", 3: "B", 4: "h", 5: "H", 6: "i", 7: "I", 8: "q", 9: "Q", 10: "f", 11: "d"}
+_BOOL: Final = 15
+_BYTE: Final = 16
+_LENGTH: Final = struct.Struct("<I")
+
+
+class Codecs:
+    """Makes and keeps the codecs of structures; `class_of(name)` is the Python class of one."""
+
+    def __init__(self, structure_of: Callable[[str], Structure], class_of: Callable[[str], type]) -> None:
+        self._structure_of, self.class_of = structure_of, class_of
+        self._made: dict[str, Codec] = {}
+
+    def encode(self, name: str, message: object) -> bytes:
+        """Return the body of a message; ValueError when a field holds something else."""
+        body = bytearray()
+        try:
+            self.codec(name)[0](message, body)
+        except (struct.error, TypeError, AttributeError, OverflowError) as error:
+            raise ValueError(f"this is no {name}: {error}") from error
+        return bytes(body)
+
+    def decode(self, name: str, body: bytes) -> Any:  # noqa: ANN401 - a message of the class of that name
+        """Return the message; ValueError when the body is none of that type. What follows it is ignored."""
+        try:
+            return self.codec(name)[1](memoryview(body), 0)[0]
+        except (struct.error, IndexError, UnicodeDecodeError) as error:
+            raise ValueError(f"not the body of a {name}: {error}") from error
+
+    def codec(self, name: str) -> Codec:
+        """Return the codec of a structure."""
+        if name not in self._made:
+            self._made[name] = self._make(name)
+        return self._made[name]
+
+    def _make(self, name: str) -> Codec:
+        fields = [(each.name, self._of_type(each.type)) for each in self._structure_of(name).fields]
+        encoders = [(field, codec[0]) for field, codec in fields]
+        decoders = [(field, codec[1]) for field, codec in fields]
+        make = self.class_of(name)
+
+        def encode(message: object, body: bytearray) -> None:
+            for field, encoder in encoders:
+                encoder(0 if field == DUMMY else getattr(message, field), body)
+
+        def decode(body: memoryview, at: int) -> tuple[object, int]:
+            message = make()
+            for field, decoder in decoders:
+                value, at = decoder(body, at)
+                if field != DUMMY:
+                    setattr(message, field, value)
+            return message, at
+
+        return encode, decode
+
+    def _of_type(self, kind: FieldType) -> Codec:
+        if kind.shape is Shape.SCALAR:
+            return self._scalar(kind)
+        if kind.base in NUMBERS:
+            return _numbers(NUMBERS[kind.base], kind)
+        return _elements(self._scalar(FieldType(kind.base, nested=kind.nested)), kind)
+
+    def _scalar(self, kind: FieldType) -> Codec:
+        if kind.base == NESTED:
+            return self.codec(kind.nested)
+        if kind.base in (STRING, BOUNDED_STRING):
+            return _encode_string, _decode_string
+        if kind.base == _BOOL:
+            return (lambda value, body: body.append(bool(value))), (lambda body, at: (body[at] != 0, at + 1))
+        if kind.base == _BYTE:
+            return _encode_byte, (lambda body, at: (bytes((body[at],)), at + 1))
+        return _number(NUMBERS[kind.base])
+
+
+def _number(code: str) -> Codec:
+    packer = struct.Struct(f"<{code}")
+    size, pack, unpack = packer.size, packer.pack, packer.unpack_from
+
+    def encode(value: object, body: bytearray) -> None:
+        body.extend(bytes(-len(body) % size))
+        body.extend(pack(value))
+
+    def decode(body: memoryview, at: int) -> tuple[object, int]:
+        at += -at % size
+        return unpack(body, at)[0], at + size
+
+    return encode, decode
+
+
+def _encode_byte(value: bytes, body: bytearray) -> None:
+    if len(value) != 1:
+        raise ValueError(f"a byte is one byte, not {value!r}")
+    body.extend(value)
+
+
+def _encode_string(value: str, body: bytearray) -> None:
+    text = value.encode() + b"\0"
+    _put_length(len(text), body)
+    body.extend(text)
+
+
+def _decode_string(body: memoryview, at: int) -> tuple[str, int]:
+    length, at = _length(body, at)
+    _demand(body, at, length)
+    return str(body[at : at + max(length - 1, 0)], "utf-8"), at + length
+
+
+def _numbers(code: str, kind: FieldType) -> Codec:
+    size = struct.calcsize(f"<{code}")
+
+    def encode(values: Any, body: bytearray) -> None:  # noqa: ANN401 - whatever is a sequence of numbers
+        numbers = values if isinstance(values, array) and values.typecode == code else array(code, list(values))
+        _put_count(len(numbers), kind, body)
+        if numbers:
+            body.extend(bytes(-len(body) % size))
+            body.extend(numbers.tobytes())
+
+    def decode(body: memoryview, at: int) -> tuple[object, int]:
+        count, at = _count(kind, body, at)
+        numbers = array(code)
+        if count:
+            at += -at % size
+            _demand(body, at, count * size)
+            numbers.frombytes(body[at : at + count * size])
+        return numbers, at + count * size
+
+    return encode, decode
+
+
+def _elements(codec: Codec, kind: FieldType) -> Codec:
+    encode_one, decode_one = codec
+
+    def encode(values: Any, body: bytearray) -> None:  # noqa: ANN401 - whatever is a sequence
+        _put_count(len(values), kind, body)
+        for value in values:
+            encode_one(value, body)
+
+    def decode(body: memoryview, at: int) -> tuple[list[object], int]:
+        count, at = _count(kind, body, at)
+        _demand(body, at, count)  # no element is smaller than a byte
+        values = []
+        for _ in range(count):
+            value, at = decode_one(body, at)
+            values.append(value)
+        return values, at
+
+    return encode, decode
+
+
+def _put_count(count: int, kind: FieldType, body: bytearray) -> None:
+    if kind.shape is Shape.ARRAY:
+        if count != kind.capacity:
+            raise ValueError(f"an array of {kind.capacity} elements was given {count}")
+        return
+    if kind.shape is Shape.BOUNDED_SEQUENCE and count > kind.capacity:
+        raise ValueError(f"a sequence of at most {kind.capacity} elements was given {count}")
+    _put_length(count, body)
+
+
+def _count(kind: FieldType, body: memoryview, at: int) -> tuple[int, int]:
+    return (kind.capacity, at) if kind.shape is Shape.ARRAY else _length(body, at)
+
+
+def _put_length(length: int, body: bytearray) -> None:
+    body.extend(bytes(-len(body) % 4))
+    body.extend(_LENGTH.pack(length))
+
+
+def _length(body: memoryview, at: int) -> tuple[int, int]:
+    at += -at % 4
+    return int(_LENGTH.unpack_from(body, at)[0]), at + 4
+
+
+def _demand(body: memoryview, at: int, length: int) -> None:
+    if at + length > len(body):
+        raise ValueError(f"{length} bytes are announced, {max(len(body) - at, 0)} are there")

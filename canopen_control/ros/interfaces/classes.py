@@ -1,0 +1,151 @@
+"""Python classes of messages and services, as rclpy expects them from rosidl_generator_py.
+
+The law of the file: the metaclass holds the type support, made when rclpy first asks for it; a message has its fields
+as attributes, None in the constructor is the default; a service cannot be made, only its Request and Response. A field
+holds what was put in it: whether that can be sent shows when it is sent.
+"""
+
+from __future__ import annotations
+
+import copy
+from array import array
+from typing import TYPE_CHECKING, Any, ClassVar, Final
+
+from canopen_control.ros.interfaces.cdr import NUMBERS
+from canopen_control.ros.interfaces.definition import DUMMY, NESTED, FieldType, Shape, parts_of
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from canopen_control.ros.interfaces.definition import Structure
+    from canopen_control.ros.interfaces.support import Supports
+
+__all__ = ["MadeMessage", "message_class", "service_class"]
+
+#: what rclpy looks for in a metaclass, in the order of `Capsules`
+_CAPSULES: Final = (
+    "_CREATE_ROS_MESSAGE",
+    "_DESTROY_ROS_MESSAGE",
+    "_CONVERT_FROM_PY",
+    "_CONVERT_TO_PY",
+    "_TYPE_SUPPORT",
+)
+_SUPPORT: Final = _CAPSULES[-1]
+_IMPORT: Final = "__import_type_support__"
+_TEXT: Final = {2: "int8", 3: "uint8", 4: "int16", 5: "uint16", 6: "int32", 7: "uint32", 8: "int64", 9: "uint64",
+                10: "float", 11: "double", 15: "boolean", 16: "octet", 17: "string"}  # fmt: skip
+_EMPTY: Final[dict[int, object]] = {10: 0.0, 11: 0.0, 15: False, 16: b"\0", 17: "", 21: ""}  # any other is 0
+
+
+class MadeMessage:
+    """A message whose class was made at run time."""
+
+    __slots__ = ()
+    _defaults: ClassVar[dict[str, Callable[[], object]]] = {}
+    _fields_and_field_types: ClassVar[dict[str, str]] = {}
+
+    def __init__(self, **values: object) -> None:
+        for name, default in self._defaults.items():
+            value = values.pop(name, None)
+            setattr(self, name, default() if value is None else value)
+        values.pop("check_fields", None)
+        if values:
+            raise TypeError(f"{type(self).__name__} has no field {', '.join(values)}")
+
+    @classmethod
+    def get_fields_and_field_types(cls) -> dict[str, str]:
+        """Return the names of the fields with their types in IDL's words."""
+        return dict(cls._fields_and_field_types)
+
+    def __eq__(self, other: object) -> bool:
+        return type(other) is type(self) and all(
+            _same(getattr(self, name), getattr(other, name)) for name in self._defaults
+        )
+
+    __hash__ = None  # type: ignore[assignment] # a message can be changed
+
+    def __repr__(self) -> str:
+        fields = ", ".join(f"{name}={_shown(getattr(self, name))}" for name in self._defaults)
+        return f"{type(self).__module__}.{type(self).__name__}({fields})"
+
+
+def message_class(structure: Structure, class_of: Callable[[str], type], supports: Callable[[], Supports]) -> type:
+    """Return the class of a structure; `class_of` gives those of nested ones, `supports` makes type supports."""
+    package, kind, short = parts_of(structure.name)
+    fields = [each for each in structure.fields if each.name != DUMMY]
+
+    def load(metaclass: Any) -> None:  # noqa: ANN401 - the metaclass below
+        for attribute, capsule in zip(_CAPSULES, supports().message(structure.name), strict=True):
+            setattr(metaclass, attribute, capsule)
+
+    contents = {
+        "__slots__": tuple(each.name for each in fields),
+        "__module__": f"{package}.{kind}",
+        "__doc__": f"{structure.name}, made at run time.",
+        "_defaults": {each.name: _default_of(each.type, each.default, class_of) for each in fields},
+        "_fields_and_field_types": {each.name: _text_of(each.type) for each in fields},
+        **structure.constants,
+    }
+    made: type = _metaclass(short, load)(short, (MadeMessage,), contents)
+    return made
+
+
+def service_class(name: str, parts: dict[str, type], supports: Callable[[], Supports]) -> type:
+    """Return the class of a service; `parts` are its Request, Response and Event."""
+    package, kind, short = parts_of(name)
+
+    def load(metaclass: Any) -> None:  # noqa: ANN401 - the metaclass below
+        setattr(metaclass, _SUPPORT, supports().service(name))
+        for part in parts.values():
+            load_support = getattr(type(part), _IMPORT)
+            load_support()
+
+    contents = {**parts, "__module__": f"{package}.{kind}", "__doc__": f"{name}, made at run time."}
+    made: type = _metaclass(short, load)(short, (), contents)
+    return made
+
+
+def _metaclass(short: str, load: Callable[[Any], None]) -> Any:  # noqa: ANN401 - a metaclass
+    contents: dict[str, object] = dict.fromkeys(_CAPSULES)
+
+    def import_type_support(metaclass: Any) -> None:  # noqa: ANN401 - this one
+        if getattr(metaclass, _SUPPORT) is None:
+            load(metaclass)
+
+    contents[_IMPORT] = classmethod(import_type_support)
+    return type(f"Metaclass_{short}", (type,), contents)
+
+
+def _default_of(kind: FieldType, default: object, class_of: Callable[[str], type]) -> Callable[[], object]:
+    if default is not None:
+        return lambda: copy.copy(default)
+    if kind.shape is Shape.SCALAR:
+        return (lambda: class_of(kind.nested)()) if kind.base == NESTED else (lambda: _EMPTY.get(kind.base, 0))
+    count = kind.capacity if kind.shape is Shape.ARRAY else 0
+    if kind.base in NUMBERS:
+        return lambda: array(NUMBERS[kind.base], bytes(array(NUMBERS[kind.base]).itemsize * count))
+    one = _default_of(FieldType(kind.base, nested=kind.nested), None, class_of)
+    return lambda: [one() for _ in range(count)]
+
+
+def _text_of(kind: FieldType) -> str:
+    package, _, short = kind.nested.partition("/msg/")
+    bound = f"<{kind.string_capacity}>" if kind.string_capacity else ""
+    text = f"{package}/{short}" if kind.base == NESTED else _TEXT.get(kind.base, "string") + bound
+    shapes = {
+        Shape.SCALAR: text,
+        Shape.ARRAY: f"{text}[{kind.capacity}]",
+        Shape.BOUNDED_SEQUENCE: f"sequence<{text}, {kind.capacity}>",
+        Shape.SEQUENCE: f"sequence<{text}>",
+    }
+    return shapes[kind.shape]
+
+
+def _same(one: Any, other: Any) -> bool:  # noqa: ANN401 - whatever a field holds
+    if isinstance(one, array | list | tuple) and isinstance(other, array | list | tuple):
+        return list(one) == list(other)
+    return bool(one == other)
+
+
+def _shown(value: object) -> str:
+    return repr(list(value)) if isinstance(value, array) else repr(value)

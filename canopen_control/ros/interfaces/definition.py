@@ -1,0 +1,178 @@
+"""The text of .msg and .srv files, as structures: the first step of making an interface at run time.
+
+The law of the file (rosidl's .msg and .srv): a line is `type name [default]` or `type NAME=value`;
+`---` parts a service; `Header` is std_msgs', a name without a package is of the same one. An empty structure has one
+byte on the wire. A service is three messages (request, response, event) and one structure that names them.
+"""
+
+from __future__ import annotations
+
+import enum
+import re
+from dataclasses import dataclass, field
+from typing import Final
+
+__all__ = ["DUMMY", "NESTED", "STRING", "Field", "FieldType", "Shape", "Structure", "parse", "parts_of"]
+
+DUMMY: Final = "structure_needs_at_least_one_member"
+"""The byte of an empty structure: on the wire, not in Python."""
+NESTED: Final = 1
+STRING: Final = 17
+BOUNDED_STRING: Final = 21
+_SHAPE_STEP: Final = 48  # between the type ids of a scalar and those of its arrays
+
+#: type ids of type_description_interfaces/msg/FieldType
+PRIMITIVES: Final = {
+    "int8": 2, "uint8": 3, "int16": 4, "uint16": 5, "int32": 6, "uint32": 7, "int64": 8, "uint64": 9,
+    "float32": 10, "float64": 11, "bool": 15, "byte": 16, "char": 3, "string": STRING,
+}  # fmt: skip
+_LINE: Final = re.compile(
+    r"(?P<type>[A-Za-z][\w/]*)(?:<=(?P<string>\d+))?(?P<array>\[(?P<bounded><=)?(?P<count>\d*)\])?"
+    r"\s+(?P<name>[A-Za-z]\w*)\s*(?P<rest>.*)"
+)
+
+
+class Shape(enum.IntEnum):
+    """How many of a type a field holds."""
+
+    SCALAR = 0
+    ARRAY = 1
+    BOUNDED_SEQUENCE = 2
+    SEQUENCE = 3
+
+
+@dataclass(frozen=True, slots=True)
+class FieldType:
+    """The type of a field: `base` is the id of the scalar, `nested` the full name of a structure."""
+
+    base: int
+    shape: Shape = Shape.SCALAR
+    capacity: int = 0
+    string_capacity: int = 0
+    nested: str = ""
+
+    @property
+    def type_id(self) -> int:
+        """The id in a type description."""
+        return self.base + _SHAPE_STEP * self.shape
+
+    @classmethod
+    def of_id(cls, type_id: int, capacity: int, string_capacity: int, nested: str) -> FieldType:
+        """Return the type with this id in a type description."""
+        shape = (type_id - 1) // _SHAPE_STEP
+        return cls(type_id - _SHAPE_STEP * shape, Shape(shape), capacity, string_capacity, nested)
+
+
+@dataclass(frozen=True, slots=True)
+class Field:
+    """A field; `default` is None for zero, empty or false."""
+
+    name: str
+    type: FieldType
+    default: object = None
+
+
+@dataclass(frozen=True, slots=True)
+class Structure:
+    """A message, or the structure that stands for a service; `name` is "package/msg/Name"."""
+
+    name: str
+    fields: tuple[Field, ...]
+    constants: dict[str, object] = field(default_factory=dict)
+
+
+def parts_of(name: str) -> tuple[str, str, str]:
+    """Return package, kind ("msg", "srv") and short name of a full name."""
+    package, kind, short = name.split("/")
+    return package, kind, short
+
+
+def parse(name: str, lines: list[str]) -> list[Structure]:
+    """Return the structures of an interface, one for a message, four for a service; ValueError names a bad line."""
+    package, kind, _ = parts_of(name)
+    if kind == "msg":
+        return [_structure(name, package, lines)]
+    split = lines.index("---")
+    request = _structure(f"{name}_Request", package, lines[:split])
+    response = _structure(f"{name}_Response", package, lines[split + 1 :])
+    event = (
+        Field("info", FieldType(NESTED, nested="service_msgs/msg/ServiceEventInfo")),
+        Field("request", FieldType(NESTED, Shape.BOUNDED_SEQUENCE, 1, nested=request.name)),
+        Field("response", FieldType(NESTED, Shape.BOUNDED_SEQUENCE, 1, nested=response.name)),
+    )
+    service = tuple(
+        Field(f"{part}_message", FieldType(NESTED, nested=f"{name}_{part.capitalize()}"))
+        for part in ("request", "response", "event")
+    )
+    return [request, response, Structure(f"{name}_Event", event), Structure(name, service)]
+
+
+def _structure(name: str, package: str, lines: list[str]) -> Structure:
+    fields: list[Field] = []
+    constants: dict[str, object] = {}
+    for line in lines:
+        text = _without_comment(line).strip()
+        if not text:
+            continue
+        match = _LINE.fullmatch(text)
+        if match is None:
+            raise ValueError(f"{name}: cannot read the line {line!r}")
+        rest = match["rest"].strip()
+        if rest.startswith("="):
+            constants[match["name"]] = _value(rest[1:], match["type"])
+        else:
+            default = _default(rest, match["type"], is_array=match["array"] is not None)
+            fields.append(Field(match["name"], _type_of(match, package), default))
+    return Structure(name, tuple(fields) or (Field(DUMMY, FieldType(PRIMITIVES["uint8"])),), constants)
+
+
+def _type_of(match: re.Match[str], package: str) -> FieldType:
+    shape = Shape.SCALAR
+    if match["array"] is not None:
+        sized = Shape.BOUNDED_SEQUENCE if match["bounded"] else Shape.ARRAY
+        shape = sized if match["count"] else Shape.SEQUENCE
+    base, nested = PRIMITIVES.get(match["type"]), ""
+    if base is None:
+        if match["type"] == "wstring":
+            raise ValueError("wstring is not supported; use string")
+        base, nested = NESTED, _full_name(match["type"], package)
+    if match["string"]:
+        base = BOUNDED_STRING
+    return FieldType(base, shape, int(match["count"] or 0), int(match["string"] or 0), nested)
+
+
+def _full_name(text: str, package: str) -> str:
+    if text == "Header":
+        return "std_msgs/msg/Header"
+    *before, short = text.split("/")
+    return f"{before[0] if before else package}/msg/{short}"
+
+
+def _without_comment(line: str) -> str:
+    quote = ""
+    for index, letter in enumerate(line):
+        if quote:
+            quote = "" if letter == quote and line[index - 1] != "\\" else quote
+        elif letter in "\"'":
+            quote = letter
+        elif letter == "#":
+            return line[:index]
+    return line
+
+
+def _default(text: str, kind: str, *, is_array: bool) -> object:
+    if not text:
+        return None
+    if is_array:
+        return [_value(each, kind) for each in text.strip("[]").split(",") if each.strip()]
+    return _value(text, kind)
+
+
+def _value(text: str, kind: str) -> object:
+    text = text.strip()
+    if kind == "string":
+        quoted = len(text) > 1 and text[0] in "\"'" and text[0] == text[-1]
+        return text[1:-1] if quoted else text
+    if kind == "bool":
+        return text.lower() in ("true", "1")
+    return float(text) if kind.startswith("float") else int(text, 0)

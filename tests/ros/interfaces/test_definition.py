@@ -1,0 +1,61 @@
+from __future__ import annotations
+
+import pytest
+
+from canopen_control.ros.interfaces.definition import DUMMY, Field, FieldType, Shape, Structure, parse, parts_of
+
+
+def fields_of(*lines):
+    return parse("p/msg/T", list(lines))[0].fields
+
+
+def test_a_name_has_three_parts():
+    assert parts_of("std_msgs/msg/String") == ("std_msgs", "msg", "String")
+
+
+@pytest.mark.parametrize(
+    ("line", "field"),
+    [
+        ("uint8 a", Field("a", FieldType(3))),
+        ("char a", Field("a", FieldType(3))),
+        ("float64[] a", Field("a", FieldType(11, Shape.SEQUENCE))),
+        ("float64[3] a", Field("a", FieldType(11, Shape.ARRAY, 3))),
+        ("string<=5[<=7] a", Field("a", FieldType(21, Shape.BOUNDED_SEQUENCE, 7, 5))),
+        ("Header header", Field("header", FieldType(1, nested="std_msgs/msg/Header"))),
+        ("Other[] a", Field("a", FieldType(1, Shape.SEQUENCE, nested="p/msg/Other"))),
+        ("geometry_msgs/Twist a # far", Field("a", FieldType(1, nested="geometry_msgs/msg/Twist"))),
+        ("int32 a 0x10", Field("a", FieldType(6), 16)),
+        ("bool a true", Field("a", FieldType(15), True)),
+        ("string a 'x # y'", Field("a", FieldType(17), "x # y")),
+        ("int8[] a [1, -2]", Field("a", FieldType(2, Shape.SEQUENCE), [1, -2])),
+    ],
+)
+def test_a_line_is_a_field(line, field):
+    assert fields_of("# a comment", "", line) == (field,)
+
+
+def test_a_constant_is_no_field_and_an_empty_message_has_one_byte():
+    (structure,) = parse("p/msg/T", ["int32 STRICT=2", 'string NAME = "x"', "float32 HALF=0.5"])
+    assert structure == Structure("p/msg/T", (Field(DUMMY, FieldType(3)),), {"STRICT": 2, "NAME": "x", "HALF": 0.5})
+
+
+def test_a_service_is_request_response_event_and_itself():
+    request, response, event, service = parse("p/srv/S", ["string name", "---", "bool ok"])
+    assert [each.name for each in (request, response, event, service)] == [
+        "p/srv/S_Request", "p/srv/S_Response", "p/srv/S_Event", "p/srv/S",
+    ]  # fmt: skip
+    assert [each.name for each in request.fields] == ["name"]
+    assert [each.name for each in response.fields] == ["ok"]
+    assert event.fields[1].type == FieldType(1, Shape.BOUNDED_SEQUENCE, 1, nested="p/srv/S_Request")
+    assert [each.type.nested for each in service.fields] == ["p/srv/S_Request", "p/srv/S_Response", "p/srv/S_Event"]
+
+
+@pytest.mark.parametrize("line", ["uint8", "uint8 9a", "[] a", "wstring a"])
+def test_a_line_that_is_none_is_named(line):
+    with pytest.raises(ValueError, match=r"cannot read|wstring"):
+        fields_of(line)
+
+
+@pytest.mark.parametrize("type_id", [2, 17, 1, 1 + 48, 11 + 96, 17 + 144])
+def test_type_ids_go_both_ways(type_id):
+    assert FieldType.of_id(type_id, 4, 0, "").type_id == type_id

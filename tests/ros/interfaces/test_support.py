@@ -1,0 +1,169 @@
+from __future__ import annotations
+
+import pytest
+from support.ros import Peer, domain, run_ros
+
+pytestmark = pytest.mark.ros
+
+MIRROR = '''
+"""Every message of the installed packages, made again under its own name: ours against the compiled one."""
+import json, random, sys, array
+from pathlib import Path
+import importlib, numpy
+from rclpy.serialization import serialize_message, deserialize_message
+from canopen_control.ros.interfaces.cdr import Codecs
+from canopen_control.ros.interfaces.description import Registry
+from canopen_control.ros.interfaces.definition import parts_of
+share = Path(sys.prefix, "share")
+registry = Registry([share])
+def class_of(name):
+    package, kind, short = parts_of(name)
+    return getattr(importlib.import_module(f"{package}.{kind}"), short)
+codecs = Codecs(registry.get, class_of)
+chance = random.Random(7)
+INTS = {2: (-128, 127), 3: (0, 255), 4: (-2**15, 2**15 - 1), 5: (0, 2**16 - 1), 6: (-2**31, 2**31 - 1),
+        7: (0, 2**32 - 1), 8: (-2**63, 2**63 - 1), 9: (0, 2**64 - 1)}
+def scalar(kind):
+    if kind.base == 1: return fill(kind.nested)
+    if kind.base in INTS: return chance.randint(*INTS[kind.base])
+    if kind.base == 10: return float(numpy.float32(chance.uniform(-1e6, 1e6)))
+    if kind.base == 11: return chance.uniform(-1e6, 1e6)
+    if kind.base == 15: return chance.random() < 0.5
+    if kind.base == 16: return bytes([chance.randrange(256)])
+    return "".join(chance.choice("aä€ 0") for _ in range(chance.randrange(9)))
+def fill(name):
+    message = class_of(name)()
+    for field in registry.get(name).fields:
+        kind = field.type
+        if field.name.startswith("structure_needs"): continue
+        if kind.shape == 0: setattr(message, field.name, scalar(kind)); continue
+        count = kind.capacity if kind.shape == 1 else chance.randrange(4)
+        values = [scalar(kind) for _ in range(count)]
+        if kind.shape == 1 and kind.base in (*INTS, 10, 11):
+            values = numpy.array(values, dtype=getattr(message, field.name).dtype)
+        setattr(message, field.name, values)
+    return message
+def same(one, other):
+    for field in one.get_fields_and_field_types():
+        a, b = getattr(one, field), getattr(other, field)
+        if hasattr(a, "get_fields_and_field_types"):
+            if not same(a, b): return False
+        elif isinstance(a, list) and a and hasattr(a[0], "get_fields_and_field_types"):
+            if len(a) != len(b) or not all(map(same, a, b)): return False
+        elif hasattr(a, "__len__") and not isinstance(a, (str, bytes)):
+            if list(a) != list(b): return False
+        elif a != b: return False
+    return True
+count = 0
+for path in sorted(share.glob("*_msgs/msg/*.json")):
+    name = json.loads(path.read_text())["type_description_msg"]["type_description"]["type_name"]
+    structures = (registry.get(name), *registry.referenced(name))
+    if any(each.type.base in (18, 22, 12, 13, 14) for structure in structures for each in structure.fields): continue
+    for _ in range(3):
+        message = fill(name)
+        assert same(deserialize_message(b"\\0\\1\\0\\0" + codecs.encode(name, message), class_of(name)), message), name
+        assert same(codecs.decode(name, serialize_message(message)[4:]), message), name
+    count += 1
+print(count)
+'''
+
+
+def test_random_messages_of_every_installed_type_are_the_same_in_our_code_and_in_the_compiled_one():
+    assert int(run_ros(MIRROR)) > 100
+
+
+def test_made_messages_and_services_work_between_two_processes():
+    with domain() as number, Peer(number, "--interfaces") as one, Peer(number, "--interfaces") as other:
+        transforms = [
+            {"header": {"frame_id": "odom"}, "child_frame_id": "base_link", "transform": {"translation": {"x": 1.5}}}
+        ]
+        other.order("subscribe", topic="/tf", of="tf2_msgs/msg/TFMessage")
+        one.order("publish", topic="/tf", of="tf2_msgs/msg/TFMessage", data={"transforms": transforms}, rate=20)
+        (transform,) = other.message("/tf")["transforms"]
+        assert (transform["header"]["frame_id"], transform["child_frame_id"]) == ("odom", "base_link")
+        assert transform["transform"]["translation"] == {"x": 1.5, "y": 0.0, "z": 0.0}
+        assert transform["transform"]["rotation"]["w"] == 1.0
+        (publisher,) = other.order("endpoints", topic="/tf")["publishers"]
+        assert publisher["hash"] == "RIHS01_e369d0f05a23ae52508854b66f6aa0437f3449d652e8cbf22d5abe85d020f087"
+
+
+def test_a_body_that_is_none_raises_instead_of_giving_a_message():
+    code = """
+from canopen_control.ros.interfaces import provide
+provide(["canopen_interfaces"])
+from canopen_interfaces.msg import COData
+from rclpy.serialization import deserialize_message, serialize_message
+body = serialize_message(COData(index=0x6040, subindex=1, data=7))
+assert deserialize_message(body, COData) == COData(index=0x6040, subindex=1, data=7)
+for bad in (lambda: deserialize_message(body[:8], COData), lambda: serialize_message(COData(index=-1))):
+    try:
+        bad()
+    except Exception:
+        continue
+    raise SystemExit("accepted")
+"""
+    assert run_ros(code) == ""
+
+
+def test_service_introspection_works_with_made_services():
+    code = """
+import rclpy, time
+from canopen_control.ros.interfaces import provide
+provide(["canopen_interfaces"])
+from canopen_interfaces.srv import CORead
+from rclpy.qos import QoSProfile
+from rclpy.service_introspection import ServiceIntrospectionState
+rclpy.init()
+node = rclpy.create_node("n")
+def read(request, response):
+    response.success, response.data = True, request.index + 1
+    return response
+service = node.create_service(CORead, "sdo_read", read)
+service.configure_introspection(node.get_clock(), QoSProfile(depth=10), ServiceIntrospectionState.CONTENTS)
+events = []
+node.create_subscription(CORead.Event, "sdo_read/_service_event", events.append, 10)
+client = node.create_client(CORead, "sdo_read")
+assert client.wait_for_service(20)
+future = client.call_async(CORead.Request(index=0x6041))
+deadline = time.monotonic() + 20
+while (not future.done() or len(events) < 2) and time.monotonic() < deadline:
+    rclpy.spin_once(node, timeout_sec=0.1)
+assert future.result() == CORead.Response(success=True, data=0x6042)
+assert [each.request[0].index for each in events if each.request] == [0x6041]
+assert [each.response[0].data for each in events if each.response] == [0x6042]
+"""
+    with domain() as number:
+        assert run_ros(code, number) == ""
+
+
+def test_an_installed_package_is_never_replaced(tmp_path):
+    package = tmp_path / "tf2_msgs" / "msg"
+    package.mkdir(parents=True)
+    (tmp_path / "tf2_msgs" / "__init__.py").touch()
+    (package / "__init__.py").write_text("TFMessage = 'the real one'")
+    code = """
+import sys
+sys.path.insert(0, sys.argv[1])
+from canopen_control.ros.interfaces import provide
+assert provide(["tf2_msgs", "canopen_interfaces"]) == ["canopen_interfaces"]
+assert provide(["tf2_msgs", "canopen_interfaces"]) == []
+from tf2_msgs.msg import TFMessage
+assert TFMessage == "the real one"
+import importlib.util
+assert importlib.util.find_spec("canopen_interfaces.srv") is not None
+"""
+    assert run_ros(code, arguments=[str(tmp_path)]) == ""
+
+
+def test_a_ros_that_is_laid_out_in_another_way_is_told_in_one_sentence():
+    code = """
+from canopen_control.errors import CanopenError
+from canopen_control.ros import interfaces
+from canopen_control.ros.interfaces import libraries
+libraries._BUFFER_MADE = "another_name"
+try:
+    interfaces.provide(["tf2_msgs"])
+except CanopenError as error:
+    print(error)
+"""
+    assert run_ros(code).startswith("no interfaces can be made for this ROS: ")
