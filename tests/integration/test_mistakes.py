@@ -1,0 +1,179 @@
+"""Mistakes of a user: one clear sentence, the right exit code, no traceback, and nothing left running."""
+
+import re
+import time
+
+import pytest
+from support.processes import GONE_S
+from support.robots import copy_robby
+
+PLACE = r"bus\.yml:\d+:\d+: "
+
+
+def check(program, code, *sentences):
+    """One complaint, on standard error alone, that says all of `sentences` (regular expressions)."""
+    assert program.wait() == code, program
+    assert "Traceback" not in program.err + program.out
+    complaints = [line for line in program.err.splitlines() if line.startswith("canopen-control")]
+    assert len(complaints) == 1, program.err
+    for sentence in sentences:
+        assert re.search(sentence, program.err), program.err
+
+
+USAGE = {
+    "no verb of this name": (["runn", "robby"], "invalid choice: 'runn'"),
+    "an unknown option": (["run", "robby", "--fast"], "unrecognized arguments: --fast"),
+    "an unknown robot": (["run", "robbie"], "no robot 'robbie'.*robby"),
+    "no robot at all": (["run"], "no robot given.*robby"),
+    "a missing file": (["run", "robby", "--bus", "nothere.yml"], "--bus: no file nothere.yml"),
+    "an unknown controller": (
+        ["run", "robby", "--controller", "forwrd"],
+        "ros2_controllers.yaml: no controller 'forwrd'",
+    ),
+    "a channel of no kind": (["run", "robby", "--can", "robby"], "channel 'robby'.*local:robby"),
+    "a bus the robot has not": (["run", "robby", "--can", "left=can0"], "no bus 'left'"),
+    "a bad bus name": (["run", "robby", "--can", "local:a b"], "local:a b"),
+    "a bad name": (["run", "robby", "--name", "../x"], r"'\.\./x' is no name"),
+    "no time": (["run", "robby", "--duration", "soon"], "'soon' is no time"),
+    "an endless time": (["run", "robby", "--duration", "inf"], "'inf' is no time"),
+    "contradicting options": (["run", "robby", "--real", "--mock"], "--real"),
+    "nobody to ask": (["status"], "no robot is running; start one"),
+    "nobody of this name": (["stop", "--name", "rob"], "no robot 'rob' is running"),
+    "an unknown action": (["axis", "boost", "all"], "invalid choice: 'boost'"),
+    "no number": (["command", "robby_forward_controller", "ten"], "ten"),
+    "no finite number": (["command", "robby_forward_controller", "nan"], "nan"),
+    "no time to command": (["command", "robby_forward_controller", "1", "--for", "-1"], "'-1' is no time"),
+    "no EDS": (["drive", "--node-id", "3", "--eds", "no.eds", "--can", "local:x"], "no.eds: cannot be read"),
+    "no node id": (["drive", "--node-id", "0", "--eds", "TMCM-1270.eds", "--can", "local:x"], "1 to 127"),
+    "no such fault": (
+        ["drive", "--node-id", "3", "--eds", "TMCM-1270.eds", "--can", "local:x", "--fault", "heartbeat_los"],
+        "did you mean heartbeat_lost",
+    ),
+}
+
+
+@pytest.mark.parametrize("what", USAGE)
+def test_usage(stage, what):
+    arguments, sentence = USAGE[what]
+    check(stage.call(*arguments), 2, sentence)
+
+
+FILES = {
+    "a missing EDS": ("bus", 'dcf: "TMCM-1270.eds"', 'dcf: "TMCM-1.eds"', PLACE + ".*no file 'TMCM-1.eds'"),
+    "a node id twice": ("bus", "node_id: 2\n", "node_id: 3\n", PLACE + ".*node id 3 is already that of left_drive"),
+    "the master's node id": (
+        "bus",
+        "node_id: 2\n",
+        "node_id: 1\n",
+        PLACE + ".*node id 1 is already that of the master",
+    ),
+    "no YAML": ("bus", "nodes:", "nodes: [", PLACE),
+    "a tab": ("bus", "  baudrate", "\tbaudrate", PLACE),
+    "an unknown key": ("bus", "sync_period:", "sync_perido:", PLACE + ".*did you mean 'sync_period'"),
+    "an object the EDS lacks": ("bus", "index: 0x606C", "index: 0x5555", PLACE + ".*0x5555:00 is not in TMCM-1270.eds"),
+    "nobody to watch the master": ("bus", "consumer: true", "consumer: false", PLACE + ".*when the master dies"),
+    "no target in any PDO": ("bus", "index: 0x60FF", "index: 0x6081", r"xacro:\d+: joint .*map 0x60FF"),
+    "an unknown drive": ("description", "_drive</param>", "_driv</param>", r"xacro:\d+: joint .*mean 'left_drive'"),
+    "no XML": ("description", "</robot>", "</robo>", r"robby\.urdf\.xacro: .*line"),
+    "an unknown plugin": (
+        "description",
+        "canopen_ros2_control/",
+        "nothing/",
+        r"xacro:\d+: no hardware plugin 'nothing/",
+    ),
+    "an unknown type": ("controllers", "/ForwardC", "/FowardC", r"ros2_controllers\.yaml: .*did you mean"),
+    "an unknown joint": ("controllers", "- left_", "- lft_", r"ros2_controllers\.yaml: .*'lft_wheel_joint/velocity'"),
+    "no number": ("controllers", "timeout: 2.0", "timeout: soon", r"ros2_controllers\.yaml:\d+:\d+: .*'soon'"),
+}
+
+
+@pytest.mark.parametrize("what", FILES)
+def test_files(stage, tmp_path, what):
+    which, old, new, sentence = FILES[what]
+    program = stage.call("run", copy_robby(tmp_path, **{which: {old: new}}))
+    check(program, 2, sentence)
+    assert program.out == ""
+
+
+def test_a_file_that_is_missing_in_the_folder(stage, tmp_path):
+    config = copy_robby(tmp_path)
+    (config / "ros2_controllers.yaml").unlink()
+    check(stage.call("run", config), 2, r"robby has no ros2_controllers\.yaml")
+
+
+def test_a_bus_that_nobody_answers_on(stage, tmp_path):
+    config = copy_robby(tmp_path, bus={"  sync_period: 20000": "  boot_time: 1500\n  sync_period: 20000"})
+    program = stage.call("run", config, "--no-drives", "--can", "local:desert")
+    check(program, 1, "nobody answers on local:desert: not one frame came from left_drive, right_drive within 1.5 s")
+    stage.nobody_is_left(GONE_S)
+
+
+def test_a_drive_that_is_missing(stage, tmp_path):
+    config = copy_robby(tmp_path, bus={"  sync_period: 20000": "  boot_time: 2500\n  sync_period: 20000"})
+    stage.drive("lonely", 3)
+    program = stage.call("run", config, "--no-drives", "--can", "local:lonely")
+    check(program, 1, r"node 2 \(right_drive\): boot error B: no device type: no answer within .* s")
+    assert "left_drive" not in program.err
+    assert stage.programs[0].running
+
+
+def test_a_drive_that_is_another_device(stage, tmp_path):
+    config = copy_robby(tmp_path, bus={"  sync_period: 20000": "  boot_time: 1500\n  sync_period: 20000"})
+    stage.drive("alien", 3)
+    stage.drive("alien", 2, "--fault", "wrong_identity")
+    program = stage.call("run", config, "--no-drives", "--can", "local:alien")
+    check(program, 1, r"node 2 \(right_drive\): boot error M: product code 0x1018:02 is 0x.*, expected 0x000004F6")
+
+
+def test_a_second_robot_on_the_same_channel_and_one_of_the_same_name(stage):
+    first = stage.robby("busy")
+    check(
+        stage.call("run", "robby", "--name", "other", "--can", "local:busy"),
+        2,
+        f"local:busy is busy: process {first.pid}",
+    )
+    check(
+        stage.call("run", "robby", "--name", "busy", "--can", "local:free"), 2, rf"named busy .*\(process {first.pid}\)"
+    )
+    assert first.running
+    stage.robby("second")
+    check(stage.call("status"), 2, "several robots are running: busy, second; choose one with --name")
+    assert stage.call("status", "--name", "second").out.startswith("running")
+    assert stage.call("shutdown", "--name", "second").wait() == 0
+    assert stage.call("status").out.startswith("running")
+
+
+def test_a_node_id_that_is_taken(stage):
+    stage.drive("taken", 3)
+    program = stage.call("drive", "--node-id", "3", "--eds", "TMCM-1270.eds", "--can", "local:taken")
+    check(program, 1, "node id 3 already answers on local:taken; choose another --node-id")
+    assert stage.programs[0].running
+
+
+def test_a_channel_without_an_adapter(stage):
+    check(stage.call("run", "robby", "--can", "can77", "--real"), 1, "can77")
+    check(stage.call("run", "robby", "--can", "nonsense:1", "--real"), 1, "no CAN interface 'nonsense:1'")
+
+
+def test_requests_that_a_robot_refuses(stage):
+    stage.robby("refuses")
+    for arguments, sentence in (
+        (["command", "robby_forward_controller", 1], "wants 2 values.*got 1; nothing was applied"),
+        (["command", "robby_base_controller", 1, 1], "no controller 'robby_base_controller' is loaded"),
+        (["twist", "robby_forward_controller", 1, 1], "robby_forward_controller takes no twist"),
+        (["axis", "enable", "middle_drive"], r"no node 'middle_drive'; there are: left_drive \(3\), right_drive \(2\)"),
+        (["axis", "enable", "9"], r"no node '9'; there are: left_drive \(3\), right_drive \(2\)"),
+    ):
+        check(stage.call(*arguments), 1, sentence)
+    assert stage.call("status").out.startswith("running")
+
+
+def test_a_log_folder_that_cannot_be_written(stage):
+    program = stage.call("run", "robby", "--can", "local:nolog", XDG_STATE_HOME="/proc/nothing")
+    check(program, 2, "cannot write the log .*XDG_STATE_HOME")
+
+
+def test_mistakes_are_told_in_well_under_a_second(stage):
+    begin = time.monotonic()
+    stage.call("run", "robby", "--controller", "forwrd")
+    assert time.monotonic() - begin < 5  # a bound for busy machines: it is about 0.25 s
