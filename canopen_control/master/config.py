@@ -2,207 +2,57 @@
 
 The law of the file: both shapes are read (`options`, `master`, `defaults`, `nodes`; or the flat one where every other
 top-level key is a node), a node's own keys win over `defaults` at every depth, and every mistake of the file is
-reported at once with its place. Keys that only the other stack uses are accepted and named in `notes`.
-
-Beside the format's own keys a node may have `required` (true: the robot does not start without it), `strict` is the
-`revision_number` given, and `allow_unsupervised` accepts a drive that nothing would stop when the master dies.
-`recovery` says how far a node that comes back goes by itself (booted, or enabled again too), `following_error_action`
-what bit 13 leads to, `transition_timeout_ms` how long a drive may take for a transition, `transition_timeouts_ms` the
-same by number of the transition.
+reported at once with its place. Keys that only the other stack uses are accepted and named in `notes`. The keys
+themselves, and what this package adds to them, are in `keys.py`.
 """
 
 from __future__ import annotations
 
-import os
-from dataclasses import dataclass, field, replace
+import itertools
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 from canopen_control import yamltree
-from canopen_control.data_files import data_path
-from canopen_control.errors import BusConfigError, EdsError
-from canopen_control.master.plan import NodePlan, make_plan
-from canopen_control.od.eds import read_eds
-from canopen_control.yamltree import Node, Problems, setting
+from canopen_control.bus.channel import parse_channel
+from canopen_control.errors import BusConfigError, ConfigError
+from canopen_control.master.keys import (
+    SCALES,
+    UNUSED_MASTER,
+    UNUSED_NODE,
+    MasterConfig,
+    NodeConfig,
+    NodeKeys,
+    Options,
+    PdoConfig,
+    PdoObject,
+    SdoEntry,
+    named_scales,
+)
+from canopen_control.master.plan import NodePlan, PlanInput, make_plan
+from canopen_control.master.sources import NotFound, Sources
+from canopen_control.od.concise import concise_of
+from canopen_control.yamltree import Node, Problems, nearest
 
 if TYPE_CHECKING:
+    from canopen_control.od.issues import Issue
     from canopen_control.od.model import ObjectDictionary
 
-__all__ = ["BusConfig", "MasterConfig", "NodeConfig", "Options", "PdoConfig", "PdoObject", "SdoEntry", "read_bus"]
+__all__ = [
+    "BusConfig",
+    "MasterConfig",
+    "NodeConfig",
+    "Options",
+    "PdoConfig",
+    "PdoObject",
+    "SdoEntry",
+    "inspect_bus",
+    "read_bus",
+]
 
-DEFAULT_HEARTBEAT_MS = 100  # where bus.yml asks for none: a dead partner is always noticed
-_MERGED_AT_BUILD = "@BUS_CONFIG_PATH@"  # replaced by the other stack's build; here the folder of the file itself
 _SECTIONS = ("options", "master", "defaults", "nodes")
-#: keys of ros2_canopen that have no meaning here, and what takes their place
-FOREIGN = {
-    "driver": "every node is driven by this package",
-    "package": "every node is driven by this package",
-    "namespace": "the ROS bridge's business",
-    "remappings": "the ROS bridge's business",
-    "polling": "drives are read every SYNC",
-    "period": "drives are read every SYNC",
-    "non_transmit_timeout": "sending never blocks",
-    "diagnostics": "diagnostics are always on",
-    "enable_lazy_load": "nodes join when they appear",
-    "switching_state": "modes change in any state the drive allows",
-    "num_channels": "axes are taken from the EDS",
-    "channel_names": "axes are taken from the EDS",
-    "channels": "axes are taken from the EDS",
-    "retry_factor": "requests are retried by rule",
-}
-
-
-@dataclass(frozen=True)
-class PdoObject:
-    """One mapped object."""
-
-    index: int = setting(low=0x0001, high=0xFFFF)
-    sub_index: int = setting(0, low=0, high=0xFF)
-
-
-@dataclass(frozen=True)
-class PdoConfig:
-    """One PDO; what is None stays as the EDS has it. Times: `inhibit_time` in 100 us, the others in ms."""
-
-    enabled: bool = True
-    cob_id: int | str | None = None  # a number, or "auto" for the predefined one
-    transmission: int | None = setting(None, low=0, high=255)
-    inhibit_time: int | None = setting(None, low=0, high=0xFFFF)
-    event_timer: int | None = setting(None, low=0, high=0xFFFF)
-    event_deadline: int | None = setting(None, low=0, high=0xFFFF)
-    sync_start: int | None = setting(None, low=0, high=240)
-    mapping: list[PdoObject] | None = None
-
-
-@dataclass(frozen=True)
-class SdoEntry:
-    """One object to be written at boot."""
-
-    index: int = setting(low=0x1000, high=0xFFFF)
-    sub_index: int = setting(0, low=0, high=0xFF)
-    value: bool | int | float | str = 0
-
-
-@dataclass(frozen=True)
-class Options:
-    """What concerns the file as a whole."""
-
-    dcf_path: str = ""
-    heartbeat_multiplier: float = setting(3.0, low=1.0, high=100.0)
-    retry_factor: int | None = None
-
-
-@dataclass(frozen=True)
-class MasterConfig:
-    """The master; periods in us where named sync, in ms where named heartbeat."""
-
-    node_id: int = setting(1, low=1, high=127)
-    baudrate: int = 1000
-    vendor_id: int = 0
-    product_code: int = 0
-    revision_number: int = 0
-    serial_number: int = 0
-    sync_period: int = setting(0, low=0, high=10_000_000)
-    sync_window: int = 0
-    sync_overflow: int = setting(0, low=0, high=240)
-    time_cob_id: int = 0x100
-    emcy_inhibit_time: int = 0
-    heartbeat_multiplier: float | None = setting(None, low=1.0, high=100.0)
-    heartbeat_consumer: bool = True
-    heartbeat_producer: int = setting(0, low=0, high=0xFFFF)
-    error_behavior: dict[int, int] = field(default_factory=dict)
-    nmt_inhibit_time: int = 0
-    start: bool = True
-    start_nodes: bool = True
-    start_all_nodes: bool = False
-    reset_all_nodes: bool = False
-    stop_all_nodes: bool = False
-    boot_time: int = setting(5000, low=0, high=3_600_000)
-    boot_timeout: int | None = None
-    driver: str = ""
-    package: str = ""
-    namespace: str = ""
-    remappings: Any = None
-    dcf_path: str = ""
-
-    @property
-    def heartbeat_ms(self) -> int:
-        """Period of the master's own heartbeat."""
-        return self.heartbeat_producer or DEFAULT_HEARTBEAT_MS
-
-
-@dataclass(frozen=True)
-class NodeConfig:
-    """One node after `defaults` were merged in; scales are SI per device unit (from) and back (to)."""
-
-    dcf: str
-    node_id: int = setting(low=1, high=127)
-    dcf_path: str = ""
-    revision_number: int | None = None
-    serial_number: int | None = None
-    heartbeat_multiplier: float | None = setting(None, low=1.0, high=100.0)
-    heartbeat_consumer: bool | None = None
-    heartbeat_producer: int = setting(0, low=0, high=0xFFFF)
-    guard_time: int = setting(0, low=0, high=0xFFFF)
-    life_time_factor: int = setting(0, low=0, high=0xFF)
-    error_behavior: dict[int, int] = field(default_factory=dict)
-    time_cob_id: int | None = None
-    rpdo: dict[int, PdoConfig] = field(default_factory=dict)
-    tpdo: dict[int, PdoConfig] = field(default_factory=dict)
-    sdo: list[SdoEntry] = field(default_factory=list)
-    boot: bool = True
-    mandatory: bool = False
-    required: bool = True
-    allow_unsupervised: bool = False
-    reset_communication: bool = True
-    software_file: str = ""
-    software_version: int = 0
-    configuration_file: str = ""
-    restore_configuration: int = 0
-    sdo_timeout_ms: int = setting(500, low=1, high=60_000)
-    boot_timeout_ms: int = setting(1000, low=1, high=600_000)
-    position_mode: int | None = setting(None, low=-128, high=127)
-    velocity_mode: int | None = setting(None, low=-128, high=127)
-    effort_mode: int | None = setting(None, low=-128, high=127)
-    scale_pos_to_dev: float = 1000.0
-    scale_pos_from_dev: float = 0.001
-    scale_vel_to_dev: float = 1000.0
-    scale_vel_from_dev: float = 0.001
-    scale_eff_from_dev: float = 0.001
-    offset_pos_to_dev: float = 0.0
-    offset_pos_from_dev: float = 0.0
-    homing_timeout_seconds: float = 10.0
-    recovery: Literal["boot", "enable"] = "boot"
-    following_error_action: Literal["stop", "warn", "ignore"] = "stop"
-    transition_timeout_ms: int = setting(5000, low=1, high=600_000)
-    transition_timeouts_ms: dict[int, int] = field(default_factory=dict)
-    driver: str = ""
-    package: str = ""
-    namespace: str = ""
-    remappings: Any = None
-    polling: bool | None = None
-    period: int | None = None
-    non_transmit_timeout: int | None = None
-    diagnostics: Any = None
-    enable_lazy_load: bool | None = None
-    switching_state: int | None = None
-    num_channels: int | None = None
-    channel_names: Any = None
-    channels: Any = None
-    retry_factor: int | None = None
-    name: str = ""
-    line: int = 0
-    multiplier: float = 3.0  # resolved: the node's, the master's, the file's
-
-    @property
-    def heartbeat_ms(self) -> int:
-        """Period of the node's heartbeat; 0 where it is watched by guarding instead."""
-        return self.heartbeat_producer or (0 if self.guard_time and self.life_time_factor else DEFAULT_HEARTBEAT_MS)
-
-    @property
-    def heartbeat_timeout_ns(self) -> int:
-        """After which silence the node counts as lost."""
-        return round(self.heartbeat_ms * self.multiplier * 1e6)
+_IGNORED_ID = 255  # a node that ros2_canopen's generator leaves out
+_TRANSITIONS = range(17)  # of the CiA 402 power state machine; 0 and 1 are the drive's own
 
 
 @dataclass(frozen=True)
@@ -217,42 +67,48 @@ class BusConfig:
     plans: dict[str, NodePlan]
     eds_paths: dict[str, Path]
     notes: tuple[str, ...]
+    eds_issues: dict[Path, list[Issue]]
 
 
-def read_bus(path: str | Path) -> BusConfig:
-    """Read a bus.yml with the EDS files it names; raises `BusConfigError` or `EdsError` with every mistake."""
-    root = yamltree.tree(path)
-    problems = root.problems
-    options = root.get("options")
-    reader = _Reader(Path(path), root, problems, options.convert(Options, Options()) if options else Options())
-    config = reader.read()
+def read_bus(path: str | Path, *, peer_merge: bool = False) -> BusConfig:
+    """Read a bus.yml with the files it names; raises `BusConfigError` with every mistake.
+
+    With `peer_merge` the keys of `defaults` go before a node's own, whole, as in ros2_canopen's generator.
+    """
+    config, problems = inspect_bus(path, peer_merge=peer_merge)
     problems.raise_if_any(BusConfigError)
-    return replace(config, notes=tuple(str(warning) for warning in problems.warnings) + config.notes)
+    return config
+
+
+def inspect_bus(path: str | Path, *, peer_merge: bool = False) -> tuple[BusConfig, Problems]:
+    """Read as `read_bus` does and return what could be read with all problems; what is no YAML at all raises."""
+    root = yamltree.tree(path)
+    reader = _Reader(Path(path), root, peer_merge)
+    config = reader.read()
+    notes = tuple(str(warning) for warning in root.problems.warnings)
+    return replace(config, notes=notes + config.notes), root.problems
 
 
 class _Reader:
     """One reading of one file; mistakes are collected in `problems`."""
 
-    def __init__(self, path: Path, root: Node, problems: Problems, options: Options) -> None:
-        self._path, self._root, self._problems, self._options = path, root, problems, options
-        self._files: dict[tuple[Path, int], ObjectDictionary] = {}
-        self._foreign: dict[str, str] = {}
+    def __init__(self, path: Path, root: Node, peer_merge: bool) -> None:
+        self._path, self._root, self._peer_merge = path, root, peer_merge
+        options = root.get("options")
+        self._options: Options = options.convert(Options, Options()) if options is not None else Options()
+        self._sources = Sources(path.parent, self._options.dcf_path)
+        self._unused: dict[str, str] = {}
+        self._spare_cob_ids = itertools.count(0x680)  # where ros2_canopen's generator begins with `auto` above PDO 4
 
     def read(self) -> BusConfig:
-        section = self._root.get("master")
-        master = MasterConfig()
-        if section is None:
-            self._root.error("no `master` section; it needs at least node_id and sync_period")
-        else:
-            master = section.convert(MasterConfig, master)
-            self._note_foreign(section)
+        master = self._master()
         nodes = self._nodes(master)
         self._check_node_ids(master, nodes)
-        paths = {
-            name: eds for name, (config, node) in nodes.items() if (eds := self._eds_path(config, node)) is not None
-        }
-        dictionaries = {name: self._dictionary(paths[name], nodes[name][0]) for name in paths}
+        found = {name: self._dictionary(config, node) for name, (config, node) in nodes.items()}
+        paths = {name: each[0] for name, each in found.items() if each is not None}
+        dictionaries = {name: each[1] for name, each in found.items() if each is not None}
         plans = {name: self._plan(master, *nodes[name], dictionaries[name], paths[name]) for name in paths}
+        self._check_cob_ids(nodes, plans)
         return BusConfig(
             str(self._path),
             self._options,
@@ -261,65 +117,176 @@ class _Reader:
             dictionaries,
             plans,
             paths,
-            tuple(f"{self._path}: {key}: {why}" for key, why in sorted(self._foreign.items())),
+            tuple(f"{self._path}: {key}: {why}" for key, why in sorted(self._unused.items())),
+            self._sources.issues,
         )
+
+    # ------------------------------------------------------------------------------------------- sections
+
+    def _master(self) -> MasterConfig:
+        section = self._root.get("master")
+        if section is None:
+            self._root.error("no `master` section; it needs at least node_id and sync_period")
+            return MasterConfig()
+        master: MasterConfig = section.convert(MasterConfig, MasterConfig())
+        self._note_unused(section, UNUSED_MASTER)
+        if master.channel:
+            channel = self._sources.expanded(master.channel)
+            try:
+                parse_channel(channel)
+            except ConfigError as error:
+                (section.get("channel") or section).error(str(error))
+            master = replace(master, channel=channel)
+        return master
 
     def _nodes(self, master: MasterConfig) -> dict[str, tuple[NodeConfig, Node]]:
         """Find the nodes in either shape and merge `defaults` below each."""
         section, defaults = self._root.get("nodes"), self._root.get("defaults")
+        if section is not None:
+            self._refuse_unknown_sections()
         pairs = section.items() if section is not None else self._root.items()
         found = {}
         for name, node in pairs:
-            if section is None and (name in _SECTIONS or name.startswith(".")):
+            if name.startswith(".") or (section is None and name in _SECTIONS):
                 continue
-            merged = node.over(defaults) if defaults is not None else node
-            config = merged.convert(NodeConfig)
-            if config is None:
+            merged = self._merged(name, node, defaults)
+            self._note_unused(merged, UNUSED_NODE)
+            if (place := merged.get("node_id")) is not None and place.value == _IGNORED_ID:
+                place.warning(f"{name} is left out: node_id {_IGNORED_ID} stands for no node")
                 continue
-            multiplier = (
-                config.heartbeat_multiplier or master.heartbeat_multiplier or self._options.heartbeat_multiplier
-            )
-            found[name] = (replace(config, name=name, line=node.line, multiplier=multiplier), merged)
-            self._note_foreign(merged)
-        if not found:
+            if (config := self._node(name, merged, master)) is not None:
+                found[name] = (config, merged)
+        if not found and not self._root.problems.errors:
             self._root.error("no nodes; list the drives under `nodes:`")
         return found
 
-    def _note_foreign(self, node: Node) -> None:
+    def _refuse_unknown_sections(self) -> None:
+        for name, place in self._root.keys().items():
+            if name not in _SECTIONS and not name.startswith("."):
+                place.error(f"unknown key {name!r}{nearest(name, _SECTIONS)}; a node belongs under `nodes:`")
+
+    def _merged(self, name: str, node: Node, defaults: Node | None) -> Node:
+        """Merge as asked for, and say where the other way would give another value."""
+        if defaults is None:
+            return node
+        ours, theirs = node.over(defaults), _peer_merged(node, defaults)
+        for key, place in node.keys().items():
+            if (default := defaults.get(key)) is None or default.value == node.value:
+                continue
+            here, there = _plain(ours, key), _plain(theirs, key)
+            if here == there:
+                continue
+            if self._peer_merge:
+                place.warning(f"{name} has {key}: {_brief(here)}, but --peer-merge takes {_brief(there)} of `defaults`")
+            else:
+                place.warning(
+                    f"the node's own {key} counts; ros2_canopen takes {_brief(there)} of `defaults` (--peer-merge)"
+                )
+        return theirs if self._peer_merge else ours
+
+    def _node(self, name: str, node: Node, master: MasterConfig) -> NodeConfig | None:
+        keys: NodeKeys | None = node.convert(NodeKeys)
+        if keys is None:
+            return None
+        values = {each.name: getattr(keys, each.name) for each in fields(keys)}
+        values |= self._units(keys, node)
+        values["required"] = self._required(keys, node)
+        values["effort_mode"] = self._effort_mode(keys, node)
+        for number in keys.transition_timeouts_ms:
+            if number not in _TRANSITIONS:
+                place = node.get("transition_timeouts_ms") or node
+                place.error(f"no transition {number}; CiA 402 numbers them 0 to {_TRANSITIONS[-1]}")
+        return NodeConfig(
+            **values,
+            name=name,
+            line=node.line,
+            multiplier=keys.heartbeat_multiplier or master.heartbeat_multiplier or self._options.heartbeat_multiplier,
+            life_factor=keys.life_time_factor or keys.retry_factor or self._options.retry_factor,
+        )
+
+    def _required(self, keys: NodeKeys, node: Node) -> bool:
+        """Whether the robot waits for the node: `required`, else `mandatory`, else whether it is booted at all."""
+        place = node.get("required") or node
+        if None not in (keys.required, keys.mandatory) and keys.required != keys.mandatory:
+            place.error("`required` and `mandatory` mean the same and differ; keep one")
+        if not keys.boot and (keys.required or keys.mandatory):
+            place.error("a node with `boot: false` is never started, so nothing can wait for it")
+        wanted = keys.mandatory if keys.required is None else keys.required
+        return keys.boot if wanted is None else wanted
+
+    @staticmethod
+    def _effort_mode(keys: NodeKeys, node: Node) -> int | None:
+        if None not in (keys.effort_mode, keys.torque_mode) and keys.effort_mode != keys.torque_mode:
+            (node.get("torque_mode") or node).error(
+                "`torque_mode` and `effort_mode` mean the same and differ; keep one"
+            )
+        return keys.torque_mode if keys.effort_mode is None else keys.effort_mode
+
+    @staticmethod
+    def _units(keys: NodeKeys, node: Node) -> dict[str, float]:
+        """Turn units by name into the scales; or check the scales as they are given."""
+        named = [key for key in ("counts_per_revolution", "gear_ratio", "reversed") if node.get(key) is not None]
+        scales = [key for key in SCALES if node.get(key) is not None]
+        if not named:
+            _check_scales(keys, node)
+            return {}
+        place = node.keys()[named[0]]
+        if scales:
+            place.error(f"{', '.join(named)} and {', '.join(scales)} say the same twice; keep one way")
+        elif keys.counts_per_revolution is None:
+            place.error(f"{named[0]} needs counts_per_revolution, the position counts of one turn of the motor")
+        else:
+            try:
+                return named_scales(keys.counts_per_revolution, keys.gear_ratio, bool(keys.reversed))
+            except ValueError as error:
+                (node.get("gear_ratio") or node).error(str(error))
+        return {}
+
+    def _note_unused(self, node: Node, unused: dict[str, str]) -> None:
         for key in node.keys():  # noqa: SIM118 - a Node is no mapping
-            if key in FOREIGN:
-                self._foreign.setdefault(key, f"has no meaning here: {FOREIGN[key]}")
+            if key in unused:
+                self._unused.setdefault(key, f"has no meaning here: {unused[key]}")
+
+    # ------------------------------------------------------------------------------------------- across nodes
 
     def _check_node_ids(self, master: MasterConfig, nodes: dict[str, tuple[NodeConfig, Node]]) -> None:
         owner = {master.node_id: "the master"}
         for name, (config, node) in nodes.items():
+            if not (node_id := config.node_id):
+                if (found := self._dictionary(config, node)) is None:
+                    continue
+                if (node_id := found[1].node_id or 0) == 0:
+                    node.error(f"missing key 'node_id'; {config.dcf} has none either")
+                    continue
+                nodes[name] = (replace(config, node_id=node_id), node)
             place = node.get("node_id") or node
-            if config.node_id in owner:
-                place.error(f"node id {config.node_id} is already that of {owner[config.node_id]}; give {name} another")
-            owner.setdefault(config.node_id, name)
+            if node_id in owner:
+                place.error(f"node id {node_id} is already that of {owner[node_id]}; give {name} another")
+            owner.setdefault(node_id, name)
 
-    def _eds_path(self, config: NodeConfig, node: Node) -> Path | None:
-        """Seek the file in dcf_path, beside bus.yml and among the bundled ones."""
-        wanted = Path(os.path.expandvars(config.dcf)).expanduser()
-        folders = [self._folder(text) for text in (config.dcf_path, self._options.dcf_path) if text]
-        places = [folder / wanted for folder in [*folders, self._path.parent]] + [data_path("eds", wanted.name)]
-        for place in places:
-            if place.is_file():
-                return place
-        sought = ", ".join(dict.fromkeys(str(place.parent) for place in places))
-        (node.get("dcf") or node).error(f"no file {config.dcf!r}; sought in {sought}")
+    def _check_cob_ids(self, nodes: dict[str, tuple[NodeConfig, Node]], plans: dict[str, NodePlan]) -> None:
+        """Refuse two live PDOs with one COB-ID: their senders would destroy each other's frames."""
+        owner: dict[int, str] = {}
+        for name, plan in plans.items():
+            for kind, layouts in (("rpdo", plan.rpdos), ("tpdo", plan.tpdos)):
+                for layout in layouts:
+                    whose = f"{kind.upper()} {layout.number} of {name}"
+                    if (first := owner.setdefault(layout.cob_id, whose)) != whose:
+                        place = self._place(nodes[name][1], f"{kind}.{layout.number}.cob_id")
+                        place.error(f"COB-ID 0x{layout.cob_id:03X} of {whose} is already that of {first}")
+
+    # ------------------------------------------------------------------------------------------- one node's files
+
+    def _dictionary(self, config: NodeConfig, node: Node) -> tuple[Path, ObjectDictionary] | None:
+        place = node.get("dcf") or node
+        try:
+            path = self._sources.find(config.dcf, config.dcf_path)
+            return path, self._sources.dictionary(path, config.node_id or None)
+        except NotFound as error:
+            place.error(str(error))
+        except ConfigError as error:
+            place.error(f"{config.dcf}: {error}")
         return None
-
-    def _folder(self, text: str) -> Path:
-        return Path(os.path.expandvars(text.replace(_MERGED_AT_BUILD, str(self._path.parent)))).expanduser()
-
-    def _dictionary(self, path: Path, config: NodeConfig) -> ObjectDictionary:
-        if (path, config.node_id) not in self._files:
-            try:
-                self._files[path, config.node_id] = read_eds(path, config.node_id).od
-            except OSError as error:
-                raise EdsError(str(path), 0, f"cannot be read: {error.strerror}") from error
-        return self._files[path, config.node_id]
 
     def _plan(
         self, master: MasterConfig, config: NodeConfig, node: Node, od: ObjectDictionary, eds_path: Path
@@ -327,14 +294,20 @@ class _Reader:
         def complain(key: str, text: str) -> None:
             self._place(node, key).error(f"{config.name}: {text}")
 
+        def warn(key: str, text: str) -> None:
+            self._place(node, key).warning(f"{config.name}: {text}")
+
         plan = make_plan(
-            config,
-            od,
-            source=eds_path.name,
-            master_id=master.node_id,
-            master_heartbeat_ms=master.heartbeat_ms if config.heartbeat_consumer is not False else 0,
-            sync_period_us=master.sync_period,
-            complain=complain,
+            PlanInput(
+                config,
+                od,
+                source=eds_path.name,
+                master=master,
+                downloads=self._downloads(config, node, od),
+                complain=complain,
+                warn=warn,
+                spare_cob_ids=self._spare_cob_ids,
+            )
         )
         if plan.axes and not config.allow_unsupervised and not _supervised(config, od):
             complain(
@@ -343,6 +316,19 @@ class _Reader:
                 "nor node guarding; `allow_unsupervised: true` accepts that",
             )
         return plan
+
+    def _downloads(self, config: NodeConfig, node: Node, od: ObjectDictionary) -> tuple[tuple[int, int, bytes], ...]:
+        """Read `configuration_file`, or the ParameterValues of a DCF given as `dcf`."""
+        if not config.configuration_file:
+            return tuple(concise_of(od))
+        place = node.get("configuration_file") or node
+        try:
+            return self._sources.downloads(config.configuration_file, config.dcf_path, config.node_id)
+        except NotFound as error:
+            place.error(str(error))
+        except (ConfigError, ValueError) as error:
+            place.error(f"{config.configuration_file}: {error}")
+        return ()
 
     @staticmethod
     def _place(node: Node, key: str) -> Node:
@@ -359,7 +345,39 @@ class _Reader:
         return place
 
 
+def _peer_merged(node: Node, defaults: Node) -> Node:
+    """Return the node with the keys of `defaults` in place of its own, as ros2_canopen's generator merges."""
+    if node.kind not in ("mapping", "null") or defaults.kind != "mapping":
+        return node.over(defaults)
+    pairs = {key.text: (key, value) for key, value in [*node.pairs(), *defaults.pairs()]}
+    return Node.mapping(Node("mapping", node.line, node.column, node.where, node.problems), pairs)
+
+
+def _plain(node: Node, key: str) -> Any:  # noqa: ANN401 - what stands there
+    value = node.get(key)
+    return None if value is None else value.value
+
+
+def _brief(value: object) -> str:
+    return "another" if isinstance(value, dict | list) else repr(value)
+
+
+def _check_scales(keys: NodeKeys, node: Node) -> None:
+    """Refuse scales that move nothing; warn where one way and back do not cancel: command and feedback would differ."""
+    for key in SCALES:
+        if not 1e-15 < abs(getattr(keys, key)) < 1e15:
+            (node.get(key) or node).error(f"{key} {getattr(keys, key)!r} cannot be used: finite and not 0 is wanted")
+            return
+    for what in ("pos", "vel"):
+        given = node.get(f"scale_{what}_to_dev") or node.get(f"scale_{what}_from_dev")
+        product = getattr(keys, f"scale_{what}_to_dev") * getattr(keys, f"scale_{what}_from_dev")
+        if given is not None and abs(product - 1) > 0.01:
+            given.warning(
+                f"scale_{what}_to_dev times scale_{what}_from_dev is {product:.6g}, not 1: "
+                "what is commanded and what comes back would differ"
+            )
+
+
 def _supervised(config: NodeConfig, od: ObjectDictionary) -> bool:
     heartbeat = (0x1016, 1) in od and config.heartbeat_consumer is not False
-    guarding = bool(config.guard_time and config.life_time_factor and (0x100C, 0) in od)
-    return heartbeat or guarding
+    return heartbeat or (config.guarded and (0x100C, 0) in od)

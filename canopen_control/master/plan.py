@@ -3,62 +3,38 @@
 The law of the file: everything is decided here, before the first frame is sent, and whatever does not fit (an object
 the EDS lacks, a value out of its type, a mapping over 64 bits) is an error of the configuration, not of the boot.
 
-The order is the one of ros2_canopen's generator: error control, RPDOs, TPDOs, then the `sdo:` list. What this package
-adds has a `reason`: the drive watches the master (0x1016), stops when it is lost (0x1029 or 0x6007), interpolates over
-the SYNC period (0x60C2), and has no live PDO that nobody configured.
+The order is the one of ros2_canopen's generator: error control, RPDOs, TPDOs (`plan_pdos.py`), then the `sdo:` list;
+a `configuration_file` or the ParameterValues of a DCF go before them, so that bus.yml has the last word. What this
+package adds has a `reason`: the drive watches the master (0x1016), stops when it is lost (0x1029 or 0x6007),
+interpolates over the SYNC period (0x60C2), and has no live PDO that nobody configured.
 """
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from canopen_control.cia301.pdo import MappedObject
-from canopen_control.od.codec import encode
+from canopen_control.master.draft import Draft, PdoLayout, PlannedWrite
+from canopen_control.master.plan_pdos import is_pdo_record, plan_downloaded_pdos, plan_pdos
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Callable, Iterator
 
-    from canopen_control.master.config import NodeConfig, PdoConfig
-    from canopen_control.od.model import Entry, ObjectDictionary
+    from canopen_control.master.keys import MasterConfig, NodeConfig
+    from canopen_control.od.model import ObjectDictionary
 
-__all__ = ["Identity", "NodePlan", "PdoLayout", "PlannedWrite", "make_plan"]
+__all__ = ["Identity", "NodePlan", "PdoLayout", "PlanInput", "PlannedWrite", "make_plan"]
 
-DISABLED = 0x80000000  # bit 31 of a PDO's COB-ID
-NO_RTR = 0x40000000  # bit 30: kept as the device has it
 CONSUMER, PRODUCER, GUARD_TIME, LIFE_TIME, ERROR_BEHAVIOUR = 0x1016, 0x1017, 0x100C, 0x100D, 0x1029
+TIME_COB_ID, SYNC_OVERFLOW = 0x1012, 0x1019
 ABORT_CONNECTION, INTERPOLATION = 0x6007, 0x60C2
 CONTROLWORD, STATUSWORD = 0x6040, 0x6041
 AXIS_OFFSET, AXES = 0x800, 8
-LARGEST_PDO = 64  # bits
 STOPPED = 2  # 0x1029: to NMT stopped
 FAULT_REACTION = 1  # 0x6007: malfunction, then the fault reaction of 0x605E
-_STORED = "as in the EDS, but the device may have stored something else"
-_COMMUNICATION = {"rpdo": 0x1400, "tpdo": 0x1800}
-_MAPPING = {"rpdo": 0x1600, "tpdo": 0x1A00}
-_PREDEFINED = {"rpdo": 0x200, "tpdo": 0x180}
-
-
-@dataclass(frozen=True, slots=True)
-class PlannedWrite:
-    """One SDO download; `reason` is empty for what bus.yml asks for, `optional` ones may be refused by the node."""
-
-    index: int
-    subindex: int
-    data: bytes
-    name: str
-    reason: str = ""
-    optional: bool = False
-
-
-@dataclass(frozen=True, slots=True)
-class PdoLayout:
-    """A PDO that will be live: its COB-ID and what it carries, in order."""
-
-    number: int
-    cob_id: int
-    transmission_type: int
-    objects: tuple[MappedObject, ...]
+_MILLISECOND = 1_000_000
+_STOPS = "a lost master stops the motor"
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +51,11 @@ class Identity:
 
 @dataclass(frozen=True, slots=True)
 class NodePlan:
-    """Everything the boot of a node needs; `axes` are the index offsets of its CiA 402 axes, none for other devices."""
+    """Everything the boot of a node needs; `axes` are the index offsets of its CiA 402 axes, none for other devices.
+
+    `guard` is (guard time in ns, life time factor) of a node watched by guarding; `restore` and `save` are subindices
+    of 0x1011 and 0x1010, 0 for neither; `software_version` is what 0x1F56:01 must hold, 0 for anything.
+    """
 
     name: str
     node_id: int
@@ -87,65 +67,69 @@ class NodePlan:
     axes: tuple[int, ...]
     heartbeat_timeout_ns: int
     entry_names: dict[tuple[int, int], str] = field(default_factory=dict)
+    guard: tuple[int, int] | None = None
+    keep_alive: bool = False
+    software_version: int = 0
+    software_file: str = ""
+    restore: int = 0
+    save: int = 0
+    boot_up_ns: int = 1000 * _MILLISECOND
+    sdo_timeout_ns: int | None = None  # of the boot; None: the client's own
+
+    @property
+    def supervision_ns(self) -> int:
+        """After which silence the node counts as lost, by heartbeat or guarding; 0 for a node nobody watches."""
+        return self.heartbeat_timeout_ns or (self.guard[0] * self.guard[1] if self.guard else 0)
 
 
-@dataclass(slots=True)
-class _Draft:
-    """The plan in the making; `complain(key, text)` reports a mistake and goes on."""
+@dataclass(frozen=True, slots=True)
+class PlanInput:
+    """What a plan is made of; `complain(key, text)` and `warn` take what is wrong or odd, at a dotted key.
+
+    `downloads` are those of a `configuration_file` or of a DCF's ParameterValues; `source` names the EDS in messages;
+    `spare_cob_ids` are for PDOs above 4 with `cob_id: auto`, one supply for the whole bus.
+    """
 
     node: NodeConfig
     od: ObjectDictionary
+    source: str
+    master: MasterConfig
     complain: Callable[[str, str], None]
-    writes: list[PlannedWrite] = field(default_factory=list)
-    layouts: dict[str, list[PdoLayout]] = field(default_factory=lambda: {"rpdo": [], "tpdo": []})
-
-    def write(self, index: int, subindex: int, value: object, key: str, reason: str = "") -> None:
-        """Add one write, encoded as the EDS types the object."""
-        entry = self.od.get(index, subindex)
-        if entry is None:
-            self.complain(key, f"0x{index:04X}:{subindex:02X} is not in {self.node.dcf}")
-            return
-        try:
-            data = encode(value, entry.data_type)  # type: ignore[arg-type]  # encode checks the type of the value
-        except ValueError as error:
-            self.complain(key, f"0x{index:04X}:{subindex:02X} {entry.name}: {error}")
-            return
-        self.writes.append(PlannedWrite(index, subindex, data, entry.name, reason))
-
-    def asked_for(self, index: int) -> bool:
-        """Whether the `sdo:` list of bus.yml writes the object."""
-        return any(entry.index == index for entry in self.node.sdo)
+    warn: Callable[[str, str], None]
+    downloads: tuple[tuple[int, int, bytes], ...] = ()
+    spare_cob_ids: Iterator[int] = field(default_factory=lambda: itertools.count(0x680))
 
 
-def make_plan(
-    node: NodeConfig,
-    od: ObjectDictionary,
-    *,
-    source: str,
-    master_id: int,
-    master_heartbeat_ms: int,
-    sync_period_us: int,
-    complain: Callable[[str, str], None],
-) -> NodePlan:
-    """Plan a node; `complain` is told (key, text) for each mistake, and the plan is then not to be used."""
-    draft = _Draft(node, od, complain)
-    _plan_error_control(draft, master_id, master_heartbeat_ms)
+def make_plan(given: PlanInput) -> NodePlan:
+    """Plan a node; where something was complained of the plan is not to be used."""
+    node, od = given.node, given.od
+    draft = Draft(node, od, given.complain, given.warn, given.spare_cob_ids, given.downloads)
+    heartbeat_ms = _plan_error_control(draft, given.master)
+    _plan_sync_counter(draft, given.master)
+    _plan_downloads(draft)
     for kind in ("rpdo", "tpdo"):
-        _plan_pdos(draft, kind)
-    for number, entry in enumerate(node.sdo):
-        draft.write(entry.index, entry.sub_index, _signature(entry.value), f"sdo[{number}]")
-    _plan_interpolation(draft, sync_period_us)
+        plan_pdos(draft, kind)
+    _plan_sdo_list(draft)
+    _plan_interpolation(draft, given.master.sync_period)
     return NodePlan(
         node.name,
         node.node_id,
-        source,
+        given.source,
         _identity(node, od),
-        tuple(draft.writes),
+        draft.ordered_writes(),
         tuple(draft.layouts["rpdo"]),
         tuple(draft.layouts["tpdo"]),
         tuple(_axes(od)),
-        node.heartbeat_timeout_ns,
+        round(heartbeat_ms * node.multiplier * _MILLISECOND),
         {address: entry.name for address, entry in od.entries.items()},
+        guard=(node.guard_time * _MILLISECOND, node.life_factor) if node.guarded and not heartbeat_ms else None,
+        keep_alive=not node.reset_communication,
+        software_version=node.software_version,
+        software_file=node.software_file,
+        restore=_store_object(draft, 0x1011, node.restore_configuration, "restore_configuration"),
+        save=_store_object(draft, 0x1010, node.save_configuration, "save_configuration"),
+        boot_up_ns=node.boot_timeout_ms * _MILLISECOND,
+        sdo_timeout_ns=given.master.boot_timeout * _MILLISECOND if given.master.boot_timeout else None,
     )
 
 
@@ -173,158 +157,128 @@ def _axes(od: ObjectDictionary) -> Iterator[int]:
             yield offset
 
 
-def _plan_error_control(draft: _Draft, master_id: int, master_heartbeat_ms: int) -> None:
-    """Let the drive watch the master and be watched: 0x1016, 0x1017, guarding, 0x1029."""
+def _store_object(draft: Draft, index: int, subindex: int, key: str) -> int:
+    if subindex and (index, subindex) not in draft.od:
+        draft.complain(key, f"0x{index:04X}:{subindex:02X} is not in {draft.node.dcf}")
+    return subindex
+
+
+def _plan_error_control(draft: Draft, master: MasterConfig) -> int:
+    """Let the drive watch the master and be watched: 0x1016, 0x1012, 0x1017, guarding, 0x1029. Return its period."""
     node, od = draft.node, draft.od
-    if (CONSUMER, 1) in od and node.heartbeat_consumer is not False and master_heartbeat_ms:
-        timeout = min(round(master_heartbeat_ms * node.multiplier), 0xFFFF)
+    if (CONSUMER, 1) in od and node.heartbeat_consumer is not False:
+        timeout = min(round(master.heartbeat_ms * node.multiplier), 0xFFFF)
         reason = "" if node.heartbeat_consumer else "the drive notices when the master dies"
-        draft.write(CONSUMER, 1, master_id << 16 | timeout, "heartbeat_consumer", reason)
-    if node.heartbeat_ms and not draft.asked_for(PRODUCER):
-        reason = "" if node.heartbeat_producer else "the master notices when the drive dies"
-        draft.write(PRODUCER, 0, node.heartbeat_ms, "heartbeat_producer", reason)
+        draft.write(CONSUMER, 1, master.node_id << 16 | timeout, "heartbeat_consumer", reason)
+    elif node.heartbeat_consumer:
+        draft.complain("heartbeat_consumer", f"0x1016:01 is not in {node.dcf}, so the node cannot watch the master")
+    if node.time_cob_id is not None:
+        draft.write(TIME_COB_ID, 0, node.time_cob_id, "time_cob_id")
+    period = _plan_producer(draft)
     for key, index, value in (
         ("guard_time", GUARD_TIME, node.guard_time),
         ("life_time_factor", LIFE_TIME, node.life_time_factor),
     ):
         if value:
-            draft.write(index, 0, 0 if node.heartbeat_ms else value, key)
+            draft.write(index, 0, value if node.guarded else 0, key)
+    if node.guarded and not node.life_time_factor:
+        draft.write(LIFE_TIME, 0, node.life_factor, "guard_time", "the node notices when it is guarded no more")
     for subindex, value in node.error_behavior.items():
         draft.write(ERROR_BEHAVIOUR, subindex, value, "error_behavior")
-    _plan_abort_reaction(draft)
+    for offset in _axes(od):
+        _plan_abort_reaction(draft, offset)
+    return period
 
 
-def _plan_abort_reaction(draft: _Draft) -> None:
+def _plan_producer(draft: Draft) -> int:
+    """Return the node's heartbeat period in ms, and write it unless the `sdo:` list or a file does."""
+    node = draft.node
+    asked = draft.asked_value(PRODUCER)
+    if asked is not None and not node.heartbeat_producer:
+        return asked
+    if node.heartbeat_ms and (PRODUCER, 0) not in draft.od and not node.heartbeat_producer:
+        draft.warn("dcf", f"0x1017 is not in {node.dcf}: nobody notices when this node dies; give it guard_time")
+        return 0
+    if node.heartbeat_ms:
+        reason = "" if node.heartbeat_producer else "the master notices when the drive dies"
+        draft.write(PRODUCER, 0, node.heartbeat_ms, "heartbeat_producer", reason)
+    return node.heartbeat_ms
+
+
+def _plan_abort_reaction(draft: Draft, offset: int) -> None:
     """Let a lost master stop the motor: 0x6007 where it exists, else 0x1029:1 = stopped."""
     node, od = draft.node, draft.od
-    if not list(_axes(od)) or node.heartbeat_consumer is False:
+    if node.heartbeat_consumer is False and not node.guarded:
         return
-    if (ABORT_CONNECTION, 0) in od:
-        if not draft.asked_for(ABORT_CONNECTION):
-            draft.write(ABORT_CONNECTION, 0, FAULT_REACTION, "sdo", "a lost master stops the motor")
-    elif (ERROR_BEHAVIOUR, 1) in od and 1 not in node.error_behavior and not draft.asked_for(ERROR_BEHAVIOUR):
-        draft.write(ERROR_BEHAVIOUR, 1, STOPPED, "error_behavior", "a lost master stops the motor")
+    if (ABORT_CONNECTION + offset, 0) in od:
+        if not draft.asked_for(ABORT_CONNECTION + offset):
+            draft.write(ABORT_CONNECTION + offset, 0, FAULT_REACTION, "dcf", _STOPS)
+        return
+    asked = 1 in node.error_behavior or draft.asked_for(ERROR_BEHAVIOUR)
+    if not offset and (ERROR_BEHAVIOUR, 1) in od and not asked:
+        draft.write(ERROR_BEHAVIOUR, 1, STOPPED, "error_behavior", _STOPS)
 
 
-def _plan_interpolation(draft: _Draft, sync_period_us: int) -> None:
-    if sync_period_us and (INTERPOLATION, 1) in draft.od and not draft.asked_for(INTERPOLATION):
-        value, exponent = (sync_period_us // 1000, -3) if sync_period_us % 1000 == 0 else (sync_period_us // 100, -4)
-        if value > 0xFF:
-            value, exponent = value // 10, exponent + 1
-        reason = "interpolation over the SYNC period"
-        draft.write(INTERPOLATION, 1, min(value, 0xFF), "sdo", reason)
-        draft.write(INTERPOLATION, 2, exponent, "sdo", reason)
+def _plan_sync_counter(draft: Draft, master: MasterConfig) -> None:
+    if not master.sync_overflow or draft.asked_for(SYNC_OVERFLOW):
+        return
+    if (SYNC_OVERFLOW, 0) in draft.od:
+        draft.write(SYNC_OVERFLOW, 0, master.sync_overflow, "dcf", "the master's SYNC carries a counter")
+    else:
+        draft.warn("dcf", f"0x1019 is not in {draft.node.dcf}, and SYNC carries a counter: it may answer EMCY 0x8240")
 
 
-def _plan_pdos(draft: _Draft, kind: str) -> None:
-    """Configure the PDOs that bus.yml lists; one that is live by default and not listed is disabled."""
-    configured: dict[int, PdoConfig] = getattr(draft.node, kind)
-    for number in sorted(configured):
-        _plan_pdo(draft, kind, number, configured[number])
-    for number in range(1, 513):
-        index = _COMMUNICATION[kind] + number - 1
-        if number in configured or (cob_id := _default(draft.od, index, 1)) is None or cob_id & DISABLED:
+def _plan_downloads(draft: Draft) -> None:
+    """Plan what a concise DCF or a DCF downloads, but the PDOs that bus.yml configures itself."""
+    for index, subindex, data in draft.downloads:
+        if not is_pdo_record(index):
+            draft.write_raw(index, subindex, data, draft.download_reason)
+    plan_downloaded_pdos(draft)
+
+
+def _plan_sdo_list(draft: Draft) -> None:
+    seen: dict[tuple[int, int], object] = {}
+    for number, entry in enumerate(draft.node.sdo):
+        address = entry.index, entry.sub_index
+        if seen.get(address) == entry.value:
+            draft.warn(
+                f"sdo[{number}].index", f"0x{address[0]:04X}:{address[1]:02X} is written twice; is one another's?"
+            )
+        seen[address] = entry.value
+        draft.write(*address, _signature(entry.value), f"sdo[{number}]")
+
+
+def _plan_interpolation(draft: Draft, sync_period_us: int) -> None:
+    """Interpolate over the SYNC period; where bus.yml says another time it is written, and warned of."""
+    if not sync_period_us:
+        return
+    value, exponent = _interpolation(sync_period_us)
+    for offset in _axes(draft.od):
+        index = INTERPOLATION + offset
+        if (index, 1) not in draft.od:
             continue
-        if configured:
-            draft.write(index, 1, cob_id | DISABLED, kind, "live by default, configured by nobody")
-        else:
-            _adopt(draft, kind, number, cob_id)
+        if draft.asked_for(index):
+            asked = draft.asked_value(index, 1), draft.asked_value(index, 2)
+            if None not in asked and asked != (value, exponent):
+                draft.warn(
+                    "sdo",
+                    f"0x{index:04X} is {asked[0]} * 10^{asked[1]} s, SYNC comes every {sync_period_us / 1e6:g} s: "
+                    "positions would be interpolated over the wrong time",
+                )
+            continue
+        reason = "interpolation over the SYNC period"
+        draft.write(index, 1, value, "dcf", reason, optional=True)
+        draft.write(index, 2, exponent, "dcf", reason, optional=True)
 
 
-def _adopt(draft: _Draft, kind: str, number: int, cob_id: int) -> None:
-    """Where bus.yml says nothing about a node's PDOs its own defaults are what it uses."""
-    objects = _mapped(draft, kind, number, None)
-    if objects:
-        transmission = _default(draft.od, _COMMUNICATION[kind] + number - 1, 2)
-        draft.layouts[kind].append(
-            PdoLayout(number, cob_id & 0x7FF, 255 if transmission is None else transmission, objects)
-        )
-
-
-def _plan_pdo(draft: _Draft, kind: str, number: int, pdo: PdoConfig) -> None:
-    index, mapping, key = _COMMUNICATION[kind] + number - 1, _MAPPING[kind] + number - 1, f"{kind}.{number}"
-    if (index, 1) not in draft.od:
-        draft.complain(key, f"{draft.node.dcf} has no {kind.upper()} {number} (0x{index:04X})")
-        return
-    cob_id = _cob_id(draft, kind, number, pdo)
-    off = not pdo.enabled and (_default(draft.od, index, 1) or 0) & DISABLED
-    draft.write(index, 1, cob_id | DISABLED, key, _STORED if off else "")
-    if not pdo.enabled:
-        return
-    for subindex, value in (
-        (2, pdo.transmission),
-        (3, pdo.inhibit_time),
-        (5, pdo.event_timer or pdo.event_deadline),
-        (6, pdo.sync_start),
-    ):
-        if value is not None:
-            same = value == _default(draft.od, index, subindex)
-            draft.write(index, subindex, value, key, _STORED if same else "")
-    objects = _mapped(draft, kind, number, pdo)
-    if pdo.mapping is not None:
-        draft.write(mapping, 0, 0, key)
-        for slot, mapped in enumerate(objects, 1):
-            draft.write(mapping, slot, mapped.index << 16 | mapped.subindex << 8 | mapped.bits, key)
-        draft.write(mapping, 0, len(objects), key)
-    draft.write(index, 1, cob_id, key)
-    transmission = pdo.transmission if pdo.transmission is not None else _default(draft.od, index, 2)
-    draft.layouts[kind].append(
-        PdoLayout(number, cob_id & 0x7FF, 255 if transmission is None else transmission, objects)
-    )
-
-
-def _cob_id(draft: _Draft, kind: str, number: int, pdo: PdoConfig) -> int:
-    """Return the COB-ID with bit 30 as the device has it; an enabled PDO without one gets the predefined."""
-    default = _default(draft.od, _COMMUNICATION[kind] + number - 1, 1) or 0
-    if isinstance(pdo.cob_id, int):
-        return pdo.cob_id | default & NO_RTR
-    predefined = _PREDEFINED[kind] + 0x100 * (number - 1) + draft.node.node_id
-    if pdo.cob_id is None and default & 0x7FF:
-        return default & ~DISABLED
-    if number > len(("1", "2", "3", "4")):
-        draft.complain(f"{kind}.{number}", "only PDO 1 to 4 have a predefined COB-ID; give cob_id a number")
-    return predefined | default & NO_RTR
-
-
-def _mapped(draft: _Draft, kind: str, number: int, pdo: PdoConfig | None) -> tuple[MappedObject, ...]:
-    """Return the objects of a PDO, from bus.yml or from the EDS, with the types the EDS gives them."""
-    key = f"{kind}.{number}.mapping"
-    wanted = _default_mapping(draft.od, kind, number)
-    if pdo is not None and pdo.mapping is not None:
-        wanted = [(entry.index, entry.sub_index) for entry in pdo.mapping]
-    objects = [mapped for address in wanted if (mapped := _map_one(draft, kind, key, *address)) is not None]
-    if (bits := sum(mapped.bits for mapped in objects)) > LARGEST_PDO:
-        draft.complain(key, f"{bits} bits, a PDO holds {LARGEST_PDO}")
-    return tuple(objects)
-
-
-def _map_one(draft: _Draft, kind: str, key: str, index: int, subindex: int) -> MappedObject | None:
-    entry = draft.od.get(index, subindex)
-    if entry is None:
-        draft.complain(key, f"0x{index:04X}:{subindex:02X} is not in {draft.node.dcf}")
-        return None
-    if not _mappable(entry, kind):
-        draft.complain(key, f"0x{index:04X}:{subindex:02X} {entry.name} cannot be mapped into a {kind.upper()}")
-    if (bits := entry.data_type.bits) is None:
-        draft.complain(key, f"0x{index:04X}:{subindex:02X} {entry.name} has no fixed length")
-        return None
-    return MappedObject(index, subindex, bits, entry.data_type)
-
-
-def _mappable(entry: Entry, kind: str) -> bool:
-    return entry.rpdo_mappable if kind == "rpdo" else entry.tpdo_mappable
-
-
-def _default_mapping(od: ObjectDictionary, kind: str, number: int) -> Sequence[tuple[int, int]]:
-    mapping = _MAPPING[kind] + number - 1
-    count = _default(od, mapping, 0) or 0
-    entries = [_default(od, mapping, slot) or 0 for slot in range(1, min(count, 64) + 1)]
-    return [(value >> 16, value >> 8 & 0xFF) for value in entries if value]
-
-
-def _default(od: ObjectDictionary, index: int, subindex: int) -> int | None:
-    entry = od.get(index, subindex)
-    return entry.value if entry is not None and isinstance(entry.value, int) else None
+def _interpolation(period_us: int) -> tuple[int, int]:
+    """Return value and power of ten of a period in seconds, the value in one byte."""
+    value, exponent = period_us, -6
+    while value % 10 == 0 or value > 0xFF:
+        value, exponent = (value // 10 if value % 10 == 0 else round(value / 10)), exponent + 1
+        if exponent == -3 and value <= 0xFF:
+            break
+    return value, exponent
 
 
 def _signature(value: object) -> object:

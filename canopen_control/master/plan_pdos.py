@@ -1,0 +1,266 @@
+"""The PDOs of a plan: which are live, what they carry, and the writes that make it so (CiA 301, 7.5.2.35 to 38).
+
+The law of the file: a PDO is made invalid before anything of it is changed, and valid last; bit 30 of its COB-ID is the
+device's own. A PDO that is live by default, and that neither bus.yml nor a file mentions while they mention others, is
+switched off: a second live RPDO with a controlword is a second steering wheel. Where they mention none at all, the
+device's own PDOs are what is used.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from canopen_control.cia301.pdo import DUMMY_TYPES, MappedObject
+from canopen_control.cia301.remap import is_restricted
+from canopen_control.master.draft import PdoLayout
+
+if TYPE_CHECKING:
+    from canopen_control.master.draft import Draft
+    from canopen_control.master.keys import PdoConfig
+    from canopen_control.od.model import Entry
+
+__all__ = [
+    "COMMUNICATION",
+    "DISABLED",
+    "MAPPING",
+    "NO_RTR",
+    "is_pdo_record",
+    "pdo_of",
+    "plan_downloaded_pdos",
+    "plan_pdos",
+]
+
+DISABLED = 0x80000000  # bit 31 of a PDO's COB-ID
+NO_RTR = 0x40000000  # bit 30: kept as the device has it
+EXTENDED = 0x20000000  # bit 29
+COUNT = 512
+LARGEST_PDO = 64  # bits
+COMMUNICATION = {"rpdo": 0x1400, "tpdo": 0x1800}
+MAPPING = {"rpdo": 0x1600, "tpdo": 0x1A00}
+_PREDEFINED = {"rpdo": 0x200, "tpdo": 0x180}
+_PREDEFINED_COUNT = 4
+_LAST_SPARE = 0x6DF
+_STORED = "as in the EDS, but the device may have stored something else"
+_SETTINGS = (2, 3, 5, 6)  # type, inhibit time, event timer, SYNC start
+
+
+@dataclass(frozen=True, slots=True)
+class _Wanted:
+    """What one PDO is to be."""
+
+    kind: str
+    number: int
+    key: str
+    cob_id: int
+    settings: tuple[tuple[int, int | None], ...]
+    remaps: bool
+
+    @property
+    def communication(self) -> int:
+        return COMMUNICATION[self.kind] + self.number - 1
+
+    @property
+    def mapping(self) -> int:
+        return MAPPING[self.kind] + self.number - 1
+
+
+def pdo_of(index: int) -> tuple[str, int] | None:
+    """Return kind and number of the PDO that a communication or mapping record belongs to."""
+    for kind in COMMUNICATION:
+        for first in (COMMUNICATION[kind], MAPPING[kind]):
+            if first <= index < first + COUNT:
+                return kind, index - first + 1
+    return None
+
+
+def is_pdo_record(index: int) -> bool:
+    """Whether the object is part of a PDO's description."""
+    return pdo_of(index) is not None
+
+
+def plan_pdos(draft: Draft, kind: str) -> None:
+    """Configure the PDOs that bus.yml lists, in its order; use or switch off the others."""
+    configured: dict[int, PdoConfig] = getattr(draft.node, kind)
+    downloaded = {
+        number for index, _, _ in draft.downloads for which, number in [pdo_of(index) or ("", 0)] if which == kind
+    }
+    for number, pdo in configured.items():
+        _plan_pdo(draft, kind, number, pdo)
+    for number in range(1, COUNT + 1):
+        cob_id = draft.default(COMMUNICATION[kind] + number - 1, 1)
+        if number in configured or cob_id is None or cob_id & DISABLED:
+            continue
+        if number in downloaded or not (configured or downloaded):
+            _adopt(draft, kind, number, cob_id)
+        else:
+            reason = "live by default, configured by nobody"
+            index = COMMUNICATION[kind] + number - 1
+            draft.write(index, 1, cob_id | DISABLED, kind, reason, optional=True, pdo=(kind, number))
+
+
+def plan_downloaded_pdos(draft: Draft) -> None:
+    """Plan the PDO records of a file, in the order that a device accepts, unless bus.yml configures the PDO itself."""
+    records: dict[tuple[str, int], dict[tuple[int, int], bytes]] = {}
+    for index, subindex, data in draft.downloads:
+        if (pdo := pdo_of(index)) is not None and pdo[1] not in getattr(draft.node, pdo[0]):
+            records.setdefault(pdo, {})[index, subindex] = data  # the last word of a file that writes it several times
+    for (kind, number), values in records.items():
+        _plan_record(draft, kind, number, values)
+
+
+def _plan_record(draft: Draft, kind: str, number: int, values: dict[tuple[int, int], bytes]) -> None:
+    """Order what a file says of one PDO: invalid, settings, mapping, valid again if it is to be."""
+    communication, mapping, pdo = COMMUNICATION[kind] + number - 1, MAPPING[kind] + number - 1, (kind, number)
+    reason = draft.download_reason
+    cob_id = draft.default(communication, 1) or 0
+
+    def put(index: int, subindex: int, data: bytes) -> None:
+        draft.write_raw(index, subindex, data, reason, pdo=pdo)
+
+    put(communication, 1, (cob_id | DISABLED).to_bytes(4, "little"))
+    for (index, subindex), data in values.items():
+        if index == communication and subindex > 1:
+            put(index, subindex, data)
+    slots = {subindex: data for (index, subindex), data in values.items() if index == mapping and subindex}
+    if slots or (mapping, 0) in values:
+        count = draft.default(mapping, 0) or 0
+        put(mapping, 0, b"\0")
+        for slot in sorted(slots):
+            if slot <= count:
+                put(mapping, slot, slots[slot])
+        put(mapping, 0, bytes((count & 0xFF,)))
+    if not cob_id & DISABLED:
+        put(communication, 1, cob_id.to_bytes(4, "little"))
+
+
+def _adopt(draft: Draft, kind: str, number: int, cob_id: int) -> None:
+    """Use a PDO as the device has it, or as a file has made it."""
+    objects = _mapped(draft, kind, number, None)
+    if objects:
+        transmission = draft.default(COMMUNICATION[kind] + number - 1, 2)
+        draft.layouts[kind].append(PdoLayout(number, cob_id & 0x7FF, _or_255(transmission), objects))
+
+
+def _plan_pdo(draft: Draft, kind: str, number: int, pdo: PdoConfig) -> None:
+    key, index = f"{kind}.{number}", COMMUNICATION[kind] + number - 1
+    if not 1 <= number <= COUNT or (index, 1) not in draft.od:
+        known = sum((COMMUNICATION[kind] + each, 1) in draft.od for each in range(COUNT))
+        draft.complain(key, f"{draft.node.dcf} has no {kind.upper()} {number} (0x{index:04X}); it has {known}")
+        return
+    off = not pdo.enabled and (draft.default(index, 1) or 0) & DISABLED
+    wanted = _Wanted(kind, number, key, _cob_id(draft, kind, number, pdo), _settings(pdo), pdo.mapping is not None)
+    _write(draft, wanted, 1, wanted.cob_id | DISABLED, _STORED if off else "")
+    if not pdo.enabled:
+        return
+    objects = _mapped(draft, kind, number, pdo)
+    _plan_live(draft, wanted, objects)
+    transmission = pdo.transmission if pdo.transmission is not None else draft.default(index, 2)
+    draft.layouts[kind].append(PdoLayout(number, wanted.cob_id & 0x7FF, _or_255(transmission), objects))
+
+
+def _plan_live(draft: Draft, wanted: _Wanted, objects: tuple[MappedObject, ...]) -> None:
+    for subindex, value in wanted.settings:
+        if value is not None:
+            same = value == draft.default(wanted.communication, subindex)
+            _write(draft, wanted, subindex, value, _STORED if same else "")
+    if wanted.remaps:
+        pdo, mapping = (wanted.kind, wanted.number), wanted.mapping
+        draft.write(mapping, 0, 0, wanted.key, pdo=pdo)
+        for slot, mapped in enumerate(objects, 1):
+            entry = mapped.index << 16 | mapped.subindex << 8 | mapped.bits
+            draft.write(mapping, slot, entry, f"{wanted.key}.mapping[{slot - 1}]", pdo=pdo)
+        draft.write(mapping, 0, len(objects), wanted.key, pdo=pdo)
+    _write(draft, wanted, 1, wanted.cob_id)
+
+
+def _write(draft: Draft, wanted: _Wanted, subindex: int, value: int, reason: str = "") -> None:
+    draft.write(wanted.communication, subindex, value, wanted.key, reason, pdo=(wanted.kind, wanted.number))
+
+
+def _settings(pdo: PdoConfig) -> tuple[tuple[int, int | None], ...]:
+    """Return (subindex, value or None): an RPDO's event timer is its deadline."""
+    timer = pdo.event_timer if pdo.event_timer is not None else pdo.event_deadline
+    return tuple(zip(_SETTINGS, (pdo.transmission, pdo.inhibit_time, timer, pdo.sync_start), strict=True))
+
+
+def _cob_id(draft: Draft, kind: str, number: int, pdo: PdoConfig) -> int:
+    """Return the COB-ID with bit 30 as the EDS has it; an enabled PDO without one gets the predefined."""
+    default, key = draft.default(COMMUNICATION[kind] + number - 1, 1) or 0, f"{kind}.{number}"
+    if isinstance(pdo.cob_id, int):
+        if pdo.cob_id & EXTENDED or is_restricted(pdo.cob_id & 0x7FF):
+            draft.complain(f"{key}.cob_id", f"COB-ID 0x{pdo.cob_id:X} is none a PDO may have (CiA 301, table 42)")
+        return (pdo.cob_id & ~DISABLED) | default & NO_RTR
+    if pdo.cob_id is None and default & 0x7FF:
+        return default & ~DISABLED
+    if number > _PREDEFINED_COUNT:
+        return _spare(draft, key, pdo) | default & NO_RTR
+    predefined = _PREDEFINED[kind] + 0x100 * (number - 1) + draft.node.node_id
+    if pdo.cob_id is None and pdo.enabled:
+        draft.warn(key, f"no cob_id here and none in {draft.node.dcf}; 0x{predefined:03X}, the predefined one, is used")
+    return predefined | default & NO_RTR
+
+
+def _spare(draft: Draft, key: str, pdo: PdoConfig) -> int:
+    """Return the next COB-ID of those that ros2_canopen's generator gives to PDOs above 4."""
+    if not pdo.enabled:
+        return 0
+    if pdo.cob_id is None:
+        draft.complain(key, "only PDO 1 to 4 have a predefined COB-ID; give cob_id a number, or auto")
+        return 0
+    if (spare := next(draft.spare_cob_ids)) > _LAST_SPARE:
+        draft.complain(key, "no COB-ID is left for auto; give cob_id a number")
+    return spare
+
+
+def _mapped(draft: Draft, kind: str, number: int, pdo: PdoConfig | None) -> tuple[MappedObject, ...]:
+    """Return the objects of a PDO, from bus.yml or as the device has them, with the types the EDS gives them."""
+    key = f"{kind}.{number}.mapping"
+    wanted = _default_mapping(draft, kind, number)
+    if pdo is not None and pdo.mapping is not None:
+        wanted = [(entry.index, entry.sub_index) for entry in pdo.mapping]
+    found = [_map_one(draft, kind, f"{key}[{slot}]", *address) for slot, address in enumerate(wanted)]
+    objects = tuple(mapped for mapped in found if mapped is not None)
+    if (bits := sum(mapped.bits for mapped in objects)) > LARGEST_PDO:
+        draft.complain(key, f"{bits} bits, a PDO holds {LARGEST_PDO}")
+    slots = sum((MAPPING[kind] + number - 1, slot) in draft.od for slot in range(1, 65))
+    if pdo is not None and pdo.mapping is not None and 0 < slots < len(objects):
+        draft.complain(key, f"{len(objects)} objects, {kind.upper()} {number} of {draft.node.dcf} holds {slots}")
+    return objects
+
+
+def _map_one(draft: Draft, kind: str, key: str, index: int, subindex: int) -> MappedObject | None:
+    if index in DUMMY_TYPES and not subindex:
+        return _map_dummy(draft, kind, key, index)
+    entry = draft.od.get(index, subindex)
+    if entry is None:
+        draft.complain(key, f"0x{index:04X}:{subindex:02X} is not in {draft.node.dcf}")
+        return None
+    if not _mappable(entry, kind):
+        draft.complain(key, f"0x{index:04X}:{subindex:02X} {entry.name} cannot be mapped into a {kind.upper()}")
+    if (bits := entry.data_type.bits) is None:
+        draft.complain(key, f"0x{index:04X}:{subindex:02X} {entry.name} has no fixed length")
+        return None
+    return MappedObject(index, subindex, bits, entry.data_type)
+
+
+def _map_dummy(draft: Draft, kind: str, key: str, index: int) -> MappedObject:
+    """Fill a gap of an RPDO with a data type, where the device allows it ([DummyUsage])."""
+    if kind != "rpdo" or index not in draft.od.dummy_usage:
+        draft.complain(key, f"the dummy 0x{index:04X} is none that {draft.node.dcf} allows in a {kind.upper()}")
+    return MappedObject(index, 0, DUMMY_TYPES[index].bits or 0, DUMMY_TYPES[index])
+
+
+def _mappable(entry: Entry, kind: str) -> bool:
+    return entry.rpdo_mappable if kind == "rpdo" else entry.tpdo_mappable
+
+
+def _default_mapping(draft: Draft, kind: str, number: int) -> list[tuple[int, int]]:
+    mapping = MAPPING[kind] + number - 1
+    count = draft.default(mapping, 0) or 0
+    entries = [draft.default(mapping, slot) or 0 for slot in range(1, min(count, 64) + 1)]
+    return [(value >> 16, value >> 8 & 0xFF) for value in entries if value]
+
+
+def _or_255(transmission: int | None) -> int:
+    return 255 if transmission is None else transmission
