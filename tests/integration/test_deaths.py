@@ -118,6 +118,52 @@ def test_when_the_hub_is_killed_the_run_ends_with_one_sentence(stage, turning):
     stage.nobody_is_left(GONE_S)
 
 
+def test_when_the_hub_is_killed_before_the_boot_has_ended_the_run_ends_with_one_sentence(stage):
+    robot = stage.start("run", "robby", "--can", "local:young")
+    assert eventually(lambda: len(stage.survivors()) == 4)
+    os.kill(stage.pid_of("hub import main"), signal.SIGKILL)
+    assert robot.wait() == 1
+    assert robot.err.startswith("canopen-control: bus local:young")
+    assert robot.err.count("\n") == 1
+    stage.nobody_is_left(GONE_S)
+
+
+def test_when_a_drive_dies_before_the_boot_has_ended_the_run_ends_and_names_it(stage, tmp_path):
+    config = copy_robby(tmp_path, bus={"  sync_period: 20000": "  boot_time: 2500\n  sync_period: 20000"})
+    robot = stage.start("run", config, "--can", "local:stillborn")
+    assert eventually(lambda: len(stage.survivors()) == 4)
+    os.kill(stage.pid_of("drive --node-id 2"), signal.SIGKILL)
+    assert robot.wait() == 1
+    assert robot.err.startswith("canopen-control: node 2 (right_drive)")
+    assert robot.err.count("\n") == 1
+    assert "process drive-right_drive" in robot.out
+    stage.nobody_is_left(GONE_S)
+
+
+@pytest.mark.ros
+def test_when_the_ros_bridge_is_killed_the_robot_runs_on_and_says_so(stage, probe):
+    robot = stage.robby("noros", "--ros")
+    bridge = stage.pid_of("canopen_control.ros.bridge")
+    with RobotClient.connect("noros") as client:
+        client.call("command", controller="robby_forward_controller", values=[10, 10], source="test")
+        os.kill(bridge, signal.SIGKILL)
+        assert eventually(lambda: any(f"(pid {bridge}) was ended by signal 9" in text for text in events(client)))
+        assert client.call("status")["state"] == "running"
+        wheel = probe("noros", LEFT)
+        assert wheel.power == "OPERATION_ENABLED"
+        assert eventually(lambda: wheel.speed == 0)  # nobody commands any more
+    assert robot.end() == 0, robot
+    stage.nobody_is_left(GONE_S)
+
+
+@pytest.mark.ros
+def test_a_ros_bridge_does_not_survive_its_robot(stage):
+    robot = stage.robby("widowed", "--ros")
+    assert stage.pid_of("canopen_control.ros.bridge")
+    robot.end(signal.SIGKILL)
+    stage.nobody_is_left(GONE_S)
+
+
 @pytest.mark.parametrize(("node", "other"), [("left_drive", "right_drive"), ("right_drive", "left_drive")])
 def test_when_a_drive_is_killed_the_robot_stops_and_names_it_and_runs_on(stage, turning, node, other):
     robot, probes = turning("drive")
