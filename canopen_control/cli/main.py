@@ -24,6 +24,7 @@ VERBS = {
     "run": "boot a robot and run its controllers",
     "demo": "run a robot on virtual drives, with a live table and a short motion",
     "drive": "run virtual drives",
+    "fault": "break a running virtual drive, and mend it",
     "bus": "channels: list, status, up, down, faults",
     "status": "what a running robot is doing",
     "command": "send a command to a controller, repeatedly",

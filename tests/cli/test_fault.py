@@ -1,0 +1,97 @@
+"""The verb fault, as its user sees it, on a virtual drive that runs in a thread."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import threading
+
+import pytest
+from support.host import use_private_folders
+from support.virtualbench import servo
+
+from canopen_control.bus.channel import open_port
+from canopen_control.cli.main import main
+from canopen_control.host.reactor import Reactor
+from canopen_control.virtual.control import NodeControl
+from canopen_control.virtual.faults import FAULTS
+from canopen_control.virtual.nodehost import NodeHost
+
+CAN = "memory:cli-fault"
+
+
+@pytest.fixture
+def node(tmp_path, monkeypatch):
+    use_private_folders(monkeypatch, tmp_path)
+    ready, reactor, device = threading.Event(), Reactor(), servo(5)
+
+    def serve():
+        with reactor, contextlib.closing(open_port(CAN)) as port:
+            host = NodeHost(reactor, port, [device])
+            control = NodeControl(host, device)
+            reactor.call_soon(ready.set)
+            reactor.run()
+            control.close()
+            host.close()
+
+    thread = threading.Thread(target=serve)
+    thread.start()
+    assert ready.wait(10)
+    yield device
+    reactor.call_threadsafe(reactor.stop)
+    thread.join(10)
+
+
+def test_list_explains_every_fault_in_sentences_and_says_where_the_wire_is_broken(capsys):
+    assert main(["fault", "list"]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    for fault in FAULTS.values():
+        assert f"{fault.name} The drive" in said
+    assert said.count("A good master:") == len(FAULTS)
+    assert "canopen-control bus fault" in said
+
+
+def test_list_as_json_has_one_entry_for_each(capsys):
+    assert main(["fault", "list", "--json"]) == 0
+    listed = json.loads(capsys.readouterr().out)
+    assert [each["name"] for each in listed] == list(FAULTS)
+    assert {key for each in listed for key in each} == {"name", "row", "acts", "does", "reaction", "once"}
+
+
+def test_a_fault_goes_on_and_off_without_a_master(node, capsys):
+    assert main(["fault", "5", "drive_fault", "on", "--can", CAN]) == 0
+    assert node.drives[0].state.name == "FAULT"
+    assert main(["fault", "0x05", "silent", "--can", CAN]) == 0
+    assert main(["fault", "5", "--can", CAN]) == 0
+    assert main(["fault", "5", "drive_fault", "off", "--can", CAN]) == 0
+    assert main(["fault", "5", "silent", "off", "--can", CAN, "--json"]) == 0
+    assert capsys.readouterr().out.splitlines() == [
+        "node 5: drive_fault",
+        "node 5: silent, drive_fault",
+        "node 5: silent, drive_fault",
+        "node 5: silent",
+        '{"node_id": 5, "active": []}',
+    ]
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["5", "hartbeat_lost", "on", "--can", CAN], "did you mean heartbeat_lost"),
+        (["5", "cut", "on", "--can", CAN], "canopen-control bus fault CHANNEL cut"),
+        (["5", "silent", "on"], "--can CHANNEL"),
+        (["5", "silent", "on", "--can", "local:a/b"], "local:a/b"),
+        (["left_drive", "silent", "on", "--can", CAN], "'left_drive' is no node id"),
+        (["list", "silent"], "takes no more words"),
+    ],
+)
+def test_wrong_usage_is_a_sentence_and_exit_code_2(node, capsys, words, said):
+    assert main(["fault", *words]) == 2
+    assert said in capsys.readouterr().err
+
+
+def test_a_drive_that_is_not_there_is_named_with_those_that_are(node, capsys):
+    assert main(["fault", "6", "silent", "on", "--can", CAN]) == 1
+    assert f"no virtual drive with node id 6 runs on {CAN}; there are: 5" in capsys.readouterr().err
+    assert main(["fault", "6", "silent", "on", "--can", "memory:other"]) == 1
+    assert "there is none; canopen-control drive starts one" in capsys.readouterr().err
