@@ -151,14 +151,23 @@ class Hub:
 
     def _expire(self) -> None:
         """End, unless somebody is about to join: the lock is the one that openers hold while they start a hub."""
-        with contextlib.suppress(CanopenError), lock(self._path, 0):  # suppressed: an opener holds the lock
-            self._accept()
-            if not self._greeting and not self._ends:
-                self.close()
-                self.on_end()
-                return
+        try:
+            with lock(self._path, 0):
+                self._accept()
+                if not self._greeting and not self._ends:
+                    self._end()
+                    return
+        except CanopenError:
+            pass  # an opener holds the lock
+        except OSError:  # the folder is gone: nobody finds this hub any more
+            self._end()
+            return
         if not self._ends:
             self._linger = self._reactor.call_later(_RETRY_NS, self._expire)
+
+    def _end(self) -> None:
+        self.close()
+        self.on_end()
 
     def close(self) -> None:
         """Leave nothing behind; a second call does nothing."""

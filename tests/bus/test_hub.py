@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import select
+import shutil
 import socket
 import subprocess
 import sys
@@ -136,6 +137,17 @@ def test_who_comes_within_the_two_seconds_keeps_it(bench):
     second.close()
     bench.reactor.run_for(LINGER_NS)
     assert len(bench.ended) == 1
+
+
+def test_a_hub_whose_folder_was_removed_ends_all_the_same(bench):
+    port = bench.join("only")
+    shutil.rmtree(socket_path("bus", "bench").parent)
+    bench.reactor.run_for(2 * LINGER_NS)
+    assert bench.ended == []
+    port.close()
+    bench.reactor.run_for(LINGER_NS)
+    assert len(bench.ended) == 1
+    assert bench.reactor.errors == 0
 
 
 def test_it_does_not_end_while_an_opener_holds_the_lock(bench):
