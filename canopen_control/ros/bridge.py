@@ -56,6 +56,12 @@ def _parse(argv: list[str]) -> tuple[argparse.Namespace, list[str]]:
     parser.add_argument("--name", help="the robot (default: the only one that runs)")
     parser.add_argument("--namespace", default="", help="of all relative names, for several robots in one graph")
     parser.add_argument("--rate", type=float, default=50.0, metavar="HZ", help="of what is published (default: 50)")
+    parser.add_argument(
+        "--tf", action=argparse.BooleanOptionalAction, default=True, help="publish /tf and /tf_static (default: on)"
+    )
+    parser.add_argument(
+        "--frame-prefix", metavar="PREFIX", help="before the name of every frame (default: the namespace)"
+    )
     return parser.parse_args(argv[:split]), argv[split:]
 
 
@@ -69,7 +75,7 @@ class Bridge:
 
     def __init__(self, arguments: argparse.Namespace, ros_arguments: list[str]) -> None:
         self._name = select_robot(arguments.name)
-        self._rate = arguments.rate
+        self._arguments = arguments
         self._lifeline = lifeline_fd()
         self._session: Session | None = None
         self._reactor = Reactor()
@@ -95,18 +101,24 @@ class Bridge:
 
     def _connect(self) -> None:
         """Find the robot; by hand again and again, for `run`'s own bridge there is no other than this one."""
-        from canopen_control.ros.session import Session
+        from canopen_control.ros.session import Options, Session
 
         client: RobotClient | None = None
         try:
             client = RobotClient.connect(self._name, _TIMEOUT_S)
-            session = Session(self._node, self._context, self._reactor, client, self._on_end)
+            options = Options(self._arguments.rate, self._arguments.tf, self._frame_prefix())
+            session = Session(self._node, self._context, self._reactor, client, options, self._on_end)
             self._session = session
-            session.open(self._rate)
+            session.open()
         except CanopenError as error:
             if client is not None:
                 client.close()
             self._on_end(str(error))
+
+    def _frame_prefix(self) -> str:
+        given = self._arguments.frame_prefix
+        namespace = str(self._node.get_namespace()).strip("/")
+        return str(given) if given is not None else f"{namespace}/" if namespace else ""
 
     def _on_end(self, why: str) -> None:
         _say(why)

@@ -73,7 +73,7 @@ class BaseOdometry(Endpoint):
 
     def __init__(self, ros: Ros, controller: ControllerView) -> None:
         self._ros, self._name, self._time = ros, controller.name, -math.inf
-        self._publisher: Any = None
+        self._publisher = ros.node.create_publisher(Odometry, f"{self._name}/odom", SYSTEM_DEFAULT)
         self._limited: Any = None
 
     def on_state(self, state: dict[str, Any]) -> None:
@@ -82,8 +82,6 @@ class BaseOdometry(Endpoint):
         if sample is None or sample["time"] == self._time:
             return
         self._time = sample["time"]
-        if self._publisher is None:
-            self._publisher = self._ros.node.create_publisher(Odometry, f"{self._name}/odom", SYSTEM_DEFAULT)
         self._publisher.publish(odometry_message(sample))
         if sample.get("limited") is not None:
             self._publish_limited(sample)

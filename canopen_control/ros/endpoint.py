@@ -24,6 +24,8 @@ class Ros(Protocol):
     """
 
     node: Node
+    robot: str
+    controllers: dict[str, ControllerView]
 
     def command(self, controller: str, method: str, params: dict[str, Any]) -> None:
         """Send the newest command of a controller."""

@@ -7,11 +7,14 @@ controller is told and the rest goes on; only the end of the connection ends the
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
-from canopen_control.errors import RemoteError
+from canopen_control.errors import CanopenError, RemoteError
 from canopen_control.ros.conversions import ControllerView, controllers_of
 from canopen_control.ros.description import RobotDescription
+from canopen_control.ros.diagnostics import Diagnostics, Events
+from canopen_control.ros.frames import Frames
 from canopen_control.ros.mailbox import Mailbox
 from canopen_control.ros.spinner import Spinner
 from canopen_control.ros.table import endpoints_for
@@ -25,37 +28,69 @@ if TYPE_CHECKING:
     from canopen_control.ros.endpoint import Endpoint
     from canopen_control.ros.rcl import Context, Node
 
-__all__ = ["Session"]
+__all__ = ["Options", "Session"]
 
 Message = dict[str, Any]
 _JOIN_S: Final = 1.0
 
 
+@dataclass(frozen=True, slots=True)
+class Options:
+    """What the bridge publishes: `rate` of the state stream in Hz, `tf` with the prefix of all frames."""
+
+    rate: float = 50.0
+    tf: bool = True
+    frame_prefix: str = ""
+
+
 class Session:
     """Topics of one robot; `on_end(why)` is called once, on the loop, when the robot is gone.
 
-    It is what its endpoints know as `Ros`. `rate` of the state stream in Hz.
+    It is what its endpoints know as `Ros`.
     """
 
     def __init__(
-        self, node: Node, context: Context, reactor: Reactor, client: RobotClient, on_end: Callable[[str], object]
+        self,
+        node: Node,
+        context: Context,
+        reactor: Reactor,
+        client: RobotClient,
+        options: Options,
+        on_end: Callable[[str], object],
     ) -> None:
+        self._options = options
         self.node, self._reactor, self._client, self._on_end = node, reactor, client, on_end
+        self.robot = client.robot
+        self.controllers: dict[str, ControllerView] = {}
         self._endpoints: dict[str, list[Endpoint]] = {}
         self._common: list[Endpoint] = []
-        self._controllers: dict[str, ControllerView] = {}
         self._told: dict[str, str] = {}
         self._throttle = Throttle()
         self._mailbox: Mailbox[tuple[str, Message]] = Mailbox(0)
         self._ended = False
         self._spinner = Spinner(node, context, self._on_callback_error)
 
-    def open(self, rate: float) -> None:
+    def _make_common(self, urdf: str) -> None:
+        """Make the topics of the robot as a whole; what cannot be made is told, the others are there."""
+        wanted: list[Callable[[], Endpoint]] = [
+            lambda: RobotDescription(self, urdf),
+            lambda: Diagnostics(self),
+            lambda: Events(self),
+        ]
+        if self._options.tf:
+            wanted.append(lambda: Frames(self, urdf, self._options.frame_prefix))
+        for make in wanted:
+            try:
+                self._common.append(make())
+            except (CanopenError, ValueError) as error:
+                self.warn(str(error), str(error))
+
+    def open(self) -> None:
         """Subscribe on both sides and begin; raises RemoteError."""
         client, status = self._client, self._client.call("status")
         self._mailbox.interval_ns = round(float(status["cycle"]["period_s"]) * 1e9)
-        self._common.append(RobotDescription(self, client.call("description")["urdf"]))
-        client.call("subscribe", state_rate=rate, events=True)
+        self._make_common(client.call("description")["urdf"])
+        client.call("subscribe", state_rate=self._options.rate, events=True)
         self._reactor.add_reader(client.fileno(), self._on_readable)
         self._reactor.call_soon(self._on_readable)  # what came together with an answer makes no descriptor readable
         self._spinner.start()
@@ -67,6 +102,8 @@ class Session:
         done = self._spinner.stop(_JOIN_S)
         for name in list(self._endpoints):
             self._forget(name)
+        for endpoint in self._common:
+            endpoint.close()
         self._client.close()
         return done
 
@@ -137,14 +174,14 @@ class Session:
         for name in [name for name in self._endpoints if name not in controllers]:
             self._forget(name)
         for name, controller in controllers.items():
-            before = self._controllers.get(name)
+            before = self.controllers.get(name)
             if before is not None and (before.type, before.topic) != (controller.type, controller.topic):
                 self._forget(name)
             if name not in self._endpoints:
                 self._endpoints[name] = endpoints_for(self, controller)
             for endpoint in self._endpoints[name]:
                 endpoint.on_controller(controller)
-        self._controllers, self._told = controllers, told
+        self.controllers, self._told = controllers, told
 
     def _forget(self, name: str) -> None:
         for endpoint in self._endpoints.pop(name):

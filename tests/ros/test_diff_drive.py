@@ -70,8 +70,8 @@ def test_a_twist_that_is_not_finite_is_dropped(driving):
 
 def test_odometry_is_published_once_for_each_new_sample(driving):
     peer, robot = driving.peer, driving.robot
-    peer.order("subscribe", topic="/base/odom", of="nav_msgs/msg/Odometry", qos="default")
-    peer.order("subscribe", topic="/base/cmd_vel_out", of=STAMPED, qos="default")
+    peer.order("subscribe", topic="/base/odom", of="nav_msgs/msg/Odometry", qos="latched")
+    peer.order("subscribe", topic="/base/cmd_vel_out", of=STAMPED, qos="latched")
     robot.more = {"odometry": {"base": ODOMETRY}}
     odom = peer.message("/base/odom")
     limited = peer.message("/base/cmd_vel_out")

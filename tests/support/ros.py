@@ -182,7 +182,7 @@ class FakeRobot:
                        "left": {"position": 1.0, "velocity": 10.0, "effort": None, "command": None}}  # fmt: skip
         self.nodes = {"left_drive": node(3, "left"), "right_drive": node(2, "right")}
         self.time, self.more, self.refusals = 1_700_000_000.25, {}, {}
-        self._watching = []
+        self._watching, self.urdf = [], URDF
         self._server = LineServer(
             self.reactor, socket_path("robot", name), self._greet, self._on_message, self._on_close
         )
@@ -248,7 +248,7 @@ class FakeRobot:
         answers = {
             "status": lambda: {**self.state(), "robot": self._name, "events": []},
             "controllers": lambda: self.controllers,
-            "description": lambda: {"urdf": URDF},
+            "description": lambda: {"urdf": self.urdf},
         }
         if "id" in message and method in self.refusals:
             connection.send({"id": message["id"], "error": self.refusals[method]})

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
     from canopen_control.ros.interfaces.support import Supports
 
-__all__ = ["PACKAGES", "provide"]
+__all__ = ["PACKAGES", "interface", "provide"]
 
 _DEFINITIONS: Final[dict[str, list[str]]] = json.loads(
     Path(__file__).with_name("definitions.json").read_text(encoding="utf-8")
@@ -47,6 +47,14 @@ def provide(packages: Iterable[str] = PACKAGES) -> list[str]:
         for package in missing:
             factory.install(package)
     return missing
+
+
+def interface(name: str) -> Any:  # noqa: ANN401 - a class made by somebody's generator, or by us
+    """Return the class of "package/msg/Name", made if need be; CanopenError when this ROS is not known."""
+    package, kind, short = parts_of(name)
+    if package in PACKAGES:
+        provide([package])
+    return getattr(importlib.import_module(f"{package}.{kind}"), short)
 
 
 class _Factory:

@@ -1,0 +1,85 @@
+"""`/diagnostics` once per second, and at once when a level changes; `~/events` with everything that happens.
+
+The law of the file: `/diagnostics` is absolute and holds one status per node, per controller and for the cycle. Events
+are rcl_interfaces/msg/Log, the message of `/rosout`, with the node's or the robot's name; EMCY messages of the drives
+are among them.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Final
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+
+from canopen_control.ros.diagnosis import Diagnosis, diagnose
+from canopen_control.ros.endpoint import Endpoint
+from canopen_control.ros.interfaces import interface
+from canopen_control.ros.joint_states import time_message
+from canopen_control.ros.qos import EVENTS
+
+if TYPE_CHECKING:
+    from canopen_control.ros.endpoint import Ros
+
+__all__ = ["Diagnostics", "Events"]
+
+_PERIOD_S: Final = 1.0
+_LEVELS: Final = {"debug": 10, "info": 20, "warning": 30, "error": 40, "fatal": 50}  # of rcl_interfaces/msg/Log
+
+
+class Diagnostics(Endpoint):
+    """The publisher of `/diagnostics`."""
+
+    def __init__(self, ros: Ros) -> None:
+        self._ros = ros
+        self._publisher = ros.node.create_publisher(DiagnosticArray, "/diagnostics", EVENTS)
+        self._next, self._missed = 0.0, 0
+        self._levels: dict[str, int] = {}
+
+    def on_state(self, state: dict[str, Any]) -> None:
+        """Publish when it is time, or when something has become better or worse."""
+        told = diagnose(self._ros.robot, state, self._ros.controllers, self._missed)
+        levels = {each.name: int(each.level) for each in told}
+        time = state["time"]
+        # a clock that was set back does not silence it
+        if levels == self._levels and time < self._next <= time + _PERIOD_S:
+            return
+        self._next, self._levels = time + _PERIOD_S, levels
+        self._missed = int(state["cycle"]["missed"])
+        message = DiagnosticArray(status=[_status(each) for each in told])
+        message.header.stamp = time_message(time)
+        self._publisher.publish(message)
+
+    def close(self) -> None:
+        """Leave the topic."""
+        self._ros.node.destroy_publisher(self._publisher)
+
+
+class Events(Endpoint):
+    """The publisher of `~/events`."""
+
+    def __init__(self, ros: Ros) -> None:
+        self._ros, self._log = ros, interface("rcl_interfaces/msg/Log")
+        self._publisher = ros.node.create_publisher(self._log, "~/events", EVENTS)
+
+    def on_event(self, event: dict[str, Any]) -> None:
+        """Publish an event."""
+        message = self._log()
+        message.stamp = time_message(event["time"])
+        message.level = _LEVELS.get(str(event.get("level")), _LEVELS["info"])
+        message.name = str(event.get("node") or self._ros.robot)
+        message.msg, message.function = str(event["text"]), str(event["kind"])
+        self._publisher.publish(message)
+
+    def close(self) -> None:
+        """Leave the topic."""
+        self._ros.node.destroy_publisher(self._publisher)
+
+
+def _status(told: Diagnosis) -> DiagnosticStatus:
+    return DiagnosticStatus(
+        level=bytes([told.level]),
+        name=told.name,
+        message=told.message,
+        hardware_id=told.hardware_id,
+        values=[KeyValue(key=key, value=value) for key, value in told.values.items()],
+    )

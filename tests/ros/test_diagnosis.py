@@ -1,0 +1,67 @@
+from __future__ import annotations
+
+import pytest
+from support.ros import CONTROLLERS, node
+
+from canopen_control.ros.conversions import controllers_of
+from canopen_control.ros.diagnosis import Severity, diagnose
+
+
+def state(**changes):
+    drive = {
+        **node(3, "left"),
+        **{key: value for key, value in changes.items() if key in ("nmt_state", "ready", "error", "age_s")},
+    }
+    drive["axes"][0].update({key: value for key, value in changes.items() if key == "cia402_state"})
+    cycle = {"period_s": 0.02, "count": 10, "missed": changes.get("missed", 0), "late_max_s": 0.001}
+    return {"time": 1.0, "state": changes.get("robot", "running"), "nodes": {"left_drive": drive}, "cycle": cycle}
+
+
+def told(name, **changes):
+    statuses = {each.name: each for each in diagnose("robby", state(**changes), controllers_of(CONTROLLERS))}
+    return statuses[f"robby: {name}"]
+
+
+def test_a_drive_that_runs_is_ok_and_shows_what_it_is():
+    status = told("left_drive")
+    assert (status.level, status.message, status.hardware_id) == (Severity.OK, "operational", "node 3")
+    assert status.values == {
+        "node id": "3", "bus": "can", "NMT state": "OPERATIONAL", "age": "0.010 s", "left state": "OPERATION_ENABLED",
+        "left mode": "PROFILE_VELOCITY", "left statusword": "0x1637",
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("changes", "level", "message"),
+    [
+        ({"cia402_state": "SWITCH_ON_DISABLED"}, Severity.WARN, "not enabled: switch on disabled"),
+        ({"cia402_state": "FAULT"}, Severity.ERROR, "the drive is in fault"),
+        ({"cia402_state": "FAULT", "error": "overheated"}, Severity.ERROR, "overheated"),
+        ({"ready": False, "error": "no heartbeat"}, Severity.ERROR, "no heartbeat"),
+        ({"ready": False, "nmt_state": None}, Severity.ERROR, "not ready, NMT state unknown"),
+        ({"error": "EMCY 0x8130"}, Severity.WARN, "EMCY 0x8130"),
+    ],
+)
+def test_what_is_wrong_with_a_drive_has_its_level(changes, level, message):
+    status = told("left_drive", **changes)
+    assert (status.level, status.message) == (level, message)
+
+
+def test_a_node_never_seen_says_so():
+    assert told("left_drive", age_s=None).values["age"] == "never seen"
+
+
+def test_a_controller_that_is_not_active_is_a_warning():
+    assert (told("base").level, told("base").message) == (Severity.WARN, "inactive")
+    assert told("forward").level is Severity.OK
+
+
+def test_missed_cycles_are_told_once():
+    statuses = diagnose("robby", state(missed=5), {}, missed_before=3)
+    assert (statuses[-1].level, statuses[-1].message) == (Severity.WARN, "2 cycles missed since the last report")
+    statuses = diagnose("robby", state(missed=5), {}, missed_before=5)
+    assert (statuses[-1].level, statuses[-1].message) == (Severity.OK, "the robot is running")
+
+
+def test_a_robot_in_fault_is_an_error():
+    assert told("cycle", robot="fault").level is Severity.ERROR

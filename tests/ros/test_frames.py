@@ -1,0 +1,74 @@
+from __future__ import annotations
+
+import math
+
+import pytest
+from support import ros
+from support.ros import Peer, bridge
+
+pytestmark = pytest.mark.ros
+URDF = """<robot name="fake"><link name="base"/>
+  <joint name="mount" type="fixed"><parent link="base"/><child link="camera"/><origin xyz="0 0 0.5"/></joint>
+  <joint name="left" type="continuous"><parent link="base"/><child link="wheel"/><axis xyz="0 1 0"/></joint>
+</robot>"""
+ODOMETRY = {"time": 5.0, "x": 1.0, "y": 2.0, "heading": math.pi, "linear": 0.0, "angular": 0.0, "frame_id": "odom",
+            "child_frame_id": "base", "enable_odom_tf": True, "limited": None}  # fmt: skip
+TYPE = "tf2_msgs/msg/TFMessage"
+
+
+@pytest.fixture(scope="module")
+def scene(ros_folder):
+    """A robot that has frames, in a namespace, and a ROS program that made the class of the messages itself."""
+    with pytest.MonkeyPatch.context() as patch, ros.domain() as number:
+        for name, value in ros_folder.items():
+            patch.setenv(name, value)
+        patch.setattr(ros, "URDF", URDF)
+        with (
+            ros.FakeRobot() as robot,
+            bridge(number, "--namespace", "/two", **ros_folder),
+            Peer(number, "--interfaces") as peer,
+        ):
+            robot.joints["left"]["position"] = math.pi / 2
+            peer.order("subscribe", topic="/tf", of=TYPE, qos="best_effort")
+            yield robot, peer
+
+
+def children(message):
+    return {each["child_frame_id"]: each for each in message["transforms"]}
+
+
+def test_fixed_joints_are_kept_for_who_comes_later(scene):
+    _, peer = scene
+    peer.order("subscribe", topic="/tf_static", of=TYPE, qos="latched")
+    (camera,) = peer.message("/tf_static")["transforms"]
+    assert (camera["header"]["frame_id"], camera["child_frame_id"]) == ("two/base", "two/camera")
+    assert camera["transform"]["translation"] == {"x": 0.0, "y": 0.0, "z": 0.5}
+
+
+def test_a_joint_that_moves_is_published_with_the_time_of_the_sample(scene):
+    _, peer = scene
+    wheel = children(peer.message("/tf"))["two/wheel"]
+    assert wheel["header"] == {"stamp": {"sec": 1_700_000_000, "nanosec": 250_000_000}, "frame_id": "two/base"}
+    assert wheel["transform"]["rotation"]["y"] == pytest.approx(math.sqrt(0.5))
+
+
+def test_joints_are_silent_without_a_broadcaster_and_odometry_goes_on(scene):
+    robot, peer = scene
+    robot.switch(joint_state_broadcaster="inactive")
+    robot.more = {"odometry": {"base": ODOMETRY}}
+    alone = peer.message(
+        "/tf", lambda message: "two/base" in children(message) and "two/wheel" not in children(message), 5
+    )
+    base = children(alone)["two/base"]
+    assert (base["header"]["frame_id"], base["header"]["stamp"]["sec"]) == ("two/odom", 5)
+    assert base["transform"]["translation"] == {"x": 1.0, "y": 2.0, "z": 0.0}
+    assert base["transform"]["rotation"]["z"] == pytest.approx(1.0)
+
+
+def test_odometry_that_shall_not_be_broadcast_is_not(scene):
+    robot, peer = scene
+    robot.switch(joint_state_broadcaster="active")
+    robot.more = {"odometry": {"base": {**ODOMETRY, "time": 7.0, "enable_odom_tf": False}}}
+    robot.time = 1_700_000_005.0
+    peer.message("/tf", lambda message: children(message)["two/wheel"]["header"]["stamp"]["sec"] == 1_700_000_005)
+    assert "two/base" not in children(peer.message("/tf"))
