@@ -14,7 +14,7 @@ from __future__ import annotations
 import enum
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, Protocol
 
 from canopen_control.errors import ControlError
 from canopen_control.hardware.interfaces import ACCELERATION, EFFORT, VELOCITY, ReturnType
@@ -26,12 +26,24 @@ if TYPE_CHECKING:
     from canopen_control.controllers.params import Params
     from canopen_control.hardware.interfaces import CommandInterface, StateInterface
 
-__all__ = ["ALL_STATES", "CommonParams", "Controller", "ControllerState", "zero_targets"]
+__all__ = ["ALL_STATES", "CommonParams", "Controller", "ControllerState", "Geometry", "zero_targets"]
 
 ALL_STATES: Final = "*"
 """As the only state interface name: every state interface of the robot."""
 
 _ZEROED: Final = frozenset({VELOCITY, EFFORT, ACCELERATION})
+
+
+class Geometry(Protocol):
+    """What the robot's description knows of its wheels, in m; None for what it does not say."""
+
+    def separation(self, left: Sequence[str], right: Sequence[str]) -> float | None:
+        """Return the distance of the wheels of both sides, by their joints."""
+        ...
+
+    def radius(self, wheels: Sequence[str]) -> float | None:
+        """Return the radius of these wheels, by their joints."""
+        ...
 
 
 class ControllerState(enum.Enum):
@@ -82,6 +94,8 @@ class Controller:
         self.states: list[StateInterface] = []
         self.description_joints: tuple[str, ...] | None = None
         """The movable joints of the robot's description, set by the manager; None if there is no description."""
+        self.geometry: Geometry | None = None
+        """The wheels of the robot's description, set by the manager; None if there is no description."""
         self.notices: list[tuple[str, str]] = []
 
     # ----------------------------------------------------------------------------------------------------- hooks

@@ -109,7 +109,8 @@ class DiffDriveController(Controller):
 
     def on_configure(self, params: Params) -> None:
         """Read the parameters; the pose becomes 0."""
-        given = self.params = read_params(params)
+        given = read_params(params, self.geometry, lambda text: self.tell("parameter", text))
+        self.params = given
         self._linear_limiter = _limiter(self.name, "linear.x", given.linear.limits())
         self._angular_limiter = _limiter(self.name, "angular.z", given.angular.limits())
         for axis, limits in (("linear.x", given.linear), ("angular.z", given.angular)):

@@ -18,6 +18,9 @@ from canopen_control.errors import RobotConfigError
 from canopen_control.yamltree import setting
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from canopen_control.controllers.base import Geometry
     from canopen_control.controllers.params import Params
 
 __all__ = ["AxisLimits", "DiffDriveParams", "read_params", "tf_prefix"]
@@ -119,21 +122,43 @@ RENAMES: Final = {
     "angular.z.min_acceleration": "angular.z.max_acceleration_reverse",
     "use_stamped_vel": "",  # Twist and TwistStamped are both taken
     "wheels_per_side": "",  # upstream overwrites it with the length of the lists
+    "estimate_velocity_from_position": "position_feedback",
     "allow_multiple_cmd_vel_publishers": "",
     "publish_wheel_joint_controller_state": "",
 }
 """Keys of noetic and humble to jazzy's; "" for what has no effect."""
 
 
-def read_params(params: Params) -> DiffDriveParams:
-    """Return checked parameters; RobotConfigError with every mistake. What is legal and odd is a warning."""
-    given = params.read(DiffDriveParams, RENAMES)
+def _silent(_text: str) -> None:
+    """Tell nobody."""
+
+
+def read_params(
+    params: Params, geometry: Geometry | None = None, tell: Callable[[str], None] = _silent
+) -> DiffDriveParams:
+    """Return checked parameters; RobotConfigError with every mistake. What is legal and odd is a warning.
+
+    Wheel sizes that are not given are those of the description's `geometry` (as noetic does); `tell` is told of each.
+    """
+    given = _completed(params.read(DiffDriveParams, RENAMES), geometry, tell)
     if not math.isnan(given.wheel_radius_multiplier):  # noetic: it overrides the sides' own
         both = given.wheel_radius_multiplier
         given = replace(given, left_wheel_radius_multiplier=both, right_wheel_radius_multiplier=both)
     problems = [text for wrong, text in _checks(given) if wrong]
     if problems:
         raise RobotConfigError("\n".join(f"{params.name}: {text}" for text in problems))
+    return given
+
+
+def _completed(given: DiffDriveParams, geometry: Geometry | None, tell: Callable[[str], None]) -> DiffDriveParams:
+    if geometry is None:
+        return given
+    if given.wheel_separation <= 0.0 and (separation := geometry.separation(given.left, given.right)):
+        tell(f"wheel_separation is not given, the description's is taken: {separation:g} m")
+        given = replace(given, wheel_separation=separation)
+    if given.wheel_radius <= 0.0 and (radius := geometry.radius((*given.left, *given.right))):
+        tell(f"wheel_radius is not given, the description's is taken: {radius:g} m")
+        given = replace(given, wheel_radius=radius)
     return given
 
 

@@ -25,9 +25,12 @@ if TYPE_CHECKING:
 
 __all__ = [
     "ForwardCommandController",
+    "JointEffortController",
     "JointGroupEffortController",
     "JointGroupPositionController",
     "JointGroupVelocityController",
+    "JointPositionController",
+    "JointVelocityController",
     "MultiInterfaceForwardCommandController",
 ]
 
@@ -45,6 +48,14 @@ class ForwardParams(GroupParams):
     """Parameters of forward_command_controller/ForwardCommandController."""
 
     interface_name: str = ""
+
+
+@dataclass(frozen=True)
+class SingleParams(CommonParams):
+    """Parameters of ROS 1's controllers of one joint; the gains of `pid` are the drive's own business."""
+
+    joint: str = ""
+    command_timeout: float = setting(0.0, low=0.0, high=1e9)
 
 
 @dataclass(frozen=True)
@@ -167,6 +178,38 @@ class JointGroupPositionController(_JointGroupController):
 
 class JointGroupEffortController(_JointGroupController):
     """effort_controllers/JointGroupEffortController."""
+
+    fixed_interface = EFFORT
+
+
+class _JointController(ForwardCommandController):
+    """ROS 1's controller of one joint, its interface fixed by its type."""
+
+    fixed_interface = VELOCITY
+
+    def on_configure(self, params: Params) -> None:
+        """Read joint and command_timeout."""
+        given = params.read(SingleParams, {f"pid.{gain}": "" for gain in _GAINS})
+        if not given.joint:
+            raise RobotConfigError(_missing(self.name, "joint", "left_wheel_joint"))
+        self._set_up(given, (given.joint,), self.fixed_interface, given.command_timeout)
+
+
+_GAINS = ("p", "i", "d", "i_clamp", "i_clamp_min", "i_clamp_max", "antiwindup")
+
+
+class JointVelocityController(_JointController):
+    """velocity_controllers/JointVelocityController."""
+
+
+class JointPositionController(_JointController):
+    """position_controllers/JointPositionController."""
+
+    fixed_interface = POSITION
+
+
+class JointEffortController(_JointController):
+    """effort_controllers/JointEffortController."""
 
     fixed_interface = EFFORT
 

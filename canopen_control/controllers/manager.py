@@ -4,27 +4,28 @@ The law of the file (ros2_control jazzy): a switch is checked as a whole before 
 any name is impossible, best effort drops the impossible ones; a claimed or unavailable interface refuses it in both.
 Then the leaving controllers stop and release, the hardware changes its modes, the entering ones claim and start; if one
 of those fails, all of that request are stopped again. A controller whose update fails is deactivated with those it is
-chained to. `update` runs over lists made at the last switch. It never raises.
+chained to, and its fallbacks take over. `update` runs over lists made at the last switch. It never raises.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, Protocol
 
 from canopen_control.controllers.base import ALL_STATES, Controller, ControllerState, zero_targets
 from canopen_control.controllers.chain import in_order, users_of
 from canopen_control.controllers.claims import Plan, make_plan
 from canopen_control.controllers.params import Params
 from canopen_control.controllers.types import make_controller
-from canopen_control.errors import ControlError
+from canopen_control.errors import CanopenError, ControlError
 from canopen_control.hardware.interfaces import ReturnType
 from canopen_control.yamltree import nearest
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from canopen_control.controllers.base import Geometry
     from canopen_control.hardware.interfaces import HardwareComponent, InterfaceRegistry, StateInterface
 
 __all__ = ["ControllerEvent", "ControllerInfo", "ControllerManager", "Switched"]
@@ -34,7 +35,7 @@ NS: Final = 1_000_000_000
 
 @dataclass(frozen=True, slots=True)
 class ControllerEvent:
-    """Something that happened: `kind` is activated, deactivated, error, command_timeout or a controller's own word."""
+    """Something that happened: `kind` is activated, deactivated, error, fallback, limited, or a controller's word."""
 
     kind: str
     controller: str
@@ -77,6 +78,14 @@ States = list["StateInterface"]
 Running = tuple[Controller, ...]
 
 
+class Limiter(Protocol):
+    """Keeps the commands within the limits of the description (enforce_command_limits)."""
+
+    def enforce(self, period: float) -> str | None:
+        """Change commands that exceed a limit; `period` in s. Return which, when that begins."""
+        ...
+
+
 class _Slot:
     """An active controller's place in the cycle."""
 
@@ -87,18 +96,29 @@ class _Slot:
 
 
 class ControllerManager:
-    """Owns the controllers of one robot; `update_rate` in Hz; `joints` are the movable ones of the description."""
+    """Owns the controllers of one robot; `update_rate` in Hz.
+
+    `joints` are the movable ones of the description and `geometry` its wheels; `limiter` may be set at any time.
+    """
 
     def __init__(
-        self, registry: InterfaceRegistry, update_rate: int = 100, *, joints: Sequence[str] | None = None
+        self,
+        registry: InterfaceRegistry,
+        update_rate: int = 100,
+        *,
+        joints: Sequence[str] | None = None,
+        geometry: Geometry | None = None,
     ) -> None:
         if update_rate <= 0:
             raise ControlError(f"controller_manager: update_rate is {update_rate}; it is a number of Hz above 0")
         self.registry, self.update_rate = registry, update_rate
         self._joints = None if joints is None else tuple(joints)
+        self._geometry = geometry
+        self.limiter: Limiter | None = None
         self._period = 1.0 / update_rate
         self._controllers: dict[str, Controller] = {}
         self._params: dict[str, Params] = {}
+        self._fallbacks: dict[str, tuple[str, ...]] = {}
         self._order: list[_Slot] = []
         self._failed: list[tuple[Controller, str]] = []
         self._events: list[ControllerEvent] = []
@@ -106,12 +126,18 @@ class ControllerManager:
 
     # ------------------------------------------------------------------------------------------------- lifecycle
 
-    def load(self, name: str, type_name: str, params: Params | None = None) -> Controller:
-        """Make a controller of a known type, UNCONFIGURED; `params` are kept for `configure`. Raises ControlError."""
+    def load(
+        self, name: str, type_name: str, params: Params | None = None, fallbacks: Sequence[str] = ()
+    ) -> Controller:
+        """Make a controller of a known type, UNCONFIGURED; `params` are kept for `configure`. Raises ControlError.
+
+        `fallbacks` are activated when its update fails; they must be configured by then.
+        """
         if name in self._controllers:
             raise ControlError(f"controller {name} is loaded already; unload it first")
         controller = make_controller(name, type_name)
-        controller.description_joints = self._joints
+        controller.description_joints, controller.geometry = self._joints, self._geometry
+        self._fallbacks[name] = tuple(fallbacks)
         self._controllers[name] = controller
         self._params[name] = params or Params.of({}, name)
         return controller
@@ -146,6 +172,7 @@ class ControllerManager:
         self._withdraw(controller)
         controller.state = ControllerState.FINALIZED
         del self._controllers[name], self._params[name]
+        self._fallbacks.pop(name, None)
 
     def get(self, name: str) -> Controller:
         """Return a loaded controller, or raise ControlError with the names there are."""
@@ -229,6 +256,8 @@ class ControllerManager:
                 self._run(slot.controller, now, elapsed)
         if self._failed:
             self._drop_failed(now)
+        if self.limiter is not None and (limited := self.limiter.enforce(period)) is not None:
+            self._tell("limited", "", f"enforce_command_limits: {limited}")
 
     def _due(self, slot: _Slot, now: int) -> bool:
         """Whether this cycle is nearer to the controller's period than the next one would be."""
@@ -249,7 +278,20 @@ class ControllerManager:
     def _drop_failed(self, now: int) -> None:
         failed, self._failed = self._failed, []
         for controller, reason in failed:
-            self._drop([controller], reason, now)
+            dropped = self._drop([controller], reason, now)
+            fallbacks = dict.fromkeys(name for each in dropped for name in self._fallbacks.get(each, ()))
+            if fallbacks:
+                self._fall_back(list(fallbacks), controller.name, now)
+
+    def _fall_back(self, names: Sequence[str], failed: str, now: int) -> None:
+        """Activate what takes over from a controller that failed; those that are active already go on."""
+        wanted = [name for name in names if name not in self.active]
+        try:
+            self.switch(wanted, now=now)
+        except CanopenError as error:
+            self._tell("error", failed, f"{failed}: its fallbacks cannot take over: {error}")
+        else:
+            self._tell("fallback", failed, f"{', '.join(names)} took over from {failed}")
 
     def _drop(self, controllers: Sequence[Controller], reason: str, now: int | None) -> Names:
         """Deactivate these and whoever is chained to them, without asking anyone."""

@@ -8,16 +8,18 @@ A controller's type stands in the controller_manager's block or in its own, with
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
+import os
 import typing
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 from canopen_control.errors import RobotConfigError
 from canopen_control.yamltree import Node, Problems, nearest, setting, tree
 
 if TYPE_CHECKING:
-    import os
     from collections.abc import Mapping
 
 __all__ = ["ControllerConfig", "ControllersFile", "Params", "read_controllers"]
@@ -50,14 +52,28 @@ class Params:
         `renames` maps the keys of other distributions to ours ("" for one without effect); each one used is warned of
         once. Keys that the class does not know are warnings (errors if the file was read strictly).
         """
-        with self.flat.problems.raising(RobotConfigError):
+        with contextlib.ExitStack() as stack:
+            for each in self.files:
+                stack.enter_context(each.raising(RobotConfigError))
             value = _gathered(self._renamed(renames or {}), cls).convert(cls)
         return typing.cast("T", value)
 
     @property
     def warnings(self) -> list[str]:
-        """What is suspicious in the file, told so far."""
-        return [str(each) for each in self.flat.problems.warnings]
+        """What is suspicious in the files it comes from, told so far."""
+        return [str(each) for problems in self.files for each in problems.warnings]
+
+    def line(self, name: str) -> int:
+        """Return the line of a parameter by its dotted name, 0 if it is not given."""
+        key = self.flat.keys().get(name)
+        return 0 if key is None else key.line
+
+    @property
+    def files(self) -> list[Problems]:
+        """Return the files that the parameters come from: that of the block, and every `params_file`."""
+        found = {id(self.flat.problems): self.flat.problems}
+        found.update((id(key.problems), key.problems) for key, _ in self.flat.pairs())
+        return list(found.values())
 
     def _renamed(self, renames: Mapping[str, str]) -> Node:
         pairs: dict[str, tuple[Node, Node]] = {}
@@ -130,24 +146,36 @@ def _flatten(node: Node) -> Node:
 
 @dataclass(frozen=True)
 class ControllerConfig:
-    """One controller of the file: `type` is "" if the file names none; `line` is where its block or type stands."""
+    """One controller of the file: `type` is "" if the file names none; `line` is where its block or type stands.
+
+    `fallbacks` take over when it fails. `namespace` is that of its block; `ros1` says that the block is ROS 1's, which
+    has no `ros__parameters`.
+    """
 
     name: str
     type: str
     params: Params
     line: int = 0
     path: str = ""
+    fallbacks: tuple[str, ...] = ()
+    namespace: str = ""
+    ros1: bool = False
 
 
 @dataclass(frozen=True)
 class ControllersFile:
-    """A ros2_controllers.yaml: `update_rate` in Hz; the controllers in the order of the file; what is suspicious."""
+    """A ros2_controllers.yaml: `update_rate` in Hz; the controllers in the order of the file; what is suspicious.
+
+    `unnamed` are blocks of parameters whose controller has no type, and their lines; `line` is the manager's.
+    """
 
     update_rate: int = 100
     controllers: dict[str, ControllerConfig] = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)
     manager: ManagerParams = field(default_factory=lambda: ManagerParams())
     path: str = ""
+    line: int = 0
+    unnamed: dict[str, int] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -175,6 +203,39 @@ _IGNORED: Final = (
 )
 """Groups of controller_manager parameters that this manager answers by itself."""
 
+_INITIAL_STATES: Final = frozenset(
+    {"hardware_components_initial_state.unconfigured", "hardware_components_initial_state.inactive"}
+)
+_MANAGERS_OWN: Final = frozenset({"type", "params_file", "fallback_controllers", "node_options_args"})
+_MANAGER_KEYS: Final = frozenset({"update_rate", "use_sim_time"})
+FOREIGN: Final = {
+    "gazebo_ros_control": "Gazebo's PID gains have no meaning here, the simulated motors follow by themselves",
+    "hardware_interface": "the joints are those of the description",
+    "generic_hw_control_loop": "the cycle is that of bus.yml and update_rate",
+}
+"""Blocks of ROS 1 files that belong to no controller, and why they have no effect."""
+
+
+@dataclass(frozen=True)
+class _Block:
+    """The parameters that stand under one name."""
+
+    key: Node
+    value: Node
+    namespace: str = ""
+    ros1: bool = False
+
+
+@dataclass(frozen=True)
+class _Declared:
+    """A controller that the manager's block names: type, further parameters, files of parameters, fallbacks."""
+
+    key: Node
+    type: str
+    further: Node
+    files: tuple[tuple[Node, str], ...]
+    fallbacks: tuple[str, ...]
+
 
 def read_controllers(path: str | os.PathLike[str], *, strict: bool = False) -> ControllersFile:
     """Read a ros2_controllers.yaml; raises RobotConfigError with every mistake, each with file, line and column.
@@ -184,17 +245,22 @@ def read_controllers(path: str | os.PathLike[str], *, strict: bool = False) -> C
     root = tree(path, error=RobotConfigError, strict=strict)
     if root.kind != "mapping":
         root.error("expected a mapping of controllers")
-    blocks: dict[str, tuple[Node, Node]] = {}
+    blocks: dict[str, _Block] = {}
     _collect(root, blocks)
-    everywhere = blocks.pop(EVERYWHERE, (root, _like(root)))[1]
-    place, own = blocks.pop(MANAGER, (root, _like(root)))
-    declared, manager = _manager(_flatten(own.over(_common(everywhere))), root)
+    empty = _Block(root, _like(root))
+    everywhere = blocks.pop(EVERYWHERE, empty).value
+    own = blocks.pop(MANAGER, empty)
+    declared, manager = _manager(_flatten(own.value.over(_common(everywhere))), root)
     controllers = _controllers(declared, blocks, everywhere)
+    unnamed = {name: block.key.line for name, block in blocks.items() if name not in controllers}
     if not controllers:
-        place.error("no controller has a type; name them under controller_manager: <name>: type: ...")
+        own.key.error("no controller has a type; name them under controller_manager: <name>: type: ...")
     root.problems.raise_if_any(RobotConfigError)
-    warnings = [str(each) for each in root.problems.warnings]
-    return ControllersFile(manager.update_rate, controllers, warnings, manager, str(path))
+    read = {id(root.problems): [str(each) for each in root.problems.warnings]}
+    for each in controllers.values():
+        read.update((id(one), [str(text) for text in one.warnings]) for one in each.params.files)
+    warnings = [text for texts in read.values() for text in texts]
+    return ControllersFile(manager.update_rate, controllers, warnings, manager, str(path), own.key.line, unnamed)
 
 
 def _common(everywhere: Node) -> Node:
@@ -203,43 +269,52 @@ def _common(everywhere: Node) -> Node:
     return Node.mapping(_like(everywhere), pairs)
 
 
-_MANAGER_KEYS: Final = frozenset({"update_rate", "use_sim_time"})
-
-
 def _pairs(node: Node) -> dict[str, tuple[Node, Node]]:
     return {key.text: (key, value) for key, value in node.pairs()}
 
 
-def _collect(node: Node, blocks: dict[str, tuple[Node, Node]]) -> None:
+def _collect(node: Node, blocks: dict[str, _Block], namespace: str = "") -> None:
     """Find the parameter blocks by controller: `name:`, `/ns/name:`, nested, with ROS 2's key or without."""
     for key, value in node.pairs():
-        name = EVERYWHERE if key.text == EVERYWHERE else key.text.rstrip("/").rpartition("/")[2]
+        above, _, name = key.text.rstrip("/").rpartition("/")
+        name = EVERYWHERE if key.text == EVERYWHERE else name
         inner = value.get(PARAMETERS)
-        below = [each.kind for _, each in value.items()]
+        space = f"{namespace}/{above.strip('/')}".rstrip("/") if name != EVERYWHERE else ""
         if inner is not None:
-            _add(blocks, name, key, inner)
-        elif value.kind == "mapping" and "type" not in value.keys() and set(below) == {"mapping"} and name != MANAGER:  # noqa: SIM118 - no mapping
-            _collect(value, blocks)
+            _add(blocks, name, _Block(key, inner, space))
+        elif key.text in FOREIGN:
+            key.warning(f"{key.text} has no effect: {FOREIGN[key.text]}")
+        elif _is_namespace(name, value):
+            _collect(value, blocks, f"{space}/{name}")
         elif value.kind in ("mapping", "null"):
-            _add(blocks, name, key, value)
+            _add(blocks, name, _Block(key, value, space, ros1=True))
         else:
             key.problems.suspect(key, f"{key.text!r} belongs to no controller; indent it under one")
 
 
-def _add(blocks: dict[str, tuple[Node, Node]], name: str, key: Node, value: Node) -> None:
+def _is_namespace(name: str, value: Node) -> bool:
+    """Whether a block holds blocks: nothing but mappings, and neither a type nor the manager's name."""
+    below = {each.kind for _, each in value.items()}
+    return value.kind == "mapping" and value.get("type") is None and below == {"mapping"} and name != MANAGER
+
+
+def _add(blocks: dict[str, _Block], name: str, block: _Block) -> None:
     known = blocks.get(name)
-    blocks[name] = (key, value.over(known[1]) if known else value)
+    blocks[name] = dataclasses.replace(block, value=block.value.over(known.value)) if known else block
 
 
-def _manager(flat: Node, root: Node) -> tuple[dict[str, tuple[Node, str, Node]], ManagerParams]:
-    """Split the manager's block into the controllers it declares (place, type, further parameters) and its own."""
+def _manager(flat: Node, root: Node) -> tuple[dict[str, _Declared], ManagerParams]:
+    """Split the manager's block into the controllers it declares and its own parameters."""
     own: dict[str, tuple[Node, Node]] = {}
     pairs = _pairs(flat)
-    declared: dict[str, tuple[Node, str, Node]] = {}
+    declared: dict[str, _Declared] = {}
     for dotted, (key, value) in pairs.items():
         name, _, last = dotted.rpartition(".")
         if name and last == "type":
-            declared[name] = (key, value.convert(str, ""), _below(flat, pairs, name))
+            files, fallbacks = _texts(pairs, f"{name}.params_file"), _texts(pairs, f"{name}.fallback_controllers")
+            further = _below(flat, pairs, name)
+            told = tuple(text for _, text in fallbacks)
+            declared[name] = _Declared(key, value.convert(str, ""), further, files, told)
     for dotted, pair in pairs.items():
         foreign = dotted.startswith((*_IGNORED, *(f"{name}." for name in declared)))
         if dotted in _INITIAL_STATES or not foreign:
@@ -248,14 +323,17 @@ def _manager(flat: Node, root: Node) -> tuple[dict[str, tuple[Node, str, Node]],
     return declared, manager
 
 
-_INITIAL_STATES: Final = frozenset(
-    {"hardware_components_initial_state.unconfigured", "hardware_components_initial_state.inactive"}
-)
-_MANAGERS_OWN: Final = frozenset({"type", "params_file", "fallback_controllers", "node_options_args"})
+def _texts(pairs: Mapping[str, tuple[Node, Node]], name: str) -> tuple[tuple[Node, str], ...]:
+    """Return a parameter that is a text or a list of them, each with its place."""
+    if name not in pairs:
+        return ()
+    _, node = pairs[name]
+    places = node.elements() if node.kind == "sequence" else [node]
+    return tuple((place, text) for place in places if (text := place.convert(str, "")))
 
 
 def _below(flat: Node, pairs: dict[str, tuple[Node, Node]], name: str) -> Node:
-    """Return the parameters that stand under a controller in the manager's block, its type aside."""
+    """Return the parameters that stand under a controller in the manager's block, the manager's own aside."""
     inner: dict[str, tuple[Node, Node]] = {}
     for dotted, (key, value) in pairs.items():
         rest = dotted.removeprefix(f"{name}.")
@@ -265,25 +343,57 @@ def _below(flat: Node, pairs: dict[str, tuple[Node, Node]], name: str) -> Node:
 
 
 def _controllers(
-    declared: dict[str, tuple[Node, str, Node]], blocks: dict[str, tuple[Node, Node]], everywhere: Node
+    declared: dict[str, _Declared], blocks: dict[str, _Block], everywhere: Node
 ) -> dict[str, ControllerConfig]:
     found: dict[str, ControllerConfig] = {}
-    for name, (place, type_name, further) in declared.items():
-        own = blocks.get(name, (place, _like(further)))[1]
-        found[name] = _config(name, type_name, place, own.over(further).over(everywhere))
-    for name, (key, value) in blocks.items():
-        type_node = value.get("type")
+    for name, each in declared.items():
+        block = blocks.get(name, _Block(each.key, _like(each.further)))
+        values = block.value.over(each.further).over(everywhere)
+        for place, text in each.files:
+            values = _from_file(place, text, name).over(values)
+        found[name] = _config(name, each.type, each.key, values, block, each.fallbacks)
+    for name, block in blocks.items():
+        type_node = block.value.get("type")
         if name in found:
             continue
         if type_node is not None:
-            found[name] = _config(name, type_node.convert(str, ""), key, value.over(everywhere))
+            found[name] = _config(name, type_node.convert(str, ""), block.key, block.value.over(everywhere), block)
         else:
-            key.problems.suspect(
-                key, f"{name!r} has parameters but no type, so nobody loads it{nearest(name, declared)}"
-            )
+            hint = nearest(name, declared)
+            block.key.problems.suspect(block.key, f"{name!r} has parameters but no type, so nobody loads it{hint}")
+    _check_fallbacks(declared, found)
     return found
 
 
-def _config(name: str, type_name: str, place: Node, block: Node) -> ControllerConfig:
-    flat = _flatten(block)
-    return ControllerConfig(name, type_name, Params(flat, name), place.line, place.path)
+def _check_fallbacks(declared: dict[str, _Declared], found: dict[str, ControllerConfig]) -> None:
+    for name, each in declared.items():
+        for fallback in each.fallbacks:
+            if fallback not in found or fallback == name:
+                each.key.error(f"fallback_controllers of {name}: no controller {fallback!r}{nearest(fallback, found)}")
+
+
+def _from_file(place: Node, text: str, name: str) -> Node:
+    """Return the parameters of a controller in a `params_file`, sought beside the file that names it."""
+    path = Path(place.path).parent / Path(os.path.expandvars(text)).expanduser()
+    blocks: dict[str, _Block] = {}
+    try:
+        _collect(tree(path, error=RobotConfigError, strict=place.problems.strict), blocks)
+    except RobotConfigError as error:
+        place.error(f"params_file: {error}")
+        return _like(place)
+    own, everywhere = (blocks.get(each) for each in (name, EVERYWHERE))
+    if own is None and everywhere is None:
+        place.error(f"{path} has no parameters for {name}{nearest(name, blocks)}")
+        return _like(place)
+    if own is None or everywhere is None:
+        return (own or everywhere or _Block(place, _like(place))).value
+    return own.value.over(everywhere.value)
+
+
+def _config(
+    name: str, type_name: str, place: Node, values: Node, block: _Block, fallbacks: tuple[str, ...] = ()
+) -> ControllerConfig:
+    flat = _flatten(values)
+    return ControllerConfig(
+        name, type_name, Params(flat, name), place.line, place.path, fallbacks, block.namespace, block.ros1
+    )

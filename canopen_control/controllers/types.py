@@ -14,7 +14,7 @@ from canopen_control.controllers.base import Controller
 from canopen_control.errors import ControlError
 from canopen_control.yamltree import nearest
 
-__all__ = ["GROUP", "TYPES", "make_controller"]
+__all__ = ["GROUP", "TYPES", "is_broadcaster", "make_controller"]
 
 GROUP: Final = "canopen_control.controllers"
 
@@ -27,11 +27,29 @@ TYPES: Final = {
     "velocity_controllers/JointGroupVelocityController": f"{_HERE}.forward_command:JointGroupVelocityController",
     "position_controllers/JointGroupPositionController": f"{_HERE}.forward_command:JointGroupPositionController",
     "effort_controllers/JointGroupEffortController": f"{_HERE}.forward_command:JointGroupEffortController",
+    "velocity_controllers/JointVelocityController": f"{_HERE}.forward_command:JointVelocityController",
+    "position_controllers/JointPositionController": f"{_HERE}.forward_command:JointPositionController",
+    "effort_controllers/JointEffortController": f"{_HERE}.forward_command:JointEffortController",
     "diff_drive_controller/DiffDriveController": f"{_HERE}.diff_drive:DiffDriveController",
     "joint_state_broadcaster/JointStateBroadcaster": f"{_HERE}.joint_state:JointStateBroadcaster",
     "joint_state_controller/JointStateController": f"{_HERE}.joint_state:JointStateBroadcaster",
+    "canopen_control/GpioBroadcaster": f"{_HERE}.broadcasters:GpioBroadcaster",
+    "canopen_control/DiagnosticsBroadcaster": f"{_HERE}.broadcasters:DiagnosticsBroadcaster",
 }
-"""Type name to `module:class`; the last is ROS 1's name of the broadcaster."""
+"""Type name to `module:class`; those of single joints and joint_state_controller are ROS 1's."""
+
+
+def is_broadcaster(type_name: str) -> bool:
+    """Whether controllers of this type only read states; False for a type nobody knows."""
+    target = TYPES.get(type_name) or _entry_point(type_name)
+    if target is None:
+        return False
+    module, _, class_name = target.partition(":")
+    try:
+        found = getattr(importlib.import_module(module), class_name, None)
+    except ImportError:
+        return False
+    return bool(getattr(found, "is_broadcaster", False))
 
 
 def make_controller(name: str, type_name: str) -> Controller:

@@ -82,13 +82,17 @@ class UrdfJoint:
 
 @dataclass(frozen=True)
 class InterfaceInfo:
-    """A <command_interface> or <state_interface>: bounds and initial value in SI units, infinite or nan if absent."""
+    """A <command_interface> or <state_interface>: bounds and initial value in SI units, infinite or nan if absent.
+
+    `limited` is False where `<limits enable="false"/>` stands, at it or at its joint.
+    """
 
     name: str
     minimum: float = -math.inf
     maximum: float = math.inf
     initial_value: float = math.nan
     parameters: dict[str, str] = field(default_factory=dict)
+    limited: bool = True
 
 
 @dataclass(frozen=True)
@@ -303,8 +307,14 @@ def _interfaces(document: Document, element: Element, tag: str) -> dict[str, Int
         low = document.decimal(each, parameters, "min", -math.inf)
         high = document.decimal(each, parameters, "max", math.inf)
         initial = document.decimal(each, parameters, "initial_value", math.nan)
-        found[name] = InterfaceInfo(name, low, high, initial, parameters)
+        limited = _limited(element) and _limited(each)
+        found[name] = InterfaceInfo(name, low, high, initial, parameters, limited)
     return found
+
+
+def _limited(element: Element) -> bool:
+    limits = element.child("limits")
+    return limits is None or limits.attributes.get("enable", "true").strip().lower() != "false"
 
 
 def _check_owners(document: Document, hardware: tuple[Ros2ControlSystem, ...]) -> None:

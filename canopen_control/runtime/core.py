@@ -14,10 +14,12 @@ from typing import TYPE_CHECKING
 from canopen_control.cia301.nmt import NmtCommand
 from canopen_control.controllers.manager import ControllerManager
 from canopen_control.errors import BusError, CanopenError, ControlError, RobotConfigError
+from canopen_control.hardware.command_limits import CommandLimits
 from canopen_control.hardware.interfaces import InterfaceRegistry, ReturnType
 from canopen_control.hardware.joint import Action
 from canopen_control.hardware.plugins import Kind, kind_of, made_up, transmitted
 from canopen_control.hardware.system import CanopenSystem
+from canopen_control.hardware.wheels import WheelGeometry
 from canopen_control.master.events import Event, EventLog, Level
 from canopen_control.runtime.bus import RobotBus
 from canopen_control.runtime.pacer import Pacer
@@ -74,7 +76,10 @@ class RobotCore:
         self.joints: dict[str, JointDrive] = {}
         self.systems: list[CanopenSystem] = []
         self.manager = ControllerManager(
-            self.registry, setup.controllers.update_rate, joints=setup.description.movable_joints
+            self.registry,
+            setup.controllers.update_rate,
+            joints=setup.description.movable_joints,
+            geometry=WheelGeometry(setup.description),
         )
         self._running_since: int | None = None
         self._phase = RobotState.STARTING
@@ -83,6 +88,8 @@ class RobotCore:
         self._stopping_until = 0
         self._requests: list[AxisRequest] = []
         self._build()
+        if setup.controllers.manager.enforce_command_limits:
+            self.manager.limiter = CommandLimits(setup.description, self.registry)
         prepare_controllers(setup, self.manager, self.registry)
 
     # ------------------------------------------------------------------------------------------- life

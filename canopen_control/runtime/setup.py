@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from canopen_control.controllers.params import read_controllers
+from canopen_control.controllers.types import is_broadcaster
 from canopen_control.errors import RobotConfigError
 from canopen_control.hardware.description import read_description
 from canopen_control.master.config import read_bus
@@ -26,7 +27,6 @@ if TYPE_CHECKING:
 __all__ = ["BUS_NAME", "RobotSetup", "read_robot"]
 
 BUS_NAME = "can"  # of a robot's only bus
-BROADCASTERS = ("joint_state_broadcaster/JointStateBroadcaster", "joint_state_controller/JointStateController")
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,7 +100,7 @@ def _wanted(files: RobotFiles, control: ControllersFile, asked: Sequence[str]) -
     for name in asked:
         if name not in control.controllers:
             raise RobotConfigError(f"{files.controllers}: no controller {name!r}{nearest(name, control.controllers)}")
-    broadcasters = [name for name, config in control.controllers.items() if config.type in BROADCASTERS]
+    broadcasters = [name for name, config in control.controllers.items() if is_broadcaster(config.type)]
     others = [name for name in control.controllers if name not in broadcasters]
     if not others and not asked:
         raise RobotConfigError(f"{files.controllers}: no controller but broadcasters; nothing could command the robot")

@@ -20,12 +20,16 @@ __all__ = ["load_controller", "prepare_controllers"]
 
 
 def load_controller(setup: RobotSetup, manager: ControllerManager, name: str) -> None:
-    """Load and configure a controller of ros2_controllers.yaml; raises ControlError or ConfigError."""
+    """Load and configure a controller of the file, and its fallbacks; raises ControlError or ConfigError."""
     config = setup.controllers.controllers.get(name)
     if config is None:
         raise ControlError(f"no controller {name!r} in {setup.files.controllers}")
-    manager.load(name, config.type, config.params)
+    loaded = {info.name for info in manager.list()}
+    manager.load(name, config.type, config.params, config.fallbacks)
     manager.configure(name)
+    for fallback in config.fallbacks:
+        if fallback not in loaded and fallback not in setup.wanted:
+            load_controller(setup, manager, fallback)
 
 
 def prepare_controllers(setup: RobotSetup, manager: ControllerManager, registry: InterfaceRegistry) -> None:

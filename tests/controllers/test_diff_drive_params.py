@@ -116,3 +116,25 @@ def test_the_frame_prefix_is_upstreams(case):
         assert found == "ns/"  # rolling's function gives "", and its caller then takes the namespace
     else:
         assert found == case["expect"]
+
+
+class Urdf:
+    def separation(self, left, right):
+        return 0.5 if (tuple(left), tuple(right)) == (("l",), ("r",)) else None
+
+    def radius(self, wheels):
+        return 0.1 if tuple(wheels) == ("l", "r") else None
+
+
+def test_wheel_sizes_that_are_not_given_are_those_of_the_description():
+    told: list[str] = []
+    given = read_params(Params.of({"left_wheel": "l", "right_wheel": "r"}), Urdf(), told.append)
+    assert (given.wheel_separation, given.wheel_radius) == (0.5, 0.1)
+    assert told == [
+        "wheel_separation is not given, the description's is taken: 0.5 m",
+        "wheel_radius is not given, the description's is taken: 0.1 m",
+    ]
+    assert read_params(Params.of(WHEELS), Urdf(), told.append).wheel_separation == 0.24
+    assert len(told) == 2
+    with pytest.raises(RobotConfigError, match="wheel_radius is missing or 0"):
+        read_params(Params.of({"left_wheel": "a", "right_wheel": "b"}), Urdf())

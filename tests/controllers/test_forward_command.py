@@ -182,3 +182,18 @@ def test_only_finite_commands_of_the_right_size_ever_reach_the_hardware(values):
         assert not good
     control.update(0, 0.01)
     assert hardware.values() == [float(value) for value in values] if good else forward.rejected == 1
+
+
+@pytest.mark.parametrize("kind", ["velocity", "position", "effort"])
+def test_ros_1s_controllers_of_one_joint_take_one_value(kind):
+    hardware = Hardware(f"l/{kind}", "r/velocity")
+    control = manager(hardware)
+    type_name = f"{kind}_controllers/Joint{kind.capitalize()}Controller"
+    add(control, "one", type_name, joint="l", pid__p=100.0, pid__i=0.1)
+    control.switch(["one"], now=0)
+    control.command("one", [2.0], 0)
+    control.update(0, 0.01)
+    assert hardware.values()[0] == 2.0
+    assert sum("'pid." in each.text and "no effect" in each.text for each in control.events()) == 2
+    with pytest.raises(RobotConfigError, match="no 'joint'"):
+        add(control, "none", type_name)

@@ -338,3 +338,56 @@ def test_whatever_is_switched_every_interface_has_one_active_owner_or_none(reque
 
 def test_errors_of_the_manager_are_of_the_package():
     assert issubclass(ControlError, CanopenError)
+
+
+def fallen_back(**how):
+    """Return manager, the controller that fails and its fallback, after the failure."""
+    control = manager(wheels())
+    bad, safe = Scripted("bad", **how), Scripted("safe")
+    put(control, bad)
+    put(control, safe)
+    control._fallbacks["bad"] = ("safe",)
+    control.switch(["bad"], now=0)
+    bad.result = ReturnType.ERROR
+    control.events()
+    control.update(S, 0.01)
+    return control, bad, safe
+
+
+def test_a_fallback_takes_over_from_a_controller_that_fails():
+    control, bad, _ = fallen_back()
+    assert control.active == ("safe",)
+    assert bad.state is ControllerState.INACTIVE
+    assert "safe took over from bad" in [each.text for each in control.events() if each.kind == "fallback"]
+    control.update(2 * S, 0.01)
+    assert control.registry.command("l/velocity").value == 5.0
+
+
+def test_a_fallback_that_cannot_take_over_is_told_and_the_cycle_goes_on():
+    control = manager(wheels())
+    put(control, Scripted("bad"))
+    control._fallbacks["bad"] = ("nobody",)
+    control.switch(["bad"], now=0)
+    control.get("bad").result = ReturnType.ERROR
+    control.update(S, 0.01)
+    assert control.active == ()
+    assert "its fallbacks cannot take over: cannot activate 'nobody'" in control.events()[-1].text
+
+
+def test_fallbacks_are_given_at_load():
+    control = manager(wheels())
+    control.load("a", FORWARD, Params.of({"joints": ["l"], "interface_name": "velocity"}), ["b"])
+    assert control._fallbacks["a"] == ("b",)
+    control.unload("a")
+    assert "a" not in control._fallbacks
+
+
+def test_a_limiter_sees_every_cycle_and_what_it_says_is_told():
+    class Limits:
+        def enforce(self, period):
+            return f"l is limited after {period} s"
+
+    control = manager(wheels())
+    control.limiter = Limits()
+    control.update(S, 0.01)
+    assert control.events()[-1].text == "enforce_command_limits: l is limited after 0.01 s"

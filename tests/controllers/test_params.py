@@ -179,3 +179,55 @@ def test_any_text_gives_controllers_or_one_error(tmp_path_factory, text):
         assert read_controllers(path).controllers
     except RobotConfigError as error:
         assert str(error).startswith(str(path))  # noqa: PT017 - either outcome is right
+
+
+def test_a_params_file_is_read_beside_the_file_and_wins(file, tmp_path):
+    (tmp_path / "first.yaml").write_text("/**: {ros__parameters: {k: 1, only: 7}}\n")
+    (tmp_path / "second.yaml").write_text("base: {ros__parameters: {k: 2, linear.x.max_velocity: 3.0}}\n")
+    manager = "controller_manager: {ros__parameters: {base: {type: a/B, params_file: %s}}}\n"
+    text = manager + "base: {ros__parameters: {k: 0}}\n"
+    assert flat(file(text % "[first.yaml, second.yaml]").controllers["base"]) == {
+        "k": 2,
+        "only": 7,
+        "linear.x.max_velocity": 3.0,
+    }
+    assert flat(file(text % "first.yaml").controllers["base"]) == {"k": 1, "only": 7}
+
+
+def test_a_params_file_that_is_not_there_or_not_about_the_controller_is_an_error(file, tmp_path):
+    text = "controller_manager: {ros__parameters: {base: {type: a/B, params_file: p.yaml}}}\n"
+    with pytest.raises(RobotConfigError, match=r"c\.yaml:1:\d+: .*params_file: .*p\.yaml: cannot be read"):
+        file(text)
+    (tmp_path / "p.yaml").write_text("bose: {ros__parameters: {k: 1}}\n")
+    with pytest.raises(RobotConfigError, match=r"p\.yaml has no parameters for base, did you mean 'bose'"):
+        file(text)
+
+
+def test_mistakes_in_a_params_file_are_told_with_its_name(file, tmp_path):
+    (tmp_path / "p.yaml").write_text("base:\n  ros__parameters:\n    rate: fast\n    rat: 1\n")
+    read = file("controller_manager: {ros__parameters: {base: {type: a/B, params_file: p.yaml}}}\n")
+    with pytest.raises(RobotConfigError, match=r"p\.yaml:3:11: base\.ros__parameters\.rate: expected a number"):
+        read.controllers["base"].params.read(Some)
+    assert "unknown key 'rat', did you mean 'rate'?" in read.controllers["base"].params.warnings[0]
+
+
+def test_fallbacks_are_controllers_of_the_file(file):
+    text = "controller_manager: {ros__parameters: {base: {type: a/B, fallback_controllers: %s}, safe: {type: a/B}}}\n"
+    assert file(text % "[safe]").controllers["base"].fallbacks == ("safe",)
+    assert file(text % "safe").controllers["base"].fallbacks == ("safe",)
+    with pytest.raises(RobotConfigError, match="no controller 'saffe', did you mean 'safe'"):
+        file(text % "[saffe]")
+
+
+def test_where_a_block_stands_is_kept(file):
+    read = file("/ns/base: {ros__parameters: {type: a/B}}\nrobot: {arm: {type: a/B, k: 1}}\n")
+    assert [each.namespace for each in read.controllers.values()] == ["/ns", "/robot"]
+    assert [each.ros1 for each in read.controllers.values()] == [False, True]
+    assert read.controllers["arm"].params.line("k") == 2
+    assert read.controllers["arm"].params.line("none") == 0
+
+
+def test_blocks_of_gazebos_gains_have_no_effect_and_are_told(file):
+    read = file("gazebo_ros_control: {pid_gains: {l: {p: 1.0}}}\nbase: {type: a/B, k: 1}\n")
+    assert list(read.controllers) == ["base"]
+    assert "gazebo_ros_control has no effect" in read.warnings[0]

@@ -44,3 +44,12 @@ def test_a_broken_entry_point_is_one_sentence(monkeypatch, value):
 def test_an_unknown_type_is_answered_with_the_nearest():
     with pytest.raises(ControlError, match="did you mean 'diff_drive_controller/DiffDriveController'"):
         types.make_controller("c", "diff_drive_controller/DiffDriveControler")
+
+
+def test_who_only_reads_is_known_without_making_one(monkeypatch):
+    assert types.is_broadcaster("joint_state_broadcaster/JointStateBroadcaster")
+    assert types.is_broadcaster("canopen_control/DiagnosticsBroadcaster")
+    assert not types.is_broadcaster("diff_drive_controller/DiffDriveController")
+    assert not types.is_broadcaster("nobody/Nothing")
+    offer(monkeypatch, "no_such_module:Dance")
+    assert not types.is_broadcaster("me/Dance")

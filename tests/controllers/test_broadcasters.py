@@ -1,0 +1,76 @@
+from __future__ import annotations
+
+import math
+
+import pytest
+from support.control import Hardware, S, add, manager
+
+from canopen_control.errors import ControlError
+from canopen_control.hardware.interfaces import ReturnType
+
+DRIVE = ("nmt_state", "statusword", "error_code", "age", "digital_inputs", "position")
+GPIO = "canopen_control/GpioBroadcaster"
+DIAGNOSTICS = "canopen_control/DiagnosticsBroadcaster"
+
+
+def robot(type_name, *extra, **params):
+    states = (*(f"{joint}/{name}" for joint in ("l", "r") for name in DRIVE), *extra)
+    hardware = Hardware("l/velocity", states=states)
+    control = manager(hardware)
+    broadcaster = add(control, "b", type_name, **params)
+    return hardware, control, broadcaster
+
+
+def test_inputs_of_all_drives_are_told_by_themselves():
+    hardware, control, gpio = robot(GPIO)
+    control.switch(["b"], now=0)
+    assert gpio.names == ["l/digital_inputs", "r/digital_inputs"]
+    hardware.set("r/digital_inputs", 5.0)
+    control.update(S, 0.01)
+    assert gpio.by_joint()["r"] == {"digital_inputs": 5.0}
+    assert math.isnan(gpio.values[0])
+    assert gpio.stamp == S
+    assert control.list()[0].is_broadcaster
+
+
+def test_a_gpio_part_is_told_whole_when_it_is_named():
+    _, control, gpio = robot(GPIO, "io/out", "io/in", joints=["io"])
+    control.switch(["b"], now=0)
+    assert gpio.names == ["io/out", "io/in"]
+
+
+def test_joints_and_interfaces_together_restrict_exactly():
+    _, control, gpio = robot(GPIO, joints=["r"], interfaces=["position"])
+    assert gpio.state_interface_names() == ["r/position"]
+    control.switch(["b"], now=0)
+    assert gpio.names == ["r/position"]
+
+
+def test_nothing_to_tell_is_refused_in_words():
+    _, control, _ = robot(GPIO, interfaces=["analog"])
+    with pytest.raises(ControlError, match="no joint has a state of analog"):
+        control.switch(["b"], now=0)
+
+
+@pytest.mark.parametrize(
+    ("values", "level", "message"),
+    [
+        ({"nmt_state": 5.0, "statusword": 0x27, "error_code": 0.0, "age": 0.02}, 0, "operational"),
+        ({"nmt_state": 127.0, "statusword": 0x27, "error_code": 0.0, "age": 0.02}, 1, "NMT state pre-operational"),
+        ({"nmt_state": 5.0, "statusword": 0x08, "error_code": 0.0, "age": 0.02}, 2, "in fault"),
+        ({"nmt_state": 5.0, "statusword": 0x08, "error_code": 0x2310, "age": 0.02}, 2, "error code 0x2310"),
+        ({"nmt_state": 5.0, "statusword": 0x27, "error_code": 0.0, "age": 0.75}, 3, "no news for 0.75 s"),
+        ({}, 3, "nothing is heard of it"),
+    ],
+)
+def test_the_diagnostics_judge_a_joint_by_what_its_drive_says(values, level, message):
+    hardware, control, diagnostics = robot(DIAGNOSTICS)
+    control.switch(["b"], now=0)
+    for name, value in values.items():
+        hardware.set(f"l/{name}", value)
+    assert diagnostics.update(S, 0.02) is ReturnType.OK
+    status = diagnostics.statuses()[0]
+    assert (status.name, status.level, status.message) == ("l", level, message)
+    shown = status.as_dict()
+    assert set(shown["values"]) == {"nmt_state", "statusword", "error_code", "age"}
+    assert values or shown["values"]["age"] is None

@@ -1,0 +1,119 @@
+from __future__ import annotations
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from canopen_control.hardware.command_limits import CommandLimits
+from canopen_control.hardware.description import parse_description
+from canopen_control.hardware.interfaces import InterfaceRegistry
+from canopen_control.hardware.mock import GenericSystem
+
+URDF = """<robot name="r"><link name="a"/><link name="b"/>
+<joint name="j" type="{kind}"><parent link="a"/><child link="b"/>
+  <limit lower="-1" upper="2" velocity="3" effort="4"/></joint>
+<ros2_control name="s" type="system"><hardware><plugin>mock_components/GenericSystem</plugin></hardware>
+<joint name="j">{inside}<state_interface name="position"/></joint></ros2_control></robot>"""
+VELOCITY = '<command_interface name="velocity"/>'
+POSITION = '<command_interface name="position"/>'
+EFFORT = '<command_interface name="effort"/>'
+ACCELERATION = '<command_interface name="acceleration"><param name="max">5</param></command_interface>'
+
+
+class Bench:
+    def __init__(self, inside: str, kind: str = "continuous") -> None:
+        description = parse_description(URDF.format(kind=kind, inside=inside))
+        self.registry = InterfaceRegistry()
+        mock = GenericSystem(description.hardware[0])
+        mock.configure()
+        self.registry.register(mock)
+        self.limits = CommandLimits(description, self.registry)
+
+    def send(self, interface: str, value: float, period: float = 0.1) -> float:
+        command = self.registry.command(f"j/{interface}")
+        command.owner, command.value = "c", value
+        self.told = self.limits.enforce(period)
+        return command.value
+
+    def at(self, position: float) -> None:
+        self.registry.state("j/position").value = position
+
+
+def test_a_velocity_stays_within_the_urdfs_limit_and_the_smaller_of_min_and_max():
+    assert Bench(VELOCITY).send("velocity", 10.0) == 3.0
+    assert Bench(VELOCITY).send("velocity", -10.0) == -3.0
+    bounds = '<param name="min">-1</param><param name="max">2</param>'
+    tighter = f'<command_interface name="velocity">{bounds}</command_interface>'
+    assert Bench(tighter).send("velocity", 10.0) == 1.0
+    assert Bench(EFFORT).send("effort", 10.0) == 4.0
+
+
+def test_a_velocity_never_leads_past_the_end_of_the_joint_within_the_cycle():
+    bench = Bench(VELOCITY, "revolute")
+    bench.at(1.9)
+    assert bench.send("velocity", 3.0) == pytest.approx(1.0)
+    bench.at(2.5)
+    assert bench.send("velocity", 3.0) == 0.0
+    assert bench.send("velocity", -3.0) == -3.0
+
+
+def test_a_position_stays_within_the_joint_and_moves_by_the_velocity_limit():
+    bench = Bench(POSITION, "revolute")
+    bench.at(0.0)
+    assert bench.send("position", 5.0) == pytest.approx(0.3)
+    assert bench.send("position", 5.0) == pytest.approx(0.6)
+    for _ in range(20):
+        last = bench.send("position", 5.0)
+    assert last == 2.0
+
+
+def test_an_acceleration_comes_from_its_tag_only():
+    bench = Bench(VELOCITY + ACCELERATION)
+    assert [bench.send("velocity", 2.0) for _ in range(5)] == pytest.approx([0.5, 1.0, 1.5, 2.0, 2.0])
+    assert bench.send("velocity", -2.0) == pytest.approx(1.5)
+
+
+def test_what_is_limited_is_told_when_it_begins():
+    bench = Bench(VELOCITY)
+    bench.send("velocity", 10.0)
+    assert bench.told == "j/velocity is limited to 3"
+    bench.send("velocity", 10.0)
+    assert bench.told is None
+    bench.send("velocity", 1.0)
+    bench.send("velocity", -9.0)
+    assert bench.told == "j/velocity is limited to -3"
+
+
+@pytest.mark.parametrize(
+    "inside",
+    [
+        '<limits enable="false"/>' + VELOCITY,
+        '<command_interface name="velocity"><limits enable="false"/></command_interface>',
+    ],
+)
+def test_limits_can_be_switched_off(inside):
+    assert Bench(inside).send("velocity", 10.0) == 10.0
+
+
+def test_no_command_stays_none_and_what_nobody_owns_is_left_alone():
+    bench = Bench(VELOCITY)
+    assert math.isnan(bench.send("velocity", math.nan))
+    command = bench.registry.command("j/velocity")
+    command.owner, command.value = None, 99.0
+    assert bench.limits.enforce(0.1) is None
+    assert command.value == 99.0
+
+
+@given(st.lists(st.floats(-1e6, 1e6), max_size=30), st.floats(0.001, 0.5))
+def test_no_limit_is_exceeded_whatever_is_commanded(commands, period):
+    bench = Bench(VELOCITY + ACCELERATION, "revolute")
+    position, before = 0.0, 0.0
+    for each in commands:
+        bench.at(position)
+        now = bench.send("velocity", each, period)
+        assert abs(now) <= 3.0
+        assert abs(now - before) <= 5.0 * period + 1e-9
+        before = now
+        position = min(2.0, max(-1.0, position + now * period))
