@@ -71,10 +71,13 @@ class Robot:
             return
         self._thread = threading.Thread(target=self._run, name=f"robot {self._setup.name}", daemon=True)
         self._thread.start()
-        self._settled.wait(START_S)
+        in_time = self._settled.wait(START_S)
         if self._failure is not None:
             self._thread.join()
             raise self._failure
+        if not in_time:
+            self.shutdown()
+            raise CanopenError(f"robot {self._setup.name} did not run within {START_S:g} s of its start")
 
     def shutdown(self) -> None:
         """Stop along the ramp, disable, and leave the bus; a second call does nothing."""
