@@ -1,0 +1,130 @@
+"""The verb lss, as its user sees it, with slaves on the bus."""
+
+import json
+
+import pytest
+from support.host import eventually
+from support.onbus import OnBus
+
+from canopen_control.cia301.lss import LssIdentity, LssMode
+from canopen_control.cia301.lss_slave import LssSlave
+from canopen_control.cli import lss as verb
+from canopen_control.cli.main import main
+
+ON_BUS = ["--can", "memory:lss"]
+NEW = LssIdentity(0x286, 0x4F6, 0x3001A, 77)
+OTHER = LssIdentity(0x286, 0x4F6, 0x3001A, 78)
+
+
+class Slaves:
+    def __init__(self):
+        self.stored = []
+        self.new = LssSlave(NEW, store=lambda node_id, bitrate: self.stored.append((node_id, bitrate)) or True)
+        self.other = LssSlave(OTHER, 5)
+
+
+@pytest.fixture
+def slaves(private_folders):
+    slaves = Slaves()
+    with OnBus("memory:lss", cores=(slaves.new, slaves.other)):
+        yield slaves
+
+
+def lss(*arguments):
+    return main(["lss", *arguments, *ON_BUS])
+
+
+def test_a_new_slave_gets_a_node_id_and_a_bit_rate(slaves, capsys):
+    known = ["--vendor", "0x286", "--product", "0x4F6", "--revision", "0x3001A"]
+    assert lss("find") == 0
+    assert lss("fast-scan", *known, "--serial", "77") == 0
+    assert lss("node-id", "9") == 0
+    assert lss("bit-timing", "500000") == 0
+    assert lss("store") == 0
+    assert lss("inquire", "serial") == 0
+    assert lss("switch", "waiting") == 0
+    said = capsys.readouterr().out.splitlines()
+    assert said[1] == "vendor 0x00000286, product 0x000004F6, revision 0x0003001A, serial 0x0000004D: in configuration"
+    assert said[4:6] == ["stored", "serial: 77 (0x0000004D)"]
+    assert (slaves.new.pending_node_id, slaves.new.pending_bitrate) == (9, 500_000)
+    assert eventually(lambda: slaves.new.mode is LssMode.WAITING)  # unconfirmed
+    assert slaves.stored == [(9, 500_000)]
+    assert slaves.other.pending_node_id == 5
+
+
+def test_a_scan_without_any_knowledge_finds_the_slave(slaves, capsys):
+    assert lss("fast-scan", "--json", "--vendor", "0x286", "--product", "0x4F6") == 0
+    assert json.loads(capsys.readouterr().out) == NEW._asdict()
+
+
+def test_one_slave_of_several_is_switched_by_its_identity(slaves, capsys):
+    identity = ["--vendor", "0x286", "--product", "1270", "--revision", "196634", "--serial", "78"]
+    assert lss("switch", "configuration", *identity) == 0
+    assert (slaves.other.mode, slaves.new.mode) == (LssMode.CONFIGURATION, LssMode.WAITING)
+    capsys.readouterr()
+    assert lss("inquire") == 0
+    assert capsys.readouterr().out.splitlines() == [
+        "vendor: 646 (0x00000286)",
+        "product: 1270 (0x000004F6)",
+        "revision: 196634 (0x0003001A)",
+        "serial: 78 (0x0000004E)",
+        "node-id: 5 (0x05)",
+    ]
+    assert lss("inquire", "--json") == 0
+    assert json.loads(capsys.readouterr().out) == {**OTHER._asdict(), "node_id": 5}
+
+
+def test_a_slave_without_a_node_id_says_so(slaves, capsys):
+    slaves.new.mode = LssMode.CONFIGURATION
+    assert lss("inquire", "node-id") == 0
+    assert capsys.readouterr().out == "node-id: none (0xFF)\n"
+
+
+def test_all_slaves_are_switched_and_activated_without_an_answer(slaves):
+    assert lss("switch", "configuration") == 0
+    assert eventually(lambda: {slaves.new.mode, slaves.other.mode} == {LssMode.CONFIGURATION})
+    slaves.other.mode = LssMode.WAITING
+    assert lss("bit-timing", "250000") == 0
+    assert lss("activate", "10") == 0
+
+
+def test_a_slave_that_refuses_is_an_error(slaves, capsys):
+    slaves.new.bit_timings = frozenset({0})
+    slaves.new.mode = LssMode.CONFIGURATION
+    assert lss("bit-timing", "10000") == 1
+    assert "refused, not supported or out of range" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "said"),
+    [
+        (["find"], 1, "no slave without a node id answers on memory:empty"),
+        (["fast-scan"], 1, "no slave without a node id answers on memory:empty"),
+        (["inquire", "vendor"], 1, "no answer; is a slave there, and in configuration?"),
+        (["node-id", "200"], 2, "node id 200: it is 1 to 127, or 255 for none"),
+        (["node-id", "x"], 2, "a number is wanted, decimal or 0x"),
+        (["bit-timing", "3"], 2, "bit rate '3': LSS knows 1000000, 800000"),
+        (["activate", "70000"], 2, "delay 70000 ms: it is 0 to 65535"),
+        (["switch", "configuration", "--vendor", "1"], 2, "--product, --revision, --serial missing"),
+        (["switch", "sideways"], 2, "invalid choice: 'sideways'"),
+        (["switch", "configuration", "--vendor", "0x100000000"], 2, "of at most 32 bits"),
+        (
+            ["switch", "waiting", "--vendor", "1", "--product", "1", "--revision", "1", "--serial", "1"],
+            2,
+            "a single slave cannot be switched to waiting",
+        ),
+    ],
+)
+def test_what_does_not_work_is_one_sentence(private_folders, arguments, code, said, capsys):
+    try:
+        result = main(["lss", *arguments, "--can", "memory:empty"])
+    except SystemExit as stop:  # argparse
+        result = stop.code
+    error = capsys.readouterr().err
+    assert (result, said in error) == (code, True), error
+
+
+def test_the_bus_of_a_running_robot_is_left_alone(monkeypatch, private_folders, capsys):
+    monkeypatch.setattr(verb, "robot_on", lambda channel: ("robby", {}))
+    assert lss("store") == 2
+    assert "robot robby runs on memory:lss" in capsys.readouterr().err
