@@ -1,33 +1,55 @@
 """One joint and the drive axis behind it: SI on one side, process data and the CiA 402 machine on the other.
 
-The law of this file: a target reaches the drive only while the joint is enabled, the drive says OPERATION_ENABLED and
-the node is ready; in every other case the target is zero velocity at the actual position. A stop first commands zero
-and waits for the drive's own ramp, then disables; the wait ends after `STOP_NS` whatever the drive says.
+The law of this file: a target reaches the drive only while the joint is enabled, the drive says OPERATION_ENABLED in
+the mode that was asked for, and the node is ready; in every other case the target is standstill at the actual
+position. A stop first ramps down (`axis_modes`) and waits for standstill, then disables together with its group
+(`groups`); the wait ends after `STOP_NS` whatever the drive says. A drive whose statusword is gone while its node
+lives is told to quick stop, since nobody can see what else it would do.
 """
 
 from __future__ import annotations
 
 import enum
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
+from canopen_control.cia301.emcy import error_text
 from canopen_control.cia402 import objects
 from canopen_control.cia402.drive import DriveMachine
-from canopen_control.cia402.modes import OperationMode, mode_for_interface, require_mode, supported_modes
+from canopen_control.cia402.events import FaultEntered
+from canopen_control.cia402.modes import OperationMode, require_mode
+from canopen_control.cia402.setpoint import SetPointReached, SetPointTaken
 from canopen_control.cia402.state import State
-from canopen_control.cia402.units import PositionUnwrapper, Scale
-from canopen_control.errors import RobotConfigError
-from canopen_control.hardware.interfaces import EFFORT, POSITION, VELOCITY, CommandInterface, StateInterface
+from canopen_control.errors import DriveError
+from canopen_control.hardware.axis import Axis
+from canopen_control.hardware.axis_modes import make_target
+from canopen_control.hardware.axis_parameters import AxisParameters
+from canopen_control.hardware.axis_status import ModeBySdo, StatuswordBySdo
+from canopen_control.hardware.choice import DIGITAL_OUTPUTS, choose_mode, listed_modes, require_targets
+from canopen_control.hardware.feedback import Feedback
+from canopen_control.hardware.groups import StopGroup
+from canopen_control.hardware.homing_run import HomingRun
+from canopen_control.hardware.interfaces import CommandInterface
+from canopen_control.hardware.news import News, news_of
+from canopen_control.hardware.watch import Watch
+from canopen_control.master.events import Level
 
 if TYPE_CHECKING:
-    from canopen_control.master.cycle import Input, Output, ProcessImage
+    from canopen_control.cia301.sdo_client import SdoRequest
+    from canopen_control.cia402.units import Scale
+    from canopen_control.hardware.axis_modes import ModeTarget
+    from canopen_control.hardware.description import ControlJoint
+    from canopen_control.master.cycle import ProcessImage
     from canopen_control.master.node import RemoteNode
 
 __all__ = ["Action", "JointDrive", "Wish"]
 
-STOP_NS = 10_000_000_000  # a ramp that takes longer ends in the drive's own disable ramp
-STANDSTILL = 0.05  # rad/s (or m/s) and below count as standing
+STOP_NS: Final = 10_000_000_000  # a ramp that takes longer ends in the drive's own disable ramp
+BLIND_STOP_NS: Final = 2_000_000_000  # for a ramp that nobody can watch
+_QUICK_STOP_WORD: Final = 0x0002
+_FINE = (SetPointTaken, SetPointReached)
 _FAULTED = (State.FAULT, State.FAULT_REACTION_ACTIVE)
+_POWERED = (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE, State.FAULT_REACTION_ACTIVE)
 
 
 class Wish(enum.Enum):
@@ -46,106 +68,204 @@ class Action(enum.Enum):
     HALT = "halt"
     QUICK_STOP = "quick-stop"
     FAULT_RESET = "fault-reset"
+    HOME = "home"
+    MODE = "mode"
 
 
 class JointDrive:
-    """A joint bound to one axis of one node; the interfaces are what controllers claim."""
+    """A joint bound to one axis of one node; the interfaces are what controllers claim.
 
-    def __init__(
-        self, joint: str, node: RemoteNode, image: ProcessImage, interfaces: tuple[str, ...], axis: int = 0
-    ) -> None:
-        self.joint, self.node, self.axis = joint, node, axis
-        self.machine = DriveMachine(node.name)
-        self.scale = _scale(node)
+    `resume` is set by a stop whose cause may be mended without a user: the joint was enabled before it.
+    """
+
+    def __init__(self, description: ControlJoint, node: RemoteNode, image: ProcessImage, axis: int = 0) -> None:
+        config = node.config
+        self.joint, self.node = description.name, node
+        self.axis = Axis(description.name, node, image, axis)
+        self.machine = DriveMachine(
+            node.name,
+            transition_timeout_ns=config.transition_timeout_ms * 1_000_000,
+            transition_timeouts={number: ms * 1_000_000 for number, ms in config.transition_timeouts_ms.items()},
+        )
+        self.parameters = AxisParameters(self.axis, self._on_parameters)
+        self.group = StopGroup()
+        self.group.joints.append(self)
         self.wish = Wish.OFF
+        self.resume = False
         self.mode: OperationMode | None = None
         self.claimed: str | None = None  # the command interface that a controller drives
-        self.states = {name: StateInterface(joint, name) for name in (POSITION, VELOCITY, EFFORT)}
-        self.commands = {name: CommandInterface(joint, name) for name in interfaces}
-        self._unwrap = PositionUnwrapper()
-        self._image = image
-        self._statusword = self._need(objects.STATUSWORD, "tpdo")
-        self._position = self._input(objects.POSITION_ACTUAL)
-        self._velocity = self._input(objects.VELOCITY_ACTUAL)
-        self._effort = self._input(objects.TORQUE_ACTUAL)
-        self._display = self._need(objects.MODES_OF_OPERATION_DISPLAY, "tpdo")
-        self._controlword = self._need_output(objects.CONTROLWORD)
-        self._mode = self._need_output(objects.MODES_OF_OPERATION)
-        self._targets = {
-            POSITION: self._output(objects.TARGET_POSITION),
-            VELOCITY: self._output(objects.TARGET_VELOCITY),
-            EFFORT: self._output(objects.TARGET_TORQUE),
+        self.homing: HomingRun | None = None
+        self.homed = False
+        self.target: ModeTarget | None = None
+        self.feedback = Feedback(description, self.axis)
+        self.states = self.feedback.states
+        self.commands = {
+            name: CommandInterface(self.joint, name, minimum=info.minimum, maximum=info.maximum)
+            for name, info in description.command_interfaces.items()
         }
-        self._position_pdo = self._position.pdo if self._position is not None else None
-        self._since = 0
-        for name, present in ((POSITION, self._position), (VELOCITY, self._velocity), (EFFORT, self._effort)):
-            if present is None:
-                del self.states[name]
-        for name in interfaces:
-            if self._targets.get(name) is None:
-                raise RobotConfigError(
-                    f"joint {joint}: no RPDO of {node.name} carries the target of its command interface {name!r}; "
-                    f"map 0x{_TARGETS[name]:04X} in bus.yml or drop the interface"
-                )
+        self.error_code: int | None = None  # 0x603F of the last fault
+        self.explaining = False  # 0x603F is being read
+        require_targets(self.axis, self.commands)
+        self._watch = Watch(self.axis, config.following_error_action)
+        self._by_sdo = StatuswordBySdo(self.axis)
+        self._mode_by_sdo = ModeBySdo(self.axis) if None in (self.axis.mode, self.axis.display) else None
+        self._statusword_pdo = self.axis.statusword.pdo
+        self._next_mode: OperationMode | None = None
+        self._now = 0
+        self._since = 0  # when it began to stop
+        self._held: int | None = None  # the position at which all targets are held
+        self._blind_since: int | None = None
+        self._slowed = False
+        self._news: list[News] = []
+        self._was_ready = self._was_overdue = False
+
+    # ------------------------------------------------------------------------------------------- what is
+
+    @property
+    def scale(self) -> Scale:
+        """Device units and SI."""
+        return self.axis.scale
 
     @property
     def state(self) -> State | None:
         """The CiA 402 state, None while the node is not there."""
-        return self.machine.state if self.node.ready and self._statusword.fresh else None
+        return self.machine.state if self.node.ready and self.axis.statusword.fresh else None
 
     @property
     def statusword(self) -> int | None:
         """The newest statusword, None before the first."""
-        return self._statusword.value if self._statusword.fresh else None
+        if self._statusword_pdo.overdue:
+            return self.machine.statusword
+        return self.axis.statusword.value if self.axis.statusword.fresh else None
+
+    @property
+    def wanted(self) -> bool:
+        """Whether it is to follow commands."""
+        return self.wish is Wish.ON
 
     @property
     def enabled(self) -> bool:
         """Whether the drive follows commands."""
-        return self.wish is Wish.ON and self.node.ready and self.machine.may_move
+        return self.wish is Wish.ON and self.node.ready and self.machine.may_move and self.homing is None
+
+    @property
+    def rising(self) -> bool:
+        """Whether it is being enabled and waits for its group."""
+        return self.wish is Wish.ON and self.machine.held
+
+    @property
+    def may_rise(self) -> bool:
+        """Whether nothing but its group keeps it from being enabled."""
+        machine = self.machine
+        return machine.enabled or (machine.waiting and self.parameters.loaded)
+
+    @property
+    def falling(self) -> bool:
+        """Whether it is ramping down to be disabled."""
+        return self.wish is Wish.STOPPING
 
     @property
     def standing(self) -> bool:
-        """Whether the drive reports (nearly) no motion; without a velocity it counts as standing."""
-        return self._velocity is None or abs(self.scale.velocity_from_device(self._velocity.value)) <= STANDSTILL
+        """Whether the drive reports (nearly) no motion."""
+        return self.feedback.standing
 
     def age_ns(self, now: int) -> int | None:
         """How old the newest statusword is."""
-        return self._statusword.age_ns(now)
+        return self.axis.statusword.age_ns(now)
+
+    def has_come_to_rest(self, now: int) -> bool:
+        """Whether a stop may end in disabling the drive."""
+        took = now - self._since
+        if not self.node.ready or self.machine.state is not State.OPERATION_ENABLED or took > STOP_NS:
+            return True
+        if self._statusword_pdo.overdue:
+            return took > BLIND_STOP_NS
+        return self._slowed and self.feedback.standing
 
     def mode_for(self, interface: str) -> OperationMode:
-        """Return the mode for a command interface: bus.yml's, else the best the drive lists; or UnsupportedMode."""
-        config = self.node.config
-        wanted = {POSITION: config.position_mode, VELOCITY: config.velocity_mode, EFFORT: config.effort_mode}[interface]
-        modes = self._supported()
-        if wanted is None:
-            return mode_for_interface(interface, modes)
-        if modes:
-            require_mode(wanted, modes)
-        return OperationMode(wanted)
+        """Return the mode for a command interface: bus.yml's, else the best the drive lists; or DriveError."""
+        return choose_mode(self.axis, self.parameters, interface)
+
+    def reached(self, action: Action) -> bool:
+        """Whether what was asked for has been done."""
+        state = self.state
+        if action is Action.ENABLE:
+            return self.enabled and self.machine.reached
+        if action is Action.HALT:
+            return self.standing
+        if action is Action.FAULT_RESET:
+            return state is not None and state not in _FAULTED
+        if action is Action.HOME:
+            return self.homing is None and self.homed
+        if action is Action.MODE:
+            return self._next_mode is None and self.machine.mode_confirmed
+        return state is None or state not in _POWERED
+
+    @property
+    def has_news(self) -> bool:
+        """Whether `news` would return any."""
+        return bool(self._news)
+
+    def news(self) -> list[News]:
+        """Return what happened since the last call."""
+        news, self._news = self._news, []
+        return news
+
+    # ------------------------------------------------------------------------------------------- verbs
 
     def claim(self, interface: str | None) -> None:
         """Let a controller's interface drive the joint, or none; the mode follows."""
         self.claimed = interface
         if interface is not None:
-            self.mode = self.mode_for(interface)
-            self.machine.set_mode(self.mode)
+            self.set_mode(self.mode_for(interface))
+
+    def set_mode(self, mode: OperationMode) -> None:
+        """Ask for a mode; in an enabled drive its targets are set to standstill one cycle before."""
+        require_mode(mode, listed_modes(self.axis, self.parameters))
+        self.mode = mode
+        if self.machine.enabled and self.machine.mode not in (None, mode):
+            self._next_mode = mode
+        else:
+            self._take_mode(mode)
 
     def enable(self) -> None:
         """Ask the drive into OPERATION_ENABLED; it follows commands from there. DriveError in a fault."""
+        if not self.machine.remote:
+            raise DriveError(
+                f"node {self.node.node_id} ({self.node.name}): under local control (statusword bit 9 is 0), "
+                "it would not obey; give control to the bus at the drive"
+            )
         self.machine.enable()
         self.machine.halt(False)
+        self.machine.hold(True)
+        self.resume = False
         self.wish = Wish.ON
+        self.group.busy = True
 
     def stop(self, now: int) -> None:
         """Ramp to zero, then disable."""
+        self._end_homing("stopped")
+        self.resume = False
         if self.wish is Wish.ON:
-            self.wish, self._since = Wish.STOPPING, now
+            self.wish, self._since, self._slowed = Wish.STOPPING, now, False
+            self.group.busy = True
+            self.machine.hold(False)
+            if not self.machine.enabled:
+                self.switch_off()
         elif self.wish is Wish.OFF:
             self.machine.disable()
 
+    def switch_off(self) -> None:
+        """Disable now; for the end of a stop."""
+        self.wish = Wish.OFF
+        self.machine.hold(False)
+        self.machine.disable()
+
     def quick_stop(self) -> None:
         """Use the drive's quick stop (0x605A); it is disabled or holds afterwards, as that says."""
-        self.wish = Wish.OFF
+        self._end_homing("quick stop")
+        self.wish, self.resume = Wish.OFF, False
+        self.machine.hold(False)
         self.machine.quick_stop()
 
     def halt(self) -> None:
@@ -160,120 +280,197 @@ class JointDrive:
 
     def give_up(self) -> None:
         """Forget the wish: the drive left on its own, or its node is gone."""
-        self.wish = Wish.OFF
-        self.machine.disable()
+        self._end_homing("the drive left operation")
+        self.switch_off()
 
-    def read(self) -> None:
-        """Latch the newest process data into the state interfaces; nan while the node is not there."""
-        if not self.node.ready:
-            for state in self.states.values():
-                state.value = math.nan
+    def home(self, method: int | None) -> None:
+        """Begin homing; DriveError where the drive has no such method, or no homing."""
+        require_mode(OperationMode.HM, listed_modes(self.axis, self.parameters))
+        if self.homing is not None:
+            raise DriveError(f"node {self.node.node_id} ({self.node.name}): homing is under way already")
+        timeout = round(self.node.config.homing_timeout_seconds * 1e9)
+        self.homing, self.homed = HomingRun(self, method, timeout_ns=timeout), False
+
+    def begin_homing(self) -> None:
+        """Go into mode HM and enable; for the homing under way."""
+        try:
+            self.enable()
+        except DriveError as error:
+            self._end_homing(str(error))
             return
-        if self._position is not None and self._position.fresh:
-            self.states[POSITION].value = self.scale.position_from_device(self._unwrap.update(self._position.value))
-        if self._velocity is not None and self._velocity.fresh:
-            # + 0.0: a mirrored drive that stands still has no velocity of -0.0
-            self.states[VELOCITY].value = self.scale.velocity_from_device(self._velocity.value) + 0.0
-        if self._effort is not None and self._effort.fresh:
-            self.states[EFFORT].value = self.scale.effort_from_device(self._effort.value)
+        self._take_mode(OperationMode.HM)
 
-    def restarted(self) -> None:
-        """Say that the node lost its position counter: the joint goes on where it was."""
-        self._unwrap.rebase()
+    def end_homing(self, mode: int | None, enabled: bool, *, homed: bool) -> None:
+        """Go back to the mode and power from before; a homed axis counts from its new zero."""
+        run, self.homing = self.homing, None
+        self.homed = homed
+        if homed:
+            self.feedback.restart()
+            self._news.append(News("homed", "homed"))
+        elif run is not None:
+            self._news.append(News("homing_failed", run.result or ""))
+        if mode is not None:
+            self._take_mode(OperationMode(mode))
+        if not enabled and self.wish is Wish.ON:
+            self.stop(self._now)
 
-    def write(self, now: int) -> None:
-        """Advance the machine by one cycle and set controlword, mode and targets."""
-        fresh = self.node.ready and self._statusword.fresh
-        if self.wish is Wish.STOPPING and (not fresh or self.standing or now - self._since > STOP_NS):
-            self.wish = Wish.OFF
-            self.machine.disable()
-        self.machine.standstill = self.standing
-        word = self.machine.update(
-            self._statusword.value if fresh else None, self._display.value if fresh else None, now
-        )
-        self._controlword.set(word)
-        if (mode := self.machine.mode) is not None:
-            self._mode.set(int(mode))
-        self._write_targets()
+    # ------------------------------------------------------------------------------------------- cycle
 
-    def reached(self, action: Action) -> bool:
-        """Whether what was asked for has been done."""
-        state = self.state
-        if action is Action.ENABLE:
-            return self.enabled and self.machine.reached
-        if action is Action.HALT:
-            return self.standing
-        if action is Action.FAULT_RESET:
-            return state is not None and state not in _FAULTED
-        return state is None or state not in (
-            State.OPERATION_ENABLED,
-            State.QUICK_STOP_ACTIVE,
-            State.FAULT_REACTION_ACTIVE,
-        )
+    def read(self, now: int) -> None:
+        """Latch the newest process data into the state interfaces; nan while the node is not there."""
+        ready = self.node.ready
+        if ready is not self._was_ready:
+            self._was_ready = ready
+            self._came() if ready else self._went()
+        if ready:
+            if self._statusword_pdo.overdue is not self._was_overdue:
+                self._was_overdue = self._statusword_pdo.overdue
+                self._by_sdo.end()
+                self._blind_since = None
+            jump = self.feedback.read(now)
+            if jump:
+                self.homed = False
+                self._news.append(
+                    News("position_jump", f"its position jumped by {jump} counts; home it again", stops=True)
+                )
 
-    def _write_targets(self) -> None:
-        following = self.enabled
-        for name, output in self._targets.items():
-            if output is None:
-                continue
-            value = self.commands[name].value if following and name == self.claimed else math.nan
-            output.set(self._to_device(name, value))
+    def step(self, now: int) -> None:
+        """Advance the state machine by one cycle; `news` tells what came of it."""
+        self._now = now
+        machine, axis, pdo = self.machine, self.axis, self._statusword_pdo
+        word: int | None = None
+        display: int | None = None
+        if self.node.ready and pdo.stamp >= 0:
+            word = axis.statusword.value
+            if pdo.overdue:
+                word = self._by_sdo.word(word, now)
+            display = axis.display.value if axis.display is not None and axis.display.fresh else None
+        if self._mode_by_sdo is not None and word is not None:
+            self._mode_by_sdo.step(machine.mode, now)
+            display = self._mode_by_sdo.display if axis.display is None else display
+        machine.standstill = self.feedback.standing
+        before = machine.statusword
+        control = machine.update(word, display, now)
+        if word != before or machine.has_events:
+            if word is not None:
+                self._news += self._watch.look(word, machine.mode, self.target)
+            self._take_events()
+        axis.controlword.set(control if word is not None else self._blind(now))
 
-    def _to_device(self, interface: str, value: float) -> int:
-        """Convert a target; without one the target is to stay: the actual position, no velocity, no effort."""
-        if not math.isfinite(value):
-            if interface == POSITION and self._position is not None:
-                return self._position.value
+    def write(self, now: int, period: float) -> None:
+        """Set mode and targets, after every joint of the group has seen its statusword."""
+        machine, target = self.machine, self.target
+        if self._next_mode is not None:
+            self._hold()
+            self._take_mode(self._next_mode)
+        elif self.homing is not None:
+            self._hold()
+            machine.mode_bits = self.homing.step(now)
+        elif target is None or not machine.may_move or self.wish is Wish.OFF:
+            self._hold()
+        elif self.wish is Wish.STOPPING:
+            self._held = None
+            self._slowed = target.slow(period)
+            machine.mode_bits = target.bits
+        else:
+            self._held = None
+            command = self.commands.get(target.interface)
+            value = math.nan
+            if command is not None and self.claimed == target.interface:
+                value = command.value
+                value = command.minimum if value < command.minimum else min(value, command.maximum)
+            target.follow(value, now, period)
+            if target.bits != machine.mode_bits:
+                machine.mode_bits = target.bits
+        if self.axis.mode is not None and machine.mode is not None:
+            self.axis.mode.set(machine.mode)
+        if DIGITAL_OUTPUTS in self.commands:
+            self._write_outputs(self.commands[DIGITAL_OUTPUTS].value)
+
+    def supervise(self) -> None:
+        """Look at what need not be seen in every cycle; ten times a second."""
+        if self._watch.turns_the_wrong_way(self.enabled):
+            text = "it turns against its command; check polarity (0x607E), the scale's sign and the wiring"
+            self._news.append(News("direction", text, stops=True))
+        if self.enabled and self.target is not None:
+            self.axis.hold_others(self.target)
+
+    # ------------------------------------------------------------------------------------------- inside
+
+    def _came(self) -> None:
+        self.feedback.came()
+        self.error_code = None
+        self.parameters.load()
+
+    def _went(self) -> None:
+        self.feedback.went()
+        self.parameters.forget()
+        self._by_sdo.end()
+        if self._mode_by_sdo is not None:
+            self._mode_by_sdo.forget()
+        self.homed = False
+        self._end_homing("its node is gone")
+        self._news.append(News("node_lost", f"not operational; {self.node.error}", Level.ERROR, stops=True))
+
+    def _on_parameters(self) -> None:
+        self.feedback.refresh_scale()
+        self._news += [News("parameters", text) for text in self.parameters.failed]
+
+    def _take_mode(self, mode: OperationMode) -> None:
+        self._next_mode = None
+        self.machine.set_mode(mode)
+        self.target = make_target(mode, self.axis, self.machine)
+        self._held = None
+
+    def _hold(self) -> None:
+        """Let every target be standstill where the axis is."""
+        raw = self.axis.raw_position
+        if raw == self._held:
+            return
+        if self._held is None:
+            if self.target is not None:
+                self.target.hold()
+            self.machine.mode_bits = 0
+        self._held = raw
+        self.axis.hold(raw)
+
+    def _blind(self, now: int) -> int:
+        """Return the controlword for a drive that nobody sees: a quick stop, then no power."""
+        if not self.node.ready or self._statusword_pdo.stamp < 0:
+            self._blind_since = None
             return 0
-        if interface == POSITION:
-            return self._unwrap.raw_of(self.scale.position_count(value))
-        if interface == VELOCITY:
-            return self.scale.velocity_to_device(value)
-        return self.scale.effort_to_device(value)
+        if self._blind_since is None:
+            self._blind_since = now
+        return _QUICK_STOP_WORD if now - self._blind_since < BLIND_STOP_NS else 0
 
-    def _supported(self) -> tuple[OperationMode, ...]:
-        identity = self.node.identity
-        listed = identity.supported_modes if identity is not None else None
-        if listed is None:
-            entry = self.node.od.get(objects.axis_index(objects.SUPPORTED_DRIVE_MODES, self.axis), 0)
-            listed = entry.value if entry is not None and isinstance(entry.value, int) else 0
-        return supported_modes(listed)
+    def _end_homing(self, reason: str) -> None:
+        if self.homing is not None:
+            self.homing.abort(reason)
 
-    def _input(self, index: int) -> Input | None:
-        return self._image.input(self.node.node_id, objects.axis_index(index, self.axis))
+    def _write_outputs(self, value: float) -> None:
+        if self.axis.digital_outputs is not None and math.isfinite(value):
+            self.axis.digital_outputs.set(int(value) & 0xFFFFFFFF)
 
-    def _output(self, index: int) -> Output | None:
-        return self._image.output(self.node.node_id, objects.axis_index(index, self.axis))
+    def _take_events(self) -> None:
+        for event in self.machine.events():
+            self._news.append(news_of(event))
+            if isinstance(event, FaultEntered):
+                self._ask_why()
+        if self.target is not None:
+            self._news += [
+                News("set_point", event.text, Level.INFO if isinstance(event, _FINE) else Level.WARNING)
+                for event in self.target.events()
+            ]
 
-    def _need(self, index: int, kind: str) -> Input:
-        if (found := self._input(index)) is None:
-            raise self._unmapped(index, kind)
-        return found
+    def _ask_why(self) -> None:
+        """Read 0x603F, where the drive has it."""
+        if self.axis.has(objects.ERROR_CODE) and not self.explaining:
+            self.explaining = True
+            self.node.read(self.axis.index(objects.ERROR_CODE), 0, self._explained)
 
-    def _need_output(self, index: int) -> Output:
-        if (found := self._output(index)) is None:
-            raise self._unmapped(index, "rpdo")
-        return found
-
-    def _unmapped(self, index: int, kind: str) -> RobotConfigError:
-        name = objects.object_name(objects.axis_index(index, self.axis))
-        return RobotConfigError(
-            f"joint {self.joint}: no {kind.upper()} of node {self.node.node_id} ({self.node.name}) carries "
-            f"0x{index:04X} {name}; map it in bus.yml"
-        )
-
-
-_TARGETS = {POSITION: objects.TARGET_POSITION, VELOCITY: objects.TARGET_VELOCITY, EFFORT: objects.TARGET_TORQUE}
-
-
-def _scale(node: RemoteNode) -> Scale:
-    config = node.config
-    return Scale(
-        pos_to_dev=config.scale_pos_to_dev,
-        pos_from_dev=config.scale_pos_from_dev,
-        vel_to_dev=config.scale_vel_to_dev,
-        vel_from_dev=config.scale_vel_from_dev,
-        eff_from_dev=config.scale_eff_from_dev,
-        offset_pos_to_dev=config.offset_pos_to_dev,
-        offset_pos_from_dev=config.offset_pos_from_dev,
-    )
+    def _explained(self, request: SdoRequest) -> None:
+        self.explaining = False
+        if request.error is None:
+            self.error_code = int.from_bytes(request.data[:2], "little")
+            text = f"0x603F is 0x{self.error_code:04X} ({error_text(self.error_code)})"
+            self._news.append(News("error_code", text, Level.INFO))

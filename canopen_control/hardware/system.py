@@ -1,39 +1,37 @@
 """CanopenSystem: the hardware component that stands for the CANopen drives of one <ros2_control> tag.
 
 The law of this file: a drive is enabled when a controller claims one of its joint's command interfaces, and by a
-user's word; nothing else enables it. When one joint of the system gets into trouble (its node lost, its drive faulted
-or left on its own) every joint of the system stops along its ramp and is disabled, and stays so until somebody
-enables it again.
+user's word; nothing else enables it, except `recovery: enable` of bus.yml for a node that was lost and is back. When
+one joint gets into trouble (its node lost, its feedback stale, its drive faulted or left on its own) every joint of its
+group stops along its ramp and is disabled, in the same cycle, and stays so until somebody enables it again.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
-from canopen_control.cia402.events import (
-    EnableLost,
-    FaultCleared,
-    FaultEntered,
-    ModeConfirmed,
-    StateChanged,
-    TransitionTimedOut,
-)
-from canopen_control.errors import ControlError, DriveError, RobotConfigError, UnknownInterface, UnsupportedMode
+from canopen_control.cia402.objects import AXES
+from canopen_control.errors import ControlError, DriveError, RobotConfigError, UnknownInterface
+from canopen_control.hardware.choice import DIGITAL_OUTPUTS
+from canopen_control.hardware.groups import StopGroup
 from canopen_control.hardware.interfaces import LifecycleState, ReturnType
 from canopen_control.hardware.joint import JointDrive, Wish
+from canopen_control.hardware.recovery import Recovery
 from canopen_control.master.events import Event, Level
 from canopen_control.yamltree import nearest
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-    from canopen_control.cia402.events import DriveEvent
     from canopen_control.hardware.description import ControlJoint, Ros2ControlSystem
     from canopen_control.hardware.interfaces import CommandInterface, StateInterface
+    from canopen_control.hardware.news import News
     from canopen_control.master.cycle import ProcessImage
     from canopen_control.master.node import RemoteNode
 
 __all__ = ["PLUGINS", "CanopenSystem"]
+
+_SUPERVISE_NS: Final = 100_000_000
 
 #: the hardware plugins of other stacks that this component stands in for
 PLUGINS = (
@@ -45,17 +43,23 @@ PLUGINS = (
 
 
 class CanopenSystem:
-    """The joints of one <ros2_control> tag and their drives; `trouble` is told of what must stop the robot."""
+    """The joints of one <ros2_control> tag and their drives.
+
+    `groups` are the robot's stop groups by name, to which the joints are added; components that share them stop
+    together.
+    """
 
     def __init__(
         self,
         description: Ros2ControlSystem,
         nodes: Mapping[str, tuple[RemoteNode, ProcessImage]],
         report: Callable[[Event], None],
+        groups: dict[str, StopGroup] | None = None,
     ) -> None:
         self.name = description.name
         self.state = LifecycleState.UNCONFIGURED
         self.joints = [_bind(joint, nodes) for joint in description.joints]
+        self.groups = _grouped(description, self.joints, {} if groups is None else groups)
         self._by_interface = {interface.name: joint for joint in self.joints for interface in joint.commands.values()}
         self.state_interfaces: Sequence[StateInterface] = [
             interface for joint in self.joints for interface in joint.states.values()
@@ -64,8 +68,9 @@ class CanopenSystem:
             interface for joint in self.joints for interface in joint.commands.values()
         ]
         self._report = report
+        self._recovery = Recovery(self.joints, report)
         self._now = 0
-        self._ready = dict.fromkeys((joint.joint for joint in self.joints), False)
+        self._supervise_at = 0
 
     def configure(self) -> None:
         """Nothing to do: the master boots the nodes."""
@@ -88,10 +93,12 @@ class CanopenSystem:
         self.state = LifecycleState.FINALIZED
 
     def prepare_command_mode_switch(self, start: Sequence[str], stop: Sequence[str]) -> None:
-        """Check the switch: one interface per joint, a mode that its drive has."""
+        """Check the switch: one interface of motion per joint, a mode that its drive has."""
         wanted: dict[str, str] = {}
         for name in start:
-            joint = self._joint_of(name)
+            joint, interface = self._find(name)
+            if interface == DIGITAL_OUTPUTS:
+                continue
             if wanted.setdefault(joint.joint, name) != name:
                 raise ControlError(
                     f"joint {joint.joint}: {wanted[joint.joint]} and {name} cannot be commanded together"
@@ -100,17 +107,16 @@ class CanopenSystem:
                 raise ControlError(
                     f"joint {joint.joint} is commanded by {joint.claimed}; deactivate that controller first"
                 )
-            try:
-                joint.mode_for(name.rpartition("/")[2])
-            except UnsupportedMode as error:
-                raise DriveError(f"{_who(joint)}: {error}") from error
+            joint.mode_for(interface)
 
     def perform_command_mode_switch(self, start: Sequence[str], stop: Sequence[str]) -> None:
         """Stop what is released, set the mode of what is claimed and enable it; nothing here waits."""
-        starting = [(self._joint_of(name), name.rpartition("/")[2]) for name in start]
+        starting = [found for name in start if (found := self._find(name))[1] != DIGITAL_OUTPUTS]
         staying = {joint.joint for joint, _ in starting}
         for name in stop:
-            joint = self._joint_of(name)
+            joint, interface = self._find(name)
+            if interface == DIGITAL_OUTPUTS:
+                continue
             joint.claim(None)
             if joint.joint not in staying:
                 joint.stop(self._now)
@@ -125,15 +131,23 @@ class CanopenSystem:
         """Latch the newest process data."""
         self._now = now
         for joint in self.joints:
-            joint.read()
+            joint.read(now)
         return ReturnType.OK
 
-    def write(self, now: int, period: float) -> ReturnType:  # noqa: ARG002 - the verb of every component
-        """Advance every drive's state machine and set its targets; trouble at one joint stops all."""
+    def write(self, now: int, period: float) -> ReturnType:
+        """Advance every drive's state machine and set its targets; trouble at one joint stops its group."""
+        if now >= self._supervise_at:
+            self._supervise(now)
+        for group in self.groups:
+            if group.busy:
+                group.coordinate(now)
         for joint in self.joints:
-            self._check_node(joint, now)
-            joint.write(now)
-            self._tell(joint, now)
+            joint.step(now)
+            if joint.has_news:
+                for news in joint.news():
+                    self._tell(joint, news, now)
+        for joint in self.joints:
+            joint.write(now, period)
         return ReturnType.OK
 
     def enable(self, joints: Sequence[JointDrive]) -> None:
@@ -142,9 +156,9 @@ class CanopenSystem:
             if not joint.node.ready:
                 raise ControlError(f"{_who(joint)} is not operational: {joint.node.error or 'it has not booted yet'}")
         for joint in joints:
-            if joint.mode is None and joint.commands:
-                joint.mode = joint.mode_for(next(iter(joint.commands)))
-                joint.machine.set_mode(joint.mode)
+            motion = [name for name in joint.commands if name != DIGITAL_OUTPUTS]
+            if joint.mode is None and motion:
+                joint.set_mode(joint.mode_for(motion[0]))
             joint.enable()
 
     def stop(self, now: int) -> None:
@@ -157,51 +171,48 @@ class CanopenSystem:
         """Whether no joint moves under power any more."""
         return all(not joint.node.ready or (joint.wish is Wish.OFF and joint.machine.reached) for joint in self.joints)
 
-    def _joint_of(self, interface: str) -> JointDrive:
+    def _find(self, interface: str) -> tuple[JointDrive, str]:
         if (joint := self._by_interface.get(interface)) is None:
             raise UnknownInterface(interface, tuple(self._by_interface))
-        return joint
+        return joint, interface.rpartition("/")[2]
 
-    def _check_node(self, joint: JointDrive, now: int) -> None:
-        """See a node come and go."""
-        ready = joint.node.ready
-        if ready == self._ready[joint.joint]:
-            return
-        self._ready[joint.joint] = ready
-        if ready:
-            joint.restarted()
-        else:
-            self._stop_all(joint, now, f"{_who(joint)} is not operational")
-
-    def _tell(self, joint: JointDrive, now: int) -> None:
-        """Turn what the state machine saw into events, and trouble into a stop."""
-        for event in joint.machine.events():
-            text = f"{_who(joint)}: {event.text}"
-            if _stops(event):
-                cause = f"; {joint.node.error}" if joint.node.error else ""
-                self._stop_all(joint, now, text + cause)
-            else:
-                level = Level.INFO if isinstance(event, _HARMLESS) else Level.WARNING
-                self._report(Event(now, _KINDS.get(type(event), "drive"), joint.node.name, text, level))
-
-    def _stop_all(self, cause: JointDrive, now: int, text: str) -> None:
-        moving = [joint.joint for joint in self.joints if joint.wish is Wish.ON and joint is not cause]
-        cause.give_up()
+    def _supervise(self, now: int) -> None:
+        """Do what need not be done in every cycle."""
+        self._supervise_at = now + _SUPERVISE_NS
+        self._recovery.step(now)
         for joint in self.joints:
-            joint.stop(now)
-        also = f"; stopping {', '.join(moving)}" if moving else ""
-        self._report(Event(now, "stop", cause.node.name, text + also, Level.ERROR))
+            joint.supervise()
+
+    def _tell(self, joint: JointDrive, news: News, now: int) -> None:
+        """Report it, and let what is trouble stop the group."""
+        cause = f"; {joint.node.error}" if news.stops and joint.node.error and joint.node.ready else ""
+        self._report(Event(now, news.kind, joint.node.name, f"{_who(joint)}: {news.text}{cause}", news.level))
+        if news.stops:
+            self._stop_group(joint, now, news)
+
+    def _stop_group(self, cause: JointDrive, now: int, news: News) -> None:
+        resumable = news.kind == "node_lost" and cause.node.config.recovery == "enable"
+        moving = cause.group.stop(now)
+        if not cause.node.ready or not cause.machine.enabled:
+            cause.give_up()
+        for joint in moving:
+            joint.resume = resumable
+        if moving:
+            names = ", ".join(joint.joint for joint in moving)
+            text = f"stopping {names}: {_who(cause)}: {news.text}"
+            self._report(Event(now, "stop", cause.node.name, text, Level.ERROR))
 
 
-_HARMLESS = (StateChanged, ModeConfirmed, FaultCleared)
-_KINDS: dict[type, str] = {StateChanged: "state", ModeConfirmed: "mode", FaultCleared: "fault_cleared"}
-
-
-def _stops(event: DriveEvent) -> bool:
-    """Whether the robot must stop: a drive that does not do, or no longer does, what it was told."""
-    if isinstance(event, TransitionTimedOut):
-        return event.gave_up
-    return isinstance(event, FaultEntered | EnableLost)
+def _grouped(
+    description: Ros2ControlSystem, joints: Sequence[JointDrive], groups: dict[str, StopGroup]
+) -> list[StopGroup]:
+    """Put each joint into the group that it names; without a name it is in the robot's one group."""
+    for joint, control in zip(joints, description.joints, strict=True):
+        name = control.parameters.get("stop_group", "")
+        group = groups.setdefault(name, StopGroup(name))
+        group.joints.append(joint)
+        joint.group = group
+    return list(dict.fromkeys(joint.group for joint in joints))
 
 
 def _who(joint: JointDrive) -> str:
@@ -222,4 +233,12 @@ def _bind(joint: ControlJoint, nodes: Mapping[str, tuple[RemoteNode, ProcessImag
     if name not in nodes:
         raise RobotConfigError(f"joint {joint.name}: device_name {name!r} is no node of bus.yml{nearest(name, nodes)}")
     node, image = nodes[name]
-    return JointDrive(joint.name, node, image, tuple(joint.command_interfaces))
+    return JointDrive(joint, node, image, _axis_of(joint))
+
+
+def _axis_of(joint: ControlJoint) -> int:
+    """Read the axis of a device with several: `axis` or `channel`, from 0."""
+    text = joint.parameters.get("axis", joint.parameters.get("channel", "0")).strip()
+    if not text.isdigit() or int(text) >= AXES:
+        raise RobotConfigError(f"joint {joint.name}: axis {text!r}; a device has the axes 0 to {AXES - 1}")
+    return int(text)

@@ -20,29 +20,57 @@ if TYPE_CHECKING:
 __all__ = ["Input", "Output", "ProcessImage", "ReceivedPdo", "SentPdo"]
 
 _NEVER = -1
+MISSED_SYNCS = 3  # after so many SYNCs without its TPDO what it carries is stale
 CYCLIC_SYNCHRONOUS = range(1, 241)  # transmission types of RPDOs that a drive expects with every SYNC
 
 
 class ReceivedPdo:
     """One TPDO of a node: its newest values, when they came, and how many were too short or too long.
 
-    `values` are the raw numbers in mapping order; before the first frame they are zeros and `stamp` is -1.
+    `values` are the raw numbers in mapping order; before the first frame they are zeros and `stamp` is -1. `every` is
+    in how many SYNCs it is sent, 0 for one that comes by events. While `expected` its absence is counted in `silent`,
+    by `supervision.PdoWatch`, which sets `overdue` when `patience` SYNCs went by.
     """
 
-    __slots__ = ("_unpack", "cob_id", "codec", "count", "long", "short", "stamp", "values")
+    __slots__ = (
+        "_length",
+        "_unpack",
+        "checked",
+        "cob_id",
+        "codec",
+        "count",
+        "every",
+        "expected",
+        "long",
+        "overdue",
+        "patience",
+        "short",
+        "silent",
+        "stamp",
+        "told",
+        "values",
+    )
 
-    def __init__(self, cob_id: int, objects: Sequence[MappedObject]) -> None:
+    def __init__(self, cob_id: int, objects: Sequence[MappedObject], transmission_type: int = 255) -> None:
         self.cob_id = cob_id
         self.codec = PdoCodec(objects)
-        self._unpack: Callable[[bytes], tuple[Value, ...]] = self.codec.unpack
+        compiled = self.codec.struct
+        self._unpack: Callable[[bytes], tuple[Value, ...]] = (
+            self.codec.unpack if compiled is None else compiled.unpack_from
+        )
+        self._length = self.codec.length
+        self.every = transmission_type if transmission_type in CYCLIC_SYNCHRONOUS else 0
+        self.patience = MISSED_SYNCS * self.every + 1
+        self.expected = self.overdue = self.told = False
+        self.checked = self.silent = 0
         self.values: tuple[Value, ...] = (0,) * len(objects)
         self.stamp = _NEVER
         self.count = self.short = self.long = 0
 
     def receive(self, data: bytes, length: int, now: int) -> None:
         """Take the data of a frame (eight bytes, `length` of them real); a short one changes nothing but a counter."""
-        if length != self.codec.length:
-            if length < self.codec.length:
+        if length != self._length:
+            if length < self._length:
                 self.short += 1
                 return
             self.long += 1
@@ -53,20 +81,22 @@ class ReceivedPdo:
     def forget(self) -> None:
         """Drop what was received: the node was lost or has restarted."""
         self.stamp = _NEVER
+        self.expected = self.overdue = False
+        self.silent = 0
 
 
 class Input:
     """One object of one TPDO; `value` is the raw number of the newest frame."""
 
-    __slots__ = ("_position", "pdo")
+    __slots__ = ("pdo", "position")
 
     def __init__(self, pdo: ReceivedPdo, position: int) -> None:
-        self.pdo, self._position = pdo, position
+        self.pdo, self.position = pdo, position
 
     @property
     def value(self) -> int:
         """The raw number; 0 before the first frame."""
-        return self.pdo.values[self._position]  # type: ignore[return-value]  # mapped drive objects are integers
+        return self.pdo.values[self.position]  # type: ignore[return-value]  # mapped drive objects are integers
 
     @property
     def fresh(self) -> bool:
@@ -139,9 +169,11 @@ class ProcessImage:
         self._outputs: dict[tuple[int, int, int], Output] = {}
         self._records: list[bytearray] = []
 
-    def add_tpdo(self, node_id: int, cob_id: int, objects: Sequence[MappedObject]) -> ReceivedPdo:
+    def add_tpdo(
+        self, node_id: int, cob_id: int, objects: Sequence[MappedObject], transmission_type: int = 255
+    ) -> ReceivedPdo:
         """Receive a TPDO; the first one that maps an object gives its input."""
-        pdo = ReceivedPdo(cob_id, objects)
+        pdo = ReceivedPdo(cob_id, objects, transmission_type)
         self.inputs[cob_id] = pdo
         for position, mapped in enumerate(objects):
             self._inputs.setdefault((node_id, mapped.index, mapped.subindex), Input(pdo, position))

@@ -9,18 +9,21 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from canopen_control.cia301.emcy import EmcyMessage, error_text
+from canopen_control.cia301.emcy import EmcyMessage
+from canopen_control.cia301.guarding import GuardingMaster
 from canopen_control.cia301.heartbeat import HeartbeatConsumer, HeartbeatProducer
 from canopen_control.cia301.nmt import NmtCommand, NmtState, nmt_frame, state_of_byte
 from canopen_control.cia301.sync import SyncProducer
 from canopen_control.frame import BROADCAST, RECORD, CanFrame, Service, cob_id, pack_records
 from canopen_control.master.cycle import ProcessImage
 from canopen_control.master.node import RemoteNode
+from canopen_control.master.supervision import PdoWatch
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Collection
 
     from canopen_control.master.config import BusConfig
+    from canopen_control.master.cycle import ReceivedPdo
     from canopen_control.master.events import Event
 
 __all__ = ["Network"]
@@ -38,6 +41,14 @@ class Network:
         self.sync = SyncProducer(overflow=config.master.sync_overflow)
         self.image = ProcessImage(refresh=max(1, REFRESH_NS // cycle_ns))
         self._outgoing: list[CanFrame] = []
+        self._pdo_watch = PdoWatch()
+        self._pdo_owner: dict[ReceivedPdo, RemoteNode] = {}
+        self._to_boot: list[RemoteNode] = []
+        self._guarding: GuardingMaster | None = None
+        self._sync_record: tuple[bytes] | None = None
+        if not config.master.sync_overflow:
+            frame = self.sync.frame()
+            self._sync_record = (RECORD.pack(frame.can_id, len(frame.data), frame.data),)
         self._consumer = HeartbeatConsumer()
         self._producer = HeartbeatProducer(config.master.node_id, config.master.heartbeat_ms * 1_000_000)
         self._report = report
@@ -59,6 +70,11 @@ class Network:
                 node.begin_boot(now, reset=node.config.reset_communication)
         self._collect()
 
+    @property
+    def identifiers(self) -> Collection[int]:
+        """The identifiers that `receive` has a use for."""
+        return self._handlers.keys()
+
     def receive(self, records: bytes, now: int) -> None:
         """Take whole records as a port gives them."""
         handlers = self._handlers
@@ -77,6 +93,8 @@ class Network:
             return
         self._producer.tick(now)
         self._consumer.tick(now)
+        if self._guarding is not None:
+            self._guarding.tick(now)
         self._supervise(now)
         for node in self.nodes.values():
             node.tick(now)
@@ -96,12 +114,33 @@ class Network:
         self._outgoing.clear()
         return records
 
-    def cycle(self, *, sync: bool) -> bytes:
-        """Return the records of one cycle: RPDOs that are due, then SYNC."""
+    def cycle(self, *, sync: bool, now: int = 0) -> bytes:
+        """Return the records of one cycle: RPDOs that are due, then SYNC; counts what the last SYNC was not answered.
+
+        With a counter SYNC is made anew for each cycle, without one it is always the same record.
+        """
         if not sync:
             return self.image.collect()
+        for pdo in self._pdo_watch.sync():
+            self._pdo_owner[pdo].on_pdo(pdo, now)
+        if self._sync_record is not None:
+            return self.image.collect(self._sync_record)
         frame = self.sync.frame()
         return self.image.collect((RECORD.pack(frame.can_id, len(frame.data), frame.data),))
+
+    def bus_failed(self, text: str, now: int) -> None:
+        """Take every node for lost: the bus carries nothing. `bus_back` boots them anew."""
+        for node in self.nodes.values():
+            if node.ready or node.boot_step:
+                node.lost(now, text)
+                self._to_boot.append(node)
+
+    def bus_back(self, now: int) -> None:
+        """Boot anew the nodes that were lost with the bus."""
+        nodes, self._to_boot = self._to_boot, []
+        for node in nodes:
+            node.begin_boot(now)
+        self._collect()
 
     def send_nmt(self, command: NmtCommand, node_id: int = BROADCAST) -> None:
         """Send an NMT command."""
@@ -120,9 +159,14 @@ class Network:
             send_nmt=self.send_nmt,
             watch=self._consumer.watch,
             report=self._report,
+            wake=self._wake,
+            guard=lambda on, now: self._guard(node, on, now),
         )
         for layout in node.plan.tpdos:
-            node.received.append(self.image.add_tpdo(node.node_id, layout.cob_id, layout.objects))
+            pdo = self.image.add_tpdo(node.node_id, layout.cob_id, layout.objects, layout.transmission_type)
+            node.received.append(pdo)
+            self._pdo_watch.add(pdo)
+            self._pdo_owner[pdo] = node
         for layout in node.plan.rpdos:
             node.sent.append(self.image.add_rpdo(node.node_id, layout.cob_id, layout.objects, layout.transmission_type))
         return node
@@ -143,20 +187,53 @@ class Network:
             if message is None:
                 self.malformed += 1
             else:
-                node.on_emcy(message, error_text(message.error_code), now)
+                node.on_emcy(message, now)
+                self._stale = True
 
         def on_heartbeat(data: bytes, length: int, now: int) -> None:
-            self._consumer.receive(CanFrame(error_control, data[:length]), now)
+            frame = CanFrame(error_control, data[:length])
+            self._consumer.receive(frame, now)
+            if self._guarding is not None:
+                self._guarding.receive(frame, now)
             self._supervise(now)
-            if length == 1 and data[0]:
-                node.on_state(state_of_byte(data[0]), now)
+            if length == 1 and data[0] & 0x7F:
+                node.on_state(state_of_byte(data[0] & 0x7F), now)
             self._collect_from(node)
 
         handlers[sdo], handlers[emcy], handlers[error_control] = on_sdo, on_emcy, on_heartbeat
         for pdo in node.received:
-            handlers[pdo.cob_id] = pdo.receive
+            handlers[pdo.cob_id] = self._checked(node, pdo)
+
+    def _checked(self, node: RemoteNode, pdo: ReceivedPdo) -> Callable[[bytes, int, int], None]:
+        """Return what takes a TPDO; the common case costs one comparison more than none."""
+        right, receive = pdo.codec.length, pdo.receive
+
+        def on_pdo(data: bytes, length: int, now: int) -> None:
+            receive(data, length, now)
+            if length != right and pdo.expected:
+                node.on_malformed(pdo, length, now)
+
+        return on_pdo
+
+    def _wake(self) -> None:
+        self._stale = True
+
+    def _guard(self, node: RemoteNode, on: bool, now: int) -> None:
+        """Guard a node from now on, or no longer; for those without a heartbeat."""
+        if not node.config.guarded:
+            return
+        if self._guarding is None:
+            self._guarding = GuardingMaster()
+        if on:
+            self._guarding.watch(node.node_id, node.config.guard_time * 1_000_000, node.config.life_factor, now)
+        else:
+            self._guarding.unwatch(node.node_id)
+        self._stale = True
 
     def _supervise(self, now: int) -> None:
+        for guarded in self._guarding.events() if self._guarding is not None else ():
+            if (node := self._by_id.get(guarded.node_id)) is not None:
+                node.on_guarding(guarded, now)
         for event in self._consumer.events():
             if (node := self._by_id.get(event.node_id)) is not None:
                 node.on_heartbeat(event, now)
@@ -164,6 +241,8 @@ class Network:
     def _collect(self) -> None:
         """Gather the frames of every service."""
         self._outgoing.extend(self._producer.frames())
+        if self._guarding is not None:
+            self._outgoing.extend(self._guarding.frames())
         for node in self.nodes.values():
             self._collect_from(node)
 
@@ -173,5 +252,7 @@ class Network:
 
     def _earliest(self) -> int | None:
         deadlines = [self._producer.next_deadline(), self._consumer.next_deadline()]
+        if self._guarding is not None:
+            deadlines.append(self._guarding.next_deadline())
         deadlines.extend(node.next_deadline() for node in self.nodes.values())
         return min((each for each in deadlines if each is not None), default=None)

@@ -10,17 +10,22 @@ from __future__ import annotations
 import enum
 from typing import TYPE_CHECKING
 
+from canopen_control.cia301.emcy import error_text
+from canopen_control.cia301.guarding import GuardingEventKind
 from canopen_control.cia301.heartbeat import HeartbeatEvent, HeartbeatEventKind
 from canopen_control.cia301.nmt import NmtCommand, NmtState
 from canopen_control.cia301.sdo_client import SdoClient
 from canopen_control.errors import BootError, HeartbeatLost
 from canopen_control.master.boot_task import BootTask
 from canopen_control.master.events import Event, Level
+from canopen_control.master.supervision import ActiveErrors, DuplicateWatch, EmcyGate
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from canopen_control.cia301.emcy import EmcyMessage
+    from canopen_control.cia301.guarding import GuardingEvent
+    from canopen_control.cia301.sdo_client import SdoRequest
     from canopen_control.errors import CanopenError
     from canopen_control.master.boot import BootResult
     from canopen_control.master.boot_task import BootStep
@@ -54,11 +59,15 @@ class RemoteNode:
         send_nmt: Callable[[NmtCommand, int], None],
         watch: Callable[[int, int], None],
         report: Callable[[Event], None],
+        wake: Callable[[], None] = lambda: None,
+        guard: Callable[[bool, int], None] = lambda _on, _now: None,
     ) -> None:
         self.config, self.plan, self.od = config, plan, od
         self.name, self.node_id = config.name, config.node_id
         self.sdo = SdoClient(config.node_id, timeout_ns=config.sdo_timeout_ms * 1_000_000, name=config.name)
         self.state = NodeState.WAITING
+        self.ready = False
+        """Whether its process data are live."""
         self.nmt_state: NmtState | None = None
         self.last_seen: int | None = None
         self.error: str | None = None
@@ -69,14 +78,13 @@ class RemoteNode:
         self.sent: list[SentPdo] = []
         self.emcy: EmcyMessage | None = None
         self.expected_state: NmtState | None = None  # what was commanded from outside a boot
+        self.errors = ActiveErrors()
+        self.emcy_gate = EmcyGate()
+        self._duplicates = DuplicateWatch(config.heartbeat_ms * 1_000_000)
         self._send_nmt, self._watch, self._report = send_nmt, watch, report
+        self._wake, self._guard = wake, guard
         self._task: BootTask | None = None
         self._retry_at: int | None = None
-
-    @property
-    def ready(self) -> bool:
-        """Whether its process data are live."""
-        return self.state is NodeState.READY
 
     @property
     def boot_step(self) -> str:
@@ -87,13 +95,28 @@ class RemoteNode:
         """Start the boot, from the beginning if one is under way."""
         self._abandon()
         self._watch(self.node_id, 0)
-        self.state = NodeState.BOOTING
+        self.state, self.ready = NodeState.BOOTING, False
         self._retry_at = None
         self.expected_state = None
         self._task = BootTask(
             self.plan, self.sdo, lambda command: self._send_nmt(command, self.node_id), reset=reset, now=now
         )
         self._settle(now)
+
+    def read(self, index: int, subindex: int, done: Callable[[SdoRequest], None]) -> None:
+        """Upload an object; `done` is called with the request when it is over, well or badly."""
+        self.sdo.read(index, subindex).context = done
+        self._wake()
+
+    def write(self, index: int, subindex: int, data: bytes, done: Callable[[SdoRequest], None] | None = None) -> None:
+        """Download an object; `done` is called with the request when it is over, well or badly."""
+        self.sdo.write(index, subindex, data).context = done
+        self._wake()
+
+    def lost(self, now: int, text: str, *, kind: str = "bus_lost") -> None:
+        """Take the node for lost, because its bus is: it is booted anew when that is back."""
+        self._drop(now, f"{self._who}: {text}", Level.ERROR, kind=kind)
+        self._retry_at = None
 
     def command(self, command: NmtCommand, now: int) -> None:
         """Send an NMT command for a user: it is expected then, and the node no longer used until started again."""
@@ -122,23 +145,71 @@ class RemoteNode:
     def on_state(self, state: NmtState | None, now: int) -> None:
         """Take the state of any heartbeat, told or not."""
         self.nmt_state, self.last_seen = state, now
+        if self._duplicates.heartbeat(now):
+            self._tell_duplicate("its heartbeats come twice as often as configured", now)
         if self._task is not None:
             self._task.heartbeat(state, now)
             self._settle(now)
 
-    def on_emcy(self, message: EmcyMessage, text: str, now: int) -> None:
-        """Keep the newest EMCY and tell it; code 0 says that an error is gone."""
+    def on_guarding(self, event: GuardingEvent, now: int) -> None:
+        """Take what node guarding tells of this node."""
+        kind = event.kind
+        if kind is GuardingEventKind.MISSED:
+            life = self.config.guard_time * self.config.life_factor / 1000
+            lost = HeartbeatLost(self.node_id, life, self.name)
+            self._drop(
+                now, f"{self._who}: no answer to node guarding for {life:g} s", Level.ERROR, kind="guarding_lost"
+            )
+            self.error = str(lost)
+            self._retry_at = now + RETRY_NS
+        elif kind is GuardingEventKind.TOGGLE_ERROR:
+            self._tell(
+                now, "guarding_toggle", "its guarding toggle bit is wrong; a second node with its id?", Level.WARNING
+            )
+        elif kind is GuardingEventKind.CHANGED and self.ready and event.state is not NmtState.OPERATIONAL:
+            self._left_operational(event.state, now)
+
+    def on_emcy(self, message: EmcyMessage, now: int) -> None:
+        """Keep the newest EMCY and the errors that last, and tell them; floods are told in sum."""
         self.emcy = message
         self.last_seen = now
-        if message.error_code == 0:
-            if self.ready:
+        self.errors.take(message)
+        if not self.emcy_gate.passes(now):
+            return
+        if message.is_reset:
+            if self.ready and not self.errors.codes:
                 self.error = None
-            self._tell(now, "emcy_reset", "its error is gone (EMCY 0x0000)")
+            self._tell(now, "emcy_reset", f"an error is gone (EMCY 0x{message.error_code:04X}){self._left_over()}")
+            return
+        text = f"EMCY 0x{message.error_code:04X} ({error_text(message.error_code)})"
+        self.error = text
+        raw = f"register 0x{message.error_register:02X}, data {message.data.hex(' ') or 'none'}"
+        short = "" if message.is_complete else f"; {len(message.data) + 3} bytes, the standard has 8"
+        hint = _HINTS.get(message.error_code, "")
+        self._tell(now, "emcy", f"{text}, {raw}{short}{hint}", Level.WARNING)
+
+    def on_pdo(self, pdo: ReceivedPdo, now: int) -> None:
+        """Tell that a TPDO stays away, or is back."""
+        what = f"TPDO with identifier 0x{pdo.cob_id:03X}"
+        if not pdo.overdue:
+            self._tell(now, "pdo_back", f"its {what} is back")
+        elif pdo.stamp < 0:
+            text = f"its {what} has not come within {pdo.silent} SYNCs of its start; check its transmission type"
+            self._tell(now, "pdo_missing", f"{text} and inhibit time", Level.ERROR)
         else:
-            self.error = f"EMCY 0x{message.error_code:04X} ({text})"
-            self._report(
-                Event(now, "emcy", self.name, f"{self._who}: {self.error}, data {message.data.hex(' ')}", Level.WARNING)
+            self._tell(now, "pdo_stale", f"no {what} for {pdo.silent} SYNCs; what it carries is stale", Level.ERROR)
+
+    def on_malformed(self, pdo: ReceivedPdo, length: int, now: int) -> None:
+        """Tell, once per boot and TPDO, that its length is not the mapping's."""
+        if not pdo.told:
+            pdo.told = True
+            kind, reaction = (
+                ("short", "it is dropped") if length < pdo.codec.length else ("long", "the rest is ignored")
             )
+            text = (
+                f"its TPDO 0x{pdo.cob_id:03X} is too {kind}: {length} bytes instead of {pdo.codec.length}; {reaction}"
+            )
+            self._tell(now, f"pdo_{kind}", text, Level.WARNING)
 
     def pump(self, now: int) -> None:
         """Hand finished SDO transfers to who asked for them."""
@@ -157,12 +228,19 @@ class RemoteNode:
         self.pump(now)
         if self._retry_at is not None and now >= self._retry_at:
             self.begin_boot(now)
+        if held := self.emcy_gate.summary(now):
+            self._tell(now, "emcy_flood", f"{held} more EMCY within a second, not listed one by one", Level.WARNING)
 
     def next_deadline(self) -> int | None:
         """Return when `tick` has something to do."""
         task = self._task.next_deadline() if self._task is not None else None
         return min(
-            (each for each in (self.sdo.next_deadline(), task, self._retry_at) if each is not None), default=None
+            (
+                each
+                for each in (self.sdo.next_deadline(), task, self._retry_at, self.emcy_gate.deadline)
+                if each is not None
+            ),
+            default=None,
         )
 
     def age_ns(self, now: int) -> int | None:
@@ -178,6 +256,9 @@ class RemoteNode:
     def _on_boot_up(self, now: int) -> None:
         self.nmt_state, self.last_seen = NmtState.INITIALISING, now
         self.sdo.forget()  # a node that restarted answers nothing it was asked before
+        self.errors.clear()
+        if self._duplicates.boot_up(now):
+            self._tell_duplicate("two boot-ups came at once", now)
         if self._task is not None and self._task.awaits_boot_up:
             self._task.boot_up(now)
             self._settle(now)
@@ -201,7 +282,8 @@ class RemoteNode:
         """End READY or a boot: the process data are stale from here on."""
         was_used = self.ready or self._task is not None
         self._abandon()
-        self.state = NodeState.WAITING
+        self.state, self.ready = NodeState.WAITING, False
+        self._guard(False, now)
         self.error = str(error) if error is not None else text
         for received in self.received:
             received.forget()
@@ -234,7 +316,10 @@ class RemoteNode:
             self._failed(task.error, now)
 
     def _become_ready(self, result: BootResult, started: int, now: int) -> None:
-        self.identity, self.error, self.state = result, None, NodeState.READY
+        self.identity, self.error, self.state, self.ready = result, None, NodeState.READY, True
+        self._guard(True, now)
+        for received in self.received:
+            received.expected, received.told = True, False
         for sent in self.sent:
             sent.enabled = sent.changed = True
         for warning in result.warnings:
@@ -249,10 +334,25 @@ class RemoteNode:
         self._watch(self.node_id, 0)
         self._retry_at = now + RETRY_NS
 
+    def _left_over(self) -> str:
+        return (
+            f"; still active: {', '.join(f'0x{code:04X}' for code in self.errors.codes)}" if self.errors.codes else ""
+        )
+
+    def _tell_duplicate(self, what: str, now: int) -> None:
+        text = f"two devices seem to have this node id: {what}; give one of them another (lss, or its switches)"
+        self._tell(now, "duplicate_node", text, Level.ERROR)
+
     def _tell(self, now: int, kind: str, text: str, level: Level = Level.INFO) -> None:
         self._report(Event(now, kind, self.name, f"{self._who}: {text}", level))
 
 
+_HINTS = {
+    0x8240: "; the length of SYNC is not what it expects: compare sync_overflow of bus.yml with its 0x1019",
+    0x8120: "; if a fault reset has no effect: nmt reset-comm, then axis fault-reset, then axis enable",
+    0x8130: "; if a fault reset has no effect: nmt reset-comm, then axis fault-reset, then axis enable",
+}
+"""EMCY code to what helps."""
 _COMMANDED = {
     NmtCommand.STOP: NmtState.STOPPED,
     NmtCommand.ENTER_PRE_OPERATIONAL: NmtState.PRE_OPERATIONAL,

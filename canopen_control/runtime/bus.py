@@ -5,6 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from canopen_control.bus.channel import open_port
+from canopen_control.bus.hearing import hear_only
+from canopen_control.bus.port import BusEventKind
 from canopen_control.errors import BusError
 from canopen_control.frame import RECORD_SIZE
 from canopen_control.master.events import Event, Level
@@ -22,6 +24,8 @@ __all__ = ["RobotBus"]
 _LENGTH = 4  # where a record holds its length
 _FRAME_BITS = 47  # of a frame without data, intermission included, without stuff bits
 _WINDOW_NS = 1_000_000_000
+_FAILURES = (BusEventKind.BUS_OFF, BusEventKind.DOWN)
+_RETURNS = (BusEventKind.ERROR_ACTIVE, BusEventKind.UP)
 
 
 class RobotBus:
@@ -46,12 +50,15 @@ class RobotBus:
         self._reactor, self._report, self._on_lost = reactor, report, on_lost
         self._synchronous = config.master.sync_period > 0
         self._writing = False
+        self._lost_frames = 0
+        self._told_lost = -_WINDOW_NS
         self._bits = 0
         self._window: tuple[int, int] | None = None
 
     def open(self) -> None:
         """Open the channel; raises BusError."""
         self.port = open_port(self.channel, label="master")
+        hear_only(self.port, self.network.identifiers)
         self._reactor.add_reader(self.port.fileno(), self.receive)
 
     def receive(self) -> None:
@@ -73,10 +80,12 @@ class RobotBus:
         """Let time pass for the network's services."""
         self.network.tick(now)
         self._measure(now)
+        if self.port is not None and self.port.stats.lost != self._lost_frames:
+            self._tell_lost(self.port.stats.lost, now)
 
-    def send_cycle(self) -> None:
+    def send_cycle(self, now: int) -> None:
         """Send what waits, the RPDOs that are due, and SYNC."""
-        self._guarded(self.network.take() + self.network.cycle(sync=self._synchronous))
+        self._guarded(self.network.take() + self.network.cycle(sync=self._synchronous, now=now))
 
     def send_waiting(self) -> None:
         """Send what waits, process data apart."""
@@ -125,9 +134,23 @@ class RobotBus:
         self._on_lost(error)
 
     def _on_bus_event(self, event: BusEvent) -> None:
+        """Tell it; a bus that carries nothing has lost all its nodes, one that is back boots them anew."""
+        now = self._reactor.now()
         kind = event.kind.value.replace("-", "_")
         level = Level.INFO if kind in ("up", "error_active") else Level.WARNING
-        self._report(Event(self._reactor.now(), f"bus_{kind}", "", event.text, level))
+        self._report(Event(now, f"bus_{kind}", "", f"bus {self.name} ({self.channel}): {event.text}", level))
+        if event.kind in _FAILURES:
+            self.network.bus_failed(f"bus {self.name} carries nothing: {event.text}", now)
+        elif event.kind in _RETURNS:
+            self.network.bus_back(now)
+
+    def _tell_lost(self, lost: int, now: int) -> None:
+        """Tell that frames were lost because nobody took them, at most once a second."""
+        if now - self._told_lost < _WINDOW_NS:
+            return
+        text = f"bus {self.name} ({self.channel}): {lost - self._lost_frames} frames lost, its queue was full"
+        self._report(Event(now, "bus_queue_full", "", text, Level.WARNING))
+        self._lost_frames, self._told_lost = lost, now
 
     def _measure(self, now: int) -> None:
         """Work out the load of the last second, stuff bits left out."""

@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from canopen_control.hardware.description import Ros2ControlSystem
+    from canopen_control.hardware.groups import StopGroup
     from canopen_control.hardware.joint import JointDrive
     from canopen_control.host.reactor import Reactor
     from canopen_control.master.cycle import ProcessImage
@@ -75,6 +76,7 @@ class RobotCore:
         self.nodes: dict[str, RemoteNode] = {}
         self.joints: dict[str, JointDrive] = {}
         self.systems: list[CanopenSystem] = []
+        self._groups: dict[str, StopGroup] = {}
         self.manager = ControllerManager(
             self.registry,
             setup.controllers.update_rate,
@@ -208,7 +210,7 @@ class RobotCore:
             if component.write(now, period) is not ReturnType.OK:
                 self.manager.deactivate_using(component, f"{component.name} reported an error on write", now)
         for bus in self.buses.values():
-            bus.send_cycle()
+            bus.send_cycle(now)
         self._settle_requests(now)
         for event in self.manager.events():
             self.report(Event(now, event.kind, "", event.text, _CONTROLLER_LEVELS.get(event.kind, Level.WARNING)))
@@ -250,7 +252,9 @@ class RobotCore:
     def _why_missing(self, node: RemoteNode) -> str:
         if node.error and node.error.startswith(f"node {node.node_id}"):
             return node.error
-        return f"node {node.node_id} ({node.name}): {node.error or f'boot did not get past {node.boot_step!r}'}"
+        seconds = self.setup.bus.master.boot_time / 1000
+        reason = node.error or f"not operational within {seconds:g} s; its boot got as far as {node.boot_step!r}"
+        return f"node {node.node_id} ({node.name}): {reason}"
 
     def _advance_stop(self, now: int) -> None:
         late = now > self._stopping_until
@@ -337,7 +341,7 @@ class RobotCore:
 
     def _canopen_system(self, description: Ros2ControlSystem) -> CanopenSystem:
         try:
-            return CanopenSystem(description, self._nodes_with_image(), self.report)
+            return CanopenSystem(description, self._nodes_with_image(), self.report, self._groups)
         except RobotConfigError as error:
             raise RobotConfigError(f"{self.setup.files.description}:{description.line}: {error}") from error
 

@@ -64,12 +64,24 @@ def test_the_mode_of_bus_yml_wins_and_must_be_one_the_drive_has(robby, tmp_path)
 
 
 @pytest.mark.parametrize(
-    ("mapped", "index"), [("{index: 0x6041, sub_index: 0}", 0x6041), ("{index: 0x6061, sub_index: 0}", 0x6061)]
+    ("mapped", "index"), [("{index: 0x6041, sub_index: 0}", 0x6041), ("{index: 0x6040, sub_index: 0}", 0x6040)]
 )
 def test_what_the_control_loop_needs_must_be_mapped(tmp_path, mapped, index):
-    config = copy_robby(tmp_path, bus={mapped: "{index: 0x60FD, sub_index: 0}"})
+    other = "0x60FD" if index == 0x6041 else "0x6081"
+    config = copy_robby(tmp_path, bus={mapped: f"{{index: {other}, sub_index: 0}}"})
     with pytest.raises(RobotConfigError, match=rf"left_wheel_joint.*0x{index:04X}"):
         Bench("joint3", config=config)
+
+
+def test_modes_that_no_pdo_carries_are_written_and_confirmed_by_sdo(tmp_path):
+    unmapped = {"{index: 0x6061, sub_index: 0}": "{index: 0x60FD, sub_index: 0}"}
+    unmapped["        - {index: 0x6060, sub_index: 0}   # mode of operation\n"] = ""
+    bench = Bench("joint5", config=copy_robby(tmp_path, bus=unmapped))
+    bench.start()
+    bench.hold(5.0, 5.0, ms=500)
+    assert bench.drives[LEFT].get(0x6061) == OperationMode.PV
+    assert bench.velocity(LEFT) == pytest.approx(5.0, rel=0.01)
+    bench.close()
 
 
 def test_a_command_interface_needs_its_target_in_an_rpdo(tmp_path):

@@ -1,0 +1,141 @@
+"""One axis of a drive as process data: its inputs, outputs, scale and limits, whichever PDOs carry them.
+
+The law of this file: an object is found once, by its index of axis 0, for the axis that is meant; what no PDO carries
+is None here and travels by SDO or not at all. Limits are in device units and are those of the drive itself (0x607D,
+0x607F, 0x6080, 0x60E0, 0x60E1): a target is brought inside them before it is sent.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from canopen_control.cia402 import objects
+from canopen_control.cia402.units import INT32_MAX, INT32_MIN, PositionUnwrapper, Scale
+from canopen_control.errors import RobotConfigError
+
+if TYPE_CHECKING:
+    from canopen_control.hardware.axis_modes import ModeTarget
+    from canopen_control.master.cycle import Input, Output, ProcessImage
+    from canopen_control.master.node import RemoteNode
+
+__all__ = ["Axis", "AxisLimits", "configured_scale"]
+
+TORQUE_MAX = (1 << 15) - 1
+_POSITIONS = (objects.TARGET_POSITION, objects.INTERPOLATION_DATA)
+_TARGETS = (
+    (objects.TARGET_POSITION, 0),
+    (objects.TARGET_VELOCITY, 0),
+    (objects.TARGET_TORQUE, 0),
+    (objects.VL_TARGET_VELOCITY, 0),
+    (objects.INTERPOLATION_DATA, 1),
+)
+
+
+class AxisLimits:
+    """What the drive allows, in its own units; `deceleration` in units/s^2 is what a ramp of the master uses.
+
+    `blocked` is the direction, 1 or -1, that an active limit (bit 11) closes, 0 for none.
+    """
+
+    __slots__ = ("blocked", "deceleration", "high", "low", "torque_negative", "torque_positive", "velocity")
+
+    def __init__(self) -> None:
+        self.low, self.high = INT32_MIN, INT32_MAX
+        self.velocity: float = INT32_MAX
+        self.torque_positive = self.torque_negative = TORQUE_MAX
+        self.deceleration = math.inf
+        self.blocked = 0
+
+    def of_velocity(self, raw: int) -> int:
+        """Return a velocity that the drive will take."""
+        if raw * self.blocked > 0:
+            return 0
+        most = int(self.velocity)
+        return most if raw > most else -most if raw < -most else raw
+
+    def of_torque(self, raw: int) -> int:
+        """Return a torque that the drive will take."""
+        return max(-self.torque_negative, min(self.torque_positive, raw))
+
+    def of_position(self, raw: int) -> int:
+        """Return a position inside the software limits (0x607D)."""
+        return max(self.low, min(self.high, raw))
+
+
+class Axis:
+    """The process data of axis `number` of `node`; raises RobotConfigError without controlword or statusword."""
+
+    def __init__(self, joint: str, node: RemoteNode, image: ProcessImage, number: int) -> None:
+        self.joint, self.node, self.number = joint, node, number
+        self._image = image
+        self.scale = configured_scale(node, number)
+        self.unwrap = PositionUnwrapper()
+        self.limits = AxisLimits()
+        self.statusword = self._need_input(objects.STATUSWORD)
+        self.controlword = self._need_output(objects.CONTROLWORD)
+        self.display = self.input(objects.MODES_OF_OPERATION_DISPLAY)
+        self.mode = self.output(objects.MODES_OF_OPERATION)
+        self.position = self.input(objects.POSITION_ACTUAL)
+        self.velocity = self.input(objects.VELOCITY_ACTUAL) or self.input(objects.VL_VELOCITY_ACTUAL)
+        self.effort = self.input(objects.TORQUE_ACTUAL)
+        self.error_code = self.input(objects.ERROR_CODE)
+        self.digital_inputs = self.input(objects.DIGITAL_INPUTS)
+        self.digital_outputs = self.output(objects.DIGITAL_OUTPUTS, 1)
+
+        self._targets = [(index, sub, out) for index, sub in _TARGETS if (out := self.output(index, sub)) is not None]
+
+    def hold(self, raw: int) -> None:
+        """Let every target be standstill at the raw position."""
+        for index, _, output in self._targets:
+            output.set(raw if index in _POSITIONS else 0)
+
+    def hold_others(self, target: ModeTarget) -> None:
+        """Let the targets of modes that are not used follow the motion of the one that is."""
+        raw = self.raw_position
+        for index, _, output in self._targets:
+            if output is not target.output:
+                output.set(raw if index in _POSITIONS else 0)
+
+    @property
+    def raw_position(self) -> int:
+        """The newest 0x6064; 0 where none is known."""
+        return self.position.value if self.position is not None and self.position.fresh else 0
+
+    def index(self, index: int) -> int:
+        """Return the index of a profile object for this axis."""
+        return objects.axis_index(index, self.number)
+
+    def input(self, index: int, subindex: int = 0) -> Input | None:
+        """Return the input of a profile object, None if no TPDO carries it."""
+        return self._image.input(self.node.node_id, self.index(index), subindex)
+
+    def output(self, index: int, subindex: int = 0) -> Output | None:
+        """Return the output of a profile object, None if no RPDO carries it."""
+        return self._image.output(self.node.node_id, self.index(index), subindex)
+
+    def has(self, index: int, subindex: int = 0) -> bool:
+        """Whether the EDS lists a profile object for this axis."""
+        return (self.index(index), subindex) in self.node.od
+
+    def _need_input(self, index: int) -> Input:
+        if (found := self.input(index)) is None:
+            raise self._unmapped(index, "TPDO")
+        return found
+
+    def _need_output(self, index: int) -> Output:
+        if (found := self.output(index)) is None:
+            raise self._unmapped(index, "RPDO")
+        return found
+
+    def _unmapped(self, index: int, kind: str) -> RobotConfigError:
+        name = objects.object_name(self.index(index))
+        return RobotConfigError(
+            f"joint {self.joint}: no {kind} of node {self.node.node_id} ({self.node.name}) carries "
+            f"0x{self.index(index):04X} {name}; map it in bus.yml"
+        )
+
+
+def configured_scale(node: RemoteNode, axis: int) -> Scale:
+    """Return the scale that bus.yml gives."""
+    return Scale(**node.config.units_of(axis))

@@ -1,0 +1,159 @@
+"""What a drive says of itself after every boot: modes, limits, units, homing methods, read by SDO and respected.
+
+The law of this file: only objects that the EDS lists are asked for, an abort means that the drive has none, and the
+axis is `loaded` when every question is answered or has failed; nothing is enabled before. Units are taken from the
+drive (0x608F, 0x6091, 0x6092) only where bus.yml gives no scale.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Final
+
+from canopen_control.cia402 import objects
+from canopen_control.cia402.units import Scale, counts_per_revolution
+from canopen_control.errors import ConfigError, SdoAbort
+from canopen_control.hardware.axis import TORQUE_MAX, configured_scale
+from canopen_control.od.codec import decode
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from canopen_control.cia301.sdo_client import SdoRequest
+    from canopen_control.hardware.axis import Axis
+
+__all__ = ["AxisParameters"]
+
+_ASKED: Final = (
+    (objects.SUPPORTED_DRIVE_MODES, (0,)),
+    (objects.SOFTWARE_POSITION_LIMIT, (1, 2)),
+    (objects.MAX_PROFILE_VELOCITY, (0,)),
+    (objects.MAX_MOTOR_SPEED, (0,)),
+    (objects.PROFILE_DECELERATION, (0,)),
+    (objects.POSITIVE_TORQUE_LIMIT, (0,)),
+    (objects.NEGATIVE_TORQUE_LIMIT, (0,)),
+    (objects.POSITION_ENCODER_RESOLUTION, (1, 2)),
+    (objects.GEAR_RATIO, (1, 2)),
+    (objects.FEED_CONSTANT, (1, 2)),
+    (objects.SUPPORTED_HOMING_METHODS, tuple(range(1, 40))),
+)
+_UNLIMITED: Final = 0xFFFFFFFF
+# the values that the format itself takes where no scale is given
+_NOT_GIVEN: Final = {"pos_to_dev": 1000.0, "pos_from_dev": 0.001, "vel_to_dev": 1000.0, "vel_from_dev": 0.001}
+
+
+class AxisParameters:
+    """The parameters of one axis; `on_loaded` is called after each `load`, `failed` names what did not answer."""
+
+    def __init__(self, axis: Axis, on_loaded: Callable[[], None]) -> None:
+        self.loaded = False
+        self.failed: list[str] = []
+        self.values: dict[tuple[int, int], int] = {}
+        self._axis, self._on_loaded = axis, on_loaded
+        self._open = 0
+        self._round = 0
+
+    def load(self) -> None:
+        """Ask the drive, which has just booted."""
+        axis = self._axis
+        self.loaded, self.failed = False, []
+        self._round += 1
+        wanted = [(index, sub) for index, subs in _ASKED for sub in subs if axis.has(index, sub)]
+        self._open = len(wanted)
+        for index, subindex in wanted:
+            axis.node.read(axis.index(index), subindex, self._answer(index, subindex, self._round))
+        if not wanted:
+            self._finish()
+
+    def forget(self) -> None:
+        """Say that the drive is gone: answers under way are of no use any more."""
+        self.loaded = False
+        self._round += 1
+
+    def get(self, index: int, subindex: int = 0) -> int | None:
+        """Return a value read, None where the drive has none."""
+        return self.values.get((index, subindex))
+
+    @property
+    def homing_methods(self) -> frozenset[int] | None:
+        """The methods that 0x60E3 lists, None where it lists none."""
+        listed = [value for (index, _), value in self.values.items() if index == objects.SUPPORTED_HOMING_METHODS]
+        return frozenset(listed) if listed else None
+
+    def _answer(self, index: int, subindex: int, number: int) -> Callable[[SdoRequest], None]:
+        def answered(request: SdoRequest) -> None:
+            if number == self._round:
+                self._take(index, subindex, request)
+
+        return answered
+
+    def _take(self, index: int, subindex: int, request: SdoRequest) -> None:
+        entry = self._axis.node.od.get(self._axis.index(index), subindex)
+        if request.error is not None:
+            self.values.pop((index, subindex), None)
+            if not isinstance(request.error, SdoAbort):
+                self.failed.append(str(request.error))
+        elif entry is not None:
+            try:
+                value = decode(request.data, entry.data_type)
+            except ValueError as error:
+                self.failed.append(f"0x{request.index:04X}:{subindex:02X} {entry.name}: {error}")
+            else:
+                self.values[index, subindex] = value if isinstance(value, int) else 0
+        self._open -= 1
+        if self._open == 0:
+            self._finish()
+
+    def _finish(self) -> None:
+        self._apply_scale()
+        self._apply_limits()
+        self.loaded = True
+        self._on_loaded()
+
+    def _pair(self, index: int) -> tuple[int, int] | None:
+        first, second = self.get(index, 1), self.get(index, 2)
+        return (first, second) if first and second and first > 0 and second > 0 else None
+
+    def counts_per_turn(self) -> float | None:
+        """Return the position units per revolution of the shaft, None where the drive does not say."""
+        encoder = self._pair(objects.POSITION_ENCODER_RESOLUTION)
+        gear, feed = self._pair(objects.GEAR_RATIO) or (1, 1), self._pair(objects.FEED_CONSTANT)
+        if encoder is None and feed is None:
+            return None
+        try:
+            # A feed constant of one unit per turn is what drives without user units answer: it says nothing.
+            return counts_per_revolution(encoder or (1, 1), gear, feed if feed not in (None, (1, 1)) else None)
+        except ConfigError:
+            return None
+
+    def _apply_scale(self) -> None:
+        axis, counts = self._axis, self.counts_per_turn()
+        units = axis.node.config.units_of(axis.number)
+        if counts is None or any(units[name] != value for name, value in _NOT_GIVEN.items()):
+            axis.scale = configured_scale(axis.node, axis.number)
+        else:
+            axis.scale = Scale.from_units(counts, eff_from_dev=units["eff_from_dev"])
+
+    def _apply_limits(self) -> None:
+        limits = self._axis.limits
+        low, high = self.get(objects.SOFTWARE_POSITION_LIMIT, 1), self.get(objects.SOFTWARE_POSITION_LIMIT, 2)
+        if low is not None and high is not None and low < high:
+            limits.low, limits.high = low, high
+        else:
+            limits.low, limits.high = -(1 << 31), (1 << 31) - 1
+        limits.velocity = min(self._largest_velocity(), (1 << 31) - 1)
+        limits.deceleration = self.get(objects.PROFILE_DECELERATION) or math.inf
+        positive, negative = self.get(objects.POSITIVE_TORQUE_LIMIT), self.get(objects.NEGATIVE_TORQUE_LIMIT)
+        limits.torque_positive = min(positive or TORQUE_MAX, TORQUE_MAX)
+        limits.torque_negative = min(negative or TORQUE_MAX, TORQUE_MAX)
+
+    def _largest_velocity(self) -> float:
+        """Return the smaller of 0x607F and 0x6080 (in rpm of the motor); 0 and all ones limit nothing."""
+        bounds = [math.inf]
+        profile, motor = self.get(objects.MAX_PROFILE_VELOCITY), self.get(objects.MAX_MOTOR_SPEED)
+        encoder = self._pair(objects.POSITION_ENCODER_RESOLUTION)
+        if profile and profile < _UNLIMITED >> 1:
+            bounds.append(profile)
+        if motor and motor < _UNLIMITED >> 1 and encoder is not None:
+            bounds.append(motor / 60.0 * encoder[0] / encoder[1])
+        return min(bounds)

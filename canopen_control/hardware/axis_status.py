@@ -1,0 +1,85 @@
+"""Where an axis' statusword and mode come from when no PDO brings them: by SDO, and not for longer than they are true.
+
+The law of this file: a statusword has an age. While its TPDO comes, it is the TPDO's; when that fails, the last one
+holds for `GRACE_NS`, is asked for by SDO meanwhile, and after that is unknown. A mode that no PDO carries is written
+to 0x6060 when it is wanted and asked for at 0x6061 until it shows.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+from canopen_control.cia402 import objects
+
+if TYPE_CHECKING:
+    from canopen_control.cia301.sdo_client import SdoRequest
+    from canopen_control.hardware.axis import Axis
+
+__all__ = ["GRACE_NS", "ModeBySdo", "StatuswordBySdo"]
+
+GRACE_NS: Final = 300_000_000
+POLL_NS: Final = 50_000_000
+
+
+class StatuswordBySdo:
+    """The statusword of an axis whose TPDO does not come any more."""
+
+    def __init__(self, axis: Axis) -> None:
+        self._axis = axis
+        self._value: int | None = None
+        self._stamp = 0
+        self._asking = False
+        self._next = 0
+        self._since: int | None = None
+
+    def end(self) -> None:
+        """Say that the TPDO is back, or the node gone."""
+        self._since = self._value = None
+
+    def word(self, last: int, now: int) -> int | None:
+        """Return the statusword; `last` is the one the TPDO brought before it failed."""
+        if self._since is None:
+            self._since, self._next = now, now
+        if not self._asking and now >= self._next:
+            self._asking, self._next = True, now + POLL_NS
+            self._axis.node.read(self._axis.index(objects.STATUSWORD), 0, lambda request: self._answered(request, now))
+        if self._value is not None and now - self._stamp <= GRACE_NS:
+            return self._value
+        return last if now - self._since <= GRACE_NS else None
+
+    def _answered(self, request: SdoRequest, asked: int) -> None:
+        self._asking = False
+        if request.error is None and self._since is not None:
+            self._value, self._stamp = int.from_bytes(request.data[:2], "little"), asked
+
+
+class ModeBySdo:
+    """0x6060 and 0x6061 of an axis where a PDO carries only one of them, or none."""
+
+    def __init__(self, axis: Axis) -> None:
+        self._axis = axis
+        self.display: int | None = None
+        self._written: int | None = None
+        self._asking = False
+        self._next = 0
+
+    def forget(self) -> None:
+        """Say that the drive has restarted, or is gone."""
+        self.display = self._written = None
+
+    def step(self, mode: int | None, now: int) -> None:
+        """Bring `mode` to the drive and its display here; nothing to do once it shows."""
+        node, axis = self._axis.node, self._axis
+        if mode is not None and axis.mode is None and mode != self._written:
+            self._written = mode
+            node.write(axis.index(objects.MODES_OF_OPERATION), 0, mode.to_bytes(1, "little", signed=True))
+        settled = mode is None or self.display == mode
+        if axis.display is not None or settled or self._asking or now < self._next:
+            return
+        self._asking, self._next = True, now + POLL_NS
+        node.read(axis.index(objects.MODES_OF_OPERATION_DISPLAY), 0, self._answered)
+
+    def _answered(self, request: SdoRequest) -> None:
+        self._asking = False
+        if request.error is None:
+            self.display = int.from_bytes(request.data[:1], "little", signed=True)

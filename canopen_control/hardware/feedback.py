@@ -1,0 +1,149 @@
+"""What a joint measures: its state interfaces, kept up to date from the axis' process data.
+
+The law of this file: a value changes only with a new frame, and without a node it is nan. Positions are continuous: 32
+bits wrap, a restarted drive goes on where it was, and a step that no motor makes is a jump, told and never taken for a
+motion. What is plausible is what the velocity, or else the drive's largest one, makes possible, and one revolution.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Final
+
+from canopen_control.cia402.units import INT32_MAX, PositionUnwrapper
+from canopen_control.hardware.interfaces import EFFORT, POSITION, VELOCITY, StateInterface
+
+if TYPE_CHECKING:
+    from canopen_control.hardware.axis import Axis
+    from canopen_control.hardware.description import ControlJoint
+    from canopen_control.master.cycle import Input
+
+__all__ = ["STANDSTILL", "Feedback"]
+
+STANDSTILL: Final = 0.05  # rad/s (or m/s) and below count as standing
+_STILL_NS: Final = 100_000_000  # without a velocity: how long the position must not change
+_EXTRAS: Final = ("nmt_state", "statusword", "error_code", "age", "digital_inputs")
+_SLACK: Final = math.tau  # rad: what a shaft may be turned between two samples with no velocity to show for it
+
+
+class Feedback:
+    """The state interfaces of one joint; beside position, velocity and effort those that the description lists.
+
+    `standing` is whether the drive reports (nearly) no motion.
+    """
+
+    def __init__(self, description: ControlJoint, axis: Axis) -> None:
+        self._axis = axis
+        present = {POSITION: axis.position, VELOCITY: axis.velocity, EFFORT: axis.effort}
+        names = [name for name, found in present.items() if found is not None]
+        names += [name for name in description.state_interfaces if name in _EXTRAS]
+        self.states = {name: StateInterface(description.name, name) for name in names}
+        self.standing = True
+        self._extras = [name for name in names if name in _EXTRAS]
+        self._position, self._velocity, self._effort = axis.position, axis.velocity, axis.effort
+        self._position_count = self._velocity_count = self._effort_count = -1
+        self._raw_position: int | None = None
+        self._raw_velocity: int | None = None
+        self._raw_effort: int | None = None
+        self._stamp = self._moved_at = 0
+        self._jumps = 0
+
+    def came(self) -> None:
+        """Say that the node is back: its position, whatever it is, is where the joint was."""
+        self._axis.unwrap.rebase()
+        self._raw_position = self._raw_velocity = self._raw_effort = None
+
+    def restart(self) -> None:
+        """Say that the axis was homed: from here on its own position counts, whatever was before."""
+        self._axis.unwrap = PositionUnwrapper()
+        self._raw_position = None
+        self._jumps = 0
+
+    def went(self) -> None:
+        """Say that the node is gone: nothing is known."""
+        self.standing = True
+        for state in self.states.values():
+            state.value = math.nan
+
+    def read(self, now: int) -> int:
+        """Take what is new; returns a jump of the position in counts, 0 for none."""
+        jump = 0
+        velocity = self._velocity
+        if velocity is not None and velocity.pdo.count != self._velocity_count and velocity.pdo.stamp >= 0:
+            self._velocity_count = velocity.pdo.count
+            if (raw := velocity.value) != self._raw_velocity:
+                self._raw_velocity = raw
+                # + 0.0: a mirrored drive that stands still has no velocity of -0.0
+                value = self._axis.scale.velocity_from_device(raw) + 0.0
+                self.states[VELOCITY].value = value
+                self.standing = -STANDSTILL <= value <= STANDSTILL
+        position = self._position
+        if position is not None and position.pdo.count != self._position_count and position.pdo.stamp >= 0:
+            self._position_count = position.pdo.count
+            if (raw := position.value) != self._raw_position:
+                jump = self._take_position(raw, position.pdo.stamp)
+            elif velocity is None:
+                self.standing = now - self._moved_at >= _STILL_NS
+        if self._effort is not None or self._extras:
+            self._read_more(now)
+        return jump
+
+    def refresh_scale(self) -> None:
+        """Say that the scale is another one: convert again with the next frames."""
+        self._raw_position = self._raw_velocity = self._raw_effort = None
+        self._position_count = self._velocity_count = self._effort_count = -1
+
+    def _take_position(self, raw: int, stamp: int) -> int:
+        unwrap = self._axis.unwrap
+        unwrap.max_step = self._largest_step(stamp - self._stamp)
+        count = unwrap.update(raw)
+        self._raw_position, self._stamp = raw, stamp
+        self.states[POSITION].value = self._axis.scale.position_from_device(count)
+        if self._velocity is None:
+            self.standing, self._moved_at = False, stamp
+        if unwrap.jumps == self._jumps:
+            return 0
+        self._jumps = unwrap.jumps
+        return unwrap.last_jump
+
+    def _largest_step(self, elapsed_ns: int) -> int:
+        """Return what can lie between two samples: twice the way at the present velocity, and a revolution."""
+        axis = self._axis
+        slack = round(abs(axis.scale.pos_to_dev) * _SLACK) + 1
+        if self._raw_velocity is not None:
+            # velocity and position may have different units: go by way of SI
+            speed = abs(axis.scale.velocity_from_device(self._raw_velocity) * axis.scale.pos_to_dev)
+        elif axis.limits.velocity < INT32_MAX:
+            speed = axis.limits.velocity
+        else:
+            return INT32_MAX
+        return min(INT32_MAX, slack + round(3.0 * speed * max(elapsed_ns, 0) / 1e9))
+
+    def _read_more(self, now: int) -> None:
+        effort = self._effort
+        if effort is not None and effort.pdo.count != self._effort_count and effort.pdo.stamp >= 0:
+            self._effort_count = effort.pdo.count
+            if (raw := effort.value) != self._raw_effort:
+                self._raw_effort = raw
+                self.states[EFFORT].value = self._axis.scale.effort_from_device(raw)
+        for name in self._extras:
+            self.states[name].value = self._extra(name, now)
+
+    def _extra(self, name: str, now: int) -> float:
+        axis = self._axis
+        if name == "nmt_state":
+            state = axis.node.nmt_state
+            return math.nan if state is None else float(state)
+        if name == "age":
+            age = axis.statusword.age_ns(now)
+            return math.nan if age is None else age / 1e9
+        source: dict[str, Input | None] = {
+            "statusword": axis.statusword,
+            "digital_inputs": axis.digital_inputs,
+            "error_code": axis.error_code,
+        }
+        found = source[name]
+        if found is not None:
+            return float(found.value) if found.fresh else math.nan
+        emcy = axis.node.emcy
+        return float(emcy.error_code) if name == "error_code" and emcy is not None else math.nan

@@ -1,0 +1,148 @@
+"""What the master notices about a node beside its heartbeat: stale PDOs, two devices with one id, floods of EMCY.
+
+The law of this file: nothing here acts. Each watch takes what it sees, allocates nothing while all is well, and
+returns what is to be told, once per occasion and never faster than the log can bear.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from canopen_control.cia301.emcy import EmcyMessage
+    from canopen_control.master.cycle import ReceivedPdo
+
+__all__ = ["ActiveErrors", "DuplicateWatch", "EmcyGate", "PdoWatch"]
+
+_SECOND: Final = 1_000_000_000
+_EMCY_PER_SECOND: Final = 10
+_WINDOW_PERIODS: Final = 10
+_DOUBLE: Final = 16  # heartbeats in ten periods: more than jitter explains
+_BOOT_UPS_APART_NS: Final = 100_000_000  # less than any device needs from one boot-up to the next
+
+
+class PdoWatch:
+    """Counts the SYNCs that the synchronous TPDOs of a bus let pass; sets `overdue` of those that stay away."""
+
+    def __init__(self) -> None:
+        self._pdos: list[ReceivedPdo] = []
+        self._changes: list[ReceivedPdo] = []
+
+    def add(self, pdo: ReceivedPdo) -> None:
+        """Watch a TPDO; one that is not sent with SYNCs (`every` 0) is not."""
+        if pdo.every:
+            self._pdos.append(pdo)
+
+    def sync(self) -> Sequence[ReceivedPdo]:
+        """Count a SYNC that is about to be sent; return the TPDOs that became overdue, or came back."""
+        changes = self._changes
+        if changes:
+            changes.clear()
+        for pdo in self._pdos:
+            if pdo.count != pdo.checked:
+                pdo.checked = pdo.count
+                pdo.silent = 0
+                if pdo.overdue:
+                    pdo.overdue = False
+                    changes.append(pdo)
+            elif pdo.expected:
+                pdo.silent += 1
+                if pdo.silent == pdo.patience:
+                    pdo.overdue = True
+                    changes.append(pdo)
+        return changes
+
+
+class EmcyGate:
+    """Lets a node's emergencies through to the log, ten a second; `held` counts those that were kept back."""
+
+    def __init__(self) -> None:
+        self.held = 0
+        self._passed = 0
+        self._window = 0
+
+    def passes(self, now: int) -> bool:
+        """Whether the next message may be told."""
+        if now - self._window >= _SECOND:
+            self._window, self._passed = now, 0
+        self._passed += 1
+        if self._passed > _EMCY_PER_SECOND:
+            self.held += 1
+            return False
+        return True
+
+    def summary(self, now: int) -> int:
+        """Return how many were kept back, once the second is over; 0 for nothing to tell."""
+        if not self.held or now - self._window < _SECOND:
+            return 0
+        held, self.held = self.held, 0
+        return held
+
+    @property
+    def deadline(self) -> int | None:
+        """When `summary` has something to tell."""
+        return self._window + _SECOND if self.held else None
+
+
+class ActiveErrors:
+    """The errors a node has reported and not taken back, oldest first; bounded."""
+
+    def __init__(self, limit: int = 16) -> None:
+        self.codes: dict[int, int] = {}  # code: its bits of the error register
+        self.register = 0
+        self._limit = limit
+
+    def take(self, message: EmcyMessage) -> None:
+        """Note a message: an error, or the end of those whose bits have left the register."""
+        register = message.error_register
+        if not message.is_reset:
+            own = register & ~self.register & ~1 or register
+            self.codes.pop(message.error_code, None)
+            if len(self.codes) >= self._limit:
+                del self.codes[next(iter(self.codes))]
+            self.codes[message.error_code] = own
+        elif register == 0:
+            self.codes.clear()
+        else:
+            self.codes = {code: own for code, own in self.codes.items() if own & register}
+        self.register = register
+
+    def clear(self) -> None:
+        """Forget everything: the node has restarted."""
+        self.codes.clear()
+        self.register = 0
+
+
+class DuplicateWatch:
+    """Tells that two devices share a node id: heartbeats at twice the rate, or two boot-ups at once."""
+
+    def __init__(self, period_ns: int) -> None:
+        self._period = period_ns
+        self._window = 0
+        self._count = 0
+        self._boot_up = -_SECOND
+        self._told = False
+
+    def heartbeat(self, now: int) -> bool:
+        """Take a heartbeat; True when it is the one that gives the second device away."""
+        if not self._period:
+            return False
+        if now - self._window >= _WINDOW_PERIODS * self._period:
+            self._window, self._count = now, 0
+        self._count += 1
+        if self._count < _DOUBLE or self._told:
+            return False
+        self._told = True
+        return True
+
+    def boot_up(self, now: int) -> bool:
+        """Take a boot-up; True when another one came too shortly before."""
+        close = now - self._boot_up < _BOOT_UPS_APART_NS
+        self._boot_up = now
+        self._window = self._count = 0
+        if not close or self._told:
+            return False
+        self._told = True
+        return True
