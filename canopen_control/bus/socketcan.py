@@ -4,7 +4,7 @@ Law: linux/can.h and linux/can/raw.h. The kernel carries one frame a call. The r
 default holds 278 frames), what overflows is counted by the kernel (SO_RXQ_OVFL) and told in band. A full transmit queue
 (ENOBUFS, or EAGAIN) makes frames wait here, bounded. An interface that goes down or is unplugged ends nothing: what is
 sent meanwhile is lost and counted, since old commands must not arrive later, and the socket is bound again when the
-interface is back.
+interface is back. Once its owner says which identifiers he wants, the kernel keeps all others to itself.
 """
 
 from __future__ import annotations
@@ -21,16 +21,17 @@ from canopen_control.bus.error_frames import has_error_frames, overrun_frame
 from canopen_control.bus.port import BusEvent, BusEventKind, EventLog, PortStats, Records, whole_records
 from canopen_control.bus.sendqueue import SendQueue
 from canopen_control.errors import BusClosed, BusError, InterfaceDown, InterfaceNotFound
-from canopen_control.frame import RECORD_SIZE, pack_records
+from canopen_control.frame import EXTENDED_FLAG, RECORD_SIZE, REMOTE_FLAG, pack_records
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Iterable, Sequence
 
 __all__ = ["CanSocket", "SocketCanPort", "open_socketcan"]
 
 # linux/can.h, linux/can/raw.h, asm-generic/socket.h: Python has them only where it was built with those headers.
 _CAN_RAW = 1
 _SOL_CAN_RAW = 101
+_CAN_RAW_FILTER = 1
 _CAN_RAW_ERR_FILTER = 2
 _ALL_ERRORS = struct.pack("=I", 0x1FFFFFFF)
 _SO_RCVBUFFORCE = 33
@@ -43,6 +44,11 @@ _FRAME_MEMORY = 768  # what a queued frame costs of SO_SNDBUF
 _SHORT_QUEUE = 100
 _REBIND_NS = 500_000_000
 _U32 = struct.Struct("=I")
+_FILTER = struct.Struct("=II")  # identifier, mask
+_MOST_FILTERS = 512  # CAN_RAW_FILTER_MAX
+_STANDARD_MASK = EXTENDED_FLAG | REMOTE_FLAG | 0x7FF  # this very mask has a fast path in the kernel
+_EXTENDED_MASK = EXTENDED_FLAG | REMOTE_FLAG | 0x1FFFFFFF
+_ALL_STANDARD = _FILTER.pack(0, EXTENDED_FLAG)
 _CLOSED_HERE = "closed on this side"
 
 NETWORK_CLASS = Path("/sys/class/net")
@@ -85,8 +91,9 @@ class SocketCanPort:
         self._events = EventLog()
         self._overflows = 0
         self._dropping = False
-        self._down = False
+        self._down = ""  # what was told of it, empty while it works
         self._bus_off = False
+        self._heard: frozenset[int] | None = None
         self._rebind_at: int | None = None
         self._closed = False
 
@@ -110,6 +117,16 @@ class SocketCanPort:
             self._socket.close()
 
     # Receiving -----------------------------------------------------------------------------------------------------
+
+    def hear(self, can_ids: Iterable[int]) -> None:
+        """Let the kernel give these identifiers only, and error frames; more than it can choose: all of 11 bits."""
+        wanted = frozenset(can_ids)
+        if wanted == self._heard or self._closed:
+            return
+        self._heard = wanted
+        filters = [_filter(can_id) for can_id in sorted(wanted)]
+        chosen = b"".join(filters) if len(filters) <= _MOST_FILTERS else _ALL_STANDARD
+        self._socket.setsockopt(_SOL_CAN_RAW, _CAN_RAW_FILTER, chosen)
 
     def receive(self) -> bytes:
         """Return the whole records that wait, or ``b""``; raise `BusClosed` on a closed port."""
@@ -235,9 +252,9 @@ class SocketCanPort:
         gone = error.errno in (errno.ENODEV, errno.ENXIO)
         if gone and self._rebind_at is None:
             self._rebind_at = self._now() + _REBIND_NS
-        if not self._down:
-            self._down = True
-            text = _DOWN_TEXTS.get(error.errno or 0, error.strerror or str(error))
+        text = _DOWN_TEXTS.get(error.errno or 0, error.strerror or str(error))
+        if not self._down or (gone and self._down != _GONE):  # one that is removed goes down first
+            self._down = text
             self._events.add(BusEventKind.DOWN, f"bus {self.channel}: {text}")
 
     def _rebind(self) -> None:
@@ -251,8 +268,12 @@ class SocketCanPort:
 
     def _works_again(self) -> None:
         if self._down:
-            self._down = False
+            self._down = ""
             self._events.add(BusEventKind.UP, f"bus {self.channel}: up again")
+
+
+def _filter(can_id: int) -> bytes:
+    return _FILTER.pack(can_id, _EXTENDED_MASK if can_id & EXTENDED_FLAG else _STANDARD_MASK)
 
 
 _GONE = "the interface is gone; is the adapter unplugged?"

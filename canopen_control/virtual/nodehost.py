@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from canopen_control.bus.hearing import hear_only
 from canopen_control.errors import BusClosed
 from canopen_control.frame import CanFrame, frames_of, pack_records
 
@@ -168,6 +169,7 @@ class NodeHost:
             for can_id in node.routes():
                 routes.setdefault(can_id, []).append(node)
         self._routes = {can_id: tuple(listeners) for can_id, listeners in routes.items()}
+        hear_only(self.port, self._routes)
 
     def _set_timer(self) -> None:
         at = min((deadline for deadline in self._deadlines.values() if deadline is not None), default=None)

@@ -216,6 +216,42 @@ def test_an_unplugged_adapter_is_bound_again_when_it_is_back(bench, number):
     assert bench.port.stats.lost == 5
 
 
+def test_an_interface_that_is_removed_is_told_as_gone_although_it_went_down_first(bench):
+    bench.socket.incoming = [failure(errno.ENETDOWN), failure(errno.ENODEV), failure(errno.ENODEV)]
+    for _ in range(3):
+        bench.received()
+    assert [event.text.partition(";")[0] for event in bench.port.events()] == [
+        "bus can0: the interface is down",
+        "bus can0: the interface is gone",
+    ]
+
+
+def filters(bench):
+    return [*struct.iter_unpack("=II", bench.socket.options[101, 1])]
+
+
+def test_the_kernel_is_told_which_identifiers_are_wanted_and_only_when_they_change(bench):
+    bench.port.hear([0x703, 0x80, 0x40000703, 0x90000001])
+    assert filters(bench) == [
+        (0x80, 0xC00007FF),
+        (0x703, 0xC00007FF),
+        (0x40000703, 0xC00007FF),
+        (0x90000001, 0xDFFFFFFF),
+    ]
+    del bench.socket.options[101, 1]
+    bench.port.hear({0x80, 0x90000001, 0x40000703, 0x703})
+    assert bench.socket.options == {}
+    bench.port.hear([])
+    assert filters(bench) == []
+
+
+def test_more_identifiers_than_the_kernel_can_choose_are_all_of_eleven_bits(bench):
+    bench.port.hear(range(513))
+    assert filters(bench) == [(0, 0x80000000)]
+    bench.port.hear(range(512))
+    assert len(filters(bench)) == 512
+
+
 # Recorded error frames
 
 BUS_OFF = CanFrame(0x20000040, bytes(8))
