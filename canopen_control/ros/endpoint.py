@@ -11,8 +11,10 @@ from typing import TYPE_CHECKING, Any, Protocol
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from canopen_control.ros.asker import Answer
     from canopen_control.ros.conversions import ControllerView
     from canopen_control.ros.rcl import Node
+    from canopen_control.ros.service import Handler
 
 __all__ = ["Endpoint", "Ros"]
 
@@ -38,6 +40,15 @@ class Ros(Protocol):
 
     def unsubscribe(self, subscription: object) -> None:
         """Leave a topic."""
+
+    def serve(self, kind: type, name: str, handler: Handler) -> object:
+        """Make a service; `handler(request, response, reply)` is called on the reactor's thread and never blocks."""
+
+    def unserve(self, service: object) -> None:
+        """Leave a service."""
+
+    def ask(self, method: str, params: dict[str, Any], answer: Answer) -> None:
+        """Ask the robot, and have `answer(result, error)` called on the reactor's thread, where this is called too."""
 
 
 class Endpoint:

@@ -11,11 +11,14 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
 from canopen_control.errors import CanopenError, RemoteError
+from canopen_control.ros.asker import Asker
+from canopen_control.ros.controller_manager import ControllerManagerServices
 from canopen_control.ros.conversions import ControllerView, controllers_of
 from canopen_control.ros.description import RobotDescription
 from canopen_control.ros.diagnostics import Diagnostics, Events
 from canopen_control.ros.frames import Frames
 from canopen_control.ros.mailbox import Mailbox
+from canopen_control.ros.service import serve as make_service
 from canopen_control.ros.spinner import Spinner
 from canopen_control.ros.table import endpoints_for
 from canopen_control.ros.throttle import Throttle
@@ -25,8 +28,10 @@ if TYPE_CHECKING:
 
     from canopen_control.client import RobotClient
     from canopen_control.host.reactor import Reactor
+    from canopen_control.ros.asker import Answer
     from canopen_control.ros.endpoint import Endpoint
     from canopen_control.ros.rcl import Context, Node
+    from canopen_control.ros.service import Handler, Reply
 
 __all__ = ["Options", "Session"]
 
@@ -69,6 +74,7 @@ class Session:
         self._mailbox: Mailbox[tuple[str, Message]] = Mailbox(0)
         self._ended = False
         self._spinner = Spinner(node, context, self._on_callback_error)
+        self._asker = Asker(client.robot, reactor)
 
     def _make_common(self, urdf: str) -> None:
         """Make the topics of the robot as a whole; what cannot be made is told, the others are there."""
@@ -76,6 +82,7 @@ class Session:
             lambda: RobotDescription(self, urdf),
             lambda: Diagnostics(self),
             lambda: Events(self),
+            lambda: ControllerManagerServices(self),
         ]
         if self._options.tf:
             wanted.append(lambda: Frames(self, urdf, self._options.frame_prefix))
@@ -104,6 +111,7 @@ class Session:
             self._forget(name)
         for endpoint in self._common:
             endpoint.close()
+        self._asker.close()
         self._client.close()
         return done
 
@@ -134,6 +142,29 @@ class Session:
     def unsubscribe(self, subscription: object) -> None:
         """Leave a topic, between two callbacks."""
         self._spinner.call(lambda: self.node.destroy_subscription(subscription))
+
+    def serve(self, kind: type, name: str, handler: Handler) -> object:
+        """Make a service; `handler(request, response, reply)` is called on the reactor's thread and never blocks."""
+
+        def guarded(request: object, response: object, reply: Reply) -> None:
+            try:
+                handler(request, response, reply)
+            except Exception as error:  # noqa: BLE001 - a refusal is an answer too
+                self.warn(name, f"{name}: {type(error).__name__}: {error}")
+                reply(response)
+
+        def taken(request: object, response: object, reply: Reply) -> None:
+            self._reactor.call_threadsafe(lambda: guarded(request, response, reply))
+
+        return make_service(self.node, kind, name, taken)
+
+    def unserve(self, service: object) -> None:
+        """Leave a service, between two callbacks."""
+        self._spinner.call(lambda: self.node.destroy_service(service))
+
+    def ask(self, method: str, params: Message, answer: Answer) -> None:
+        """Ask the robot, and have `answer(result, error)` called; both on the reactor's thread."""
+        self._asker.ask(method, params, answer)
 
     # ------------------------------------------------------------------------------------------- robot to ROS
 

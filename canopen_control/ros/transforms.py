@@ -2,8 +2,8 @@
 
 The law of the file (URDF, robot_state_publisher): the transform of a joint is its origin, then its motion, a rotation
 by the position about its axis, or a shift along it; roll, pitch and yaw are about fixed axes, in that order; a mimic
-joint is `multiplier * position + offset` of the other. Fixed joints never move; a movable one whose position is not known
-has no transform. Lengths in m, angles in rad, quaternions as (x, y, z, w).
+joint is `multiplier * position + offset` of the other. Fixed joints never move; a movable one whose position is not
+known has no transform. Lengths in m, angles in rad, quaternions as (x, y, z, w).
 """
 
 from __future__ import annotations

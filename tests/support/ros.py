@@ -181,7 +181,7 @@ class FakeRobot:
         self.joints = {"right": {"position": 2.0, "velocity": 20.0, "effort": None, "command": None},
                        "left": {"position": 1.0, "velocity": 10.0, "effort": None, "command": None}}  # fmt: skip
         self.nodes = {"left_drive": node(3, "left"), "right_drive": node(2, "right")}
-        self.time, self.more, self.refusals = 1_700_000_000.25, {}, {}
+        self.time, self.more, self.refusals, self.answers = 1_700_000_000.25, {}, {}, {}
         self._watching, self.urdf = [], URDF
         self._server = LineServer(
             self.reactor, socket_path("robot", name), self._greet, self._on_message, self._on_close
@@ -245,15 +245,20 @@ class FakeRobot:
         self.told.append(message)
         if method == "subscribe":
             self._watching.append(connection)
-        answers = {
+        if "id" in message and method in self.refusals:
+            connection.send({"id": message["id"], "error": self.refusals[method]})
+        elif "id" in message:
+            connection.send({"id": message["id"], "result": self._answer(method)})
+
+    def _answer(self, method):
+        if method in self.answers:
+            return self.answers[method]
+        known = {
             "status": lambda: {**self.state(), "robot": self._name, "events": []},
             "controllers": lambda: self.controllers,
             "description": lambda: {"urdf": self.urdf},
         }
-        if "id" in message and method in self.refusals:
-            connection.send({"id": message["id"], "error": self.refusals[method]})
-        elif "id" in message:
-            connection.send({"id": message["id"], "result": answers.get(method, dict)()})
+        return known.get(method, dict)()
 
     def _push(self):
         for connection in self._watching:

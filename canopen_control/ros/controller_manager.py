@@ -1,0 +1,197 @@
+"""`/controller_manager/*`: the services that `ros2 control` and the spawner of a ROS installation call.
+
+The law of the file (controller_manager_msgs, Jazzy 4.46): names and answers are upstream's; strictness 2 is strict, any
+other best effort; a request that is refused is answered with ok false, and why is logged, and said where the answer has
+room for it. The runtime decides; nothing here knows better.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Final
+
+from canopen_control.ros.endpoint import Endpoint
+from canopen_control.ros.interfaces import interface
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+
+    from canopen_control.ros.endpoint import Ros
+    from canopen_control.ros.service import Reply, RosMessage
+
+    Json = dict[str, Any]
+
+__all__ = ["ControllerManagerServices"]
+
+_STRICT: Final = 2
+_BASE_CLASS: Final = "controller_interface::ControllerInterface"
+#: lifecycle_msgs/msg/State
+_STATES: Final = {"unknown": 0, "unconfigured": 1, "inactive": 2, "active": 3, "finalized": 4}
+
+
+class ControllerManagerServices(Endpoint):
+    """The services of one robot, below `controller_manager`, relative to the namespace."""
+
+    def __init__(self, ros: Ros) -> None:
+        self._ros = ros
+        self._state_class = interface("lifecycle_msgs/msg/State")
+        self._services = [
+            ros.serve(interface(f"controller_manager_msgs/srv/{kind}"), f"controller_manager/{name}", handler)
+            for name, kind, handler in self._table()
+        ]
+
+    def close(self) -> None:
+        """Leave the graph."""
+        for service in self._services:
+            self._ros.unserve(service)
+
+    def _table(self) -> list[tuple[str, str, Callable[[Any, Any, Reply], object]]]:
+        return [
+            ("list_controllers", "ListControllers", self._list_controllers),
+            ("list_controller_types", "ListControllerTypes", self._list_types),
+            ("load_controller", "LoadController", self._by_name("load")),
+            ("configure_controller", "ConfigureController", self._by_name("configure")),
+            ("switch_controller", "SwitchController", self._switch),
+            ("unload_controller", "UnloadController", self._by_name("unload")),
+            ("cleanup_controller", "CleanupController", self._by_name("cleanup")),
+            ("reload_controller_libraries", "ReloadControllerLibraries", self._reload),
+            ("list_hardware_components", "ListHardwareComponents", self._list_components),
+            ("list_hardware_interfaces", "ListHardwareInterfaces", self._list_interfaces),
+            ("set_hardware_component_state", "SetHardwareComponentState", self._set_component_state),
+        ]
+
+    # ------------------------------------------------------------------------------------------------ controllers
+
+    def _list_controllers(self, _request: RosMessage, response: RosMessage, reply: Reply) -> None:
+        make = interface("controller_manager_msgs/msg/ControllerState")
+
+        def fill(answer: list[Json]) -> None:
+            response.controller = [
+                make(
+                    name=each["name"],
+                    state=each["state"],
+                    type=each["type"],
+                    update_rate=int(each.get("update_rate") or 0),
+                    claimed_interfaces=list(each["claimed_interfaces"]),
+                    required_command_interfaces=list(each["required_command_interfaces"]),
+                    required_state_interfaces=list(each["required_state_interfaces"]),
+                )
+                for each in answer
+            ]
+
+        self._ask("controllers", {}, fill, response, reply)
+
+    def _list_types(self, _request: RosMessage, response: RosMessage, reply: Reply) -> None:
+        def fill(answer: list[str]) -> None:
+            response.types = list(answer)
+            response.base_classes = [_BASE_CLASS] * len(answer)
+
+        self._ask("controller_types", {}, fill, response, reply)
+
+    def _by_name(self, method: str) -> Callable[[Any, Any, Reply], None]:
+        def handler(request: RosMessage, response: RosMessage, reply: Reply) -> None:
+            self._ask(method, {"controller": request.name}, lambda _: _succeed(response), response, reply)
+
+        return handler
+
+    def _switch(self, request: RosMessage, response: RosMessage, reply: Reply) -> None:
+        params = {
+            "activate": list(request.activate_controllers),
+            "deactivate": list(request.deactivate_controllers),
+            "strict": request.strictness == _STRICT,
+        }
+        self._ask("switch", params, lambda _: _succeed(response), response, reply)
+
+    def _reload(self, _request: RosMessage, response: RosMessage, reply: Reply) -> None:
+        """Refuse: Python code is loaded once, the runtime must be started anew."""
+        self._ros.warn("reload", "controller libraries cannot be loaded again while the robot runs; restart it")
+        reply(response)
+
+    # --------------------------------------------------------------------------------------------------- hardware
+
+    def _list_components(self, _request: RosMessage, response: RosMessage, reply: Reply) -> None:
+        make = interface("controller_manager_msgs/msg/HardwareComponentState")
+
+        def fill(answer: list[Json]) -> None:
+            response.component = [
+                make(
+                    name=each["name"],
+                    type=each["type"],
+                    plugin_name=each["plugin"],
+                    class_type=each["plugin"],
+                    rw_rate=int(each.get("rate") or 0),
+                    state=self._lifecycle(each["state"]),
+                    command_interfaces=self._interfaces(each["command_interfaces"]),
+                    state_interfaces=self._interfaces(each["state_interfaces"]),
+                )
+                for each in answer
+            ]
+
+        self._ask("hardware", {}, fill, response, reply)
+
+    def _list_interfaces(self, _request: RosMessage, response: RosMessage, reply: Reply) -> None:
+        def fill(answer: list[Json]) -> None:
+            for kind in ("command_interfaces", "state_interfaces"):
+                every = sorted((one for each in answer for one in each[kind]), key=lambda one: str(one["name"]))
+                setattr(response, kind, self._interfaces(every))
+
+        self._ask("hardware", {}, fill, response, reply)
+
+    def _set_component_state(self, request: RosMessage, response: RosMessage, reply: Reply) -> None:
+        wanted = request.target_state
+        by_id = {number: label for label, number in _STATES.items()}
+        label = wanted.label or by_id.get(wanted.id, "unknown")
+
+        def fill(answer: Json) -> None:
+            response.ok = answer["state"] == label
+            response.state = self._lifecycle(answer["state"])
+
+        self._ask("set_hardware_state", {"component": request.name, "state": label}, fill, response, reply)
+
+    def _lifecycle(self, label: str) -> RosMessage:
+        return self._state_class(id=_STATES.get(label, 0), label=label)
+
+    def _interfaces(self, told: Iterable[Json]) -> list[Any]:
+        make = interface("controller_manager_msgs/msg/HardwareInterface")
+        return [
+            make(
+                name=each["name"],
+                data_type="double",
+                is_available=bool(each["available"]),
+                is_claimed=bool(each.get("claimed", False)),
+            )
+            for each in told
+        ]
+
+    def _ask(
+        self,
+        method: str,
+        params: Json,
+        fill: Callable[[Any], object],
+        response: RosMessage,
+        reply: Reply,
+    ) -> None:
+        """Ask the robot; `fill` puts its answer into the response, a refusal leaves it as it is and is told."""
+
+        def answer(result: RosMessage, error: str | None) -> None:
+            if error is None:
+                error = _filled(fill, result)
+            if error is not None:
+                self._ros.warn(f"controller_manager/{method}", f"{method}: {error}")
+                if hasattr(response, "message"):
+                    response.message = error
+            reply(response)
+
+        self._ros.ask(method, params, answer)
+
+
+def _succeed(response: RosMessage) -> None:
+    response.ok = True
+
+
+def _filled(fill: Callable[[Any], object], result: RosMessage) -> str | None:
+    """Put an answer into a response; return what is wrong with it, if anything."""
+    try:
+        fill(result)
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        return f"the robot's answer cannot be read: {type(error).__name__}: {error}"
+    return None

@@ -1,0 +1,134 @@
+"""The call sequences of `ros2 control` and of the spawner, made by a ROS program with classes of its own making."""
+
+from __future__ import annotations
+
+import pytest
+from support import ros
+from support.ros import Peer, bridge
+
+pytestmark = pytest.mark.ros
+HARDWARE = [
+    {
+        "name": "robby", "type": "system", "plugin": "canopen_ros2_control/RobotSystem", "state": "active", "rate": 50,
+        "command_interfaces": [{"name": "left/velocity", "available": True, "claimed": True}],
+        "state_interfaces": [
+            {"name": "right/position", "available": True},
+            {"name": "left/position", "available": False},
+        ],
+    }
+]  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def scene(ros_folder):
+    with pytest.MonkeyPatch.context() as patch, ros.domain() as number:
+        for name, value in ros_folder.items():
+            patch.setenv(name, value)
+        with ros.FakeRobot() as robot, bridge(number, **ros_folder), Peer(number, "--interfaces") as peer:
+            robot.answers = {
+                "controller_types": ["a/B", "c/D"],
+                "hardware": HARDWARE,
+                "set_hardware_state": {"state": "inactive"},
+            }
+            yield robot, peer
+
+
+@pytest.fixture
+def call(scene):
+    robot, peer = scene
+    robot.told.clear()
+    robot.refusals.clear()
+
+    def call(service, kind, **data):
+        answer = peer.order(
+            "call", service=f"/controller_manager/{service}", of=f"controller_manager_msgs/srv/{kind}", data=data
+        )
+        return answer["response"]
+
+    return call
+
+
+def asked(scene, method):
+    return scene[0].commands(method)
+
+
+def test_list_controllers_shows_type_state_and_claims(call):
+    listed = {each["name"]: each for each in call("list_controllers", "ListControllers")["controller"]}
+    assert set(listed) == {"joint_state_broadcaster", "forward", "base"}
+    forward = listed["forward"]
+    assert (forward["type"], forward["state"]) == ("forward_command_controller/ForwardCommandController", "active")
+    assert (
+        forward["claimed_interfaces"] == forward["required_command_interfaces"] == ["left/velocity", "right/velocity"]
+    )
+    assert listed["base"]["claimed_interfaces"] == []
+
+
+def test_the_spawners_sequence_loads_configures_and_switches_strictly(scene, call):
+    call("list_controllers", "ListControllers")
+    assert call("load_controller", "LoadController", name="new") == {"ok": True}
+    assert call("configure_controller", "ConfigureController", name="new") == {"ok": True}
+    switched = call(
+        "switch_controller", "SwitchController",
+        activate_controllers=["new"], deactivate_controllers=["base"], strictness=2, activate_asap=True,
+        timeout={"sec": 5},
+    )  # fmt: skip
+    assert switched == {"ok": True, "message": ""}
+    assert asked(scene, "load") == asked(scene, "configure") == [{"controller": "new"}]
+    assert asked(scene, "switch") == [{"activate": ["new"], "deactivate": ["base"], "strict": True}]
+
+
+@pytest.mark.parametrize("strictness", [0, 1, 3, 4])
+def test_any_other_strictness_is_best_effort(scene, call, strictness):
+    call("switch_controller", "SwitchController", activate_controllers=["forward"], strictness=strictness)
+    assert asked(scene, "switch")[0]["strict"] is False
+
+
+def test_unload_and_cleanup_go_to_the_robot(scene, call):
+    assert call("unload_controller", "UnloadController", name="base") == {"ok": True}
+    assert call("cleanup_controller", "CleanupController", name="base") == {"ok": True}
+    assert asked(scene, "unload") == asked(scene, "cleanup") == [{"controller": "base"}]
+
+
+def test_what_the_robot_refuses_is_not_ok_and_says_why(scene, call):
+    scene[0].refusals["switch"] = {"kind": "InterfaceConflict", "message": "left/velocity is claimed"}
+    answer = call("switch_controller", "SwitchController", activate_controllers=["base"], strictness=2)
+    assert answer == {"ok": False, "message": "left/velocity is claimed"}
+    scene[0].refusals["load"] = {"kind": "ControlError", "message": "no such type"}
+    assert call("load_controller", "LoadController", name="x") == {"ok": False}
+
+
+def test_libraries_cannot_be_loaded_again(call):
+    assert call("reload_controller_libraries", "ReloadControllerLibraries", force_kill=True) == {"ok": False}
+
+
+def test_types_are_listed_with_their_base_class(call):
+    answer = call("list_controller_types", "ListControllerTypes")
+    assert answer["types"] == ["a/B", "c/D"]
+    assert answer["base_classes"] == ["controller_interface::ControllerInterface"] * 2
+
+
+def test_hardware_is_listed_with_its_interfaces(call):
+    (component,) = call("list_hardware_components", "ListHardwareComponents")["component"]
+    assert (component["name"], component["plugin_name"]) == ("robby", "canopen_ros2_control/RobotSystem")
+    assert component["state"] == {"id": 3, "label": "active"}
+    assert component["rw_rate"] == 50
+    interfaces = call("list_hardware_interfaces", "ListHardwareInterfaces")
+    assert [each["name"] for each in interfaces["state_interfaces"]] == ["left/position", "right/position"]
+    assert [each["is_available"] for each in interfaces["state_interfaces"]] == [False, True]
+    (command,) = interfaces["command_interfaces"]
+    assert command == {"name": "left/velocity", "data_type": "double", "is_available": True, "is_claimed": True}
+
+
+@pytest.mark.parametrize("target", [{"id": 2}, {"label": "inactive"}])
+def test_a_hardware_component_is_set_by_number_or_by_label(scene, call, target):
+    answer = call("set_hardware_component_state", "SetHardwareComponentState", name="robby", target_state=target)
+    assert answer == {"ok": True, "state": {"id": 2, "label": "inactive"}}
+    assert asked(scene, "set_hardware_state") == [{"component": "robby", "state": "inactive"}]
+
+
+def test_an_answer_of_another_shape_is_no_answer_and_the_bridge_goes_on(scene, call):
+    robot, _ = scene
+    before, robot.answers = robot.answers, {**robot.answers, "hardware": [{"name": "robby"}]}
+    assert call("list_hardware_components", "ListHardwareComponents") == {"component": []}
+    robot.answers = before
+    assert call("list_controllers", "ListControllers")["controller"]
