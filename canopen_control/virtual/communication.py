@@ -18,7 +18,7 @@ from canopen_control.cia301.sdo_server import SdoServerAbort
 from canopen_control.cia301.sync import check_cob_id_sync, check_overflow, parse_cob_id_sync
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
     from canopen_control.od.model import Address, Entry, Value
     from canopen_control.virtual.node import VirtualNode
@@ -150,17 +150,23 @@ class CommunicationObjects:
     def _save(self, entry: Entry, value: Value) -> Value:
         if value != SAVE:
             raise SdoServerAbort(AbortCode.CANNOT_STORE)
-        self._store.keep(self._group(entry.subindex))
-        self._node.stored()
+        self._keep(partial(self._store.keep, self._group(entry.subindex)))
         return 1
 
     def _load(self, entry: Entry, value: Value) -> Value:
         """Restore the defaults, which become active with the next reset."""
         if value != LOAD:
             raise SdoServerAbort(AbortCode.CANNOT_STORE)
-        self._store.forget(self._group(entry.subindex))
-        self._node.stored()
+        self._keep(partial(self._store.forget, self._group(entry.subindex)))
         return 1
+
+    def _keep(self, change: Callable[[], None]) -> None:
+        """Change the power-on values; where that cannot be kept they are as before, and the write fails."""
+        before = dict(self._store.power_on)
+        change()
+        if not self._node.stored():
+            self._store.power_on = before
+            raise SdoServerAbort(AbortCode.HARDWARE_ERROR)
 
     def _group(self, subindex: int) -> list[Address]:
         first, last = _GROUPS.get(subindex, _MANUFACTURER)

@@ -12,12 +12,14 @@ if TYPE_CHECKING:
     from canopen_control.cia402.state import State
 
 __all__ = [
+    "BitRateActivated",
     "DriveFaulted",
     "DriveStateChanged",
     "EmergencyRaised",
     "FaultSwitched",
     "HeartbeatMissed",
     "ModeChanged",
+    "NodeIdChanged",
 ]
 
 
@@ -68,3 +70,17 @@ class FaultSwitched:
 
     name: str
     on: bool
+
+
+@dataclass(frozen=True, slots=True)
+class NodeIdChanged:
+    """LSS gave the node another id."""
+
+    node_id: int
+
+
+@dataclass(frozen=True, slots=True)
+class BitRateActivated:
+    """LSS switched the bit rate, in bit/s; 0: it is detected."""
+
+    bitrate: int

@@ -12,32 +12,35 @@ from typing import TYPE_CHECKING
 
 from canopen_control.cia301.emcy import EmcyProducer
 from canopen_control.cia301.emcy_codes import ErrorRegister
-from canopen_control.cia301.error_behaviour import reaction
-from canopen_control.cia301.guarding import GuardingEventKind, GuardingSlave
-from canopen_control.cia301.heartbeat import HeartbeatConsumer, HeartbeatEventKind, HeartbeatProducer
-from canopen_control.cia301.nmt import NmtCommand, NmtResetRequested, NmtSlave, NmtState, NmtStateChanged
+from canopen_control.cia301.guarding import GuardingSlave
+from canopen_control.cia301.heartbeat import HeartbeatConsumer, HeartbeatProducer
+from canopen_control.cia301.nmt import NmtCommand, NmtSlave, NmtState
 from canopen_control.cia301.sdo_server import SdoServer
 from canopen_control.cia301.sync import SyncConsumer, SyncEventKind
 from canopen_control.cia402 import objects as o
 from canopen_control.frame import REMOTE_FLAG, CanFrame
 from canopen_control.virtual.communication import CommunicationObjects
-from canopen_control.virtual.events import EmergencyRaised, HeartbeatMissed
+from canopen_control.virtual.consequences import HEARTBEAT_ERROR, Consequences
+from canopen_control.virtual.events import EmergencyRaised, NodeIdChanged
+from canopen_control.virtual.lss import MASTER_COB_ID, UNCONFIGURED, NodeLss
 from canopen_control.virtual.pdos import ProcessData
 from canopen_control.virtual.personality import GENERIC, Personality
+from canopen_control.virtual.routing import merged
 from canopen_control.virtual.store import ObjectStore
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
+    from canopen_control.bus.port import BusEventKind
     from canopen_control.od.model import Entry, ObjectDictionary, Value
     from canopen_control.virtual.drive import VirtualDrive
+    from canopen_control.virtual.routing import Receiver, Route
     from canopen_control.virtual.switchboard import FaultSwitches
 
 __all__ = ["VirtualNode"]
 
 _MOST_WAITING = 1000  # events, and frames of injected faults
-HEARTBEAT_ERROR, SYNC_LENGTH_ERROR = 0x8130, 0x8240
-Route = tuple[int, "Callable[[CanFrame, int], None]"]
+SYNC_LENGTH_ERROR = 0x8240
 
 
 class VirtualNode:
@@ -63,19 +66,21 @@ class VirtualNode:
         self.filter: FaultSwitches | None = None
         self.reset_delay_ns: int | None = 0
         self.routes_version = 0
-        self._routes: dict[int, Callable[[CanFrame, int], None]] = {}
+        self._routes: dict[int, Receiver] = {}
         self._boot_at: int | None = 0
-        self._started = self._settling = self._touched = False
+        self._started = False
         self.events_lost = self.frames_lost = 0  # nobody fetched them
         self._sent: list[CanFrame] = []
         self.self_starting = False  # OPERATIONAL without a command, whatever the dictionary says
         self.clears_on_reset_communication: set[int] = set()  # causes of faults
         self.switches: FaultSwitches | None = None
-        self._on_stored: Callable[[], None] | None = None
+        self._on_stored: Callable[[], bool] | None = None
         self._events: list[object] = []
         self.communication = CommunicationObjects(self)
         self.communication.identify(node_id if serial is None else serial)
         self.pdos = ProcessData(self)
+        self.consequences = Consequences(self)
+        self.lss = NodeLss(self) if od.device.lss_supported else None
 
     # -- the sans-IO verbs
 
@@ -90,7 +95,7 @@ class VirtualNode:
         route = self._routes.get(frame.can_id)
         if route is not None:
             route(frame, now)
-            self._settle(now)
+            self.consequences.settle(now)
 
     def tick(self, now: int) -> None:
         """Let time pass; the first call is the power-on."""
@@ -102,7 +107,7 @@ class VirtualNode:
         self.advance_drives(now)
         for core in (self.heartbeat, self.consumer, self.guarding, self.emcy, self.sync, self.sdo, self.pdos):
             core.tick(now)
-        self._settle(now)
+        self.consequences.settle(now)
 
     def next_deadline(self) -> int | None:
         """Return when `tick` has something to do, None: nothing will happen by itself."""
@@ -118,6 +123,8 @@ class VirtualNode:
         """Drain what to send."""
         frames = self.nmt.frames() + self.emcy.frames() + self.heartbeat.frames() + self.guarding.frames()
         frames += self.pdos.frames() + self.sdo.frames()
+        if self.lss is not None:
+            frames += self.lss.frames()
         if self._sent:
             frames += self._sent
             self._sent = []
@@ -176,18 +183,17 @@ class VirtualNode:
         """Let `source` make the value of an object."""
         self.store.on_read(index, subindex, source)
 
-    def on_stored(self, callback: Callable[[], None]) -> None:
-        """Let `callback` hear when 0x1010 or 0x1011 changed the power-on values."""
+    def on_stored(self, callback: Callable[[], bool]) -> None:
+        """Let `callback` hear when 0x1010, 0x1011 or LSS changed what outlasts the power; it returns: it is kept."""
         self._on_stored = callback
 
-    def stored(self) -> None:
-        """Say that the power-on values changed."""
-        if self._on_stored is not None:
-            self._on_stored()
+    def stored(self) -> bool:
+        """Say that what outlasts the power changed; return whether it is kept."""
+        return self._on_stored is None or self._on_stored()
 
     def touch(self) -> None:
         """Say that values changed which nobody wrote; event-driven PDOs look at them when the event is over."""
-        self._touched = True
+        self.consequences.touched = True
 
     def tell(self, event: object) -> None:
         """Note an event for whoever shows them."""
@@ -248,7 +254,7 @@ class VirtualNode:
 
     def follow(self, now: int) -> None:
         """Follow up what was done to the node from outside: send what changed, tick what is due."""
-        if not self._settling:
+        if not self.consequences.settling:
             self.tick(now)
 
     def advance_drives(self, now: int) -> None:
@@ -261,6 +267,8 @@ class VirtualNode:
     def reset(self, command: NmtCommand, now: int) -> None:
         """Restore power-on values as `command` says and boot again; the power-on itself is a reset node."""
         everything = command is NmtCommand.RESET_NODE
+        if self.lss is not None:
+            self._assign(self.lss.reset(power=False))
         self.store.defaults(0x1000 if not everything else 0, 0x1FFF if not everything else 0xFFFF)
         self.pdos.stop()
         for core in (self.sdo, self.sync, self.guarding):
@@ -277,24 +285,49 @@ class VirtualNode:
                 drive.power.causes -= self.clears_on_reset_communication
         self.heartbeat.state = self.guarding.state = NmtState.INITIALISING
         self.emcy.allowed = False
-        self._routes = {}
+        self._routes = self._lss_routes()
         self.routes_version += 1
         delay = self.personality.boot_ns if self.reset_delay_ns == 0 else self.reset_delay_ns
-        self._boot_at = None if delay is None else now + delay
+        self._boot_at = None if delay is None or self.node_id == UNCONFIGURED else now + delay
 
     def power_on(self, now: int) -> None:
         """Switch on, or off and on again (brown-out): everything not stored is gone."""
         self._advance(now)
+        if self.lss is not None:
+            self.lss.reset(power=True)
         self.nmt.state = NmtState.INITIALISING
         self.nmt.events()
         self.reset(NmtCommand.RESET_NODE, now)
-        self._settle(now)
+        self.consequences.settle(now)
+
+    def power_up_with(self, node_id: int, now: int) -> None:
+        """Begin to live with a first node id, given by LSS."""
+        self._assign(node_id)
+        self.nmt.state = NmtState.INITIALISING
+        self.reset(NmtCommand.RESET_NODE, now)
+
+    def _assign(self, node_id: int) -> None:
+        """Be another node from the next boot-up on; $NODEID of the dictionary follows."""
+        if node_id == self.node_id:
+            return
+        self.node_id, self.od = node_id, self.od.for_node(node_id)
+        self.store.rebase(self.od)
+        for core in (self.nmt, self.heartbeat, self.guarding, self.emcy, self.sdo):
+            core.node_id = node_id
+        self.sdo.request_cob_id, self.sdo.answer_cob_id = 0x600 + node_id, 0x580 + node_id
+        self.tell(NodeIdChanged(node_id))
+
+    def bus_event(self, kind: BusEventKind, now: int) -> None:
+        """React to what happened to the node's CAN controller."""
+        self._advance(now)
+        self.advance_drives(now)
+        self.consequences.bus_event(kind, now)
 
     def command(self, command: NmtCommand, now: int) -> None:
         """Obey an NMT command of the node's own."""
         self._advance(now)
         self.nmt.command(command)
-        self._settle(now)
+        self.consequences.settle(now)
 
     def set_reset_delay(self, delay_ns: int | None, now: int) -> None:
         """Change the time from a reset to the boot-up (None: never), also of a boot under way."""
@@ -328,6 +361,7 @@ class VirtualNode:
             return
         error_control = 0x700 + self.node_id
         routes: list[Route] = [
+            *self._lss_routes().items(),
             (0x000, self.nmt.receive),
             (self.sdo.request_cob_id, self._on_sdo),
             (error_control | REMOTE_FLAG, self.guarding.receive),
@@ -335,12 +369,13 @@ class VirtualNode:
             *((0x700 + node_id, self.consumer.receive) for node_id in self.consumer.watched()),
             *self.pdos.routes(),
         ]
-        table: dict[int, Callable[[CanFrame, int], None]] = {}
-        for can_id, route in routes:
-            table[can_id] = _both(table[can_id], route) if can_id in table else route
+        table = merged(routes)
         if table.keys() != self._routes.keys():
             self.routes_version += 1
         self._routes = table
+
+    def _lss_routes(self) -> dict[int, Receiver]:
+        return {} if self.lss is None else {MASTER_COB_ID: self.lss.receive}
 
     def _on_sdo(self, frame: CanFrame, now: int) -> None:
         if self.nmt.state is not NmtState.STOPPED:
@@ -356,73 +391,3 @@ class VirtualNode:
                 self.report(SYNC_LENGTH_ERROR, ErrorRegister.COMMUNICATION)
             elif event.kind is SyncEventKind.SYNC and self.operational:
                 self.pdos.sync(event.counter, now)
-
-    # -- consequences
-
-    def _settle(self, now: int) -> None:
-        """Follow up what the cores said until they say nothing more."""
-        if self._settling:
-            return
-        self._settling = True
-        while events := [*self.nmt.events(), *self.consumer.events(), *self.guarding.events()]:
-            for event in events:
-                self._follow_up(event, now)
-        self.sync.events()
-        if self._touched:
-            self._touched = False
-            self.pdos.touched(now)
-        self._settling = False
-
-    def _follow_up(self, event: object, now: int) -> None:
-        if isinstance(event, NmtStateChanged):
-            self._state_changed(event, now)
-        elif isinstance(event, NmtResetRequested):
-            self.reset(event.command, now)
-        else:
-            kind, node_id = getattr(event, "kind", None), getattr(event, "node_id", 0)
-            if kind is HeartbeatEventKind.MISSED:
-                self._connection_lost(node_id, now)
-            elif kind is GuardingEventKind.MISSED:
-                self._connection_lost(0, now)
-            elif kind in (HeartbeatEventKind.RESOLVED, GuardingEventKind.RESOLVED):
-                self.tell(HeartbeatMissed(node_id if kind is HeartbeatEventKind.RESOLVED else 0, missed=False))
-                self.stop_missing(node_id)
-
-    def _state_changed(self, event: NmtStateChanged, now: int) -> None:
-        self.tell(event)
-        state = event.state
-        self.heartbeat.state = self.guarding.state = state
-        self.emcy.allowed = state in (NmtState.PRE_OPERATIONAL, NmtState.OPERATIONAL)
-        if state is NmtState.OPERATIONAL:
-            self.pdos.start(now)
-        else:
-            self.pdos.stop()
-        if state is NmtState.STOPPED:
-            self.sdo.reset()
-            self.sync.reset()
-        if state in (NmtState.STOPPED, NmtState.INITIALISING):
-            for drive in self.drives.values():
-                drive.communication_stopped(now)
-        self.touch()
-
-    def _connection_lost(self, node_id: int, now: int) -> None:
-        """0x1016 or life guarding: EMCY 0x8130, the axes as 0x6007 says, the node as 0x1029:01 says."""
-        self.tell(HeartbeatMissed(node_id, missed=True))
-        self.emergency(HEARTBEAT_ERROR, ErrorRegister.COMMUNICATION, self.personality.communication_data)
-        for drive in self.drives.values():
-            drive.connection_lost(now)
-        command = reaction(self.store.number(0x1029, 1), self.nmt.state)
-        if command is not None:
-            self.nmt.command(command)
-
-
-def _both(
-    first: Callable[[CanFrame, int], None], second: Callable[[CanFrame, int], None]
-) -> Callable[[CanFrame, int], None]:
-    """Return a route to two receivers of one identifier, in order."""
-
-    def receive(frame: CanFrame, now: int) -> None:
-        first(frame, now)
-        second(frame, now)
-
-    return receive

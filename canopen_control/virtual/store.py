@@ -95,6 +95,19 @@ class ObjectStore:
                 address = entry.address
                 self.values[address] = self.power_on[address] if address in self.power_on else default_of(entry)
 
+    def rebase(self, od: ObjectDictionary) -> None:
+        """Take the defaults and limits of the same dictionary for another node id, from the next reset on."""
+        self.od = od
+
+    def saved(self) -> dict[Address, Value]:
+        """Return the power-on values that are neither the file's nor `preset`: what 0x1010 stored."""
+        nothing = object()
+        return {
+            address: value
+            for address, value in self.power_on.items()
+            if self._presets.get(address, nothing) != value and address in self.values
+        }
+
     def keep(self, addresses: Iterable[Address]) -> None:
         """Make the present values of `addresses` the power-on values (0x1010)."""
         self.power_on.update({address: self.values[address] for address in addresses})

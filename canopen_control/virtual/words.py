@@ -11,12 +11,14 @@ from canopen_control.cia301.emcy_codes import error_text
 from canopen_control.cia301.nmt import NmtStateChanged
 from canopen_control.cia402.modes import mode_name
 from canopen_control.virtual.events import (
+    BitRateActivated,
     DriveFaulted,
     DriveStateChanged,
     EmergencyRaised,
     FaultSwitched,
     HeartbeatMissed,
     ModeChanged,
+    NodeIdChanged,
 )
 
 if TYPE_CHECKING:
@@ -48,6 +50,8 @@ _WORDS: dict[type, Callable[..., str]] = {
     ModeChanged: lambda event: f"{_axis(event.axis)}mode {mode_name(event.mode)}",
     EmergencyRaised: _emergency,
     HeartbeatMissed: _missed,
+    NodeIdChanged: lambda event: f"LSS: node id {event.node_id}",
+    BitRateActivated: lambda event: f"LSS: bit rate {event.bitrate or 'detected by itself'}",
     FaultSwitched: lambda event: f"fault {event.name} {'on' if event.on else 'off'}",
 }
 
