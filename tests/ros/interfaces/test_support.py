@@ -1,7 +1,10 @@
 from __future__ import annotations
 
+import subprocess
+import sys
+
 import pytest
-from support.ros import Peer, domain, run_ros
+from support.ros import Peer, domain, ros_environment, run_ros
 
 pytestmark = pytest.mark.ros
 
@@ -167,3 +170,55 @@ except CanopenError as error:
     print(error)
 """
     assert run_ros(code).startswith("no interfaces can be made for this ROS: ")
+
+
+def test_a_request_of_another_layout_from_another_process_is_dropped_and_the_next_one_served():
+    code = """
+import sys, threading
+from canopen_control.ros import interfaces, rcl
+from canopen_control.ros.service import serve
+from canopen_control.ros.spinner import Spinner
+if sys.argv[1] == "stranger":
+    interfaces._DEFINITIONS["canopen_interfaces/srv/COWrite"] = ["uint8 a", "---", "bool success"]
+interfaces.provide(["canopen_interfaces"])
+from canopen_interfaces.srv import COWrite
+context, node = rcl.start(sys.argv[1], "", [])
+errors, got, done = [], [], threading.Event()
+spinner = Spinner(node, context, errors.append)
+spinner.start()
+if sys.argv[1] == "server":
+    def write(request, response, reply):
+        got.append(request)
+        reply(response)
+        done.set()
+    serve(node, COWrite, "sdo_write", write)
+    print("ready", flush=True)
+    sys.stdin.readline()
+    assert done.wait(20)
+    assert errors
+    assert [each.data for each in got] == [7], got
+else:
+    client = node.create_client(COWrite, "sdo_write")
+    assert client.wait_for_service(20)
+    request = COWrite.Request(a=1) if sys.argv[1] == "stranger" else COWrite.Request(index=0x6040, data=7)
+    future = client.call_async(request)
+    future.add_done_callback(lambda future: done.set())
+    assert done.wait(20) if sys.argv[1] == "friend" else not done.wait(0.5)
+spinner.stop(5)
+context.shutdown()
+"""
+    with domain() as number:
+        server = subprocess.Popen(
+            [sys.executable, "-c", code, "server"], env=ros_environment(number),
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        )  # fmt: skip
+        try:
+            assert server.stdout.readline() == "ready\n"
+            run_ros(code, number, ["stranger"])
+            run_ros(code, number, ["friend"])
+            _, complaints = server.communicate("\n", timeout=30)
+        finally:
+            server.kill()
+            server.communicate()
+        assert server.returncode == 0, complaints
+        assert "not the body of a canopen_interfaces/srv/COWrite_Request" in complaints
