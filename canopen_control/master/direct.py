@@ -18,7 +18,7 @@ from canopen_control.cia301.lss_master import LssMaster
 from canopen_control.cia301.nmt import ERROR_CONTROL_COB_ID, MAX_NODE_ID, NmtMaster, NmtUnconfirmed, state_of_byte
 from canopen_control.cia301.sdo_client import SdoClient
 from canopen_control.errors import BusClosed, BusOff, CanopenError
-from canopen_control.frame import BROADCAST, CanFrame, frames_of, pack_records
+from canopen_control.frame import BROADCAST, RECORD, CanFrame, pack_records
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 __all__ = ["Core", "DirectBus"]
 
 FLUSH_S = 1.0  # what the last frames have to leave before the port is closed
+_FIRST_HEARTBEAT, _LAST_HEARTBEAT = ERROR_CONTROL_COB_ID + 1, ERROR_CONTROL_COB_ID + MAX_NODE_ID
 PARALLEL = 16  # servers asked at the same time by `read_many`: what a slow bus carries within one timeout
 
 
@@ -63,7 +64,10 @@ class DirectBus:
         self.heard: dict[int, NmtState | None] = {}
         self._clients: dict[int, SdoClient] = {}
         self._poll = select.poll()
-        self._poll.register(port.fileno(), select.POLLIN)
+        self._fd = port.fileno()
+        self._poll.register(self._fd, select.POLLIN)
+        self._watches_writing = False
+        self._errors = port.stats.errors
 
     @classmethod
     def open(cls, channel: str, *, label: str = "direct", timeout_s: float = 0.5, retries: int = 1) -> DirectBus:
@@ -82,7 +86,7 @@ class DirectBus:
             deadline = time.monotonic() + FLUSH_S
             while (self.port.wants_write or self.port.stats.queued) and time.monotonic() < deadline:
                 self._wait(10_000_000)
-                self._receive([])
+                self._receive([], time.monotonic_ns())
         except CanopenError:
             pass  # the bus is gone, and with it whoever could have heard them
         self.port.close()
@@ -129,7 +133,7 @@ class DirectBus:
             self.serve([client], lambda: request.done)
         except BaseException:
             client.cancel_all(BusClosed(self.port.channel, "broken off"))
-            self._send(client.frames())
+            self.port.send(pack_records(client.frames()))
             raise
         client.events()
         if request.error is not None:
@@ -173,49 +177,52 @@ class DirectBus:
 
     def serve(self, cores: Sequence[Core], done: Callable[[], bool], seconds: float | None = None) -> bool:
         """Move frames until `done`, or until `seconds` are over: then return False."""
-        end = None if seconds is None else time.monotonic_ns() + round(seconds * 1e9)
+        now = time.monotonic_ns()
+        end = None if seconds is None else now + round(seconds * 1e9)
         while True:
-            now = time.monotonic_ns()
-            out = []
+            deadline = end
             for core in cores:
-                core.tick(now)
-                out += core.frames()
-            if out:
-                self._send(out)
+                due = core.next_deadline()
+                if due is not None and due <= now:
+                    core.tick(now)
+                    due = core.next_deadline()
+                if out := core.frames():
+                    self.port.send(pack_records(out))
+                if due is not None and (deadline is None or due < deadline):
+                    deadline = due
             if done():
                 return True
             if end is not None and now >= end:
                 return False
-            deadlines = [end, *(core.next_deadline() for core in cores)]
-            deadline = min((each for each in deadlines if each is not None), default=None)
-            self._wait(None if deadline is None else max(0, deadline - now))
-            self._receive(cores)
-
-    def _receive(self, cores: Sequence[Core]) -> None:
-        records = self.port.receive()
-        if records:
+            self._wait(None if deadline is None else deadline - now)
             now = time.monotonic_ns()
-            for frame in frames_of(records):
-                for core in cores:
-                    core.receive(frame, now)
-                if ERROR_CONTROL_COB_ID < frame.can_id <= ERROR_CONTROL_COB_ID + MAX_NODE_ID and len(frame.data) == 1:
-                    self.heard[frame.can_id - ERROR_CONTROL_COB_ID] = state_of_byte(frame.data[0])
+            self._receive(cores, now)
+
+    def _receive(self, cores: Sequence[Core], now: int) -> None:
+        records = self.port.receive()
+        for can_id, length, data in RECORD.iter_unpack(records):
+            frame = CanFrame(can_id, data[:length])
+            for core in cores:
+                core.receive(frame, now)
+            if _FIRST_HEARTBEAT <= can_id <= _LAST_HEARTBEAT and length == 1:
+                self.heard[can_id - ERROR_CONTROL_COB_ID] = state_of_byte(data[0])
         if self.port.wants_write:
             self.port.flush()
-        for event in self.port.events():
-            if event.kind is BusEventKind.BUS_OFF:
-                raise BusOff(self.port.channel)
+        if not records or self.port.stats.errors != self._errors:  # what else can have happened
+            self._errors = self.port.stats.errors
+            self._look_at_events()
 
-    def _send(self, frames: list[CanFrame]) -> None:
-        if frames:
-            self.port.send(pack_records(frames))
+    def _look_at_events(self) -> None:
+        if any(event.kind is BusEventKind.BUS_OFF for event in self.port.events()):
+            raise BusOff(self.port.channel)
 
     def _wait(self, nanoseconds: int | None) -> None:
         """Wait until the port has something, takes something again, or the time is over."""
-        events = select.POLLIN | select.POLLOUT if self.port.wants_write else select.POLLIN
-        self._poll.modify(self.port.fileno(), events)
+        if self.port.wants_write != self._watches_writing:
+            self._watches_writing = not self._watches_writing
+            self._poll.modify(self._fd, select.POLLIN | select.POLLOUT if self._watches_writing else select.POLLIN)
         # Rounded up: a deadline that is half a millisecond away must not become a busy loop.
-        self._poll.poll(None if nanoseconds is None else -(-nanoseconds // 1_000_000))
+        self._poll.poll(None if nanoseconds is None else max(0, -(-nanoseconds // 1_000_000)))
 
 
 def _all_done(requests: list[tuple[int, SdoRequest]]) -> bool:
