@@ -73,7 +73,8 @@ class DriveMachine:
     enable that overtook a disable the drive counts as enabled again when it did not move for `settle_ns`.
 
     To be read: `state` (None: unknown), `statusword`, `goal`, `halted`, `held`, `controlword`, `undefined` (the number
-    of undefined statuswords), `remote` (bit 9; True until the drive says otherwise). `standstill` may be set by who
+    of undefined statuswords), `remote` (bit 9; True until the drive says otherwise), `evaluations` (the updates that had
+    something to decide: while it stays the same, so does everything else). `standstill` may be set by who
     knows that the motor stands; it shortens the wait for the end of a quick stop, nothing else.
     """
 
@@ -102,6 +103,7 @@ class DriveMachine:
         self.remote = True
         self.standstill = False
         self.undefined = 0
+        self.evaluations = 0
         timeouts = {**_DEFAULT_TIMEOUTS, SETTLE: settle_ns, **(transition_timeouts or {})}
         self._step = StepTimer(transition_timeout_ns, timeouts)
         self._undefined_limit = undefined_limit
@@ -265,6 +267,7 @@ class DriveMachine:
                 self.statusword = statusword
                 return self.controlword
         self._settled = True
+        self.evaluations += 1
         if statusword is None:
             self._without_statusword(now)
             mode.display = mode_display

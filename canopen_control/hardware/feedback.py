@@ -45,6 +45,9 @@ class Feedback:
         self._raw_position: int | None = None
         self._raw_velocity: int | None = None
         self._raw_effort: int | None = None
+        self._more = self._effort is not None or bool(self._extras)
+        self._position_state = self.states.get(POSITION, StateInterface(description.name, POSITION))
+        self._slack = round(abs(axis.scale.pos_to_dev) * _SLACK) + 1
         self._stamp = self._moved_at = 0
         self._jumps = 0
 
@@ -69,36 +72,49 @@ class Feedback:
         """Take what is new; returns a jump of the position in counts, 0 for none."""
         jump = 0
         velocity = self._velocity
-        if velocity is not None and velocity.pdo.count != self._velocity_count and velocity.pdo.stamp >= 0:
-            self._velocity_count = velocity.pdo.count
-            if (raw := velocity.value) != self._raw_velocity:
-                self._raw_velocity = raw
-                # + 0.0: a mirrored drive that stands still has no velocity of -0.0
-                value = self._axis.scale.velocity_from_device(raw) + 0.0
-                self.states[VELOCITY].value = value
-                self.standing = -STANDSTILL <= value <= STANDSTILL
+        if velocity is not None:
+            pdo = velocity.pdo
+            if pdo.count != self._velocity_count and pdo.stamp >= 0:
+                self._velocity_count = pdo.count
+                raw: int = pdo.values[velocity.position]  # type: ignore[assignment]  # mapped drive objects are integers
+                if raw != self._raw_velocity:
+                    self._take_velocity(raw)
         position = self._position
-        if position is not None and position.pdo.count != self._position_count and position.pdo.stamp >= 0:
-            self._position_count = position.pdo.count
-            if (raw := position.value) != self._raw_position:
-                jump = self._take_position(raw, position.pdo.stamp)
-            elif velocity is None:
-                self.standing = now - self._moved_at >= _STILL_NS
-        if self._effort is not None or self._extras:
+        if position is not None:
+            pdo = position.pdo
+            if pdo.count != self._position_count and pdo.stamp >= 0:
+                self._position_count = pdo.count
+                raw = pdo.values[position.position]  # type: ignore[assignment]  # as above
+                if raw != self._raw_position:
+                    jump = self._take_position(raw, pdo.stamp)
+                elif velocity is None:
+                    self.standing = now - self._moved_at >= _STILL_NS
+        if self._more:
             self._read_more(now)
         return jump
 
     def refresh_scale(self) -> None:
         """Say that the scale is another one: convert again with the next frames."""
+        self._slack = round(abs(self._axis.scale.pos_to_dev) * _SLACK) + 1
         self._raw_position = self._raw_velocity = self._raw_effort = None
         self._position_count = self._velocity_count = self._effort_count = -1
 
+    def _take_velocity(self, raw: int) -> None:
+        self._raw_velocity = raw
+        # + 0.0: a mirrored drive that stands still has no velocity of -0.0
+        value = self._axis.scale.velocity_from_device(raw) + 0.0
+        self.states[VELOCITY].value = value
+        self.standing = -STANDSTILL <= value <= STANDSTILL
+
     def _take_position(self, raw: int, stamp: int) -> int:
-        unwrap = self._axis.unwrap
-        unwrap.max_step = self._largest_step(stamp - self._stamp)
+        axis = self._axis
+        unwrap, last = axis.unwrap, self._raw_position
+        # a step within a revolution is always plausible: no need to work out what else would be
+        if last is None or not -self._slack <= raw - last <= self._slack:
+            unwrap.max_step = self._largest_step(stamp - self._stamp)
         count = unwrap.update(raw)
         self._raw_position, self._stamp = raw, stamp
-        self.states[POSITION].value = self._axis.scale.position_from_device(count)
+        self._position_state.value = axis.scale.position_from_device(count)
         if self._velocity is None:
             self.standing, self._moved_at = False, stamp
         if unwrap.jumps == self._jumps:
@@ -109,7 +125,7 @@ class Feedback:
     def _largest_step(self, elapsed_ns: int) -> int:
         """Return what can lie between two samples: twice the way at the present velocity, and a revolution."""
         axis = self._axis
-        slack = round(abs(axis.scale.pos_to_dev) * _SLACK) + 1
+        slack = self._slack
         if self._raw_velocity is not None:
             # velocity and position may have different units: go by way of SI
             speed = abs(axis.scale.velocity_from_device(self._raw_velocity) * axis.scale.pos_to_dev)

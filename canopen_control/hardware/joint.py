@@ -22,7 +22,7 @@ from canopen_control.cia402.setpoint import SetPointReached, SetPointTaken
 from canopen_control.cia402.state import State
 from canopen_control.errors import DriveError
 from canopen_control.hardware.axis import Axis
-from canopen_control.hardware.axis_modes import make_target
+from canopen_control.hardware.axis_modes import SetPointTarget, make_target
 from canopen_control.hardware.axis_parameters import AxisParameters
 from canopen_control.hardware.axis_status import ModeBySdo, StatuswordBySdo
 from canopen_control.hardware.choice import DIGITAL_OUTPUTS, choose_mode, listed_modes, require_targets
@@ -109,7 +109,12 @@ class JointDrive:
         self._watch = Watch(self.axis, config.following_error_action)
         self._by_sdo = StatuswordBySdo(self.axis)
         self._mode_by_sdo = ModeBySdo(self.axis) if None in (self.axis.mode, self.axis.display) else None
-        self._statusword_pdo = self.axis.statusword.pdo
+        self._statusword_pdo, self._statusword_at = self.axis.statusword.pdo, self.axis.statusword.position
+        self._display = self.axis.display
+        self._outputs = self.commands.get(DIGITAL_OUTPUTS)
+        self._command: CommandInterface | None = None
+        self._evaluations = -1
+        self._may_move = self._is_set_point = False
         self._next_mode: OperationMode | None = None
         self._now = 0
         self._since = 0  # when it began to stop
@@ -218,6 +223,7 @@ class JointDrive:
         self.claimed = interface
         if interface is not None:
             self.set_mode(self.mode_for(interface))
+        self._find_command()
 
     def set_mode(self, mode: OperationMode) -> None:
         """Ask for a mode; in an enabled drive its targets are set to standstill one cycle before."""
@@ -341,51 +347,61 @@ class JointDrive:
         word: int | None = None
         display: int | None = None
         if self.node.ready and pdo.stamp >= 0:
-            word = axis.statusword.value
+            word = pdo.values[self._statusword_at]  # type: ignore[assignment]  # a statusword is an integer
             if pdo.overdue:
-                word = self._by_sdo.word(word, now)
-            display = axis.display.value if axis.display is not None and axis.display.fresh else None
+                word = self._by_sdo.word(word or 0, now)
+            shown = self._display
+            if shown is not None and shown.pdo.stamp >= 0:
+                display = shown.pdo.values[shown.position]  # type: ignore[assignment]  # so is a mode
         if self._mode_by_sdo is not None and word is not None:
             self._mode_by_sdo.step(machine.mode, now)
-            display = self._mode_by_sdo.display if axis.display is None else display
+            display = self._mode_by_sdo.display if self._display is None else display
         machine.standstill = self.feedback.standing
         before = machine.statusword
         control = machine.update(word, display, now)
-        if word != before or machine.has_events:
-            if word is not None:
+        if machine.evaluations != self._evaluations or word != before:
+            self._evaluations = machine.evaluations
+            self._may_move = machine.may_move
+            if word is not None and word != before:
                 self._news += self._watch.look(word, machine.mode, self.target)
             self._take_events()
-        axis.controlword.set(control if word is not None else self._blind(now))
+        elif self._is_set_point:
+            self._take_events()
+        if word is None:
+            control = self._blind(now)
+        if control != axis.controlword.value:
+            axis.controlword.set(control)
 
     def write(self, now: int, period: float) -> None:
         """Set mode and targets, after every joint of the group has seen its statusword."""
-        machine, target = self.machine, self.target
+        target = self.target
         if self._next_mode is not None:
             self._hold()
             self._take_mode(self._next_mode)
         elif self.homing is not None:
             self._hold()
-            machine.mode_bits = self.homing.step(now)
-        elif target is None or not machine.may_move or self.wish is Wish.OFF:
+            self.machine.mode_bits = self.homing.step(now)
+        elif target is None or not self._may_move or self.wish is Wish.OFF:
             self._hold()
         elif self.wish is Wish.STOPPING:
             self._held = None
             self._slowed = target.slow(period)
-            machine.mode_bits = target.bits
+            self.machine.mode_bits = target.bits
         else:
             self._held = None
-            command = self.commands.get(target.interface)
-            value = math.nan
-            if command is not None and self.claimed == target.interface:
+            command = self._command
+            if command is None:
+                value = math.nan
+            else:
                 value = command.value
                 value = command.minimum if value < command.minimum else min(value, command.maximum)
             target.follow(value, now, period)
-            if target.bits != machine.mode_bits:
-                machine.mode_bits = target.bits
-        if self.axis.mode is not None and machine.mode is not None:
-            self.axis.mode.set(machine.mode)
-        if DIGITAL_OUTPUTS in self.commands:
-            self._write_outputs(self.commands[DIGITAL_OUTPUTS].value)
+            if target.bits or self._is_set_point:
+                self.machine.mode_bits = target.bits
+        if self.axis.mode is not None and self.machine.mode != self.axis.mode.value and self.machine.mode is not None:
+            self.axis.mode.set(self.machine.mode)
+        if self._outputs is not None:
+            self._write_outputs(self._outputs.value)
 
     def supervise(self) -> None:
         """Look at what need not be seen in every cycle; ten times a second."""
@@ -420,7 +436,14 @@ class JointDrive:
         self._next_mode = None
         self.machine.set_mode(mode)
         self.target = make_target(mode, self.axis, self.machine)
+        self._is_set_point = isinstance(self.target, SetPointTarget)
+        self._find_command()
         self._held = None
+
+    def _find_command(self) -> None:
+        """Find the interface whose value is the target: the one that is claimed, if the mode serves it."""
+        fits = self.target is not None and self.target.interface == self.claimed
+        self._command = self.commands[self.claimed] if fits and self.claimed is not None else None
 
     def _hold(self) -> None:
         """Let every target be standstill where the axis is."""

@@ -22,6 +22,7 @@ from canopen_control.master.supervision import PdoWatch
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection
 
+    from canopen_control.master.boot import BootResult
     from canopen_control.master.config import BusConfig
     from canopen_control.master.cycle import ReceivedPdo
     from canopen_control.master.events import Event
@@ -37,6 +38,8 @@ class Network:
     def __init__(self, name: str, config: BusConfig, report: Callable[[Event], None], cycle_ns: int) -> None:
         self.name, self.config = name, config
         self.unknown = 0
+        self.on_rerouted: Callable[[], None] = lambda: None
+        """Called when `identifiers` have changed."""
         self.malformed = 0
         self.sync = SyncProducer(overflow=config.master.sync_overflow)
         self.image = ProcessImage(refresh=max(1, REFRESH_NS // cycle_ns))
@@ -67,7 +70,7 @@ class Network:
         self._outgoing.extend(self._producer.frames())
         for node in self.nodes.values():
             if node.config.boot:
-                node.begin_boot(now, reset=node.config.reset_communication)
+                node.begin_boot(now)
         self._collect()
 
     @property
@@ -161,6 +164,7 @@ class Network:
             report=self._report,
             wake=self._wake,
             guard=lambda on, now: self._guard(node, on, now),
+            lay_out=lambda result: self._lay_out(node, result),
         )
         for layout in node.plan.tpdos:
             pdo = self.image.add_tpdo(node.node_id, layout.cob_id, layout.objects, layout.transmission_type)
@@ -195,14 +199,31 @@ class Network:
             self._consumer.receive(frame, now)
             if self._guarding is not None:
                 self._guarding.receive(frame, now)
-            self._supervise(now)
+            happened = self._supervise(now)
             if length == 1 and data[0] & 0x7F:
                 node.on_state(state_of_byte(data[0] & 0x7F), now)
-            self._collect_from(node)
+            if happened or not node.ready:  # else only its deadline is later, which `tick` finds by itself
+                self._collect_from(node)
 
         handlers[sdo], handlers[emcy], handlers[error_control] = on_sdo, on_emcy, on_heartbeat
         for pdo in node.received:
             handlers[pdo.cob_id] = self._checked(node, pdo)
+
+    def _lay_out(self, node: RemoteNode, result: BootResult) -> None:
+        """Exchange process data as the boot found or made them; they begin with the node's own values."""
+        own = {(kind, layout.number): layout for kind, layout in result.adopted}
+        for planned, received in zip(node.plan.tpdos, node.received, strict=True):
+            layout = own.get(("tpdo", planned.number), planned)
+            if (received.cob_id, received.codec.objects) != (layout.cob_id, layout.objects):
+                self._handlers.pop(received.cob_id, None)
+                received.use(layout, planned.objects)
+                self._handlers[received.cob_id] = self._checked(node, received)
+                self.on_rerouted()
+        for planned, sent in zip(node.plan.rpdos, node.sent, strict=True):
+            layout = own.get(("rpdo", planned.number), planned)
+            if (sent.cob_id, sent.codec.objects) != (layout.cob_id, layout.objects):
+                sent.use(layout, self.image.outputs_of(node.node_id, layout.objects))
+        self.image.preset(node.node_id, result.presets)
 
     def _checked(self, node: RemoteNode, pdo: ReceivedPdo) -> Callable[[bytes, int, int], None]:
         """Return what takes a TPDO; the common case costs one comparison more than none."""
@@ -230,13 +251,18 @@ class Network:
             self._guarding.unwatch(node.node_id)
         self._stale = True
 
-    def _supervise(self, now: int) -> None:
+    def _supervise(self, now: int) -> bool:
+        """Hand the nodes what the consumers saw; returns whether that was anything."""
+        events = self._consumer.events()
+        happened = bool(events)
         for guarded in self._guarding.events() if self._guarding is not None else ():
+            happened = True
             if (node := self._by_id.get(guarded.node_id)) is not None:
                 node.on_guarding(guarded, now)
-        for event in self._consumer.events():
+        for event in events:
             if (node := self._by_id.get(event.node_id)) is not None:
                 node.on_heartbeat(event, now)
+        return happened
 
     def _collect(self) -> None:
         """Gather the frames of every service."""
