@@ -1,88 +1,79 @@
 """The boot of one node (CiA 302-2, boot slave), as a generator that asks and is answered.
 
-The law of this file: it decides, it does nothing. `boot` yields requests (`Read`, `Write`, `Command`, the waits) and is
-sent their results, or has `SdoAbort` and `SdoTimeout` thrown into it; whoever runs it (`node.RemoteNode`) never waits.
-A failure is a `BootError` with the standard's letter: B no answer, C device type, D vendor, M product, N revision,
-O serial number, J configuration, K no heartbeat, T (ours) not operational. `Step` marks where the time goes.
+The law of this file: it decides, it does nothing. `boot` yields requests (`requests.py`) and is sent their results, or
+has `SdoAbort` and `SdoTimeout` thrown into it; whoever runs it (`node.RemoteNode`) never waits. A failure is a
+`BootError` with the standard's letter (`LETTERS`). `Step` marks where the time goes.
+
+A node is reset first, so that nothing of an earlier run is left and no PDO is mapped while it is OPERATIONAL; a node
+that has just sent its boot-up, and one to be kept alive that is OPERATIONAL, is not. The latter is only compared.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from canopen_control.cia301.nmt import NmtCommand, NmtState
-from canopen_control.errors import BootError, SdoAbort, SdoTimeout
+from canopen_control.errors import SdoAbort, SdoTimeout
+from canopen_control.master.boot_config import compare_only, configure, store
+from canopen_control.master.requests import (
+    LETTERS,
+    AwaitBootUp,
+    AwaitHeartbeat,
+    AwaitState,
+    Command,
+    Read,
+    Request,
+    Step,
+    Traffic,
+    Write,
+    boot_error,
+    reason_of,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Generator
 
-    from canopen_control.master.plan import NodePlan, PlannedWrite
+    from canopen_control.errors import BootError
+    from canopen_control.master.draft import PdoLayout
+    from canopen_control.master.plan import NodePlan
+    from canopen_control.master.requests import Answer
 
-__all__ = ["AwaitBootUp", "AwaitState", "BootResult", "Command", "Read", "Request", "Step", "Write", "boot"]
+__all__ = [
+    "LETTERS",
+    "AwaitBootUp",
+    "AwaitHeartbeat",
+    "AwaitState",
+    "BootResult",
+    "Command",
+    "Read",
+    "Request",
+    "Step",
+    "Write",
+    "boot",
+]
 
 _MILLISECOND = 1_000_000
-BOOT_UP_NS = 1000 * _MILLISECOND  # CiA 302: how long a reset node may take to send its boot-up
 STATE_NS = 500 * _MILLISECOND  # for the heartbeat that confirms an NMT command, beside its own period
+STORE_NS = 20_000 * _MILLISECOND
 NMT_TRIES = 3  # NMT commands are unconfirmed: send again when no heartbeat shows the state
-DEVICE_TYPE, IDENTITY, SUPPORTED_MODES, STATUSWORD, CONTROLWORD = 0x1000, 0x1018, 0x6502, 0x6041, 0x6040
+DEVICE_TYPE, IDENTITY, SOFTWARE, RESTORE = 0x1000, 0x1018, 0x1F56, 0x1011
+SUPPORTED_MODES, STATUSWORD, CONTROLWORD, TARGET_VELOCITY = 0x6502, 0x6041, 0x6040, 0x60FF
+LOAD = b"load"
+_COMMUNICATION_PARAMETERS = 2  # subindex of 0x1011 that a reset of the communication makes effective
 _OPERATION_ENABLED_BIT = 0x04
 _SHUTDOWN = 0x0006
-
-
-@dataclass(frozen=True, slots=True)
-class Step:
-    """From here on the boot does what `name` says; answered with None."""
-
-    name: str
-
-
-@dataclass(frozen=True, slots=True)
-class Read:
-    """Upload an object; answered with its bytes."""
-
-    index: int
-    subindex: int = 0
-
-
-@dataclass(frozen=True, slots=True)
-class Write:
-    """Download an object; answered with None."""
-
-    index: int
-    subindex: int
-    data: bytes
-
-
-@dataclass(frozen=True, slots=True)
-class Command:
-    """Send an NMT command to the node; answered with None."""
-
-    command: NmtCommand
-
-
-@dataclass(frozen=True, slots=True)
-class AwaitBootUp:
-    """Wait for the boot-up message; answered with whether it came."""
-
-    timeout_ns: int
-
-
-@dataclass(frozen=True, slots=True)
-class AwaitState:
-    """Wait for a heartbeat, of a certain state if one is given; answered with whether it came."""
-
-    timeout_ns: int
-    state: NmtState | None = None
-
-
-Request = Step | Read | Write | Command | AwaitBootUp | AwaitState
-_Answer = bytes | bool | None
+#: what an RPDO sends before anybody commands it -> where the drive says it: it is to stay as it is
+_PRESETS = {0x607A: 0x6064, 0x6060: 0x6061}
 
 
 @dataclass(frozen=True, slots=True)
 class BootResult:
-    """What the boot learnt of the node; -1 or None where it does not say."""
+    """What the boot learnt of the node; -1 or None where it does not say.
+
+    `reads` and `writes` are its SDO requests, `adopted` the PDOs that are used as the node has them, `presets` the
+    values that its process data begin with, by (index, subindex).
+    """
 
     vendor_id: int
     product_code: int
@@ -91,43 +82,51 @@ class BootResult:
     supported_modes: int | None
     writes: int
     warnings: tuple[str, ...]
+    reads: int = 0
+    adopted: tuple[tuple[str, PdoLayout], ...] = ()
+    presets: dict[tuple[int, int], int] = field(default_factory=dict)
 
 
-def boot(plan: NodePlan, *, reset: bool) -> Generator[Request, _Answer, BootResult]:
+def boot(plan: NodePlan, *, reset: bool) -> Generator[Request, Answer, BootResult]:
     """Bring one node from wherever it is to OPERATIONAL.
 
     `reset` sends NMT reset communication first, so that a node left over from an earlier run forgets its
-    configuration; a node that has just sent its boot-up needs none.
+    configuration; a node that has just sent its boot-up needs none, one to be kept alive only if it is not running.
     """
-    if reset:
-        yield Step("reset")
-        yield Command(NmtCommand.RESET_COMMUNICATION)
-        yield AwaitBootUp(BOOT_UP_NS)  # not all nodes send one; who is not there is found by the next step
+    traffic = Traffic()
+    keep = plan.keep_alive and reset
+    if reset and not keep:
+        yield from _reset(plan, NmtCommand.RESET_COMMUNICATION)
     yield Step("identify")
-    identity, warnings = yield from _identify(plan)
-    modes = yield from _prepare_drive(plan)
-    yield Step("configure")
-    for write in plan.writes:
-        yield from _configure(plan, write)
-    yield Step("heartbeat")
-    if plan.heartbeat_timeout_ns and not (yield AwaitState(plan.heartbeat_timeout_ns)):
-        raise BootError(
-            plan.node_id,
-            "K",
-            f"no heartbeat within {plan.heartbeat_timeout_ns / 1e9:g} s of its configuration",
-            plan.name,
-        )
-    yield Step("start")
-    yield from _start(plan)
-    return BootResult(*identity, modes, len(plan.writes), tuple(warnings))
+    identity = yield from _identify(plan, traffic)
+    running = keep and (yield from _is_running(plan))
+    if keep and not running:
+        yield from _reset(plan, NmtCommand.RESET_COMMUNICATION)
+    yield from _check_software(plan, traffic)
+    modes = yield from _prepare_drive(plan, traffic, running)
+    if running:
+        yield from _leave_running(plan, traffic)
+    else:
+        yield from _configure(plan, traffic)
+        yield from _start(plan)
+    warnings = tuple(traffic.warnings)
+    adopted = tuple(traffic.adopted)
+    return BootResult(*identity, modes, traffic.writes, warnings, traffic.reads, adopted, traffic.presets)
 
 
-def _identify(plan: NodePlan) -> Generator[Request, _Answer, tuple[tuple[int, int, int, int], list[str]]]:
+def _reset(plan: NodePlan, command: NmtCommand) -> Generator[Request, Answer, bool]:
+    yield Step("reset")
+    yield Command(command)
+    # Not all nodes send a boot-up; who is not there is found by the next step.
+    return bool((yield AwaitBootUp(plan.boot_up_ns)))
+
+
+def _identify(plan: NodePlan, traffic: Traffic) -> Generator[Request, Answer, tuple[int, int, int, int]]:
     """Compare device type and identity with the EDS: CiA 302-2, steps 3 to 8."""
     try:
-        device_type = yield from _unsigned(DEVICE_TYPE, 0)
+        device_type = int.from_bytes((yield from traffic.read(DEVICE_TYPE)), "little")
     except (SdoTimeout, SdoAbort) as error:
-        raise BootError(plan.node_id, "B", f"no device type: {_reason(error)}", plan.name) from error
+        raise boot_error(plan, "B", f"no device type 0x1000:00: {reason_of(error)}") from error
     expected = plan.identity
     if expected.device_type and device_type != expected.device_type:
         raise _mismatch(plan, "C", "device type 0x1000:00", device_type, expected.device_type)
@@ -138,84 +137,135 @@ def _identify(plan: NodePlan) -> Generator[Request, _Answer, tuple[tuple[int, in
         (3, "N", "revision number", expected.revision_number),
         (4, "O", "serial number", expected.serial_number),
     ):
-        value = yield from _optional(IDENTITY, subindex)
-        found.append(value)
+        value = yield from _answered(plan, "B", traffic, IDENTITY, subindex)
+        found.append(-1 if value is None else value)
         if wanted and value != wanted:
-            raise _mismatch(plan, letter, f"{what} 0x1018:{subindex:02X}", value, wanted)
-    warnings = []
+            raise _mismatch(plan, letter, f"{what} 0x1018:{subindex:02X}", found[-1], wanted)
     if expected.eds_revision and found[2] != expected.eds_revision:
-        warnings.append(
-            f"revision number 0x{found[2]:08X}, the EDS was written for 0x{expected.eds_revision:08X}; "
+        traffic.warnings.append(
+            f"revision number 0x{found[2] & 0xFFFFFFFF:08X}, the EDS was written for 0x{expected.eds_revision:08X}; "
             "give revision_number in bus.yml to insist on one"
         )
-    return (found[0], found[1], found[2], found[3]), warnings
+    return found[0], found[1], found[2], found[3]
 
 
-def _prepare_drive(plan: NodePlan) -> Generator[Request, _Answer, int | None]:
-    """Read the modes of a drive, and take its power away if it was left enabled; None if it is no drive."""
-    if not plan.axes:
-        return None
-    modes = 0
+def _is_running(plan: NodePlan) -> Generator[Request, Answer, bool]:
+    """Ask for the state of a node that is to be kept alive: CiA 302-2, "check node state"."""
+    yield Step("keep alive")
+    timeout = plan.supervision_ns or STATE_NS
+    state = yield AwaitHeartbeat(timeout)
+    if state is None:
+        letter, what = ("F", "guarding") if plan.guard else ("E", "heartbeat")
+        raise boot_error(
+            plan, letter, f"no {what} within {timeout / 1e9:g} s; power-cycle it, or let `reset_communication` be true"
+        )
+    return state == NmtState.OPERATIONAL
+
+
+def _check_software(plan: NodePlan, traffic: Traffic) -> Generator[Request, Answer, None]:
+    """Compare the version of the firmware: CiA 302-2, "check and update software version"."""
+    if not plan.software_version:
+        return
+    version = yield from _answered(plan, "G", traffic, SOFTWARE, 1)
+    if version is None:
+        raise boot_error(plan, "G", f"it has no 0x1F56:01, and software_version is 0x{plan.software_version:08X}")
+    if version != plan.software_version:
+        letter, hint = ("I", f"; load {plan.software_file} with its maker's tool") if plan.software_file else ("H", "")
+        raise boot_error(
+            plan, letter, f"0x1F56:01 is 0x{version:08X}, software_version is 0x{plan.software_version:08X}{hint}"
+        )
+
+
+def _prepare_drive(plan: NodePlan, traffic: Traffic, running: bool) -> Generator[Request, Answer, int | None]:
+    """Read modes and actual values of a drive, and take its power and its old target away if it was left enabled."""
+    modes: int | None = None
+    sent = {(mapped.index, mapped.subindex) for layout in plan.rpdos for mapped in layout.objects}
     for offset in plan.axes:
-        modes = yield from _optional(SUPPORTED_MODES + offset, 0)
-        statusword = yield from _optional(STATUSWORD + offset, 0)
-        if statusword >= 0 and statusword & _OPERATION_ENABLED_BIT:
-            yield Write(CONTROLWORD + offset, 0, _SHUTDOWN.to_bytes(2, "little"))
-    return modes if modes >= 0 else None
+        modes = yield from _answered(plan, "J", traffic, SUPPORTED_MODES + offset, 0)
+        statusword = (yield from _answered(plan, "J", traffic, STATUSWORD + offset, 0)) or 0
+        if statusword & _OPERATION_ENABLED_BIT and not running:
+            yield from _silently(traffic, CONTROLWORD + offset, _SHUTDOWN.to_bytes(2, "little"))
+        for target, actual in _PRESETS.items():
+            if (target + offset, 0) in sent:
+                value = yield from traffic.number(actual + offset, signed=True)
+                if value is not None:
+                    traffic.presets[target + offset, 0] = traffic.presets[actual + offset, 0] = value
+        has_velocity = (TARGET_VELOCITY + offset, 0) in plan.entry_names and not running
+        if has_velocity and (yield from traffic.number(TARGET_VELOCITY + offset)):
+            yield from _silently(traffic, TARGET_VELOCITY + offset, bytes(4))
+    return modes
 
 
-def _configure(plan: NodePlan, write: PlannedWrite) -> Generator[Request, _Answer, None]:
-    try:
-        yield Write(write.index, write.subindex, write.data)
-    except (SdoAbort, SdoTimeout) as error:
-        if write.optional and isinstance(error, SdoAbort):
-            return
-        raise BootError(
-            plan.node_id,
-            "J",
-            f"writing {write.name} 0x{write.index:04X}:{write.subindex:02X}: {_reason(error)}",
-            plan.name,
-        ) from error
+def _leave_running(plan: NodePlan, traffic: Traffic) -> Generator[Request, Answer, None]:
+    """Take a node over that runs: compare its configuration, and name what differs (letter L, no failure)."""
+    yield Step("compare")
+    missing = yield from compare_only(plan, traffic)
+    differs = ", ".join(f"0x{write.index:04X}:{write.subindex:02X}" for write in missing)
+    told = f"; it differs from bus.yml in {differs}: reset it to have that written" if missing else ""
+    traffic.warnings.append(f"boot status L: {LETTERS['L']} and is to be kept alive, so nothing was written{told}")
+    yield from _await_heartbeat(plan)
 
 
-def _start(plan: NodePlan) -> Generator[Request, _Answer, None]:
-    """Start the node, and again if no heartbeat shows it (a command may be lost)."""
-    if not plan.heartbeat_timeout_ns:
+def _configure(plan: NodePlan, traffic: Traffic) -> Generator[Request, Answer, None]:
+    if plan.restore:
+        yield Step("restore")
+        try:
+            yield from traffic.write(RESTORE, plan.restore, LOAD, STORE_NS)
+        except (SdoAbort, SdoTimeout) as error:
+            raise boot_error(plan, "J", f"restoring with 0x1011:{plan.restore:02X}: {reason_of(error)}") from error
+        communication = plan.restore == _COMMUNICATION_PARAMETERS
+        command = NmtCommand.RESET_COMMUNICATION if communication else NmtCommand.RESET_NODE
+        if not (yield from _reset(plan, command)):
+            raise boot_error(plan, "J", f"no boot-up within {plan.boot_up_ns / 1e9:g} s of restoring its defaults")
+    yield Step("configure")
+    traffic.begin_configuration()
+    yield from configure(plan, traffic)
+    yield from store(plan, traffic)
+    yield from _await_heartbeat(plan)
+
+
+def _await_heartbeat(plan: NodePlan) -> Generator[Request, Answer, None]:
+    """Start error control: nothing is started that nobody watches."""
+    yield Step("heartbeat")
+    if plan.supervision_ns and not (yield AwaitState(plan.supervision_ns)):
+        what = "answer to guarding" if plan.guard else "heartbeat"
+        raise boot_error(plan, "K", f"no {what} within {plan.supervision_ns / 1e9:g} s")
+
+
+def _start(plan: NodePlan) -> Generator[Request, Answer, None]:
+    """Start the node, and again if nothing shows that it heard (a command may be lost)."""
+    yield Step("start")
+    if not plan.supervision_ns and not plan.tpdos:
         yield Command(NmtCommand.START)  # nothing would confirm it
         return
     for _ in range(NMT_TRIES):
         yield Command(NmtCommand.START)
-        if (yield AwaitState(STATE_NS + plan.heartbeat_timeout_ns, NmtState.OPERATIONAL)):
+        if (yield AwaitState(STATE_NS + plan.supervision_ns, NmtState.OPERATIONAL)):
             return
-    raise BootError(
-        plan.node_id, "T", f"NMT start sent {NMT_TRIES} times, its heartbeat never said OPERATIONAL", plan.name
-    )
+    raise boot_error(plan, "T", f"NMT start sent {NMT_TRIES} times, no heartbeat and no TPDO ever said OPERATIONAL")
 
 
-def _unsigned(index: int, subindex: int) -> Generator[Request, _Answer, int]:
-    data = yield Read(index, subindex)
-    return int.from_bytes(data, "little") if isinstance(data, bytes) else -1
-
-
-def _optional(index: int, subindex: int) -> Generator[Request, _Answer, int]:
-    """Read an object that a node need not have: -1 if it has none."""
+def _answered(
+    plan: NodePlan, letter: str, traffic: Traffic, index: int, subindex: int
+) -> Generator[Request, Answer, int | None]:
+    """Read an object that a node need not have; silence is an error of the boot."""
     try:
-        return (yield from _unsigned(index, subindex))
-    except SdoAbort:
-        return -1
+        return (yield from traffic.number(index, subindex))
+    except SdoTimeout as error:
+        raise boot_error(plan, letter, f"reading 0x{index:04X}:{subindex:02X}: {reason_of(error)}") from error
+
+
+def _silently(traffic: Traffic, index: int, data: bytes) -> Generator[Request, Answer, None]:
+    try:
+        yield from traffic.write(index, 0, data)
+    except SdoAbort as error:
+        traffic.warnings.append(f"it refuses 0x{index:04X}:00 = 0x{data[::-1].hex()}: {reason_of(error)}")
 
 
 def _mismatch(plan: NodePlan, letter: str, what: str, found: int, wanted: int) -> BootError:
     seen = f"0x{found:08X}" if found >= 0 else "missing"
-    return BootError(
-        plan.node_id,
+    return boot_error(
+        plan,
         letter,
         f"{what} is {seen}, expected 0x{wanted:08X} (from {plan.source}); wrong device at this node id, or wrong EDS?",
-        plan.name,
     )
-
-
-def _reason(error: SdoAbort | SdoTimeout) -> str:
-    if isinstance(error, SdoAbort):
-        return f"abort 0x{error.code:08X} ({error.text})"
-    return f"no answer within {error.seconds:g} s; is the node powered, on this bus and its node id right?"

@@ -9,18 +9,24 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from canopen_control.cia301.nmt import NmtState
 from canopen_control.errors import CanopenError
-from canopen_control.master.boot import AwaitBootUp, AwaitState, Command, Read, Step, Write, boot
+from canopen_control.master.boot import boot
+from canopen_control.master.requests import AwaitBootUp, AwaitHeartbeat, AwaitState, Command, Read, Step, Write
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator
 
-    from canopen_control.cia301.nmt import NmtCommand, NmtState
+    from canopen_control.cia301.nmt import NmtCommand
     from canopen_control.cia301.sdo_client import SdoClient, SdoRequest
-    from canopen_control.master.boot import BootResult, Request
+    from canopen_control.master.boot import BootResult
     from canopen_control.master.plan import NodePlan
+    from canopen_control.master.requests import Answer, Request
 
 __all__ = ["BootStep", "BootTask"]
+
+
+_WAITS = (AwaitBootUp, AwaitState, AwaitHeartbeat)
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,17 +39,29 @@ class BootStep:
 
 
 class BootTask:
-    """One boot of one node under way; `done` when it has a `result` or an `error`."""
+    """One boot of one node under way; `done` when it has a `result` or an `error`.
+
+    `count_tpdos` returns how many TPDOs of the node have come: one more says OPERATIONAL as a heartbeat does.
+    """
 
     def __init__(
-        self, plan: NodePlan, sdo: SdoClient, send_nmt: Callable[[NmtCommand], None], *, reset: bool, now: int
+        self,
+        plan: NodePlan,
+        sdo: SdoClient,
+        send_nmt: Callable[[NmtCommand], None],
+        *,
+        reset: bool,
+        now: int,
+        count_tpdos: Callable[[], int] = lambda: 0,
     ) -> None:
         self.result: BootResult | None = None
         self.error: CanopenError | None = None
         self.steps: list[BootStep] = []
         self.started = now
-        self._generator: Generator[Request, bytes | bool | None, BootResult] = boot(plan, reset=reset)
-        self._sdo, self._send_nmt = sdo, send_nmt
+        self._generator: Generator[Request, Answer, BootResult] = boot(plan, reset=reset)
+        self._sdo, self._send_nmt, self._count_tpdos = sdo, send_nmt, count_tpdos
+        self._sdo_timeout = plan.sdo_timeout_ns
+        self._tpdos = 0
         self._step, self._step_since = "", now
         self._waiting: Request | None = None
         self._deadline = 0
@@ -65,8 +83,10 @@ class BootTask:
         return isinstance(self._waiting, AwaitBootUp)
 
     def next_deadline(self) -> int | None:
-        """Return when `tick` has something to do."""
-        return self._deadline if isinstance(self._waiting, AwaitBootUp | AwaitState) else None
+        """Return when `tick` has something to do; 0 means at once: a TPDO may have come."""
+        if self._hears_tpdos:
+            return 0
+        return self._deadline if isinstance(self._waiting, _WAITS) else None
 
     def boot_up(self, now: int) -> None:
         """Take the node's boot-up message."""
@@ -76,13 +96,17 @@ class BootTask:
     def heartbeat(self, state: NmtState | None, now: int) -> None:
         """Take a heartbeat of the node."""
         waiting = self._waiting
-        if isinstance(waiting, AwaitState) and waiting.state in (None, state):
+        if isinstance(waiting, AwaitHeartbeat) and state is not None:
+            self._answer(state, now)
+        elif isinstance(waiting, AwaitState) and waiting.state in (None, state):
             self._answer(True, now)
 
     def tick(self, now: int) -> None:
-        """End a wait whose time is over."""
-        if (deadline := self.next_deadline()) is not None and now >= deadline:
-            self._answer(False, now)
+        """End a wait whose time is over, or that a TPDO has ended."""
+        if self._hears_tpdos and self._count_tpdos() > self._tpdos:
+            self._answer(True, now)
+        elif isinstance(self._waiting, _WAITS) and now >= self._deadline:
+            self._answer(None if isinstance(self._waiting, AwaitHeartbeat) else False, now)
 
     def transfer_ended(self, request: SdoRequest, now: int) -> None:
         """Take the end of the SDO transfer that was asked for."""
@@ -102,7 +126,11 @@ class BootTask:
 
     _transfer: SdoRequest | None = None
 
-    def _answer(self, value: bytes | bool | None, now: int) -> None:
+    @property
+    def _hears_tpdos(self) -> bool:
+        return isinstance(self._waiting, AwaitState) and self._waiting.state is NmtState.OPERATIONAL
+
+    def _answer(self, value: Answer, now: int) -> None:
         self._resume(now, lambda: self._generator.send(value))
 
     def _resume(self, now: int, go_on: Callable[[], Request]) -> None:
@@ -131,11 +159,12 @@ class BootTask:
     def _wait_for(self, request: Request, now: int) -> None:
         self._waiting = request
         if isinstance(request, Read):
-            self._transfer = self._sdo.read(request.index, request.subindex)
+            self._transfer = self._sdo.read(request.index, request.subindex, timeout_ns=self._sdo_timeout, now=now)
         elif isinstance(request, Write):
-            self._transfer = self._sdo.write(request.index, request.subindex, request.data)
-        elif isinstance(request, AwaitBootUp | AwaitState):
-            self._deadline = now + request.timeout_ns
+            timeout = request.timeout_ns or self._sdo_timeout
+            self._transfer = self._sdo.write(request.index, request.subindex, request.data, timeout_ns=timeout, now=now)
+        elif isinstance(request, _WAITS):
+            self._deadline, self._tpdos = now + request.timeout_ns, self._count_tpdos()
 
     def _enter(self, name: str, now: int, error: str = "") -> None:
         if self._step:

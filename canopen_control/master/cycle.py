@@ -13,13 +13,15 @@ from canopen_control.cia301.pdo import MappedObject, PdoCodec
 from canopen_control.frame import RECORD
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
+    from collections.abc import Callable, Iterable, Mapping, Sequence
 
+    from canopen_control.master.draft import PdoLayout
     from canopen_control.od.model import Value
 
 __all__ = ["Input", "Output", "ProcessImage", "ReceivedPdo", "SentPdo"]
 
 _NEVER = -1
+_NO_END = 1 << 62
 MISSED_SYNCS = 3  # after so many SYNCs without its TPDO what it carries is stale
 CYCLIC_SYNCHRONOUS = range(1, 241)  # transmission types of RPDOs that a drive expects with every SYNC
 
@@ -77,6 +79,27 @@ class ReceivedPdo:
         self.values = self._unpack(data)
         self.stamp = now
         self.count += 1
+
+    def use(self, layout: PdoLayout, planned: Sequence[MappedObject]) -> None:
+        """Take the PDO as the node has it; `values` stay in the order of the `planned` objects, all of which it holds.
+
+        `planned` and the layout's objects differ only where a node keeps a mapping of its own.
+        """
+        self.cob_id, self.codec = layout.cob_id, PdoCodec(layout.objects)
+        self._length = self.codec.length
+        self.every = layout.transmission_type if layout.transmission_type in CYCLIC_SYNCHRONOUS else 0
+        self.patience = MISSED_SYNCS * self.every + 1 if self.every else _NO_END
+        unpack = self.codec.unpack if self.codec.struct is None else self.codec.struct.unpack_from
+        addresses = [mapped[:2] for mapped in layout.objects]
+        order = [addresses.index(mapped[:2]) for mapped in planned]
+        if order == list(range(len(addresses))):
+            self._unpack = unpack
+        else:
+            self._unpack = lambda data: tuple([found[position] for found in (unpack(data),) for position in order])
+
+    def preset(self, position: int, value: int) -> None:
+        """Give the value that counts until the first frame comes."""
+        self.values = (*self.values[:position], value, *self.values[position + 1 :])
 
     def forget(self) -> None:
         """Drop what was received: the node was lost or has restarted."""
@@ -141,6 +164,16 @@ class SentPdo:
         for output in outputs:
             output.pdos.append(self)
 
+    def use(self, layout: PdoLayout, outputs: Sequence[Output]) -> None:
+        """Send the PDO as the node has it; `outputs` are those of the layout's objects."""
+        self.cob_id, self.outputs, self.codec = layout.cob_id, outputs, PdoCodec(layout.objects)
+        self.cyclic = layout.transmission_type in CYCLIC_SYNCHRONOUS
+        self.record = bytearray(RECORD.pack(self.cob_id, self.codec.length, b""))
+        self.changed = True
+        for output in outputs:
+            if self not in output.pdos:
+                output.pdos.append(self)
+
     def collect(self, records: list[bytearray], refresh: int) -> None:
         """Append the record if it changed, is cyclic, or was not sent for `refresh` cycles."""
         self._idle += 1
@@ -183,10 +216,22 @@ class ProcessImage:
         self, node_id: int, cob_id: int, objects: Sequence[MappedObject], transmission_type: int = 255
     ) -> SentPdo:
         """Send an RPDO; objects that an earlier one of the node maps share its value."""
-        outputs = [self._outputs.setdefault((node_id, mapped.index, mapped.subindex), Output()) for mapped in objects]
+        outputs = self.outputs_of(node_id, objects)
         pdo = SentPdo(cob_id, objects, outputs, cyclic=transmission_type in CYCLIC_SYNCHRONOUS)
         self.outputs.append(pdo)
         return pdo
+
+    def outputs_of(self, node_id: int, objects: Sequence[MappedObject]) -> list[Output]:
+        """Return the outputs of a node's objects, made where there are none yet."""
+        return [self._outputs.setdefault((node_id, mapped.index, mapped.subindex), Output()) for mapped in objects]
+
+    def preset(self, node_id: int, values: Mapping[tuple[int, int], int]) -> None:
+        """Let process data begin with what the node says of itself, by (index, subindex)."""
+        for (index, subindex), value in values.items():
+            if (output := self._outputs.get((node_id, index, subindex))) is not None:
+                output.set(value)
+            if (present := self._inputs.get((node_id, index, subindex))) is not None:
+                present.pdo.preset(present.position, value)
 
     def input(self, node_id: int, index: int, subindex: int = 0) -> Input | None:
         """Return the input of an object, or None if no TPDO maps it."""

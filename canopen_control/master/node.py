@@ -61,6 +61,7 @@ class RemoteNode:
         report: Callable[[Event], None],
         wake: Callable[[], None] = lambda: None,
         guard: Callable[[bool, int], None] = lambda _on, _now: None,
+        lay_out: Callable[[BootResult], None] = lambda _result: None,
     ) -> None:
         self.config, self.plan, self.od = config, plan, od
         self.name, self.node_id = config.name, config.node_id
@@ -82,7 +83,9 @@ class RemoteNode:
         self.emcy_gate = EmcyGate()
         self._duplicates = DuplicateWatch(config.heartbeat_ms * 1_000_000)
         self._send_nmt, self._watch, self._report = send_nmt, watch, report
-        self._wake, self._guard = wake, guard
+        self._wake, self._guard, self._lay_out = wake, guard, lay_out
+        self._guarding_boot = False
+        self.sdo_reads = self.sdo_writes = self.sdo_failed = 0
         self._task: BootTask | None = None
         self._retry_at: int | None = None
 
@@ -99,8 +102,14 @@ class RemoteNode:
         self._retry_at = None
         self.expected_state = None
         self._task = BootTask(
-            self.plan, self.sdo, lambda command: self._send_nmt(command, self.node_id), reset=reset, now=now
+            self.plan,
+            self.sdo,
+            lambda command: self._send_nmt(command, self.node_id),
+            reset=reset,
+            now=now,
+            count_tpdos=lambda: sum(pdo.count for pdo in self.received),
         )
+        self._guarding_boot = False
         self._settle(now)
 
     def read(self, index: int, subindex: int, done: Callable[[SdoRequest], None]) -> None:
@@ -214,6 +223,9 @@ class RemoteNode:
     def pump(self, now: int) -> None:
         """Hand finished SDO transfers to who asked for them."""
         for request in self.sdo.events():
+            self.sdo_failed += request.error is not None
+            self.sdo_reads += not request.is_write
+            self.sdo_writes += request.is_write
             if self._task is not None:
                 self._task.transfer_ended(request, now)
             if callable(request.context):
@@ -305,6 +317,9 @@ class RemoteNode:
             return
         if task.step == "heartbeat" and self.plan.heartbeat_timeout_ns:
             self._watch(self.node_id, self.plan.heartbeat_timeout_ns)
+        if task.step in ("keep alive", "heartbeat") and self.plan.guard and not self._guarding_boot:
+            self._guarding_boot = True
+            self._guard(True, now)
         if not task.done:
             return
         self._task = None
@@ -317,14 +332,20 @@ class RemoteNode:
 
     def _become_ready(self, result: BootResult, started: int, now: int) -> None:
         self.identity, self.error, self.state, self.ready = result, None, NodeState.READY, True
-        self._guard(True, now)
+        if not self._guarding_boot:
+            self._guard(True, now)
+        self._lay_out(result)
         for received in self.received:
             received.expected, received.told = True, False
         for sent in self.sent:
             sent.enabled = sent.changed = True
         for warning in result.warnings:
             self._tell(now, "boot_warning", warning, Level.WARNING)
-        self._tell(now, "ready", f"operational after {(now - started) / 1e9:.3f} s, {result.writes} objects written")
+        self._tell(
+            now,
+            "ready",
+            f"operational after {(now - started) / 1e9:.3f} s, {result.writes} objects written, {result.reads} read",
+        )
 
     def _failed(self, error: CanopenError | None, now: int) -> None:
         text = str(error)

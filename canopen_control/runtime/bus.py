@@ -59,7 +59,12 @@ class RobotBus:
         """Open the channel; raises BusError."""
         self.port = open_port(self.channel, label="master")
         hear_only(self.port, self.network.identifiers)
+        self.network.on_rerouted = self._hear
         self._reactor.add_reader(self.port.fileno(), self.receive)
+
+    def _hear(self) -> None:
+        if self.port is not None:
+            hear_only(self.port, self.network.identifiers)
 
     def receive(self) -> None:
         """Take everything that waits, and send what it calls for."""

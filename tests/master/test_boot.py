@@ -144,7 +144,8 @@ def test_a_refused_write_is_letter_j_with_the_object_and_the_abort_text():
 def test_an_optional_write_may_be_refused():
     writes = (PlannedWrite(0x60C2, 1, b"\x14", "period", optional=True),)
     _, result = converse(boot(plan(writes=writes), reset=True), DRIVE, refuse=(0x60C2, 1))
-    assert result.writes == 1
+    assert result.writes == 0
+    assert "0x60C2:01" in result.warnings[0]
 
 
 def test_no_heartbeat_after_the_configuration_is_letter_k():

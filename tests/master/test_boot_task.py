@@ -22,15 +22,20 @@ PLAN = NodePlan(
 
 class Harness:
     def __init__(self, *, reset=True):
-        self.sdo, self.commands = SdoClient(3, timeout_ns=100 * MS), []
+        self.sdo, self.commands, self.held = SdoClient(3, timeout_ns=100 * MS), [], {}
         self.task = BootTask(PLAN, self.sdo, self.commands.append, reset=reset, now=0)
 
     def serve(self, now):
-        """Answer what the client asks, as a node that accepts everything."""
+        """Answer what the client asks, as a node that takes everything and holds it."""
         while frames := self.sdo.frames():
             for frame in frames:
                 mux, kind = frame.data[1:4], frame.data[0]
-                answer = bytes((0x60,)) + mux + bytes(4) if kind & 0xE0 == 0x20 else bytes((0x43,)) + mux + bytes(4)
+                if kind & 0xE0 == 0x20:
+                    self.held[mux] = frame.data[4 : 8 - (kind >> 2 & 3)]
+                    answer = bytes((0x60,)) + mux + bytes(4)
+                else:
+                    data = self.held.get(mux, bytes(4))
+                    answer = bytes((0x43 | 4 - len(data) << 2,)) + mux + data.ljust(4, b"\0")
                 self.sdo.receive(CanFrame(0x583, answer), now)
             self.pump(now)
 

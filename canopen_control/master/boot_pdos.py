@@ -1,0 +1,192 @@
+"""One PDO during a boot: made what the plan says, or used as the node has it, or left invalid (CiA 301, 7.5.2.35).
+
+The law of this file: a PDO is read before it is written, written in the standard's order (invalid, settings, mapping,
+valid), and read back. If the node refuses (a constant COB-ID, a mapping that cannot be written) what it had is put
+back, and used if it carries every object the plan wants there; an RPDO's others stay at what they are. Else the PDO is
+left invalid and the boot fails with the objects that are missing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+from canopen_control.cia301.pdo import MappedObject
+from canopen_control.errors import SdoAbort, SdoTimeout
+from canopen_control.master.compare import (
+    cob_id_of,
+    final_values,
+    is_cob_id,
+    keep_rtr_bit,
+    matches,
+    needed,
+    reads_of,
+)
+from canopen_control.master.draft import PdoLayout
+from canopen_control.master.plan_pdos import DISABLED, MAPPING
+from canopen_control.master.requests import boot_error, reason_of
+from canopen_control.od.model import DataType
+
+if TYPE_CHECKING:
+    from collections.abc import Generator, Sequence
+
+    from canopen_control.master.draft import PlannedWrite
+    from canopen_control.master.plan import NodePlan
+    from canopen_control.master.requests import Answer, Request, Traffic
+
+__all__ = ["configure_pdo"]
+
+Held = dict[tuple[int, int], bytes | None]
+_LARGEST = 64  # bits
+_UNSIGNED = {kind.bits: kind for kind in DataType if kind.name.startswith("UNSIGNED")}
+
+
+@dataclass(frozen=True, slots=True)
+class _Own:
+    """A PDO as the node has it."""
+
+    cob_id: int
+    transmission_type: int
+    objects: tuple[tuple[int, int, int], ...]  # index, subindex, bits
+
+    def __str__(self) -> str:
+        return ", ".join(f"0x{index:04X}:{subindex:02X}" for index, subindex, _ in self.objects) or "nothing"
+
+
+def configure_pdo(plan: NodePlan, group: Sequence[PlannedWrite], traffic: Traffic) -> Generator[Request, Answer, None]:
+    """Read, compare, write and verify the writes of one PDO; adopt what the node has where it refuses. BootError J."""
+    held: Held = {}
+    try:
+        for address in reads_of(group):
+            held[address] = yield from traffic.try_read(*address)
+        wanted = [_with_rtr_bit(write, held) for write in group]
+        writes = needed(wanted, held)
+        refusal = yield from _write_all(writes, traffic)
+        if refusal is None and writes:
+            refusal = yield from _verify(wanted, held, traffic)
+        if refusal is not None:
+            yield from _refused(plan, wanted, held, refusal, traffic)
+    except SdoTimeout as error:
+        raise boot_error(
+            plan, "J", f"{_name(group)}: 0x{error.index:04X}:{error.subindex:02X}: {reason_of(error)}"
+        ) from error
+
+
+def _with_rtr_bit(write: PlannedWrite, held: Held) -> PlannedWrite:
+    return replace(write, data=keep_rtr_bit(write.data, held.get(write.address))) if is_cob_id(write) else write
+
+
+def _write_all(writes: Sequence[PlannedWrite], traffic: Traffic) -> Generator[Request, Answer, str | None]:
+    """Write in order; return why the node refused, None if it did not."""
+    for write in writes:
+        try:
+            yield from traffic.write(*write.address, write.data)
+        except SdoAbort as error:
+            return f"it refuses {write.name} 0x{write.index:04X}:{write.subindex:02X}: {reason_of(error)}"
+    return None
+
+
+def _verify(wanted: Sequence[PlannedWrite], held: Held, traffic: Traffic) -> Generator[Request, Answer, str | None]:
+    """Read back what was written; return what the node did not keep."""
+    for address, write in final_values(wanted).items():
+        if held.get(address) is None:
+            continue  # cannot be read
+        after = yield from traffic.try_read(*address)
+        if after is not None and not matches(write, after):
+            where = f"0x{address[0]:04X}:{address[1]:02X}"
+            return f"{where} holds 0x{after[::-1].hex()} after 0x{write.data[::-1].hex()} was written"
+    return None
+
+
+def _refused(
+    plan: NodePlan, wanted: Sequence[PlannedWrite], held: Held, refusal: str, traffic: Traffic
+) -> Generator[Request, Answer, None]:
+    """Fall back to the node's own PDO, or leave it invalid."""
+    pdo = wanted[0].pdo or ("", 0)
+    layout = _layout(plan, pdo)
+    if layout is None:
+        if not any(write.optional for write in wanted):
+            raise boot_error(plan, "J", f"{_name(wanted)} cannot be made invalid: {refusal}")
+        traffic.warnings.append(f"{_name(wanted)}, which nobody configured, stays live: {refusal}")
+        return
+    own = yield from _own(pdo, held, traffic)
+    missing = [mapped for mapped in layout.objects if _address(mapped) not in {each[:2] for each in own.objects}]
+    if missing or sum(bits for _, _, bits in own.objects) > _LARGEST:
+        yield from _try(traffic, cob_id_of(pdo), 1, (own.cob_id | DISABLED).to_bytes(4, "little"))
+        lacks = ", ".join(f"0x{mapped.index:04X}:{mapped.subindex:02X}" for mapped in missing)
+        raise boot_error(plan, "J", f"{_name(wanted)}: {refusal}; its own mapping ({own}) lacks {lacks}; left invalid")
+    own = yield from _enable(plan, wanted, own, refusal, traffic)
+    known = {_address(mapped): mapped for each in (*plan.rpdos, *plan.tpdos) for mapped in each.objects}
+    adopted = _adopted(layout, own, known)
+    traffic.adopted.append((pdo[0], adopted))
+    for mapped in adopted.objects if pdo[0] == "rpdo" else ():
+        if _address(mapped) not in known and (value := (yield from traffic.number(*_address(mapped)))) is not None:
+            traffic.presets[_address(mapped)] = value
+    traffic.warnings.append(f"{_name(wanted)} is used as the node has it ({own}): {refusal}")
+
+
+def _own(pdo: tuple[str, int], held: Held, traffic: Traffic) -> Generator[Request, Answer, _Own]:
+    """Put back what the mapping was, as far as the node lets it, and read the PDO as it is."""
+    communication, mapping = cob_id_of(pdo), MAPPING[pdo[0]] + pdo[1] - 1
+    count = held.get((mapping, 0))
+    if count is not None and (yield from traffic.try_read(mapping, 0)) != count:
+        for (index, subindex), data in held.items():
+            if index == mapping and subindex and data is not None:
+                yield from _try(traffic, index, subindex, data)
+        yield from _try(traffic, mapping, 0, count)
+    objects = []
+    for slot in range(1, ((yield from traffic.number(mapping)) or 0) + 1):
+        entry = (yield from traffic.number(mapping, slot)) or 0
+        objects.append((entry >> 16, entry >> 8 & 0xFF, entry & 0xFF))
+    cob_id = (yield from traffic.number(communication, 1)) or DISABLED
+    kind = yield from traffic.number(communication, 2)
+    return _Own(cob_id, 255 if kind is None else kind, tuple(objects))
+
+
+def _enable(
+    plan: NodePlan, wanted: Sequence[PlannedWrite], own: _Own, refusal: str, traffic: Traffic
+) -> Generator[Request, Answer, _Own]:
+    """Make the node's own PDO valid, under the planned COB-ID if it takes that, else under its own."""
+    pdo = wanted[0].pdo or ("", 0)
+    communication = cob_id_of(pdo)
+    planned = next(write.data for write in reversed(wanted) if is_cob_id(write))
+    yield from _try(traffic, communication, 1, (own.cob_id | DISABLED).to_bytes(4, "little"))
+    for write in wanted:
+        if write.index == communication and write.subindex > 1:
+            yield from _try(traffic, *write.address, write.data)
+    for value in (int.from_bytes(planned, "little"), own.cob_id & ~DISABLED):
+        yield from _try(traffic, communication, 1, value.to_bytes(4, "little"))
+        present = yield from traffic.number(communication, 1)
+        if present is not None and not present & DISABLED:
+            kind = yield from traffic.number(communication, 2)
+            return replace(own, cob_id=present, transmission_type=own.transmission_type if kind is None else kind)
+    raise boot_error(plan, "J", f"{_name(wanted)}: {refusal}; it cannot be made valid again")
+
+
+def _try(traffic: Traffic, index: int, subindex: int, data: bytes) -> Generator[Request, Answer, None]:
+    try:
+        yield from traffic.write(index, subindex, data)
+    except SdoAbort:
+        return
+
+
+def _layout(plan: NodePlan, pdo: tuple[str, int]) -> PdoLayout | None:
+    layouts = plan.rpdos if pdo[0] == "rpdo" else plan.tpdos
+    return next((each for each in layouts if each.number == pdo[1]), None)
+
+
+def _adopted(layout: PdoLayout, own: _Own, known: dict[tuple[int, int], MappedObject]) -> PdoLayout:
+    objects = tuple(
+        known.get((index, subindex)) or MappedObject(index, subindex, bits, _UNSIGNED.get(bits, DataType.BOOLEAN))
+        for index, subindex, bits in own.objects
+    )
+    return PdoLayout(layout.number, own.cob_id & 0x7FF, own.transmission_type, objects)
+
+
+def _address(mapped: MappedObject) -> tuple[int, int]:
+    return mapped.index, mapped.subindex
+
+
+def _name(group: Sequence[PlannedWrite]) -> str:
+    kind, number = group[0].pdo or ("pdo", 0)
+    return f"{kind.upper()} {number}"
