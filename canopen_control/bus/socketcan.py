@@ -48,6 +48,7 @@ _FILTER = struct.Struct("=II")  # identifier, mask
 _MOST_FILTERS = 512  # CAN_RAW_FILTER_MAX
 _STANDARD_MASK = EXTENDED_FLAG | REMOTE_FLAG | 0x7FF  # this very mask has a fast path in the kernel
 _EXTENDED_MASK = EXTENDED_FLAG | REMOTE_FLAG | 0x1FFFFFFF
+_EVERYTHING = _FILTER.pack(0, 0)
 _ALL_STANDARD = _FILTER.pack(0, EXTENDED_FLAG)
 _CLOSED_HERE = "closed on this side"
 
@@ -94,6 +95,7 @@ class SocketCanPort:
         self._down = ""  # what was told of it, empty while it works
         self._bus_off = False
         self._heard: frozenset[int] | None = None
+        self._filters = _EVERYTHING
         self._rebind_at: int | None = None
         self._closed = False
 
@@ -125,8 +127,8 @@ class SocketCanPort:
             return
         self._heard = wanted
         filters = [_filter(can_id) for can_id in sorted(wanted)]
-        chosen = b"".join(filters) if len(filters) <= _MOST_FILTERS else _ALL_STANDARD
-        self._socket.setsockopt(_SOL_CAN_RAW, _CAN_RAW_FILTER, chosen)
+        self._filters = b"".join(filters) if len(filters) <= _MOST_FILTERS else _ALL_STANDARD
+        self._socket.setsockopt(_SOL_CAN_RAW, _CAN_RAW_FILTER, self._filters)
 
     def receive(self) -> bytes:
         """Return the whole records that wait, or ``b""``; raise `BusClosed` on a closed port."""
@@ -258,8 +260,12 @@ class SocketCanPort:
             self._events.add(BusEventKind.DOWN, f"bus {self.channel}: {text}")
 
     def _rebind(self) -> None:
-        """Bind to the interface of this name again, which may be another one by now."""
+        """Bind to the interface of this name again, which may be another one by now.
+
+        With the removed one the kernel has thrown the filters away too; without any, nothing would be heard.
+        """
         try:
+            self._socket.setsockopt(_SOL_CAN_RAW, _CAN_RAW_FILTER, self._filters)
             self._socket.bind((self.channel,))
         except OSError:
             self._rebind_at = self._now() + _REBIND_NS

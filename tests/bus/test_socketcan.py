@@ -211,6 +211,7 @@ def test_an_unplugged_adapter_is_bound_again_when_it_is_back(bench, number):
     bench.now = 1_000_000_000
     bench.send(THREE)
     assert bench.socket.bound == [("can0",)]
+    assert filters(bench) == [(0, 0)], "the kernel forgot them with the interface"
     assert bench.socket.sent == [THREE]
     assert bench.kinds() == [BusEventKind.UP]
     assert bench.port.stats.lost == 5
@@ -243,6 +244,17 @@ def test_the_kernel_is_told_which_identifiers_are_wanted_and_only_when_they_chan
     assert bench.socket.options == {}
     bench.port.hear([])
     assert filters(bench) == []
+
+
+def test_the_wanted_identifiers_are_wanted_of_the_interface_made_again_too(bench):
+    bench.port.hear([0x703])
+    del bench.socket.options[101, 1]
+    bench.socket.incoming = [failure(errno.ENODEV)]
+    bench.received()
+    bench.now = 500_000_000
+    bench.send(ONE)
+    assert bench.socket.bound == [("can0",)]
+    assert filters(bench) == [(0x703, 0xC00007FF)]
 
 
 def test_more_identifiers_than_the_kernel_can_choose_are_all_of_eleven_bits(bench):

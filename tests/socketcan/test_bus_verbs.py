@@ -1,0 +1,118 @@
+"""The verb bus, on interfaces that a kernel makes: up, down, status, list, and what is said without the rights."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from support.guest import ip
+
+pytestmark = pytest.mark.socketcan
+
+
+@pytest.fixture
+def fresh():
+    """Return the name of an interface that is not there; what was made of it goes with the test."""
+    yield "vcan77"
+    subprocess.run(["ip", "link", "del", "vcan77"], capture_output=True)
+
+
+def lines(program):
+    assert program.wait() == 0, program
+    return program.out.splitlines()
+
+
+def facts(name):
+    (link,) = json.loads(ip("-json", "link", "show", name))
+    return "UP" in link["flags"], link["txqlen"]
+
+
+def test_up_makes_a_vcan_says_each_step_and_a_second_time_does_nothing(stage, fresh):
+    assert lines(stage.call("bus", "up", fresh)) == [
+        "modprobe vcan   # load the vcan module",
+        "ip link add dev vcan77 type vcan   # make the interface",
+        "ip link set vcan77 txqueuelen 1000   # lengthen its queue",
+        "ip link set vcan77 up   # bring it up",
+    ]
+    assert facts(fresh) == (True, 1000)
+    assert lines(stage.call("bus", "up", fresh)) == ["vcan77 is up already"]
+
+
+def test_down_takes_it_down_and_up_brings_the_same_one_back(stage, vcan):
+    number = json.loads(ip("-json", "link", "show", vcan))[0]["ifindex"]
+    assert lines(stage.call("bus", "down", vcan)) == [f"ip link set {vcan} down   # take it down"]
+    assert facts(vcan)[0] is False
+    assert lines(stage.call("bus", "down", vcan)) == [f"{vcan} is down already"]
+    assert lines(stage.call("bus", "up", vcan))[-1] == f"ip link set {vcan} up   # bring it up"
+    assert facts(vcan) == (True, 1000)
+    assert json.loads(ip("-json", "link", "show", vcan))[0]["ifindex"] == number
+
+
+def test_status_and_list_show_what_the_kernel_has(stage, vcan):
+    ip("link", "set", vcan, "down")
+    assert lines(stage.call("bus", "status", vcan))[0] == f"{vcan}: vcan, down"
+    ip("link", "set", vcan, "up")
+    subprocess.run(["cansend", vcan, "123#1122"], check=True)
+    (status,) = json.loads(stage.call("bus", "status", vcan, "--json").out).values()
+    assert status["is_up"] is True
+    assert (status["traffic"]["tx_packets"], status["traffic"]["tx_bytes"]) == (1, 2)
+    found = json.loads(stage.call("bus", "list", "--json").out)
+    assert {"vcan0", vcan} <= {link["name"] for link in found["interfaces"]}
+
+
+def test_a_pair_of_vxcan_is_made_up_as_well(stage):
+    ip("link", "add", "vxcan7", "type", "vxcan", "peer", "name", "vxcan8")
+    try:
+        for name in ("vxcan7", "vxcan8"):
+            assert lines(stage.call("bus", "up", name))[-1] == f"ip link set {name} up   # bring it up"
+        dump = subprocess.Popen(["candump", "-L", "-n", "1", "vxcan8"], stdout=subprocess.PIPE, text=True)
+        while "vxcan8" not in Path("/proc/net/can/rcvlist_all").read_text():
+            assert dump.poll() is None
+        subprocess.run(["cansend", "vxcan7", "701#05"], check=True)
+        assert dump.communicate(timeout=20)[0].endswith(" vxcan8 701#05\n")
+    finally:
+        ip("link", "del", "vxcan7")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("up", "can0", "--bitrate", "500000"), "no CAN interface 'can0'; is the adapter plugged in?"),
+        (("up", "vcan0", "--bitrate", "500000"), "vcan0 is a vcan interface and has no bit rate"),
+        (("down", "vcan66"), "no CAN interface 'vcan66'"),
+    ],
+)
+def test_what_is_not_there_is_one_sentence(stage, arguments, message):
+    program = stage.call("bus", *arguments)
+    assert (program.wait(), program.err.count("\n")) == (2, 1), program
+    assert message in program.err
+
+
+def test_without_the_right_to_it_the_kernels_refusal_is_explained(stage, fresh):
+    words = [sys.executable, "-m", "canopen_control", "bus", "up", fresh]
+    done = subprocess.run(["setpriv", "--bounding-set=-net_admin", *words], capture_output=True, text=True)
+    assert done.returncode == 2
+    assert "it needs the right CAP_NET_ADMIN" in done.stderr
+
+
+# Another user could not even read a checkout of root's: so this process becomes one when it has everything it needs.
+AS_NOBODY = """
+import os, sys
+from canopen_control.cli import bus
+from canopen_control.cli.main import main
+os.environ["PATH"] = "/usr/sbin:/usr/bin:/sbin:/bin"
+os.setgid(65534)
+os.setuid(65534)
+sys.exit(main(["bus", "up", sys.argv[1]]))
+"""
+
+
+def test_without_root_the_commands_to_type_are_said_and_none_is_run(fresh):
+    done = subprocess.run([sys.executable, "-c", AS_NOBODY, fresh], capture_output=True, text=True)
+    assert (done.returncode, done.stdout) == (2, ""), done.stderr
+    assert done.stderr == (
+        f"canopen-control: {fresh}: this needs root; type: sudo modprobe vcan && sudo ip link add dev {fresh} type vcan"
+        f" && sudo ip link set {fresh} txqueuelen 1000 && sudo ip link set {fresh} up\n"
+    )
+    assert not Path(f"/sys/class/net/{fresh}").exists()

@@ -1,0 +1,179 @@
+"""The SocketCAN port on a real kernel: what the tests with a scripted socket only suppose."""
+
+import errno
+import select
+import socket
+import struct
+import time
+
+import pytest
+from support.guest import ip, throttle
+from support.host import eventually
+
+from canopen_control.bus.channel import open_port
+from canopen_control.bus.error_frames import lost_frames
+from canopen_control.bus.port import BusEventKind
+from canopen_control.bus.sendqueue import SEND_LIMIT
+from canopen_control.errors import InterfaceDown, InterfaceNotFound
+from canopen_control.frame import CanFrame, frames_of, pack_records
+
+pytestmark = pytest.mark.socketcan
+ONE, TWO, THREE = (CanFrame(0x180 + n, bytes([n])) for n in (1, 2, 3))
+
+
+@pytest.fixture
+def ports(vcan):
+    opened = [open_port(vcan), open_port(vcan)]
+    yield opened
+    for port in opened:
+        port.close()
+
+
+def receive(port, count, seconds=5.0):
+    frames, deadline = [], time.monotonic() + seconds
+    while len(frames) < count and time.monotonic() < deadline:
+        select.select([port.fileno()], [], [], 0.1)
+        frames += frames_of(port.receive())
+    return frames
+
+
+def kinds(port):
+    return [event.kind for event in port.events()]
+
+
+def test_frames_cross_and_a_sender_does_not_hear_himself(ports):
+    ours, theirs = ports
+    ours.send(pack_records([ONE, TWO, CanFrame(0x40000703, bytes(1)), CanFrame(0x9ABCDEF0, b"12345678")]))
+    assert receive(theirs, 4) == [ONE, TWO, CanFrame(0x40000703, bytes(1)), CanFrame(0x9ABCDEF0, b"12345678")]
+    theirs.send(pack_records([THREE]))
+    assert receive(ours, 1) == [THREE]
+    assert receive(ours, 1, 0.2) == []
+    assert (ours.stats.tx, ours.stats.rx, ours.stats.lost) == (4, 1, 0)
+
+
+def test_the_kernel_hands_over_the_wanted_identifiers_only(ports):
+    ours, theirs = ports
+    theirs.hear([0x183, 0x40000703])
+    ours.send(pack_records([ONE, CanFrame(0x703, b"\5"), CanFrame(0x40000703, bytes(1)), CanFrame(0x80000183), THREE]))
+    assert receive(theirs, 2) == [CanFrame(0x40000703, bytes(1)), THREE]
+    theirs.hear(range(600))
+    ours.send(pack_records([CanFrame(0x80000183), CanFrame(0x7FF), THREE]))
+    assert receive(theirs, 2) == [CanFrame(0x7FF), THREE]
+    theirs.hear([])
+    ours.send(pack_records([THREE]))
+    assert receive(theirs, 1, 0.2) == []
+    assert theirs.stats.rx == 4
+
+
+def test_the_receive_buffer_holds_thousands_and_what_does_not_fit_is_counted(ports):
+    ours, theirs = ports
+    ours.send(pack_records([ONE] * 4000))
+    assert len(receive(theirs, 4000)) == 4000
+    assert theirs.stats.lost == 0
+    sent = 0
+    for _ in range(10):
+        ours.send(pack_records([TWO] * 4000))
+        sent += 4000
+    kept = receive(theirs, sent, 1.0)
+    ours.send(pack_records([THREE]))  # the kernel tells with the next frame what it could not keep
+    report, last = receive(theirs, 2)
+    assert last == THREE
+    assert lost_frames(report) == theirs.stats.lost == sent - len(kept) > 0
+    assert kinds(theirs) == [BusEventKind.OVERRUN]
+
+
+def test_down_and_up_are_events_and_the_same_port_works_on(ports, vcan):
+    ours, theirs = ports
+    ip("link", "set", vcan, "down")
+    assert select.select([ours.fileno()], [], [], 5)[0], "it is told without anybody sending"
+    assert ours.receive() == b""
+    assert kinds(ours) == [BusEventKind.DOWN]
+    assert not select.select([ours.fileno()], [], [], 0.05)[0], "and does not keep its owner busy"
+    ours.send(pack_records([ONE]))
+    assert (ours.stats.lost, ours.stats.queued) == (1, 0)
+    theirs.receive()
+    theirs.events()
+    ip("link", "set", vcan, "up")
+    ours.send(pack_records([TWO]))
+    assert receive(theirs, 1) == [TWO], "old commands do not arrive late"
+    assert kinds(ours) == kinds(theirs) == [BusEventKind.UP]
+
+
+def test_an_interface_made_again_is_another_one_and_is_bound_again_with_its_filters(ports, vcan):
+    ours, theirs = ports
+    theirs.hear([0x182])
+    ip("link", "del", vcan)
+    for port in ports:
+        assert receive(port, 1, 0.1) == []
+        assert "the interface is gone" in port.events()[-1].text
+    ours.send(pack_records([ONE]))
+    ip("link", "add", "dev", vcan, "type", "vcan")
+    ip("link", "set", vcan, "up")
+
+    def works():
+        ours.send(pack_records([ONE, TWO]))
+        return receive(theirs, 1, 0.1) == [TWO]
+
+    assert eventually(works, 5)
+    assert kinds(ours) == kinds(theirs) == [BusEventKind.UP]
+
+
+def test_a_full_transmit_queue_makes_frames_wait_and_none_is_lost(ports, vcan):
+    throttle(vcan, "64kbit")
+    ours, theirs = ports
+    frames = [CanFrame(0x180, bytes([n])) for n in range(60)]
+    ours.send(pack_records(frames))
+    assert 0 < ours.stats.queued < 60
+    received = []
+    for _ in range(200):
+        received += receive(theirs, 1, 0.05)
+        ours.flush()
+        if len(received) == 60:
+            break
+    assert received == frames
+    assert (ours.stats.queued, ours.stats.lost) == (0, 0)
+
+
+def test_a_bus_that_takes_nothing_keeps_the_newest_and_counts_the_rest(ports, vcan):
+    throttle(vcan, "64bit", limit=160)
+    ours, _ = ports
+    ours.send(pack_records([ONE] * 50))
+    ours.send(pack_records([TWO] * (SEND_LIMIT + 50)))
+    assert ours.stats.queued == SEND_LIMIT
+    assert ours.stats.lost > 50
+    assert kinds(ours) == [BusEventKind.OVERRUN]
+
+
+def test_error_frames_come_through(ports, vcan):
+    """A vcan has none of its own; one that is sent is carried like any other, and the port asked for them."""
+    sender = socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW)
+    sender.bind((vcan,))
+    sender.send(struct.pack("=IB3x8s", 0x20000204, 8, bytes.fromhex("0020000000008000")))
+    sender.close()
+    ours, theirs = ports
+    theirs.hear([0x80])
+    assert [frame.can_id for frame in receive(ours, 1)] == [0x20000204]
+    assert kinds(ours) == [BusEventKind.ERROR_PASSIVE]
+    assert ours.stats.errors == 1
+
+
+def test_opening_what_is_missing_or_down_says_what_to_type(vcan):
+    with pytest.raises(InterfaceNotFound, match="canopen-control bus up vcan66"):
+        open_port("vcan66")
+    ip("link", "set", vcan, "down")
+    with pytest.raises(InterfaceDown, match=f"canopen-control bus up {vcan}"):
+        open_port(vcan)
+
+
+def test_the_options_are_as_the_kernel_took_them(ports):
+    port = ports[0]
+    sock = socket.socket(fileno=socket.dup(port.fileno()))
+    try:
+        assert sock.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF) >= 1 << 20
+        assert sock.getsockopt(101, 2, 4) == struct.pack("=I", 0x1FFFFFFF)
+        assert sock.getsockopt(socket.SOL_SOCKET, 40) == 1
+        with pytest.raises(BlockingIOError) as error:
+            sock.recv(16)
+        assert error.value.errno == errno.EAGAIN
+    finally:
+        sock.close()
