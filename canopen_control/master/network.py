@@ -199,10 +199,11 @@ class Network:
             self._consumer.receive(frame, now)
             if self._guarding is not None:
                 self._guarding.receive(frame, now)
-            self._supervise(now)
+            happened = self._supervise(now)
             if length == 1 and data[0] & 0x7F:
                 node.on_state(state_of_byte(data[0] & 0x7F), now)
-            self._collect_from(node)
+            if happened or not node.ready:  # else only its deadline is later, which `tick` finds by itself
+                self._collect_from(node)
 
         handlers[sdo], handlers[emcy], handlers[error_control] = on_sdo, on_emcy, on_heartbeat
         for pdo in node.received:
@@ -250,13 +251,18 @@ class Network:
             self._guarding.unwatch(node.node_id)
         self._stale = True
 
-    def _supervise(self, now: int) -> None:
+    def _supervise(self, now: int) -> bool:
+        """Hand the nodes what the consumers saw; returns whether that was anything."""
+        events = self._consumer.events()
+        happened = bool(events)
         for guarded in self._guarding.events() if self._guarding is not None else ():
+            happened = True
             if (node := self._by_id.get(guarded.node_id)) is not None:
                 node.on_guarding(guarded, now)
-        for event in self._consumer.events():
+        for event in events:
             if (node := self._by_id.get(event.node_id)) is not None:
                 node.on_heartbeat(event, now)
+        return happened
 
     def _collect(self) -> None:
         """Gather the frames of every service."""
