@@ -10,9 +10,16 @@ The whole protocol. The server speaks first: `{"hello": {"robot", "version", "pr
   twist        controller, linear, angular, source  the same as velocities of a base, m/s and rad/s
   stop                                              ramps to zero and disables; answered when no drive moves any more
   shutdown                                          the same, then the runtime ends
-  axis         action, node                         enable, disable, halt, quick-stop, fault-reset; node may be "all"
+  set_odometry  controller, x, y, heading           where a base controller's odometry goes on from
+  axis         action, node, method, mode           enable, disable, halt, quick-stop, fault-reset, home (method),
+                                                    mode (mode: a name such as CSP); node may be "all"
+  touch_probe  node                                 `{"status", "function", "probe_1_positive", ...}`, device units
   controllers                                       name, type, state, interfaces of each
+  controller_types                                  the names that a controller's `type` may have
+  load, configure, cleanup, unload     controller   one of ros2_controllers.yaml; its next or previous state
   switch       activate, deactivate, strict         controller names
+  hardware                                          name, type, plugin, state, interfaces of each component
+  set_hardware_state   component, state             "inactive" or "active"; nothing moves by it
   nmt          command, node                        start, stop, preop, reset-node, reset-comm
   nodes                                             `{"buses": {bus: {"channel", "node_id"}}, "nodes": [{"name",
                                                     "node_id", "bus", "eds", "identity"}]}`: the master's node ids;
@@ -27,7 +34,6 @@ A client that reads too slowly is dropped; a client that dies changes nothing bu
 from __future__ import annotations
 
 import os
-from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from canopen_control import __version__
@@ -38,12 +44,13 @@ from canopen_control.hardware.joint import Action
 from canopen_control.host.jsonlines import LineServer, encode
 from canopen_control.host.sockets import socket_path
 from canopen_control.master.events import Event, Level
+from canopen_control.runtime.api_control import control_methods
+from canopen_control.runtime.call import Call
 from canopen_control.runtime.status import event_dict, nodes_dict, state_dict, status_dict
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from canopen_control.cia301.sdo_client import SdoRequest
     from canopen_control.host.jsonlines import Connection
     from canopen_control.runtime.core import RobotCore
 
@@ -52,7 +59,6 @@ __all__ = ["PROTOCOL", "ApiServer"]
 PROTOCOL = 1
 MAX_RATE = 1000.0  # Hz, of the state stream
 MAX_TIMEOUT_S = 60.0  # of one SDO answer
-MAX_OBJECT = 400_000  # bytes of an uploaded object that an answer can carry
 _NMT = {
     "start": NmtCommand.START,
     "stop": NmtCommand.STOP,
@@ -71,50 +77,6 @@ class _Subscription:
         self.every, self.events = 0, False
 
 
-class _Call:
-    """One request: `reply` or `refuse` answers it, unless it is a notification."""
-
-    __slots__ = ("_number", "connection", "params")
-
-    def __init__(self, connection: Connection, params: dict[str, Any], number: object) -> None:
-        self.connection, self.params, self._number = connection, params, number
-
-    @property
-    def source(self) -> str:
-        """Who is asking, in words."""
-        return str(self.params.get("source") or f"client {self.connection.name} (pid {self.connection.pid})")
-
-    def reply(self, result: object) -> None:
-        """Answer with a result."""
-        if self._number is not None:
-            self.connection.send({"id": self._number, "result": result})
-
-    def refuse(self, error: CanopenError) -> None:
-        """Answer with an error."""
-        if self._number is not None:
-            answer = {"kind": type(error).__name__, "message": str(error)}
-            self.connection.send({"id": self._number, "error": answer})
-
-    def settle(self, error: str | None) -> None:
-        """Answer the end of something that took time."""
-        if error is None:
-            self.reply({})
-        else:
-            self.refuse(ControlError(error))
-
-    def ended(self, request: SdoRequest) -> None:
-        """Answer the end of an SDO transfer."""
-        if request.error is not None:
-            self.refuse(request.error)
-        elif request.is_write:
-            self.reply({})
-        elif len(request.data) > MAX_OBJECT:
-            text = f"0x{request.index:04X}:{request.subindex:02X} has {len(request.data)} bytes, more than {MAX_OBJECT}"
-            self.refuse(LocalProtocolError(f"{text}; end the robot and upload it straight from the bus"))
-        else:
-            self.reply({"data": request.data.hex()})
-
-
 class ApiServer:
     """Serves one robot; the socket exists from construction to `close`."""
 
@@ -124,7 +86,7 @@ class ApiServer:
         self._server = LineServer(
             robot.reactor, socket_path("robot", robot.setup.name), self._greet, self._on_message, self._on_close
         )
-        self._methods: dict[str, Callable[[_Call], None]] = {
+        self._methods: dict[str, Callable[[Call], None]] = {
             "status": lambda call: call.reply(status_dict(robot)),
             "subscribe": self._subscribe,
             "command": self._command,
@@ -133,8 +95,8 @@ class ApiServer:
             "stop": lambda call: robot.stop(call.settle),
             "shutdown": self._shutdown,
             "axis": self._axis,
-            "controllers": lambda call: call.reply([asdict(info) for info in robot.manager.list()]),
-            "switch": self._switch,
+            "touch_probe": self._touch_probe,
+            **control_methods(robot),
             "nodes": lambda call: call.reply(nodes_dict(robot)),
             "nmt": self._nmt,
             "sdo_read": self._sdo_read,
@@ -161,7 +123,7 @@ class ApiServer:
     def _on_message(self, connection: Connection, message: dict[str, Any]) -> None:
         """Do what a client asks; whatever it sends, the answer is a sentence and the robot goes on."""
         method, params = message.get("method"), message.get("params", {})
-        call = _Call(connection, params, message.get("id"))
+        call = Call(connection, params, message.get("id"))
         handler = self._methods.get(method) if isinstance(method, str) else None
         try:
             if handler is None:
@@ -191,7 +153,7 @@ class ApiServer:
             for connection in watchers:
                 connection.send_encoded(line)
 
-    def _subscribe(self, call: _Call) -> None:
+    def _subscribe(self, call: Call) -> None:
         rate = call.params.get("state_rate")
         subscription = self._subscriptions.setdefault(call.connection, _Subscription())
         subscription.events = bool(call.params.get("events", False))
@@ -203,12 +165,12 @@ class ApiServer:
             subscription.every = max(1, round(1e9 / rate / self._robot.pacer.period_ns))
         call.reply({})
 
-    def _command(self, call: _Call) -> None:
+    def _command(self, call: Call) -> None:
         values = [float(value) for value in call.params["values"]]
         self._robot.command(str(call.params["controller"]), values, call.source)
         call.reply({})
 
-    def _twist(self, call: _Call) -> None:
+    def _twist(self, call: Call) -> None:
         name = str(call.params["controller"])
         if self._robot.manager.get(name).topic != "cmd_vel":
             raise ControlError(f"{name} takes no twist; it is no base controller, command it by values")
@@ -217,7 +179,7 @@ class ApiServer:
         self._robot.command(name, values, call.source, None if stamp is None else float(stamp))
         call.reply({})
 
-    def _set_odometry(self, call: _Call) -> None:
+    def _set_odometry(self, call: Call) -> None:
         name = str(call.params["controller"])
         controller = self._robot.manager.get(name)
         if not isinstance(controller, DiffDriveController):
@@ -225,22 +187,30 @@ class ApiServer:
         controller.set_odometry(*(float(call.params[key]) for key in ("x", "y", "heading")))
         call.reply({})
 
-    def _shutdown(self, call: _Call) -> None:
+    def _shutdown(self, call: Call) -> None:
         call.reply({})
         self._robot.shutdown(f"a client asked for it (pid {call.connection.pid})")
 
-    def _axis(self, call: _Call) -> None:
-        self._robot.axis(_choice(Action, call.params["action"]), str(call.params["node"]), call.settle)
-
-    def _switch(self, call: _Call) -> None:
-        self._robot.switch(
-            [str(name) for name in call.params.get("activate", ())],
-            [str(name) for name in call.params.get("deactivate", ())],
-            strict=bool(call.params.get("strict", True)),
+    def _axis(self, call: Call) -> None:
+        method, mode = call.params.get("method"), call.params.get("mode")
+        self._robot.axis(
+            _choice(Action, call.params["action"]),
+            str(call.params["node"]),
+            call.settle,
+            method=None if method is None else int(method),
+            mode=None if mode is None else str(mode),
         )
-        call.reply({})
 
-    def _nmt(self, call: _Call) -> None:
+    def _touch_probe(self, call: Call) -> None:
+        def read(found: dict[str, int] | str) -> None:
+            if isinstance(found, str):
+                call.settle(found)
+            else:
+                call.reply(found)
+
+        self._robot.touch_probe(str(call.params["node"]), read)
+
+    def _nmt(self, call: Call) -> None:
         name, wanted, robot = str(call.params["command"]), str(call.params["node"]), self._robot
         if name not in _NMT:
             raise ControlError(f"no NMT command {name!r}; there are: {', '.join(_NMT)}")
@@ -249,14 +219,14 @@ class ApiServer:
             robot.bus_of(node).send_waiting()
         call.reply({})
 
-    def _sdo_read(self, call: _Call) -> None:
+    def _sdo_read(self, call: Call) -> None:
         node, (index, subindex) = self._robot.node(str(call.params["node"])), _address(call)
         block = bool(call.params.get("block", False))
         request = node.sdo.read(index, subindex, block=block, timeout_ns=_timeout(call))
         request.context = call.ended
         self._robot.bus_of(node).send_waiting()
 
-    def _sdo_write(self, call: _Call) -> None:
+    def _sdo_write(self, call: Call) -> None:
         node, (index, subindex) = self._robot.node(str(call.params["node"])), _address(call)
         data = bytes.fromhex(str(call.params["data"]))
         request = node.sdo.write(index, subindex, data, timeout_ns=_timeout(call))
@@ -264,11 +234,11 @@ class ApiServer:
         self._robot.bus_of(node).send_waiting()
 
 
-def _address(call: _Call) -> tuple[int, int]:
+def _address(call: Call) -> tuple[int, int]:
     return int(call.params["index"]), int(call.params.get("subindex", 0))
 
 
-def _timeout(call: _Call) -> int | None:
+def _timeout(call: Call) -> int | None:
     seconds = call.params.get("timeout")
     if seconds is None:
         return None

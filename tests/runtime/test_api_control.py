@@ -1,0 +1,77 @@
+"""The methods behind ros2_control's services, over the wire."""
+
+import pytest
+from support.apiclient import Client
+from support.robots import FORWARD, LEFT, Bench
+
+from canopen_control.runtime.api import ApiServer
+
+BASE = "robby_base_controller"
+
+
+@pytest.fixture
+def robby():
+    bench = Bench("control")
+    bench.api = ApiServer(bench.robot)
+    bench.start()
+    yield bench
+    bench.api.close()
+    bench.close()
+
+
+@pytest.fixture
+def client(robby):
+    client = Client(robby)
+    yield client
+    client.close()
+
+
+def states(client):
+    return {each["name"]: each["state"] for each in client.ask("controllers")["result"]}
+
+
+def test_a_controller_is_loaded_switched_and_unloaded(robby, client):
+    assert "forward_command_controller/ForwardCommandController" in client.ask("controller_types")["result"]
+    assert client.ask("load", controller=BASE)["result"] == {}
+    assert states(client)[BASE] == "inactive"
+    assert client.ask("switch", activate=[BASE], deactivate=[FORWARD])["result"] == {}
+    assert (states(client)[BASE], states(client)[FORWARD]) == ("active", "inactive")
+    assert "active" in client.ask("unload", controller=BASE)["error"]["message"]
+    client.ask("switch", activate=[FORWARD], deactivate=[BASE])
+    assert client.ask("configure", controller=BASE)["result"] == {}
+    assert client.ask("unload", controller=BASE)["result"] == {}
+    assert BASE not in states(client)
+
+
+def test_the_hardware_is_listed_with_what_is_claimed(client):
+    (component,) = client.ask("hardware")["result"]
+    assert component["state"] == "active"
+    assert component["plugin"].endswith("RobotSystem")
+    claimed = {each["name"]: each["claimed"] for each in component["command_interfaces"]}
+    assert claimed == {"left_wheel_joint/velocity": True, "right_wheel_joint/velocity": True}
+    assert all(each["available"] for each in component["state_interfaces"])
+
+
+def test_inactive_hardware_commands_nothing_and_its_controllers_stop(robby, client):
+    robby.hold(10.0, 10.0, ms=300)
+    name = client.ask("hardware")["result"][0]["name"]
+    assert client.ask("set_hardware_state", component=name, state="inactive")["result"] == {"state": "inactive"}
+    assert states(client)[FORWARD] == "inactive"
+    robby.run(1500)
+    assert robby.speed(LEFT) == 0
+    assert client.ask("set_hardware_state", component=name, state="active")["result"] == {"state": "active"}
+    robby.run(500)
+    assert not robby.joint(LEFT).machine.enabled
+
+
+@pytest.mark.parametrize(
+    ("method", "params", "words"),
+    [
+        ("load", {"controller": "nobody"}, "nobody"),
+        ("configure", {"controller": "nobody"}, "nobody"),
+        ("set_hardware_state", {"component": "nobody", "state": "active"}, "nobody"),
+        ("set_hardware_state", {"component": "robby", "state": "finalized"}, "inactive"),
+    ],
+)
+def test_what_cannot_be_done_is_refused_in_a_sentence(client, method, params, words):
+    assert words in client.ask(method, **params)["error"]["message"]

@@ -1,0 +1,42 @@
+"""A raw client of the API, for tests in simulated time."""
+
+import contextlib
+import json
+import socket
+
+from canopen_control.host.sockets import socket_path
+
+
+class Client:
+    """A raw client: what it sends is bytes, what it gets are messages."""
+
+    def __init__(self, bench):
+        self._bench, self._buffer = bench, b""
+        self.socket = socket.socket(socket.AF_UNIX)
+        self.socket.setblocking(False)
+        self.socket.connect(str(socket_path("robot", "robby")))
+        self.hello = self.next()
+
+    def send(self, **message):
+        self.socket.send(json.dumps(message).encode() + b"\n")
+
+    def messages(self):
+        with contextlib.suppress(BlockingIOError):
+            self._buffer += self.socket.recv(1 << 20)
+        *lines, self._buffer = self._buffer.split(b"\n")
+        return [json.loads(line) for line in lines]
+
+    def next(self, ms=2000):
+        found = []
+        self._bench.until(lambda: found.extend(self.messages()) or found, ms=ms)
+        assert len(found) == 1, found
+        return found[0]
+
+    def ask(self, method, **params):
+        self.send(id=1, method=method, params=params)
+        answer = self.next(ms=20_000)
+        assert answer["id"] == 1
+        return answer
+
+    def close(self):
+        self.socket.close()
