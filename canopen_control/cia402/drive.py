@@ -205,6 +205,11 @@ class DriveMachine:
         return self._mode.confirmed
 
     @property
+    def mode_failed(self) -> bool:
+        """Whether the last mode asked for was not confirmed in time."""
+        return self._mode.failed
+
+    @property
     def waiting(self) -> bool:
         """Whether nothing but `hold` keeps the drive from being enabled by the next controlword."""
         ready = self.state is State.SWITCHED_ON or self.state is State.QUICK_STOP_ACTIVE

@@ -1,8 +1,8 @@
-"""`axis`: enable, disable, halt, quick-stop or fault-reset the drives of a running robot."""
+"""`axis`: enable, disable, halt, quick-stop, fault-reset, home the drives of a running robot, or set their mode."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from canopen_control.client import RobotClient
 
@@ -12,20 +12,33 @@ if TYPE_CHECKING:
 __all__ = ["add_arguments", "run"]
 
 EXAMPLE = "canopen-control axis enable all"
-ACTIONS = ("enable", "disable", "halt", "quick-stop", "fault-reset")
+ACTIONS = ("enable", "disable", "halt", "quick-stop", "fault-reset", "home", "mode")
 PATIENCE_S = 20.0
+HOMING_S = 3600.0  # the robot's own limit (homing_timeout_seconds) comes first
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     parser.add_argument("action", choices=ACTIONS)
     parser.add_argument("node", help="name or node id in bus.yml, or all")
+    parser.add_argument("mode", nargs="?", help="with mode: PP, VL, PV, TQ, HM, IP, CSP, CSV, CST or its number")
+    parser.add_argument("--method", type=int, help="with home: the homing method (default: what 0x6098 holds)")
     parser.add_argument("--name", help="the robot (default: the only one that runs)")
+    parser.set_defaults(usage=parser.error)
 
 
 def run(args: argparse.Namespace) -> int:
     """Run the verb; ends when the drives did it, or with what keeps them from it."""
+    if (args.action == "mode") is not (args.mode is not None):
+        args.usage("axis mode NODE MODE: a mode goes with the action mode, and only with it")
+    if args.method is not None and args.action != "home":
+        args.usage("--method goes with axis home")
+    params: dict[str, Any] = {"action": args.action, "node": args.node}
+    if args.mode is not None:
+        params["mode"] = args.mode
+    if args.method is not None:
+        params["method"] = args.method
     with RobotClient.connect(args.name) as robot:
-        robot.request("axis", {"action": args.action, "node": args.node}, PATIENCE_S)
-    print(f"{args.action} {args.node}: done")
+        robot.request("axis", params, HOMING_S if args.action == "home" else PATIENCE_S)
+    print(f"{args.action} {args.node}{f' {args.mode}' if args.mode else ''}: done")
     return 0

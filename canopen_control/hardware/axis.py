@@ -85,6 +85,14 @@ class Axis:
 
         self._targets = [(index, sub, out) for index, sub in _TARGETS if (out := self.output(index, sub)) is not None]
 
+        feedback = (self.statusword, self.position, self.velocity)
+        self._feedback = tuple({each.pdo: None for each in feedback if each is not None})
+
+    @property
+    def is_stale(self) -> bool:
+        """Whether a TPDO that control depends on stays away."""
+        return any(pdo.overdue for pdo in self._feedback)
+
     def hold(self, raw: int) -> None:
         """Let every target be standstill at the raw position."""
         for index, _, output in self._targets:

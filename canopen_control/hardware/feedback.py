@@ -93,6 +93,13 @@ class Feedback:
             self._read_more(now)
         return jump
 
+    def ramp_ns(self, default: int) -> int:
+        """Return how long the drive's ramp to zero takes from the velocity last seen; `default` where none is known."""
+        slope = self._axis.limits.deceleration
+        if self._raw_velocity is None or not math.isfinite(slope):
+            return default
+        return min(default, round((1.2 * abs(self._raw_velocity) / slope + 0.1) * 1e9))
+
     def refresh_scale(self) -> None:
         """Say that the scale is another one: convert again with the next frames."""
         self._slack = round(abs(self._axis.scale.pos_to_dev) * _SLACK) + 1

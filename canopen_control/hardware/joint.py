@@ -96,6 +96,7 @@ class JointDrive:
         self.claimed: str | None = None  # the command interface that a controller drives
         self.homing: HomingRun | None = None
         self.homed = False
+        self.homing_result: str | None = None
         self.target: ModeTarget | None = None
         self.feedback = Feedback(description, self.axis)
         self.states = self.feedback.states
@@ -121,8 +122,9 @@ class JointDrive:
         self._held: int | None = None  # the position at which all targets are held
         self._blind_since: int | None = None
         self._slowed = False
+        self._blind_stop_ns = BLIND_STOP_NS
         self._news: list[News] = []
-        self._was_ready = self._was_overdue = False
+        self._was_ready = self._was_stale = False
 
     # ------------------------------------------------------------------------------------------- what is
 
@@ -183,8 +185,8 @@ class JointDrive:
         took = now - self._since
         if not self.node.ready or self.machine.state is not State.OPERATION_ENABLED or took > STOP_NS:
             return True
-        if self._statusword_pdo.overdue:
-            return took > BLIND_STOP_NS
+        if self.axis.is_stale:
+            return took > self._blind_stop_ns
         return self._slowed and self.feedback.standing
 
     def mode_for(self, interface: str) -> OperationMode:
@@ -234,6 +236,11 @@ class JointDrive:
         else:
             self._take_mode(mode)
 
+    def mode_serves(self, mode: int) -> str | None:
+        """Return the command interface that a mode serves here, None for none."""
+        target = make_target(mode, self.axis, self.machine)
+        return None if target is None else target.interface
+
     def enable(self) -> None:
         """Ask the drive into OPERATION_ENABLED; it follows commands from there. DriveError in a fault."""
         if not self.machine.remote:
@@ -256,6 +263,7 @@ class JointDrive:
             self.wish, self._since, self._slowed = Wish.STOPPING, now, False
             self.group.busy = True
             self.machine.hold(False)
+            self._blind_stop_ns = self.feedback.ramp_ns(BLIND_STOP_NS)
             if not self.machine.enabled:
                 self.switch_off()
         elif self.wish is Wish.OFF:
@@ -309,7 +317,7 @@ class JointDrive:
     def end_homing(self, mode: int | None, enabled: bool, *, homed: bool) -> None:
         """Go back to the mode and power from before; a homed axis counts from its new zero."""
         run, self.homing = self.homing, None
-        self.homed = homed
+        self.homed, self.homing_result = homed, run.result if run is not None else None
         if homed:
             self.feedback.restart()
             self._news.append(News("homed", "homed"))
@@ -327,12 +335,10 @@ class JointDrive:
         ready = self.node.ready
         if ready is not self._was_ready:
             self._was_ready = ready
-            self._came() if ready else self._went()
+            self._came() if ready else self._went(now)
         if ready:
-            if self._statusword_pdo.overdue is not self._was_overdue:
-                self._was_overdue = self._statusword_pdo.overdue
-                self._by_sdo.end()
-                self._blind_since = None
+            if self.node.stale is not self._was_stale:
+                self._became_stale(self.node.stale)
             jump = self.feedback.read(now)
             if jump:
                 self.homed = False
@@ -405,6 +411,8 @@ class JointDrive:
 
     def supervise(self) -> None:
         """Look at what need not be seen in every cycle; ten times a second."""
+        if self._watch.leaves_limit():
+            self._news.append(News("limit_left", "the limit is left", Level.INFO))
         if self._watch.turns_the_wrong_way(self.enabled):
             text = "it turns against its command; check polarity (0x607E), the scale's sign and the wiring"
             self._news.append(News("direction", text, stops=True))
@@ -414,19 +422,31 @@ class JointDrive:
     # ------------------------------------------------------------------------------------------- inside
 
     def _came(self) -> None:
+        self._blind_since = None
         self.feedback.came()
         self.error_code = None
         self.parameters.load()
 
-    def _went(self) -> None:
+    def _went(self, now: int) -> None:
+        self._blind_since = now
         self.feedback.went()
         self.parameters.forget()
         self._by_sdo.end()
         if self._mode_by_sdo is not None:
             self._mode_by_sdo.forget()
-        self.homed = False
+        self.homed = self._was_stale = False
         self._end_homing("its node is gone")
-        self._news.append(News("node_lost", f"not operational; {self.node.error}", Level.ERROR, stops=True))
+        self.machine.disable()
+        why = (self.node.error or "it left OPERATIONAL").removeprefix(f"node {self.node.node_id} ({self.node.name})")
+        self._news.append(News("node_lost", f"lost: {why.lstrip(': ')}", Level.ERROR, stops=True))
+
+    def _became_stale(self, stale: bool) -> None:
+        """Stop when feedback stays away; the statusword is asked for by SDO meanwhile."""
+        self._was_stale = stale
+        self._by_sdo.end()
+        self._blind_since = None
+        if stale and self.axis.is_stale:
+            self._news.append(News("feedback_stale", "its feedback is stale", Level.ERROR, stops=True))
 
     def _on_parameters(self) -> None:
         self.feedback.refresh_scale()
@@ -459,8 +479,7 @@ class JointDrive:
 
     def _blind(self, now: int) -> int:
         """Return the controlword for a drive that nobody sees: a quick stop, then no power."""
-        if not self.node.ready or self._statusword_pdo.stamp < 0:
-            self._blind_since = None
+        if self._statusword_pdo.stamp < 0 and self._blind_since is None:
             return 0
         if self._blind_since is None:
             self._blind_since = now

@@ -39,6 +39,7 @@ class Watch:
         self._bits = 0
         self._against = 0
         self._last_target = 0
+        self._limit_at = 0  # the position at which the limit was reached
         self._targets: tuple[Output | None, Output | None] = (
             axis.output(objects.TARGET_VELOCITY),
             axis.output(objects.TARGET_POSITION),
@@ -53,13 +54,24 @@ class Watch:
         news = []
         if rose & WARNING:
             news.append(News("warning", f"warning (statusword 0x{word:04X})"))
-        if (rose | fell) & INTERNAL_LIMIT:
-            news.append(self._limit(bool(rose & INTERNAL_LIMIT), target))
+        if rose & INTERNAL_LIMIT:
+            news += self._limit(target)
         if rose & _FOLLOWING and mode in _FOLLOWING_MODES and self._action != "ignore":
             text = f"following error (statusword 0x{word:04X})"
             stops = self._action == "stop"
             news.append(News("following_error", text, Level.ERROR if stops else Level.WARNING, stops))
         return news
+
+    def leaves_limit(self) -> bool:
+        """Look, ten times a second, whether a limit that shows no more was left: by a motion the other way."""
+        limits = self._axis.limits
+        if not limits.blocked or self._bits & INTERNAL_LIMIT:
+            return False
+        way = self._axis.raw_position - self._limit_at
+        if way * limits.blocked >= 0:
+            return False
+        limits.blocked = 0
+        return True
 
     def turns_the_wrong_way(self, enabled: bool) -> bool:
         """Look, ten times a second, whether the axis turns against its velocity target."""
@@ -73,14 +85,14 @@ class Watch:
         self._against = self._against + 1 if against else 0
         return self._against == PATIENCE
 
-    def _limit(self, active: bool, target: ModeTarget | None) -> News:
+    def _limit(self, target: ModeTarget | None) -> list[News]:
         limits = self._axis.limits
-        if not active:
-            limits.blocked = 0
-            return News("limit_left", "the limit is left", Level.INFO)
+        if limits.blocked:
+            return []  # the same limit, touched again
         limits.blocked = self._direction(target)
+        self._limit_at = self._axis.raw_position
         side = _SIDES[limits.blocked]
-        return News("limit", f"limit reached, {side} side; only the other direction is followed", Level.WARNING)
+        return [News("limit", f"limit reached, {side} side; only the other direction is followed", Level.WARNING)]
 
     def _direction(self, target: ModeTarget | None) -> int:
         """Return the side of the limit: the switch that is closed, else where the target lies."""

@@ -62,7 +62,7 @@ class ReceivedPdo:
         )
         self._length = self.codec.length
         self.every = transmission_type if transmission_type in CYCLIC_SYNCHRONOUS else 0
-        self.patience = MISSED_SYNCS * self.every + 1
+        self.patience = MISSED_SYNCS * self.every
         self.expected = self.overdue = self.told = False
         self.checked = self.silent = 0
         self.values: tuple[Value, ...] = (0,) * len(objects)
@@ -88,7 +88,7 @@ class ReceivedPdo:
         self.cob_id, self.codec = layout.cob_id, PdoCodec(layout.objects)
         self._length = self.codec.length
         self.every = layout.transmission_type if layout.transmission_type in CYCLIC_SYNCHRONOUS else 0
-        self.patience = MISSED_SYNCS * self.every + 1 if self.every else _NO_END
+        self.patience = MISSED_SYNCS * self.every if self.every else _NO_END
         unpack = self.codec.unpack if self.codec.struct is None else self.codec.struct.unpack_from
         addresses = [mapped[:2] for mapped in layout.objects]
         order = [addresses.index(mapped[:2]) for mapped in planned]

@@ -36,6 +36,8 @@ if TYPE_CHECKING:
 
 __all__ = ["NodeState", "RemoteNode"]
 
+FAREWELL_NS = 2_000_000_000  # how long a node that went silent is still told to stop
+_CONTROLWORD, _QUICK_STOP = 0x6040, b"\x02\x00"
 RETRY_NS = 1_000_000_000  # CiA 302-2: a node that did not answer is asked again after a second
 
 
@@ -69,6 +71,8 @@ class RemoteNode:
         self.state = NodeState.WAITING
         self.ready = False
         """Whether its process data are live."""
+        self.stale = False
+        """Whether one of its TPDOs stays away."""
         self.nmt_state: NmtState | None = None
         self.last_seen: int | None = None
         self.error: str | None = None
@@ -86,6 +90,7 @@ class RemoteNode:
         self._wake, self._guard, self._lay_out = wake, guard, lay_out
         self._guarding_boot = False
         self.sdo_reads = self.sdo_writes = self.sdo_failed = 0
+        self._farewell_until: int | None = None
         self._task: BootTask | None = None
         self._retry_at: int | None = None
 
@@ -98,6 +103,7 @@ class RemoteNode:
         """Start the boot, from the beginning if one is under way."""
         self._abandon()
         self._watch(self.node_id, 0)
+        self._stop_sending()
         self.state, self.ready = NodeState.BOOTING, False
         self._retry_at = None
         self.expected_state = None
@@ -200,6 +206,7 @@ class RemoteNode:
     def on_pdo(self, pdo: ReceivedPdo, now: int) -> None:
         """Tell that a TPDO stays away, or is back."""
         what = f"TPDO with identifier 0x{pdo.cob_id:03X}"
+        self.stale = any(each.overdue for each in self.received)
         if not pdo.overdue:
             self._tell(now, "pdo_back", f"its {what} is back")
         elif pdo.stamp < 0:
@@ -240,6 +247,8 @@ class RemoteNode:
         self.pump(now)
         if self._retry_at is not None and now >= self._retry_at:
             self.begin_boot(now)
+        if self._farewell_until is not None and now >= self._farewell_until:
+            self._stop_sending()
         if held := self.emcy_gate.summary(now):
             self._tell(now, "emcy_flood", f"{held} more EMCY within a second, not listed one by one", Level.WARNING)
 
@@ -249,7 +258,13 @@ class RemoteNode:
         return min(
             (
                 each
-                for each in (self.sdo.next_deadline(), task, self._retry_at, self.emcy_gate.deadline)
+                for each in (
+                    self.sdo.next_deadline(),
+                    task,
+                    self._retry_at,
+                    self._farewell_until,
+                    self.emcy_gate.deadline,
+                )
                 if each is not None
             ),
             default=None,
@@ -292,17 +307,36 @@ class RemoteNode:
 
     def _drop(self, now: int, text: str, level: Level, *, kind: str, error: CanopenError | None = None) -> None:
         """End READY or a boot: the process data are stale from here on."""
-        was_used = self.ready or self._task is not None
+        was_used, was_ready = self.ready or self._task is not None, self.ready
         self._abandon()
         self.state, self.ready = NodeState.WAITING, False
+        self.stale = False
         self._guard(False, now)
         self.error = str(error) if error is not None else text
         for received in self.received:
             received.forget()
-        for sent in self.sent:
-            sent.enabled = False
+        self._farewell_until = None
+        if was_ready and kind in _MAY_BE_ALIVE:
+            self._bid_farewell(now)
+        else:
+            self._stop_sending()
         if was_used:
             self._report(Event(now, kind, self.name, text, level))
+
+    def _bid_farewell(self, now: int) -> None:
+        """Go on sending for a while: a drive that is only silent, or no longer OPERATIONAL, can still be stopped.
+
+        What is sent is the business of whoever drives the axes; in NMT states without PDOs a quick stop goes by SDO.
+        """
+        self._farewell_until = now + FAREWELL_NS
+        for offset in self.plan.axes:
+            self.sdo.write(_CONTROLWORD + offset, 0, _QUICK_STOP)
+        self._wake()
+
+    def _stop_sending(self) -> None:
+        self._farewell_until = None
+        for sent in self.sent:
+            sent.enabled = False
 
     def _abandon(self) -> None:
         if self._task is not None:
@@ -368,6 +402,7 @@ class RemoteNode:
         self._report(Event(now, kind, self.name, f"{self._who}: {text}", level))
 
 
+_MAY_BE_ALIVE = ("heartbeat_lost", "guarding_lost", "nmt")
 _HINTS = {
     0x8240: "; the length of SYNC is not what it expects: compare sync_overflow of bus.yml with its 0x1019",
     0x8120: "; if a fault reset has no effect: nmt reset-comm, then axis fault-reset, then axis enable",

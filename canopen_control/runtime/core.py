@@ -23,7 +23,7 @@ from canopen_control.hardware.wheels import WheelGeometry
 from canopen_control.master.events import Event, EventLog, Level
 from canopen_control.runtime.bus import RobotBus
 from canopen_control.runtime.pacer import Pacer
-from canopen_control.runtime.request import AxisRequest
+from canopen_control.runtime.request import AxisRequest, ProbeReading, change_mode, home_axes
 from canopen_control.runtime.setup import BUS_NAME
 from canopen_control.runtime.wanted import load_controller, prepare_controllers
 
@@ -170,17 +170,38 @@ class RobotCore:
             system.stop(now)
         self._requests.append(AxisRequest(tuple(self.joints.values()), Action.DISABLE, now + STOP_TIMEOUT_NS, done))
 
-    def axis(self, action: Action, name: str, done: Callable[[str | None], None]) -> None:
-        """Do something to the axes of a node, or of "all"; `done(error)` when it is reached. Raises ControlError."""
+    def axis(
+        self,
+        action: Action,
+        name: str,
+        done: Callable[[str | None], None],
+        *,
+        method: int | None = None,
+        mode: str | None = None,
+    ) -> None:
+        """Do something to the axes of a node, or of "all"; `done(error)` when it is reached. Raises ControlError.
+
+        `method` is the homing method (None: what 0x6098 holds), `mode` the mode of operation by name or number.
+        """
         now = self.reactor.now()
         joints = self._axes_of(name)
+        patience = REQUEST_TIMEOUT_NS
         if action is Action.ENABLE:
             for system in self.systems:
                 system.enable([joint for joint in joints if joint in system.joints])
+        elif action is Action.HOME:
+            patience += max(round(joint.node.config.homing_timeout_seconds * 1e9) for joint in joints)
+            home_axes(joints, method)
+        elif action is Action.MODE:
+            change_mode(joints, mode or "")
         else:
             for joint in joints:
                 _ACTIONS[action](joint, now)
-        self._requests.append(AxisRequest(joints, action, now + REQUEST_TIMEOUT_NS, done))
+        self._requests.append(AxisRequest(joints, action, now + patience, done))
+
+    def touch_probe(self, name: str, done: Callable[[dict[str, int] | str], None]) -> None:
+        """Read what the touch probes of a node caught; `done` gets the values by name, or a sentence."""
+        ProbeReading(self._axes_of(name)[0].axis, done)
 
     def node(self, name: str) -> RemoteNode:
         """Return a node by its name or node id; raises ControlError."""

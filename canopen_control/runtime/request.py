@@ -1,17 +1,38 @@
-"""Something asked of axes that takes time: answered when it is reached, fails, or runs out of time."""
+"""Something asked of axes that takes time: answered when it is reached, fails, or runs out of time.
+
+The law of this file: whatever can be refused is refused for all axes before any of them is touched.
+"""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from canopen_control.cia301.emcy import error_text
+from canopen_control.cia402 import objects
+from canopen_control.cia402.homing import require_method
+from canopen_control.cia402.modes import OperationMode, require_mode
+from canopen_control.errors import ControlError
+from canopen_control.hardware.axis_modes import MODES
+from canopen_control.hardware.choice import listed_modes
 from canopen_control.hardware.joint import Action, Wish
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
+    from canopen_control.cia301.sdo_client import SdoRequest
+    from canopen_control.hardware.axis import Axis
     from canopen_control.hardware.joint import JointDrive
 
-__all__ = ["AxisRequest"]
+__all__ = ["AxisRequest", "ProbeReading", "change_mode", "home_axes"]
+
+_PROBE = {
+    "function": objects.TOUCH_PROBE_FUNCTION,
+    "status": objects.TOUCH_PROBE_STATUS,
+    "probe_1_positive": objects.TOUCH_PROBE_1_POSITIVE,
+    "probe_1_negative": objects.TOUCH_PROBE_1_NEGATIVE,
+    "probe_2_positive": objects.TOUCH_PROBE_2_POSITIVE,
+    "probe_2_negative": objects.TOUCH_PROBE_2_NEGATIVE,
+}
 
 
 class AxisRequest:
@@ -43,7 +64,11 @@ class AxisRequest:
     def _refused(self, joint: JointDrive) -> bool:
         """Whether waiting longer is of no use."""
         if self._action is Action.ENABLE:
-            return joint.wish is not Wish.ON
+            return joint.wish is not Wish.ON and not joint.explaining
+        if self._action is Action.HOME:
+            return joint.homing is None
+        if self._action is Action.MODE:
+            return joint.machine.mode_failed
         return self._action is Action.FAULT_RESET and not joint.machine.resetting
 
     def _reason(self, joint: JointDrive) -> str:
@@ -51,4 +76,77 @@ class AxisRequest:
         seen = "no statusword" if joint.statusword is None else f"statusword 0x{joint.statusword:04X}"
         name = "not there" if state is None else state.name.replace("_", " ")
         cause = f"; {node.error}" if node.error else ""
+        if joint.machine.fault and joint.error_code:
+            cause += f"; 0x603F is 0x{joint.error_code:04X} ({error_text(joint.error_code)})"
+        if self._action is Action.HOME and joint.homing_result:
+            cause = f"; {joint.homing_result}{cause}"
         return f"node {node.node_id} ({node.name}): {self._action.value} not reached, it is {name} ({seen}){cause}"
+
+
+class ProbeReading:
+    """One read-out of the touch probes of an axis (0x60B8 to 0x60BD) by SDO; what the drive lacks is left out."""
+
+    def __init__(self, axis: Axis, done: Callable[[dict[str, int] | str], None]) -> None:
+        self._done = done
+        self._values: dict[str, int] = {}
+        wanted = [(name, index) for name, index in _PROBE.items() if axis.has(index)]
+        if not wanted:
+            raise ControlError(f"node {axis.node.node_id} ({axis.node.name}) has no touch probe (0x60B9)")
+        if not axis.node.ready:
+            raise ControlError(f"node {axis.node.node_id} ({axis.node.name}) is not operational")
+        self._open = len(wanted)
+        for name, index in wanted:
+            axis.node.read(axis.index(index), 0, self._answer(name, signed=index >= objects.TOUCH_PROBE_1_POSITIVE))
+
+    def _answer(self, name: str, *, signed: bool) -> Callable[[SdoRequest], None]:
+        def answered(request: SdoRequest) -> None:
+            if request.error is None:
+                self._values[name] = int.from_bytes(request.data, "little", signed=signed)
+            self._open -= 1
+            if self._open == 0:
+                self._done(self._values or str(request.error))
+
+        return answered
+
+
+def home_axes(joints: Sequence[JointDrive], method: int | None) -> None:
+    """Begin homing of all these axes, or of none; raises ControlError or DriveError."""
+    for joint in joints:
+        _require_there(joint)
+        require_mode(OperationMode.HM, listed_modes(joint.axis, joint.parameters))
+        if method is not None:
+            require_method(method, joint.parameters.homing_methods)
+    for joint in joints:
+        joint.home(method)
+
+
+def change_mode(joints: Sequence[JointDrive], text: str) -> None:
+    """Ask for a mode of operation; raises ControlError or DriveError before any drive was touched."""
+    mode = _mode_of(text)
+    for joint in joints:
+        _require_there(joint)
+        require_mode(mode, listed_modes(joint.axis, joint.parameters))
+        serves = MODES.get(mode)
+        if joint.claimed is not None and (serves is None or joint.mode_serves(mode) != joint.claimed):
+            raise ControlError(
+                f"node {joint.node.node_id} ({joint.node.name}): a controller commands its {joint.claimed}, which mode "
+                f"{mode.name} does not serve; deactivate that controller first"
+            )
+    for joint in joints:
+        joint.set_mode(mode)
+
+
+def _mode_of(text: str) -> OperationMode:
+    try:
+        return OperationMode[text.upper()] if not text.lstrip("-").isdigit() else OperationMode(int(text))
+    except (KeyError, ValueError):
+        known = ", ".join(mode.name for mode in OperationMode if mode)
+        raise ControlError(f"no mode of operation {text!r}; there are: {known}") from None
+
+
+def _require_there(joint: JointDrive) -> None:
+    node = joint.node
+    if not node.ready or not joint.parameters.loaded:
+        raise ControlError(
+            f"node {node.node_id} ({node.name}) is not operational: {node.error or 'it has not booted yet'}"
+        )
