@@ -107,8 +107,8 @@ _ROBOT_PATIENCE = {
 
 def _shows(node: dict[str, Any], command: NmtCommand, elapsed: float) -> bool:
     """Whether the node has shown the wanted state since the command was sent."""
-    if command is NmtCommand.START:
-        return bool(node["ready"])
+    if command is NmtCommand.START and not node["ready"]:  # configured too, and its process data live
+        return False
     wanted = {EXPECTED_STATE[command].name}
     if command in RESETS:
         wanted.add(NmtState.PRE_OPERATIONAL.name)  # where it goes by itself
