@@ -146,10 +146,10 @@ def _flatten(node: Node) -> Node:
 
 @dataclass(frozen=True)
 class ControllerConfig:
-    """One controller of the file: `type` is "" if the file names none; `line` is where its block or type stands.
+    """One controller of the file: `type` is "" if the file names none; `line` is where its type stands.
 
-    `fallbacks` take over when it fails. `namespace` is that of its block; `ros1` says that the block is ROS 1's, which
-    has no `ros__parameters`.
+    `fallbacks` take over when it fails. `namespace` and `block_line` are those of its parameters; `ros1` says that they
+    are written as in ROS 1, without `ros__parameters`.
     """
 
     name: str
@@ -160,13 +160,14 @@ class ControllerConfig:
     fallbacks: tuple[str, ...] = ()
     namespace: str = ""
     ros1: bool = False
+    block_line: int = 0
 
 
 @dataclass(frozen=True)
 class ControllersFile:
     """A ros2_controllers.yaml: `update_rate` in Hz; the controllers in the order of the file; what is suspicious.
 
-    `unnamed` are blocks of parameters whose controller has no type, and their lines; `line` is the manager's.
+    `line` and `namespace` are those of the manager's block, `manager_lines` the lines of its parameters.
     """
 
     update_rate: int = 100
@@ -175,7 +176,8 @@ class ControllersFile:
     manager: ManagerParams = field(default_factory=lambda: ManagerParams())
     path: str = ""
     line: int = 0
-    unnamed: dict[str, int] = field(default_factory=dict)
+    namespace: str = ""
+    manager_lines: dict[str, int] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -250,9 +252,9 @@ def read_controllers(path: str | os.PathLike[str], *, strict: bool = False) -> C
     empty = _Block(root, _like(root))
     everywhere = blocks.pop(EVERYWHERE, empty).value
     own = blocks.pop(MANAGER, empty)
-    declared, manager = _manager(_flatten(own.value.over(_common(everywhere))), root)
+    flat = _flatten(own.value.over(_common(everywhere)))
+    declared, manager = _manager(flat, root)
     controllers = _controllers(declared, blocks, everywhere)
-    unnamed = {name: block.key.line for name, block in blocks.items() if name not in controllers}
     if not controllers:
         own.key.error("no controller has a type; name them under controller_manager: <name>: type: ...")
     root.problems.raise_if_any(RobotConfigError)
@@ -260,7 +262,9 @@ def read_controllers(path: str | os.PathLike[str], *, strict: bool = False) -> C
     for each in controllers.values():
         read.update((id(one), [str(text) for text in one.warnings]) for one in each.params.files)
     warnings = [text for texts in read.values() for text in texts]
-    return ControllersFile(manager.update_rate, controllers, warnings, manager, str(path), own.key.line, unnamed)
+    lines = {name: key.line for name, key in flat.keys().items()}
+    place = str(path), own.key.line, own.namespace, lines
+    return ControllersFile(manager.update_rate, controllers, warnings, manager, *place)
 
 
 def _common(everywhere: Node) -> Node:
@@ -393,7 +397,5 @@ def _from_file(place: Node, text: str, name: str) -> Node:
 def _config(
     name: str, type_name: str, place: Node, values: Node, block: _Block, fallbacks: tuple[str, ...] = ()
 ) -> ControllerConfig:
-    flat = _flatten(values)
-    return ControllerConfig(
-        name, type_name, Params(flat, name), place.line, place.path, fallbacks, block.namespace, block.ros1
-    )
+    params, where = Params(_flatten(values), name), (block.namespace, block.ros1, block.key.line)
+    return ControllerConfig(name, type_name, params, place.line, place.path, fallbacks, *where)

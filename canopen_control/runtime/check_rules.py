@@ -1,0 +1,326 @@
+"""The classic mistakes between a robot's three files, each with its place and the way out.
+
+The law of the file: a rule looks at what could be read (a file that could not is None) and yields findings; it never
+raises, opens nothing and changes nothing. What is refused at the start is an ERROR, what surprises somebody later a
+WARNING. The rules of wheels and of launch files have files of their own.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Final
+
+from canopen_control.bus.timing import worst_case_bits
+from canopen_control.controllers.types import make_controller
+from canopen_control.errors import CanopenError, ConfigError
+from canopen_control.hardware.plugins import KNOWN, Kind
+from canopen_control.hardware.wheels import WheelGeometry
+from canopen_control.runtime.check_launch import check_launch
+from canopen_control.runtime.check_wheels import WHEEL_RULES
+from canopen_control.runtime.finding import Finding, Severity
+from canopen_control.yamltree import nearest
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+    from pathlib import Path
+
+    from canopen_control.controllers.base import Controller
+    from canopen_control.controllers.params import ControllerConfig, ControllersFile
+    from canopen_control.hardware.description import ControlJoint, Description, Ros2ControlSystem
+    from canopen_control.master.config import BusConfig
+    from canopen_control.runtime.files import RobotFiles
+
+__all__ = ["CheckedRobot", "find"]
+
+LEGAL_NAME: Final = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
+"""What ROS takes for the name of a node, which every controller is."""
+_PLACED: Final = re.compile(r"(?P<path>[^\s:][^:]*):(?P<line>\d+)(?::\d+)?: (?P<text>.+)")
+_TRANSLATED: Final = (" is read as ", " has no effect")
+"""What the warnings say of keys of other distributions, which are worth knowing and no mistakes."""
+_COUNT: Final = re.compile(r"\d+ errors")
+BUSY: Final = 0.8
+"""A bus whose cyclic frames alone take more of the time than this has none left for anything else."""
+
+
+@dataclass
+class CheckedRobot:
+    """What the rules look at; what could not be read is None. `asked` are the names given with --controller."""
+
+    files: RobotFiles
+    bus: BusConfig | None = None
+    control: ControllersFile | None = None
+    description: Description | None = None
+    asked: Sequence[str] = ()
+    launch_namespaces: dict[str, str] = field(default_factory=dict)
+    configured: dict[str, Controller] = field(default_factory=dict)
+
+    def config(self, name: str) -> ControllerConfig:
+        """Return what the file says of a configured controller."""
+        assert self.control is not None  # there is no configured controller without a file
+        return self.control.controllers[name]
+
+    @property
+    def geometry(self) -> WheelGeometry | None:
+        """The wheels of the description."""
+        return None if self.description is None else WheelGeometry(self.description)
+
+
+def find(
+    files: RobotFiles,
+    bus: BusConfig | None = None,
+    control: ControllersFile | None = None,
+    description: Description | None = None,
+    *,
+    controllers: Sequence[str] = (),
+    launch: Path | None = None,
+) -> list[Finding]:
+    """Return everything that the rules find; what could not be read is None. `launch` is a ROS launch file in XML."""
+    robot = CheckedRobot(files, bus, control, description, controllers)
+    found = list(_configure(robot))
+    if launch is not None:
+        found += check_launch(launch, robot)
+    for rule in (*RULES, *WHEEL_RULES):
+        found += rule(robot)
+    return found
+
+
+def findings_of(text: str, path: str, line: int, severity: Severity) -> Iterator[Finding]:
+    """Return one finding for each sentence of an error or warning; those without a place have the one given."""
+    for each in text.splitlines():
+        placed = _PLACED.fullmatch(each)
+        if placed is not None:
+            yield Finding(placed["path"], int(placed["line"]), severity, placed["text"])
+        elif each.strip() and not each.startswith("    ") and not _COUNT.fullmatch(each):
+            yield Finding(path, line, severity, each)
+
+
+# ------------------------------------------------------------------------------------------------------- controllers
+
+
+def _configure(robot: CheckedRobot) -> Iterator[Finding]:
+    """Make and configure every controller of the file, as a start would."""
+    control = robot.control
+    if control is None:
+        return
+    for name, config in control.controllers.items():
+        try:
+            controller = make_controller(name, config.type)
+            controller.geometry = robot.geometry
+            controller.on_configure(config.params)
+            robot.configured[name] = controller
+        except ConfigError as error:
+            yield from findings_of(str(error), config.path, config.line, Severity.ERROR)
+        except CanopenError as error:
+            yield Finding(config.path, config.line, Severity.ERROR, str(error))
+    told = [*control.warnings, *(text for each in control.controllers.values() for text in each.params.warnings)]
+    for text in dict.fromkeys(told):
+        severity = Severity.NOTE if any(word in text for word in _TRANSLATED) else Severity.WARNING
+        yield from findings_of(text, control.path, 0, severity)
+
+
+def _unknown_controllers(robot: CheckedRobot) -> Iterator[Finding]:
+    control = robot.control
+    if control is None:
+        return
+    for name in robot.asked:
+        if name not in control.controllers:
+            hint = nearest(name, control.controllers)
+            text = f"--controller {name}: no controller of this name{hint}"
+            yield Finding(control.path, control.line, Severity.ERROR, text, "use that name, or add the controller")
+
+
+def _illegal_names(robot: CheckedRobot) -> Iterator[Finding]:
+    control = robot.control
+    if control is None:
+        return
+    for name, config in control.controllers.items():
+        if not LEGAL_NAME.fullmatch(name):
+            better = re.sub(r"\W+", "_", name, flags=re.ASCII).strip("_") or "controller"
+            text = f"{name!r} is no legal node name: letters, digits and _ only"
+            yield Finding(control.path, config.line, Severity.ERROR, text, f"call it {better!r}")
+
+
+def _namespaces(robot: CheckedRobot) -> Iterator[Finding]:
+    control = robot.control
+    if control is None:
+        return
+    for name, config in control.controllers.items():
+        wanted = robot.launch_namespaces.get(name, control.namespace)
+        if config.namespace != wanted:
+            here, there = config.namespace or "/", wanted or "/"
+            text = f"{name} stands in the namespace {here!r}, its controller_manager in {there!r}"
+            fix = f"name the block {(wanted + '/' + name) if wanted else name!r}, else ROS does not find its parameters"
+            yield Finding(control.path, config.block_line, Severity.WARNING, text, fix)
+
+
+# ------------------------------------------------------------------------------------------------------------ joints
+
+
+def _joints(robot: CheckedRobot) -> Iterator[Finding]:
+    """Hold the interfaces that controllers command and read against those of the description."""
+    description = robot.description
+    if description is None or not description.hardware:
+        return
+    parts = {part.name: part for tag in description.hardware for part in (*tag.joints, *tag.sensors, *tag.gpios)}
+    for name, controller in robot.configured.items():
+        config = robot.config(name)
+        for interface in controller.command_interface_names():
+            joint, _, kind = interface.rpartition("/")
+            if joint.partition("/")[0] in robot.configured:  # a reference of another controller
+                continue
+            text, fix = _why_not(joint, kind, parts, description)
+            if text:
+                place = _line_naming(config, joint)
+                yield Finding(config.path, place, Severity.ERROR, f"{name}: {text}", fix)
+
+
+def _why_not(joint: str, kind: str, parts: dict[str, ControlJoint], description: Description) -> tuple[str, str]:
+    where = description.path
+    if joint not in parts and joint not in description.joints:
+        return f"joint {joint!r} is not in {where}{nearest(joint, parts)}", "use the description's name"
+    if joint not in parts:
+        tag = "<transmission>" if description.ros1 else "<ros2_control>"
+        return f"joint {joint!r} has no place in the {tag} of {where}", f"add it to {tag}, or nothing drives it"
+    if kind not in parts[joint].command_interfaces:
+        has = ", ".join(parts[joint].command_interfaces) or "none"
+        fix = f'add <command_interface name="{kind}"/> at {where}:{parts[joint].line}'
+        return f"joint {joint!r} has no command interface {kind!r}; it has {has}", fix
+    return "", ""
+
+
+def _line_naming(config: ControllerConfig, joint: str) -> int:
+    """Return the line of the parameter that names a joint, else that of the controller."""
+    for key, value in config.params.flat.pairs():
+        places = value.elements() if value.kind == "sequence" else [value]
+        for place in places:
+            if place.kind == "scalar" and place.text == joint:
+                return place.line or key.line
+    return config.line
+
+
+def _devices(robot: CheckedRobot) -> Iterator[Finding]:
+    """Hold the drives that the description names against the nodes of bus.yml."""
+    bus, description = robot.bus, robot.description
+    if bus is None or description is None:
+        return
+    for tag in description.hardware:
+        if KNOWN.get(tag.plugin) is not Kind.CANOPEN:
+            continue
+        for joint in tag.joints:
+            yield from _device(robot, tag, joint)
+
+
+def _device(robot: CheckedRobot, tag: Ros2ControlSystem, joint: ControlJoint) -> Iterator[Finding]:
+    assert robot.bus is not None  # asked by `_devices`
+    assert robot.description is not None
+    path, nodes = robot.description.path, robot.bus.nodes
+    name, node_id = joint.parameters.get("device_name"), joint.parameters.get("node_id")
+    if name is not None and name not in nodes:
+        what = f"actuator {name!r}" if robot.description.ros1 else f"device_name {name!r}"
+        text = f"joint {joint.name}: {what} is no node of {robot.bus.path}{nearest(name, nodes)}"
+        yield Finding(path, joint.line, Severity.ERROR, text, "use a name that stands under nodes:")
+    elif name is None and node_id is None:
+        text = f"joint {joint.name} of {tag.name}: no device_name; the nodes of {robot.bus.path} are {', '.join(nodes)}"
+        yield Finding(path, joint.line, Severity.ERROR, text, 'add <param name="device_name">NODE</param>')
+    elif name is None and node_id not in [str(each.node_id) for each in nodes.values()]:
+        text = f"joint {joint.name}: no node of {robot.bus.path} has node_id {node_id}"
+        yield Finding(path, joint.line, Severity.ERROR, text, "use the node_id of a node")
+
+
+def _no_hardware(robot: CheckedRobot) -> Iterator[Finding]:
+    description = robot.description
+    if description is not None and not description.hardware:
+        text = "no <ros2_control> tag and no <transmission>; nothing says which drive moves which joint"
+        yield Finding(description.path, 1, Severity.ERROR, text, "add a <ros2_control> tag with the joints and drives")
+
+
+def _plugins(robot: CheckedRobot) -> Iterator[Finding]:
+    description = robot.description
+    if description is None:
+        return
+    for tag in description.hardware:
+        if tag.plugin not in KNOWN:
+            text = f"no hardware plugin {tag.plugin!r}{nearest(tag.plugin, KNOWN)}"
+            yield Finding(description.path, tag.line, Severity.ERROR, text, "use that, or --mock or --real")
+    for plugin in description.gazebo:
+        name = plugin.filename.rpartition("/")[2]
+        hint = nearest(name, GAZEBO_PLUGINS)
+        if name not in GAZEBO_PLUGINS and "did you mean" in hint:
+            text = f"no Gazebo plugin {plugin.filename!r}{hint}"
+            yield Finding(description.path, plugin.line, Severity.ERROR, text, "Gazebo would run without controllers")
+
+
+GAZEBO_PLUGINS: Final = (
+    "libgazebo_ros_control.so",
+    "libgazebo_ros2_control.so",
+    "libgz_ros2_control-system.so",
+    "libign_ros2_control-system.so",
+    "gz_ros2_control-system",
+    "ign_ros2_control-system",
+)
+"""The plugins that bring the controllers into Gazebo."""
+
+
+# ------------------------------------------------------------------------------------------------------------- rates
+
+
+def _update_rate(robot: CheckedRobot) -> Iterator[Finding]:
+    bus, control = robot.bus, robot.control
+    if bus is None or control is None:
+        return
+    sync, rate = bus.master.sync_period, control.update_rate
+    line = control.manager_lines.get("update_rate", 0)
+    if line and sync and rate * sync > 1_000_000:
+        cycle = 1_000_000 / sync
+        text = f"update_rate {rate} Hz is more than the bus carries: the SYNC of {bus.path} comes at {cycle:g} Hz"
+        fix = f"set update_rate: {cycle:g}, or sync_period: {1_000_000 // rate}"
+        yield Finding(control.path, line, Severity.WARNING, text, fix)
+    bits, cycles = _bits_per_cycle(bus), 1_000_000 / sync if sync else float(rate)
+    limit = bus.master.baudrate * 1000 * BUSY
+    if bits * cycles > limit:
+        most = int(limit / bits)
+        load = 100.0 * bits * cycles / (bus.master.baudrate * 1000)
+        text = f"{cycles:g} cycles per second of {bits} bits take {load:.0f} % of {bus.master.baudrate} kbit/s"
+        where = (bus.path, 0) if sync else (control.path, line)
+        yield Finding(*where, Severity.ERROR, text, f"{most} Hz is the most this bus carries; map less or go slower")
+
+
+def _bits_per_cycle(bus: BusConfig) -> int:
+    """Return the worst case of SYNC and all PDOs that go in every cycle."""
+    lengths = [0] if bus.master.sync_period else []
+    for plan in bus.plans.values():
+        for pdo in (*plan.rpdos, *plan.tpdos):
+            lengths.append((sum(each.bits for each in pdo.objects) + 7) // 8)  # noqa: PERF401 - three levels in one are none
+    return sum(worst_case_bits(length) for length in lengths)
+
+
+def _timeouts(robot: CheckedRobot) -> Iterator[Finding]:
+    for name, controller in robot.configured.items():
+        config = robot.config(name)
+        for key in ("cmd_vel_timeout", "command_timeout"):
+            timeout = getattr(getattr(controller, "params", None), key, None)
+            given = config.params.flat.get(key)
+            if timeout is None and given is not None and isinstance(given.value, int | float):
+                timeout = given.value
+            if timeout and 0.0 < timeout < 2 * COMMAND_PERIOD_S:
+                text = f"{name}: {key} {timeout:g} s is below two command periods; the robot stutters"
+                fix = f"give {2 * COMMAND_PERIOD_S:g} s or more: teleop and `twist` send every {COMMAND_PERIOD_S:g} s"
+                yield Finding(config.path, config.params.line(key) or config.line, Severity.WARNING, text, fix)
+
+
+COMMAND_PERIOD_S: Final = 0.1
+"""How often teleop and this package's own command line send: at 10 Hz."""
+
+
+RULES: Final[tuple[Callable[[CheckedRobot], Iterator[Finding]], ...]] = (
+    _unknown_controllers,
+    _illegal_names,
+    _namespaces,
+    _no_hardware,
+    _plugins,
+    _joints,
+    _devices,
+    _update_rate,
+    _timeouts,
+)

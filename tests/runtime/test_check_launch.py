@@ -1,0 +1,118 @@
+"""Launch files as the tutorials have them, with one mistake each."""
+
+import re
+
+import pytest
+from support.configs import changed, found
+
+from canopen_control.runtime.files import find_robot
+
+GOOD = """\
+<launch>
+  <arg name="model" default="mobile_base"/>
+  <param name="robot_description" command="$(find xacro)/xacro $(find base)/urdf/$(arg model).urdf.xacro"/>
+  <rosparam file="$(find base)/config/ros2_controllers.yaml" command="load"/>
+  <node name="spawn_urdf" pkg="gazebo_ros" type="spawn_model" args="-param robot_description -urdf -model base"/>
+  <node name="controller_spawner" pkg="controller_manager" type="spawner" output="screen"
+        args="joint_state_controller mobile_base_controller --shutdown-timeout 3"/>
+  <node name="$(anon teleop)" pkg="teleop" type="keyboard"/>
+  <include file="$(find gazebo_ros)/launch/empty_world.launch"/>
+</launch>
+"""
+
+
+def told(tmp_path, text, files=None, name="base.launch"):
+    path = tmp_path / name
+    path.write_text(text)
+    return [each.replace(f"{tmp_path}/", "") for each in found(files or find_robot("mobile_base_ros1"), launch=path)]
+
+
+def test_nothing_is_wrong_with_a_good_one(tmp_path):
+    assert told(tmp_path, GOOD) == []
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "line", "message"),
+    [
+        (
+            "mobile_base_controller --",
+            "mobile_base_controler --",
+            6,
+            "error: the spawner is to load 'mobile_base_controler', which ros2_controllers.yaml does not have, "
+            "did you mean 'mobile_base_controller'?; use a name of the file, or add the controller to it",
+        ),
+        (
+            'name="controller_spawner"',
+            'name="controller spawner"',
+            6,
+            "error: node name 'controller spawner' is not legal: letters, digits and _ only; "
+            "call it 'controller_spawner'",
+        ),
+        (
+            'param name="robot_description"',
+            'param name="my_description"',
+            3,
+            "error: the description is called 'my_description'; the controllers, Gazebo and rviz look for "
+            "'robot_description'; call it 'robot_description'",
+        ),
+        (
+            "-param robot_description",
+            "-param my_description",
+            5,
+            "error: the description is called 'my_description'; the controllers, Gazebo and rviz look for "
+            "'robot_description'; call it 'robot_description'",
+        ),
+    ],
+)
+def test_a_mistake_is_told_with_its_line_and_the_way_out(tmp_path, old, new, line, message):
+    assert old in GOOD
+    (text,) = told(tmp_path, GOOD.replace(old, new))
+    assert text == f"base.launch:{line}: {message}"
+
+
+def test_a_joint_without_a_transmission(tmp_path):
+    files = changed(tmp_path, "mobile_base_ros1")
+    text = re.sub(r"<transmission.*?</transmission>", "", files.description.read_text(), flags=re.DOTALL)
+    files.description.write_text(text)
+    texts = told(tmp_path, GOOD, files)
+    joint = (
+        "mobile_base.urdf.xacro:36: error: joint 'wheel_left_joint' has no <transmission>, so mobile_base_controller"
+    )
+    assert any(each.startswith(joint) for each in [each.rpartition("mobile_base_ros1/")[2] for each in texts]), texts
+
+
+def test_a_namespace_that_only_one_side_has(tmp_path):
+    texts = told(tmp_path, GOOD.replace('type="spawner"', 'type="spawner" ns="/robot"'))
+    assert len(texts) == 2
+    assert "mobile_base_controller stands in the namespace '/', its controller_manager in '/robot'" in texts[1]
+    option = GOOD.replace("--shutdown-timeout 3", "--namespace=/robot")
+    assert told(tmp_path, option) == texts
+    files = changed(
+        tmp_path,
+        "mobile_base_ros1",
+        controllers={"\nmobile_base_controller:": "\n/robot/mobile_base_controller:"},
+    )
+    grouped = GOOD.replace("joint_state_controller ", "")
+    grouped = grouped.replace("<launch>", '<launch><group ns="robot">').replace("</launch>", "</group></launch>")
+    assert told(tmp_path, grouped, files) == []
+
+
+def test_ros_2s_xml_is_read_too(tmp_path):
+    text = """<launch>
+      <node pkg="controller_manager" exec="spawner" args="robby_base_controler -c /controller_manager"/>
+    </launch>"""
+    (told_text,) = told(tmp_path, text, find_robot("robby"))
+    assert "base.launch:2: error: the spawner is to load 'robby_base_controler'" in told_text
+    space = (
+        '<launch><push-ros-namespace namespace="r"/><node pkg="controller_manager" exec="spawner" args="%s"/></launch>'
+    )
+    (told_text,) = told(tmp_path, space % "robby_base_controller", find_robot("robby"))
+    assert "its controller_manager in '/r'" in told_text
+
+
+def test_what_is_no_xml_or_python_is_told(tmp_path):
+    (text,) = told(tmp_path, "<launch>")
+    assert re.match(r"base\.launch:1: error: .*no element found", text)
+    assert told(tmp_path, "import launch", name="base.launch.py") == []  # a note
+    (text,) = found(find_robot("robby"), launch=tmp_path / "none.launch")
+    assert "cannot be read" in text

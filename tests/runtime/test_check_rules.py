@@ -1,0 +1,247 @@
+"""Each classic mistake, seeded into each bundled robot it can stand in, is told in these words, and nothing else is."""
+
+import re
+
+import pytest
+from support.configs import BASES, FIRST, ROBOTS, changed, found, line_of
+
+from canopen_control.controllers.params import read_controllers
+from canopen_control.data_files import data_path
+from canopen_control.hardware.description import read_description
+from canopen_control.master.config import read_bus
+from canopen_control.runtime.check_rules import find, findings_of
+from canopen_control.runtime.files import find_robot
+from canopen_control.runtime.finding import Severity
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_nothing_is_wrong_with_a_bundled_robot(name):
+    assert found(find_robot(name)) == []
+
+
+def test_what_a_ros_1_file_says_in_other_words_is_noted_once_each():
+    files = find_robot("mobile_base_ros1")
+    findings = find(
+        files, read_bus(files.bus), read_controllers(files.controllers), read_description(files.description)
+    )
+    texts = [each.text for each in findings]
+    assert len(texts) == len(set(texts)) == 4
+    assert {each.severity for each in findings} == {Severity.NOTE}
+    assert "mobile_base_controller.left_wheel: 'left_wheel' is read as 'left_wheel_names'" in texts
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_a_controller_that_the_file_does_not_have(name):
+    right = FIRST[name]
+    asked = right.replace("controller", "controler")
+    (text,) = found(find_robot(name), controllers=[asked])
+    assert re.fullmatch(
+        rf"ros2_controllers\.yaml:\d+: error: --controller {asked}: no controller of this name, did you mean '{right}'"
+        r"\?; use that name, or add the controller",
+        text,
+    )
+
+
+JOINTS = {
+    "robby": ("      - left_wheel_joint", "left_wheel_joint", "lef_wheel_joint"),
+    "diffbot_sim": ('["left_wheel_joint"]', "left_wheel_joint", "left_weel_joint"),
+    "mobile_base_ros1": ("joints: [wheel_left_joint", "wheel_left_joint", "wheel_lft_joint"),
+    "arm6": ("joint_1,", "joint_1", "joint_11"),
+}
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_a_joint_that_the_description_does_not_have(name, tmp_path):
+    place, right, wrong = JOINTS[name]
+    files = changed(tmp_path, name, controllers={place: place.replace(right, wrong)})
+    texts = found(files)
+    controller = "wheels_velocity_controller" if name == "mobile_base_ros1" else FIRST[name]
+    line = line_of(files, "controllers", wrong)
+    wanted = (
+        f"ros2_controllers.yaml:{line}: error: {controller}: joint '{wrong}' is not in {files.description.name}, "
+        f"did you mean '{right}'?; use the description's name"
+    )
+    assert texts == [wanted]
+
+
+DEVICES = {
+    "robby": ("${side}_drive", "${side}_drve", "device_name 'left_drve'", "left_drive", 2),
+    "diffbot_sim": (">left_drive<", ">left_drve<", "device_name 'left_drve'", "left_drive", 1),
+    "mobile_base_ros1": (
+        "${side}_wheel_motor",
+        "${side}_weel_motor",
+        "actuator 'left_weel_motor'",
+        "left_wheel_motor",
+        2,
+    ),
+    "arm6": (">joint_1_drive<", ">joint_1_drve<", "device_name 'joint_1_drve'", "joint_1_drive", 1),
+}
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_a_drive_that_bus_yml_does_not_have(name, tmp_path):
+    old, new, told, right, count = DEVICES[name]
+    edits = {old: new}
+    if name == "diffbot_sim":
+        edits["gz_ros2_control/GazeboSimSystem"] = "canopen_ros2_control/RobotSystem"
+    texts = found(changed(tmp_path, name, description=edits))
+    assert len(texts) == count
+    assert re.fullmatch(
+        rf".*:\d+: error: joint \w+: {told} is no node of bus\.yml, did you mean '{right}'\?; "
+        "use a name that stands under nodes:",
+        texts[0],
+    )
+
+
+BLOCKS = {
+    "robby": (
+        "\nrobby_forward_controller:\n  ros__parameters",
+        "\n/robot/robby_forward_controller:\n  ros__parameters",
+    ),
+    "diffbot_sim": ("\ndiff_drive_base_controller:\n", "\n/robot/diff_drive_base_controller:\n"),
+    "mobile_base_ros1": ("\nmobile_base_controller:\n", "\n/robot/mobile_base_controller:\n"),
+    "arm6": ("\narm_position_controller:\n", "\n/robot/arm_position_controller:\n"),
+}
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_a_namespace_that_should_not_be_there(name, tmp_path):
+    old, new = BLOCKS[name]
+    files = changed(tmp_path, name, controllers={old: new})
+    (text,) = found(files)
+    line = line_of(files, "controllers", "/robot/")
+    assert text == (
+        f"ros2_controllers.yaml:{line}: warning: {FIRST[name]} stands in the namespace '/robot', "
+        f"its controller_manager in '/'; name the block '{FIRST[name]}', else ROS does not find its parameters"
+    )
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_a_name_that_no_node_may_have(name, tmp_path):
+    files = find_robot(name)
+    text = files.controllers.read_text()
+    wrong = FIRST[name].replace("_", " ", 1)
+    count = text.count(FIRST[name])
+    folder = changed(tmp_path, name)
+    folder.controllers.write_text(text.replace(FIRST[name], wrong))
+    assert count
+    (told,) = found(folder)
+    line = line_of(folder, "controllers", wrong) + ("ros1" not in name)  # the line of the type
+    assert re.fullmatch(
+        rf"ros2_controllers\.yaml:{line}: error: '{wrong}' is no legal node name: letters, digits and _ only; "
+        f"call it '{FIRST[name]}'",
+        told,
+    )
+
+
+TIMEOUTS = {
+    "robby": ("cmd_vel_timeout: 0.5", "cmd_vel_timeout: 0.15", "cmd_vel_timeout"),
+    "diffbot_sim": ("cmd_vel_timeout: 0.5", "cmd_vel_timeout: 0.15", "cmd_vel_timeout"),
+    "mobile_base_ros1": ("cmd_vel_timeout: 0.25", "cmd_vel_timeout: 0.15", "cmd_vel_timeout"),
+    "arm6": ("    joints:", "    command_timeout: 0.15\n    joints:", "command_timeout"),
+}
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_a_timeout_below_two_command_periods(name, tmp_path):
+    old, new, key = TIMEOUTS[name]
+    files = changed(tmp_path, name, controllers={old: new})
+    base = BASES[name][0] if name in BASES else FIRST[name]
+    assert found(files) == [
+        f"ros2_controllers.yaml:{line_of(files, 'controllers', '0.15')}: warning: {base}: {key} 0.15 s is below two "
+        "command periods; the robot stutters; give 0.2 s or more: teleop and `twist` send every 0.1 s"
+    ]
+
+
+@pytest.mark.parametrize("name", ["robby", "diffbot_sim", "arm6"])
+def test_an_update_rate_above_the_sync(name, tmp_path):
+    files = changed(tmp_path, name, controllers={"update_rate: 50": "update_rate: 100"})
+    line = line_of(files, "controllers", "update_rate")
+    assert found(files) == [
+        f"ros2_controllers.yaml:{line}: warning: update_rate 100 Hz is more than the bus carries: the SYNC of bus.yml "
+        "comes at 50 Hz; set update_rate: 50, or sync_period: 10000"
+    ]
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_more_than_the_bus_carries(name, tmp_path):
+    files = changed(tmp_path, name, bus={"baudrate: 1000 ": "baudrate: 20 "})
+    (text,) = found(files)
+    assert re.fullmatch(
+        r"bus\.yml: error: 50 cycles per second of \d+ bits take \d+ % of 20 kbit/s; "
+        r"\d+ Hz is the most this bus carries; map less or go slower",
+        text,
+    )
+
+
+def test_without_sync_the_update_rate_is_what_loads_the_bus(tmp_path):
+    edits = {"sync_period: 20000": "sync_period: 0", "baudrate: 1000 ": "baudrate: 20 "}
+    files = changed(tmp_path, "robby", bus=edits)
+    assert any(each.startswith("ros2_controllers.yaml:5: error: 50 cycles per second") for each in found(files))
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_no_hardware_at_all(name, tmp_path):
+    files = changed(tmp_path, name)
+    text = files.description.read_text()
+    files.description.write_text(re.sub(r"<(ros2_control|transmission).*?</\1>", "", text, flags=re.DOTALL))
+    assert found(files) == [
+        f"{files.description.name}:1: error: no <ros2_control> tag and no <transmission>; nothing says which drive "
+        "moves which joint; add a <ros2_control> tag with the joints and drives"
+    ]
+
+
+PLUGINS = {
+    "robby": ("canopen_ros2_control/RobotSystem", "canopen_ros2_control/RobotSystm"),
+    "diffbot_sim": ("gz_ros2_control/GazeboSimSystem", "gz_ros2_control/GazeboSimSystm"),
+    "arm6": ("canopen_ros2_control/RobotSystem", "canopen_ros2_control/RobotSystm"),
+}
+
+
+@pytest.mark.parametrize("name", PLUGINS)
+def test_a_plugin_that_nobody_has(name, tmp_path):
+    old, new = PLUGINS[name]
+    (text,) = found(changed(tmp_path, name, description={old: new}))
+    assert re.fullmatch(
+        rf".*:\d+: error: no hardware plugin '{new}', did you mean '{old}'\?; use that, or --mock or --real", text
+    )
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_a_gazebo_plugin_with_a_typing_mistake(name, tmp_path):
+    tag = '  <gazebo><plugin name="control" filename="libgazebo_ros_contol.so"/></gazebo>\n</robot>'
+    files = changed(tmp_path, name, description={"</robot>": tag})
+    line = line_of(files, "description", "libgazebo")
+    if files.description.suffix == ".xacro":
+        line = line_of(files, "description", 'plugin name="control"')
+    assert found(files) == [
+        f"{files.description.name}:{line}: error: no Gazebo plugin 'libgazebo_ros_contol.so', did you mean "
+        "'libgazebo_ros_control.so'?; Gazebo would run without controllers"
+    ]
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_a_key_that_is_unknown_or_repeated(name, tmp_path):
+    controller = FIRST[name]
+    text = data_path("config", name).joinpath("ros2_controllers.yaml").read_text()
+    block = text[text.rindex(f"\n{controller}:") :]
+    key = next(
+        line for line in block.splitlines()[2:] if re.match(r"\s+\w+: *\S", line) or re.match(r"\s+joints", line)
+    )
+    indent = key[: len(key) - len(key.lstrip())]
+    files = changed(tmp_path, name, controllers={key: f"{indent}joimts: 1\n{key}"})
+    (told,) = found(files)
+    assert re.match(r"ros2_controllers\.yaml:\d+: warning: .*unknown key 'joimts'", told)
+    twice = changed(tmp_path / "2", name, controllers={key: f"{key.split(':')[0]}: 1\n{key}"})
+    (told,) = found(twice)
+    assert re.match(r"ros2_controllers\.yaml:\d+: warning: .*duplicate key '\w+' \(first at line \d+\)", told)
+
+
+def test_sentences_without_a_place_have_that_of_the_controller():
+    text = "a.yaml:3:5: x: wrong\n    x: 1\n    ^\nno left_wheel_names\n2 errors"
+    places = [(each.path, each.line, each.text) for each in findings_of(text, "b.yaml", 9, Severity.ERROR)]
+    assert places == [("a.yaml", 3, "x: wrong"), ("b.yaml", 9, "no left_wheel_names")]
+
+
+def test_files_that_could_not_be_read_are_left_out():
+    assert find(find_robot("robby")) == []

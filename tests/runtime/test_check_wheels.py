@@ -1,0 +1,136 @@
+"""Each classic mistake of wheels, seeded into each bundled robot on wheels, is told in these words."""
+
+import re
+
+import pytest
+from support.configs import BASES, changed, found, line_of
+
+
+@pytest.mark.parametrize("name", BASES)
+def test_a_jerk_limit_of_zero(name, tmp_path):
+    base, place, indent = BASES[name]
+    key = "max_jerk" if "ros1" in name else "linear.x.max_jerk"
+    files = changed(tmp_path, name, controllers={place: f"{indent}{key}: 0.0\n{place}"})
+    line = line_of(files, "controllers", "max_jerk")
+    assert found(files) == [
+        f"ros2_controllers.yaml:{line}: error: {base}: linear.x.max_jerk: 0 freezes the robot: "
+        "it can neither start nor begin to brake; remove it, or give linear.x.has_jerk_limits: false"
+    ]
+
+
+@pytest.mark.parametrize("name", BASES)
+def test_an_odometry_frame_that_collides_with_a_fixed_joint(name, tmp_path):
+    base = BASES[name][0]
+    old = {"robby": "base_footprint ", "diffbot_sim": "base_link", "mobile_base_ros1": "base_footprint\n"}[name]
+    new = {"robby": "base_link ", "diffbot_sim": "chassis", "mobile_base_ros1": "base_link\n"}[name]
+    files = changed(tmp_path, name, controllers={f"base_frame_id: {old}": f"base_frame_id: {new}"})
+    line = line_of(files, "controllers", "odom_frame_id" if name != "mobile_base_ros1" else "base_frame_id")
+    root = old.strip()
+    joint = "chassis_joint" if name == "diffbot_sim" else "base_joint"
+    at = line_of(files, "description", f'"{joint}"')
+    assert found(files) == [
+        f"ros2_controllers.yaml:{line}: warning: {base}: {new.strip()} gets two parents: odom by odometry, "
+        f"and {root} by the fixed joint {joint} ({files.description.name}:{at}); "
+        f"remove that joint and its parent, or set base_frame_id: {root}"
+    ]
+
+
+@pytest.mark.parametrize("name", ["robby", "diffbot_sim"])
+def test_an_odometry_frame_that_is_a_link_already_and_a_base_that_is_none(name, tmp_path):
+    files = changed(tmp_path / "1", name, controllers={"odom_frame_id: odom": "odom_frame_id: caster"})
+    (text,) = found(files)
+    assert f"odom_frame_id 'caster' is a link of {files.description.name} already; call it odom" in text
+    right = "base_footprint" if name == "robby" else "base_link"
+    files = changed(tmp_path / "2", name, controllers={f"base_frame_id: {right}": f"base_frame_id: {right[:-1]}"})
+    (text,) = found(files)
+    assert f"base_frame_id '{right[:-1]}' is no link of {files.description.name}, did you mean '{right}'?" in text
+
+
+SIZES = {"robby": ("0.24 ", "0.035 "), "diffbot_sim": ("0.36 ", "0.1 ")}
+
+
+@pytest.mark.parametrize("name", SIZES)
+@pytest.mark.parametrize(("which", "key"), [(0, "wheel_separation"), (1, "wheel_radius")])
+def test_a_wheel_size_that_is_not_the_descriptions(name, which, key, tmp_path):
+    value = SIZES[name][which]
+    files = changed(tmp_path, name, controllers={f"{key}: {value}": f"{key}: 0.16 "})
+    line = line_of(files, "controllers", f"{key}: 0.16")
+    assert found(files) == [
+        f"ros2_controllers.yaml:{line}: warning: {BASES[name][0]}: {key} is 0.16 m, the description's wheels have "
+        f"{value.strip()} m; measure the robot and correct the one that is wrong"
+    ]
+
+
+def test_a_wheel_size_that_is_not_the_descriptions_in_a_ros_1_file(tmp_path):
+    place = "  wheel_separation_multiplier: 1.0"
+    files = changed(tmp_path, "mobile_base_ros1", controllers={place: f"  wheel_separation: 0.5\n{place}"})
+    (text,) = found(files)
+    assert "wheel_separation is 0.5 m, the description's wheels have 0.4044 m" in text
+
+
+@pytest.mark.parametrize("name", SIZES)
+def test_a_wheel_size_that_is_missing(name, tmp_path):
+    value = SIZES[name][1]
+    files = changed(tmp_path, name, controllers={f"wheel_radius: {value}": f"# {value}"})
+    (text,) = found(files)
+    assert re.fullmatch(
+        rf"ros2_controllers\.yaml:\d+: warning: {BASES[name][0]}: wheel_radius is missing; ROS 2 refuses that, "
+        rf"here the description's {value.strip()} m is taken; write wheel_radius: {value.strip()}",
+        text,
+    )
+
+
+def test_a_wheel_size_that_nobody_knows_is_an_error(tmp_path):
+    files = changed(tmp_path, "mobile_base_ros1")
+    text = re.sub(r"<(visual|collision)>.*?</\1>", "", files.description.read_text(), flags=re.DOTALL)
+    files.description.write_text(text)
+    (told,) = found(files)
+    assert re.fullmatch(
+        r"ros2_controllers\.yaml:\d+: error: mobile_base_controller: wheel_radius is missing or 0; give it in m", told
+    )
+
+
+SCALES = {
+    "robby": ("left_drive", 3, "right_drive", 2),
+    "mobile_base_ros1": ("left_wheel_motor", 2, "right_wheel_motor", 3),
+}
+SCALES["diffbot_sim"] = ("left_drive", 2, "right_drive", 3)
+
+
+@pytest.mark.parametrize("name", SCALES)
+def test_scales_of_the_same_sign_on_both_sides(name, tmp_path):
+    files = changed(tmp_path, name)
+    files.bus.write_text(re.sub(r"(scale_\w+: )-", r"\1", files.bus.read_text()))
+    left, left_id, right, right_id = SCALES[name]
+    (text,) = found(files)
+    line = line_of(files, "bus", f"{left}:")
+    assert text in (
+        f"bus.yml:{at}: warning: nodes {left_id} ({left}) and {right_id} ({right}) drive wheels of both sides with "
+        "scales of the same sign; motors that face each other then turn the robot on the spot; "
+        f"if they do, make the scales of {left} negative"
+        for at in (line, line + 1)
+    )
+
+
+@pytest.mark.parametrize("name", SCALES)
+def test_scales_of_one_drive_with_different_signs(name, tmp_path):
+    files = changed(tmp_path, name, bus={"scale_pos_to_dev: -": "scale_pos_to_dev: "})
+    left, left_id, *_ = SCALES[name]
+    (text,) = found(files)
+    assert re.fullmatch(
+        rf"bus\.yml:\d+: error: node {left_id} \({left}\): only scale_pos_from_dev, scale_vel_to_dev, "
+        "scale_vel_from_dev is negative; position, velocity and both ways turn the same way; "
+        "give all four scales the same sign, or the drive runs away from its set-point",
+        text,
+    )
+
+
+def test_wheels_on_the_wrong_side_and_axes_the_wrong_way_round(tmp_path):
+    swapped = {"left_wheel_names: [left_wheel_joint]": "left_wheel_names: [right_wheel_joint]"}
+    swapped["right_wheel_names: [right_wheel_joint]"] = "right_wheel_names: [left_wheel_joint]"
+    texts = found(changed(tmp_path / "1", "robby", controllers=swapped))
+    assert len(texts) == 1
+    assert "the left wheels are on the right of the robot (-0.12 m and 0.12 m along y); swap" in texts[0]
+    texts = found(changed(tmp_path / "2", "robby", description={'<axis xyz="0 1 0"/>': '<axis xyz="0 -1 0"/>'}))
+    assert len(texts) == 2
+    assert "joint left_wheel_joint: its axis points to the right, so a positive velocity drives backwards" in texts[0]
