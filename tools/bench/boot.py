@@ -60,7 +60,7 @@ def drives(channel: str, count: int) -> Iterator[None]:
     environment = {**os.environ, "_ROS_WHEELS_BOOTSTRAP_COMPLETE": "1"}
     command = [sys.executable, "-m", "canopen_control", "drive", "--eds", str(EDS), "--can", channel, "--node-id"]
     children = [
-        subprocess.Popen([*command, ids], stdout=subprocess.PIPE, text=True, env=environment)  # noqa: S603 - our own
+        subprocess.Popen([*command, ids], stdout=subprocess.PIPE, text=True, env=environment)
         for ids in ranges
     ]
     try:
