@@ -30,7 +30,7 @@ MAY_IMPORT = {
     "bus": ({"host"}, STDLIB | {"can"}),
     "master": ({"od", "cia301", "cia402", "bus", "yamltree", "data_files"}, STDLIB),
     "virtual": ({"od", "cia301", "cia402", "bus", "host", "yamltree"}, STDLIB | {"numpy"}),
-    "hardware": ({"od", "cia402", "master", "yamltree"}, STDLIB | {"xacro", "ament_index_python"}),
+    "hardware": ({"od", "cia301", "cia402", "master", "yamltree"}, STDLIB | {"xacro", "ament_index_python"}),
     "controllers": ({"hardware.interfaces", "yamltree"}, STDLIB | {"numpy"}),
     "runtime": (
         {
