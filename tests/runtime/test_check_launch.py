@@ -76,8 +76,8 @@ def test_a_joint_without_a_transmission(tmp_path):
     files.description.write_text(text)
     texts = told(tmp_path, GOOD, files)
     assert texts[0] == (
-        "mobile_base.urdf.xacro:29: error: joint 'wheel_left_joint' has no <transmission>, so mobile_base_controller finds "
-        "no interface of it; add a <transmission> with a SimpleTransmission, its joint and its actuator"
+        "mobile_base.urdf.xacro:29: error: joint 'wheel_left_joint' has no <transmission>, so mobile_base_controller "
+        "finds no interface of it; add a <transmission> with a SimpleTransmission, its joint and its actuator"
     )
     assert "no <ros2_control> tag and no <transmission>" in texts[-1]
 
