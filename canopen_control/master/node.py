@@ -246,7 +246,8 @@ class RemoteNode:
             self._task.tick(now)
         self.pump(now)
         if self._retry_at is not None and now >= self._retry_at:
-            self.begin_boot(now)
+            # Nobody resets a node that may just be starting: that would make it start for ever.
+            self.begin_boot(now, reset=self.last_seen is not None and now - self.last_seen < 2 * RETRY_NS)
         if self._farewell_until is not None and now >= self._farewell_until:
             self._stop_sending()
         if held := self.emcy_gate.summary(now):

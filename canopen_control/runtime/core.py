@@ -251,7 +251,7 @@ class RobotCore:
             self._activated = True
             self._deadline = now + REQUEST_TIMEOUT_NS
             self._activate()
-        elif self._activated and (self._all_enabled() or self._in_fault() or now > self._deadline):
+        elif self._activated and (self._settled() or now > self._deadline):
             self._phase = RobotState.RUNNING
             self._running_since = now
             self.report(Event(now, "running", "", f"{self.setup.name} runs: {', '.join(self.setup.wanted)}"))
@@ -320,9 +320,10 @@ class RobotCore:
         if self._requests:
             self._requests = [request for request in self._requests if not request.settle(now)]
 
-    def _all_enabled(self) -> bool:
+    def _settled(self) -> bool:
+        """Whether no drive is on its way to be enabled any more: it is, or it has a reason not to be."""
         claimed = [joint for joint in self.joints.values() if joint.claimed is not None]
-        return all(joint.enabled for joint in claimed)
+        return self._in_fault() or all(joint.enabled or not joint.wanted for joint in claimed)
 
     def _in_fault(self) -> bool:
         return any(not node.ready for node in self.nodes.values() if node.config.required) or any(

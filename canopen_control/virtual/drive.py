@@ -296,7 +296,8 @@ class VirtualDrive:
         if self.mode_frozen:
             return
         if self.mode_delay_ns:
-            self.mover.at("mode", now + self.mode_delay_ns, self._take_mode)
+            if "mode" not in self.mover.timers:  # written again, it is still under way
+                self.mover.at("mode", now + self.mode_delay_ns, self._take_mode)
         else:
             self._take_mode(now)
 
