@@ -1,4 +1,25 @@
-"""`drive`: run virtual drives, any device that has an EDS, until Ctrl-C."""
+"""`drive`: run virtual drives, any device that has an EDS, until Ctrl-C.
+
+It prints one line when the drives are on the bus, then what happens to them. --store keeps what 0x1010 and LSS store.
+--scenario is a YAML timeline of faults:
+
+    steps:
+      - {at: 5s, node: 3, fault: heartbeat_lost}
+      - {at: 8s, node: 3, fault: heartbeat_lost, state: off}
+      - {at: 500ms, node: 2, fault: silent, for: 2s}
+      - {at: 12s, node: 3, plant: {stalled: 1}}
+
+--plant says what hangs on the axes: motors with torque limit, inertia, friction, external torque, backlash; and a base
+with two wheels on a floor, also with the drives in processes of their own:
+
+    axes:
+      "3": {kind: loaded, torque_limit: 800, inertia: 2.0, friction: 30, external: -50, backlash: 20}
+    base: {left: 3, right: 2, wheel_radius: 0.1, wheel_separation: 0.4, counts_per_revolution: 51200,
+           slip: 0.01, share: /tmp/robby.floor}
+    seed: 1
+
+Exit codes: 0 after Ctrl-C or SIGTERM; 1 the bus is gone, or the node id is taken; 2 wrong usage, mistakes in files.
+"""
 
 from __future__ import annotations
 
@@ -18,12 +39,17 @@ EXAMPLE = "canopen-control drive --node-id 3 --eds TMCM-1270.eds --can local:rob
 
 _RANGE = re.compile(r"(\d+)(?:-(\d+))?")
 _LAST_NODE_ID = 127
+_NO_NODE_ID = "255"
+_FILES = ("store", "scenario", "plant")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     parser.add_argument(
-        "--node-id", required=True, metavar="N[,N|-N]", help="1 to 127; several as 2,3 or 1-64, in one process"
+        "--node-id",
+        required=True,
+        metavar="N[,N|-N]",
+        help="1 to 127; several as 2,3 or 1-64, in one process; 255: none, LSS gives it one",
     )
     parser.add_argument("--eds", required=True, metavar="FILE", help="a path, or the name of a bundled file")
     parser.add_argument("--can", required=True, metavar="CHANNEL", help="local:NAME, vcan0, can0, ...")
@@ -34,17 +60,27 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="F[@T]",
         help="switch a fault on, at the start or T seconds after it (repeatable)",
     )
+    parser.add_argument("--scenario", metavar="FILE", help="a timeline of faults, see above")
+    parser.add_argument("--plant", metavar="FILE", help="what hangs on the axes, see above; default: they do as told")
+    parser.add_argument(
+        "--store", metavar="FILE", help="keep what is stored with 0x1010 and LSS; made if it is not there"
+    )
+    parser.add_argument("--serial", type=_number, metavar="N", help="serial number 0x1018:04; default: the node id")
 
 
 def run(args: argparse.Namespace) -> int:
     """Run the drives; 0 after SIGINT or SIGTERM, 1 when the bus is gone."""
-    from canopen_control.virtual.launch import run_drives
+    from canopen_control.virtual.launch import Options, run_drives
 
-    return run_drives(parse_node_ids(args.node_id), _eds(args.eds), args.can, args.fault, _say)
+    files = {name: None if (text := getattr(args, name)) is None else Path(text) for name in _FILES}
+    options = Options(faults=args.fault, serial=args.serial, **files)
+    return run_drives(parse_node_ids(args.node_id), _eds(args.eds), args.can, options, _say)
 
 
 def parse_node_ids(text: str) -> list[int]:
     """Return the node ids of ``3``, ``2,3`` or ``1-64``; ConfigError with what to write instead."""
+    if text.strip() == _NO_NODE_ID:
+        return [int(_NO_NODE_ID)]
     node_ids: list[int] = []
     for part in text.split(","):
         match = _RANGE.fullmatch(part.strip())
@@ -57,6 +93,10 @@ def parse_node_ids(text: str) -> list[int]:
     if len(set(node_ids)) != len(node_ids):
         raise ConfigError(f"--node-id {text!r}: a node id is named twice")
     return node_ids
+
+
+def _number(text: str) -> int:
+    return int(text, 0)
 
 
 def _eds(text: str) -> Path:

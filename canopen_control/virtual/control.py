@@ -5,7 +5,8 @@ JSON lines, as the runtime's API: {"id": 1, "method": M, "params": {...}} is ans
 
   faults {}                          every fault: name, row, acts, does, reaction, on
   fault {"name", "on": true|false}   switch one; answers {"active": [...]}
-  state {}                           what the node is doing, and the plant's position and velocity
+  state {}                           what the node is doing, and the plant's position and velocity; where a plant file
+                                     couples axes, what they do together: {"world": {"base": {"x", "y", "heading"}}}
   inputs {"value", "axis": 0}        set further bits of 0x60FD
   plant {"axis": 0, NAME: value}     set a number of the plant: external, inertia, friction, backlash, stalled...
 
@@ -31,6 +32,8 @@ if TYPE_CHECKING:
     from canopen_control.host.jsonlines import Connection, Message
     from canopen_control.virtual.node import VirtualNode
     from canopen_control.virtual.nodehost import NodeHost
+    from canopen_control.virtual.plant import Plant
+    from canopen_control.virtual.world import World
 
 __all__ = ["NodeControl", "control_path", "describe"]
 
@@ -56,10 +59,10 @@ def describe(node: VirtualNode) -> dict[str, Any]:
 
 
 class NodeControl:
-    """Serves the control socket of `node`, which runs in `host`."""
+    """Serves the control socket of `node`, which runs in `host`, on the axes of `world`."""
 
-    def __init__(self, host: NodeHost, node: VirtualNode) -> None:
-        self._host, self._node = host, node
+    def __init__(self, host: NodeHost, node: VirtualNode, world: World | None = None) -> None:
+        self._host, self._node, self._world = host, node, world
         self._switches = node.switches or FaultSwitches(node)
         self._methods: dict[str, Callable[[dict[str, Any]], Any]] = {
             "faults": self._faults,
@@ -104,6 +107,13 @@ class NodeControl:
         parameters = message.get("params") or {}
         if not isinstance(parameters, dict):
             raise ConfigError("params is a JSON object")
+        return self._run(method, parameters)
+
+    def serve(self, method: str, parameters: dict[str, Any]) -> Any:  # noqa: ANN401 - whatever the method answers
+        """Serve a method for somebody in this process; ConfigError for wrong parameters."""
+        return self._run(self._methods[method], parameters)
+
+    def _run(self, method: Callable[[dict[str, Any]], Any], parameters: dict[str, Any]) -> Any:  # noqa: ANN401
         self._node.tick(self._host.reactor.now())
         result = method(parameters)
         self._host.wake(self._node)
@@ -132,7 +142,8 @@ class NodeControl:
         return {"active": self._switches.active}
 
     def _state(self, _parameters: dict[str, Any]) -> dict[str, Any]:
-        return describe(self._node)
+        world = {} if self._world is None else {"world": self._world.describe()}
+        return describe(self._node) | world
 
     def _inputs(self, parameters: dict[str, Any]) -> dict[str, Any]:
         drive = self._node.drives.get(parameters.get("axis", 0))
@@ -150,9 +161,15 @@ class NodeControl:
             raise ConfigError("plant: the node has no such axis")
         plant = drive.mover.plant
         for name, value in parameters.items():
-            present = getattr(plant, name, None)
+            present = getattr(_holder(plant, name), name, None)
             if name.startswith("_") or not isinstance(present, int | float) or not isinstance(value, int | float):
                 raise ConfigError(f"plant: {name!r} is no number of this plant")
         for name, value in parameters.items():
-            setattr(plant, name, type(getattr(plant, name))(value))
+            holder = _holder(plant, name)
+            setattr(holder, name, type(getattr(holder, name))(value))
         return {}
+
+
+def _holder(plant: Plant, name: str) -> object:
+    """Return who has a number of a plant: it, or the motor inside a wheel."""
+    return plant if hasattr(plant, name) else getattr(plant, "inner", plant)

@@ -6,13 +6,16 @@ every node has; whoever answers it, or is heard with a heartbeat, holds the id.
 
 from __future__ import annotations
 
+import contextlib
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from canopen_control.bus.channel import open_port
+from canopen_control.bus.channel import ChannelKind, open_port, parse_channel
 from canopen_control.cia301.sdo_codec import ANSWER_BASE, INITIATE, REQUEST_BASE, UPLOAD
 from canopen_control.errors import BusError
 from canopen_control.frame import CanFrame, frames_of, pack_records
 from canopen_control.host.reactor import Reactor
+from canopen_control.host.sockets import list_sockets
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -20,9 +23,10 @@ if TYPE_CHECKING:
 
     from canopen_control.bus.port import Port
 
-__all__ = ["PROBE_NS", "NodeIdTaken", "Probe", "run_drives"]
+__all__ = ["PROBE_NS", "NodeIdTaken", "Options", "Probe", "run_drives"]
 
 PROBE_NS = 40_000_000  # how long a node that is there already may take to answer
+_IN_PROCESS = (ChannelKind.MEMORY, ChannelKind.VIRTUAL)
 _DEVICE_TYPE = INITIATE.pack(UPLOAD, 0x1000, 0)
 
 
@@ -57,9 +61,21 @@ class Probe:
             self._taken = self._answers.get(frame.can_id, self._taken)
 
 
-def run_drives(
-    node_ids: Sequence[int], eds: Path, channel: str, faults: Sequence[str], say: Callable[[str], None]
-) -> int:
+@dataclass(frozen=True, slots=True)
+class Options:
+    """What to start besides the nodes: files, and faults ``name`` or ``name@seconds``.
+
+    `serial` is 0x1018:04, of several nodes the first one's; None: the node id.
+    """
+
+    faults: Sequence[str] = ()
+    serial: int | None = None
+    store: Path | None = None
+    scenario: Path | None = None
+    plant: Path | None = None
+
+
+def run_drives(node_ids: Sequence[int], eds: Path, channel: str, options: Options, say: Callable[[str], None]) -> int:
     """Run the virtual devices of an EDS until told to end; return the exit code.
 
     Raises EdsError and ConfigError for what cannot be started, BusError for the channel.
@@ -69,12 +85,32 @@ def run_drives(
         port = open_port(channel, label=label)
         try:
             probe = Probe(reactor, port, node_ids)
-            from canopen_control.od.eds import read_eds
-            from canopen_control.virtual.process import DriveProcess, make_device
+            from canopen_control.virtual.crew import make_crew
+            from canopen_control.virtual.process import DriveProcess
 
-            od = read_eds(eds, node_ids[0]).od
-            process = DriveProcess(reactor, port, [make_device(od, node_id, faults) for node_id in node_ids], say)
+            crew = make_crew(node_ids, eds, options, say)
             probe.finish()
-            return process.run()
+            with contextlib.closing(crew.world):
+                process = DriveProcess(
+                    reactor,
+                    port,
+                    crew.nodes,
+                    say,
+                    reopen=lambda: _reopen(channel, label),
+                    timeline=crew.timeline,
+                    world=crew.world,
+                )
+                return process.run()
         finally:
             port.close()
+
+
+def _reopen(channel: str, label: str) -> Port | None:
+    """Open a channel that was gone, None where it is not back. A local bus is not started for it."""
+    spec = parse_channel(channel)
+    if spec.kind in _IN_PROCESS or (spec.kind is ChannelKind.LOCAL and spec.name not in list_sockets("bus")):
+        return None
+    try:
+        return open_port(channel, label=label)
+    except BusError:
+        return None

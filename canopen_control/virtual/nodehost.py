@@ -2,7 +2,8 @@
 
 The law of this file: a turn takes everything the port has, hands each frame to the nodes of its identifier, and sends
 what they answer in one go. One timer serves all nodes; an idle drive costs nothing but its heartbeat. Nodes of one host
-hear each other as on a wire, although a sender does not get its own frames back.
+hear each other as on a wire, although a sender does not get its own frames back. Without a bus the nodes live on, and
+react as drives that are off the bus do, until they are given another port.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from canopen_control.bus.hearing import hear_only
+from canopen_control.bus.port import BusEventKind
 from canopen_control.errors import BusClosed
 from canopen_control.frame import CanFrame, frames_of, pack_records
 
@@ -33,7 +35,7 @@ class NodeHost:
     """Runs `nodes` on `port`; they are powered on in the reactor's next turn. The port stays its owner's.
 
     `on_event(node, event)` hears what happens to a node, `on_bus_event` what happens to the channel, `on_closed` that
-    it is gone for good.
+    the port is gone; `rejoin` gives another one.
     """
 
     def __init__(
@@ -53,7 +55,7 @@ class NodeHost:
         self._deadlines: dict[VirtualNode, int | None] = dict.fromkeys(self.nodes, 0)
         self._timer: Timer | None = None
         self._timer_at: int | None = None
-        self._writing = self._closed = False
+        self._writing = self._closed = self._off = False
         reactor.add_reader(port, self._on_readable)
         reactor.call_soon(self._on_timer)
 
@@ -62,11 +64,28 @@ class NodeHost:
         if self._closed:
             return
         self._closed = True
+        self._let_go()
+        if self._timer is not None:
+            self._timer.cancel()
+
+    def _let_go(self) -> None:
+        """Leave the port."""
+        if self._off:
+            return
+        self._off = True
         self.reactor.remove_reader(self.port)
         if self._writing:
             self.reactor.remove_writer(self.port)
-        if self._timer is not None:
-            self._timer.cancel()
+            self._writing = False
+
+    def rejoin(self, port: Port) -> None:
+        """Go on with another port of the channel; no-op where the present one is good."""
+        if self._closed or not self._off:
+            return
+        self.port, self._off = port, False
+        self.reactor.add_reader(port, self._on_readable)
+        hear_only(port, self._routes)
+        self._tell_all(BusEventKind.UP)
 
     def wake(self, node: VirtualNode) -> None:
         """Serve a node that was changed from outside: send what it has to say, look at its deadline again."""
@@ -85,6 +104,9 @@ class NodeHost:
             self._deliver(frame, now, touched)
         for event in self.port.events():
             self.on_bus_event(event)
+            for node in self.nodes:
+                node.bus_event(event.kind, now)
+                touched[node] = None
         if touched:
             self._finish(touched)
 
@@ -131,7 +153,7 @@ class NodeHost:
         self._set_timer()
 
     def _send(self, frames: list[CanFrame]) -> None:
-        if not frames or self._closed:
+        if not frames or self._off:
             return
         try:
             self.port.send(pack_records(frames))
@@ -155,9 +177,15 @@ class NodeHost:
             self.reactor.remove_writer(self.port)
 
     def _lost(self, error: BusClosed) -> None:
-        if not self._closed:
-            self.close()
+        if not self._off:
+            self._let_go()
+            self._tell_all(BusEventKind.CLOSED)
             self.on_closed(error)
+
+    def _tell_all(self, kind: BusEventKind) -> None:
+        for node in self.nodes:
+            node.bus_event(kind, self.reactor.now())
+        self._finish(dict.fromkeys(self.nodes))
 
     def _reroute(self) -> None:
         versions = {node: node.routes_version for node in self.nodes}

@@ -2,8 +2,8 @@
 
 The law of this file: it prints one line when its nodes are on the bus, then what happens to them, in words. SIGTERM and
 SIGINT end it with exit code 0. When its parent dies (the lifeline breaks) it serves on until its drives stand still by
-their own reaction to the missing master, five seconds at most. A channel that is gone for good ends it with BusClosed;
-one that is only down is waited for.
+their own reaction to the missing master, five seconds at most. A channel that is only down is waited for; one that is
+gone is opened again when it is back within three seconds, else BusClosed ends it.
 """
 
 from __future__ import annotations
@@ -15,8 +15,10 @@ from canopen_control.host.sockets import SocketInUse
 from canopen_control.host.spawn import lifeline_fd
 from canopen_control.virtual.control import NodeControl
 from canopen_control.virtual.device import make_device
+from canopen_control.virtual.events import NodeIdChanged
 from canopen_control.virtual.launch import NodeIdTaken
 from canopen_control.virtual.nodehost import NodeHost
+from canopen_control.virtual.timeline import Switching, Timeline
 from canopen_control.virtual.words import in_words
 
 if TYPE_CHECKING:
@@ -26,19 +28,44 @@ if TYPE_CHECKING:
     from canopen_control.errors import BusClosed
     from canopen_control.host.reactor import Reactor
     from canopen_control.virtual.node import VirtualNode
+    from canopen_control.virtual.world import World
 
 __all__ = ["DriveProcess", "NodeHost", "make_device"]
 
 _MS = 1_000_000
 LAST_WORDS_NS = 5_000 * _MS
+REJOIN_NS = 3_000 * _MS
 _LOOK_NS = 20 * _MS
+_RETRY_NS = 100 * _MS
+
+
+def _never() -> None:
+    return None
 
 
 class DriveProcess:
-    """The nodes of one process on an opened port; `say` takes the lines of the log."""
+    """The nodes of one process on an opened port; `say` takes the lines of the log.
 
-    def __init__(self, reactor: Reactor, port: Port, nodes: Sequence[VirtualNode], say: Callable[[str], None]) -> None:
+    `reopen` opens the channel again where it is back, else it returns None; `timeline` is played from the ready line
+    on; `world` is what hangs on the axes.
+    """
+
+    def __init__(
+        self,
+        reactor: Reactor,
+        port: Port,
+        nodes: Sequence[VirtualNode],
+        say: Callable[[str], None],
+        *,
+        reopen: Callable[[], Port | None] = _never,
+        timeline: Sequence[Switching] = (),
+        world: World | None = None,
+    ) -> None:
         self._reactor, self._port, self._nodes, self._say = reactor, port, list(nodes), say
+        self._reopen, self._timeline, self._world = reopen, timeline, world
+        self._started_with = {node.node_id: node for node in self._nodes}
+        self._host: NodeHost | None = None
+        self._rejoin_until = 0
         self._started = reactor.now()
         self._controls: dict[VirtualNode, NodeControl] = {}
         self._lifeline = lifeline_fd()
@@ -47,8 +74,8 @@ class DriveProcess:
 
     def run(self) -> int:
         """Serve until a signal, or the parent's end; return the exit code. Raises BusClosed, or NodeIdTaken."""
-        self._reactor.handle_signals({signal.SIGTERM: self._reactor.stop, signal.SIGINT: self._reactor.stop})
-        host = NodeHost(
+        self._reactor.handle_signals({signal.SIGTERM: self._end, signal.SIGINT: self._end})
+        self._host = host = NodeHost(
             self._reactor,
             self._port,
             self._nodes,
@@ -58,21 +85,40 @@ class DriveProcess:
         )
         try:
             for node in self._nodes:
-                self._controls[node] = NodeControl(host, node)
-            if self._lifeline is not None:
-                self._reactor.add_reader(self._lifeline, self._on_orphaned)
-            self._reactor.run_for(0)  # the boot-up messages are out before anybody reads the line
-            self._say(self._ready_line())
-            self._reactor.run()
+                self._controls[node] = NodeControl(host, node, self._world)
+            self._serve()
         except SocketInUse as error:
             raise NodeIdTaken(self._nodes[len(self._controls)].node_id, self._port.channel) from error
         finally:
             host.close()
             for control in self._controls.values():
                 control.close()
+            self._port.close()
         if self._lost is not None:
             raise self._lost
         return 0
+
+    def _serve(self) -> None:
+        if self._lifeline is not None:
+            self._reactor.add_reader(self._lifeline, self._on_orphaned)
+        self._reactor.run_for(0)  # the boot-up messages are out before anybody reads the line
+        self._say(self._ready_line())
+        Timeline(self._reactor, self._controls, self._started_with, self._log).plan(self._timeline)
+        if self._world is not None and self._world.period_ns is not None:
+            self._reactor.call_later(self._world.period_ns, self._keep_up)
+        self._reactor.run()
+
+    def _end(self) -> None:
+        self._lost = None
+        self._reactor.stop()
+
+    def _keep_up(self) -> None:
+        """Bring all axes to the present, for a world that wants to know them."""
+        now = self._reactor.now()
+        for node in self._nodes:
+            node.advance_drives(now)
+        if self._world is not None and self._world.period_ns is not None:
+            self._reactor.call_later(self._world.period_ns, self._keep_up)
 
     def _ready_line(self) -> str:
         ids = [node.node_id for node in self._nodes]
@@ -93,13 +139,40 @@ class DriveProcess:
         self._log(f"node {node.node_id}: {words}")
         if node in self._controls:
             self._controls[node].push(words)
+            if isinstance(event, NodeIdChanged) and self._host is not None:
+                self._rename(self._host, node)
+
+    def _rename(self, host: NodeHost, node: VirtualNode) -> None:
+        """Let the control socket bear the node's new id."""
+        self._controls[node].close()
+        try:
+            self._controls[node] = NodeControl(host, node, self._world)
+        except SocketInUse:
+            self._log(f"node {node.node_id}: another virtual drive has this id; this one has no control socket")
 
     def _on_bus_event(self, event: BusEvent) -> None:
         self._log(event.text)
 
     def _on_closed(self, error: BusClosed) -> None:
         self._lost = error
-        self._reactor.stop()
+        self._log(str(error))
+        self._rejoin_until = self._reactor.now() + (0 if self._reopen is _never else REJOIN_NS)
+        self._rejoin()
+
+    def _rejoin(self) -> None:
+        """Open the channel again as soon as it is back; end when that takes too long."""
+        if self._lost is None or self._host is None:
+            return
+        port = self._reopen()
+        if port is not None:
+            self._port.close()
+            self._port, self._lost = port, None
+            self._log(f"{port.channel} is back")
+            self._host.rejoin(port)
+        elif self._reactor.now() < self._rejoin_until:
+            self._reactor.call_later(_RETRY_NS, self._rejoin)
+        else:
+            self._reactor.stop()
 
     def _on_orphaned(self) -> None:
         """Wait for the drives' own reaction to a missing master, then end."""

@@ -21,6 +21,7 @@ from canopen_control.od.codec import decode, encode
 from canopen_control.virtual.lss import UNCONFIGURED
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from pathlib import Path
 
     from canopen_control.od.model import Address
@@ -35,13 +36,11 @@ Record = dict[str, Any]
 class Storage:
     """The file at `path`, which need not exist; ConfigError for one that is something else.
 
-    `ignored` says, in sentences, what the file holds and no node took; `failed` why the last writing did not work.
+    `say` takes sentences: what the file holds and no node took, and why a writing did not work.
     """
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self.ignored: list[str] = []
-        self.failed = ""
+    def __init__(self, path: Path, say: Callable[[str], None]) -> None:
+        self.path, self._say = path, say
         self._nodes = self._read()
 
     def node_id(self, started_with: int) -> int:
@@ -74,7 +73,7 @@ class Storage:
                 entry = node.od[address]
                 node.store.power_on[address] = decode(bytes.fromhex(text), entry.data_type)
             except (KeyError, TypeError, ValueError):
-                self.ignored.append(f"{self.path}: {name} of node {node.node_id} does not fit its EDS and is ignored")
+                self._say(f"{self.path}: {name} of node {node.node_id} does not fit its EDS and is ignored")
 
     def _keep(self, node: VirtualNode, key: str) -> bool:
         lss = node.lss
@@ -90,7 +89,7 @@ class Storage:
                 self._nodes = self._read() | {key: record}
                 self._write()
         except (CanopenError, OSError) as error:
-            self.failed = f"{self.path} cannot be written: {error}"
+            self._say(f"{self.path} cannot be written: {error}")
             return False
         return True
 

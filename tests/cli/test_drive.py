@@ -1,19 +1,24 @@
 from __future__ import annotations
 
+import contextlib
 import signal
 import subprocess
 import sys
 
 import pytest
 from support.host import ROOT, use_private_folders
+from support.localbus import kill_hub, receive
 
+from canopen_control.bus.channel import open_port
 from canopen_control.cli.drive import parse_node_ids
 from canopen_control.errors import ConfigError
+from canopen_control.frame import CanFrame, pack_records
 from canopen_control.host.sockets import list_sockets
 
 
 @pytest.mark.parametrize(
-    ("text", "ids"), [("3", [3]), ("2,3", [2, 3]), ("1-4", [1, 2, 3, 4]), ("1-2, 7,9-10", [1, 2, 7, 9, 10])]
+    ("text", "ids"),
+    [("3", [3]), ("255", [255]), ("2,3", [2, 3]), ("1-4", [1, 2, 3, 4]), ("1-2, 7,9-10", [1, 2, 7, 9, 10])],
 )
 def test_node_ids_are_one_several_or_a_range(text, ids):
     assert parse_node_ids(text) == ids
@@ -95,3 +100,54 @@ def test_its_control_socket_goes_with_it(processes):
     process.terminate()
     process.communicate(timeout=10)
     assert list_sockets("drive") == []
+
+
+def test_a_local_bus_whose_hub_dies_and_comes_back_is_joined_again(processes):
+    process = processes("--node-id", "3", "--eds", "TMCM-1270.eds", "--can", "local:cliback")
+    wait_for(process, "ready")
+    kill_hub("cliback")
+    with contextlib.closing(open_port("local:cliback")) as port:
+        assert "is back" in wait_for(process, "is back")
+        port.send(pack_records([CanFrame(0x603, bytes.fromhex("4000100000000000"))]))
+        assert [frame.can_id for frame in receive(port, 1)] == [0x583]
+    process.terminate()
+    assert process.wait(10) == 0
+
+
+def test_a_local_bus_whose_hub_is_gone_for_good_ends_it_with_1(processes):
+    process = processes("--node-id", "3", "--eds", "TMCM-1270.eds", "--can", "local:cligone")
+    wait_for(process, "ready")
+    kill_hub("cligone")
+    _, err = process.communicate(timeout=10)
+    assert process.returncode == 1
+    assert "hub process is gone" in err
+    assert "Traceback" not in err
+
+
+def test_files_for_store_plant_and_scenario_are_used(processes, tmp_path):
+    scenario, plant, store = tmp_path / "s.yml", tmp_path / "p.yml", tmp_path / "store"
+    scenario.write_text("steps: [{at: 10ms, node: 3, fault: warning}, {at: 20ms, node: 3, plant: {external: -5}}]")
+    plant.write_text('axes: {"3": {kind: loaded}}')
+    files = ("--scenario", str(scenario), "--plant", str(plant), "--store", str(store))
+    process = processes("--node-id", "3", "--eds", "TMCM-1270.eds", "--can", "local:clifiles", *files, "--serial", "77")
+    wait_for(process, "ready")
+    assert "node 3: fault warning on" in wait_for(process, "fault")
+    with contextlib.closing(open_port("local:clifiles")) as port:
+        save = CanFrame(0x603, bytes.fromhex("2310100173617665"))
+        port.send(pack_records([save, CanFrame(0x603, bytes.fromhex("4018100400000000"))]))
+        answers = [frame.data for frame in receive(port, 2)]
+    assert answers[0][0] == 0x60
+    assert answers[1][4:] == (77).to_bytes(4, "little")
+    assert store.exists()
+
+
+@pytest.mark.parametrize("option", ["--scenario", "--plant", "--store"])
+def test_mistakes_in_files_are_told_before_the_drive_runs(processes, tmp_path, option):
+    path = tmp_path / "wrong.yml"
+    path.write_text("nonsense: 5\n")
+    process = processes("--node-id", "3", "--eds", "TMCM-1270.eds", "--can", "local:clidrive", option, str(path))
+    out, err = process.communicate(timeout=10)
+    assert process.returncode == 2
+    assert "wrong.yml" in err
+    assert "Traceback" not in err
+    assert "ready" not in out

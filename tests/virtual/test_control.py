@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import os
+from types import SimpleNamespace
 
 import pytest
 from support.virtualbench import S, servo
@@ -10,9 +11,11 @@ from canopen_control.frame import CanFrame, frames_of, pack_records
 from canopen_control.host.lineclient import LineClient
 from canopen_control.host.reactor import ManualClock, Reactor
 from canopen_control.virtual.control import NodeControl, control_path
+from canopen_control.virtual.diffbase import DiffBase
 from canopen_control.virtual.faults import FAULTS
 from canopen_control.virtual.nodehost import NodeHost
 from canopen_control.virtual.plant import LoadedPlant
+from canopen_control.virtual.wheel import WheelPlant
 
 
 class Controlled:
@@ -108,6 +111,19 @@ def test_inputs_and_the_plant_can_be_set(controlled):
     assert c.call("plant", external=-50, stalled=1) == {}
     plant = c.node.drives[0].mover.plant
     assert (plant.external, plant.stalled) == (-50.0, True)
+
+
+def test_numbers_of_a_motor_inside_a_wheel_are_reached_too(controlled):
+    c = controlled(plant=lambda axis: WheelPlant(LoadedPlant(), DiffBase(0.4), 0, 0.001))
+    assert c.call("plant", external=-50) == {}
+    assert c.node.drives[0].mover.plant.inner.external == -50.0
+
+
+def test_the_world_is_part_of_the_state(controlled):
+    c = controlled()
+    assert "world" not in c.call("state")
+    c.control._world = SimpleNamespace(describe=lambda: {"base": {"x": 1.5}})
+    assert c.call("state")["world"] == {"base": {"x": 1.5}}
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ from canopen_control.bus.memory import MemoryBus
 from canopen_control.errors import ConfigError, EdsError
 from canopen_control.frame import CanFrame, pack_records
 from canopen_control.host.reactor import ManualClock, Reactor
-from canopen_control.virtual.launch import PROBE_NS, NodeIdTaken, Probe, run_drives
+from canopen_control.virtual.launch import PROBE_NS, NodeIdTaken, Options, Probe, run_drives
 from canopen_control.virtual.nodehost import NodeHost
 
 
@@ -50,7 +50,7 @@ def test_a_heartbeat_of_the_id_refuses_it_too():
 def test_what_cannot_be_started_is_said_before_anything_runs(tmp_path):
     lines = []
     with pytest.raises(EdsError):
-        run_drives([3], tmp_path / "none.eds", "memory:launch", [], lines.append)
+        run_drives([3], tmp_path / "none.eds", "memory:launch", Options(), lines.append)
     with pytest.raises(ConfigError):
-        run_drives([3], tmp_path / "none.eds", "local:a/b", [], lines.append)
+        run_drives([3], tmp_path / "none.eds", "local:a/b", Options(), lines.append)
     assert lines == []

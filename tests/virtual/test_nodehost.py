@@ -7,7 +7,7 @@ from support.virtualbench import MS, S, servo, tmcm
 
 from canopen_control.bus.memory import MemoryBus
 from canopen_control.cia301.nmt import NmtStateChanged
-from canopen_control.frame import CanFrame, frames_of, pack_records
+from canopen_control.frame import ERROR_FLAG, CanFrame, frames_of, pack_records
 from canopen_control.host.reactor import ManualClock, Reactor
 from canopen_control.virtual.nodehost import NodeHost
 
@@ -122,3 +122,34 @@ def test_a_node_changed_from_outside_is_served(world):
     w.host.wake(node)
     w.reactor.run_for(0)
     assert [frame.can_id for _, frame in w.heard] == [0x085]
+
+
+def test_without_a_bus_its_nodes_stop_by_themselves_and_with_another_port_they_go_on(world):
+    w = world(servo(5, x6060=3, x60FF=1000, x6007=3))
+    w.send(CanFrame(0, b"\x01\x05"), *(CanFrame(0x205, bytes((word, 0, 3))) for word in (6, 7, 15)))
+    w.reactor.run_for(S)
+    drive = w.host.nodes[0].drives[0]
+    assert drive.mover.plant.velocity == 1000
+    w.bus.close()
+    w.reactor.remove_reader(w.listener)
+    w.reactor.run_for(S)
+    assert (drive.state.name, drive.mover.plant.velocity) == ("SWITCH_ON_DISABLED", 0)
+    other = MemoryBus("nodehost-again")
+    listener, port = other.open("listener"), other.open("drives")
+    w.host.port.close()
+    w.host.rejoin(port)
+    w.host.rejoin(port)
+    listener.send(pack_records([CanFrame(0x605, bytes.fromhex("4000100000000000"))]))
+    w.reactor.run_for(0)
+    assert [frame.can_id for frame in frames_of(listener.receive())] == [0x585]
+    w.host.close()
+    listener.close()
+    port.close()
+
+
+def test_what_happens_to_the_controller_reaches_the_nodes(world):
+    w = world(servo(5))
+    error = CanFrame(ERROR_FLAG | 0x04, bytes.fromhex("0010000000000000"))  # CRTL: receive error passive
+    w.bus.inject(error)
+    w.reactor.run_for(0)
+    assert [frame.data[:2] for _, frame in w.heard if frame.can_id == 0x085] == [b"\x20\x81"]

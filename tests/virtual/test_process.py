@@ -2,18 +2,23 @@ from __future__ import annotations
 
 import os
 import signal
+from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
-from support.virtualbench import MS, S, ready_tmcm, servo
+from support.virtualbench import MS, S, ready_tmcm, servo, servo_od
 
 from canopen_control.bus.memory import MemoryBus
 from canopen_control.errors import BusClosed
-from canopen_control.frame import CanFrame, pack_records
+from canopen_control.frame import CanFrame, frames_of, pack_records
 from canopen_control.host.reactor import ManualClock, Reactor
+from canopen_control.host.sockets import list_sockets
 from canopen_control.virtual import process
 from canopen_control.virtual.control import control_path
+from canopen_control.virtual.device import make_device
 from canopen_control.virtual.launch import NodeIdTaken
 from canopen_control.virtual.process import DriveProcess
+from canopen_control.virtual.timeline import Switching
 
 PORTS = []
 
@@ -123,3 +128,76 @@ def test_without_its_parent_it_serves_until_its_own_reaction_has_stopped_the_mot
     assert (reactor.now() - died) / S == pytest.approx(seconds, abs=0.05)
     assert (bench.drive.mover.plant.velocity == 0) == watched
     os.close(read)
+
+
+class Reopening:
+    """A drive process whose bus goes away, and where it comes back."""
+
+    def __init__(self, reactor, node, after_s):
+        self.bus, self.tries = MemoryBus("process-again"), 0
+        self.reactor, self.due, self.master = reactor, None, join(self.bus, "master")
+        first, self.lines = MemoryBus("process"), []
+        port = join(first, "drives")
+        self.process = DriveProcess(reactor, port, [node], self.lines.append, reopen=self.reopen)
+        reactor.call_later(MS, first.close)
+        self.due = None if after_s is None else reactor.now() + round(after_s * S)
+
+    def reopen(self):
+        self.tries += 1
+        back = self.due is not None and self.reactor.now() >= self.due
+        return join(self.bus, "drives") if back else None
+
+
+def test_a_bus_that_comes_back_within_three_seconds_is_joined_again(reactor):
+    r = Reopening(reactor, servo(5), 2.0)
+    ask = pack_records([CanFrame(0x605, bytes.fromhex("4000100000000000"))])
+    reactor.call_later(3 * S, lambda: r.master.send(ask))
+    reactor.call_later(4 * S, lambda: os.kill(os.getpid(), signal.SIGTERM))
+    reactor.call_later(5 * S, reactor.stop)
+    assert r.process.run() == 0
+    assert any("memory:process-again is back" in line for line in r.lines)
+    assert CanFrame(0x585, bytes.fromhex("4300100092010200")) in list(frames_of(r.master.receive()))
+
+
+def test_a_bus_that_does_not_come_back_ends_it_after_three_seconds(reactor):
+    r = Reopening(reactor, servo(5), None)
+    with pytest.raises(BusClosed):
+        r.process.run()
+    assert reactor.now() == pytest.approx(S + MS + 3 * S, abs=0.2 * S)
+    assert r.tries > 20
+
+
+def test_a_signal_while_the_bus_is_away_is_a_clean_end(reactor):
+    r = Reopening(reactor, servo(5), None)
+    reactor.call_later(S, lambda: os.kill(os.getpid(), signal.SIGTERM))
+    assert r.process.run() == 0
+
+
+def test_a_node_id_given_by_lss_renames_its_control_socket(reactor):
+    od = servo_od(5)
+    od.device = replace(od.device, lss_supported=True)
+    node = make_device(od, 5)
+    bus, drives, lines = started(reactor, [node])
+    master, seen = join(bus, "master"), []
+    select = [b"\x04\x01", b"\x11\x09", b"\x04\x00"]
+    frames = [CanFrame(0x7E5, data.ljust(8, b"\0")) for data in select] + [CanFrame(0, b"\x82\x05")]
+    reactor.call_later(MS, lambda: master.send(pack_records(frames)))
+    reactor.call_later(100 * MS, lambda: seen.extend(list_sockets("drive")))
+    reactor.call_later(200 * MS, reactor.stop)
+    drives.run()
+    assert seen == ["process-9"]
+    assert any("node 9: LSS: node id 9" in line for line in lines)
+
+
+def test_a_timeline_and_a_world_that_wants_to_know_its_axes_are_served(reactor):
+    bus = MemoryBus("process")
+    node, asked = servo(5), []
+    world = SimpleNamespace(period_ns=20 * MS, describe=dict)
+    node.advance_drives = lambda now, advance=node.advance_drives: (asked.append(now), advance(now))
+    lines = []
+    timeline = [Switching(S // 2, 5, "warning")]
+    drives = DriveProcess(reactor, join(bus, "drives"), [node], lines.append, timeline=timeline, world=world)
+    reactor.call_later(S, reactor.stop)
+    assert drives.run() == 0
+    assert len(asked) >= 49
+    assert any("fault warning on" in line for line in lines)

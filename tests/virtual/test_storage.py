@@ -14,13 +14,14 @@ SAVE, LOAD = 0x65766173, 0x64616F6C
 
 
 def bench(path, node_id=5, started_with=None, lss=False):
-    storage = Storage(path)
+    said = []
+    storage = Storage(path, said.append)
     od = servo_od(node_id)
     od.device = replace(od.device, lss_supported=lss)
     node = make_device(od, storage.node_id(node_id))
     storage.attach(node, started_with or node_id)
     b = Bench(node)
-    b.storage = storage
+    b.said = said
     return b
 
 
@@ -35,7 +36,7 @@ def test_a_file_that_is_not_there_is_made_by_the_first_store(tmp_path):
     assert content["nodes"]["5"]["device"] == [0x99, 0x1234]
     again = bench(path)
     assert again.number(0x6083) == 4321
-    assert again.storage.ignored == []
+    assert again.said == []
 
 
 def test_what_was_not_stored_is_not_there(tmp_path):
@@ -74,7 +75,7 @@ def test_a_store_that_cannot_be_written_fails_with_an_abort_and_keeps_nothing(tm
     b = bench(folder / "s")
     b.write(0x6083, 4321)
     assert b.abort_of(0x1010, SAVE, 1) == 0x06060000
-    assert "cannot be written" in b.storage.failed
+    assert "cannot be written" in b.said[0]
     b.node.power_on(b.now)
     b.on(0.1)
     assert b.number(0x6083) == 10000
@@ -87,7 +88,7 @@ def test_a_file_that_is_something_else_is_refused_and_left_alone(tmp_path, text)
     path = tmp_path / "s"
     path.write_text(text)
     with pytest.raises(ConfigError, match="is no store of virtual drives"):
-        Storage(path)
+        Storage(path, print)
     assert path.read_text() == text
 
 
@@ -98,7 +99,7 @@ def test_what_does_not_fit_is_ignored_and_told_and_another_device_refused(tmp_pa
     path.write_text(json.dumps({"format": "canopen_control store 1", "nodes": {"5": record}}))
     b = bench(path)
     assert b.number(0x6083) == 4321
-    assert [line.split(": ")[1].split()[0] for line in b.storage.ignored] == [
+    assert [line.split(": ")[1].split()[0] for line in b.said] == [
         "6084:00",
         "9999:00",
         "nonsense",

@@ -1,0 +1,179 @@
+"""A diff-drive base on a floor: its pose, made from the way its two wheels have gone.
+
+The law of this file: wheels report points (time, way in metres) of their motion on a grid of their own, in whatever
+order and from whatever process; the pose is integrated exactly along the arc between neighbouring points, as far as
+both wheels are known. So the result depends on the motion alone, not on who reported when. A wheel that was not heard
+for ten seconds stands. Slip is noise on each wheel's steps, made from the seed and the number of the step.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import math
+import os
+from collections import deque
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from canopen_control.errors import ConfigError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+__all__ = ["LEFT", "RIGHT", "DiffBase", "Pose", "SharedBase", "slipped"]
+
+LEFT, RIGHT = 0, 1
+SILENT_NS = 10_000_000_000
+_MASK = (1 << 64) - 1
+Point = tuple[int, float]
+
+
+class Pose(NamedTuple):
+    """Metres and radians, at monotonic ns; the heading is not wrapped."""
+
+    x: float
+    y: float
+    heading: float
+    time_ns: int
+
+
+class DiffBase:
+    """Integrates the pose of a base whose wheels are `separation` metres apart."""
+
+    def __init__(self, separation: float) -> None:
+        self.separation = separation
+        self.x = self.y = self.heading = 0.0
+        self._last: list[Point | None] = [None, None]
+        self._next: tuple[deque[Point], deque[Point]] = (deque(), deque())
+        self.time_ns = 0
+
+    def report(self, wheel: int, points: Sequence[Point]) -> None:
+        """Take points of `wheel`, later than those before; others are ignored."""
+        for time_ns, way in points:
+            last = self._next[wheel][-1] if self._next[wheel] else self._last[wheel]
+            if last is None:
+                self._last[wheel] = (time_ns, way)
+            elif time_ns > last[0]:
+                self._next[wheel].append((time_ns, way))
+        self._integrate()
+
+    def pose(self) -> Pose:
+        """Return the pose at the last time that is known of both wheels."""
+        return Pose(self.x, self.y, self.heading, self.time_ns)
+
+    def _integrate(self) -> None:
+        self._assume_standing()
+        while self._next[LEFT] and self._next[RIGHT]:
+            time_ns = min(self._next[LEFT][0][0], self._next[RIGHT][0][0])
+            self._advance(self._step(LEFT, time_ns), self._step(RIGHT, time_ns))
+            self.time_ns = time_ns
+
+    def _assume_standing(self) -> None:
+        for wheel in (LEFT, RIGHT):
+            other, since = self._next[1 - wheel], self._last[wheel] or self._last[1 - wheel]
+            if not self._next[wheel] and other and since is not None and other[-1][0] - since[0] > SILENT_NS:
+                last = self._last[wheel] = self._last[wheel] or (since[0], 0.0)
+                self._next[wheel].append((other[-1][0], last[1]))
+
+    def _step(self, wheel: int, time_ns: int) -> float:
+        """Bring a wheel to `time_ns`; return the way it went, on the straight line between its points."""
+        ahead, last = self._next[wheel], self._last[wheel] or self._next[wheel][0]
+        when, way = ahead[0]
+        if when == time_ns:
+            ahead.popleft()
+        else:
+            way = last[1] + (way - last[1]) * max(time_ns - last[0], 0) / (when - last[0])
+        self._last[wheel] = (max(time_ns, last[0]), way)
+        return way - last[1]
+
+    def _advance(self, left: float, right: float) -> None:
+        """Go along the arc that two constant wheel speeds make."""
+        way, turn = 0.5 * (left + right), (right - left) / self.separation
+        half = 0.5 * turn
+        chord = way * (math.sin(half) / half if abs(half) > 1e-9 else 1.0)
+        self.x += chord * math.cos(self.heading + half)
+        self.y += chord * math.sin(self.heading + half)
+        self.heading += turn
+
+    # -- as plain values, for a file
+
+    def dump(self) -> dict[str, Any]:
+        """Return everything, JSON-able."""
+        pose = {"x": self.x, "y": self.y, "heading": self.heading, "time_ns": self.time_ns}
+        return pose | {"last": self._last, "next": [list(each) for each in self._next]}
+
+    def load(self, content: dict[str, Any]) -> None:
+        """Take what `dump` gave."""
+        self.x, self.y, self.heading = (float(content[key]) for key in ("x", "y", "heading"))
+        self.time_ns = int(content["time_ns"])
+        self._last = [None if each is None else (int(each[0]), float(each[1])) for each in content["last"]]
+        left, right = (deque((int(when), float(way)) for when, way in each) for each in content["next"])
+        self._next = (left, right)
+
+
+class SharedBase:
+    """A `DiffBase` that several processes keep in the file at `path`, one after the other under its lock.
+
+    The file holds the pose as JSON for whoever wants to know it. ConfigError where it cannot be opened.
+    """
+
+    def __init__(self, separation: float, path: Path) -> None:
+        self._base = DiffBase(separation)
+        self._path = path
+        self._file: int | None = None
+
+    def report(self, wheel: int, points: Sequence[Point]) -> None:
+        """Take points of `wheel`."""
+        fd = self._open()
+        fcntl.flock(fd, fcntl.LOCK_EX)
+        try:
+            self._read(fd)
+            self._base.report(wheel, points)
+            data = json.dumps(self._base.dump()).encode()
+            os.pwrite(fd, data, 0)
+            os.ftruncate(fd, len(data))
+        finally:
+            fcntl.flock(fd, fcntl.LOCK_UN)
+
+    def pose(self) -> Pose:
+        """Return the pose that all processes together have made."""
+        fd = self._open()
+        fcntl.flock(fd, fcntl.LOCK_SH)
+        try:
+            self._read(fd)
+        finally:
+            fcntl.flock(fd, fcntl.LOCK_UN)
+        return self._base.pose()
+
+    def _open(self) -> int:
+        if self._file is None:
+            try:
+                self._file = os.open(self._path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+            except OSError as error:
+                raise ConfigError(f"{self._path} cannot be shared: {error.strerror}") from error
+        return self._file
+
+    def _read(self, fd: int) -> None:
+        """Take the file's state; one that a killed process left in half is begun anew."""
+        try:
+            content = json.loads(os.pread(fd, 1 << 24, 0) or b"{}")
+            if content:
+                self._base.load(content)
+        except (ValueError, KeyError, TypeError):
+            self._base = DiffBase(self._base.separation)
+
+    def close(self) -> None:
+        """Let go of the file."""
+        if self._file is not None:
+            os.close(self._file)
+            self._file = None
+
+
+def slipped(way: float, slip: float, seed: int, wheel: int, step: int) -> float:
+    """Return the way of one step of a wheel that slips by `slip` (a standard deviation, relative)."""
+    number = (seed * 0x9E3779B97F4A7C15 + wheel * 0xD1B54A32D192ED03 + step * 0xBF58476D1CE4E5B9) & _MASK
+    number = ((number ^ number >> 30) * 0xBF58476D1CE4E5B9) & _MASK  # splitmix64
+    number = ((number ^ number >> 27) * 0x94D049BB133111EB) & _MASK
+    uniform = (number ^ number >> 31) / (_MASK >> 1) - 1.0
+    return way * (1.0 + slip * math.sqrt(3.0) * uniform)

@@ -1,0 +1,109 @@
+"""A timeline of faults from a YAML file: what goes wrong with which drive, and when.
+
+The law of this file: times count from the drives' ready line, and every mistake in the file is told at once, with its
+line, before anything runs.
+
+    steps:
+      - {at: 5s, node: 3, fault: heartbeat_lost}              # on, and it stays
+      - {at: 8s, node: 3, fault: heartbeat_lost, state: off}
+      - {at: 500ms, node: 2, fault: silent, for: 2s}          # on, and off again after 2 s
+      - {at: 12s, node: 3, plant: {stalled: 1, external: -300}}
+
+`node` may be left out where the process has one node; `axis` says which axis's plant (default 0). Times are 5s, 500ms,
+or a number of seconds.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from canopen_control.errors import ConfigError
+from canopen_control.virtual.faults import FAULTS
+from canopen_control.virtual.timeline import Switching
+from canopen_control.yamltree import Node, Problems, load, nearest, position, setting
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+__all__ = ["ScenarioError", "Step", "read_scenario", "seconds_of"]
+
+_TIME = re.compile(r"(\d+(?:\.\d+)?)\s*(ms|s)?")
+_LONGEST_S = 1e6
+
+
+class ScenarioError(ConfigError):
+    """A scenario file holds mistakes."""
+
+
+def seconds_of(value: float | str) -> float:
+    """Return the seconds of ``5s``, ``500ms`` or a number; ValueError for what is neither, or is negative."""
+    match = _TIME.fullmatch(str(value).strip())
+    if match is None or float(match[1]) > _LONGEST_S:
+        raise ValueError(f"{value!r} is no time: 5s, 500ms, or a number of seconds")
+    return float(match[1]) * (0.001 if match[2] == "ms" else 1.0)
+
+
+@dataclass(frozen=True)
+class Step:
+    """One entry of the file."""
+
+    at: float | str
+    fault: str = ""
+    state: bool = True
+    node: int | None = setting(None, low=1, high=127)
+    axis: int = setting(0, low=0, high=7)
+    length: float | str | None = setting(None, key="for")
+    plant: dict[str, float] = setting(factory=dict)  # noqa: RUF009 - makes a field
+    here: Node = position()  # noqa: RUF009 - makes a field
+
+
+@dataclass(frozen=True)
+class ScenarioFile:
+    """The file as a whole."""
+
+    steps: list[Step]
+
+
+def read_scenario(path: Path, node_ids: Sequence[int]) -> list[Switching]:
+    """Return the file's timeline in order; ScenarioError with every mistake and its line."""
+    found: list[Switching] = []
+
+    def check(file: ScenarioFile, _problems: Problems) -> None:
+        for step in file.steps:
+            found.extend(_switchings(step, node_ids))
+
+    load(path, ScenarioFile, error=ScenarioError, check=check)
+    return sorted(found, key=lambda each: each.at_ns)
+
+
+def _switchings(step: Step, node_ids: Sequence[int]) -> list[Switching]:
+    node_id = step.node if step.node is not None else node_ids[0]
+    if step.node is None and len(node_ids) > 1:
+        step.here.error(f"which node? node: one of {', '.join(map(str, node_ids))}")
+    elif node_id not in node_ids:
+        step.here.error(f"there is no node {node_id} in this process; there are: {', '.join(map(str, node_ids))}")
+    if bool(step.fault) == bool(step.plant):
+        step.here.error("a step has either a fault or a plant")
+    elif step.fault and step.fault not in FAULTS:
+        step.here.error(f"no fault {step.fault!r}{nearest(step.fault, list(FAULTS))}; see: canopen-control fault list")
+    at_ns, for_ns = _nanoseconds(step, step.at), _nanoseconds(step, step.length)
+    plant = tuple(step.plant.items())
+    first = Switching(at_ns or 0, node_id, step.fault, step.state, step.axis, plant)
+    if for_ns is None:
+        return [first]
+    if step.plant or not step.state:
+        step.here.error("for: goes with a fault that is switched on")
+    return [first, Switching(first.at_ns + for_ns, node_id, step.fault, on=False)]
+
+
+def _nanoseconds(step: Step, value: float | str | None) -> int | None:
+    if value is None:
+        return None
+    try:
+        return round(seconds_of(value) * 1e9)
+    except ValueError as error:
+        step.here.error(str(error))
+        return None

@@ -1,0 +1,198 @@
+"""What hangs on the axes of a process's drives, from a YAML file: plants, and a base that couples two of them.
+
+The law of this file: an engine is a `world.World`; ours is `OwnWorld`, another one is named in the file.
+
+    seed: 1                        # of everything random
+    default: {kind: ideal}         # the axes not named below; kinds: ideal, lag, loaded
+    axes:
+      "3": {kind: loaded, torque_limit: 800, inertia: 2.0, friction: 30, external: -50, backlash: 20}
+      "3/1": {kind: lag, time_constant: 0.05}                     # axis 1 of node 3
+    base:                          # a diff-drive base on a floor
+      left: 3
+      right: 2
+      wheel_radius: 0.1            # m
+      wheel_separation: 0.4        # m
+      counts_per_revolution: 51200
+      reversed: [right]            # wheels whose positive direction is backwards
+      slip: 0.01                   # standard deviation of each step's way, relative
+      share: /tmp/robby.floor      # where the wheels' drives are processes of their own: the same file for all
+    engine: package.module:function    # called with this file's Path, returns a World; the rest is then its own
+
+The other keys of an axis are the numbers of its plant, see `plant`.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from canopen_control.errors import ConfigError
+from canopen_control.virtual.diffbase import LEFT, RIGHT, DiffBase, SharedBase
+from canopen_control.virtual.plant import IdealPlant, LagPlant, LoadedPlant, Plant
+from canopen_control.virtual.wheel import WheelPlant
+from canopen_control.yamltree import Node, Problems, load, position, setting, tree
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from canopen_control.virtual.world import World
+
+__all__ = ["OwnWorld", "WorldError", "WorldFile", "read_world"]
+
+_KINDS: dict[str, Callable[..., Plant]] = {"ideal": IdealPlant, "lag": LagPlant, "loaded": LoadedPlant}
+_STATE = frozenset(("position", "velocity", "torque", "stiff", "load_position"))  # no parameters
+
+
+class WorldError(ConfigError):
+    """A plant file holds mistakes."""
+
+
+@dataclass(frozen=True)
+class AxisFile:
+    """One axis of the file; None: as the plant has it."""
+
+    kind: Literal["ideal", "lag", "loaded"] = "loaded"
+    rated_velocity: float | None = setting(None, low=0.0)
+    torque_time_constant: float | None = setting(None, low=1e-6)
+    time_constant: float | None = setting(None, low=1e-6)
+    coast_time_constant: float | None = setting(None, low=1e-6)
+    acceleration: float | None = setting(None, low=1e-3)
+    torque_limit: float | None = setting(None, low=0.0)
+    inertia: float | None = setting(None, low=0.0)
+    friction: float | None = setting(None, low=0.0)
+    viscosity: float | None = setting(None, low=0.0)
+    external: float | None = None
+    backlash: float | None = setting(None, low=0.0)
+    stalled: bool | None = None
+    position_gain: float | None = setting(None, low=0.0)
+    velocity_time_constant: float | None = setting(None, low=1e-4)
+    here: Node = position()  # noqa: RUF009 - makes a field
+
+    def parameters(self) -> dict[str, Any]:
+        """Return the plant's numbers that the file gives."""
+        names = [field.name for field in dataclasses.fields(self) if field.name not in ("kind", "here")]
+        return {name: value for name in names if (value := getattr(self, name)) is not None}
+
+    def check(self) -> None:
+        """Tell numbers that this kind of plant does not have."""
+        known = {field.name for field in dataclasses.fields(_KINDS[self.kind])} - _STATE  # type: ignore[arg-type] # all are dataclasses
+        for name in self.parameters().keys() - known:
+            self.here.error(f"a plant of kind {self.kind} has no {name}; it has: {', '.join(sorted(known))}")
+
+    def make(self) -> Plant:
+        """Make the plant."""
+        return _KINDS[self.kind](**self.parameters())
+
+
+@dataclass(frozen=True)
+class BaseFile:
+    """The base of the file; lengths in metres."""
+
+    left: int = setting(low=1, high=127)
+    right: int = setting(low=1, high=127)
+    wheel_radius: float = setting(low=1e-6)
+    wheel_separation: float = setting(low=1e-6)
+    counts_per_revolution: float = setting(low=1e-6)
+    reversed: list[Literal["left", "right"]] = setting(factory=list)  # noqa: RUF009 - makes a field
+    slip: float = setting(0.0, low=0.0, high=0.5)
+    share: str = ""
+    here: Node = position()  # noqa: RUF009 - makes a field
+
+
+@dataclass(frozen=True)
+class WorldFile:
+    """The file as a whole."""
+
+    seed: int = 0
+    default: AxisFile = dataclasses.field(default_factory=lambda: AxisFile(kind="ideal"))
+    axes: dict[str, AxisFile] = setting(factory=dict)  # noqa: RUF009 - makes a field
+    base: BaseFile | None = None
+
+
+class OwnWorld:
+    """The engine of this package."""
+
+    def __init__(self, file: WorldFile) -> None:
+        self._file = file
+        self._axes = {_address(name): axis for name, axis in file.axes.items()}
+        self._base: DiffBase | SharedBase | None = None
+        self._wheels: list[WheelPlant] = []
+        self.period_ns = None if file.base is None else 20_000_000
+        if file.base is not None:
+            separation, share = file.base.wheel_separation, file.base.share
+            self._base = SharedBase(separation, Path(share)) if share else DiffBase(separation)
+
+    def plant(self, node_id: int, axis: int) -> Plant:
+        """Return the plant of an axis, on the floor where it is a wheel of the base."""
+        inner = self._axes.get((node_id, axis), self._file.default).make()
+        base = self._file.base
+        if base is None or self._base is None or axis or node_id not in (base.left, base.right):
+            return inner
+        side = LEFT if node_id == base.left else RIGHT
+        sign = -1.0 if ("left", "right")[side] in base.reversed else 1.0
+        metres = sign * base.wheel_radius * 2.0 * 3.141592653589793 / base.counts_per_revolution
+        wheel = WheelPlant(inner, self._base, side, metres, slip=base.slip, seed=self._file.seed)
+        self._wheels.append(wheel)
+        return wheel
+
+    def describe(self) -> dict[str, object]:
+        """Return the pose of the base."""
+        if self._base is None:
+            return {}
+        for wheel in self._wheels:
+            wheel.publish()
+        pose = self._base.pose()
+        return {"base": {"x": pose.x, "y": pose.y, "heading": pose.heading, "time_ns": pose.time_ns}}
+
+    def close(self) -> None:
+        """Let go of the shared file."""
+        if isinstance(self._base, SharedBase):
+            self._base.close()
+
+
+def _address(name: str) -> tuple[int, int]:
+    """Return node id and axis of ``3`` or ``3/1``; ValueError where it is neither."""
+    node, _, axis = name.partition("/")
+    address = int(node), int(axis or "0")
+    if not (1 <= address[0] <= 127 and 0 <= address[1] <= 7):
+        raise ValueError(name)
+    return address
+
+
+def read_world(path: Path) -> World:
+    """Return the engine that a file describes; WorldError with every mistake and its line."""
+    engine = _engine(path)
+    if engine is not None:
+        return engine
+    file = load(path, WorldFile, error=WorldError, check=_check)
+    return OwnWorld(file)
+
+
+def _check(file: WorldFile, problems: Problems) -> None:
+    for axis in (file.default, *file.axes.values()):
+        axis.check()
+    for name, axis in file.axes.items():
+        try:
+            _address(name)
+        except ValueError:
+            axis.here.error(f'{name!r} is no axis: write "3" for node 3, or "3/1" for its axis 1')
+    if file.base is not None and file.base.left == file.base.right:
+        file.base.here.error("left and right are two different nodes")
+    del problems
+
+
+def _engine(path: Path) -> World | None:
+    """Return the engine that is named in the file, None: it is ours."""
+    root = tree(path, error=WorldError)
+    entry = root.get("engine") if root.kind == "mapping" else None
+    if entry is None:
+        return None
+    module, _, name = str(entry.value).partition(":")
+    try:
+        world: World = getattr(importlib.import_module(module), name)(path)
+    except (ImportError, AttributeError, ValueError) as error:
+        raise WorldError(f"{path}: engine: {entry.value} cannot be used: {error}") from error
+    return world

@@ -1,0 +1,85 @@
+from __future__ import annotations
+
+import pytest
+
+from canopen_control.virtual.scenario import ScenarioError, read_scenario, seconds_of
+from canopen_control.virtual.timeline import Switching
+
+S = 1_000_000_000
+
+
+def read(tmp_path, text, node_ids=(3,)):
+    path = tmp_path / "scenario.yml"
+    path.write_text(text)
+    return read_scenario(path, node_ids)
+
+
+def test_a_timeline_is_read_in_order_whatever_its_order_in_the_file(tmp_path):
+    text = """
+    steps:
+      - {at: 8s, node: 3, fault: heartbeat_lost, state: off}
+      - {at: 5s, node: 3, fault: heartbeat_lost}
+      - {at: 500ms, node: 2, fault: silent, for: 2s}
+      - {at: 12, node: 3, plant: {stalled: 1, external: -300.5}}
+    """
+    assert read(tmp_path, text, (2, 3)) == [
+        Switching(S // 2, 2, "silent"),
+        Switching(5 * S // 2, 2, "silent", on=False),
+        Switching(5 * S, 3, "heartbeat_lost"),
+        Switching(8 * S, 3, "heartbeat_lost", on=False),
+        Switching(12 * S, 3, plant=(("stalled", 1.0), ("external", -300.5))),
+    ]
+
+
+def test_with_one_node_it_need_not_be_named(tmp_path):
+    assert read(tmp_path, "steps: [{at: 1s, fault: silent}]") == [Switching(S, 3, "silent")]
+
+
+@pytest.mark.parametrize(("text", "seconds"), [("5s", 5.0), ("500ms", 0.5), (2, 2.0), (0.25, 0.25), ("1.5 s", 1.5)])
+def test_times_are_seconds_or_milliseconds(text, seconds):
+    assert seconds_of(text) == seconds
+
+
+@pytest.mark.parametrize("text", ["", "soon", "-1s", "5m", "1e3s", "nan", "9999999"])
+def test_other_times_are_refused(text):
+    with pytest.raises(ValueError, match="no time"):
+        seconds_of(text)
+
+
+def test_every_mistake_is_told_at_once_with_its_line(tmp_path):
+    text = """steps:
+  - {at: 1s, node: 9, fault: silent}
+  - {at: soon, node: 3, fault: silent}
+  - {at: 1s, node: 3, fault: sillent}
+  - {at: 1s, node: 3}
+  - {at: 1s, node: 3, fault: silent, plant: {stalled: 1}}
+  - {at: 1s, node: 3, fault: silent, state: off, for: 1s}
+  - {at: 1s, fault: silent}
+"""
+    with pytest.raises(ScenarioError) as caught:
+        read(tmp_path, text, (2, 3))
+    said = str(caught.value)
+    for line, words in (
+        (2, "there is no node 9"),
+        (3, "no time"),
+        (4, "did you mean 'silent'"),
+        (5, "either a fault or a plant"),
+        (6, "either a fault or a plant"),
+        (7, "for: goes with"),
+        (8, "which node?"),
+    ):
+        assert f"scenario.yml:{line}:" in said
+        assert words in said
+
+
+@pytest.mark.parametrize(
+    "text", ["", "steps: 5", "steps: [{fault: silent}]", "steps: [{at: 1, fautl: x}]", "[", "x: 1"]
+)
+def test_what_is_no_scenario_is_refused(tmp_path, text):
+    with pytest.raises(ScenarioError):
+        read(tmp_path, text)
+
+
+def test_a_file_that_is_not_there_is_a_mistake_too(tmp_path):
+    with pytest.raises(ScenarioError, match="cannot be read"):
+        read_scenario(tmp_path / "none.yml", (3,))
