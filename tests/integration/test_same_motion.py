@@ -1,0 +1,108 @@
+"""One test of forward and diff-drive control, unchanged on mock hardware, simulated joints and virtual drives."""
+
+import math
+
+import pytest
+from support.robots import FORWARD, LEFT, RIGHT, Bench, copy_robby
+
+from canopen_control.errors import ControlError
+from canopen_control.runtime.status import state_dict
+
+BASE = "robby_base_controller"
+PLUGIN = "canopen_ros2_control/RobotSystem"
+
+
+SIMULATED = {"simulation": "canopen_control/SimulatedSystem", "Gazebo's plugin": "gz_ros2_control/GazeboSimSystem"}
+
+
+@pytest.fixture(params=["mock", *SIMULATED, "virtual drives"])
+def robot(request, tmp_path):
+    """Return what starts robby with a controller, on each kind of hardware."""
+    benches = []
+
+    def start(controller):
+        name = f"same{len(benches)}{abs(hash(request.node.nodeid)) % 10**8}"
+        how = {"controllers": [controller]}
+        if request.param == "mock":
+            how |= {"mock": True, "drives": ()}
+        elif request.param != "virtual drives":
+            plugin = (
+                "canopen_control/SimulatedSystem"
+                if request.param == "simulation"
+                else "gz_ros2_control/GazeboSimSystem"
+            )
+            how |= {"config": copy_robby(tmp_path, description={PLUGIN: plugin}), "drives": ()}
+        benches.append(Bench(name, **how))
+        benches[-1].start()
+        return benches[-1]
+
+    assert (LEFT, RIGHT) == (3, 2)  # what the virtual drives are by default
+    yield start
+    for each in benches:
+        each.close()
+
+
+def wheels(bench, interface):
+    return [bench.robot.registry.state(f"{side}_wheel_joint/{interface}").value for side in ("left", "right")]
+
+
+def test_the_forward_controller_turns_the_wheels_as_told(robot):
+    bench = robot(FORWARD)
+    assert wheels(bench, "velocity") == pytest.approx([0.0, 0.0], abs=1e-6)
+    bench.hold(10.0, -5.0, ms=1000)
+    assert wheels(bench, "velocity") == pytest.approx([10.0, -5.0], rel=0.01)
+    before = wheels(bench, "position")
+    bench.hold(10.0, -5.0, ms=1000)
+    moved = [now - then for now, then in zip(wheels(bench, "position"), before, strict=True)]
+    assert moved == pytest.approx([10.0, -5.0], rel=0.02)
+    for bad in ([math.nan, 1.0], [1.0], [1.0, math.inf]):
+        with pytest.raises(ControlError):
+            bench.command(*bad)
+    bench.run(2600)  # nobody commands any more: command_timeout
+    assert wheels(bench, "velocity") == pytest.approx([0.0, 0.0], abs=0.05)
+    assert bench.texts("command_timeout")
+
+
+def test_deactivation_stops_the_wheels(robot):
+    bench = robot(FORWARD)
+    bench.hold(10.0, 10.0, ms=500)
+    bench.robot.switch((), [FORWARD], strict=True)
+    bench.run(1500)
+    assert wheels(bench, "velocity") == pytest.approx([0.0, 0.0], abs=0.05)
+
+
+def drive(bench, twist, seconds):
+    for _ in range(round(seconds * 10)):
+        bench.robot.command(BASE, twist, "test")
+        bench.run(100)
+
+
+def pose(bench):
+    sample = state_dict(bench.robot)["odometry"][BASE]
+    return sample["x"], sample["y"], sample["heading"], sample["linear"], sample["angular"]
+
+
+def test_the_base_goes_where_the_twist_says(robot):
+    bench = robot(BASE)
+    drive(bench, [0.2, 0.0], 3.0)
+    assert wheels(bench, "velocity") == pytest.approx([0.2 / 0.035] * 2, rel=0.01)
+    assert pose(bench)[3] == pytest.approx(0.2, rel=0.01)
+    bench.run(1500)  # cmd_vel_timeout, and the ramp of the limiter
+    x, y, heading, linear, _ = pose(bench)
+    # 3 s, half a second until the timeout, and what the brake makes up for what the start lost
+    assert x == pytest.approx(0.2 * 3.5, rel=0.03)
+    assert (y, heading, linear) == pytest.approx((0.0, 0.0, 0.0), abs=1e-3)
+    drive(bench, [0.0, 0.5], 2.0)
+    bench.run(1500)
+    assert pose(bench)[2] == pytest.approx(0.5 * 2.5, rel=0.04)
+    assert wheels(bench, "velocity") == pytest.approx([0.0, 0.0], abs=0.05)
+
+
+def test_the_base_is_put_somewhere_else_and_goes_on_from_there(robot):
+    bench = robot(BASE)
+    bench.robot.manager.get(BASE).set_odometry(5.0, 6.0, math.pi / 2)
+    drive(bench, [0.2, 0.0], 2.0)
+    x, y, heading, *_ = pose(bench)
+    assert x == pytest.approx(5.0, abs=0.01)
+    assert 6.3 < y < 6.45
+    assert heading == pytest.approx(math.pi / 2, abs=0.01)
