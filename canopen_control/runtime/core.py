@@ -24,7 +24,6 @@ from canopen_control.master.events import Event, EventLog, Level
 from canopen_control.runtime.bus import RobotBus
 from canopen_control.runtime.pacer import Pacer
 from canopen_control.runtime.request import AxisRequest, ProbeReading, change_mode, home_axes
-from canopen_control.runtime.setup import BUS_NAME
 from canopen_control.runtime.wanted import load_controller, prepare_controllers
 
 if TYPE_CHECKING:
@@ -42,6 +41,7 @@ __all__ = ["RobotCore", "RobotState"]
 
 STOP_TIMEOUT_NS = 15_000_000_000  # a stop that takes longer is ended without the drives' consent, and says so
 REQUEST_TIMEOUT_NS = 12_000_000_000
+_NEVER = 1 << 62  # boot_time 0: wait for the nodes for ever
 
 
 class RobotState(enum.Enum):
@@ -117,7 +117,8 @@ class RobotCore:
         for bus in self.buses.values():
             bus.network.start(now)
             bus.send_waiting()
-        self._deadline = now + self.setup.bus.master.boot_time * 1_000_000
+        times = [bus.master.boot_time for bus in self.setup.buses.values()]
+        self._deadline = now + max(times) * 1_000_000 if all(times) else _NEVER
         self.pacer.start()
 
     def shutdown(self, why: str) -> None:
@@ -273,7 +274,7 @@ class RobotCore:
     def _why_missing(self, node: RemoteNode) -> str:
         if node.error and node.error.startswith(f"node {node.node_id}"):
             return node.error
-        seconds = self.setup.bus.master.boot_time / 1000
+        seconds = self.bus_of(node).config.master.boot_time / 1000
         reason = node.error or f"not operational within {seconds:g} s; its boot got as far as {node.boot_step!r}"
         return f"node {node.node_id} ({node.name}): {reason}"
 
@@ -350,7 +351,7 @@ class RobotCore:
                 self.registry.register(made_up(setup.description, tag, kind))
                 continue
             if not needs_bus:
-                self._build_bus()
+                self._build_buses()
             needs_bus = True
             system = self._canopen_system(tag)
             self.systems.append(system)
@@ -367,18 +368,18 @@ class RobotCore:
         except RobotConfigError as error:
             raise RobotConfigError(f"{self.setup.files.description}:{description.line}: {error}") from error
 
-    def _build_bus(self) -> None:
-        bus = RobotBus(
-            BUS_NAME,
-            self.setup.channels[BUS_NAME],
-            self.setup.bus,
-            self.reactor,
-            cycle_ns=self.setup.cycle_ns,
-            report=self.report,
-            on_lost=self._on_bus_lost,
-        )
-        self.buses[bus.name] = bus
-        self.nodes.update(bus.network.nodes)
+    def _build_buses(self) -> None:
+        for name, config in self.setup.buses.items():
+            self.buses[name] = bus = RobotBus(
+                name,
+                self.setup.channels[name],
+                config,
+                self.reactor,
+                cycle_ns=self.setup.cycle_ns,
+                report=self.report,
+                on_lost=self._on_bus_lost,
+            )
+            self.nodes.update(bus.network.nodes)
 
     def _nodes_with_image(self) -> dict[str, tuple[RemoteNode, ProcessImage]]:
         return {

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import re
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,20 +13,28 @@ from canopen_control.errors import RobotConfigError
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-__all__ = ["RobotFiles", "find_robot"]
+__all__ = ["MAIN_BUS", "RobotFiles", "find_robot"]
 
+MAIN_BUS = "can"  # the name of the bus of bus.yml; that of bus_NAME.yml is NAME
 BUS, CONTROLLERS = "bus.yml", "ros2_controllers.yaml"
+_BUS_NAME = re.compile(r"[A-Za-z0-9_-]{1,32}")
 _DESCRIPTIONS = ("*.urdf.xacro", "*.urdf")
 
 
 @dataclass(frozen=True, slots=True)
 class RobotFiles:
-    """The three files of a robot and its name."""
+    """The three files of a robot and its name; `more_buses` are its bus_NAME.yml by NAME."""
 
     name: str
     bus: Path
     controllers: Path
     description: Path
+    more_buses: dict[str, Path] = field(default_factory=dict)
+
+    @property
+    def buses(self) -> dict[str, Path]:
+        """The files of all buses by the names of the buses."""
+        return {MAIN_BUS: self.bus, **self.more_buses}
 
 
 def find_robot(
@@ -42,10 +51,11 @@ def find_robot(
         "controllers": _one(controllers, folder, CONTROLLERS, "--controllers", missing),
         "description": _one(description, folder, _DESCRIPTIONS, "--description", missing),
     }
+    more = _more_buses(folder, missing) if folder is not None and bus is None else {}
     if missing:
         raise RobotConfigError("; ".join(missing))
     name = folder.resolve().name if folder is not None else found["bus"].resolve().parent.name
-    return RobotFiles(_safe(name), **found)
+    return RobotFiles(_safe(name), **found, more_buses=more)
 
 
 def _folder(config: str) -> Path:
@@ -78,6 +88,15 @@ def _one(given: str | None, folder: Path | None, names: str | Sequence[str], opt
         f"{folder} has no {wanted}" if not matches else f"{folder} has several of {wanted}: name one with {option}"
     )
     return Path()
+
+
+def _more_buses(folder: Path, missing: list[str]) -> dict[str, Path]:
+    """Find the files of further buses."""
+    found = {path.stem.removeprefix("bus_"): path for path in sorted(folder.glob("bus_*.yml"))}
+    for name, path in found.items():
+        if not _BUS_NAME.fullmatch(name) or name == MAIN_BUS:
+            missing.append(f"{path}: {name!r} is no name for a further bus: letters, digits, _ and -, not {MAIN_BUS!r}")
+    return found
 
 
 def _safe(name: str) -> str:

@@ -6,18 +6,11 @@ be surprised. NOTE: worth knowing. Line 0 is the file as a whole. The rules that
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
 
 from canopen_control.od.issues import Severity
 
-if TYPE_CHECKING:
-    from canopen_control.controllers.params import ControllersFile
-    from canopen_control.hardware.description import Description
-    from canopen_control.master.config import BusConfig
-    from canopen_control.runtime.files import RobotFiles
-
-__all__ = ["Finding", "SetupParts", "Severity", "sorted_findings"]
+__all__ = ["Finding", "Severity", "sorted_findings"]
 
 _ORDER = (Severity.ERROR, Severity.WARNING, Severity.NOTE)
 
@@ -50,17 +43,6 @@ class Finding:
             "text": self.text,
             "fix": self.fix,
         }
-
-
-@dataclass(frozen=True, slots=True)
-class SetupParts:
-    """What could be read of a robot: a part that is broken is absent (reported already), the others are there."""
-
-    files: RobotFiles
-    buses: dict[str, BusConfig] = field(default_factory=dict)  # by the name of the bus
-    controllers: ControllersFile | None = None
-    description: Description | None = None
-    wanted: tuple[str, ...] = ()  # controllers to activate, as `run` would choose them
 
 
 def sorted_findings(findings: list[Finding]) -> list[Finding]:

@@ -14,19 +14,20 @@ from canopen_control.controllers.types import is_broadcaster
 from canopen_control.errors import RobotConfigError
 from canopen_control.hardware.description import read_description
 from canopen_control.master.config import read_bus
+from canopen_control.runtime.files import MAIN_BUS
 from canopen_control.yamltree import nearest
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from canopen_control.controllers.params import ControllersFile
     from canopen_control.hardware.description import Description
     from canopen_control.master.config import BusConfig
     from canopen_control.runtime.files import RobotFiles
 
-__all__ = ["BUS_NAME", "RobotSetup", "read_robot"]
+__all__ = ["BUS_NAME", "RobotSetup", "clashes_of", "read_robot"]
 
-BUS_NAME = "can"  # of a robot's only bus
+BUS_NAME = MAIN_BUS
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +36,7 @@ class RobotSetup:
 
     name: str
     files: RobotFiles
-    bus: BusConfig
+    buses: dict[str, BusConfig]
     channels: dict[str, str]
     description: Description
     controllers: ControllersFile
@@ -43,6 +44,11 @@ class RobotSetup:
     mock: bool
     notes: tuple[str, ...]
     real: bool = False
+
+    @property
+    def bus(self) -> BusConfig:
+        """The bus of bus.yml; all others have its SYNC period."""
+        return self.buses[BUS_NAME]
 
     @property
     def cycle_ns(self) -> int:
@@ -59,39 +65,69 @@ def read_robot(
     mock: bool = False,
     real: bool = False,
     strict: bool = False,
+    peer_merge: bool = False,
 ) -> RobotSetup:
     """Read and check all three files; raises a ConfigError.
 
     `mock` and `real` overrule the hardware plugins of the description; with `strict`, what is suspicious in
-    ros2_controllers.yaml is an error.
+    ros2_controllers.yaml is an error; `peer_merge` lets `defaults` of bus.yml win over the nodes.
     """
-    bus = read_bus(files.bus)
+    buses = {each: read_bus(path, peer_merge=peer_merge) for each, path in files.buses.items()}
+    if problems := clashes_of(buses):
+        raise RobotConfigError("\n".join(problems))
     control = read_controllers(files.controllers, strict=strict)
     description = read_description(files.description, mappings={"use_mock_hardware": "true"} if mock else None)
     name = name or files.name
     return RobotSetup(
         name,
         files,
-        bus,
-        _channels(name, can),
+        buses,
+        _channels(name, buses, can),
         description,
         control,
         _wanted(files, control, controllers),
         mock,
-        (*bus.notes, *control.warnings, *description.notes),
+        (*(note for bus in buses.values() for note in bus.notes), *control.warnings, *description.notes),
         real,
     )
 
 
-def _channels(name: str, can: Sequence[str]) -> dict[str, str]:
-    """Read the `--can [BUS=]CHANNEL` options; without one the robot lives on the embedded bus of its name."""
-    channels = {BUS_NAME: f"local:{name}"}
+def clashes_of(buses: Mapping[str, BusConfig]) -> list[str]:
+    """Return what keeps several buses from being one robot: SYNC periods that differ, a name that two nodes have."""
+    owner: dict[str, str] = {}
+    first = next(iter(buses.values()), None)
+    differing = [
+        f"{bus.path}: sync_period is {bus.master.sync_period} and that of {first.path} {first.master.sync_period}; "
+        "all buses of a robot have one SYNC period"
+        for bus in buses.values()
+        if first is not None and bus.master.sync_period != first.master.sync_period
+    ]
+    doubled = [
+        f"{bus.path}:{node.line}: a node named {node.name} is in {owner[node.name]} too; rename one"
+        for bus in buses.values()
+        for node in bus.nodes.values()
+        if owner.setdefault(node.name, bus.path) != bus.path
+    ]
+    return differing + doubled
+
+
+def _channels(name: str, buses: Mapping[str, BusConfig], can: Sequence[str]) -> dict[str, str]:
+    """Read the `--can [BUS=]CHANNEL` options; else `channel` of bus.yml, else an embedded bus of the robot's name."""
+    channels = {
+        each: bus.master.channel or (f"local:{name}" if each == BUS_NAME else f"local:{f'{name}_{each}'[:32]}")
+        for each, bus in buses.items()
+    }
     for text in can:
         bus, equals, channel = text.rpartition("=")
         bus = bus if equals else BUS_NAME
         if bus not in channels:
             raise RobotConfigError(f"--can {text}: the robot has no bus {bus!r}{nearest(bus, channels)}")
         channels[bus] = channel
+    for bus, channel in channels.items():
+        if (twin := next(each for each in channels if channels[each] == channel)) != bus:
+            raise RobotConfigError(
+                f"the buses {twin} and {bus} are both on {channel}; give one another with --can {bus}="
+            )
     return channels
 
 

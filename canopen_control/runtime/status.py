@@ -76,7 +76,7 @@ def nodes_dict(robot: RobotCore) -> dict[str, Any]:
                 "name": name,
                 "node_id": node.node_id,
                 "bus": robot.bus_of(node).name,
-                "eds": str(robot.setup.bus.eds_paths[name].resolve()),
+                "eds": str(robot.bus_of(node).config.eds_paths[name].resolve()),
                 "identity": asdict(node.plan.identity),
             }
             for name, node in robot.nodes.items()
@@ -121,6 +121,7 @@ def _node(robot: RobotCore, node: RemoteNode, now: int) -> dict[str, Any]:
         "ready": node.ready,
         "age_s": age / 1e9 if age is not None else None,
         "error": node.error,
+        "sdo": {"reads": node.sdo_reads, "writes": node.sdo_writes, "failed": node.sdo_failed},
         "axes": [_axis(joint) for joint in robot.joints.values() if joint.node is node],
     }
 

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from canopen_control.bus.port import Port
     from canopen_control.host.reactor import Reactor
     from canopen_control.host.spawn import Child
+    from canopen_control.master.config import BusConfig
     from canopen_control.runtime.setup import RobotSetup
     from canopen_control.virtual.nodehost import NodeHost
 
@@ -41,11 +42,11 @@ class Supervisor:
 
     def start_drives(self, setup: RobotSetup) -> None:
         """Start a virtual drive for every node of bus.yml: a process each, or inside this one where the bus is."""
-        for channel in setup.channels.values():
+        for name, channel in setup.channels.items():
             if parse_channel(channel).kind in _IN_PROCESS:
-                self._host_drives(setup, channel)
+                self._host_drives(setup.buses[name], channel)
             else:
-                self._spawn_drives(setup, channel)
+                self._spawn_drives(setup.buses[name], channel)
 
     def start_client(
         self, name: str, arguments: Sequence[str], *, ros: bool = False, inherit_stdout: bool = False
@@ -71,9 +72,9 @@ class Supervisor:
         """The process ids of the children by name."""
         return {child.name: child.pid for child in (*self._drives, *self._clients)}
 
-    def _spawn_drives(self, setup: RobotSetup, channel: str) -> None:
-        for node in setup.bus.nodes.values():
-            eds = setup.bus.eds_paths[node.name]
+    def _spawn_drives(self, bus: BusConfig, channel: str) -> None:
+        for node in bus.nodes.values():
+            eds = bus.eds_paths[node.name]
             arguments = [
                 "canopen_control",
                 "drive",
@@ -86,13 +87,13 @@ class Supervisor:
             ]
             self._drives.append(self._spawn(f"drive-{node.name}", arguments))
 
-    def _host_drives(self, setup: RobotSetup, channel: str) -> None:
+    def _host_drives(self, bus: BusConfig, channel: str) -> None:
         from canopen_control.virtual.device import make_device
         from canopen_control.virtual.nodehost import NodeHost
 
-        for node in setup.bus.nodes.values():
+        for node in bus.nodes.values():
             port = open_port(channel, label=f"drive {node.node_id}")
-            device = make_device(setup.bus.eds_paths[node.name], node.node_id)
+            device = make_device(bus.eds_paths[node.name], node.node_id)
             self._hosts.append((NodeHost(self._reactor, port, [device]), port))
 
     def _spawn(self, name: str, arguments: Sequence[str], *, ros: bool = False, inherit_stdout: bool = False) -> Child:

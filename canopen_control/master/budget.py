@@ -1,0 +1,150 @@
+"""What a bus has to carry in one cycle, and whether it can: bits, load, the shortest period.
+
+The law of this file: the worst cycle counts every PDO that may come in it, with all the stuff bits a frame can have, and
+decides whether the period is possible; the load is the average of the worst frames at their rates. SDO, EMCY and NMT
+are left out: they take what is free, and so a load above `HIGH` leaves too little for them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from canopen_control.bus.timing import duration_ns, worst_case_bits
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from canopen_control.master.config import BusConfig
+    from canopen_control.master.draft import PdoLayout
+    from canopen_control.master.keys import NodeConfig
+
+__all__ = ["HIGH", "Budget", "Share", "bits_of", "budget_of"]
+
+HIGH = 0.70  # of the bit rate
+_SYNC_COB_ID = 0x080
+_ERROR_CONTROL = 0x700
+_FIXED_BITS = 47  # of a frame without data, intermission included
+_CYCLIC = range(1, 241)
+_ON_REMOTE = (252, 253)
+
+
+@dataclass(frozen=True, slots=True)
+class Share:
+    """One frame: its data bytes, and how often it comes per cycle; `cyclic`: it counts in the worst cycle."""
+
+    name: str
+    cob_id: int
+    length: int
+    per_cycle: float
+    cyclic: bool = True
+
+    @property
+    def worst_bits(self) -> int:
+        """Its bits with all stuff bits."""
+        return bits_of(self.length)[1]
+
+
+@dataclass(frozen=True, slots=True)
+class Budget:
+    """The frames of a bus against its bit rate (bit/s) and the period of its cycle in ns."""
+
+    shares: tuple[Share, ...]
+    bitrate: int
+    period_ns: int
+    unbounded: tuple[str, ...] = ()  # event-driven PDOs without an inhibit time, counted once per cycle
+
+    @property
+    def bits(self) -> int:
+        """Bits of a cycle with every PDO, without stuff bits."""
+        return sum(bits_of(share.length)[0] for share in self.shares if share.cyclic)
+
+    @property
+    def worst_bits(self) -> int:
+        """The same with all stuff bits."""
+        return sum(share.worst_bits for share in self.shares if share.cyclic)
+
+    @property
+    def shortest_period_ns(self) -> int:
+        """What the worst cycle takes on the wire."""
+        return duration_ns(self.worst_bits, self.bitrate)
+
+    @property
+    def load(self) -> float:
+        """The part of the bit rate that is used on average, heartbeats and guarding included."""
+        bits = sum(share.worst_bits * share.per_cycle for share in self.shares)
+        return bits * 1e9 / (self.period_ns * self.bitrate)
+
+    @property
+    def fits(self) -> bool:
+        """Whether the worst cycle ends before the next begins."""
+        return self.shortest_period_ns <= self.period_ns
+
+    def as_dict(self) -> dict[str, object]:
+        """Return it as plain data, times in seconds."""
+        return {
+            "bitrate": self.bitrate,
+            "period_s": self.period_ns / 1e9,
+            "bits": self.bits,
+            "worst_bits": self.worst_bits,
+            "load": self.load,
+            "shortest_period_s": self.shortest_period_ns / 1e9,
+            "fits": self.fits,
+            "frames": [
+                {"name": s.name, "cob_id": s.cob_id, "length": s.length, "per_cycle": s.per_cycle} for s in self.shares
+            ],
+        }
+
+
+def bits_of(length: int) -> tuple[int, int]:
+    """Return the bits of a frame with `length` data bytes: without stuff bits, and at worst."""
+    return _FIXED_BITS + 8 * length, worst_case_bits(length)
+
+
+def budget_of(config: BusConfig, period_ns: int) -> Budget:
+    """Return the budget of a bus whose cycle takes `period_ns`."""
+    unbounded: list[str] = []
+    shares = list(_shares(config, period_ns, unbounded))
+    return Budget(tuple(shares), config.master.baudrate * 1000, period_ns, tuple(unbounded))
+
+
+def _shares(config: BusConfig, period_ns: int, unbounded: list[str]) -> Iterator[Share]:
+    master = config.master
+    if master.sync_period:
+        yield Share("SYNC", _SYNC_COB_ID, 1 if master.sync_overflow else 0, 1.0)
+    yield _error_control("heartbeat of the master", master.node_id, master.heartbeat_ms, period_ns)
+    for name, plan in config.plans.items():
+        node = config.nodes[name]
+        if plan.heartbeat_timeout_ns:
+            ms = round(plan.heartbeat_timeout_ns / node.multiplier / 1e6)
+            yield _error_control(f"heartbeat of {name}", node.node_id, ms, period_ns)
+        elif plan.guard:
+            for what in ("guarding", "its answer"):
+                yield _error_control(f"{what}, {name}", node.node_id, node.guard_time, period_ns)
+        for layout in plan.rpdos:
+            yield Share(f"RPDO {layout.number} of {name}", layout.cob_id, _length(layout), 1.0)
+        for layout in plan.tpdos:
+            yield from _tpdo(name, node, layout, period_ns, unbounded)
+
+
+def _tpdo(name: str, node: NodeConfig, layout: PdoLayout, period_ns: int, unbounded: list[str]) -> Iterator[Share]:
+    """One TPDO: with every n-th SYNC, or when it likes, but not more often than its inhibit time lets it."""
+    kind, what = layout.transmission_type, f"TPDO {layout.number} of {name}"
+    if kind in _ON_REMOTE:
+        return
+    if kind in _CYCLIC:
+        yield Share(what, layout.cob_id, _length(layout), 1 / kind)
+        return
+    pdo = node.tpdo.get(layout.number)
+    inhibit_ns = (pdo.inhibit_time or 0) * 100_000 if pdo is not None else 0
+    if kind and not inhibit_ns:
+        unbounded.append(what)
+    yield Share(what, layout.cob_id, _length(layout), min(1.0, period_ns / inhibit_ns) if inhibit_ns else 1.0)
+
+
+def _error_control(name: str, node_id: int, period_ms: int, period_ns: int) -> Share:
+    return Share(name, _ERROR_CONTROL + node_id, 1, period_ns / (period_ms * 1e6) if period_ms else 0.0, cyclic=False)
+
+
+def _length(layout: PdoLayout) -> int:
+    return (sum(mapped.bits for mapped in layout.objects) + 7) // 8
