@@ -248,6 +248,10 @@ class JointDrive:
                 f"node {self.node.node_id} ({self.node.name}): under local control (statusword bit 9 is 0), "
                 "it would not obey; give control to the bus at the drive"
             )
+        if self.axis.is_stale:
+            raise DriveError(
+                f"node {self.node.node_id} ({self.node.name}): cannot be enabled, a TPDO with its feedback stays away"
+            )
         self.machine.enable()
         self.machine.halt(False)
         self.machine.hold(True)

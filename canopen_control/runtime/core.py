@@ -86,6 +86,7 @@ class RobotCore:
         self._running_since: int | None = None
         self._phase = RobotState.STARTING
         self._activated = False
+        self._missed = self._tell_missed_at = 0
         self._deadline = 0
         self._stopping_until = 0
         self._requests: list[AxisRequest] = []
@@ -234,10 +235,19 @@ class RobotCore:
         for bus in self.buses.values():
             bus.send_cycle(now)
         self._settle_requests(now)
+        if self.pacer.missed != self._missed and now >= self._tell_missed_at:
+            self._tell_missed(now)
         for event in self.manager.events():
             self.report(Event(now, event.kind, "", event.text, _CONTROLLER_LEVELS.get(event.kind, Level.WARNING)))
         for hook in self.after_cycle:
             hook(now)
+
+    def _tell_missed(self, now: int) -> None:
+        """Tell, at most once a second, that cycles and their SYNCs were left out because this process came late."""
+        missed, self._missed = self.pacer.missed - self._missed, self.pacer.missed
+        self._tell_missed_at = now + 1_000_000_000
+        text = f"{missed} cycles left out, {self.pacer.late_max / 1e6:.0f} ms late at worst; is the machine busy?"
+        self.report(Event(now, "sync_overrun", "", text, Level.WARNING))
 
     def _advance(self, now: int) -> None:
         """Take the next step of starting or stopping."""
