@@ -11,7 +11,9 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from canopen_control.cia402.modes import mode_name
+from canopen_control.controllers.broadcasters import DiagnosticsBroadcaster, GpioBroadcaster
 from canopen_control.controllers.diff_drive import DiffDriveController
+from canopen_control.hardware.simulation import SimulatedSystem
 
 if TYPE_CHECKING:
     from canopen_control.hardware.joint import JointDrive
@@ -52,7 +54,29 @@ def state_dict(robot: RobotCore) -> dict[str, Any]:
     return {
         "time": (robot.reactor.now() + robot.wall_offset_ns) / 1e9,
         **_common(robot),
+        "sim_time": simulated_seconds(robot),
         "odometry": odometry_dict(robot),
+        "gpio": {each.name: finite_values(each) for each in robot.manager.running if isinstance(each, GpioBroadcaster)},
+        "diagnostics": {
+            each.name: [status.as_dict() for status in each.statuses()]
+            for each in robot.manager.running
+            if isinstance(each, DiagnosticsBroadcaster)
+        },
+    }
+
+
+def simulated_seconds(robot: RobotCore) -> float | None:
+    """Return how long the simulation has run, for `/clock`; None if nothing is simulated."""
+    return next(
+        (each.elapsed_ns / 1e9 for each in robot.registry.components if isinstance(each, SimulatedSystem)), None
+    )
+
+
+def finite_values(broadcaster: GpioBroadcaster) -> dict[str, dict[str, float | None]]:
+    """Return what a broadcaster of inputs and outputs tells, by joint and interface."""
+    return {
+        joint: {interface: _finite(value) for interface, value in values.items()}
+        for joint, values in broadcaster.by_joint().items()
     }
 
 

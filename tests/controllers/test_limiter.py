@@ -128,3 +128,30 @@ def test_an_older_file_limits_alike_with_min_acceleration_as_the_reverse_one(cas
         )
     )
     assert same(limiter.limit(case["v"], case["v0"], case["v1"], case["dt"]), case["expect_v"], 1e-12)
+
+
+IMPOSSIBLE = [case for case in vectors("speed_limiter_humble") if "expect_error" in case]
+JERKY = [
+    case for case in vectors("speed_limiter_humble") if "expect_error" not in case and case["params"]["has_jerk_limits"]
+]
+
+
+@pytest.mark.parametrize("case", IMPOSSIBLE)
+def test_a_limit_that_is_on_without_a_number_is_off_where_older_ones_refuse_to_start(case):
+    params = case["params"]
+    given = Limits(max_velocity=params["max_velocity"], max_acceleration=params["max_acceleration"])
+    assert math.isfinite(RateLimiter(given).limit(case["v"], case["v0"], case["v1"], case["dt"]))
+
+
+@pytest.mark.parametrize("case", JERKY)
+def test_jerk_is_limited_at_least_as_gently_as_in_older_distributions(case):
+    """Ours is jazzy's j * dt^2 where humble had 2 * j * dt^2: a step that grows never grows more than humble's did."""
+    params, dt = case["params"], case["dt"]
+    if math.isnan(params["max_jerk"]):
+        return
+    limiter = RateLimiter(Limits(max_jerk=params["max_jerk"], min_jerk=params["min_jerk"]))
+    found = limiter.limit_jerk(case["v"], case["v0"], case["v1"], dt)
+    step, before = found - case["v0"], case["v0"] - case["v1"]
+    if (case["v"] - case["v0"] - before) * (case["v"] - case["v0"]) > 0.0:
+        low = params["min_jerk"] if not math.isnan(params["min_jerk"]) else -params["max_jerk"]
+        assert 2 * low * dt * dt - 1e-9 <= step - before <= 2 * params["max_jerk"] * dt * dt + 1e-9

@@ -1,7 +1,7 @@
 import json
 
 import pytest
-from support.robots import LEFT, Bench
+from support.robots import LEFT, Bench, copy_robby
 
 from canopen_control.errors import ControlError
 from canopen_control.runtime.status import event_dict, nodes_dict, state_dict, status_dict
@@ -79,4 +79,29 @@ def test_a_twist_as_old_as_the_timeout_is_refused_by_its_stamp():
     bench.robot.command("robby_base_controller", [0.2, 0.0], "test", now - 0.1)
     with pytest.raises(ControlError, match=r"cmd_vel_timeout is 0\.5 s"):
         bench.robot.command("robby_base_controller", [0.2, 0.0], "test", now - 0.6)
+    bench.close()
+
+
+def test_a_simulation_tells_its_time_and_broadcasters_what_they_gather(tmp_path):
+    bench = Bench("status8", config="diffbot_sim", drives=())
+    bench.start()
+    before = state_dict(bench.robot)["sim_time"]
+    bench.run(500)
+    assert state_dict(bench.robot)["sim_time"] - before == pytest.approx(0.5, abs=0.03)
+    bench.close()
+    types = {"io": "canopen_control/GpioBroadcaster", "health": "canopen_control/DiagnosticsBroadcaster"}
+    declared = "".join(f"    {name}: {{type: {kind}, interfaces: [position]}}\n" for name, kind in types.items())
+    config = copy_robby(
+        tmp_path,
+        controllers={
+            "    robby_forward_controller:\n      type": f"{declared}    robby_forward_controller:\n      type"
+        },
+    )
+    bench = Bench("status9", config=str(config), mock=True, drives=())
+    bench.start()
+    state = state_dict(bench.robot)
+    assert state["sim_time"] is None
+    assert state["gpio"] == {"io": {f"{side}_wheel_joint": {"position": 0.0} for side in ("left", "right")}}
+    assert [each["message"] for each in state["diagnostics"]["health"]] == ["operational"] * 2
+    assert json.loads(json.dumps(state, allow_nan=False)) == state
     bench.close()
