@@ -173,3 +173,22 @@ def test_the_description_and_the_controllers_are_there_for_the_asking(client):
     controllers = {each["name"]: each for each in client.ask("controllers")["result"]}
     assert controllers[FORWARD]["topic"] == "commands"
     assert controllers["joint_state_broadcaster"]["topic"] is None
+
+
+def test_a_base_is_driven_by_stamped_twists_and_put_somewhere_else():
+    base = Bench("apibase", controllers=["robby_base_controller"])
+    base.api = ApiServer(base.robot)
+    base.start()
+    client = Client(base)
+    now = (base.reactor.now() + base.robot.wall_offset_ns) / 1e9
+    twist = {"controller": "robby_base_controller", "linear": 0.2, "angular": 0.0}
+    assert client.ask("twist", **twist, stamp=now)["result"] == {}
+    assert "0.5 s" in client.ask("twist", **twist, stamp=now - 1.0)["error"]["message"]
+    pose = {"x": 1.0, "y": 2.0, "heading": 0.5}
+    assert client.ask("set_odometry", controller="robby_base_controller", **pose)["result"] == {}
+    assert base.robot.manager.get("robby_base_controller").odometry.heading == 0.5
+    refused = client.ask("set_odometry", controller="joint_state_broadcaster", **pose)["error"]
+    assert "has no odometry" in refused["message"]
+    client.close()
+    base.api.close()
+    base.close()
