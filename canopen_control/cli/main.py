@@ -36,6 +36,8 @@ VERBS = {
     "nmt": "start, stop or reset nodes",
     "scan": "who is on a bus, which EDS fits, what bus.yml expects",
     "lss": "give node ids and bit rates to nodes",
+    "check": "everything wrong with a robot's files, and what its buses carry",
+    "plan": "what a boot writes into each node, and what differs on a live bus",
     "eds": "look into EDS and DCF files",
 }
 

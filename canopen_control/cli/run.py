@@ -58,6 +58,7 @@ def add_robot_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--strict", action="store_true", help="repeated and unknown keys of ros2_controllers.yaml are errors"
     )
+    parser.add_argument("--peer-merge", action="store_true", help="`defaults` of bus.yml win over the nodes' own keys")
     parser.add_argument("--name", help="name of this robot for its clients (default: the folder's)")
 
 
@@ -121,6 +122,7 @@ def read_setup(args: argparse.Namespace) -> RobotSetup:
         mock=args.mock,
         real=args.real,
         strict=args.strict,
+        peer_merge=args.peer_merge,
     )
 
 

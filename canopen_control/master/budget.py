@@ -1,8 +1,8 @@
 """What a bus has to carry in one cycle, and whether it can: bits, load, the shortest period.
 
-The law of this file: the worst cycle counts every PDO that may come in it, with all the stuff bits a frame can have, and
-decides whether the period is possible; the load is the average of the worst frames at their rates. SDO, EMCY and NMT
-are left out: they take what is free, and so a load above `HIGH` leaves too little for them.
+The law of this file: the worst cycle counts every PDO that may come in it, with all the stuff bits a frame can have,
+and decides whether the period is possible; the load is the average of the worst frames at their rates. SDO, EMCY and
+NMT are left out: they take what is free, and so a load above `HIGH` leaves too little for them.
 """
 
 from __future__ import annotations

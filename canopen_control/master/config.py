@@ -292,10 +292,12 @@ class _Reader:
         self, master: MasterConfig, config: NodeConfig, node: Node, od: ObjectDictionary, eds_path: Path
     ) -> NodePlan:
         def complain(key: str, text: str) -> None:
-            self._place(node, key).error(f"{config.name}: {text}")
+            place = self._place(node, key)
+            place.error(_named(config, place, text))
 
         def warn(key: str, text: str) -> None:
-            self._place(node, key).warning(f"{config.name}: {text}")
+            place = self._place(node, key)
+            place.warning(_named(config, place, text))
 
         plan = make_plan(
             PlanInput(
@@ -356,6 +358,11 @@ def _peer_merged(node: Node, defaults: Node) -> Node:
 def _plain(node: Node, key: str) -> Any:  # noqa: ANN401 - what stands there
     value = node.get(key)
     return None if value is None else value.value
+
+
+def _named(config: NodeConfig, place: Node, text: str) -> str:
+    """Name the node, unless the place does, or is common to several: then it is told once for all of them."""
+    return text if "." in place.where else f"{config.name}: {text}"
 
 
 def _brief(value: object) -> str:

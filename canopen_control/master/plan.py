@@ -67,6 +67,7 @@ class NodePlan:
     axes: tuple[int, ...]
     heartbeat_timeout_ns: int
     entry_names: dict[tuple[int, int], str] = field(default_factory=dict)
+    object_names: dict[int, str] = field(default_factory=dict)
     guard: tuple[int, int] | None = None
     keep_alive: bool = False
     software_version: int = 0
@@ -122,6 +123,7 @@ def make_plan(given: PlanInput) -> NodePlan:
         tuple(_axes(od)),
         round(heartbeat_ms * node.multiplier * _MILLISECOND),
         {address: entry.name for address, entry in od.entries.items()},
+        {index: info.name for index, info in od.objects.items()},
         guard=(node.guard_time * _MILLISECOND, node.life_factor) if node.guarded and not heartbeat_ms else None,
         keep_alive=not node.reset_communication,
         software_version=node.software_version,
@@ -242,7 +244,8 @@ def _plan_sdo_list(draft: Draft) -> None:
         address = entry.index, entry.sub_index
         if seen.get(address) == entry.value:
             draft.warn(
-                f"sdo[{number}].index", f"0x{address[0]:04X}:{address[1]:02X} is written twice; is one another's?"
+                f"sdo[{number}].index",
+                f"0x{address[0]:04X}:{address[1]:02X} is written twice; was one meant for another?",
             )
         seen[address] = entry.value
         draft.write(*address, _signature(entry.value), f"sdo[{number}]")
@@ -260,8 +263,9 @@ def _plan_interpolation(draft: Draft, sync_period_us: int) -> None:
         if draft.asked_for(index):
             asked = draft.asked_value(index, 1), draft.asked_value(index, 2)
             if None not in asked and asked != (value, exponent):
+                number = next((n for n, entry in enumerate(draft.node.sdo) if entry.index == index), 0)
                 draft.warn(
-                    "sdo",
+                    f"sdo[{number}]",
                     f"0x{index:04X} is {asked[0]} * 10^{asked[1]} s, SYNC comes every {sync_period_us / 1e6:g} s: "
                     "positions would be interpolated over the wrong time",
                 )

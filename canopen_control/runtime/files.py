@@ -13,7 +13,7 @@ from canopen_control.errors import RobotConfigError
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-__all__ = ["MAIN_BUS", "RobotFiles", "find_robot"]
+__all__ = ["MAIN_BUS", "RobotFiles", "find_buses", "find_robot"]
 
 MAIN_BUS = "can"  # the name of the bus of bus.yml; that of bus_NAME.yml is NAME
 BUS, CONTROLLERS = "bus.yml", "ros2_controllers.yaml"
@@ -56,6 +56,19 @@ def find_robot(
         raise RobotConfigError("; ".join(missing))
     name = folder.resolve().name if folder is not None else found["bus"].resolve().parent.name
     return RobotFiles(_safe(name), **found, more_buses=more)
+
+
+def find_buses(config: str | None) -> dict[str, Path]:
+    """Return the bus files of a folder or bundled robot by the names of the buses; nothing else need be there."""
+    if config is None:
+        raise RobotConfigError(f"no robot given: name a folder or a bundled robot ({', '.join(data_names('config'))})")
+    missing: list[str] = []
+    folder = _folder(config)
+    main = _one(None, folder, BUS, "--bus", missing)
+    more = _more_buses(folder, missing)
+    if missing:
+        raise RobotConfigError("; ".join(missing))
+    return {MAIN_BUS: main, **more}
 
 
 def _folder(config: str) -> Path:

@@ -1,0 +1,180 @@
+"""`plan`: the SDO writes that a boot gives each node, in order; against a live bus, only what differs there."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import argparse
+    from collections.abc import Iterable, Iterator
+
+    from canopen_control.master.config import BusConfig
+    from canopen_control.master.direct import DirectBus
+    from canopen_control.master.draft import PlannedWrite
+    from canopen_control.master.plan import NodePlan
+
+__all__ = ["EXAMPLE", "add_arguments", "run"]
+
+EXAMPLE = "canopen-control plan robby --against can0"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    parser.add_argument("config", nargs="?", metavar="CONFIG", help="a robot folder, or the name of a bundled robot")
+    parser.add_argument("--bus", metavar="FILE", help="a bus.yml, without a robot around it")
+    parser.add_argument("--node", action="append", default=[], metavar="NAME", help="only this node (repeatable)")
+    parser.add_argument(
+        "--against",
+        action="append",
+        default=[],
+        metavar="[BUS=]CHANNEL",
+        help="read the nodes on this bus and show only what differs there",
+    )
+    parser.add_argument("--peer-merge", action="store_true", help="`defaults` of bus.yml win over the nodes' own keys")
+    parser.add_argument("--json", action="store_true", help="as JSON")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Print the plans; 0 good, 1 when a node of --against does not answer, 2 for mistakes in the files."""
+    from canopen_control.master.config import read_bus
+
+    buses = {name: read_bus(path, peer_merge=args.peer_merge) for name, path in _files(args).items()}
+    chosen = _chosen(buses, args.node)
+    if args.against:
+        return _against(buses, chosen, args)
+    if args.json:
+        print(json.dumps({plan.name: _as_dict(plan, plan.writes) for _, plan in chosen}, indent=2))
+    else:
+        print("\n".join(line for _, plan in chosen for line in _lines(plan, plan.writes)))
+    return 0
+
+
+def _files(args: argparse.Namespace) -> dict[str, Any]:
+    from pathlib import Path
+
+    from canopen_control.runtime.files import MAIN_BUS, find_buses
+
+    return {MAIN_BUS: Path(args.bus).expanduser()} if args.bus else find_buses(args.config)
+
+
+def _chosen(buses: dict[str, BusConfig], names: list[str]) -> list[tuple[str, NodePlan]]:
+    """Return (bus, plan) of the nodes asked for, or of all."""
+    from canopen_control.errors import ConfigError
+    from canopen_control.yamltree import nearest
+
+    plans = [(bus, plan) for bus, config in buses.items() for plan in config.plans.values()]
+    known = [plan.name for _, plan in plans]
+    for name in names:
+        if name not in known:
+            raise ConfigError(f"no node {name!r}{nearest(name, known)}")
+    return [(bus, plan) for bus, plan in plans if not names or plan.name in names]
+
+
+def _against(buses: dict[str, BusConfig], chosen: list[tuple[str, NodePlan]], args: argparse.Namespace) -> int:
+    """Read every object of the plans and show what a boot would write, and why a node cannot be read."""
+    from canopen_control.cli.target import LABEL, robot_on
+    from canopen_control.errors import ConfigError
+    from canopen_control.master.direct import DirectBus
+
+    channels = _channels(buses, args.against)
+    differs: dict[str, Any] = {}
+    lines: list[str] = []
+    silent = False
+    for name, channel in channels.items():
+        if (owner := robot_on(channel)) is not None:
+            raise ConfigError(
+                f"{channel} is the bus of the running robot {owner[0]}, the one client of its nodes; stop it"
+            )
+        with DirectBus.open(channel, label=LABEL) as bus:
+            for plan in (plan for each, plan in chosen if each == name):
+                writes, error = _differences(bus, plan)
+                silent = silent or error is not None
+                differs[plan.name] = {**_as_dict(plan, writes), "error": error}
+                lines += [f"{_title(plan)}: {error}"] if error else _lines(plan, writes, "nothing differs")
+    print(json.dumps(differs, indent=2) if args.json else "\n".join(lines))
+    return 1 if silent else 0
+
+
+def _channels(buses: dict[str, BusConfig], options: Iterable[str]) -> dict[str, str]:
+    from canopen_control.errors import ConfigError
+    from canopen_control.runtime.files import MAIN_BUS
+    from canopen_control.yamltree import nearest
+
+    channels = {}
+    for text in options:
+        name, equals, channel = text.rpartition("=")
+        name = name if equals else MAIN_BUS
+        if name not in buses:
+            raise ConfigError(f"--against {text}: the robot has no bus {name!r}{nearest(name, buses)}")
+        channels[name] = channel
+    return channels
+
+
+def _differences(bus: DirectBus, plan: NodePlan) -> tuple[list[PlannedWrite], str | None]:
+    """Return the writes that the node needs, and why it could not be read."""
+    from canopen_control.errors import BusError, CanopenError, SdoAbort
+    from canopen_control.master.compare import groups, needed, reads_of
+
+    held: dict[tuple[int, int], bytes | None] = {}
+    for address in [(0x1000, 0), *(each for group in groups(plan.writes) for each in reads_of(group))]:
+        try:
+            held[address] = bus.read(plan.node_id, *address)
+        except SdoAbort:
+            held[address] = None
+        except BusError:
+            raise
+        except CanopenError as error:
+            return [], str(error).removeprefix(f"node {plan.node_id}: ")
+    return [write for group in groups(plan.writes) for write in needed(group, held)], None
+
+
+def _title(plan: NodePlan) -> str:
+    return f"node {plan.node_id} ({plan.name}, {plan.source})"
+
+
+def _lines(plan: NodePlan, writes: Iterable[PlannedWrite], none: str = "nothing is written") -> Iterator[str]:
+    writes = list(writes)
+    width = max((len(_name(plan, write)) for write in writes), default=0)
+    asked = sum(not write.reason for write in writes)
+    added = len(writes) - asked
+    yield f"{_title(plan)}: " + (f"{len(writes)} writes, {added} of them added" if writes else none)
+    for number, write in enumerate(writes, 1):
+        reason = f"   + {write.reason}" if write.reason else ""
+        what = f"0x{write.index:04X}:{write.subindex:02X} {_name(plan, write):<{width}}"
+        yield f"{number:4}  {what} = {_value(write)}{reason}"
+
+
+def _name(plan: NodePlan, write: PlannedWrite) -> str:
+    """Return the name of an entry, with that of its object where it says too little."""
+    parent = plan.object_names.get(write.index, "")
+    return write.name if not parent or parent == write.name else f"{parent}: {write.name}"
+
+
+def _value(write: PlannedWrite) -> str:
+    """Return the value of the type and its bytes as one number."""
+    from canopen_control.od.codec import decode
+
+    raw = f"0x{write.data[::-1].hex().upper()}" if write.data else "no bytes"
+    if write.data_type is None:
+        return raw
+    value = decode(write.data, write.data_type)
+    return raw if isinstance(value, bytes) else f"{value!r} ({raw})"
+
+
+def _as_dict(plan: NodePlan, writes: Iterable[PlannedWrite]) -> dict[str, object]:
+    return {
+        "node_id": plan.node_id,
+        "eds": plan.source,
+        "writes": [
+            {
+                "index": write.index,
+                "subindex": write.subindex,
+                "name": write.name,
+                "data": write.data.hex(),
+                "value": _value(write),
+                "reason": write.reason or None,
+            }
+            for write in writes
+        ],
+    }

@@ -1,0 +1,218 @@
+"""Everything that is wrong, or odd, with a robot's files, without opening anything: what `check` prints.
+
+The law of this file: each file is read for itself, so that a mistake in one does not hide those of another; then the
+rules between them (`check_rules`), the budget of each bus, and, if nothing is wrong so far, the very building that a
+start would do. A finding is told once.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+from canopen_control.controllers.params import read_controllers
+from canopen_control.errors import CanopenError, ConfigError
+from canopen_control.hardware.description import read_description
+from canopen_control.host.reactor import Reactor
+from canopen_control.host.timer import ManualClock
+from canopen_control.master.budget import HIGH, budget_of
+from canopen_control.master.config import inspect_bus
+from canopen_control.runtime import check_rules
+from canopen_control.runtime.core import RobotCore
+from canopen_control.runtime.finding import Finding, Severity, sorted_findings
+from canopen_control.runtime.setup import clashes_of, read_robot
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+    from pathlib import Path
+
+    from canopen_control.controllers.params import ControllersFile
+    from canopen_control.hardware.description import Description
+    from canopen_control.master.budget import Budget
+    from canopen_control.master.config import BusConfig
+    from canopen_control.runtime.files import RobotFiles
+    from canopen_control.yamltree import Problem
+
+__all__ = ["CheckOptions", "CheckReport", "check_robot"]
+
+_RATE_HZ = 100  # of the cycle where neither SYNC nor a readable ros2_controllers.yaml gives it
+
+
+@dataclass(frozen=True, slots=True)
+class CheckOptions:
+    """What `run` would be told beside the files."""
+
+    controllers: Sequence[str] = ()
+    can: Sequence[str] = ()
+    mock: bool = False
+    real: bool = False
+    peer_merge: bool = False
+    launch: Path | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class CheckReport:
+    """What was found, by file and line, and what each bus has to carry (absent where its file is broken)."""
+
+    findings: tuple[Finding, ...]
+    budgets: dict[str, Budget] = field(default_factory=dict)
+
+    def count(self, severity: Severity) -> int:
+        """Return how many findings are of a severity."""
+        return sum(finding.severity is severity for finding in self.findings)
+
+    def passes(self, *, strict: bool = False) -> bool:
+        """Whether there is no error, and with `strict` no warning either."""
+        return not self.count(Severity.ERROR) and not (strict and self.count(Severity.WARNING))
+
+
+def check_robot(files: RobotFiles, options: CheckOptions) -> CheckReport:
+    """Check the files of a robot; never raises for what stands in them."""
+    checker = _Checker(files, options)
+    checker.run()
+    return CheckReport(tuple(sorted_findings(checker.findings)), checker.budgets)
+
+
+class _Checker:
+    """One check: what could be read, and what was found."""
+
+    def __init__(self, files: RobotFiles, options: CheckOptions) -> None:
+        self.findings: list[Finding] = []
+        self.budgets: dict[str, Budget] = {}
+        self._files, self._options = files, options
+        self._buses: dict[str, BusConfig] = {}
+        self._whole: dict[str, BusConfig] = {}  # those without an error
+
+    def run(self) -> None:
+        for name, path in self._files.buses.items():
+            self._read_bus(name, path)
+        self.findings += [_placed(text, self._files.bus) for text in clashes_of(self._whole)]
+        control, description = self._read_controllers(), self._read_description()
+        self.findings += check_rules.find(
+            self._files,
+            _one_bus(self._buses),
+            control,
+            description,
+            controllers=self._options.controllers,
+            launch=self._options.launch,
+        )
+        for name, config in self._whole.items():
+            self.budgets[name] = budget = budget_of(config, _period_ns(config, control))
+            self.findings += _judged(config, budget)
+        if not any(finding.severity is Severity.ERROR for finding in self.findings):
+            self._build()
+
+    def _read_bus(self, name: str, path: Path) -> None:
+        try:
+            config, problems = inspect_bus(path, peer_merge=self._options.peer_merge)
+        except ConfigError as error:
+            self.findings += check_rules.findings_of(str(error), str(path), 0, Severity.ERROR)
+            return
+        self._buses[name] = config
+        if not problems.errors:
+            self._whole[name] = config
+        self.findings += [_of_problem(problem, Severity.ERROR) for problem in problems.errors]
+        self.findings += [_of_problem(problem, Severity.WARNING) for problem in problems.warnings]
+        for note in config.notes[len(problems.warnings) :]:
+            self.findings.append(Finding(config.path, 0, Severity.NOTE, note.removeprefix(f"{config.path}: ")))
+        self.findings += _of_eds(config)
+
+    def _read_controllers(self) -> ControllersFile | None:
+        path = self._files.controllers
+        try:
+            return read_controllers(path)
+        except ConfigError as error:
+            self.findings += check_rules.findings_of(str(error), str(path), 0, Severity.ERROR)
+        return None
+
+    def _read_description(self) -> Description | None:
+        path = self._files.description
+        mappings = {"use_mock_hardware": "true"} if self._options.mock else None
+        try:
+            return read_description(path, mappings=mappings)
+        except ConfigError as error:
+            self.findings += check_rules.findings_of(str(error), str(path), 0, Severity.ERROR)
+        return None
+
+    def _build(self) -> None:
+        """Build the robot as a start would, and open nothing: whatever is refused then is an error now."""
+        options = self._options
+        try:
+            setup = read_robot(
+                self._files,
+                can=options.can,
+                controllers=options.controllers,
+                mock=options.mock,
+                real=options.real,
+                peer_merge=options.peer_merge,
+            )
+            reactor = Reactor(ManualClock())
+            try:
+                RobotCore(setup, reactor).close()
+            finally:
+                reactor.close()
+        except CanopenError as error:
+            self.findings += check_rules.findings_of(str(error), str(self._files.description), 0, Severity.ERROR)
+
+
+def _of_problem(problem: Problem, severity: Severity) -> Finding:
+    """Return a finding with the line of the file and the caret."""
+    text = f"{problem.where}: {problem.message}" if problem.where else problem.message
+    source = "\n".join(str(problem).split("\n")[1:])
+    return Finding(problem.path, problem.line, severity, text, column=problem.column, source=source)
+
+
+def _of_eds(config: BusConfig) -> Iterator[Finding]:
+    """Sum up what is odd about each EDS; `eds check` lists it."""
+    for path, issues in config.eds_issues.items():
+        odd = [issue for issue in issues if issue.severity is not Severity.NOTE]
+        if odd:
+            text = f"{len(odd)} doubts about this file, the first at line {odd[0].line}: {odd[0].text}"
+            yield Finding(str(path), 0, Severity.NOTE, text, f"canopen-control eds check {path.name} lists them")
+
+
+def _placed(text: str, path: Path) -> Finding:
+    return next(iter(check_rules.findings_of(text, str(path), 0, Severity.ERROR)))
+
+
+def _one_bus(buses: dict[str, BusConfig]) -> BusConfig | None:
+    """Return all nodes of a robot as one bus: names are unique, and what is on the wire has its budget here."""
+    first = next(iter(buses.values()), None)
+    if first is None:
+        return None
+    nodes = {name: node for bus in buses.values() for name, node in bus.nodes.items()}
+    changes: dict[str, Any] = {"nodes": nodes, "plans": {}}
+    return replace(first, **changes)
+
+
+def _period_ns(config: BusConfig, control: ControllersFile | None) -> int:
+    rate = control.update_rate if control is not None else _RATE_HZ
+    return config.master.sync_period * 1000 or 1_000_000_000 // rate
+
+
+def _judged(config: BusConfig, budget: Budget) -> Iterator[Finding]:
+    """Judge what a bus has to carry."""
+    kbits, shortest = config.master.baudrate, budget.shortest_period_ns / 1e6
+    if not budget.fits:
+        yield Finding(
+            config.path,
+            0,
+            Severity.ERROR,
+            f"a cycle of {budget.period_ns / 1e6:g} ms cannot carry its {budget.worst_bits} bits at {kbits} kbit/s",
+            f"the shortest possible period is {shortest:.2f} ms; raise sync_period or the bit rate, or map less",
+        )
+    elif budget.load > HIGH:
+        yield Finding(
+            config.path,
+            0,
+            Severity.WARNING,
+            f"the bus is loaded to {budget.load:.0%} by process data and heartbeats alone",
+            f"above {HIGH:.0%} too little is left for SDO and EMCY; raise sync_period or the bit rate, or map less",
+        )
+    window = config.master.sync_window
+    if window and budget.shortest_period_ns > window * 1000:
+        text = f"the synchronous PDOs take {shortest:.2f} ms, sync_window is {window / 1000:g} ms"
+        yield Finding(config.path, 0, Severity.WARNING, text, "widen the window, or map less")
+    for what in budget.unbounded:
+        text = f"{what} is sent on events and has no inhibit_time: counted once per cycle, it may come more often"
+        yield Finding(config.path, 0, Severity.NOTE, text, "give it an inhibit_time, or transmission 1")
