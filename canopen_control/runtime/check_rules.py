@@ -11,7 +11,6 @@ import re
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final
 
-from canopen_control.bus.timing import worst_case_bits
 from canopen_control.controllers.types import make_controller
 from canopen_control.errors import CanopenError, ConfigError
 from canopen_control.hardware.plugins import KNOWN, Kind
@@ -39,8 +38,6 @@ _PLACED: Final = re.compile(r"(?P<path>[^\s:][^:]*):(?P<line>\d+)(?::\d+)?: (?P<
 _TRANSLATED: Final = (" is read as ", " has no effect")
 """What the warnings say of keys of other distributions, which are worth knowing and no mistakes."""
 _COUNT: Final = re.compile(r"\d+ errors")
-BUSY: Final = 0.8
-"""A bus whose cyclic frames alone take more of the time than this has none left for anything else."""
 
 
 @dataclass
@@ -80,6 +77,8 @@ def find(
     found = list(_configure(robot))
     if launch is not None:
         found += check_launch(launch, robot)
+    if description is not None:
+        found += [each for text in description.notes for each in findings_of(text, description.path, 0, Severity.NOTE)]
     for rule in (*RULES, *WHEEL_RULES):
         found += rule(robot)
     return found
@@ -271,28 +270,11 @@ def _update_rate(robot: CheckedRobot) -> Iterator[Finding]:
         return
     sync, rate = bus.master.sync_period, control.update_rate
     line = control.manager_lines.get("update_rate", 0)
-    if line and sync and rate * sync > 1_000_000:
+    if line and sync and rate * sync > 1_000_000:  # without SYNC the budget of the bus says it
         cycle = 1_000_000 / sync
         text = f"update_rate {rate} Hz is more than the bus carries: the SYNC of {bus.path} comes at {cycle:g} Hz"
         fix = f"set update_rate: {cycle:g}, or sync_period: {1_000_000 // rate}"
         yield Finding(control.path, line, Severity.WARNING, text, fix)
-    bits, cycles = _bits_per_cycle(bus), 1_000_000 / sync if sync else float(rate)
-    limit = bus.master.baudrate * 1000 * BUSY
-    if bits * cycles > limit:
-        most = int(limit / bits)
-        load = 100.0 * bits * cycles / (bus.master.baudrate * 1000)
-        text = f"{cycles:g} cycles per second of {bits} bits take {load:.0f} % of {bus.master.baudrate} kbit/s"
-        where = (bus.path, 0) if sync else (control.path, line)
-        yield Finding(*where, Severity.ERROR, text, f"{most} Hz is the most this bus carries; map less or go slower")
-
-
-def _bits_per_cycle(bus: BusConfig) -> int:
-    """Return the worst case of SYNC and all PDOs that go in every cycle."""
-    lengths = [0] if bus.master.sync_period else []
-    for plan in bus.plans.values():
-        for pdo in (*plan.rpdos, *plan.tpdos):
-            lengths.append((sum(each.bits for each in pdo.objects) + 7) // 8)  # noqa: PERF401 - three levels in one are none
-    return sum(worst_case_bits(length) for length in lengths)
 
 
 def _timeouts(robot: CheckedRobot) -> Iterator[Finding]:
