@@ -98,9 +98,14 @@ class VelocityTarget(_Plain):
         if self._same(value):
             return
         self._slope = 0.0
-        raw = self._axis.scale.velocity_to_device(value) if math.isfinite(value) else 0
-        raw = self._axis.limits.of_velocity(raw)
-        self.output.set(max(INT16_MIN, min(INT16_MAX, raw)) if self._words else raw)
+        axis = self._axis
+        if not math.isfinite(value):
+            self.output.set(0)
+        elif self._words:
+            raw = axis.limits.of_velocity(round(value * axis.rpm_to_dev))
+            self.output.set(max(INT16_MIN, min(INT16_MAX, raw)))
+        else:
+            self.output.set(axis.limits.of_velocity(axis.scale.velocity_to_device(value)))
 
     def slow(self, period: float) -> bool:
         """Go towards zero along the drive's deceleration; at once where the drive makes the ramp."""

@@ -133,6 +133,11 @@ class AxisParameters:
             axis.scale = configured_scale(axis.node, axis.number)
         else:
             axis.scale = Scale.from_units(counts, eff_from_dev=units["eff_from_dev"])
+        encoder = self._pair(objects.POSITION_ENCODER_RESOLUTION)
+        if encoder is not None:
+            axis.rpm_to_dev = axis.scale.vel_to_dev * encoder[1] / encoder[0] * 60.0
+        else:
+            axis.rpm_to_dev = math.copysign(60.0 / math.tau, axis.scale.vel_to_dev)
 
     def _apply_limits(self) -> None:
         limits = self._axis.limits

@@ -16,12 +16,16 @@ __all__ = ["StopGroup"]
 
 
 class StopGroup:
-    """The joints of one group; `busy` says that some are on their way up or down."""
+    """The joints of one group; `busy` says that some are on their way up or down.
+
+    `open` says that none is on its way up; only then targets are followed, so that no wheel turns alone.
+    """
 
     def __init__(self, name: str = "") -> None:
         self.name = name
         self.joints: list[JointDrive] = []
         self.busy = False
+        self.open = True
 
     def stop(self, now: int) -> list[JointDrive]:
         """Ramp every joint to zero, then disable; return those that were to move."""
@@ -33,9 +37,11 @@ class StopGroup:
     def coordinate(self, now: int) -> None:
         """Let through together what has come as far as it may alone; call it once per cycle while `busy`."""
         rising = [joint for joint in self.joints if joint.rising]
-        if rising and all(joint.may_rise for joint in rising):
-            for joint in rising:
+        held = [joint for joint in rising if joint.machine.held]
+        if held and all(joint.may_rise for joint in held):
+            for joint in held:
                 joint.machine.hold(False)
+        self.open = not rising
         falling = [joint for joint in self.joints if joint.falling]
         if falling and all(joint.has_come_to_rest(now) for joint in falling):
             for joint in falling:

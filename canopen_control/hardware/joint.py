@@ -153,12 +153,13 @@ class JointDrive:
     @property
     def enabled(self) -> bool:
         """Whether the drive follows commands."""
-        return self.wish is Wish.ON and self.node.ready and self.machine.may_move and self.homing is None
+        ready = self.wish is Wish.ON and self.node.ready and self.group.open
+        return ready and self.machine.may_move and self.homing is None
 
     @property
     def rising(self) -> bool:
-        """Whether it is being enabled and waits for its group."""
-        return self.wish is Wish.ON and self.machine.held
+        """Whether it is being enabled."""
+        return self.wish is Wish.ON and not self.machine.enabled
 
     @property
     def may_rise(self) -> bool:
@@ -205,7 +206,10 @@ class JointDrive:
         if action is Action.HOME:
             return self.homing is None and self.homed
         if action is Action.MODE:
-            return self._next_mode is None and self.machine.mode_confirmed
+            machine = self.machine
+            return self._next_mode is None and machine.mode_confirmed and not machine.mode_failed
+        if action is Action.QUICK_STOP:
+            return state is None or (state is not State.OPERATION_ENABLED and self.standing)
         return state is None or state not in _POWERED
 
     @property
@@ -257,7 +261,7 @@ class JointDrive:
         self.machine.hold(True)
         self.resume = False
         self.wish = Wish.ON
-        self.group.busy = True
+        self.group.busy, self.group.open = True, False
 
     def stop(self, now: int) -> None:
         """Ramp to zero, then disable."""
@@ -324,7 +328,7 @@ class JointDrive:
         self.homed, self.homing_result = homed, run.result if run is not None else None
         if homed:
             self.feedback.restart()
-            self._news.append(News("homed", "homed"))
+            self._news.append(News("homed", "homed", Level.INFO))
         elif run is not None:
             self._news.append(News("homing_failed", run.result or ""))
         if mode is not None:
@@ -391,7 +395,7 @@ class JointDrive:
         elif self.homing is not None:
             self._hold()
             self.machine.mode_bits = self.homing.step(now)
-        elif target is None or not self._may_move or self.wish is Wish.OFF:
+        elif target is None or not self._may_move or self.wish is Wish.OFF or not self.group.open:
             self._hold()
         elif self.wish is Wish.STOPPING:
             self._held = None

@@ -52,8 +52,9 @@ class AxisRequest:
             self._done(None)
             return True
         refused = [joint for joint in late if self._refused(joint)]
-        if self._cycles > 1 and (refused or now > self._deadline):
-            self._done("; ".join(self._reason(joint) for joint in refused or late))
+        if self._cycles > 1 and (refused or now > self._deadline) and not self._explaining(now):
+            named = [joint for joint in late if joint.machine.fault] or refused or late
+            self._done("; ".join(self._reason(joint) for joint in named))
             return True
         return False
 
@@ -61,10 +62,14 @@ class AxisRequest:
         """End it without success."""
         self._done(reason)
 
+    def _explaining(self, now: int) -> bool:
+        """Whether a drive is still being asked why it is in a fault."""
+        return now <= self._deadline and any(joint.explaining for joint in self._joints)
+
     def _refused(self, joint: JointDrive) -> bool:
         """Whether waiting longer is of no use."""
         if self._action is Action.ENABLE:
-            return joint.wish is not Wish.ON and not joint.explaining
+            return joint.wish is not Wish.ON
         if self._action is Action.HOME:
             return joint.homing is None
         if self._action is Action.MODE:
