@@ -1,0 +1,144 @@
+"""The swap from virtual to real: two CAN controllers on one bus, the master on can0, the drives on can1."""
+
+import json
+from pathlib import Path
+
+import pytest
+from support.guest import LEFT, RIGHT, ip, scaled
+from support.host import eventually
+from support.processes import seconds_until
+
+from canopen_control.client import RobotClient
+
+pytestmark = [pytest.mark.hardware, pytest.mark.timeout(600)]
+NODES = (LEFT, RIGHT)
+DRIVER = Path("/sys/bus/pci/drivers/kvaser_pci")
+PATIENCE_S = scaled(20)
+
+
+@pytest.fixture(autouse=True)
+def fresh_cards():
+    """Let every test find the cards as they come: down; one that a test has pulled is put back."""
+    for name in ("can0", "can1"):
+        ip("link", "set", name, "down")
+    cards = {each.name for each in DRIVER.glob("0000:*")}
+    yield
+    for card in cards - {each.name for each in DRIVER.glob("0000:*")}:
+        (DRIVER / "bind").write_text(card)
+
+
+def up(stage, *names):
+    for name in names:
+        program = stage.call("bus", "up", name, "--bitrate", 1_000_000, seconds=60)
+        assert program.wait() == 0, program
+
+
+def link(name):
+    (link,) = json.loads(ip("-json", "-details", "link", "show", name))
+    return link["linkinfo"]["info_data"]
+
+
+def at(listener, speed):
+    return all(listener.speed(node_id) == pytest.approx(speed, rel=0.01, abs=0.02) for node_id in NODES)
+
+
+class Robot:
+    """Drives on can1, the robot on can0, somebody who commands 10 rad/s, and its status."""
+
+    def __init__(self, stage, robby, name):
+        for node_id in NODES:
+            stage.drive_on("can1", node_id)
+        self.program = stage.start("run", robby, "--name", name, "--can", "can0", "--real")
+        self.program.until(f"{name} runs", PATIENCE_S)
+        self.commander = stage.start("command", "robby_forward_controller", 10, 10, "--name", name)
+        self.name, self._stage = name, stage
+
+    def status(self):
+        with RobotClient.connect(self.name) as client:
+            return client.call("status")
+
+    def told(self, text):
+        return any(text in event["text"] for event in self.status()["events"])
+
+    def ready(self):
+        return [node["ready"] for node in self.status()["nodes"].values()]
+
+    def enable_again(self):
+        for action in ("fault-reset", "enable"):
+            assert self._stage.call("axis", action, "all", "--name", self.name, seconds=60).wait() == 0
+
+    def end(self):
+        assert self.program.end(seconds=60) == 0, self.program
+
+
+@pytest.fixture
+def robot(stage, robby):
+    def drive_on(channel, node_id):
+        drive = stage.start("drive", "--node-id", node_id, "--eds", "TMCM-1270.eds", "--can", channel)
+        drive.until(f"ready on {channel}", 60)
+        return drive
+
+    stage.drive_on = drive_on
+    return lambda name: Robot(stage, robby, name)
+
+
+def test_up_sets_the_bit_rate_and_says_what_a_card_cannot_do(stage):
+    bare = stage.call("bus", "up", "can1", "--bitrate", 3_000_000, seconds=60)
+    assert bare.wait() == 2
+    assert "the controller cannot make this bit rate" in bare.err
+    first = stage.call("bus", "up", "can0", "--bitrate", 500_000, seconds=60)
+    assert first.wait() == 0, first
+    assert (link("can0")["bittiming"]["bitrate"], link("can0")["state"]) == (500_000, "ERROR-ACTIVE")
+    other = stage.call("bus", "up", "can0", "--bitrate", 1_000_000, "--restart-ms", 100, seconds=60)
+    assert [line.split("   #")[0] for line in other.out.splitlines()] == [
+        "ip link set can0 down",
+        "ip link set can0 type can bitrate 1000000 restart-ms 100",
+        "ip link set can0 up",
+    ]
+    assert (link("can0")["bittiming"]["bitrate"], link("can0")["restart_ms"]) == (1_000_000, 100)
+    again = stage.call("bus", "up", "can0", "--bitrate", 1_000_000, "--restart-ms", 100, seconds=60)
+    assert again.out == "can0 is up already\n"
+    status = stage.call("bus", "status", "can0", seconds=60)
+    assert status.out.startswith("can0: can, up, ERROR-ACTIVE, 1000000 bit/s, transmit errors 0, receive errors 0\n")
+
+
+def test_the_wheels_turn_on_real_cards_at_one_megabit(stage, robot, listen):
+    up(stage, "can0", "can1")
+    hears = listen("can1", 0x280 + LEFT, 0x280 + RIGHT)
+    robby = robot("swap")
+    assert eventually(lambda: at(hears, 10.0), PATIENCE_S)
+    assert robby.status()["state"] == "running"
+    taken = stage.call("drive", "--node-id", LEFT, "--eds", "TMCM-1270.eds", "--can", "can0", seconds=60)
+    assert taken.wait() == 1
+    assert f"node id {LEFT} already answers on can0" in taken.err
+    assert stage.call("stop", "--name", "swap", seconds=60).wait() == 0
+    assert eventually(lambda: at(hears, 0.0), PATIENCE_S)
+    robby.end()
+    assert link("can0")["bittiming"]["bitrate"] == link("can1")["bittiming"]["bitrate"] == 1_000_000
+
+
+@pytest.mark.parametrize(("card", "mine"), [("can0", True), ("can1", False)])
+def test_an_unplugged_card_is_named_stops_the_robot_and_is_found_again(stage, robot, listen, card, mine):
+    up(stage, "can0", "can1")
+    hears = listen("can1", 0x280 + LEFT, 0x280 + RIGHT)
+    robby = robot(f"pulled-{card}")
+    assert eventually(lambda: at(hears, 10.0), PATIENCE_S)
+    device = Path(f"/sys/class/net/{card}/device").resolve().name
+    (DRIVER / "unbind").write_text(device)
+    if mine:
+        assert seconds_until(lambda: robby.told("bus can0: the interface is gone; is the adapter unplugged?"), 10) < 1.0
+    assert eventually(lambda: not any(robby.ready()), scaled(2))
+    for name in ("left_drive", "right_drive"):
+        assert eventually(lambda name=name: robby.told(f"({name}): lost: "), scaled(2)), robby.program.out
+    assert robby.status()["state"] == "fault"
+    if mine:
+        assert eventually(lambda: at(hears, 0.0), scaled(2)), "by the drives' own reaction: nobody can tell them"
+    (DRIVER / "bind").write_text(device)
+    up(stage, card)
+    assert eventually(lambda: all(robby.ready()), PATIENCE_S), robby.status()
+    hears = listen("can1", 0x280 + LEFT, 0x280 + RIGHT)
+    assert at(hears, 0.0)
+    robby.enable_again()
+    assert eventually(lambda: at(hears, 10.0), PATIENCE_S)
+    assert robby.commander.running
+    robby.end()
