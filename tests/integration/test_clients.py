@@ -19,6 +19,8 @@ from canopen_control.host.sockets import socket_path
 # what drives and master of robby send or listen to, beside what everybody does
 USED = {0x000, 0x080, 0x100, *(base + node for node in (1, 2, 3) for base in range(0x80, 0x800, 0x80)), 0x7E4, 0x7E5}
 
+BUSY = ("sync_overrun",)  # what a machine that has no time brings about by itself
+
 
 def raw(name):
     sock = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
@@ -51,7 +53,8 @@ def test_garbage_on_the_bus_changes_nothing_but_a_counter(stage):
         after = client.call("status")
     port.close()
     assert after["state"] == "running"
-    assert len(after["events"]) == count
+    fresh = [event["text"] for event in after["events"][count:] if event["kind"] not in BUSY]
+    assert fresh == []
     assert after["buses"]["can"]["unknown"] - before["buses"]["can"]["unknown"] == sent
     assert after["buses"]["can"]["lost"] == 0
     assert robot.end() == 0, robot
@@ -162,12 +165,12 @@ def test_a_client_that_never_reads_is_dropped_and_the_cycle_does_not_mind(stage)
 def test_a_crowd_of_clients_is_turned_away_at_the_door(stage):
     stage.robby("crowd")
     with RobotClient.connect("crowd") as first:
-        socks = [raw("crowd") for _ in range(100)]
-        refused = [sock for sock in socks if b"too many" in sock.recv(4096)]
-        assert 30 < len(refused) < 50
-        assert first.call("status")["state"] == "running"
-        for sock in socks:
-            sock.close()
+        with contextlib.ExitStack() as stack:
+            crowd = [stack.enter_context(raw("crowd")) for _ in range(100)]
+            greetings = [sock.recv(4096) for sock in crowd]
+            assert sum(b"hello" in each for each in greetings) == 63  # sixty-four with the first
+            assert sum(b"too many" in each for each in greetings) == 37
+            assert first.call("status")["state"] == "running"
         assert eventually(lambda: can_connect("crowd"))
 
 

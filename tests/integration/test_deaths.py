@@ -95,10 +95,11 @@ def test_a_hung_runtime_looks_dead_to_the_drives(stage, turning):
     assert took <= CONSUMER_S + RAMP_S + SLACK_S
     assert all(each.power == "FAULT" for each in probes)
     with RobotClient.connect("hung") as client:
-        assert eventually(lambda: all(node["ready"] for node in client.call("status")["nodes"].values()))
-        status = client.call("status")
-    assert status["state"] == "fault"
-    assert status["cycle"]["missed"] > 10
+        ready = lambda status: all(node["ready"] for node in status["nodes"].values())  # noqa: E731
+        states = lambda: (client.call("status")["state"], ready(client.call("status")))  # noqa: E731
+        assert eventually(lambda: sum("booting it again" in text for text in events(client)) == 2)
+        assert eventually(lambda: states() == ("fault", True))  # booted, and their faults are still to be reset
+        assert client.call("status")["cycle"]["missed"] > 10
     assert standing(probes)  # although somebody still commands 10 rad/s
     assert stage.call("axis", "enable", "all").wait() == 1
     assert stage.call("axis", "fault-reset", "all").wait() == 0
@@ -209,8 +210,13 @@ def test_a_frozen_drive_stops_the_robot_and_is_booted_again_when_it_thaws(stage,
     finally:
         os.kill(pid, signal.SIGCONT)
     with RobotClient.connect("frozen") as client:
-        assert eventually(lambda: client.call("status")["state"] == "running")
-        assert any("(right_drive)" in text and "booting it again" in text for text in events(client))
+        assert eventually(lambda: any("(right_drive)" in text and "booting it" in text for text in events(client)))
+        assert eventually(lambda: client.call("status")["nodes"]["right_drive"]["ready"])
+    assert standing(probes)  # although somebody still commands 10 rad/s
+    # it may have missed our heartbeat as we have missed its: then it is in a fault
+    assert stage.call("axis", "fault-reset", "all").wait() == 0
+    assert stage.call("axis", "enable", "all").wait() == 0
+    assert eventually(lambda: all(abs(each.speed) == pytest.approx(SPEED, rel=0.01) for each in probes))
     assert robot.end() == 0, robot
 
 

@@ -7,6 +7,7 @@ It shares no code with the master and none with the virtual drives, the hub's po
 from __future__ import annotations
 
 import threading
+from collections import Counter
 from typing import TYPE_CHECKING, Any
 
 import can
@@ -73,14 +74,19 @@ class Witness(can.Listener):
         self.network.disconnect()
 
 
-def gaps(frames: list[tuple[float, int, bytes]], identifiers: set[int]) -> list[str]:
-    """Return every SYNC, the last apart, after which not each of the identifiers came once before the next one."""
-    found, since, seen = [], None, []
-    for time, identifier, _ in frames:
+def missing(frames: list[tuple[float, int, bytes]], identifiers: set[int]) -> tuple[int, list[str]]:
+    """Return over how many SYNCs was looked, and which identifiers did not come exactly that often.
+
+    A drive on a busy machine may answer a SYNC after the next one: late, and not lost. So frames are counted from the
+    first to the last SYNC that everybody has answered before the next one.
+    """
+    cycles: list[list[int]] = []
+    for _, identifier, _ in frames:
         if identifier == SYNC:
-            if since is not None and sorted(seen) != sorted(identifiers):
-                found.append(f"{since:.3f}: {[hex(each) for each in seen]}")
-            since, seen = time, []
-        elif identifier in identifiers:
-            seen.append(identifier)
-    return found
+            cycles.append([])
+        elif identifier in identifiers and cycles:
+            cycles[-1].append(identifier)
+    whole = [number for number, cycle in enumerate(cycles) if sorted(cycle) == sorted(identifiers)]
+    counted = Counter(identifier for cycle in cycles[whole[0] : whole[-1] + 1] for identifier in cycle)
+    count = whole[-1] + 1 - whole[0]
+    return count, [f"{each:03X}: {counted[each]} of {count}" for each in identifiers if counted[each] != count]

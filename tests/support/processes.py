@@ -125,10 +125,17 @@ class Stage:
         return processes_of(self.folder)
 
     def pid_of(self, words: str) -> int:
-        """Return the id of the only process of the test whose command line holds `words`."""
-        found = [pid for pid, line in self.survivors().items() if words in line]
-        assert len(found) == 1, f"{words!r}: {found} of {self.survivors()}"
-        return found[0]
+        """Wait for the only process of the test whose command line holds `words`; return its id.
+
+        The shell that starts a hub and ends at once does not count.
+        """
+
+        def found() -> list[int]:
+            there = self.survivors().items()
+            return [pid for pid, line in there if words in line and not line.startswith("/bin/sh")]
+
+        assert eventually(lambda: len(found()) == 1), f"{words!r}: {found()} of {self.survivors()}"
+        return found()[0]
 
     def nobody_is_left(self, seconds: float = GONE_S) -> None:
         """Wait until no process of the test is there; fail if one survives."""
