@@ -1,0 +1,95 @@
+"""The bundled robots: each runs by its name, and moves as its files say."""
+
+import math
+
+import pytest
+from support.configs import ROBOTS, changed
+from support.robots import Bench
+
+ARM = "arm_position_controller"
+COUNTS = 65536 / (2 * math.pi)
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_each_runs_with_one_command(stage, name):
+    done = stage.call("run", name, "--duration", 2)
+    assert done.wait() == 0, done
+    assert f"{name} runs: " in done.out
+    assert "has stopped" in done.out
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_each_runs_on_mock_hardware_and_strictly_read(stage, name):
+    done = stage.call("run", name, "--mock", "--strict", "--duration", 0.3)
+    assert done.wait() == 0, done
+
+
+@pytest.fixture
+def arm():
+    bench = Bench("arm", config="arm6", drives=(2, 3, 4, 5, 6, 7))
+    bench.start()
+    yield bench
+    bench.close()
+
+
+def positions(bench):
+    return [bench.robot.registry.state(f"joint_{index}/position").value for index in range(1, 7)]
+
+
+def test_six_axes_reach_their_positions_without_going_faster_than_the_description_allows(arm):
+    target = [0.5, -0.4, 0.3, 1.0, -0.2, 2.0]
+    arm.robot.command(ARM, target, "test")
+    before, fastest = positions(arm), 0.0
+    for _ in range(150):
+        arm.run(20)
+        now = positions(arm)
+        fastest = max([fastest, *(abs(a - b) / 0.02 for a, b in zip(now, before, strict=True))])
+        before = now
+    assert positions(arm) == pytest.approx(target, abs=1e-3)
+    assert 1.8 < fastest < 2.1  # rad/s: <limit velocity="2.0"> by enforce_command_limits
+    for node_id, wanted in enumerate(target, 2):
+        plant = arm.drives[node_id].drives[0].mover.plant
+        assert plant.position / COUNTS / 100 == pytest.approx(wanted, abs=1e-3)
+
+
+def test_an_axis_does_not_leave_its_range(arm):
+    arm.robot.command(ARM, [0.0, 9.0, 0.0, 0.0, 0.0, 0.0], "test")
+    arm.run(3000)
+    assert positions(arm)[1] == pytest.approx(2.0, abs=1e-3)
+    assert any("joint_2/position is limited to" in text for text in arm.texts("limited"))
+    arm.robot.switch((), [ARM], strict=True)
+    arm.run(1000)
+    assert positions(arm)[1] == pytest.approx(2.0, abs=1e-3)  # a position is held
+
+
+def test_the_motors_of_a_ros_1_base_turn_thirty_times_as_far_as_its_wheels():
+    base = "mobile_base_controller"
+    bench = Bench("base1", config="mobile_base_ros1", drives=(2, 3))
+    bench.start()
+    for _ in range(30):
+        bench.robot.command(base, [0.3, 0.0], "test")
+        bench.run(100)
+    wheels = [bench.robot.registry.state(f"wheel_{side}_joint/position").value for side in ("left", "right")]
+    motors = [bench.drives[node_id].drives[0].mover.plant.position / COUNTS for node_id in (2, 3)]
+    assert wheels[0] == pytest.approx(wheels[1], rel=0.01)
+    assert wheels[0] > 5.0
+    assert [-motors[0], motors[1]] == pytest.approx([30 * wheels[0], 30 * wheels[1]], rel=0.02)
+    odometry = bench.robot.manager.get(base).odometry
+    assert odometry.x == pytest.approx(0.0985 * wheels[0], rel=0.02)  # the radius is that of the URDF
+    bench.close()
+
+
+def test_the_simulated_base_is_real_by_changing_the_one_line(tmp_path):
+    edit = {"gz_ros2_control/GazeboSimSystem": "canopen_ros2_control/RobotSystem"}
+    files = changed(tmp_path, "diffbot_sim", description=edit)
+    for name, how in (("line", {"config": str(files.bus.parent)}), ("option", {"config": "diffbot_sim", "real": True})):
+        bench = Bench(f"real_{name}", drives=(2, 3), **how)
+        bench.start()
+        for _ in range(20):
+            bench.robot.command("diff_drive_base_controller", [0.5, 0.0], "test")
+            bench.run(100)
+        wheel = bench.robot.registry.state("right_wheel_joint/velocity").value
+        assert wheel == pytest.approx(5.0, rel=0.01)
+        assert bench.speed(3) == pytest.approx(5.0 * COUNTS, rel=0.01)
+        assert bench.speed(2) == pytest.approx(-5.0 * COUNTS, rel=0.01)
+        bench.close()
