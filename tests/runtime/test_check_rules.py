@@ -3,10 +3,13 @@
 import re
 
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 from support.configs import BASES, FIRST, ROBOTS, changed, found, line_of
 
 from canopen_control.controllers.params import read_controllers
 from canopen_control.data_files import data_path
+from canopen_control.errors import ConfigError
 from canopen_control.hardware.description import read_description
 from canopen_control.master.config import read_bus
 from canopen_control.runtime.check_rules import find, findings_of
@@ -229,3 +232,30 @@ def test_sentences_without_a_place_have_that_of_the_controller():
 
 def test_files_that_could_not_be_read_are_left_out():
     assert find(find_robot("robby")) == []
+
+
+@given(st.data())
+@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_the_rules_never_raise_whatever_is_missing_in_the_files(tmp_path, data):
+    name = data.draw(st.sampled_from(ROBOTS))
+    source = find_robot(name)
+    bus = read_bus(source.bus)
+    damaged = {}
+    for which, suffix in (("controllers", "yaml"), ("description", "urdf.xacro")):
+        lines = getattr(source, which).read_text().splitlines()
+        gone = data.draw(st.sets(st.integers(0, len(lines) - 1), max_size=4))
+        path = tmp_path / f"{which}.{suffix}"
+        path.write_text("\n".join(line for number, line in enumerate(lines) if number not in gone))
+        damaged[which] = path
+    control = readable(read_controllers, damaged["controllers"])
+    description = readable(read_description, damaged["description"])
+    for each in find(source, bus, control, description, controllers=["nobody"]):
+        assert each.path
+        assert each.text
+
+
+def readable(read, path):
+    try:
+        return read(path)
+    except ConfigError:
+        return None
