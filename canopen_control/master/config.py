@@ -98,6 +98,7 @@ class _Reader:
         self._options: Options = options.convert(Options, Options()) if options is not None else Options()
         self._sources = Sources(path.parent, self._options.dcf_path)
         self._unused: dict[str, str] = {}
+        self._doubled: set[str] = set()  # nodes whose id another one has: all their COB-IDs follow from that
         self._spare_cob_ids = itertools.count(0x680)  # where ros2_canopen's generator begins with `auto` above PDO 4
 
     def read(self) -> BusConfig:
@@ -261,6 +262,7 @@ class _Reader:
                 nodes[name] = (replace(config, node_id=node_id), node)
             place = node.get("node_id") or node
             if node_id in owner:
+                self._doubled.add(name)
                 place.error(f"node id {node_id} is already that of {owner[node_id]}; give {name} another")
             owner.setdefault(node_id, name)
 
@@ -268,6 +270,8 @@ class _Reader:
         """Refuse two live PDOs with one COB-ID: their senders would destroy each other's frames."""
         owner: dict[int, str] = {}
         for name, plan in plans.items():
+            if name in self._doubled:
+                continue
             for kind, layouts in (("rpdo", plan.rpdos), ("tpdo", plan.tpdos)):
                 for layout in layouts:
                     whose = f"{kind.upper()} {layout.number} of {name}"

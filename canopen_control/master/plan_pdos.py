@@ -236,12 +236,12 @@ def _map_one(draft: Draft, kind: str, key: str, index: int, subindex: int) -> Ma
     if entry is None:
         draft.complain(key, f"0x{index:04X}:{subindex:02X} is not in {draft.node.dcf}")
         return None
+    bits = entry.data_type.bits
     if not _mappable(entry, kind):
         draft.complain(key, f"0x{index:04X}:{subindex:02X} {entry.name} cannot be mapped into a {kind.upper()}")
-    if (bits := entry.data_type.bits) is None:
+    elif bits is None:
         draft.complain(key, f"0x{index:04X}:{subindex:02X} {entry.name} has no fixed length")
-        return None
-    return MappedObject(index, subindex, bits, entry.data_type)
+    return None if bits is None else MappedObject(index, subindex, bits, entry.data_type)
 
 
 def _map_dummy(draft: Draft, kind: str, key: str, index: int) -> MappedObject:

@@ -137,3 +137,198 @@ def test_a_missing_file_and_text_that_is_no_yaml_are_one_sentence_each(tmp_path)
     broken.write_text("master: [1, 2\nnodes: }")
     with pytest.raises(BusConfigError, match=r"broken.yml:2:"):
         read_bus(broken)
+
+
+TEN_MISTAKES = """\
+    options: {dcf_path: "@BUS_CONFIG_PATH@", heartbeat_multiplyer: 3}
+    master:
+      node_id: 1
+      sync_period: 20ms
+      baudrate: 999
+      node_id: 2
+    defaults:
+      dcf: TMCM-1270.eds
+    nodes:
+      left:
+        node_id: 200
+      right:
+        node_id: 3
+        tpdo: {1: {mapping: [{index: 0x1008}]}}
+        sdo: [{index: 0x6083, value: 1.5}]
+      third:
+        dcf: missing.eds
+        node_id: 4
+      fourth:
+        node_id: 3
+      fifth:
+        node_id: 5
+        counts_per_revolution: 1600
+        scale_pos_to_dev: 1.0
+    """
+
+
+def test_ten_different_mistakes_are_ten_messages_with_the_right_lines(tmp_path):
+    said = mistakes(tmp_path, TEN_MISTAKES)
+    wanted = {
+        1: "unknown key 'heartbeat_multiplyer', did you mean 'heartbeat_multiplier'?",
+        4: "expected an integer, got the text '20ms'",
+        5: "999 is not one of 10, 20, 50, 125, 250, 500, 800, 1000",
+        6: "duplicate key 'node_id' (first at line 3)",
+        11: "200 is out of range 1..127",
+        14: "0x1008:00 Manufacturer device name cannot be mapped into a TPDO",
+        15: "1.5 is no UNSIGNED32: a whole number is wanted",
+        17: "no file 'missing.eds'",
+        20: "node id 3 is already that of right",
+        23: "counts_per_revolution and scale_pos_to_dev say the same twice",
+    }
+    source = textwrap.dedent(TEN_MISTAKES).splitlines()
+    for line, words in wanted.items():
+        message = next(part for part in said.split("\n") if f"bus.yml:{line}:" in part)
+        assert words in message, said
+        at = said.index(message)
+        shown, caret = said[at:].split("\n")[1:3]
+        assert shown.strip() == source[line - 1].strip()
+        column = int(message.split("bus.yml:")[1].split(":")[1])
+        assert caret.index("^") == 4 + column - 1
+    assert len(wanted) == 10
+    assert said.endswith("10 errors"), said
+
+
+def test_an_unknown_section_beside_nodes_is_no_silent_node(tmp_path):
+    said = mistakes(tmp_path, NESTED.replace("defaults:", "option: {}\n    defaults:"))
+    assert "unknown key 'option', did you mean 'options'?" in said
+
+
+MERGED = """\
+    master: {node_id: 1}
+    defaults:
+      dcf: TMCM-1270.eds
+      heartbeat_producer: 100
+      rpdo: {1: {mapping: [{index: 0x6040}]}}
+    nodes:
+      left:
+        node_id: 3
+        heartbeat_producer: 50
+        rpdo: {2: {mapping: [{index: 0x60FF}]}}
+    """
+
+
+def test_peer_merge_lets_whole_defaults_win_and_either_way_the_difference_is_told(tmp_path):
+    path = write(tmp_path, MERGED)
+    ours, theirs = read_bus(path), read_bus(path, peer_merge=True)
+    assert ours.nodes["left"].heartbeat_producer == 50
+    assert sorted(ours.nodes["left"].rpdo) == [1, 2]
+    assert theirs.nodes["left"].heartbeat_producer == 100
+    assert sorted(theirs.nodes["left"].rpdo) == [1]
+    told = [note for note in ours.notes if "bus.yml:9:" in note]
+    assert "the node's own heartbeat_producer counts; ros2_canopen takes 100 of `defaults` (--peer-merge)" in told[0]
+    told = [note for note in theirs.notes if "bus.yml:9:" in note]
+    assert "heartbeat_producer: 50, but --peer-merge takes 100 of `defaults`" in told[0]
+    assert [note for note in ours.notes if "bus.yml:10:" in note]
+
+
+def test_without_a_difference_nothing_is_told_of_merging(tmp_path):
+    text = MERGED.replace("heartbeat_producer: 50", "heartbeat_producer: 100").replace("{2: {map", "{1: {map")
+    text = text.replace("0x60FF", "0x6040")
+    assert not [note for note in read_bus(write(tmp_path, text)).notes if "merge" in note]
+
+
+@pytest.mark.parametrize(
+    ("keys", "required"),
+    [
+        ("", True),
+        ("mandatory: false", False),
+        ("mandatory: true", True),
+        ("required: false", False),
+        ("boot: false", False),
+        ("required: true, mandatory: true", True),
+    ],
+)
+def test_who_is_waited_for(tmp_path, keys, required):
+    text = NESTED.replace("right_drive: {node_id: 2}", "right_drive: {node_id: 2, " + keys + "}")
+    assert read_bus(write(tmp_path, text)).nodes["right_drive"].required is required
+
+
+@pytest.mark.parametrize(
+    ("keys", "words"),
+    [
+        ("required: true, mandatory: false", "mean the same and differ"),
+        ("boot: false, required: true", "nothing can wait for it"),
+        ("effort_mode: 4, torque_mode: 10", "`torque_mode` and `effort_mode` mean the same"),
+        ("gear_ratio: 2.0", "gear_ratio needs counts_per_revolution"),
+        ("counts_per_revolution: 1600, gear_ratio: [1]", "motor turns, joint turns"),
+        ("recovery: maybe", "expected boot or enable, got the text 'maybe'"),
+        ("scale_vel_to_dev: 0.0", "finite and not 0 is wanted"),
+        ("transition_timeouts_ms: {17: 100}", "no transition 17"),
+        ("name: other", "unknown key 'name'"),
+        ("line: 3", "unknown key 'line'"),
+        ("tpdo: {1: {cob_id: automatic}}", "cob_id"),
+        ("tpdo: {1: {cob_id: 0x601}}", "none a PDO may have"),
+        ("heartbeat_consumer: true, dcf: generic_cia402.eds, restore_configuration: 99", "0x1011:63 is not in"),
+        ("time_cob_id: 0x100", "0x1012:00 is not in TMCM-1270.eds"),
+        ("rpdo: {1: {inhibit_time: 3}}", "0x1400:03 is not in TMCM-1270.eds"),
+        ("configuration_file: none.bin", "no file 'none.bin'"),
+    ],
+)
+def test_what_cannot_be_is_told_at_its_key(tmp_path, keys, words):
+    text = NESTED.replace("right_drive: {node_id: 2}", "right_drive: {node_id: 2, " + keys + "}")
+    said = mistakes(tmp_path, text)
+    assert words in said, said
+    assert "bus.yml:13:" in said
+
+
+def test_two_live_pdos_with_one_cob_id_are_refused(tmp_path):
+    text = NESTED.replace("right_drive: {node_id: 2}", "right_drive: {node_id: 2, tpdo: {1: {cob_id: 0x183}}}")
+    assert "COB-ID 0x183 of TPDO 1 of right_drive is already that of TPDO 1 of left_drive" in mistakes(tmp_path, text)
+
+
+def test_units_by_name_and_torque_mode_are_what_they_stand_for(tmp_path):
+    keys = "counts_per_revolution: 1600, gear_ratio: 2, reversed: true, torque_mode: 4"
+    text = NESTED.replace("right_drive: {node_id: 2}", "right_drive: {node_id: 2, " + keys + "}")
+    node = read_bus(write(tmp_path, text)).nodes["right_drive"]
+    assert node.scale_pos_to_dev == pytest.approx(-3200 / 6.283185307179586)
+    assert node.scale_pos_from_dev * node.scale_pos_to_dev == pytest.approx(1.0)
+    assert node.effort_mode == 4
+
+
+def test_scales_that_do_not_cancel_are_doubted(tmp_path):
+    text = NESTED.replace("right_drive: {node_id: 2}", "right_drive: {node_id: 2, scale_pos_to_dev: 254.6}")
+    notes = read_bus(write(tmp_path, text)).notes
+    assert any("scale_pos_to_dev times scale_pos_from_dev is 0.2546, not 1" in note for note in notes)
+
+
+def test_the_node_id_may_be_the_dcfs_and_255_leaves_a_node_out(tmp_path):
+    from canopen_control.od.dcf import write_dcf
+    from canopen_control.od.eds import read_eds
+
+    write_dcf(tmp_path / "drive.dcf", read_eds(data_path("eds", "TMCM-1270.eds")).od, 7, 1_000_000, {(0x2000, 0): 2})
+    text = """\
+        master: {node_id: 1}
+        nodes:
+          wheel: {dcf: drive.dcf}
+          spare: {dcf: drive.dcf, node_id: 255}
+        """
+    bus = read_bus(write(tmp_path, text))
+    assert {name: node.node_id for name, node in bus.nodes.items()} == {"wheel": 7}
+    assert any("spare is left out" in note for note in bus.notes)
+    without = text.replace("dcf: drive.dcf}", "dcf: TMCM-1270.eds}", 1)
+    assert "missing key 'node_id'; TMCM-1270.eds has none either" in mistakes(tmp_path, without)
+
+
+def test_variables_of_the_environment_and_the_channel(tmp_path, monkeypatch):
+    monkeypatch.setenv("DRIVES", str(tmp_path))
+    monkeypatch.setenv("BUS_OF_ROBOT", "vcan7")
+    text = NESTED.replace("node_id: 1\n", "node_id: 1\n      channel: $BUS_OF_ROBOT\n", 1)
+    text = text.replace("dcf: TMCM-1270.eds", 'dcf: "$DRIVES/TMCM-1270.eds"')
+    bus = read_bus(write(tmp_path, text))
+    assert bus.master.channel == "vcan7"
+    assert bus.eds_paths["left_drive"] == tmp_path / "TMCM-1270.eds"
+    assert "local:" in mistakes(tmp_path, text.replace("$BUS_OF_ROBOT", "no such bus!"))
+
+
+def test_every_unused_key_is_named_once_with_what_takes_its_place(tmp_path):
+    text = NESTED.replace(
+        "sync_period: 20000", "sync_period: 20000\n      vendor_id: 5\n      start_nodes: false\n      dcf_path: x"
+    ).replace("dcf: TMCM-1270.eds", "dcf: TMCM-1270.eds\n      software_file: a.bin\n      channels: [{}]")
+    notes = [note.split(": ", 1)[1] for note in read_bus(write(tmp_path, text)).notes if "has no meaning" in note]
+    assert [note.split(":")[0] for note in notes] == ["dcf_path", "software_file", "start_nodes", "vendor_id"]
