@@ -262,6 +262,8 @@ class JointDrive:
         self.resume = False
         self.wish = Wish.ON
         self.group.busy, self.group.open = True, False
+        for pdo in self.node.sent:
+            pdo.changed = True  # whatever stands in the drive, its targets are at rest before it is enabled
 
     def stop(self, now: int) -> None:
         """Ramp to zero, then disable."""

@@ -1,9 +1,10 @@
-"""Robby in simulated time with one fault switched on: when it was told, when the robot stood, what it takes to go on."""
+"""Robby in simulated time with a fault switched on: when it was told, when the robot stood, what it takes to go on."""
 
 from __future__ import annotations
 
 from support.robots import LEFT, RIGHT, Bench
 
+from canopen_control.errors import CanopenError
 from canopen_control.hardware.joint import Action
 
 __all__ = ["CYCLE_MS", "LEFT", "RAMP_MS", "RIGHT", "SPEED", "FaultBench"]
@@ -77,7 +78,7 @@ class FaultBench(Bench):
         answers = []
         try:
             self.robot.axis(action, node, answers.append, **how)
-        except Exception as error:
+        except CanopenError as error:
             return str(error)
         self.until(lambda: answers, ms)
         return answers[0]
@@ -89,8 +90,8 @@ class FaultBench(Bench):
         assert self.speed(RIGHT) == -self.speed(LEFT)
         assert abs(self.speed(RIGHT) - SPEED) < 0.01 * SPEED
 
-    def axis_refused(self, action=Action.ENABLE, node="all"):
+    def axis_refused(self, action=Action.ENABLE, node="all", **how):
         """Ask for an action that is refused; returns why."""
-        reason = self.axis(action, node)
+        reason = self.axis(action, node, **how)
         assert reason is not None
         return reason
