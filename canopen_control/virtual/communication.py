@@ -86,7 +86,7 @@ class CommunicationObjects:
         node.emcy.inhibit_ns = number(0x1015) * 100_000
         node.sync.cob_id = parse_cob_id_sync(number(0x1005, 0, 0x80))[0]
         node.sync.overflow = number(0x1019)
-        node.heartbeat.period_ns = number(0x1017) * _MS
+        node.heartbeat.period_ns = round(number(0x1017) * (_MS - node.clock_ppm))
         node.guarding.enabled = not node.heartbeat.period_ns
         node.guarding.guard_time_ns = number(0x100C) * _MS
         node.guarding.life_time_factor = number(0x100D)

@@ -150,8 +150,7 @@ class NodeControl:
         value = parameters.get("value")
         if drive is None or not isinstance(value, int) or not 0 <= value <= 0xFFFFFFFF:
             raise ConfigError('inputs: "value" is the 32 bits of 0x60FD, "axis" one that the node has')
-        drive.inputs = value
-        self._node.touch()
+        drive.set_inputs(value, self._host.reactor.now())
         self._node.tick(self._host.reactor.now())
         return {}
 

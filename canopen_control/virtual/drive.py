@@ -35,13 +35,16 @@ from canopen_control.virtual.mover import Mover
 from canopen_control.virtual.personality import GENERIC, Personality
 from canopen_control.virtual.plant import IdealPlant, Plant
 from canopen_control.virtual.power import PowerMachine
+from canopen_control.virtual.probe import TouchProbes
 from canopen_control.virtual.profiles import HANDLERS
 from canopen_control.virtual.readings import SOURCES
+from canopen_control.virtual.units import SOURCES_OF_UNITS, AxisUnits
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from canopen_control.od.model import DataType, Entry, Value
+    from canopen_control.virtual.motion import Trajectory
     from canopen_control.virtual.node import VirtualNode
 
 __all__ = ["VirtualDrive"]
@@ -64,6 +67,8 @@ class VirtualDrive:
         self.mover = Mover(IdealPlant() if plant is None else plant, self)
         self.limits = AxisLimits(self)
         self.power = PowerMachine(self)
+        self.probes = TouchProbes(self)
+        self.units: AxisUnits = AxisUnits()
         self.mode: int = 0
         self.controlword = self.inputs = 0
         self.zero = 0.0
@@ -91,8 +96,16 @@ class VirtualDrive:
         return (index + self.offset, subindex) in self._values
 
     def ramp(self, index: int) -> float:
-        """Return an acceleration object; the personality says what an absent one, or 0, means."""
-        return float(self.number(index)) or self.personality.unset_ramp
+        """Return an acceleration object in counts/s^2; the personality says what an absent one, or 0, means."""
+        return self.number(index) * self.units.acceleration or self.personality.unset_ramp
+
+    def speed(self, index: int, subindex: int = 0) -> float:
+        """Return an object that holds a speed without direction, in counts/s."""
+        return self.number(index, subindex) * self.units.speed
+
+    def length(self, index: int) -> float:
+        """Return an object that holds a distance without direction, in counts."""
+        return self.number(index) * self.units.length
 
     @property
     def now(self) -> int:
@@ -148,7 +161,7 @@ class VirtualDrive:
         word |= (WARNING if self.warning else 0) | (INTERNAL_LIMIT if self.limits.active else 0)
         standing = TARGET_REACHED if self.mover.standing else 0
         if self.state is not State.OPERATION_ENABLED:
-            return word | standing
+            return word | standing | self.handler.unpowered_bits(self)
         bits = self.handler.bits(self)
         return word | (bits & ~TARGET_REACHED | standing if self.power.halted else bits)
 
@@ -176,6 +189,8 @@ class VirtualDrive:
         store.guard([o.MODES_OF_OPERATION + shift], self._check_mode)
         store.guard([index + shift for index in _OPTIONS], self._check_option)
         controlword = o.CONTROLWORD + shift
+        store.on_write([index + shift for index in SOURCES_OF_UNITS], lambda _entry, _value: self.units.update(self))
+        store.on_write([o.TOUCH_PROBE_FUNCTION + shift], lambda _entry, _value: self.probes.update(self.node.now))
         store.on_write([controlword], lambda _entry, _value: self.refresh(self.node.now, controlword=True))
         mine = {entry.index for entry in store.od if 0x6000 <= entry.index - shift < 0x6800} - {controlword}
         store.on_write(mine, lambda _entry, _value: self.refresh(self.node.now))
@@ -221,7 +236,7 @@ class VirtualDrive:
         if reaction is Reaction.SLOW_DOWN_RAMP:
             deceleration = self.handler.deceleration(self)
         elif reaction is Reaction.QUICK_STOP_RAMP:
-            deceleration = self.ramp(o.QUICK_STOP_DECELERATION)
+            deceleration = self.handler.quick_stop_deceleration(self)
         self.mover.run(ramp_to(now, position, velocity, 0.0, 0.0, deceleration), now)
 
     def arrived(self, now: int) -> None:
@@ -252,6 +267,21 @@ class VirtualDrive:
         """Whether an event-driven PDO shows them."""
         return self.node.has_event_pdos
 
+    def next_index(self, demand: Trajectory, now: int) -> tuple[int, float] | None:
+        """Return when and where a touch probe's index pulse comes."""
+        return self.probes.next_index(demand, now) if self.probes.wants_index else None
+
+    def index_passed(self, place: float) -> None:
+        """Let the touch probes catch an index pulse."""
+        self.probes.index_passed(place)
+
+    def set_inputs(self, bits: int, now: int) -> None:
+        """Set the further bits of 0x60FD; bits 16 and 17 are the touch probes' inputs."""
+        self.mover.advance(now)
+        before, self.inputs = self.inputs, bits
+        self.probes.inputs_changed(before, bits)
+        self.touch()
+
     # -- what is written, and what happens
 
     def power_on(self, now: int) -> None:
@@ -262,6 +292,8 @@ class VirtualDrive:
         self.zero = self.mover.plant.position
         self.controlword = 0
         self.warning = False
+        self.probes.reset()
+        self.units.update(self)
         self.mode, self.handler = 0, Idle()
         self.power.enter(State.NOT_READY_TO_SWITCH_ON, now)
         self.power.enter(State.SWITCH_ON_DISABLED, now)
@@ -288,6 +320,8 @@ class VirtualDrive:
             self.power.halt(bool(word & HALT_BIT), now)
             if self.node.operational and before is State.OPERATION_ENABLED:
                 self.handler.control(self, word, previous, now)
+        elif not self.mover.powered:
+            self.handler.control_unpowered(self, word, previous, now)
         if word != previous:
             self.touch()
 

@@ -331,6 +331,16 @@ def no_switches(drive: VirtualDrive, on: bool, _now: int) -> None:
     switches.home_low, switches.home_high = 10_000.0 + far, 12_000.0 + far
 
 
+def clock_off_by(ppm: float) -> Turn:
+    """Make a turn that lets the node's clock run fast, or slow where `ppm` is negative."""
+
+    def turn(node: VirtualNode, on: bool, now: int) -> None:
+        node.clock_ppm = ppm if on else 0.0
+        node.communication.apply(now)
+
+    return turn
+
+
 def wrong_entry(index: int, subindex: int, off: int) -> Turn:
     """Make a turn that shows another value of an identity object."""
 

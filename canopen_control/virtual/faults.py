@@ -36,6 +36,7 @@ class Fault:
     turn: Turn | None = None
     once: bool = False
     floods: bool = False
+    twin: bool = False
 
 
 _STOP_ALL = "stops all axes, names the node, wants a new enable"
@@ -91,12 +92,15 @@ _ROWS = (
     Fault(38, "position_wrap", "axis", "its position is about to leave 32 bits", "goes on as if nothing was", turn=act.count_wraps, once=True),
     Fault(39, "error_passive", "node", "reports its CAN controller error passive", "shows it", turn=act.error_passive),
     Fault(39, "bus_off", "wire", "is off the bus; back on it reports that", f"node lost: {_STOP_ALL}", outgoing=act.drop_all, incoming=act.deaf, turn=act.recovered_from_bus_off),
-    Fault(40, "duplicate_node", "wire", "another node has its id: every heartbeat comes twice", "diagnoses it", outgoing=act.heartbeat_twice),
+    Fault(40, "duplicate_node", "wire", "has a namesake that is only heard: every heartbeat comes twice", "diagnoses it", outgoing=act.heartbeat_twice),
+    Fault(40, "second_node", "node", "is joined by a second node with its id, which boots and answers as it does", "diagnoses the boot-ups and heartbeats it did not expect, stops all axes, names the node", twin=True),
     Fault(40, "wrong_identity", "node", "shows another product code", "refuses it at boot (error M)", turn=act.wrong_entry(0x1018, 2, 1)),
     Fault(40, "wrong_revision", "node", "shows another revision", "warns", turn=act.wrong_entry(0x1018, 3, 1)),
     Fault(41, "local_control", "axis", "is under local control (bit 9 is 0)", "refuses to enable it, with words", turn=act.local_control),
     Fault(42, "parameter_clamped", "node", "takes at most 1000 for 0x6083, silently", "reads back and compares", turn=act.clamped),
     Fault(43, "direction_inverted", "axis", "shows position and velocity with the wrong sign", "finds it in a jog test", turn=act.inverted),
+    Fault(47, "clock_fast", "node", "has a clock that is 100 ppm fast: in CSP it sees a set-point twice now and then", "goes on; a repeated set-point is no fault", turn=act.clock_off_by(100.0)),
+    Fault(47, "clock_slow", "node", "has a clock that is 100 ppm slow: in CSP it misses a set-point now and then", "goes on; a missed set-point is no fault", turn=act.clock_off_by(-100.0)),
     Fault(0, "warning", "axis", "sets the warning bit", "shows it, nothing stops", turn=act.warning),
     Fault(0, "following_error", "axis", "following error: FAULT 0x8611, whose cause lasts", "names it; a reset says that the cause is still present", turn=act.following_error),
 )  # fmt: skip
@@ -104,7 +108,7 @@ FAULTS: dict[str, Fault] = {fault.name: fault for fault in _ROWS}
 """All faults by name. Row 0: cheap extras that are not in the catalogue.
 
 Rows that are no switch: 16, 29, 35, 44 to 46 are what the drive does anyway, by its EDS, its option codes or its
-personality; 19 is 18 from the start; 47 (clock drift) needs a clock of its own.
+personality; 19 is 18 from the start.
 """
 
 

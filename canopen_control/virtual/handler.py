@@ -47,6 +47,15 @@ class ModeHandler(Protocol):
     def can_halt(self, drive: VirtualDrive) -> bool:
         """Whether controlword bit 8 does anything."""
 
+    def quick_stop_deceleration(self, drive: VirtualDrive) -> float:
+        """Return the quick-stop ramp in counts/s^2."""
+
+    def control_unpowered(self, drive: VirtualDrive, word: int, previous: int, now: int) -> None:
+        """Take the mode's own bits of the controlword while the motor has no power."""
+
+    def unpowered_bits(self, drive: VirtualDrive) -> int:
+        """Return the mode's own bits of the statusword outside operation."""
+
 
 class Idle:
     """No mode, or one without a motion: it stops and stands; the base of what the others share."""
@@ -78,3 +87,14 @@ class Idle:
     def can_halt(self, drive: VirtualDrive) -> bool:  # noqa: ARG002 # homing looks at it
         """Return True."""
         return True
+
+    def quick_stop_deceleration(self, drive: VirtualDrive) -> float:
+        """Return 0x6085."""
+        return drive.ramp(o.QUICK_STOP_DECELERATION)
+
+    def control_unpowered(self, drive: VirtualDrive, word: int, previous: int, now: int) -> None:
+        """Do nothing."""
+
+    def unpowered_bits(self, drive: VirtualDrive) -> int:  # noqa: ARG002 # homing looks at it
+        """Return none."""
+        return 0

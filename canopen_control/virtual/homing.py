@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 __all__ = ["METHODS", "Homing", "Method"]
 
 START = 1 << 4
+_IN_PLACE = (35, 37)
 FAST, SLOW = 1, 2  # subindices of 0x6099
 
 
@@ -117,6 +118,20 @@ class Homing:
         """Whether the device supports halt in this mode."""
         return drive.personality.homing_halts
 
+    def quick_stop_deceleration(self, drive: VirtualDrive) -> float:
+        """Return 0x6085."""
+        return drive.ramp(o.QUICK_STOP_DECELERATION)
+
+    def control_unpowered(self, drive: VirtualDrive, word: int, previous: int, now: int) -> None:
+        """Take the present position for home, which needs no motion, where the device does that without power."""
+        number = drive.number(o.HOMING_METHOD)
+        if word & ~previous & START and drive.personality.homes_without_power and number in _IN_PLACE:
+            self._begin(drive, now)
+
+    def unpowered_bits(self, drive: VirtualDrive) -> int:
+        """Return bit 12 after a homing without power."""
+        return BIT_12 if self._attained and drive.personality.homes_without_power else 0
+
     def _begin(self, drive: VirtualDrive, now: int) -> None:
         self.reset()
         number = drive.number(o.HOMING_METHOD)
@@ -154,7 +169,7 @@ class Homing:
         """Run through the place of the first leg."""
         leg = self._legs[0]
         position, velocity = drive.mover.state(now)
-        speed = drive.number(o.HOMING_SPEEDS, leg.speed) * leg.direction
+        speed = drive.speed(o.HOMING_SPEEDS, leg.speed) * leg.direction
         acceleration = drive.ramp(o.HOMING_ACCELERATION)
         demand = ramp_to(now, position, velocity, speed, acceleration, acceleration)
         drive.mover.run(demand, now)
@@ -181,7 +196,7 @@ class Homing:
 
     def _found(self, drive: VirtualDrive, home: float, now: int) -> None:
         del now
-        drive.zero = home - drive.number(o.HOME_OFFSET)
+        drive.zero = home - drive.number(o.HOME_OFFSET) * drive.units.position
         self._attained, self._running = True, False
         self._leave_switches(drive)
 

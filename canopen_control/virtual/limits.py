@@ -7,6 +7,7 @@ the lower one; a pair at the ends of its type is no limit.
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 from canopen_control.cia301.emcy_codes import ErrorRegister
@@ -48,8 +49,10 @@ class AxisLimits:
         low, high = drive.number(o.SOFTWARE_POSITION_LIMIT, 1), drive.number(o.SOFTWARE_POSITION_LIMIT, 2)
         lowest, highest = -INFINITE, INFINITE
         if low < high:
-            lowest = low + drive.zero if low > _LOWEST else -INFINITE
-            highest = high + drive.zero if high < _HIGHEST else INFINITE
+            unit = drive.units.position
+            lowest = low * unit + drive.zero if low > _LOWEST else math.copysign(INFINITE, -unit)
+            highest = high * unit + drive.zero if high < _HIGHEST else math.copysign(INFINITE, unit)
+            lowest, highest = min(lowest, highest), max(lowest, highest)
         if drive.mover.switches.wired and not drive.personality.switches_disabled(drive):
             switch_low, switch_high = drive.mover.switches.bounds(drive.mover.plant.position)
             lowest, highest = max(lowest, switch_low), min(highest, switch_high)
@@ -57,8 +60,13 @@ class AxisLimits:
 
     def velocity(self, target: float) -> float:
         """Return `target` within 0x607F and what the drive can do."""
-        most = min(float(self._drive.number(o.MAX_PROFILE_VELOCITY)) or INFINITE, self._drive.personality.max_velocity)
+        most = min(self._drive.speed(o.MAX_PROFILE_VELOCITY) or INFINITE, self._drive.personality.max_velocity)
         return max(-most, min(most, target))
+
+    def target_velocity(self) -> float:
+        """Return 0x60FF plus 0x60B1 in counts/s, within these limits."""
+        drive = self._drive
+        return self.velocity((drive.number(o.TARGET_VELOCITY) + drive.number(o.VELOCITY_OFFSET)) * drive.units.velocity)
 
     def position(self, target: float) -> float:
         """Return `target`, in plant counts, within the bounds; outside them bit 11 is set."""
@@ -128,7 +136,7 @@ class AxisLimits:
     def exceeded(self) -> bool:
         """Whether the following error is outside its window; a window of 0 or 0xFFFFFFFF is none."""
         window = self._drive.number(o.FOLLOWING_ERROR_WINDOW)
-        return 0 < window < 0xFFFFFFFF and abs(self.following_error) > window
+        return 0 < window < 0xFFFFFFFF and abs(self.following_error) > window * self._drive.units.length
 
     def _failed(self, now: int) -> None:
         if self._drive.state is State.OPERATION_ENABLED and self.exceeded:

@@ -159,51 +159,64 @@ def _add_ramp(pieces: list[Piece], velocity: float, target: float, rate: float) 
 
 
 def move_to(
-    now: int, position: float, velocity: float, target: float, speed: float, acceleration: float, deceleration: float
+    now: int,
+    position: float,
+    velocity: float,
+    target: float,
+    speed: float,
+    acceleration: float,
+    deceleration: float,
+    end: float = 0.0,
 ) -> Trajectory:
-    """Go to `target` in the shortest time along ramps and stand there.
+    """Go to `target` in the shortest time along ramps and stand there, or pass it with the speed `end`.
 
-    Motion in the wrong direction, or too fast to stop at the target, is braked to standstill first. Without a speed or
-    an acceleration nothing starts: it stops where it is.
+    Motion in the wrong direction, or too fast at the target, is braked to standstill first. Without a speed or an
+    acceleration nothing starts: it stops where it is. An `end` that cannot be reached on the way is as fast as it gets.
     """
     deceleration = deceleration if deceleration > 0.0 else INFINITE
     if speed <= 0.0 or acceleration <= 0.0:
         return ramp_to(now, position, velocity, 0.0, 0.0, deceleration)
     stop = position + 0.5 * velocity * abs(velocity) / deceleration
-    direction = math.copysign(1.0, target - stop) if target != stop else math.copysign(1.0, velocity)
+    slowed = position + math.copysign(max(0.0, 0.5 * (velocity * velocity - end * end) / deceleration), velocity)
+    direction = math.copysign(1.0, target - slowed) if target != slowed else math.copysign(1.0, velocity)
     pieces: list[Piece] = []
     if velocity * direction < 0.0:
         _add_ramp(pieces, velocity, 0.0, deceleration)
         position, velocity, start = stop, 0.0, position
     else:
         start = position
-    _approach(pieces, direction, abs(target - position), abs(velocity), (speed, acceleration, deceleration))
-    return Trajectory(now, start, tuple(pieces), 0.0, target)
+    limits = (speed, acceleration, deceleration)
+    end = _approach(pieces, direction, abs(target - position), abs(velocity), limits, end)
+    return Trajectory(now, start, tuple(pieces), direction * end if end else 0.0, target)
 
 
 def _approach(
-    pieces: list[Piece], direction: float, way: float, velocity: float, limits: tuple[float, float, float]
-) -> None:
-    """Append the pieces from `velocity` to standstill after `way`, all in one direction."""
+    pieces: list[Piece], direction: float, way: float, velocity: float, limits: tuple[float, float, float], end: float
+) -> float:
+    """Append the pieces from `velocity` to `end` after `way`, all in one direction; return the speed at its end."""
     speed, acceleration, deceleration = limits
     if velocity > speed:  # a lower speed was set on the way
         _add_ramp(pieces, direction * velocity, direction * speed, deceleration)
         way -= 0.5 * (velocity * velocity - speed * speed) / deceleration
         velocity = speed
-    peak = min(speed, _peak(way, velocity, acceleration, deceleration))
+    fastest = math.sqrt(velocity * velocity + 2.0 * acceleration * way) if way else velocity
+    end = min(end, speed, fastest)
+    peak = min(speed, _peak(way, velocity, acceleration, deceleration, end))
     _add_ramp(pieces, direction * velocity, direction * peak, acceleration)
-    way -= 0.5 * (peak * peak - velocity * velocity) / acceleration + 0.5 * peak * peak / deceleration
+    way -= 0.5 * (peak * peak - velocity * velocity) / acceleration + 0.5 * (peak * peak - end * end) / deceleration
     if peak > 0.0 and way > 0.0:
         pieces.append(Piece(way / peak, direction * peak, 0.0))
-    _add_ramp(pieces, direction * peak, 0.0, deceleration)
+    _add_ramp(pieces, direction * peak, direction * end, deceleration)
+    return end
 
 
-def _peak(way: float, velocity: float, acceleration: float, deceleration: float) -> float:
-    """Return the top velocity of the triangle that starts at `velocity` and stands after `way`."""
+def _peak(way: float, velocity: float, acceleration: float, deceleration: float, end: float) -> float:
+    """Return the top velocity of the triangle that starts at `velocity` and has `end` after `way`."""
     if acceleration == INFINITE:
-        return math.sqrt(2.0 * deceleration * way)
+        return math.sqrt(2.0 * deceleration * way + end * end)
     gain = 2.0 * acceleration if deceleration == INFINITE else 2.0 / (1.0 / acceleration + 1.0 / deceleration)
-    return max(velocity, math.sqrt(gain * (way + 0.5 * velocity * velocity / acceleration)))
+    energy = way + 0.5 * velocity * velocity / acceleration + 0.5 * end * end / deceleration
+    return max(velocity, end, math.sqrt(gain * energy))
 
 
 def linear_to(now: int, position: float, target: float, seconds: float) -> Trajectory:

@@ -43,6 +43,12 @@ class Reactions(Protocol):
     def wants_samples(self) -> bool:
         """Whether anybody looks at such values."""
 
+    def next_index(self, demand: Trajectory, now: int) -> tuple[int, float] | None:
+        """Return when and where an index pulse comes that somebody waits for."""
+
+    def index_passed(self, place: float) -> None:
+        """React to that index pulse."""
+
 
 class Mover:
     """One axis in time. Positions are the plant's, in counts."""
@@ -109,7 +115,7 @@ class Mover:
     def power(self, on: bool, now: int) -> None:
         """Switch the power stage; both ways the demand is where the plant is."""
         self._move(now)
-        self.cancel("arrive", "follow", "switch", "following error")
+        self.cancel("arrive", "follow", "switch", "index", "interpolate", "following error")
         self.powered, self.torque = on, None
         if not on:
             self.plant.release(now, now)
@@ -151,8 +157,21 @@ class Mover:
             self.cancel("switch")
         else:
             self.at("switch", touch, self._touch)
+        self.watch_index(now)
         if "sample" not in self.timers and self.owner.wants_samples():
             self.at("sample", now + SAMPLE_NS, self._sample)
+
+    def watch_index(self, now: int) -> None:
+        """Wait for the next index pulse on the way of the demand, where somebody does."""
+        found = self.owner.next_index(self.demand, now) if self.torque is None else None
+        if found is None:
+            self.cancel("index")
+        else:
+            self.at("index", found[0], lambda then: self._index(found[1], then))
+
+    def _index(self, place: float, now: int) -> None:
+        self.owner.index_passed(place)
+        self.watch_index(now)
 
     def _touch(self, now: int) -> None:
         self.owner.touched(int(math.copysign(1.0, self.demand.at(now)[1])), now)

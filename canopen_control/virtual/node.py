@@ -65,6 +65,7 @@ class VirtualNode:
         self.drives: dict[int, VirtualDrive] = {}
         self.filter: FaultSwitches | None = None
         self.reset_delay_ns: int | None = 0
+        self.clock_ppm = 0.0  # how much faster its clock is
         self.routes_version = 0
         self._routes: dict[int, Receiver] = {}
         self._boot_at: int | None = 0

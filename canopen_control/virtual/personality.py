@@ -48,6 +48,7 @@ class Personality:
     single_set_point: bool = False
     homing_methods: frozenset[int] | None = None
     homing_halts: bool = True
+    homes_without_power: bool = False  # methods 35 and 37, in every state of the power state machine
     max_velocity: float = math.inf
     counts_per_revolution: int = 4096  # where 0x608F does not say
     delays: Mapping[int, int] = field(default_factory=dict)

@@ -1,4 +1,4 @@
-"""The modes of operation that move a drive by set-points, each a small object (CiA 402-2, 7 to 16).
+"""The modes of operation with a profile of their own, each a small object (CiA 402-2, 7, 8 and 16).
 
 The law of this file: set-points are user units, demands are the plant's counts. A set-point makes a new demand only
 where it, or a ramp or limit that matters to it, changed.
@@ -11,29 +11,26 @@ from typing import TYPE_CHECKING
 
 from canopen_control.cia402 import objects as o
 from canopen_control.cia402.modes import OperationMode
-from canopen_control.cia402.options import Reaction
+from canopen_control.virtual.cyclic import (
+    NEW_SET_POINT,
+    CyclicPosition,
+    CyclicVelocity,
+    InterpolatedPosition,
+    Torque,
+)
 from canopen_control.virtual.handler import BIT_12, BIT_13, REACHED, Idle, ModeHandler
 from canopen_control.virtual.homing import Homing
-from canopen_control.virtual.motion import INFINITE, linear_to, move_to, ramp_to
+from canopen_control.virtual.motion import move_to, ramp_to
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from canopen_control.virtual.drive import VirtualDrive
 
-__all__ = [
-    "HANDLERS",
-    "CyclicPosition",
-    "CyclicVelocity",
-    "InterpolatedPosition",
-    "ProfilePosition",
-    "ProfileVelocity",
-    "Torque",
-    "VelocityMode",
-]
+__all__ = ["HANDLERS", "ProfilePosition", "ProfileVelocity", "VelocityMode"]
 
 _MS = 1_000_000
-NEW_SET_POINT, IMMEDIATELY, RELATIVE = 1 << 4, 1 << 5, 1 << 6
+IMMEDIATELY, RELATIVE, CHANGE_ON_SET_POINT = 1 << 5, 1 << 6, 1 << 9
 
 
 class ProfileVelocity(Idle):
@@ -55,7 +52,7 @@ class ProfileVelocity(Idle):
 
     def update(self, drive: VirtualDrive, now: int) -> None:
         """Take target and ramps; a position limit ahead is where the motion ends."""
-        target = drive.limits.velocity(drive.number(o.TARGET_VELOCITY) + drive.number(o.VELOCITY_OFFSET))
+        target = drive.limits.target_velocity()
         inputs = (target, drive.ramp(o.PROFILE_ACCELERATION), self.deceleration(drive), *drive.limits.bounds())
         if inputs != self._inputs:
             self._inputs, self._target = inputs, target
@@ -65,8 +62,8 @@ class ProfileVelocity(Idle):
         """Return bit 10 within 0x606D of the target, bit 12 below 0x606F."""
         velocity = drive.mover.plant.velocity
         reached = drive.mover.demand.end_ns <= drive.now and not drive.limited
-        reached = reached and abs(velocity - self._target) <= max(drive.number(o.VELOCITY_WINDOW), 0.5)
-        slow = abs(velocity) <= max(drive.number(o.VELOCITY_THRESHOLD), 0.5)
+        reached = reached and abs(velocity - self._target) <= max(drive.speed(o.VELOCITY_WINDOW), 0.5)
+        slow = abs(velocity) <= max(drive.speed(o.VELOCITY_THRESHOLD), 0.5)
         return (REACHED if reached else 0) | (BIT_12 if slow else 0)
 
     def deceleration(self, drive: VirtualDrive) -> float:
@@ -98,7 +95,7 @@ class VelocityMode(Idle):
         word = drive.controlword
         if not word & 0x20:  # locked: the ramp's output stands
             return
-        rpm = float(drive.number(o.VL_TARGET_VELOCITY)) if word & 0x50 == 0x50 else 0.0
+        rpm = drive.number(o.VL_TARGET_VELOCITY) * drive.units.turn if word & 0x50 == 0x50 else 0.0
         amount, most = abs(rpm), drive.number(o.VL_MIN_MAX_AMOUNT, 2)
         if rpm and amount < (least := drive.number(o.VL_MIN_MAX_AMOUNT, 1)):
             amount = float(least)
@@ -123,6 +120,11 @@ class VelocityMode(Idle):
         """Return 0x6049."""
         return self._slope(drive, o.VL_DECELERATION)
 
+    def quick_stop_deceleration(self, drive: VirtualDrive) -> float:
+        """Return 0x604A, or 0x6085 where that is absent or zero."""
+        has_own = drive.number(o.VL_QUICK_STOP, 1) and drive.number(o.VL_QUICK_STOP, 2)
+        return self._slope(drive, o.VL_QUICK_STOP) if has_own else super().quick_stop_deceleration(drive)
+
     @staticmethod
     def _slope(drive: VirtualDrive, index: int) -> float:
         delta, seconds = drive.number(index, 1), drive.number(index, 2)
@@ -143,6 +145,7 @@ class ProfilePosition(Idle):
         self._target: float | None = None  # the one under way or reached, in plant counts
         self._next: float | None = None
         self._busy = False  # on its way
+        self._profile = (0.0, 0.0, 0.0)  # speed and ramps of the one under way
         self._reached = True
         self._acknowledged = False
 
@@ -162,13 +165,16 @@ class ProfilePosition(Idle):
                 target = self._absolute(drive, word, now)
                 self._acknowledged = True
                 self._take(drive, target, at_once and not drive.halted, now)
+                if self._next is not None and word & CHANGE_ON_SET_POINT and not drive.halted:
+                    self._blend(drive, now)
         elif not word & NEW_SET_POINT and self._next is None and not (single and self._busy):
             self._acknowledged = False
 
     def _absolute(self, drive: VirtualDrive, word: int, now: int) -> float:
-        target = float(drive.number(o.TARGET_POSITION))
+        target = drive.number(o.TARGET_POSITION) * drive.units.position
         if not word & RELATIVE:
-            return drive.limits.position(drive.zero + target + drive.number(o.POSITION_OFFSET))
+            offset = drive.number(o.POSITION_OFFSET) * drive.units.position
+            return drive.limits.position(drive.zero + target + offset)
         option = drive.number(o.POSITIONING_OPTION) & 3
         last = self._next if self._next is not None else self._target
         bases = (last, drive.mover.state(now)[0], drive.mover.plant.position)
@@ -184,13 +190,23 @@ class ProfilePosition(Idle):
         else:  # halted: it starts when the halt ends
             self._target, self._busy = target, True
 
+    def _blend(self, drive: VirtualDrive, now: int) -> None:
+        """Bit 9: pass the present set-point with the present speed, where the next one is further the same way."""
+        target, following = self._target, self._next
+        position, velocity = drive.mover.state(now)
+        if target is None or following is None or (target - position) * (following - target) <= 0.0:
+            return
+        speed = self._profile[0]
+        drive.mover.run(move_to(now, position, velocity, target, *self._profile, end=speed), now)
+
     def _go(self, drive: VirtualDrive, target: float, now: int) -> None:
         self._target, self._busy, self._reached = target, True, False
         drive.mover.cancel("window")
         position, velocity = drive.mover.state(now)
-        speed = drive.limits.velocity(float(drive.number(o.PROFILE_VELOCITY)) or drive.personality.unset_velocity)
-        up, down = drive.ramp(o.PROFILE_ACCELERATION), self.deceleration(drive)
-        drive.mover.run(move_to(now, position, velocity, target, speed, up, down), now)
+        speed = drive.limits.velocity(drive.speed(o.PROFILE_VELOCITY) or drive.personality.unset_velocity)
+        self._profile = speed, drive.ramp(o.PROFILE_ACCELERATION), self.deceleration(drive)
+        end = 0.0 if drive.personality.single_set_point else drive.speed(o.END_VELOCITY)
+        drive.mover.run(move_to(now, position, velocity, target, *self._profile, end=end), now)
 
     def arrived(self, drive: VirtualDrive, now: int) -> None:
         """Take the waiting set-point, or watch the window."""
@@ -200,21 +216,28 @@ class ProfilePosition(Idle):
             target, self._next = self._next, None
             self._acknowledged = bool(drive.controlword & NEW_SET_POINT)
             self._go(drive, target, now)
-            return
-        self._settle(drive, now, None)
+        elif drive.mover.demand.final_velocity:  # it goes on with 0x6082
+            self._arrive(drive)
+            drive.limits.lead(drive.mover.demand.final_velocity, *self._profile[1:], now)
+        else:
+            self._settle(drive, now, None)
+
+    def _arrive(self, drive: VirtualDrive) -> None:
+        """Be at the target."""
+        self._busy, self._reached = False, True
+        if not drive.controlword & NEW_SET_POINT:
+            self._acknowledged = False
+        drive.touch()
 
     def _settle(self, drive: VirtualDrive, now: int, inside_since: int | None) -> None:
-        window = drive.number(o.POSITION_WINDOW)
-        off = window in (0, 0xFFFFFFFF)
+        window = drive.length(o.POSITION_WINDOW)
+        off = drive.number(o.POSITION_WINDOW) in (0, 0xFFFFFFFF)
         error = abs(drive.mover.plant.position - (self._target or 0.0))
         inside = off or error <= window
         since = (now if inside_since is None else inside_since) if inside else None
         wait = 0 if off else drive.number(o.POSITION_WINDOW_TIME) * _MS
         if since is not None and now - since >= wait:
-            self._busy, self._reached = False, True
-            if not drive.controlword & NEW_SET_POINT:
-                self._acknowledged = False
-            drive.touch()
+            self._arrive(drive)
             return
         due = now + _MS if since is None or not drive.mover.plant.stiff else since + wait
         drive.mover.at("window", due, lambda then: self._settle(drive, then, since))
@@ -227,132 +250,6 @@ class ProfilePosition(Idle):
             | (BIT_12 if self._acknowledged else 0)
             | (BIT_13 if drive.limits.exceeded else 0)
         )
-
-
-class CyclicPosition(Idle):
-    """CSP: go to the target within 0x60C2, no ramp; bit 12 while it does, bit 13 on a following error."""
-
-    def __init__(self) -> None:
-        self._inputs: float | None = None
-
-    def reset(self) -> None:
-        """Forget the last set-point."""
-        self._inputs = None
-
-    def start(self, drive: VirtualDrive, now: int) -> None:
-        """Go to the target from where the motor is."""
-        self._inputs = None
-        if drive.live:
-            self.update(drive, now)
-
-    def update(self, drive: VirtualDrive, now: int) -> None:
-        """Take the target; what the drive cannot reach in time is a following error."""
-        target = drive.limits.position(drive.zero + self.target(drive))
-        if target == self._inputs:
-            return
-        self._inputs = target
-        position = drive.mover.state(now)[0]
-        seconds, reach = drive.interpolation_s, drive.personality.max_velocity * drive.interpolation_s
-        within = max(-reach, min(reach, target - position)) if seconds else target - position
-        drive.mover.run(linear_to(now, position, position + within, seconds), now)
-        drive.left_behind(target - position - within, now)
-
-    def target(self, drive: VirtualDrive) -> float:
-        """Return the set-point in user counts."""
-        return float(drive.number(o.TARGET_POSITION) + drive.number(o.POSITION_OFFSET))
-
-    def bits(self, drive: VirtualDrive) -> int:
-        """Return bits 12 and 13; bit 10 is reserved."""
-        return (BIT_12 if drive.live and not drive.limited else 0) | (BIT_13 if drive.limits.exceeded else 0)
-
-
-class InterpolatedPosition(CyclicPosition):
-    """IP: as CSP with the linear sub mode, from 0x60C1:1, while bit 4 is set."""
-
-    def update(self, drive: VirtualDrive, now: int) -> None:
-        """Take the set-point while interpolation is enabled."""
-        if drive.controlword & NEW_SET_POINT:
-            super().update(drive, now)
-
-    def target(self, drive: VirtualDrive) -> float:
-        """Return the data record."""
-        return float(drive.number(o.INTERPOLATION_DATA, 1))
-
-    def control(self, drive: VirtualDrive, word: int, previous: int, now: int) -> None:
-        """Stop when interpolation is switched off."""
-        if previous & ~word & NEW_SET_POINT:
-            self._inputs = None
-            drive.stop(now, Reaction.SLOW_DOWN_RAMP)
-
-    def bits(self, drive: VirtualDrive) -> int:
-        """Return bit 12 while interpolation is active, bit 10 at the set-point."""
-        active = drive.controlword & NEW_SET_POINT and drive.live
-        reached = drive.mover.demand.end_ns <= drive.now
-        return (BIT_12 if active else 0) | (REACHED if reached else 0)
-
-
-class CyclicVelocity(Idle):
-    """CSV: take 0x60FF plus its offset at once, as far as 0x60C5 and 0x60C6 let it."""
-
-    def __init__(self) -> None:
-        self._inputs: tuple[float, ...] | None = None
-
-    def reset(self) -> None:
-        """Forget the last set-point."""
-        self._inputs = None
-
-    def start(self, drive: VirtualDrive, now: int) -> None:
-        """Go on to the target."""
-        self._inputs = None
-        if drive.live:
-            self.update(drive, now)
-
-    def update(self, drive: VirtualDrive, now: int) -> None:
-        """Take the target."""
-        target = drive.limits.velocity(drive.number(o.TARGET_VELOCITY) + drive.number(o.VELOCITY_OFFSET))
-        up, down = drive.number(o.MAX_ACCELERATION) or INFINITE, drive.number(o.MAX_DECELERATION) or INFINITE
-        inputs = (target, up, down, *drive.limits.bounds())
-        if inputs != self._inputs:
-            self._inputs = inputs
-            drive.limits.lead(target, up, down, now)
-
-    def bits(self, drive: VirtualDrive) -> int:
-        """Return bit 12 while it follows."""
-        return BIT_12 if drive.live and not drive.limited else 0
-
-
-class Torque(Idle):
-    """TQ and CST: 0x6071 within its limits, along 0x6087 in TQ, at once in CST."""
-
-    def __init__(self, cyclic: bool = False) -> None:
-        self._cyclic = cyclic
-        self._inputs: tuple[float, float] | None = None
-
-    def reset(self) -> None:
-        """Forget the target."""
-        self._inputs = None
-
-    def start(self, drive: VirtualDrive, now: int) -> None:
-        """Go on to the target torque; from a motion the motor keeps its velocity at first."""
-        self._inputs = None
-        if drive.live:
-            self.update(drive, now)
-
-    def update(self, drive: VirtualDrive, now: int) -> None:
-        """Take target, limits and slope."""
-        target = drive.limits.torque(drive.number(o.TARGET_TORQUE) + drive.number(o.TORQUE_OFFSET))
-        slope = INFINITE if self._cyclic else float(drive.number(o.TORQUE_SLOPE)) or INFINITE
-        if (target, slope) != self._inputs:
-            self._inputs = (target, slope)
-            present = drive.mover.torque.at(now)[1] if drive.mover.torque is not None else 0.0
-            drive.mover.push(ramp_to(now, 0.0, present, target, slope, slope), now)
-
-    def bits(self, drive: VirtualDrive) -> int:
-        """Return bit 10 at the target torque (TQ), bit 12 while it follows (CST)."""
-        if self._cyclic:
-            return BIT_12 if drive.live else 0
-        torque = drive.mover.torque
-        return REACHED if torque is not None and torque.end_ns <= drive.now else 0
 
 
 HANDLERS: dict[int, Callable[[], ModeHandler]] = {

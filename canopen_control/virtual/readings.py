@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from canopen_control.virtual.drive import VirtualDrive
 
-__all__ = ["SOURCES", "clamp", "wrap32"]
+__all__ = ["SOURCES", "clamp", "user_position", "wrap32"]
 
 
 def wrap32(value: float) -> int:
@@ -29,20 +29,33 @@ def clamp(value: float, bits: int = 32) -> int:
     return max(-edge, min(edge - 1, round(value)))
 
 
+def user_position(drive: VirtualDrive, place: float) -> int:
+    """Return the user's position of a place of the plant."""
+    return wrap32((place - drive.zero) / drive.units.position)
+
+
 def _position(drive: VirtualDrive) -> int:
+    return wrap32((drive.mover.plant.position - drive.zero) * (-1.0 if drive.inverted else 1.0) / drive.units.position)
+
+
+def _internal(drive: VirtualDrive) -> int:
     return wrap32((drive.mover.plant.position - drive.zero) * (-1.0 if drive.inverted else 1.0))
 
 
 def _demand(drive: VirtualDrive) -> int:
+    return user_position(drive, drive.mover.state(drive.now)[0])
+
+
+def _internal_demand(drive: VirtualDrive) -> int:
     return wrap32(drive.mover.state(drive.now)[0] - drive.zero)
 
 
 def _velocity(drive: VirtualDrive) -> int:
-    return clamp(drive.mover.plant.velocity * (-1.0 if drive.inverted else 1.0))
+    return clamp(drive.mover.plant.velocity * (-1.0 if drive.inverted else 1.0) / drive.units.velocity)
 
 
 def _velocity_demand(drive: VirtualDrive) -> int:
-    return clamp(drive.mover.state(drive.now)[1])
+    return clamp(drive.mover.state(drive.now)[1] / drive.units.velocity)
 
 
 def _torque(drive: VirtualDrive) -> int:
@@ -55,11 +68,11 @@ def _torque_demand(drive: VirtualDrive) -> int:
 
 
 def _rpm(drive: VirtualDrive) -> int:
-    return clamp(drive.mover.plant.velocity / drive.counts_per_rpm, 16)
+    return clamp(drive.mover.plant.velocity / drive.counts_per_rpm * drive.units.turn, 16)
 
 
 def _rpm_demand(drive: VirtualDrive) -> int:
-    return clamp(drive.mover.state(drive.now)[1] / drive.counts_per_rpm, 16)
+    return clamp(drive.mover.state(drive.now)[1] / drive.counts_per_rpm * drive.units.turn, 16)
 
 
 def _mode(drive: VirtualDrive) -> int:
@@ -76,7 +89,7 @@ SOURCES: dict[int, Callable[[VirtualDrive], int]] = {
     o.VL_VELOCITY_ACTUAL: _rpm,
     o.MODES_OF_OPERATION_DISPLAY: _mode,
     o.POSITION_DEMAND: _demand,
-    o.POSITION_ACTUAL_INTERNAL: _position,
+    o.POSITION_ACTUAL_INTERNAL: _internal,
     o.POSITION_ACTUAL: _position,
     o.VELOCITY_SENSOR_ACTUAL: _velocity,
     o.VELOCITY_DEMAND: _velocity_demand,
@@ -84,8 +97,8 @@ SOURCES: dict[int, Callable[[VirtualDrive], int]] = {
     o.TORQUE_DEMAND: _torque_demand,
     o.TORQUE_ACTUAL: _torque,
     o.CURRENT_ACTUAL: _torque,
-    o.FOLLOWING_ERROR_ACTUAL: lambda drive: clamp(drive.following_error),
-    o.POSITION_DEMAND_INTERNAL: _demand,
+    o.FOLLOWING_ERROR_ACTUAL: lambda drive: clamp(drive.following_error / drive.units.position),
+    o.POSITION_DEMAND_INTERNAL: _internal_demand,
     o.DIGITAL_INPUTS: _inputs,
 }
 """Index of axis 0 to how its value is made; objects the dictionary lacks are not served."""

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 from canopen_control.virtual import fault_actions as act
 from canopen_control.virtual.events import FaultSwitched
 from canopen_control.virtual.faults import FAULTS, Fault, find_fault, parse_fault
+from canopen_control.virtual.twin import make_twin, serve_twin
 
 if TYPE_CHECKING:
     from canopen_control.frame import CanFrame
@@ -34,6 +35,7 @@ class FaultSwitches:
         self._planned: list[tuple[int, str]] = []  # delay from the first tick, or due
         self._started = False
         self._flood_at: int | None = None
+        self._twin: VirtualNode | None = None
         node.switches = self
 
     @property
@@ -60,6 +62,8 @@ class FaultSwitches:
             del self._on[name]
         if fault.floods:
             self._flood_at = now if on else None
+        if fault.twin:
+            self._twin = make_twin(self._node, now) if on else None
         self._node.tell(FaultSwitched(name, on))
         if fault.turn is not None:
             fault.turn(self._node, on, now)
@@ -72,6 +76,8 @@ class FaultSwitches:
     def incoming(self, frame: CanFrame, now: int) -> CanFrame | None:
         """Return what the node hears."""
         heard: CanFrame | None = frame
+        if self._twin is not None:
+            self._twin.receive(frame, now)
         for fault in tuple(self._on.values()):
             if fault.incoming is not None and heard is not None:
                 heard = fault.incoming(self._node, heard, now)
@@ -82,6 +88,8 @@ class FaultSwitches:
     def outgoing(self, frames: list[CanFrame], now: int) -> list[CanFrame]:
         """Return what leaves the node now."""
         leaving, self._due = self._due, []
+        if self._twin is not None:
+            leaving += serve_twin(self._twin)
         for frame in frames:
             for delay, changed in self._changed(frame, now):
                 if delay > 0:
@@ -99,6 +107,8 @@ class FaultSwitches:
         while self._planned and (first := min(self._planned))[0] <= now:
             self._planned.remove(first)
             self.set(first[1], True, now)
+        if self._twin is not None:
+            self._twin.tick(now)
         while self._held and self._held[0][0] <= now:
             self._due.append(heapq.heappop(self._held)[2])
         while self._flood_at is not None and self._flood_at <= now:
@@ -112,6 +122,9 @@ class FaultSwitches:
         deadlines = [due for due, _ in self._planned] + [due for due, _, _ in self._held[:1]]
         if self._flood_at is not None:
             deadlines.append(self._flood_at)
+        twin = None if self._twin is None else self._twin.next_deadline()
+        if twin is not None:
+            deadlines.append(twin)
         return min(deadlines, default=None)
 
     def _changed(self, frame: CanFrame, now: int) -> list[tuple[int, CanFrame]]:

@@ -4,8 +4,9 @@ The law of this file: what its EDS and the public manuals of its family say, and
 microsteps, velocities pps (microsteps per second), accelerations pps per second. Velocity, accelerations and the
 quick-stop ramp have no usable default: until they are written, nothing moves. In profile velocity 0x6083 decelerates
 too. Bits 5 and 9 of the controlword do nothing in profile position, where bit 12 shows a set-point under way. Bit 14 of
-the statusword is set while it moves, bit 15 is the direction. There is no 0x6007: what a lost heartbeat does is
-0x1029:01, whose default goes to PRE-OPERATIONAL and lets the motor turn on; NMT STOPPED in operation is a fault.
+the statusword is set while it moves, bit 15 is the direction. Homing method 35 needs no power. There is no 0x6007: what
+a lost heartbeat does is 0x1029:01, whose default goes to PRE-OPERATIONAL and lets the motor turn on; NMT STOPPED in
+operation is a fault.
 """
 
 from __future__ import annotations
@@ -54,6 +55,7 @@ TMCM1270 = Personality(
     single_set_point=True,
     homing_methods=frozenset((0, 17, 18, 19, 21, 35)),
     homing_halts=False,
+    homes_without_power=True,
     counts_per_revolution=51_200,
     delays=MappingProxyType({4: _ENABLE_DELAY}),
     communication_data=bytes.fromhex("00FF000000"),

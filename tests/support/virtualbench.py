@@ -256,3 +256,11 @@ def _add_axis(od, node_id, axis, without, changed):
 
 def servo(node_id=5, axes=1, without=(), plant=None, faults=(), **changed):
     return make_device(servo_od(node_id, axes, without, **changed), node_id, faults, plant=plant)
+
+
+GENERIC = Path(__file__).parents[2] / "eds" / "generic_cia402.eds"
+
+
+def generic(node_id=5, **kwargs):
+    """The bundled drive with every object of the profile."""
+    return make_device(GENERIC, node_id, **kwargs)

@@ -9,6 +9,7 @@ import pytest
 from support.virtualbench import MS, Aborted, Bench, ready_tmcm, servo, tmcm
 
 from canopen_control.cia301.nmt import NmtCommand
+from canopen_control.frame import CanFrame
 from canopen_control.virtual.faults import FAULTS
 from canopen_control.virtual.switchboard import FaultSwitches
 
@@ -516,6 +517,62 @@ def test_a_clamped_parameter():
     b.set("parameter_clamped", False)
     b.write(0x6083, 5000)
     assert b.number(0x6083) == 5000
+
+
+def test_a_second_node_boots_beats_and_answers_as_the_first_does():
+    b = bench()
+    b.write(0x1017, 100)
+    b.seen.clear()
+    b.set(fault("second_node"))
+    assert b"\0" in [frame.data for _, frame in b.seen if frame.can_id == 0x705]  # its boot-up
+    b.seen.clear()
+    b.put(0x605, struct.pack("<BHB4x", 0x40, 0x1018, 4))
+    answers = [frame.data[4:] for _, frame in b.seen if frame.can_id == 0x585]
+    assert sorted(answers) == sorted(struct.pack("<I", serial) for serial in (5, 1005))
+    b.put(0x605, struct.pack("<BHBI", 0x2B, 0x1017, 0, 100))  # both take it
+    b.on(0.1)
+    assert len(b.beats(1)) == 20
+    b.set("second_node", False)
+    b.on(0.1)
+    assert len(b.beats(1)) == 10
+    assert b.answers(0x1018, 4) == struct.pack("<I", 5)
+    assert b.node.filter is None
+
+
+def csp_steps(name, cycles=10_100):
+    """Return the way of each cycle of 10 ms, of set-points one count further each."""
+    b = bench()
+    if name:
+        b.set(name)
+    b.enable(8)
+    ways, last = [], 0.0
+    for cycle in range(1, cycles):
+        b.node.receive(CanFrame(0x305, struct.pack("<ii", 1000 * cycle, 0)), b.now)
+        b.on(0.01)
+        here = b.drive.mover.plant.position
+        ways.append(round((here - last) / 1000))
+        last = here
+        b.seen.clear()
+    return ways[5:]
+
+
+def test_a_drive_with_the_masters_clock_follows_every_set_point():
+    assert set(csp_steps("", 200)) == {1}
+
+
+@pytest.mark.parametrize(("name", "odd", "beat"), [(fault("clock_fast"), 0, 99.99), (fault("clock_slow"), 2, 100.01)])
+def test_a_clock_that_drifts_repeats_or_misses_a_set_point_once_in_ten_thousand(name, odd, beat):
+    ways = csp_steps(name)
+    assert set(ways) == {1, odd}
+    assert ways.count(odd) == 1
+    b = bench()
+    b.set(name)
+    times = [when / MS for when, _ in b.sent(0x705, 1)]
+    assert [y - x for x, y in itertools.pairwise(times)] == pytest.approx([beat] * (len(times) - 1))
+    b.set(name, False)
+    b.on(0.2)
+    times = [when for when, _ in b.sent(0x705, 1)]
+    assert {y - x for x, y in itertools.pairwise(times)} == {100 * MS}
 
 
 def test_every_switch_is_tested_here():

@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 import pytest
-from support.virtualbench import Bench, ready_tmcm, servo
+from support.virtualbench import Bench, ready_tmcm, servo, tmcm
 
 from canopen_control.virtual.homing import METHODS
 
@@ -115,3 +115,31 @@ def test_the_switches_show_while_homing():
         bench.on(0.05)
         seen.add(bench.number(0x60FD) & 7)
     assert seen >= {0, 1}
+
+
+def test_the_tmcm_1270_takes_its_position_for_home_without_power_by_method_35():
+    bench = Bench(tmcm())
+    bench.drive.mover.displace(500.0, bench.now)
+    assert bench.position == 500
+    bench.write(0x6060, 6)
+    bench.write(0x6098, 35)
+    bench.control(0x16)
+    assert [bench.number(index, signed=True) for index in (0x6062, 0x6063, 0x6064)] == [0, 0, 0]
+    assert bench.statusword & 0x1000
+    assert bench.state == "READY_TO_SWITCH_ON"
+    bench.drive.mover.displace(100.0, bench.now)
+    bench.control(0x16)  # the level is no edge
+    assert bench.position == 100
+
+
+def test_other_methods_and_other_drives_need_operation_for_it():
+    for node, method in ((tmcm(), 17), (servo(), 35)):
+        bench = Bench(node)
+        bench.start()
+        bench.drive.mover.displace(500.0, bench.now)
+        bench.write(0x6060, 6)
+        bench.write(0x6098, method)
+        bench.control(0x16)
+        bench.on(1)
+        assert bench.position == 500
+        assert not bench.statusword & 0x1000

@@ -104,3 +104,34 @@ def test_a_ramp_looked_at_often_is_the_ramp_looked_at_once(p, v, target, up, dow
     assert p + way == pytest.approx(position, abs=1e-2, rel=1e-9)
     assert abs(velocity) <= max(abs(v), abs(target)) + 1e-9
     assert math.isfinite(position)
+
+
+@given(
+    st.floats(-1000, 1000),
+    st.floats(-500, 500),
+    st.floats(-1000, 1000),
+    st.floats(1, 500),
+    st.floats(10, 5000),
+    st.floats(10, 5000),
+    st.floats(0, 500),
+)
+def test_a_move_with_an_end_velocity_passes_its_target_with_it_or_as_fast_as_it_gets(
+    position, velocity, target, speed, up, down, end
+):
+    demand = motion.move_to(0, position, velocity, target, speed, up, down, end=end)
+    there, then = demand.at(demand.end_ns)
+    assert there == pytest.approx(target, abs=1e-6)
+    assert abs(then) <= min(end, speed) + 1e-9
+    just_before = demand.at(max(0, demand.end_ns - 1000))
+    assert just_before[0] == pytest.approx(target, abs=1e-2)
+    if demand.end_ns > 2000 and abs(target - position) > 1e-3:
+        assert abs(just_before[1] - then) <= max(up, down) * 2e-6 + 1e-6
+
+
+def test_an_end_velocity_is_reached_where_the_way_is_long_enough():
+    demand = motion.move_to(0, 0.0, 0.0, 1000.0, 500.0, 1000.0, 1000.0, end=200.0)
+    assert demand.at(demand.end_ns) == (1000.0, 200.0)
+    short = motion.move_to(0, 0.0, 0.0, 10.0, 500.0, 1000.0, 1000.0, end=200.0)
+    assert short.final_velocity == pytest.approx((2 * 1000 * 10) ** 0.5)
+    back = motion.move_to(0, 0.0, 100.0, -50.0, 500.0, 1000.0, 1000.0, end=200.0)
+    assert back.final_velocity == -200.0

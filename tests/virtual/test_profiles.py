@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 import pytest
-from support.virtualbench import Bench, S, ready_tmcm, servo
+from support.virtualbench import Bench, S, generic, ready_tmcm, servo
 
 from canopen_control.virtual.plant import LagPlant
 
@@ -312,102 +312,110 @@ def test_pp_stops_at_a_software_limit_and_says_so():
     assert bench.statusword & LIMIT
 
 
-# -- the cyclic modes
+def pp(**objects):
+    b = Bench(generic())
+    values = {0x6081: 1000, 0x6083: 10_000, 0x6084: 5_000, 0x6085: 20_000} | {
+        int(k[1:], 16): v for k, v in objects.items()
+    }
+    for index, value in values.items():
+        b.write(index, value)
+    return b.enable(1)
 
 
-def test_csp_reaches_each_set_point_within_its_interpolation_time():
-    bench = enabled(8)  # 60C2: 10 ms
-    for step in range(1, 50):
-        bench.write(0x607A, 7 * step)
-        bench.on(0.005)
-        assert bench.position == pytest.approx(7 * step - 3.5, abs=1)
-        bench.on(0.005)
-        assert bench.position == 7 * step
-        assert bench.velocity in (0, 700)
-    assert bench.statusword & BIT_12
-    bench.on(1)
-    assert (bench.position, bench.velocity) == (7 * 49, 0)
+def set_point(b, target, word=0x1F):
+    b.write(0x607A, target)
+    b.control(word)
+    b.control(word & ~0x10)
 
 
-def test_csp_faults_when_a_set_point_is_out_of_reach():
-    bench = enabled(8, x6065=100)
-    object.__setattr__(bench.drive.personality, "max_velocity", 1000.0)
-    try:
-        bench.write(0x607A, 5000)
-        bench.on(0.001)
-        assert bench.state in ("FAULT_REACTION_ACTIVE", "FAULT")
-        assert bench.number(0x603F) == 0x8611
-    finally:
-        object.__setattr__(bench.drive.personality, "max_velocity", float("inf"))
+def test_pp_with_bit_9_passes_the_first_set_point_with_the_profile_velocity():
+    b = pp()
+    set_point(b, 1000)
+    set_point(b, 3000, 0x021F)
+    assert b.statusword & BIT_12
+    b.on(1.05)  # 50 counts of ramp, then 1000 counts/s
+    assert b.velocity == 1000
+    assert b.position == pytest.approx(1000, abs=1)
+    assert not b.statusword & REACHED
+    for t, position, velocity in sampled(b, 1.9):
+        assert velocity == 1000
+        assert position == pytest.approx(1000 + 1000 * t, abs=1)
+    b.on(0.3)
+    assert (b.position, b.velocity) == (3000, 0)
+    assert b.statusword & REACHED
 
 
-def test_a_lagging_plant_faults_outside_the_following_error_window_for_its_time():
-    bench = Bench(servo(plant=lambda axis: LagPlant(time_constant=0.1), x6065=50, x6066=100)).enable(3)
-    bench.write(0x60FF, 400)  # an error of 40
-    bench.on(2)
-    assert bench.state == "OPERATION_ENABLED"
-    assert bench.number(0x60F4, signed=True) == pytest.approx(40, abs=1)
-    bench.write(0x60FF, 1000)  # an error of 100
-    bench.on(0.1)
-    assert bench.state == "OPERATION_ENABLED"
-    bench.on(0.3)
-    assert bench.state == "FAULT"
-    assert bench.number(0x603F) == 0x8611
+def test_pp_without_bit_9_stops_at_the_first_set_point():
+    b = pp()
+    set_point(b, 1000)
+    set_point(b, 3000)
+    slowest = min(abs(velocity) for t, _, velocity in sampled(b, 2.0) if t > 0.5)
+    assert slowest < 50
+    b.on(3)
+    assert b.position == 3000
 
 
-def test_csv_takes_the_velocity_at_once():
-    bench = enabled(9)
-    bench.write(0x60FF, 1000)
-    bench.on(0.5)
-    assert (bench.velocity, bench.position) == (1000, 500)
-    bench.write(0x60FF, 0)
-    bench.on(0.5)
-    assert (bench.velocity, bench.position) == (0, 500)
+def test_pp_with_bit_9_stops_where_the_next_set_point_lies_the_other_way():
+    b = pp()
+    set_point(b, 1000)
+    set_point(b, 0, 0x021F)
+    assert max(position for _, position, _ in sampled(b, 2.0)) <= 1000
+    b.on(2)
+    assert (b.position, b.velocity) == (0, 0)
 
 
-def test_ip_moves_only_while_interpolation_is_enabled():
-    bench = enabled(7)
-    bench.write(0x60C1, 100, 1)
-    bench.on(0.1)
-    assert bench.position == 0
-    assert not bench.statusword & BIT_12
-    bench.control(0x1F)
-    bench.on(0.1)
-    assert bench.position == 100
-    assert bench.statusword & BIT_12
-    bench.control(0x0F)
-    bench.write(0x60C1, 200, 1)
-    bench.on(0.1)
-    assert bench.position == 100
+def test_pp_with_bit_9_takes_the_new_profile_after_the_first_set_point():
+    b = pp()
+    set_point(b, 1000)
+    b.write(0x6081, 2000)
+    set_point(b, 5000, 0x021F)
+    b.on(1.0)
+    assert b.velocity == 1000
+    b.on(0.5)
+    assert b.velocity == 2000
+    b.on(5)
+    assert (b.position, b.velocity) == (5000, 0)
 
 
-def test_tq_follows_its_slope_within_the_limit():
-    bench = enabled(4, x6087=1000, x6072=500)
-    bench.write(0x6071, 400)
-    bench.on(0.2)
-    assert bench.number(0x6077) == 200
-    assert not bench.statusword & REACHED
-    bench.on(0.3)
-    assert bench.number(0x6077) == 400
-    assert bench.statusword & REACHED
-    assert bench.velocity > 0
-    bench.write(0x6071, 900)
-    bench.on(1)
-    assert bench.number(0x6077) == 500
-    assert bench.statusword & LIMIT
-    bench.control(0x02)
-    bench.on(3)
-    assert (bench.velocity, bench.state) == (0, "SWITCH_ON_DISABLED")
+def test_pp_of_the_tmcm_1270_knows_no_bit_9():
+    b = ready_tmcm(mode=1)
+    set_point(b, 1000)
+    set_point(b, 3000, 0x021F)
+    b.on(4)
+    assert b.position == 3000
 
 
-def test_cst_takes_the_torque_at_once():
-    bench = enabled(10)
-    bench.write(0x6071, 100)
-    bench.on(0.001)
-    assert bench.number(0x6077) == 100
-    bench.on(2)
-    assert bench.velocity == pytest.approx(5000, abs=1)  # a tenth of the rated velocity
-    assert bench.statusword & BIT_12
+def test_pp_passes_its_target_with_the_end_velocity_and_goes_on_until_a_limit():
+    b = pp(x6082=200)
+    b.write(0x607D, -5000, 1)
+    b.write(0x607D, 1500, 2)
+    set_point(b, 1000)
+    before = [(position, velocity) for _, position, velocity in sampled(b, 1.5) if not b.statusword & REACHED]
+    assert all(position <= 1000 for position, _ in before)
+    assert b.velocity == 200
+    assert b.statusword & REACHED
+    b.on(5)
+    assert (b.position, b.velocity) == (1500, 0)
+    assert b.statusword & LIMIT
+
+
+def test_vl_stops_quickly_along_0x604a():
+    b = Bench(generic())
+    for index, sub, value in ((0x608F, 1, 6000), (0x6048, 1, 600), (0x6048, 2, 1), (0x604A, 1, 1200), (0x604A, 2, 1)):
+        b.write(index, value, sub)
+    b.enable(2)
+    b.write(0x6042, 600)
+    b.control(0x7F)
+    b.on(2)
+    assert b.number(0x6044, signed=True) == 600
+    b.control(0x02)
+    b.on(0.25)
+    assert b.number(0x6044, signed=True) == 300
+    b.on(0.3)
+    assert (b.number(0x6044), b.state) == (0, "SWITCH_ON_DISABLED")
+    assert b.drive.handlers[2].quick_stop_deceleration(b.drive) == pytest.approx(1200 * 100)
+    b.write(0x604A, 0, 1)
+    assert b.drive.handlers[2].quick_stop_deceleration(b.drive) == b.drive.ramp(0x6085)
 
 
 def test_no_mode_stops_the_motor():

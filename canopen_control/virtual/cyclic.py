@@ -1,0 +1,166 @@
+"""The modes of operation whose set-points come in cycles, and the torque modes (CiA 402-2, 9 and 12 to 15).
+
+The law of this file: set-points are user units, demands are the plant's counts. A set-point makes a new demand only
+where it, or a limit that matters to it, changed. A drive whose clock is not the master's looks at the set-point in its
+own rhythm instead of when it comes.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from canopen_control.cia402 import objects as o
+from canopen_control.cia402.options import Reaction
+from canopen_control.virtual.handler import BIT_12, BIT_13, REACHED, Idle
+from canopen_control.virtual.motion import INFINITE, linear_to, ramp_to
+
+if TYPE_CHECKING:
+    from canopen_control.virtual.drive import VirtualDrive
+
+__all__ = ["NEW_SET_POINT", "CyclicPosition", "CyclicVelocity", "InterpolatedPosition", "Torque"]
+
+_MS = 1_000_000
+NEW_SET_POINT = 1 << 4
+
+
+class CyclicPosition(Idle):
+    """CSP: go to the target within 0x60C2, no ramp; bit 12 while it does, bit 13 on a following error."""
+
+    def __init__(self) -> None:
+        self._inputs: float | None = None
+
+    def reset(self) -> None:
+        """Forget the last set-point."""
+        self._inputs = None
+
+    def start(self, drive: VirtualDrive, now: int) -> None:
+        """Go to the target from where the motor is."""
+        self._inputs = None
+        if drive.live:
+            self.update(drive, now)
+
+    def update(self, drive: VirtualDrive, now: int) -> None:
+        """Take the target; what the drive cannot reach in time is a following error."""
+        ppm = drive.node.clock_ppm
+        if not ppm:
+            self._follow(drive, now)
+        elif "interpolate" not in drive.mover.timers:
+            self._look(drive, now)
+
+    def _look(self, drive: VirtualDrive, now: int) -> None:
+        """Look at the target in the rhythm of a clock that is not the master's."""
+        if drive.live and drive.handler is self and drive.node.clock_ppm:
+            period = round(drive.interpolation_s * (1e9 - 1e3 * drive.node.clock_ppm)) or _MS
+            drive.mover.at("interpolate", now + period, lambda then: self._look(drive, then))
+            self._follow(drive, now)
+
+    def _follow(self, drive: VirtualDrive, now: int) -> None:
+        """Go to the target within the interpolation time."""
+        target = drive.limits.position(drive.zero + self.target(drive) * drive.units.position)
+        if target == self._inputs:
+            return
+        self._inputs = target
+        position = drive.mover.state(now)[0]
+        seconds, reach = drive.interpolation_s, drive.personality.max_velocity * drive.interpolation_s
+        within = max(-reach, min(reach, target - position)) if seconds else target - position
+        drive.mover.run(linear_to(now, position, position + within, seconds), now)
+        drive.left_behind(target - position - within, now)
+
+    def target(self, drive: VirtualDrive) -> float:
+        """Return the set-point in user counts."""
+        return float(drive.number(o.TARGET_POSITION) + drive.number(o.POSITION_OFFSET))
+
+    def bits(self, drive: VirtualDrive) -> int:
+        """Return bits 12 and 13; bit 10 is reserved."""
+        return (BIT_12 if drive.live and not drive.limited else 0) | (BIT_13 if drive.limits.exceeded else 0)
+
+
+class InterpolatedPosition(CyclicPosition):
+    """IP: as CSP with the linear sub mode, from 0x60C1:1, while bit 4 is set."""
+
+    def update(self, drive: VirtualDrive, now: int) -> None:
+        """Take the set-point while interpolation is enabled."""
+        if drive.controlword & NEW_SET_POINT:
+            super().update(drive, now)
+
+    def target(self, drive: VirtualDrive) -> float:
+        """Return the data record."""
+        return float(drive.number(o.INTERPOLATION_DATA, 1))
+
+    def control(self, drive: VirtualDrive, word: int, previous: int, now: int) -> None:
+        """Stop when interpolation is switched off."""
+        if previous & ~word & NEW_SET_POINT:
+            self._inputs = None
+            drive.stop(now, Reaction.SLOW_DOWN_RAMP)
+
+    def bits(self, drive: VirtualDrive) -> int:
+        """Return bit 12 while interpolation is active, bit 10 at the set-point."""
+        active = drive.controlword & NEW_SET_POINT and drive.live
+        reached = drive.mover.demand.end_ns <= drive.now
+        return (BIT_12 if active else 0) | (REACHED if reached else 0)
+
+
+class CyclicVelocity(Idle):
+    """CSV: take 0x60FF plus its offset at once, as far as 0x60C5 and 0x60C6 let it."""
+
+    def __init__(self) -> None:
+        self._inputs: tuple[float, ...] | None = None
+
+    def reset(self) -> None:
+        """Forget the last set-point."""
+        self._inputs = None
+
+    def start(self, drive: VirtualDrive, now: int) -> None:
+        """Go on to the target."""
+        self._inputs = None
+        if drive.live:
+            self.update(drive, now)
+
+    def update(self, drive: VirtualDrive, now: int) -> None:
+        """Take the target."""
+        target = drive.limits.target_velocity()
+        unit = drive.units.acceleration
+        up = drive.number(o.MAX_ACCELERATION) * unit or INFINITE
+        down = drive.number(o.MAX_DECELERATION) * unit or INFINITE
+        inputs = (target, up, down, *drive.limits.bounds())
+        if inputs != self._inputs:
+            self._inputs = inputs
+            drive.limits.lead(target, up, down, now)
+
+    def bits(self, drive: VirtualDrive) -> int:
+        """Return bit 12 while it follows."""
+        return BIT_12 if drive.live and not drive.limited else 0
+
+
+class Torque(Idle):
+    """TQ and CST: 0x6071 within its limits, along 0x6087 in TQ, at once in CST."""
+
+    def __init__(self, cyclic: bool = False) -> None:
+        self._cyclic = cyclic
+        self._inputs: tuple[float, float] | None = None
+
+    def reset(self) -> None:
+        """Forget the target."""
+        self._inputs = None
+
+    def start(self, drive: VirtualDrive, now: int) -> None:
+        """Go on to the target torque; from a motion the motor keeps its velocity at first."""
+        self._inputs = None
+        if drive.live:
+            self.update(drive, now)
+
+    def update(self, drive: VirtualDrive, now: int) -> None:
+        """Take target, limits and slope."""
+        target = drive.limits.torque(drive.number(o.TARGET_TORQUE) + drive.number(o.TORQUE_OFFSET))
+        slope = INFINITE if self._cyclic else float(drive.number(o.TORQUE_SLOPE)) or INFINITE
+        if (target, slope) != self._inputs:
+            self._inputs = (target, slope)
+            present = drive.mover.torque.at(now)[1] if drive.mover.torque is not None else 0.0
+            drive.mover.push(ramp_to(now, 0.0, present, target, slope, slope), now)
+
+    def bits(self, drive: VirtualDrive) -> int:
+        """Return bit 10 at the target torque (TQ), bit 12 while it follows (CST)."""
+        if self._cyclic:
+            return BIT_12 if drive.live else 0
+        torque = drive.mover.torque
+        return REACHED if torque is not None and torque.end_ns <= drive.now else 0
