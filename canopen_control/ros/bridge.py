@@ -21,6 +21,7 @@ from canopen_control.host.reactor import Reactor
 from canopen_control.host.spawn import lifeline_fd
 from canopen_control.ros.available import from_wheels, require_ros
 from canopen_control.ros.environment import describe, prepare
+from canopen_control.ros.options import Options, with_parameters
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -91,6 +92,8 @@ class Bridge:
             self._context, self._node = start(NODE_NAME, namespace, ros_arguments)
         except Exception as error:
             raise CanopenError(f"ROS 2 could not be started: {error}") from error
+        given = Options(self._arguments.rate, self._arguments.tf, self._frame_prefix())
+        self._options = with_parameters(self._node, given)
 
     def run(self) -> None:
         """Serve until the end, then leave the graph."""
@@ -101,13 +104,12 @@ class Bridge:
 
     def _connect(self) -> None:
         """Find the robot; by hand again and again, for `run`'s own bridge there is no other than this one."""
-        from canopen_control.ros.session import Options, Session
+        from canopen_control.ros.session import Session
 
         client: RobotClient | None = None
         try:
             client = RobotClient.connect(self._name, _TIMEOUT_S)
-            options = Options(self._arguments.rate, self._arguments.tf, self._frame_prefix())
-            session = Session(self._node, self._context, self._reactor, client, options, self._on_end)
+            session = Session(self._node, self._context, self._reactor, client, self._options, self._on_end)
             self._session = session
             session.open()
         except CanopenError as error:

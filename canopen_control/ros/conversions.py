@@ -37,6 +37,7 @@ class ControllerView(NamedTuple):
     topic: str | None
     is_broadcaster: bool
     width: int
+    interface: str | None = None
 
     @property
     def active(self) -> bool:
@@ -66,6 +67,7 @@ def controllers_of(answer: Iterable[Json]) -> dict[str, ControllerView]:
             each.get("topic"),
             bool(each.get("is_broadcaster", False)),
             len(each.get("required_command_interfaces") or each.get("claimed_interfaces") or ()),
+            each.get("interface"),
         )
     return views
 

@@ -20,7 +20,7 @@ from canopen_control.ros.qos import EVENTS
 if TYPE_CHECKING:
     from canopen_control.ros.endpoint import Ros
 
-__all__ = ["Diagnostics", "Events"]
+__all__ = ["Diagnostics", "Events", "log_message"]
 
 _PERIOD_S: Final = 1.0
 _LEVELS: Final = {"debug": 10, "info": 20, "warning": 30, "error": 40, "fatal": 50}  # of rcl_interfaces/msg/Log
@@ -63,16 +63,21 @@ class Events(Endpoint):
 
     def on_event(self, event: dict[str, Any]) -> None:
         """Publish an event."""
-        message = self._log()
-        message.stamp = time_message(event["time"])
-        message.level = _LEVELS.get(str(event.get("level")), _LEVELS["info"])
-        message.name = str(event.get("node") or self._ros.robot)
-        message.msg, message.function = str(event["text"]), str(event["kind"])
-        self._publisher.publish(message)
+        self._publisher.publish(log_message(self._log, event, self._ros.robot))
 
     def close(self) -> None:
         """Leave the topic."""
         self._ros.node.destroy_publisher(self._publisher)
+
+
+def log_message(log: Any, event: dict[str, Any], robot: str) -> Any:  # noqa: ANN401 - somebody's generator's class
+    """Return an event of the API as a `log`, the class of rcl_interfaces/msg/Log."""
+    message = log()
+    message.stamp = time_message(event["time"])
+    message.level = _LEVELS.get(str(event.get("level")), _LEVELS["info"])
+    message.name = str(event.get("node") or robot)
+    message.msg, message.function = str(event["text"]), str(event["kind"])
+    return message
 
 
 def _status(told: Diagnosis) -> DiagnosticStatus:

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from canopen_control.ros.conversions import ControllerView
     from canopen_control.ros.endpoint import Ros
 
-__all__ = ["BaseOdometry", "TwistCommands"]
+__all__ = ["BaseOdometry", "TwistCommands", "send_twist"]
 
 
 class TwistCommands(Endpoint):
@@ -33,8 +33,8 @@ class TwistCommands(Endpoint):
         self._ros, self._controller = ros, controller
         name = controller.name
         self._subscriptions = [
-            ros.subscribe(TwistStamped, f"{name}/cmd_vel", self._on_stamped, SYSTEM_DEFAULT),
-            ros.subscribe(Twist, f"{name}/cmd_vel_unstamped", self._on_twist, SYSTEM_DEFAULT),
+            ros.subscribe(TwistStamped, f"{name}/cmd_vel", self._on_message, SYSTEM_DEFAULT),
+            ros.subscribe(Twist, f"{name}/cmd_vel_unstamped", self._on_message, SYSTEM_DEFAULT),
         ]
 
     def on_controller(self, controller: ControllerView) -> None:
@@ -46,22 +46,8 @@ class TwistCommands(Endpoint):
         for subscription in self._subscriptions:
             self._ros.unsubscribe(subscription)
 
-    def _on_stamped(self, message: TwistStamped) -> None:
-        self._command(message.twist, seconds_of(message.header.stamp.sec, message.header.stamp.nanosec))
-
-    def _on_twist(self, message: Twist) -> None:
-        self._command(message, None)
-
-    def _command(self, twist: Twist, stamp: float | None) -> None:
-        name, linear, angular = self._controller.name, twist.linear.x, twist.angular.z
-        if not self._controller.active:
-            self._ros.warn(f"{name}/cmd_vel", f"{name} is {self._controller.state}; activate it before commanding it")
-        elif not (math.isfinite(linear) and math.isfinite(angular)):
-            text = f"{name}: a twist is not finite: linear.x {linear:g}, angular.z {angular:g}; it was dropped"
-            self._ros.warn(f"{name}/cmd_vel", text)
-        else:
-            params = {"linear": linear, "angular": angular}
-            self._ros.command(name, "twist", params if stamp is None else {**params, "stamp": stamp})
+    def _on_message(self, message: Twist | TwistStamped) -> None:
+        send_twist(self._ros, self._controller, message)
 
 
 class BaseOdometry(Endpoint):
@@ -101,6 +87,22 @@ class BaseOdometry(Endpoint):
         message.header.frame_id = sample["child_frame_id"]
         message.twist.linear.x, message.twist.angular.z = map(float, sample["limited"])
         self._limited.publish(message)
+
+
+def send_twist(ros: Ros, controller: ControllerView, message: Twist | TwistStamped) -> None:
+    """Hand a twist to a base controller, with its stamp where it has one; what is not finite is dropped."""
+    twist, stamp = message, None
+    if isinstance(message, TwistStamped):
+        twist, stamp = message.twist, seconds_of(message.header.stamp.sec, message.header.stamp.nanosec)
+    name, linear, angular = controller.name, twist.linear.x, twist.angular.z
+    if not controller.active:
+        ros.warn(f"{name}/cmd_vel", f"{name} is {controller.state}; activate it before commanding it")
+    elif not (math.isfinite(linear) and math.isfinite(angular)):
+        text = f"{name}: a twist is not finite: linear.x {linear:g}, angular.z {angular:g}; it was dropped"
+        ros.warn(f"{name}/cmd_vel", text)
+    else:
+        params = {"linear": linear, "angular": angular}
+        ros.command(name, "twist", params if stamp is None else {**params, "stamp": stamp})
 
 
 def odometry_message(sample: dict[str, Any]) -> Odometry:

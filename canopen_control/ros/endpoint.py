@@ -35,6 +35,9 @@ class Ros(Protocol):
     def warn(self, key: str, text: str) -> None:
         """Tell the user, rarely."""
 
+    def hand_over(self, function: Callable[[], object]) -> None:
+        """Have a function called on the reactor's thread; from any thread."""
+
     def subscribe(self, message: type, topic: str, callback: Callable[[Any], object], qos: object) -> object:
         """Make a subscription; an exception of the callback becomes a warning."""
 

@@ -7,7 +7,7 @@ controller is told and the rest goes on; only the end of the connection ends the
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any, Final
 
 from canopen_control.errors import CanopenError, RemoteError
@@ -16,12 +16,18 @@ from canopen_control.ros.controller_manager import ControllerManagerServices
 from canopen_control.ros.conversions import ControllerView, controllers_of
 from canopen_control.ros.description import RobotDescription
 from canopen_control.ros.diagnostics import Diagnostics, Events
+from canopen_control.ros.drive_topics import DriveTopics
+from canopen_control.ros.drives import DriveServices, MasterServices, Targets
 from canopen_control.ros.frames import Frames
+from canopen_control.ros.lifecycle import Lifecycle
 from canopen_control.ros.mailbox import Mailbox
+from canopen_control.ros.nodes import NodeView, nodes_of
 from canopen_control.ros.service import serve as make_service
+from canopen_control.ros.shared_twist import SharedTwist
 from canopen_control.ros.spinner import Spinner
 from canopen_control.ros.table import endpoints_for
 from canopen_control.ros.throttle import Throttle
+from canopen_control.ros.topic_hardware import TopicHardware
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -30,22 +36,14 @@ if TYPE_CHECKING:
     from canopen_control.host.reactor import Reactor
     from canopen_control.ros.asker import Answer
     from canopen_control.ros.endpoint import Endpoint
+    from canopen_control.ros.options import Options
     from canopen_control.ros.rcl import Context, Node
     from canopen_control.ros.service import Handler, Reply
 
-__all__ = ["Options", "Session"]
+__all__ = ["Session"]
 
 Message = dict[str, Any]
 _JOIN_S: Final = 1.0
-
-
-@dataclass(frozen=True, slots=True)
-class Options:
-    """What the bridge publishes: `rate` of the state stream in Hz, `tf` with the prefix of all frames."""
-
-    rate: float = 50.0
-    tf: bool = True
-    frame_prefix: str = ""
 
 
 class Session:
@@ -76,27 +74,47 @@ class Session:
         self._spinner = Spinner(node, context, self._on_callback_error)
         self._asker = Asker(client.robot, reactor)
 
-    def _make_common(self, urdf: str) -> None:
+    def _make_common(self, urdf: str, nodes: list[NodeView]) -> None:
         """Make the topics of the robot as a whole; what cannot be made is told, the others are there."""
+        options = self._options
         wanted: list[Callable[[], Endpoint]] = [
             lambda: RobotDescription(self, urdf),
             lambda: Diagnostics(self),
             lambda: Events(self),
             lambda: ControllerManagerServices(self),
         ]
-        if self._options.tf:
-            wanted.append(lambda: Frames(self, urdf, self._options.frame_prefix))
+        if options.tf:
+            wanted.append(lambda: Frames(self, urdf, options.frame_prefix))
+        if options.cmd_vel_type != "off":
+            wanted.append(lambda: SharedTwist(self, options.cmd_vel_topic, options.cmd_vel_type))
+        if options.topic_hardware:
+            wanted.append(lambda: TopicHardware(self, options.joint_commands_topic, options.joint_states_topic))
+        wanted += self._of_nodes(nodes) if options.drives else []
         for make in wanted:
             try:
                 self._common.append(make())
             except (CanopenError, ValueError) as error:
                 self.warn(str(error), str(error))
 
+    def _of_nodes(self, nodes: list[NodeView]) -> list[Callable[[], Endpoint]]:
+        """Return what each node has, stop verbs and all."""
+        targets = Targets()
+        wanted: list[Callable[[], Endpoint]] = [lambda: MasterServices(self)] if nodes else []
+        for node in nodes:
+            wanted.append(partial(DriveTopics, self, node))
+            wanted.append(partial(DriveServices, self, node, targets))
+            if node.lifecycle:
+                wanted.append(partial(Lifecycle, self, node.path(""), node.name))
+        if self._options.lifecycle or any(node.lifecycle for node in nodes):
+            wanted.append(lambda: Lifecycle(self, "/lifecycle_manager"))
+        return wanted
+
     def open(self) -> None:
         """Subscribe on both sides and begin; raises RemoteError."""
         client, status = self._client, self._client.call("status")
         self._mailbox.interval_ns = round(float(status["cycle"]["period_s"]) * 1e9)
-        self._make_common(client.call("description")["urdf"])
+        nodes = nodes_of(client.call("nodes"), str(self.node.get_namespace()))
+        self._make_common(client.call("description")["urdf"], nodes)
         client.call("subscribe", state_rate=self._options.rate, events=True)
         self._reactor.add_reader(client.fileno(), self._on_readable)
         self._reactor.call_soon(self._on_readable)  # what came together with an answer makes no descriptor readable
@@ -126,6 +144,10 @@ class Session:
         """Tell the user, each key once per second at most; from any thread."""
         if self._throttle.allows(key, self._reactor.now()):
             self.node.get_logger().warning(text)
+
+    def hand_over(self, function: Callable[[], object]) -> None:
+        """Have a function called on the reactor's thread; from any thread."""
+        self._reactor.call_threadsafe(function)
 
     def subscribe(self, message: type, topic: str, callback: Callable[[Any], object], qos: object) -> object:
         """Make a subscription; an exception of the callback becomes a warning (the executor would drop messages)."""

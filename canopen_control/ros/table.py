@@ -8,6 +8,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.ros.diff_drive import BaseOdometry, TwistCommands
+from canopen_control.ros.dynamic_joint_states import DynamicJointStates
 from canopen_control.ros.forward import ForwardCommands
 from canopen_control.ros.joint_states import JointStates
 
@@ -28,7 +29,7 @@ BY_TOPIC: Final[dict[str | None, tuple[Factory, ...]]] = {
 }
 #: by its type
 BY_TYPE: Final[dict[str, tuple[Factory, ...]]] = {
-    "joint_state_broadcaster/JointStateBroadcaster": (JointStates,),
+    "joint_state_broadcaster/JointStateBroadcaster": (JointStates, DynamicJointStates),
 }
 
 

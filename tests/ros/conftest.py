@@ -17,17 +17,26 @@ def ros_folder(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def stage(ros_folder):
+def stage(ros_folder, request):
+    """A robot, its bridge and another ROS program; NODES, ARGUMENTS of the module: the robot's, the bridge's."""
     with pytest.MonkeyPatch.context() as patch, ros.domain() as number:
         for name, value in ros_folder.items():
             patch.setenv(name, value)
         robot = ros.FakeRobot()
+        robot.bus_nodes = getattr(request.module, "NODES", [])
         with (
             robot,
-            ros.bridge(number, **ros_folder) as process,
+            ros.bridge(number, *getattr(request.module, "ARGUMENTS", ()), **ros_folder) as process,
             ros.Peer(number, ROS_LOG_DIR=ros_folder["ROS_LOG_DIR"]) as peer,
         ):
             yield SimpleNamespace(robot=robot, bridge=process, peer=peer, domain=number)
+
+
+@pytest.fixture(scope="module")
+def maker(stage):
+    """Another ROS program, with the package's interfaces where ROS has none."""
+    with ros.Peer(stage.domain, "--interfaces") as peer:
+        yield peer
 
 
 @pytest.fixture
@@ -35,6 +44,7 @@ def fresh(stage):
     """The stage as it was at the beginning: nothing told, everything active but the base."""
     stage.robot.told.clear()
     stage.robot.refusals.clear()
+    stage.robot.answers.clear()
     stage.robot.more = {}
     stage.robot.switch(joint_state_broadcaster="active", forward="active", base="inactive")
     return stage

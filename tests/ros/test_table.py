@@ -21,7 +21,8 @@ def names(type, topic):
     return [each.__class__.__name__ for each in table.endpoints_for(Ros(), view(type, topic))]
 assert names("velocity_controllers/JointGroupVelocityController", "commands") == ["ForwardCommands"]
 assert names("diff_drive_controller/DiffDriveController", "cmd_vel") == ["TwistCommands", "BaseOdometry"]
-assert names("joint_state_broadcaster/JointStateBroadcaster", None) == ["JointStates"]
+assert names("joint_state_broadcaster/JointStateBroadcaster", None) == [
+    "JointStates", "DynamicJointStates"]
 assert names("somebody/Else", None) == []
 assert names("somebody/Else", "dance") == []
 """

@@ -183,6 +183,7 @@ class FakeRobot:
         self.nodes = {"left_drive": node(3, "left"), "right_drive": node(2, "right")}
         self.time, self.more, self.refusals, self.answers = 1_700_000_000.25, {}, {}, {}
         self._watching, self.urdf = [], URDF
+        self.bus_nodes, self.holds, self._held = [], (), []
         self._server = LineServer(
             self.reactor, socket_path("robot", name), self._greet, self._on_message, self._on_close
         )
@@ -245,18 +246,34 @@ class FakeRobot:
         self.told.append(message)
         if method == "subscribe":
             self._watching.append(connection)
-        if "id" in message and method in self.refusals:
+        if message["params"].get("action") in self.holds:
+            self._held.append((connection, message))
+        elif "id" in message and method in self.refusals:
             connection.send({"id": message["id"], "error": self.refusals[method]})
         elif "id" in message:
-            connection.send({"id": message["id"], "result": self._answer(method)})
+            connection.send({"id": message["id"], **self._outcome(method, message["params"])})
 
-    def _answer(self, method):
+    def release(self):
+        """Answer what was held back: the actions that `holds` names."""
+        held, self._held, self.holds = self._held, [], ()
+        for connection, message in held:
+            self.on_loop(lambda: connection.send({"id": message["id"], "result": {}}))  # noqa: B023 - waited for
+
+    def _outcome(self, method, params):
+        try:
+            return {"result": self._answer(method, params)}
+        except LookupError as error:
+            return {"error": {"kind": "ControlError", "message": error.args[0]}}
+
+    def _answer(self, method, params):
         if method in self.answers:
-            return self.answers[method]
+            answer = self.answers[method]
+            return answer(params) if callable(answer) else answer
         known = {
             "status": lambda: {**self.state(), "robot": self._name, "events": []},
             "controllers": lambda: self.controllers,
             "description": lambda: {"urdf": self.urdf},
+            "nodes": lambda: {"buses": {}, "nodes": self.bus_nodes},
         }
         return known.get(method, dict)()
 
@@ -316,3 +333,10 @@ def eventually(condition, seconds=PATIENCE):
             return False
         time.sleep(0.005)
     return True
+
+
+def in_thread(function):
+    """Do something that waits, in a thread of its own."""
+    thread = threading.Thread(target=function)
+    thread.start()
+    return thread

@@ -1,0 +1,56 @@
+"""`/dynamic_joint_states` of the joint state broadcaster: every state interface of every joint by its name.
+
+The law of the file (joint_state_broadcaster, Jazzy): published with `/joint_states`, relative to the namespace, with
+the same stamp; what is not known is nan.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+from canopen_control.ros.endpoint import Endpoint
+from canopen_control.ros.interfaces import interface
+from canopen_control.ros.joint_states import time_message
+from canopen_control.ros.qos import SYSTEM_DEFAULT
+
+if TYPE_CHECKING:
+    from canopen_control.ros.conversions import ControllerView
+    from canopen_control.ros.endpoint import Ros
+
+__all__ = ["DynamicJointStates"]
+
+_NO_INTERFACE = "command"  # in the state stream, what a controller wants
+
+
+class DynamicJointStates(Endpoint):
+    """The publisher of one broadcaster."""
+
+    def __init__(self, ros: Ros, controller: ControllerView) -> None:
+        self._ros, self._controller = ros, controller
+        self._message = interface("control_msgs/msg/DynamicJointState")
+        self._values = interface("control_msgs/msg/InterfaceValue")
+        self._publisher = ros.node.create_publisher(self._message, "dynamic_joint_states", SYSTEM_DEFAULT)
+
+    def on_controller(self, controller: ControllerView) -> None:
+        """Follow its state and its joints."""
+        self._controller = controller
+
+    def on_state(self, state: dict[str, Any]) -> None:
+        """Publish a sample; nothing is made where nobody listens."""
+        if not self._controller.active or not self._publisher.get_subscription_count():
+            return
+        joints = state["joints"]
+        names = [name for name in self._controller.joints if name in joints] or sorted(joints)
+        message = self._message(joint_names=names, interface_values=[self._of(joints[name]) for name in names])
+        message.header.stamp, message.header.frame_id = time_message(state["time"]), "base_link"
+        self._publisher.publish(message)
+
+    def close(self) -> None:
+        """Leave the topic."""
+        self._ros.node.destroy_publisher(self._publisher)
+
+    def _of(self, joint: dict[str, Any]) -> Any:  # noqa: ANN401 - a class made by somebody's generator
+        names = [name for name in joint if name != _NO_INTERFACE]
+        values = [math.nan if joint[name] is None else float(joint[name]) for name in names]
+        return self._values(interface_names=names, values=values)

@@ -1,0 +1,96 @@
+"""`/NODE/*` services: names and answers of ros2_canopen, and stop verbs that wait for nobody."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from support import ros
+
+from canopen_control.ros.drives import TRIGGERS
+
+pytestmark = pytest.mark.ros
+NODES = [
+    {"name": "left_drive", "node_id": 3},
+    {"name": "right_drive", "node_id": 2, "namespace": "/test1", "remappings": {"~/init": "/start"}},
+]
+TRIGGER, TARGET = "std_srvs/srv/Trigger", "canopen_interfaces/srv/COTargetDouble"
+
+
+@pytest.fixture
+def call(fresh, maker):
+    def call(service, of=TRIGGER, **data):
+        return maker.order("call", service=service, of=of, data=data)["response"]
+
+    return call
+
+
+@pytest.mark.parametrize("name", TRIGGERS)
+def test_a_trigger_that_is_done_answers_with_an_empty_message(fresh, call, name):
+    assert call(f"/left_drive/{name}") == {"success": True, "message": ""}
+    method, params = TRIGGERS[name]
+    assert fresh.robot.commands(method) == [{"node": "left_drive", **params}]
+
+
+def test_the_names_are_those_of_ros2_canopen_and_more():
+    modes = ["position", "velocity", "torque", "cyclic_velocity", "cyclic_position", "cyclic_torque"]
+    modes = [f"{mode}_mode" for mode in (*modes, "interpolated_position")]
+    theirs = ["nmt_reset_node", "nmt_start_node", "init", "enable", "disable", "halt", "recover", *modes]
+    assert set(TRIGGERS) == {*theirs, "home", "quick_stop"}
+
+
+def test_recover_resets_the_fault_and_does_not_enable(fresh, call):
+    call("/left_drive/recover")
+    assert [each["action"] for each in fresh.robot.commands("axis")] == ["fault-reset"]
+
+
+def test_a_trigger_that_is_refused_says_why(fresh, call):
+    fresh.robot.refusals["axis"] = {"kind": "ControlError", "message": "node 3 (left_drive) is not operational"}
+    assert call("/left_drive/enable") == {"success": False, "message": "node 3 (left_drive) is not operational"}
+
+
+def test_namespace_and_remappings_of_a_node_are_followed(fresh, call):
+    assert call("/test1/right_drive/enable")["success"]
+    assert call("/start")["success"]
+    assert [each["node"] for each in fresh.robot.commands("axis")] == ["right_drive"] * 2
+
+
+@pytest.mark.parametrize("stop", ["halt", "disable", "quick_stop"])
+def test_a_stop_is_not_behind_an_init_that_takes_its_time(fresh, maker, call, stop):
+    fresh.robot.holds = ("enable", "home")
+    with ros.Peer(fresh.domain) as other:
+        waiting = ros.in_thread(lambda: other.order("call", service="/left_drive/init", of=TRIGGER, data={}))
+        assert ros.eventually(lambda: fresh.robot.commands("axis"))
+        assert call(f"/left_drive/{stop}")["success"]
+        assert waiting.is_alive()
+        fresh.robot.release()
+        waiting.join(ros.PATIENCE)
+        assert not waiting.is_alive()
+
+
+def test_a_target_goes_through_the_controller_and_leaves_the_other_joint_what_it_has(fresh, call):
+    fresh.robot.joints["right"]["command"] = 4.0
+    try:
+        assert ros.eventually(lambda: _commands(fresh, call, 7.5) == [[7.5, 4.0]])
+    finally:
+        fresh.robot.joints["right"]["command"] = None
+    assert fresh.robot.commands()[0]["controller"] == "forward"
+
+
+def _commands(stage, call, target):
+    stage.robot.told.clear()
+    assert call("/left_drive/target", TARGET, target=target) == {"success": True}
+    return [each["values"] for each in stage.robot.commands()]
+
+
+def test_targets_of_two_drives_in_a_row_are_both_kept(fresh, call):
+    call("/left_drive/target", TARGET, target=1.0)
+    call("/test1/right_drive/target", TARGET, target=2.0)
+    assert [each["values"] for each in fresh.robot.commands()][-1] == [1.0, 2.0]
+
+
+def test_a_target_is_refused_without_a_controller_or_when_it_is_no_number(fresh, call):
+    assert call("/left_drive/target", TARGET, target=math.nan) == {"success": False}
+    fresh.robot.switch(forward="inactive")
+    assert ros.eventually(lambda: call("/left_drive/target", TARGET, target=1.0) == {"success": False})
+    assert all(math.isfinite(each["values"][0]) for each in fresh.robot.commands())

@@ -1,0 +1,122 @@
+"""SDO through services: ros2_canopen's, and those for every type."""
+
+from __future__ import annotations
+
+import pytest
+
+pytestmark = pytest.mark.ros
+NODES = [{"name": "left_drive", "node_id": 3}]
+ABORT = "node 3 (left_drive): 0x{index:04X}:{subindex:02X}: abort 0x06020000 (object does not exist)"
+LENGTH = "node 3 (left_drive): 0x{index:04X}:{subindex:02X}: abort 0x06070010 (length does not match)"
+
+
+class Objects:
+    """The objects of a node; some can only be written."""
+
+    def __init__(self):
+        self.held = {
+            (0x6083, 0): b"\x80\x3e\0\0",
+            (0x6098, 0): b"\xff",
+            (0x1008, 0): b"TMCM-1270",
+            (0x2100, 0): b"12345678",
+        }
+        self.writable = {(0x2001, 0): 2}
+
+    def read(self, params):
+        return {"data": self.held[self.key(params, self.held)].hex()}
+
+    def write(self, params):
+        key, data = self.key(params, {**self.held, **self.writable}), bytes.fromhex(params["data"])
+        length = self.writable.get(key)
+        if length is not None and len(data) != length:
+            raise LookupError(LENGTH.format(**params))
+        self.held[key] = data
+        return {}
+
+    def key(self, params, known):
+        key = (params["index"], params["subindex"])
+        if params["node"] not in ("left_drive", "3") or key not in known:
+            raise LookupError(ABORT.format(**params))
+        return key
+
+
+@pytest.fixture
+def objects(fresh):
+    objects = Objects()
+    fresh.robot.answers.update(sdo_read=objects.read, sdo_write=objects.write)
+    return objects
+
+
+@pytest.fixture
+def call(fresh, maker):
+    def call(service, kind, **data):
+        return maker.order("call", service=f"/{service}", of=kind, data=data)["response"]
+
+    return call
+
+
+def test_sdo_read_and_write_are_those_of_ros2_canopen(objects, call):
+    assert call("left_drive/sdo_read", "canopen_interfaces/srv/CORead", index=0x6083) == {
+        "success": True,
+        "data": 16000,
+    }
+    written = call("left_drive/sdo_write", "canopen_interfaces/srv/COWrite", index=0x6083, data=100)
+    assert written == {"success": True}
+    assert objects.held[0x6083, 0] == b"\x64\0\0\0"
+
+
+def test_a_negative_value_is_two_complement_in_the_width_of_the_object(objects, call):
+    call("left_drive/sdo_write", "canopen_interfaces/srv/COWrite", index=0x6098, data=0xFFFFFFFE)
+    assert objects.held[0x6098, 0] == b"\xfe"
+
+
+def test_an_object_that_can_only_be_written_is_written_in_the_width_that_the_node_takes(objects, call):
+    assert call("left_drive/sdo_write", "canopen_interfaces/srv/COWrite", index=0x2001, data=7) == {"success": True}
+    assert objects.held[0x2001, 0] == b"\7\0"
+
+
+def test_what_the_node_refuses_is_no_success(objects, call):
+    assert call("left_drive/sdo_read", "canopen_interfaces/srv/CORead", index=0x5FFF)["success"] is False
+    assert call("left_drive/sdo_write", "canopen_interfaces/srv/COWrite", index=0x5FFF, data=1) == {"success": False}
+    too_long = call("left_drive/sdo_read", "canopen_interfaces/srv/CORead", index=0x1008)
+    assert too_long == {"success": False, "data": 0}
+
+
+def test_the_masters_services_name_the_node_by_its_id(objects, call):
+    read = "canopen_interfaces/srv/COReadID"
+    write = "canopen_interfaces/srv/COWriteID"
+    assert call("master/sdo_read", read, nodeid=3, index=0x6083, canopen_datatype=7) == {"success": True, "data": 16000}
+    assert call("master/sdo_write", write, nodeid=3, index=0x6083, canopen_datatype=7, data=5) == {"success": True}
+    assert objects.held[0x6083, 0] == b"\5\0\0\0"
+    assert call("master/sdo_read", read, nodeid=9, index=0x6083, canopen_datatype=7)["success"] is False
+    assert call("master/sdo_read", read, nodeid=3, index=0x6083, canopen_datatype=1)["success"] is False
+
+
+def test_objects_of_every_type_are_read_with_the_reason_where_it_fails(objects, call):
+    names = ["0x6083", "0x1008:00 str", "0x6098 i8", "0x2100:00 f64", "0x2100 bytes", "0x5FFF", "nonsense"]
+    values = call("left_drive/get_objects", "rcl_interfaces/srv/GetParameters", names=names)["values"]
+    assert [each["type"] for each in values] == [2, 4, 2, 3, 5, 0, 0]
+    assert values[0]["integer_value"] == 16000
+    assert values[1]["string_value"] == "TMCM-1270"
+    assert values[2]["integer_value"] == -1
+    assert values[4]["byte_array_value"] == list(b"12345678")
+    assert values[5]["string_value"].endswith("0x5FFF:00: abort 0x06020000 (object does not exist)")
+    assert values[6]["string_value"].startswith("'nonsense' is no object")
+
+
+def test_objects_are_written_one_after_the_other_with_the_reason_where_it_fails(objects, call):
+    parameters = [
+        {"name": "0x6083", "value": {"type": 2, "integer_value": 77}},
+        {"name": "0x1008", "value": {"type": 4, "string_value": "name"}},
+        {"name": "0x2100 f64", "value": {"type": 3, "double_value": 0.5}},
+        {"name": "0x6098", "value": {"type": 2, "integer_value": 1000}},
+        {"name": "0x5FFF", "value": {"type": 2, "integer_value": 1}},
+        {"name": "0x6083", "value": {"type": 9}},
+    ]
+    results = call("left_drive/set_objects", "rcl_interfaces/srv/SetParameters", parameters=parameters)["results"]
+    assert [each["successful"] for each in results] == [True, True, True, False, False, False]
+    assert objects.held[0x6083, 0] == b"\x4d\0\0\0"
+    assert objects.held[0x1008, 0] == b"name"
+    assert "does not fit" in results[3]["reason"]
+    assert "abort 0x06020000" in results[4]["reason"]
+    assert results[5]["reason"].startswith("type 9")

@@ -1,0 +1,80 @@
+"""The topics of joint_state_topic_hardware_interface, with what that package really sends."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from support import ros
+
+pytestmark = pytest.mark.ros
+ARGUMENTS = ("--ros-args", "-p", "topic_hardware:=true", "-p", "rate:=100.0")
+COMMANDS, STATES, TYPE = "/robot_joint_commands", "/robot_joint_states", "sensor_msgs/msg/JointState"
+NAN = math.nan
+
+
+def send(stage, **data):
+    stage.peer.order("publish", topic=COMMANDS, of=TYPE, data=data)
+
+
+def settled(stage):
+    """Return the commands once a last one has come through."""
+    send(stage, name=["left", "right"], velocity=[99.0, 99.0])
+    assert ros.eventually(lambda: {"controller": "forward", "source": "ros", "values": [99.0, 99.0]} in commands(stage))
+    return [each["values"] for each in commands(stage) if each["values"] != [99.0, 99.0]]
+
+
+def commands(stage):
+    return stage.robot.commands()
+
+
+@pytest.fixture(scope="module")
+def matched(stage):
+    def through():
+        send(stage, name=["left", "right"], velocity=[99.0, 99.0])
+        return commands(stage)
+
+    assert ros.eventually(through)
+
+
+def test_velocities_go_to_the_forward_controller_in_its_order(matched, fresh):
+    send(fresh, name=["right", "left"], velocity=[2.0, 1.0])
+    assert ros.eventually(lambda: commands(fresh))
+    assert commands(fresh)[0]["values"] == [1.0, 2.0]
+
+
+def test_nan_commands_nothing(matched, fresh):
+    send(fresh, name=["left", "right"], velocity=[NAN, NAN])
+    send(fresh, name=["left", "right"], velocity=[1.0, NAN])
+    assert settled(fresh) == []
+
+
+def test_another_interface_commands_nothing(matched, fresh):
+    send(fresh, name=["left", "right"], position=[1.0, 2.0])
+    assert settled(fresh) == []
+
+
+@pytest.mark.parametrize("velocity", [[1.0], [1.0, 2.0, 3.0]])
+def test_an_array_of_ambiguous_length_is_refused_with_all_of_the_message(matched, fresh, velocity):
+    send(fresh, name=["left", "right"], velocity=velocity, position=[0.0, 0.0])
+    assert settled(fresh) == []
+
+
+def test_the_states_of_all_joints_are_there_for_best_effort_subscribers(matched, fresh):
+    fresh.peer.order("subscribe", topic=STATES, of=TYPE, qos="best_effort")
+    message = fresh.peer.message(STATES)
+    assert (message["name"], message["position"]) == (["left", "right"], [1.0, 2.0])
+
+
+@given(st.lists(st.sampled_from(["a", "b", "c"])), st.lists(st.floats()), st.lists(st.floats()))
+def test_any_message_gives_finite_values_of_named_joints_or_a_sentence(names, one, other):
+    from canopen_control.ros.topic_hardware import commanded  # imports ROS messages
+
+    values = {}
+    with contextlib.suppress(ValueError):
+        values = commanded(names, {"velocity": one, "position": other})
+    assert {joint for joint, _ in values} <= set(names)
+    assert all(map(math.isfinite, values.values()))
