@@ -1,8 +1,9 @@
-"""Where an axis' statusword and mode come from when no PDO brings them: by SDO, and not for longer than they are true.
+"""Where an axis' statusword and mode come from: a TPDO, else SDO, and not for longer than they are true.
 
 The law of this file: a statusword has an age. While its TPDO comes, it is the TPDO's; when that fails, the last one
 holds for `GRACE_NS`, is asked for by SDO meanwhile, and after that is unknown. A mode that no PDO carries is written
-to 0x6060 when it is wanted and asked for at 0x6061 until it shows.
+to 0x6060 when it is wanted and asked for at 0x6061 until it shows. A drive whose statusword is gone is told to quick
+stop, since nobody can see what else it would do, and after a while to take its power away.
 """
 
 from __future__ import annotations
@@ -15,10 +16,63 @@ if TYPE_CHECKING:
     from canopen_control.cia301.sdo_client import SdoRequest
     from canopen_control.hardware.axis import Axis
 
-__all__ = ["GRACE_NS", "ModeBySdo", "StatuswordBySdo"]
+__all__ = ["BLIND_STOP_NS", "GRACE_NS", "AxisStatus", "ModeBySdo", "StatuswordBySdo"]
 
 GRACE_NS: Final = 300_000_000
 POLL_NS: Final = 50_000_000
+BLIND_STOP_NS: Final = 2_000_000_000  # for a ramp that nobody can watch
+_QUICK_STOP_WORD: Final = 0x0002
+
+
+class AxisStatus:
+    """The statusword and the mode of an axis, whatever brings them; None for one that is not known."""
+
+    def __init__(self, axis: Axis) -> None:
+        self.word: int | None = None
+        self.display: int | None = None
+        self._axis = axis
+        self._pdo, self._position = axis.statusword.pdo, axis.statusword.position
+        self._shown = axis.display
+        self._by_sdo = StatuswordBySdo(axis)
+        self._mode = ModeBySdo(axis) if None in (axis.mode, axis.display) else None
+        self._blind_since: int | None = None
+
+    def update(self, mode: int | None, now: int) -> None:
+        """Take what is new; `mode` is the one that is wanted."""
+        pdo = self._pdo
+        word = display = None
+        if pdo.stamp >= 0 and self._axis.node.ready:
+            word = pdo.values[self._position]
+            if pdo.overdue:
+                word = self._by_sdo.word(self._axis.statusword.value, now)
+            shown = self._shown
+            if shown is not None and shown.pdo.stamp >= 0:
+                display = shown.pdo.values[shown.position]
+            if self._mode is not None and word is not None:
+                self._mode.step(mode, now)
+                display = self._mode.display if shown is None else display
+        self.word = word  # type: ignore[assignment]  # a statusword is an integer
+        self.display = display  # type: ignore[assignment]  # and so is a mode
+
+    def blind_word(self, now: int) -> int:
+        """Return the controlword for a drive that nobody sees: a quick stop, then no power."""
+        if self._blind_since is None:
+            if self._pdo.stamp < 0:
+                return 0  # never seen: not started yet
+            self._blind_since = now
+        return _QUICK_STOP_WORD if now - self._blind_since < BLIND_STOP_NS else 0
+
+    def came(self) -> None:
+        """Say that the node is operational, or its TPDO is back."""
+        self._by_sdo.end()
+        self._blind_since = None
+
+    def went(self, now: int) -> None:
+        """Say that the node is gone."""
+        self._by_sdo.end()
+        self._blind_since = now
+        if self._mode is not None:
+            self._mode.forget()
 
 
 class StatuswordBySdo:

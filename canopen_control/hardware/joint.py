@@ -9,12 +9,9 @@ lives is told to quick stop, since nobody can see what else it would do.
 
 from __future__ import annotations
 
-import enum
 import math
 from typing import TYPE_CHECKING, Final
 
-from canopen_control.cia301.emcy import error_text
-from canopen_control.cia402 import objects
 from canopen_control.cia402.drive import DriveMachine
 from canopen_control.cia402.events import FaultEntered
 from canopen_control.cia402.modes import OperationMode, require_mode
@@ -24,18 +21,19 @@ from canopen_control.errors import DriveError
 from canopen_control.hardware.axis import Axis
 from canopen_control.hardware.axis_modes import SetPointTarget, make_target
 from canopen_control.hardware.axis_parameters import AxisParameters
-from canopen_control.hardware.axis_status import ModeBySdo, StatuswordBySdo
+from canopen_control.hardware.axis_status import BLIND_STOP_NS, AxisStatus
 from canopen_control.hardware.choice import DIGITAL_OUTPUTS, choose_mode, listed_modes, require_targets
+from canopen_control.hardware.fault_reason import FaultReason
 from canopen_control.hardware.feedback import Feedback
 from canopen_control.hardware.groups import StopGroup
 from canopen_control.hardware.homing_run import HomingRun
 from canopen_control.hardware.interfaces import CommandInterface
 from canopen_control.hardware.news import News, news_of
 from canopen_control.hardware.watch import Watch
+from canopen_control.hardware.wishes import Action, Wish
 from canopen_control.master.events import Level
 
 if TYPE_CHECKING:
-    from canopen_control.cia301.sdo_client import SdoRequest
     from canopen_control.cia402.units import Scale
     from canopen_control.hardware.axis_modes import ModeTarget
     from canopen_control.hardware.description import ControlJoint
@@ -45,31 +43,9 @@ if TYPE_CHECKING:
 __all__ = ["Action", "JointDrive", "Wish"]
 
 STOP_NS: Final = 10_000_000_000  # a ramp that takes longer ends in the drive's own disable ramp
-BLIND_STOP_NS: Final = 2_000_000_000  # for a ramp that nobody can watch
-_QUICK_STOP_WORD: Final = 0x0002
 _FINE = (SetPointTaken, SetPointReached)
 _FAULTED = (State.FAULT, State.FAULT_REACTION_ACTIVE)
 _POWERED = (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE, State.FAULT_REACTION_ACTIVE)
-
-
-class Wish(enum.Enum):
-    """What the joint is to do with its drive."""
-
-    OFF = "off"
-    ON = "on"
-    STOPPING = "stopping"
-
-
-class Action(enum.Enum):
-    """What a user may ask of an axis."""
-
-    ENABLE = "enable"
-    DISABLE = "disable"
-    HALT = "halt"
-    QUICK_STOP = "quick-stop"
-    FAULT_RESET = "fault-reset"
-    HOME = "home"
-    MODE = "mode"
 
 
 class JointDrive:
@@ -104,14 +80,10 @@ class JointDrive:
             name: CommandInterface(self.joint, name, minimum=info.minimum, maximum=info.maximum)
             for name, info in description.command_interfaces.items()
         }
-        self.error_code: int | None = None  # 0x603F of the last fault
-        self.explaining = False  # 0x603F is being read
+        self.reason = FaultReason(self.axis, lambda text: self._news.append(News("error_code", text, Level.INFO)))
         require_targets(self.axis, self.commands)
         self._watch = Watch(self.axis, config.following_error_action)
-        self._by_sdo = StatuswordBySdo(self.axis)
-        self._mode_by_sdo = ModeBySdo(self.axis) if None in (self.axis.mode, self.axis.display) else None
-        self._statusword_pdo, self._statusword_at = self.axis.statusword.pdo, self.axis.statusword.position
-        self._display = self.axis.display
+        self._status = AxisStatus(self.axis)
         self._outputs = self.commands.get(DIGITAL_OUTPUTS)
         self._command: CommandInterface | None = None
         self._evaluations = -1
@@ -120,7 +92,6 @@ class JointDrive:
         self._now = 0
         self._since = 0  # when it began to stop
         self._held: int | None = None  # the position at which all targets are held
-        self._blind_since: int | None = None
         self._slowed = False
         self._blind_stop_ns = BLIND_STOP_NS
         self._news: list[News] = []
@@ -141,7 +112,7 @@ class JointDrive:
     @property
     def statusword(self) -> int | None:
         """The newest statusword, None before the first."""
-        if self._statusword_pdo.overdue:
+        if self.axis.statusword.pdo.overdue:
             return self.machine.statusword
         return self.axis.statusword.value if self.axis.statusword.fresh else None
 
@@ -359,22 +330,11 @@ class JointDrive:
     def step(self, now: int) -> None:
         """Advance the state machine by one cycle; `news` tells what came of it."""
         self._now = now
-        machine, axis, pdo = self.machine, self.axis, self._statusword_pdo
-        word: int | None = None
-        display: int | None = None
-        if self.node.ready and pdo.stamp >= 0:
-            word = pdo.values[self._statusword_at]  # type: ignore[assignment]  # a statusword is an integer
-            if pdo.overdue:
-                word = self._by_sdo.word(word or 0, now)
-            shown = self._display
-            if shown is not None and shown.pdo.stamp >= 0:
-                display = shown.pdo.values[shown.position]  # type: ignore[assignment]  # so is a mode
-        if self._mode_by_sdo is not None and word is not None:
-            self._mode_by_sdo.step(machine.mode, now)
-            display = self._mode_by_sdo.display if self._display is None else display
+        machine, axis, status = self.machine, self.axis, self._status
+        status.update(machine.mode, now)
+        word, before = status.word, machine.statusword
         machine.standstill = self.feedback.standing
-        before = machine.statusword
-        control = machine.update(word, display, now)
+        control = machine.update(word, status.display, now)
         if machine.evaluations != self._evaluations or word != before:
             self._evaluations = machine.evaluations
             self._may_move = machine.may_move
@@ -384,7 +344,7 @@ class JointDrive:
         elif self._is_set_point:
             self._take_events()
         if word is None:
-            control = self._blind(now)
+            control = status.blind_word(now)
         if control != axis.controlword.value:
             axis.controlword.set(control)
 
@@ -432,18 +392,15 @@ class JointDrive:
     # ------------------------------------------------------------------------------------------- inside
 
     def _came(self) -> None:
-        self._blind_since = None
+        self._status.came()
         self.feedback.came()
-        self.error_code = None
+        self.reason.code = None
         self.parameters.load()
 
     def _went(self, now: int) -> None:
-        self._blind_since = now
+        self._status.went(now)
         self.feedback.went()
         self.parameters.forget()
-        self._by_sdo.end()
-        if self._mode_by_sdo is not None:
-            self._mode_by_sdo.forget()
         self.homed = self._was_stale = False
         self._end_homing("its node is gone")
         self.machine.disable()
@@ -453,8 +410,7 @@ class JointDrive:
     def _became_stale(self, stale: bool) -> None:
         """Stop when feedback stays away; the statusword is asked for by SDO meanwhile."""
         self._was_stale = stale
-        self._by_sdo.end()
-        self._blind_since = None
+        self._status.came()
         if stale and self.axis.is_stale:
             self._news.append(News("feedback_stale", "its feedback is stale", Level.ERROR, stops=True))
 
@@ -487,14 +443,6 @@ class JointDrive:
         self._held = raw
         self.axis.hold(raw)
 
-    def _blind(self, now: int) -> int:
-        """Return the controlword for a drive that nobody sees: a quick stop, then no power."""
-        if self._statusword_pdo.stamp < 0 and self._blind_since is None:
-            return 0
-        if self._blind_since is None:
-            self._blind_since = now
-        return _QUICK_STOP_WORD if now - self._blind_since < BLIND_STOP_NS else 0
-
     def _end_homing(self, reason: str) -> None:
         if self.homing is not None:
             self.homing.abort(reason)
@@ -507,22 +455,9 @@ class JointDrive:
         for event in self.machine.events():
             self._news.append(news_of(event))
             if isinstance(event, FaultEntered):
-                self._ask_why()
+                self.reason.ask()
         if self.target is not None:
             self._news += [
                 News("set_point", event.text, Level.INFO if isinstance(event, _FINE) else Level.WARNING)
                 for event in self.target.events()
             ]
-
-    def _ask_why(self) -> None:
-        """Read 0x603F, where the drive has it."""
-        if self.axis.has(objects.ERROR_CODE) and not self.explaining:
-            self.explaining = True
-            self.node.read(self.axis.index(objects.ERROR_CODE), 0, self._explained)
-
-    def _explained(self, request: SdoRequest) -> None:
-        self.explaining = False
-        if request.error is None:
-            self.error_code = int.from_bytes(request.data[:2], "little")
-            text = f"0x603F is 0x{self.error_code:04X} ({error_text(self.error_code)})"
-            self._news.append(News("error_code", text, Level.INFO))

@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from canopen_control.errors import DriveError
-from canopen_control.hardware.joint import Wish
+from canopen_control.hardware.wishes import Wish
 from canopen_control.master.events import Event, Level
 
 if TYPE_CHECKING:

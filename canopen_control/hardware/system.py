@@ -15,8 +15,9 @@ from canopen_control.errors import ControlError, DriveError, RobotConfigError, U
 from canopen_control.hardware.choice import DIGITAL_OUTPUTS
 from canopen_control.hardware.groups import StopGroup
 from canopen_control.hardware.interfaces import LifecycleState, ReturnType
-from canopen_control.hardware.joint import JointDrive, Wish
+from canopen_control.hardware.joint import JointDrive
 from canopen_control.hardware.recovery import Recovery
+from canopen_control.hardware.wishes import Wish
 from canopen_control.master.events import Event, Level
 from canopen_control.yamltree import nearest
 

@@ -337,7 +337,7 @@ class RobotCore:
         return self._in_fault() or all(joint.enabled or not joint.wanted for joint in claimed)
 
     def _in_fault(self) -> bool:
-        return any(not node.ready for node in self.nodes.values() if node.config.required) or any(
+        return any(not node.ready or node.stale for node in self.nodes.values() if node.config.required) or any(
             joint.machine.fault for joint in self.joints.values()
         )
 

@@ -7,14 +7,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from canopen_control.cia301.emcy import error_text
 from canopen_control.cia402 import objects
 from canopen_control.cia402.homing import require_method
 from canopen_control.cia402.modes import OperationMode, require_mode
 from canopen_control.errors import ControlError
 from canopen_control.hardware.axis_modes import MODES
 from canopen_control.hardware.choice import listed_modes
-from canopen_control.hardware.joint import Action, Wish
+from canopen_control.hardware.wishes import Action, Wish
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -64,7 +63,7 @@ class AxisRequest:
 
     def _explaining(self, now: int) -> bool:
         """Whether a drive is still being asked why it is in a fault."""
-        return now <= self._deadline and any(joint.explaining for joint in self._joints)
+        return now <= self._deadline and any(joint.reason.asking for joint in self._joints)
 
     def _refused(self, joint: JointDrive) -> bool:
         """Whether waiting longer is of no use."""
@@ -81,8 +80,8 @@ class AxisRequest:
         seen = "no statusword" if joint.statusword is None else f"statusword 0x{joint.statusword:04X}"
         name = "not there" if state is None else state.name.replace("_", " ")
         cause = f"; {node.error}" if node.error else ""
-        if joint.machine.fault and joint.error_code:
-            cause += f"; 0x603F is 0x{joint.error_code:04X} ({error_text(joint.error_code)})"
+        if joint.machine.fault and joint.reason.text:
+            cause += f"; {joint.reason.text}"
         if self._action is Action.HOME and joint.homing_result:
             cause = f"; {joint.homing_result}{cause}"
         return f"node {node.node_id} ({node.name}): {self._action.value} not reached, it is {name} ({seen}){cause}"

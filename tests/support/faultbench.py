@@ -85,7 +85,8 @@ class FaultBench(Bench):
 
     def goes_on(self):
         """Enable and turn again: the robot is as good as before."""
-        assert self.axis(Action.ENABLE) is None
+        reason = self.axis(Action.ENABLE)
+        assert reason is None, reason
         self.hold(10.0, 10.0, ms=600)
         assert self.speed(RIGHT) == -self.speed(LEFT)
         assert abs(self.speed(RIGHT) - SPEED) < 0.01 * SPEED

@@ -1,0 +1,132 @@
+"""What bus.yml may say about the way back, and about who stops with whom."""
+
+import pytest
+from support.faultbench import CYCLE_MS, LEFT, RAMP_MS, RIGHT
+from support.generic import write_generic
+from support.robots import copy_robby
+
+from canopen_control.hardware.joint import Action
+
+RECOVERY = {"  position_mode": "  recovery: enable\n  position_mode"}
+
+
+@pytest.fixture
+def recovering(bench, tmp_path):
+    """Return a robot that enables again by itself what a lost node has stopped."""
+    return bench(config=copy_robby(tmp_path, bus=RECOVERY)).turning()
+
+
+def test_with_recovery_enable_a_node_that_is_back_is_enabled_again(recovering):
+    recovering.switch("spontaneous_reset")
+    recovering.stopped_after()
+    recovering.until(lambda: recovering.found("recovered"))
+    assert "recovery: enable" in recovering.found("recovered")[0].text
+    recovering.hold(10.0, 10.0, ms=1000)
+    assert not recovering.standing()
+    assert recovering.speed(LEFT) == -recovering.speed(RIGHT)
+
+
+def test_a_users_stop_in_between_ends_the_matter(recovering):
+    recovering.switch("silent")
+    recovering.told("stop")
+    recovering.robot.stop(lambda _error: None)
+    recovering.run(1000)
+    recovering.switch("silent", on=False)
+    recovering.until(lambda: recovering.robot.nodes["left_drive"].ready, ms=4000)
+    recovering.axis(Action.FAULT_RESET)
+    recovering.stays_down(2000)
+    assert not recovering.found("recovered")
+
+
+def test_a_fault_is_never_recovered_from_by_itself(recovering):
+    recovering.switch("drive_fault")
+    recovering.disabled_after()
+    recovering.switch("drive_fault", on=False)
+    assert recovering.axis(Action.FAULT_RESET) is None
+    recovering.stays_down(2000)
+
+
+def test_without_the_policy_the_drive_waits(turning):
+    turning.switch("spontaneous_reset")
+    turning.told("stop")
+    turning.until(lambda: turning.robot.nodes["left_drive"].ready)
+    turning.stopped_after()
+    turning.stays_down(2000)
+
+
+def test_controllers_stay_loaded_and_active_through_it_all(turning):
+    before = {info.name: info.state for info in turning.robot.manager.list()}
+    turning.switch("spontaneous_reset")
+    turning.told("stop")
+    turning.until(lambda: turning.robot.nodes["left_drive"].ready)
+    assert {info.name: info.state for info in turning.robot.manager.list()} == before
+    turning.goes_on()
+
+
+def test_drives_stop_and_are_disabled_in_the_same_cycle(turning):
+    seen = []
+    turning.robot.after_cycle.append(
+        lambda _now: seen.append(tuple(each.axis.controlword.value for each in turning.robot.joints.values()))
+    )
+    turning.robot.stop(lambda _error: None)
+    turning.disabled_after()
+    assert all(left == right for left, right in seen)
+    assert (0x0F, 0x0F) in seen
+    assert (0x07, 0x07) in seen
+
+
+def test_drives_are_enabled_in_the_same_cycle_however_long_each_takes(bench):
+    robby = bench()
+    robby.start()
+    assert robby.axis(Action.DISABLE) is None
+    robby.run(200)
+    robby.drives[LEFT].drives[0].extra_delay_ns = 300_000_000
+    seen = []
+    robby.robot.after_cycle.append(
+        lambda _now: seen.append(tuple(each.axis.controlword.value for each in robby.robot.joints.values()))
+    )
+    assert robby.axis(Action.ENABLE) is None
+    assert all(left == right for left, right in seen if 0x0F in (left, right))
+
+
+def test_a_group_of_its_own_does_not_stop_the_others(bench, tmp_path):
+    robby = bench(config=write_generic(tmp_path, groups=True), drives=(2, 3), controllers=["velocity"])
+    robby.victim = 2
+    robby.start()
+    robby.robot.command("velocity", [2.0, 2.0], "test")
+    robby.run(500)
+    robby.switch("drive_fault")
+    robby.told("stop")
+    robby.run(1000)
+    assert robby.standing(2)
+    assert not robby.standing(3)
+    assert robby.joint(3).enabled
+
+
+@pytest.mark.parametrize(("action", "stops"), [("stop", True), ("warn", False), ("ignore", False)])
+def test_a_following_error_leads_to_what_bus_yml_says(bench, tmp_path, action, stops):
+    config = write_generic(tmp_path, extra=f"following_error_action: {action}")
+    robby = bench(config=config, drives=(2, 3), controllers=["position"])
+    robby.start()
+    robby.events.clear()
+    robby.drives[2].drives[0].status_set = 1 << 13
+    robby.hosts[2].wake(robby.drives[2])
+    robby.run(200)
+    told = robby.found("following_error")
+    assert bool(told) is (action != "ignore")
+    assert bool(robby.found("stop")) is stops
+
+
+def test_guarding_watches_a_drive_without_a_heartbeat(bench, tmp_path):
+    edits = {
+        "  heartbeat_producer: 100         # ms\n": "  guard_time: 100\n  life_time_factor: 3\n",
+        "  heartbeat_consumer: true        # 0x1016": "  allow_unsupervised: true        # 0x1016",
+    }
+    robby = bench(config=copy_robby(tmp_path, bus=edits)).turning()
+    assert robby.robot.nodes["left_drive"].config.guarded
+    assert robby.robot.nodes["left_drive"].nmt_state is not None
+    robby.switch("silent")
+    event, after = robby.told("guarding_lost")
+    assert "no answer to node guarding" in event.text
+    assert 200 <= after <= 300 + 100 + CYCLE_MS
+    assert robby.stopped_after(RIGHT) <= after + RAMP_MS + 2 * CYCLE_MS

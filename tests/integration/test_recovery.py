@@ -1,0 +1,161 @@
+"""Drives that are killed, cut off, faulted and power-cycled under a running robot: it stops, and goes on when it may."""
+
+import contextlib
+import signal
+import time
+
+import pytest
+from support.host import eventually
+from support.localbus import PATIENCE_S, hub_status
+from support.processes import seconds_until
+
+from canopen_control.client import RobotClient
+from canopen_control.host.lineclient import LineClient
+from canopen_control.host.sockets import socket_path
+
+LEFT, RIGHT = 3, 2
+SPEED = 10 / 0.003926990816987242  # microsteps/s at 10 rad/s
+RAMP_S = SPEED / 16000  # by 0x6084 and 0x6085
+HEARTBEAT_S = 0.5  # five of 100 ms
+CYCLE_S = 0.02
+SLACK_S = 0.15  # of a busy machine
+CONTROLLERS = {"joint_state_broadcaster": "active", "robby_forward_controller": "active"}
+
+
+@contextlib.contextmanager
+def hub_control(name):
+    """What `bus fault` talks to, without the time that a process takes to start."""
+    client = LineClient(socket_path("busctl", name))
+    client.receive(PATIENCE_S)
+
+    def call(method, **params):
+        client.send({"id": 1, "method": method, "params": params})
+        assert "error" not in (answer := client.receive(PATIENCE_S)), answer
+
+    yield call
+    client.close()
+
+
+class Turning:
+    """A robot whose wheels turn under a commander that never rests; the drives are processes of their own."""
+
+    def __init__(self, stage, probe, name):
+        self.stage, self.name, self._probe = stage, name, probe
+        self.drives = {node: stage.drive(name, node) for node in (LEFT, RIGHT)}
+        self.robot = stage.start("run", "robby", "--name", name, "--can", f"local:{name}", "--no-drives")
+        self.robot.until(f"{name} runs")
+        stage.start("command", "robby_forward_controller", 10, 10, "--name", name)
+        self.probes = {node: probe(name, node) for node in (LEFT, RIGHT)}
+        self.client = RobotClient.connect(name)
+        assert eventually(self.turns)
+
+    def turns(self):
+        return all(abs(each.speed) == pytest.approx(SPEED, rel=0.01) for each in self.probes.values())
+
+    def standing(self, *nodes):
+        return all(abs(self.probes[node].speed) < 1 for node in nodes)
+
+    def status(self):
+        return self.client.call("status")
+
+    def texts(self):
+        return [event["text"] for event in self.status()["events"]]
+
+    def is_back(self):
+        status = self.status()
+        assert status["controllers"] == CONTROLLERS, "never unloaded"
+        return all(node["ready"] for node in status["nodes"].values())
+
+    def stays_down(self, seconds=0.5):
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            assert self.standing(*self.probes), "although somebody commands 10 rad/s"
+            time.sleep(0.02)
+
+    def axis(self, *arguments):
+        return self.stage.call("axis", *arguments, "--name", self.name).wait()
+
+    def goes_on(self, *, reset=False):
+        """Do what the policy asks for, and turn again."""
+        if reset:
+            assert self.axis("fault-reset", "all") == 0
+            self.stays_down(0.2)
+        assert self.axis("enable", "all") == 0
+        assert eventually(self.turns)
+
+    def end(self):
+        self.client.close()
+        assert self.robot.end() == 0, self.robot
+
+
+@pytest.fixture
+def turning(stage, probe):
+    robots = []
+
+    def start(name):
+        robots.append(Turning(stage, probe, name))
+        return robots[-1]
+
+    yield start
+    for robot in robots:
+        robot.end()
+
+
+def test_a_drive_that_is_killed_and_started_again(turning):
+    robby = turning("killed")
+    robby.drives[LEFT].end(signal.SIGKILL)
+    took = seconds_until(lambda: robby.standing(RIGHT), 5)
+    assert took <= HEARTBEAT_S + CYCLE_S + RAMP_S + SLACK_S
+    assert robby.status()["state"] == "fault"
+    assert eventually(lambda: any("node 3 (left_drive): no heartbeat" in text for text in robby.texts()))
+    robby.stage.drive(robby.name, LEFT)
+    assert eventually(robby.is_back)
+    robby.probes[LEFT] = robby._probe(robby.name, LEFT)
+    robby.stays_down()
+    robby.goes_on()
+
+
+@pytest.mark.parametrize("seconds", [0.5, 5.0])
+def test_a_cable_that_is_cut_for_a_while(turning, seconds):
+    robby = turning(f"cut{round(seconds * 10)}")
+    pid = robby.probes[LEFT].hello["pid"]
+    label = next(each["label"] for each in hub_status(robby.name)["members"] if each["pid"] == pid)
+    with hub_control(robby.name) as hub:
+        hub("cut", label=label)
+        begin = time.monotonic()
+        took = seconds_until(lambda: robby.standing(RIGHT), 5)
+        assert took <= HEARTBEAT_S + CYCLE_S + RAMP_S + SLACK_S
+        assert took <= 0.1 + RAMP_S + SLACK_S, "already its missing TPDOs stop the robot"
+        time.sleep(max(0.0, begin + seconds - time.monotonic()))
+        hub("uncut", label=label)
+    assert eventually(robby.is_back)
+    assert eventually(lambda: robby.standing(LEFT, RIGHT))
+    robby.stays_down()
+    robby.goes_on(reset=True)
+
+
+def test_a_drive_in_a_fault(turning):
+    robby = turning("fault")
+    robby.probes[LEFT].fault("drive_fault")
+    took = seconds_until(lambda: robby.standing(LEFT, RIGHT), 5)
+    assert took <= 3 * CYCLE_S + RAMP_S + SLACK_S
+    assert any("EMCY 0x4310" in text for text in robby.texts())
+    assert robby.axis("enable", "all") == 1
+    assert robby.axis("fault-reset", "left_drive") == 1, "the cause lasts"
+    robby.probes[LEFT].fault("drive_fault", on=False)
+    assert robby.status()["controllers"] == CONTROLLERS
+    robby.goes_on(reset=True)
+
+
+def test_a_drive_that_loses_its_power_for_a_moment_while_driving(turning):
+    robby = turning("power")
+    position = robby.status()["joints"]["left_wheel_joint"]["position"]
+    robby.probes[LEFT].fault("spontaneous_reset")
+    took = seconds_until(lambda: robby.standing(RIGHT), 5)
+    assert took <= 2 * CYCLE_S + RAMP_S + SLACK_S
+    assert eventually(robby.is_back)
+    assert any("has restarted by itself" in text for text in robby.texts())
+    robby.stays_down()
+    after = robby.status()["joints"]["left_wheel_joint"]["position"]
+    assert 0 <= after - position < 10 * (took + 1), "continuous, although its counter began at 0 again"
+    robby.goes_on()
