@@ -1,11 +1,15 @@
 """The boot as a conversation: requests on one side, a scripted node on the other."""
 
 import pytest
+from support.conversation import Device
+from support.conversation import plan as scripted
 
 from canopen_control.cia301.nmt import NmtCommand, NmtState
+from canopen_control.cia301.pdo import MappedObject
 from canopen_control.errors import BootError, SdoAbort, SdoTimeout
-from canopen_control.master.boot import AwaitBootUp, AwaitState, Command, Read, Step, Write, boot
-from canopen_control.master.plan import Identity, NodePlan, PlannedWrite
+from canopen_control.master.boot import LETTERS, AwaitBootUp, AwaitState, Command, Read, Step, Write, boot
+from canopen_control.master.plan import Identity, NodePlan, PdoLayout, PlannedWrite
+from canopen_control.od.model import DataType
 
 IDENTITY = {(0x1000, 0): 0x192, (0x1018, 1): 0x286, (0x1018, 2): 0x4F6, (0x1018, 3): 0x3001A, (0x1018, 4): 7}
 DRIVE = {**IDENTITY, (0x6502, 0): 0xA5, (0x6041, 0): 0x0240}
@@ -173,3 +177,117 @@ def test_an_io_node_is_asked_for_no_drive_objects():
     asked, result = converse(boot(plan(axes=()), reset=True), IDENTITY)
     assert Read(0x6502, 0) not in asked
     assert result.supported_modes is None
+
+
+# --------------------------------------------------------------------------------------- what CiA 302-2 asks besides
+
+
+def test_a_node_to_be_kept_alive_that_is_operational_is_only_compared():
+    device = Device({(0x6083, 0): b"\x05\0\0\0"}, state=NmtState.OPERATIONAL)
+    write = PlannedWrite(0x6083, 0, b"\x01\0\0\0", "ramp", data_type=DataType.UNSIGNED32)
+    result = device.run(boot(scripted(keep_alive=True, writes=(write,)), reset=True))
+    assert device.commands == []
+    assert device.written == []
+    assert device.steps == ["identify", "keep alive", "compare", "heartbeat"]
+    assert "boot status L: was operational already" in result.warnings[0]
+    assert "differs from bus.yml in 0x6083:00" in result.warnings[0]
+
+
+def test_a_node_to_be_kept_alive_that_is_not_operational_is_reset_and_configured():
+    device = Device({(0x6083, 0): b"\x05\0\0\0"}, state=NmtState.STOPPED)
+    write = PlannedWrite(0x6083, 0, b"\x01\0\0\0", "ramp")
+    device.run(boot(scripted(keep_alive=True, writes=(write,)), reset=True))
+    assert device.commands == [NmtCommand.RESET_COMMUNICATION, NmtCommand.START]
+    assert device.written == [(0x6083, 0, b"\x01\0\0\0")]
+
+
+@pytest.mark.parametrize(("guard", "letter"), [(None, "E"), ((50_000_000, 3), "F")])
+def test_a_node_to_be_kept_alive_whose_state_nobody_knows_is_letter_e_or_f(guard, letter):
+    device = Device(state=None)
+    with pytest.raises(BootError) as caught:
+        device.run(boot(scripted(keep_alive=True, guard=guard), reset=True))
+    assert caught.value.letter == letter
+    assert LETTERS[letter] in str(caught.value)
+    assert device.commands == []
+
+
+@pytest.mark.parametrize(
+    ("held", "changes", "letter"),
+    [
+        (None, {}, "G"),
+        (b"\x02\0\0\0", {}, "H"),
+        (b"\x02\0\0\0", {"software_file": "firmware.bin"}, "I"),
+    ],
+)
+def test_another_firmware_is_letter_g_h_or_i(held, changes, letter):
+    device = Device({} if held is None else {(0x1F56, 1): held})
+    with pytest.raises(BootError) as caught:
+        device.run(boot(scripted(software_version=1, **changes), reset=True))
+    assert caught.value.letter == letter
+    assert "0x1F56:01" in str(caught.value)
+
+
+def test_the_right_firmware_goes_on():
+    device = Device({(0x1F56, 1): b"\x01\0\0\0"})
+    device.run(boot(scripted(software_version=1), reset=True))
+    assert device.commands[-1] is NmtCommand.START
+
+
+@pytest.mark.parametrize(("subindex", "command"), [(1, NmtCommand.RESET_NODE), (2, NmtCommand.RESET_COMMUNICATION)])
+def test_restoring_writes_load_and_resets_what_makes_it_effective(subindex, command):
+    device = Device()
+    write = PlannedWrite(0x6083, 0, b"\x01\0\0\0", "ramp")
+    device.run(boot(scripted(restore=subindex, writes=(write,)), reset=False))
+    assert device.written == [(0x1011, subindex, b"load"), (0x6083, 0, b"\x01\0\0\0")]
+    assert device.commands == [command, NmtCommand.START]
+    assert device.steps == ["identify", "restore", "reset", "configure", "heartbeat", "start"]
+
+
+def test_a_node_that_does_not_come_back_from_restoring_is_letter_j():
+    device = Device()
+    device.boots = False
+    with pytest.raises(BootError, match=r"boot error J.*no boot-up within 1 s of restoring"):
+        device.run(boot(scripted(restore=1), reset=False))
+
+
+def test_a_configuration_is_stored_only_when_the_boot_has_changed_it():
+    writes = (PlannedWrite(0x6083, 0, b"\x01\0\0\0", "ramp"),)
+    fresh, same = Device({(0x6083, 0): bytes(4)}), Device({(0x6083, 0): b"\x01\0\0\0"})
+    assert fresh.run(boot(scripted(save=1, writes=writes), reset=True)).writes == 2
+    assert fresh.written[-1] == (0x1010, 1, b"save")
+    assert same.run(boot(scripted(save=1, writes=writes), reset=True)).writes == 0
+    assert same.written == []
+
+
+def test_a_node_that_cannot_store_boots_and_says_so():
+    device = Device(refuse={(0x1010, 1): 0x06060000})
+    writes = (PlannedWrite(0x6083, 0, b"\x01\0\0\0", "ramp"),)
+    result = device.run(boot(scripted(save=1, writes=writes), reset=True))
+    assert "cannot store its configuration (0x1010:01)" in result.warnings[0]
+
+
+def test_process_data_begin_with_what_the_drive_says_and_an_old_target_velocity_is_taken_back():
+    layout = PdoLayout(2, 0x303, 255, (MappedObject(0x607A, 0, 32, DataType.INTEGER32),))
+    device = Device({(0x6064, 0): (-5).to_bytes(4, "little", signed=True), (0x60FF, 0): b"\x09\0\0\0"})
+    names = {(0x60FF, 0): "Target velocity"}
+    result = device.run(boot(scripted(axes=(0,), rpdos=(layout,), entry_names=names), reset=True))
+    assert result.presets == {(0x607A, 0): -5, (0x6064, 0): -5}
+    assert (0x60FF, 0, bytes(4)) in device.written
+
+
+def test_a_node_nobody_watches_and_that_sends_nothing_is_started_without_proof():
+    device = Device(state=None)
+    device.run(boot(scripted(heartbeat_timeout_ns=0), reset=False))
+    assert device.commands == [NmtCommand.START]
+
+
+def test_every_letter_of_the_standard_has_its_words():
+    assert "".join(LETTERS) == "ABCDEFGHIJKLMNOT"
+    assert all(LETTERS.values())
+
+
+def test_the_reads_of_a_boot_are_counted():
+    device = Device({(0x6083, 0): bytes(4)})
+    result = device.run(boot(scripted(writes=(PlannedWrite(0x6083, 0, b"\x01\0\0\0", "ramp"),)), reset=True))
+    assert result.reads == sum(isinstance(request, Read) for request in device.log) == 7
+    assert result.writes == 1

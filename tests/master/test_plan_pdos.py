@@ -1,0 +1,146 @@
+"""Which PDOs are live, and the writes that make them so."""
+
+import textwrap
+
+import pytest
+
+from canopen_control.data_files import data_path
+from canopen_control.errors import BusConfigError
+from canopen_control.master.config import read_bus
+from canopen_control.master.plan_pdos import is_pdo_record, pdo_of
+from canopen_control.od.concise import encode_concise
+from canopen_control.od.dcf import write_dcf
+from canopen_control.od.eds import read_eds
+
+EDS = data_path("eds", "TMCM-1270.eds")
+
+
+def planned(folder, node="", *, dcf="TMCM-1270.eds"):
+    path = folder / "bus.yml"
+    body = textwrap.indent(textwrap.dedent(node), "    ")
+    path.write_text(
+        f"master: {{node_id: 1, sync_period: 20000}}\nnodes:\n  drive:\n    dcf: {dcf}\n    node_id: 3\n{body}"
+    )
+    bus = read_bus(path)
+    return bus.plans["drive"], bus.notes
+
+
+def records(plan, *indices):
+    return [(w.index, w.subindex, int.from_bytes(w.data, "little")) for w in plan.writes if w.index in indices]
+
+
+def test_the_pdo_of_a_record():
+    assert pdo_of(0x1400) == pdo_of(0x1600) == ("rpdo", 1)
+    assert pdo_of(0x19FF) == pdo_of(0x1BFF) == ("tpdo", 512)
+    assert pdo_of(0x1C00) is None
+    assert not is_pdo_record(0x13FF)
+
+
+def test_pdos_come_in_the_order_of_the_file(tmp_path):
+    plan, _ = planned(tmp_path, "tpdo:\n  2: {transmission: 1}\n  1: {transmission: 1}\n")
+    assert [layout.number for layout in plan.tpdos] == [2, 1]
+    assert next(write.index for write in plan.writes if write.index in (0x1800, 0x1801)) == 0x1801
+
+
+def test_a_pdo_that_the_eds_switches_off_gets_a_cob_id_and_that_is_told(tmp_path):
+    text = EDS.read_text(encoding="latin-1").replace("$NODEID+0xC0000480", "0x80000000")
+    (tmp_path / "bare.eds").write_text(text, encoding="latin-1")
+    plan, notes = planned(tmp_path, "tpdo: {4: {mapping: [{index: 0x606C}]}}", dcf="bare.eds")
+    assert [layout.cob_id for layout in plan.tpdos] == [0x483]
+    assert any("0x483, the predefined one, is used" in note for note in notes)
+
+
+def test_an_event_timer_of_zero_is_a_value_and_a_deadline_is_an_rpdos_timer(tmp_path):
+    plan, _ = planned(tmp_path, "tpdo: {1: {event_timer: 0, inhibit_time: 0, transmission: 254}}")
+    assert (0x1800, 5, 0) in records(plan, 0x1800)
+    assert (0x1800, 3, 0) in records(plan, 0x1800)
+    with pytest.raises(BusConfigError, match="0x1400:05"):
+        planned(tmp_path, "rpdo: {1: {event_deadline: 100}}")
+
+
+def test_a_mapping_of_more_objects_than_the_pdo_holds_is_refused(tmp_path):
+    many = ", ".join(["{index: 0x6041}"] * 4)
+    with pytest.raises(BusConfigError, match=r"4 objects, TPDO 1 of TMCM-1270.eds holds 3"):
+        planned(tmp_path, f"tpdo: {{1: {{mapping: [{many}]}}}}")
+
+
+def test_a_dummy_fills_a_gap_only_where_the_device_allows_it(tmp_path):
+    mapping = "rpdo: {1: {mapping: [{index: 0x0005}, {index: 0x6040}]}}"
+    with pytest.raises(BusConfigError, match=r"the dummy 0x0005 is none that TMCM-1270.eds allows"):
+        planned(tmp_path, mapping)
+    text = EDS.read_text(encoding="latin-1").replace("Dummy0005=0", "Dummy0005=1")
+    (tmp_path / "dummy.eds").write_text(text, encoding="latin-1")
+    plan, _ = planned(tmp_path, mapping, dcf="dummy.eds")
+    assert (0x1600, 1, 0x00050008) in records(plan, 0x1600)
+    assert [mapped.bits for mapped in plan.rpdos[0].objects] == [8, 16]
+
+
+def test_cob_id_auto_above_pdo_4_counts_on_over_the_whole_bus(tmp_path):
+    text = EDS.read_text(encoding="latin-1")
+    for old, new in (("1803", "1804"), ("1A03", "1A04")):
+        text = text.replace(f"[{old}", f"[{new}")
+    text = text.replace("=0x1803", "=0x1804").replace("=0x1A03", "=0x1A04")
+    (tmp_path / "five.eds").write_text(text, encoding="latin-1")
+    (tmp_path / "bus.yml").write_text(
+        "master: {node_id: 1}\ndefaults: {dcf: five.eds, tpdo: {5: {cob_id: auto, mapping: [{index: 0x6041}]}}}\n"
+        "nodes: {a: {node_id: 3}, b: {node_id: 4}}\n"
+    )
+    bus = read_bus(tmp_path / "bus.yml")
+    assert [plan.tpdos[0].cob_id for plan in bus.plans.values()] == [0x680, 0x681]
+    assert records(bus.plans["a"], 0x1804)[-1] == (0x1804, 1, 0x40000680)
+
+
+GENERATED = [
+    (0x1017, 0, b"\xe8\x03"),
+    (0x1800, 1, (0xC0000183).to_bytes(4, "little")),
+    (0x1800, 2, b"\x01"),
+    (0x1A00, 0, b"\0"),
+    (0x1A00, 1, (0x60410010).to_bytes(4, "little")),
+    (0x1A00, 0, b"\x01"),
+    (0x1800, 1, (0x40000183).to_bytes(4, "little")),
+    (0x2000, 0, b"\x03"),
+]
+
+
+def test_a_generated_concise_dcf_is_planned_in_an_order_that_devices_take(tmp_path):
+    (tmp_path / "drive.bin").write_bytes(encode_concise(GENERATED))
+    plan, _ = planned(tmp_path, "configuration_file: drive.bin")
+    assert records(plan, 0x1800, 0x1A00) == [
+        (0x1800, 1, 0xC0000183),
+        (0x1800, 2, 1),
+        (0x1A00, 0, 0),
+        (0x1A00, 1, 0x60410010),
+        (0x1A00, 0, 1),
+        (0x1800, 1, 0x40000183),
+    ]
+    assert {write.reason for write in plan.writes if write.index in (0x2000, 0x1A00)} == {"from drive.bin"}
+    assert [(layout.number, layout.transmission_type) for layout in plan.tpdos] == [(1, 1)]
+    assert [mapped.index for mapped in plan.tpdos[0].objects] == [0x6041]
+    assert plan.heartbeat_timeout_ns == 3_000_000_000
+    assert records(plan, 0x1801) == [(0x1801, 1, 0xC0000283)]
+
+
+def test_what_bus_yml_says_of_a_pdo_goes_before_the_file(tmp_path):
+    (tmp_path / "drive.bin").write_bytes(encode_concise(GENERATED))
+    plan, _ = planned(tmp_path, "configuration_file: drive.bin\ntpdo: {1: {mapping: [{index: 0x6061}]}}\n")
+    assert [mapped.index for mapped in plan.tpdos[0].objects] == [0x6061]
+    assert all(write.reason != "from drive.bin" for write in plan.writes if write.index in (0x1800, 0x1A00))
+
+
+def test_the_parameter_values_of_a_dcf_are_planned_writes(tmp_path):
+    values = {(0x2000, 0): 4, (0x1800, 2): 10, (0x1A00, 0): 1, (0x1A00, 1): 0x60640020, (0x1402, 1): 0xC0000403}
+    write_dcf(tmp_path / "drive.dcf", read_eds(EDS).od, 3, 1_000_000, values)
+    plan, _ = planned(tmp_path, dcf="drive.dcf")
+    assert records(plan, 0x2000) == [(0x2000, 0, 4)]
+    assert records(plan, 0x1800, 0x1A00) == [
+        (0x1800, 1, 0xC0000183),
+        (0x1800, 2, 10),
+        (0x1A00, 0, 0),
+        (0x1A00, 1, 0x60640020),
+        (0x1A00, 0, 1),
+        (0x1800, 1, 0x40000183),
+    ]
+    first = next(layout for layout in plan.tpdos if layout.number == 1)
+    assert ([mapped.index for mapped in first.objects], first.transmission_type) == ([0x6064], 10)
+    assert records(plan, 0x1402) == [(0x1402, 1, 0xC0000403)]
+    assert {write.reason for write in plan.writes if write.index == 0x2000} == {"from drive.dcf"}
