@@ -9,7 +9,6 @@ lives is told to quick stop, since nobody can see what else it would do.
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.cia402.drive import DriveMachine
@@ -19,15 +18,14 @@ from canopen_control.cia402.setpoint import SetPointReached, SetPointTaken
 from canopen_control.cia402.state import State
 from canopen_control.errors import DriveError
 from canopen_control.hardware.axis import Axis
-from canopen_control.hardware.axis_modes import SetPointTarget, make_target
 from canopen_control.hardware.axis_parameters import AxisParameters
 from canopen_control.hardware.axis_status import BLIND_STOP_NS, AxisStatus
-from canopen_control.hardware.choice import DIGITAL_OUTPUTS, choose_mode, listed_modes, require_targets
+from canopen_control.hardware.choice import listed_modes
 from canopen_control.hardware.fault_reason import FaultReason
 from canopen_control.hardware.feedback import Feedback
 from canopen_control.hardware.groups import StopGroup
 from canopen_control.hardware.homing_run import HomingRun
-from canopen_control.hardware.interfaces import CommandInterface
+from canopen_control.hardware.joint_targets import JointTargets
 from canopen_control.hardware.news import News, news_of
 from canopen_control.hardware.watch import Watch
 from canopen_control.hardware.wishes import Action, Wish
@@ -35,7 +33,6 @@ from canopen_control.master.events import Level
 
 if TYPE_CHECKING:
     from canopen_control.cia402.units import Scale
-    from canopen_control.hardware.axis_modes import ModeTarget
     from canopen_control.hardware.description import ControlJoint
     from canopen_control.master.cycle import ProcessImage
     from canopen_control.master.node import RemoteNode
@@ -68,30 +65,20 @@ class JointDrive:
         self.group.joints.append(self)
         self.wish = Wish.OFF
         self.resume = False
-        self.mode: OperationMode | None = None
-        self.claimed: str | None = None  # the command interface that a controller drives
+        self.targets = JointTargets(description, self.axis, self.machine, self.parameters)
+        self.commands = self.targets.commands
         self.homing: HomingRun | None = None
         self.homed = False
         self.homing_result: str | None = None
-        self.target: ModeTarget | None = None
         self.feedback = Feedback(description, self.axis)
         self.states = self.feedback.states
-        self.commands = {
-            name: CommandInterface(self.joint, name, minimum=info.minimum, maximum=info.maximum)
-            for name, info in description.command_interfaces.items()
-        }
         self.reason = FaultReason(self.axis, lambda text: self._news.append(News("error_code", text, Level.INFO)))
-        require_targets(self.axis, self.commands)
         self._watch = Watch(self.axis, config.following_error_action)
         self._status = AxisStatus(self.axis)
-        self._outputs = self.commands.get(DIGITAL_OUTPUTS)
-        self._command: CommandInterface | None = None
         self._evaluations = -1
-        self._may_move = self._is_set_point = False
-        self._next_mode: OperationMode | None = None
+        self._may_move = False
         self._now = 0
         self._since = 0  # when it began to stop
-        self._held: int | None = None  # the position at which all targets are held
         self._slowed = False
         self._blind_stop_ns = BLIND_STOP_NS
         self._news: list[News] = []
@@ -115,6 +102,11 @@ class JointDrive:
         if self.axis.statusword.pdo.overdue:
             return self.machine.statusword
         return self.axis.statusword.value if self.axis.statusword.fresh else None
+
+    @property
+    def claimed(self) -> str | None:
+        """The command interface that a controller drives."""
+        return self.targets.claimed
 
     @property
     def wanted(self) -> bool:
@@ -161,10 +153,6 @@ class JointDrive:
             return took > self._blind_stop_ns
         return self._slowed and self.feedback.standing
 
-    def mode_for(self, interface: str) -> OperationMode:
-        """Return the mode for a command interface: bus.yml's, else the best the drive lists; or DriveError."""
-        return choose_mode(self.axis, self.parameters, interface)
-
     def reached(self, action: Action) -> bool:
         """Whether what was asked for has been done."""
         state = self.state
@@ -178,7 +166,7 @@ class JointDrive:
             return self.homing is None and self.homed
         if action is Action.MODE:
             machine = self.machine
-            return self._next_mode is None and machine.mode_confirmed and not machine.mode_failed
+            return self.targets.pending is None and machine.mode_confirmed and not machine.mode_failed
         if action is Action.QUICK_STOP:
             return state is None or (state is not State.OPERATION_ENABLED and self.standing)
         return state is None or state not in _POWERED
@@ -194,27 +182,6 @@ class JointDrive:
         return news
 
     # ------------------------------------------------------------------------------------------- verbs
-
-    def claim(self, interface: str | None) -> None:
-        """Let a controller's interface drive the joint, or none; the mode follows."""
-        self.claimed = interface
-        if interface is not None:
-            self.set_mode(self.mode_for(interface))
-        self._find_command()
-
-    def set_mode(self, mode: OperationMode) -> None:
-        """Ask for a mode; in an enabled drive its targets are set to standstill one cycle before."""
-        require_mode(mode, listed_modes(self.axis, self.parameters))
-        self.mode = mode
-        if self.machine.enabled and self.machine.mode not in (None, mode):
-            self._next_mode = mode
-        else:
-            self._take_mode(mode)
-
-    def mode_serves(self, mode: int) -> str | None:
-        """Return the command interface that a mode serves here, None for none."""
-        target = make_target(mode, self.axis, self.machine)
-        return None if target is None else target.interface
 
     def enable(self) -> None:
         """Ask the drive into OPERATION_ENABLED; it follows commands from there. DriveError in a fault."""
@@ -293,7 +260,7 @@ class JointDrive:
         except DriveError as error:
             self._end_homing(str(error))
             return
-        self._take_mode(OperationMode.HM)
+        self.targets.take_mode(OperationMode.HM)
 
     def end_homing(self, mode: int | None, enabled: bool, *, homed: bool) -> None:
         """Go back to the mode and power from before; a homed axis counts from its new zero."""
@@ -305,7 +272,7 @@ class JointDrive:
         elif run is not None:
             self._news.append(News("homing_failed", run.result or ""))
         if mode is not None:
-            self._take_mode(OperationMode(mode))
+            self.targets.take_mode(OperationMode(mode))
         if not enabled and self.wish is Wish.ON:
             self.stop(self._now)
 
@@ -339,9 +306,9 @@ class JointDrive:
             self._evaluations = machine.evaluations
             self._may_move = machine.may_move
             if word is not None and word != before:
-                self._news += self._watch.look(word, machine.mode, self.target)
+                self._news += self._watch.look(word, machine.mode, self.targets.current)
             self._take_events()
-        elif self._is_set_point:
+        elif self.targets.handshakes:
             self._take_events()
         if word is None:
             control = status.blind_word(now)
@@ -350,34 +317,19 @@ class JointDrive:
 
     def write(self, now: int, period: float) -> None:
         """Set mode and targets, after every joint of the group has seen its statusword."""
-        target = self.target
-        if self._next_mode is not None:
-            self._hold()
-            self._take_mode(self._next_mode)
+        targets = self.targets
+        if targets.pending is not None:
+            targets.change()
         elif self.homing is not None:
-            self._hold()
+            targets.hold()
             self.machine.mode_bits = self.homing.step(now)
-        elif target is None or not self._may_move or self.wish is Wish.OFF or not self.group.open:
-            self._hold()
+        elif not self._may_move or self.wish is Wish.OFF or not self.group.open:
+            targets.hold()
         elif self.wish is Wish.STOPPING:
-            self._held = None
-            self._slowed = target.slow(period)
-            self.machine.mode_bits = target.bits
+            self._slowed = targets.slow(period)
         else:
-            self._held = None
-            command = self._command
-            if command is None:
-                value = math.nan
-            else:
-                value = command.value
-                value = command.minimum if value < command.minimum else min(value, command.maximum)
-            target.follow(value, now, period)
-            if target.bits or self._is_set_point:
-                self.machine.mode_bits = target.bits
-        if self.axis.mode is not None and self.machine.mode != self.axis.mode.value and self.machine.mode is not None:
-            self.axis.mode.set(self.machine.mode)
-        if self._outputs is not None:
-            self._write_outputs(self._outputs.value)
+            targets.follow(now, period)
+        targets.write_mode()
 
     def supervise(self) -> None:
         """Look at what need not be seen in every cycle; ten times a second."""
@@ -386,8 +338,8 @@ class JointDrive:
         if self._watch.turns_the_wrong_way(self.enabled):
             text = "it turns against its command; check polarity (0x607E), the scale's sign and the wiring"
             self._news.append(News("direction", text, stops=True))
-        if self.enabled and self.target is not None:
-            self.axis.hold_others(self.target)
+        if self.enabled:
+            self.targets.hold_others()
 
     # ------------------------------------------------------------------------------------------- inside
 
@@ -418,46 +370,17 @@ class JointDrive:
         self.feedback.refresh_scale()
         self._news += [News("parameters", text) for text in self.parameters.failed]
 
-    def _take_mode(self, mode: OperationMode) -> None:
-        self._next_mode = None
-        self.machine.set_mode(mode)
-        self.target = make_target(mode, self.axis, self.machine)
-        self._is_set_point = isinstance(self.target, SetPointTarget)
-        self._find_command()
-        self._held = None
-
-    def _find_command(self) -> None:
-        """Find the interface whose value is the target: the one that is claimed, if the mode serves it."""
-        fits = self.target is not None and self.target.interface == self.claimed
-        self._command = self.commands[self.claimed] if fits and self.claimed is not None else None
-
-    def _hold(self) -> None:
-        """Let every target be standstill where the axis is."""
-        raw = self.axis.raw_position
-        if raw == self._held:
-            return
-        if self._held is None:
-            if self.target is not None:
-                self.target.hold()
-            self.machine.mode_bits = 0
-        self._held = raw
-        self.axis.hold(raw)
-
     def _end_homing(self, reason: str) -> None:
         if self.homing is not None:
             self.homing.abort(reason)
-
-    def _write_outputs(self, value: float) -> None:
-        if self.axis.digital_outputs is not None and math.isfinite(value):
-            self.axis.digital_outputs.set(int(value) & 0xFFFFFFFF)
 
     def _take_events(self) -> None:
         for event in self.machine.events():
             self._news.append(news_of(event))
             if isinstance(event, FaultEntered):
                 self.reason.ask()
-        if self.target is not None:
+        if self.targets.current is not None:
             self._news += [
                 News("set_point", event.text, Level.INFO if isinstance(event, _FINE) else Level.WARNING)
-                for event in self.target.events()
+                for event in self.targets.current.events()
             ]

@@ -108,7 +108,7 @@ class CanopenSystem:
                 raise ControlError(
                     f"joint {joint.joint} is commanded by {joint.claimed}; deactivate that controller first"
                 )
-            joint.mode_for(interface)
+            joint.targets.mode_for(interface)
 
     def perform_command_mode_switch(self, start: Sequence[str], stop: Sequence[str]) -> None:
         """Stop what is released, set the mode of what is claimed and enable it; nothing here waits."""
@@ -118,11 +118,11 @@ class CanopenSystem:
             joint, interface = self._find(name)
             if interface == DIGITAL_OUTPUTS:
                 continue
-            joint.claim(None)
+            joint.targets.claim(None)
             if joint.joint not in staying:
                 joint.stop(self._now)
         for joint, interface in starting:
-            joint.claim(interface)
+            joint.targets.claim(interface)
             try:
                 joint.enable()
             except DriveError as error:  # the switch is decided: the drive stays off and says why
@@ -158,8 +158,8 @@ class CanopenSystem:
                 raise ControlError(f"{_who(joint)} is not operational: {joint.node.error or 'it has not booted yet'}")
         for joint in joints:
             motion = [name for name in joint.commands if name != DIGITAL_OUTPUTS]
-            if joint.mode is None and motion:
-                joint.set_mode(joint.mode_for(motion[0]))
+            if joint.targets.mode is None and motion:
+                joint.targets.set_mode(joint.targets.mode_for(motion[0]))
             joint.enable()
 
     def stop(self, now: int) -> None:

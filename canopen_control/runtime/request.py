@@ -131,13 +131,13 @@ def change_mode(joints: Sequence[JointDrive], text: str) -> None:
         _require_there(joint)
         require_mode(mode, listed_modes(joint.axis, joint.parameters))
         serves = MODES.get(mode)
-        if joint.claimed is not None and (serves is None or joint.mode_serves(mode) != joint.claimed):
+        if joint.claimed is not None and (serves is None or joint.targets.mode_serves(mode) != joint.claimed):
             raise ControlError(
                 f"node {joint.node.node_id} ({joint.node.name}): a controller commands its {joint.claimed}, which mode "
                 f"{mode.name} does not serve; deactivate that controller first"
             )
     for joint in joints:
-        joint.set_mode(mode)
+        joint.targets.set_mode(mode)
 
 
 def _mode_of(text: str) -> OperationMode:

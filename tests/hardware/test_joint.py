@@ -55,11 +55,11 @@ def test_a_node_that_is_not_there_has_no_values(robby):
 
 def test_the_mode_of_bus_yml_wins_and_must_be_one_the_drive_has(robby, tmp_path):
     joint = robby.joint(LEFT)
-    assert joint.mode_for("velocity") is OperationMode.PV
+    assert joint.targets.mode_for("velocity") is OperationMode.PV
     config = copy_robby(tmp_path, bus={"velocity_mode: 3": "velocity_mode: 9"})
     other = Bench("joint2", config=config)
     with pytest.raises(UnsupportedMode, match="CSV"):
-        other.joint(LEFT).mode_for("velocity")
+        other.joint(LEFT).targets.mode_for("velocity")
     other.close()
 
 
