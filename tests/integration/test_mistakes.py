@@ -112,7 +112,7 @@ def test_a_drive_that_is_missing(stage, tmp_path):
     config = copy_robby(tmp_path, bus={"  sync_period: 20000": "  boot_time: 2500\n  sync_period: 20000"})
     stage.drive("lonely", 3)
     program = stage.call("run", config, "--no-drives", "--can", "local:lonely")
-    check(program, 1, r"node 2 \(right_drive\): boot error B: no device type: no answer within .* s")
+    check(program, 1, r"node 2 \(right_drive\): boot error B: .*no answer within .* s")
     assert "left_drive" not in program.err
     assert stage.programs[0].running
 
@@ -122,7 +122,7 @@ def test_a_drive_that_is_another_device(stage, tmp_path):
     stage.drive("alien", 3)
     stage.drive("alien", 2, "--fault", "wrong_identity")
     program = stage.call("run", config, "--no-drives", "--can", "local:alien")
-    check(program, 1, r"node 2 \(right_drive\): boot error M: product code 0x1018:02 is 0x.*, expected 0x000004F6")
+    check(program, 1, r"node 2 \(right_drive\): boot error M: .*product code 0x1018:02 is 0x.*, expected 0x000004F6")
 
 
 def test_a_second_robot_on_the_same_channel_and_one_of_the_same_name(stage):
