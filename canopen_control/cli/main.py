@@ -34,11 +34,13 @@ VERBS = {
     "axis": "enable, disable, halt, quick-stop or fault-reset drives",
     "sdo": "read and write objects of a node, transfer files",
     "nmt": "start, stop or reset nodes",
+    "preflight": "before the first run on real drives: look, jog slowly, try STOP",
     "scan": "who is on a bus, which EDS fits, what bus.yml expects",
     "lss": "give node ids and bit rates to nodes",
     "check": "everything wrong with a robot's files, and what its buses carry",
     "plan": "what a boot writes into each node, and what differs on a live bus",
     "eds": "look into EDS and DCF files",
+    "ros": "topics and services of ROS 2 without ros2cli; the bridge by hand",
 }
 
 

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
     from canopen_control.master.events import Event
     from canopen_control.runtime.announcer import Announcer
+    from canopen_control.runtime.session import Session
     from canopen_control.runtime.setup import RobotSetup
 
 __all__ = ["add_arguments", "add_robot_arguments", "run", "run_robot"]
@@ -29,6 +30,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--ros", action=argparse.BooleanOptionalAction, default=False, help="start the ROS 2 bridge (default: off)"
     )
     parser.add_argument("--view", action="store_true", help="open the browser view")
+    parser.add_argument(
+        "--full-speed", action="store_true", help="with --real: not slow, although no pre-flight passed"
+    )
     parser.add_argument("--duration", type=_seconds, metavar="S", help="stop S seconds after the robot runs")
 
 
@@ -84,10 +88,13 @@ def run_robot(args: argparse.Namespace, *, motion: bool = False, table: bool = F
         motion=motion,
         duration=args.duration,
     )
+    unclear = _unclear(setup) if args.real and not getattr(args, "full_speed", False) else None
     session = Session(setup, options)
     announcer = Announcer(sys.stderr if table else sys.stdout)
     try:
         session.robot.on_event = _teller(announcer, table)
+        if unclear is not None:
+            _slow_down(session, unclear)
         if table:
             session.supervisor.start_client(
                 "table", ["canopen_control", "status", "--watch", "--name", setup.name], inherit_stdout=True
@@ -99,6 +106,24 @@ def run_robot(args: argparse.Namespace, *, motion: bool = False, table: bool = F
     if failure is not None:
         raise CanopenError(failure)
     return 0
+
+
+def _unclear(setup: RobotSetup) -> str | None:
+    """Say why a robot on real drives has to be slow; None: these files have passed on these drives."""
+    from canopen_control.runtime.clearance import explain, find_pass, read_serials
+
+    passed = find_pass(setup)
+    return explain(setup, passed, {} if passed is None else read_serials(setup))
+
+
+def _slow_down(session: Session, why: str) -> None:
+    from canopen_control.master.events import Event, Level
+    from canopen_control.runtime.clearance import SLOW, limit_speed
+
+    others = limit_speed(session.robot.joints.values())
+    unbound = f"; not limited: {', '.join(others)}" if others else ""
+    text = f"{why}; velocities are limited to {SLOW:g} rad/s{unbound} (preflight, or --full-speed)"
+    session.robot.report(Event(session.reactor.now(), "slow", "", text, Level.WARNING))
 
 
 def read_setup(args: argparse.Namespace) -> RobotSetup:

@@ -14,6 +14,9 @@ from typing import TYPE_CHECKING
 
 from support.robots import copy_robby
 
+from canopen_control.host.lineclient import LineClient
+from canopen_control.virtual.control import control_path
+
 if TYPE_CHECKING:
     from pathlib import Path
 
@@ -128,6 +131,20 @@ class RawListener:
         self._over = True
         self._thread.join()
         self._socket.close()
+
+
+def plant_speed(channel: str, node_id: int) -> float:
+    """Return how fast the motor of a virtual drive turns, past the bus: in the drive's own units per second."""
+    line = LineClient(control_path(channel, node_id))
+    try:
+        assert "hello" in (line.receive(60) or {})
+        line.send({"id": 1, "method": "state"})
+        while (answer := line.receive(60)) is not None:
+            if answer.get("id") == 1:
+                return float(answer["result"]["axes"][0]["plant"]["velocity"])
+    finally:
+        line.close()
+    raise AssertionError(f"drive {node_id} on {channel} has not answered")
 
 
 class CandumpLine:

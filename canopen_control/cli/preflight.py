@@ -1,0 +1,162 @@
+"""`preflight`: before a robot moves on real drives for the first time.
+
+Looks at the link and its bit rate, at who is there against bus.yml, at EDS revisions, errors and limits; then turns one
+joint after another slowly, each after a yes, and tries STOP. It starts no virtual drives. A pass is for these files and
+these drives: without one, `run --real` is slow (1 rad/s) unless it is told --full-speed.
+
+Exit codes: 0 passed; 1 not; 2 wrong usage or configuration.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import sys
+import time
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from canopen_control.cli.preflight_steps import Jog, Step, link_steps, node_steps, velocity_joints
+from canopen_control.cli.run import add_robot_arguments, read_setup
+from canopen_control.errors import CanopenError, ConfigError
+from canopen_control.runtime.clearance import SLOW, config_hash, keep_pass, read_serials
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+
+    from canopen_control.runtime.setup import RobotSetup
+
+__all__ = ["EXAMPLE", "add_arguments", "run"]
+
+EXAMPLE = "canopen-control preflight robby --can can0"
+
+_MARKS = {True: "ok  ", False: "FAIL", None: "note"}
+_WARNING = (
+    "The next steps turn the motors. Lift the wheels off the ground, keep hands and cables away, and have the supply "
+    "within reach: STOP is no safety function."
+)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    add_robot_arguments(parser)
+    parser.add_argument("--yes", action="store_true", help="answer every question with yes: nobody is there to ask")
+    parser.add_argument("--no-jog", action="store_true", help="only look, move nothing; that is no pass")
+    parser.add_argument(
+        "--speed", type=_speed, default=0.5, metavar="RAD/S", help=f"of the jog (0.5, at most {SLOW:g})"
+    )
+    parser.add_argument("--report", metavar="FILE", help="write what was found as JSON")
+
+
+def _speed(text: str) -> float:
+    try:
+        speed = float(text)
+    except ValueError:
+        speed = math.nan
+    if not 0 < speed <= SLOW:
+        raise argparse.ArgumentTypeError(f"{text!r} is no speed above 0 and up to {SLOW:g} rad/s")
+    return speed
+
+
+@dataclass(slots=True)
+class Flight:
+    """One pre-flight: what was found so far, who is told, who is asked."""
+
+    setup: RobotSetup
+    say: Callable[[str], None]
+    ask: Callable[[str], bool]
+    speed: float
+    steps: list[Step] = field(default_factory=list)
+
+    def note(self, steps: Iterable[Step]) -> bool:
+        """Tell steps as they come; return whether all of them passed."""
+        good = True
+        for step in steps:
+            self.steps.append(step)
+            self.say(f"{_MARKS[step.passed]}  {step.name:<8}  {step.text}")
+            good = good and step.passed is not False
+        return good
+
+    def look(self) -> bool:
+        """Look at links and nodes; nothing is written to a drive."""
+        good = True
+        for name, bus in self.setup.buses.items():
+            channel = self.setup.channels[name]
+            linked = self.note(link_steps(channel, bus.master.baudrate))
+            good = linked and self.note(node_steps(bus, channel)) and good
+        return good
+
+    def move(self) -> bool:
+        """Jog and stop; True if all did what was expected, False as soon as something or somebody said no."""
+        if not velocity_joints(self.setup):
+            return self.note([Step("jog", False, "no joint has a velocity to command; jog it with its own controller")])
+        self.say(_WARNING)
+        if not self.ask("Go on?"):
+            return self.note([Step("jog", False, "not wanted")])
+        with Jog(self.setup, self.speed) as jog:
+            return all(self._turn(jog, joint) for joint in jog.joints) and self.note([jog.stop()])
+
+    def _turn(self, jog: Jog, joint: str) -> bool:
+        if not self.ask(f"Turn {joint} forward at {self.speed:g} rad/s?"):
+            return self.note([Step("jog", False, f"{joint}: not wanted")])
+        if not self.note([jog.turn(joint)]):
+            return False
+        if self.ask(f"Did {joint}, and nothing else, turn forward?"):
+            return True
+        return self.note([Step("jog", False, f"{joint}: turned the wrong way, or something else turned")])
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the verb."""
+    if args.mock:
+        raise ConfigError("--mock: mock hardware needs no pre-flight")
+    if not (args.yes or args.no_jog or sys.stdin.isatty()):
+        raise ConfigError(
+            "nobody is there to ask (no terminal); add --yes to answer every question with yes, or --no-jog"
+        )
+    flight = Flight(read_setup(args), print, (lambda _question: True) if args.yes else _ask, args.speed)
+    passed = flight.look() and not args.no_jog and flight.move()
+    return _conclude(flight, passed=passed, looked_only=args.no_jog, report=args.report)
+
+
+def _ask(question: str) -> bool:
+    print(f"{question} [y/N] ", end="", flush=True)
+    return sys.stdin.readline().strip().lower() in ("y", "yes")
+
+
+def _conclude(flight: Flight, *, passed: bool, looked_only: bool, report: str | None) -> int:
+    setup = flight.setup
+    failed = [step for step in flight.steps if step.passed is False]
+    serials = read_serials(setup) if passed else {}
+    silent = [name for name, serial in serials.items() if serial is None]
+    if passed and silent:
+        raise CanopenError(f"{', '.join(silent)} does not answer any more; no pass was written")
+    if report is not None:
+        _write_report(flight, Path(report), passed, serials)
+    if passed:
+        path = keep_pass(setup, {name: serial for name, serial in serials.items() if serial is not None})
+        print(f"{setup.name} has passed; run it with --real ({path})")
+        return 0
+    if looked_only and not failed:
+        print(f"nothing is wrong with what can be seen; without the jog {setup.name} has not passed")
+        return 0
+    print(f"{setup.name} has not passed: {len(failed)} of {len(flight.steps)} steps failed")
+    return 1
+
+
+def _write_report(flight: Flight, path: Path, passed: bool, serials: dict[str, int | None]) -> None:
+    report = {
+        "robot": flight.setup.name,
+        "time": time.strftime("%Y-%m-%dT%H:%M:%S%z"),
+        "passed": passed,
+        "channels": flight.setup.channels,
+        "configuration": config_hash(flight.setup),
+        "serial_numbers": serials,
+        "steps": [asdict(step) for step in flight.steps],
+    }
+    try:
+        path.write_text(json.dumps(report, indent=2) + "\n")
+    except OSError as error:
+        raise ConfigError(f"--report {path}: {error.strerror}") from error

@@ -1,0 +1,129 @@
+"""Clearance of a robot for full speed on real drives: what a passed pre-flight leaves, and what a run makes of it.
+
+The law of this file: a pass is for one configuration (the bytes of all its files and of the EDS files they name) on
+these very drives (their serial numbers, 0x1018:04). Any other file, drive or missing answer is no pass; then a real run
+is slow and says why. It limits velocities only: a position or an effort has no speed here, and is told as not limited.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import time
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING
+
+from canopen_control.errors import CanopenError, SdoAbort
+from canopen_control.hardware.interfaces import VELOCITY
+from canopen_control.host.logfile import state_dir
+from canopen_control.master.direct import DirectBus
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+    from pathlib import Path
+
+    from canopen_control.hardware.joint import JointDrive
+    from canopen_control.runtime.setup import RobotSetup
+
+__all__ = ["SLOW", "Clearance", "config_hash", "explain", "find_pass", "keep_pass", "limit_speed", "read_serials"]
+
+SLOW = 1.0  # rad/s, or m/s of a prismatic joint, without a pass
+_SERIAL = (0x1018, 4)
+_ANSWER_S = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class Clearance:
+    """A pass: `config` is the hash of the files, `serials` by node name, `time` in Unix seconds."""
+
+    config: str
+    serials: dict[str, int]
+    time: float = 0.0
+    channel: str = ""
+
+
+def config_hash(setup: RobotSetup) -> str:
+    """Return the hash of everything a robot is described by, in hexadecimal digits."""
+    paths = [*setup.files.buses.values(), setup.files.controllers, setup.files.description]
+    paths += sorted({path for bus in setup.buses.values() for path in bus.eds_paths.values()})
+    digest = hashlib.sha256()
+    for path in paths:
+        content = path.read_bytes()
+        digest.update(f"{path.name} {len(content)}\n".encode() + content)
+    return digest.hexdigest()
+
+
+def read_serials(setup: RobotSetup) -> dict[str, int | None]:
+    """Ask every node for its serial number, straight on the bus: 0 if it says it has none, None if it says nothing.
+
+    Raises BusError where a channel cannot be opened.
+    """
+    found: dict[str, int | None] = {}
+    for name, bus in setup.buses.items():
+        with DirectBus.open(setup.channels[name], label="clearance", timeout_s=_ANSWER_S) as direct:
+            answers = direct.read_many((node.node_id, *_SERIAL) for node in bus.nodes.values())
+        for node in bus.nodes.values():
+            answer = answers[node.node_id, *_SERIAL]
+            found[node.name] = _serial(answer)
+    return found
+
+
+def _serial(answer: bytes | CanopenError) -> int | None:
+    if isinstance(answer, bytes):
+        return int.from_bytes(answer, "little")
+    return 0 if isinstance(answer, SdoAbort) else None
+
+
+def _file(setup: RobotSetup) -> Path:
+    return state_dir("preflight") / f"{setup.name}.json"
+
+
+def keep_pass(setup: RobotSetup, serials: Mapping[str, int]) -> Path:
+    """Write down that the robot has passed, instead of any earlier pass of this name; return the file."""
+    path = _file(setup)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    passed = Clearance(config_hash(setup), dict(serials), time.time(), ", ".join(setup.channels.values()))
+    fresh = path.with_suffix(".new")
+    fresh.write_text(json.dumps(asdict(passed), indent=2) + "\n")
+    os.replace(fresh, path)
+    return path
+
+
+def find_pass(setup: RobotSetup) -> Clearance | None:
+    """Return the last pass of a robot of this name; None if there is none, or none that can be read."""
+    try:
+        held = json.loads(_file(setup).read_text())
+        serials = {str(name): int(serial) for name, serial in held["serials"].items()}
+        return Clearance(str(held["config"]), serials, float(held["time"]), str(held["channel"]))
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        return None
+
+
+def explain(setup: RobotSetup, passed: Clearance | None, serials: Mapping[str, int | None]) -> str | None:
+    """Say in words why a pass does not clear the robot as it is; None: it does."""
+    if passed is None:
+        return "this robot has not passed a pre-flight on this machine"
+    if passed.config != config_hash(setup):
+        return "its files have changed since it passed the pre-flight"
+    for name, serial in serials.items():
+        if serial is None:
+            return f"{name} does not answer, so that nobody knows whether it is the drive that passed"
+        if passed.serials.get(name) != serial:
+            return f"{name} is another drive than the one that passed the pre-flight (serial number {serial})"
+    return None
+
+
+def limit_speed(joints: Iterable[JointDrive], limit: float = SLOW) -> list[str]:
+    """Bound the velocity commands of joints; return the joints that have other commands, which are not bounded."""
+    others = []
+    for joint in joints:
+        for name, command in joint.commands.items():
+            if name == VELOCITY:
+                command.minimum, command.maximum = max(command.minimum, -limit), min(command.maximum, limit)
+            elif name in _MOVING:
+                others.append(f"{joint.joint}/{name}")
+    return others
+
+
+_MOVING = ("position", "effort")

@@ -1,0 +1,112 @@
+"""The verb preflight, as its user sees it, and what a real run makes of its pass."""
+
+import json
+
+import pytest
+from support.guest import plant_speed
+from support.host import eventually
+from support.processes import Stage
+
+from canopen_control.cli.main import main
+
+NODES = (3, 2)
+
+
+@pytest.fixture
+def stage(private_folders):
+    stage = Stage(private_folders, private_folders)
+    yield stage
+    stage.end()
+
+
+@pytest.fixture
+def drives(stage):
+    for node_id in NODES:
+        stage.drive("flight", node_id)
+
+
+def flight(stage, *options):
+    return stage.call("preflight", "robby", "--can", "local:flight", *options)
+
+
+def speeds():
+    return [abs(plant_speed("local:flight", node_id)) * 0.003926990816987242 for node_id in NODES]
+
+
+def real_run(stage, *options):
+    robot = stage.start("run", "robby", "--can", "local:flight", "--real", *options)
+    robot.until("robby runs")
+    stage.start("command", "robby_forward_controller", 10, 10)
+    return robot
+
+
+def test_a_pass_is_written_and_lets_a_real_run_be_fast(stage, drives, tmp_path):
+    done = flight(stage, "--yes", "--report", tmp_path / "report.json")
+    assert done.wait() == 0, done
+    assert "FAIL" not in done.out
+    report = json.loads((tmp_path / "report.json").read_text())
+    assert (report["passed"], report["serial_numbers"]) == (True, {"left_drive": 3, "right_drive": 2})
+    assert [step["name"] for step in report["steps"] if step["passed"]][-3:] == ["jog", "jog", "STOP"]
+    robot = real_run(stage)
+    assert eventually(lambda: speeds() == pytest.approx([10.0, 10.0], rel=0.01))
+    assert "limited" not in robot.out
+
+
+def test_without_a_pass_a_real_run_is_slow_and_says_so(stage, drives):
+    robot = real_run(stage)
+    assert eventually(lambda: speeds() == pytest.approx([1.0, 1.0], rel=0.01))
+    assert not eventually(lambda: max(speeds()) > 1.01, 0.5)
+    robot.until("this robot has not passed a pre-flight on this machine; velocities are limited to 1 rad/s")
+    assert robot.end() == 0, robot
+
+
+def test_full_speed_overrules(stage, drives):
+    robot = real_run(stage, "--full-speed")
+    assert eventually(lambda: speeds() == pytest.approx([10.0, 10.0], rel=0.01))
+    assert "limited" not in robot.out
+    assert robot.end() == 0, robot
+
+
+def test_looking_alone_moves_nothing_and_is_no_pass(stage, drives):
+    done = flight(stage, "--no-jog")
+    assert done.wait() == 0, done
+    assert "without the jog robby has not passed" in done.out
+    assert speeds() == [0.0, 0.0]
+
+
+def test_without_drives_it_fails_and_moves_nothing(stage):
+    stage.drive("flight", 3)
+    done = flight(stage, "--yes")
+    assert done.wait() == 1
+    assert "FAIL  node      node 2 (right_drive) does not answer" in done.out
+    assert "The next steps turn the motors" not in done.out
+    assert "robby has not passed: 1 of 6 steps failed" in done.out
+
+
+def test_a_no_ends_it(drives, monkeypatch, capsys):
+    answers = iter(["y\n", "yes\n", "n\n"])
+    monkeypatch.setattr("sys.stdin.isatty", lambda: True, raising=False)
+    monkeypatch.setattr("sys.stdin.readline", lambda: next(answers), raising=False)
+    assert main(["preflight", "robby", "--can", "local:flight"]) == 1
+    said = capsys.readouterr().out
+    assert "Did left_wheel_joint, and nothing else, turn forward? [y/N]" in said
+    assert "turned the wrong way" in said
+    assert "Turn right_wheel_joint" not in said
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ([], "nobody is there to ask"),
+        (["--mock", "--yes"], "mock hardware needs no pre-flight"),
+        (["--speed", "5", "--yes"], "'5' is no speed above 0 and up to 1 rad/s"),
+    ],
+)
+def test_a_mistake_of_the_user_is_one_sentence_and_exit_code_2(options, words, capsys, monkeypatch):
+    monkeypatch.setattr("sys.stdin.isatty", lambda: False, raising=False)
+    try:
+        code = main(["preflight", "robby", *options])
+    except SystemExit as stop:  # argparse
+        code = stop.code
+    assert code == 2
+    assert words in capsys.readouterr().err

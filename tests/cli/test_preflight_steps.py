@@ -1,0 +1,110 @@
+"""The steps of a pre-flight against virtual drives that are as they should be, and against some that are not."""
+
+import dataclasses
+
+import pytest
+from support.processes import Stage
+from support.robots import copy_robby
+
+from canopen_control.bus.link import Link
+from canopen_control.cli import preflight_steps as steps
+from canopen_control.cli.preflight_steps import Jog, link_steps, node_steps, velocity_joints
+from canopen_control.runtime.files import find_robot
+from canopen_control.runtime.setup import read_robot
+
+CAN0 = Link("can0", "can", is_up=True, state="ERROR-ACTIVE", bitrate=1_000_000)
+
+
+@pytest.fixture
+def stage(private_folders):
+    stage = Stage(private_folders, private_folders)
+    yield stage
+    stage.end()
+
+
+def results(found):
+    return [(step.name, step.passed) for step in found]
+
+
+@pytest.mark.parametrize(
+    ("link", "expected", "words"),
+    [
+        (CAN0, [("link", True), ("bit rate", True)], "1000000 bit/s, bus.yml says 1000000"),
+        (
+            dataclasses.replace(CAN0, bitrate=500_000),
+            [("link", True), ("bit rate", False)],
+            "500000 bit/s, bus.yml says 1000000",
+        ),
+        (dataclasses.replace(CAN0, state="ERROR-PASSIVE"), [("link", False), ("bit rate", True)], "ERROR-PASSIVE"),
+        (
+            dataclasses.replace(CAN0, is_up=False),
+            [("link", False)],
+            "type: canopen-control bus up can0 --bitrate 1000000",
+        ),
+        (None, [("link", False)], "can0 is not there"),
+        (Link("can0", "vcan", is_up=True), [("link", True), ("bit rate", None)], "is a vcan interface and has none"),
+    ],
+    ids=["good", "other rate", "passive", "down", "missing", "virtual"],
+)
+def test_the_link_is_held_against_the_bus_file(monkeypatch, link, expected, words):
+    monkeypatch.setattr(steps, "find_link", lambda _name: link)
+    found = link_steps("can0", 1000)
+    assert results(found) == expected
+    assert any(words in step.text for step in found)
+
+
+def test_a_channel_without_an_interface_is_only_told():
+    assert results(link_steps("local:anything", 1000)) == [("link", None)]
+
+
+def test_nodes_are_compared_to_bus_file_and_eds_and_strangers_are_named(stage):
+    for node_id in (3, 2, 9):
+        stage.drive("looked", node_id)
+    setup = read_robot(find_robot("robby"), can=["local:looked"])
+    found = list(node_steps(setup.bus, "local:looked"))
+    ours = [("node", True), ("EDS", True), ("errors", True), ("limits", None)]
+    assert results(found) == [*ours, *ours, ("node", None)]
+    assert found[0].text == "node 3 (left_drive): TMCM-1270, serial number 3"
+    assert found[-1].text == "node 9 answers and is not in bus.yml"
+
+
+def test_a_node_that_is_missing_or_another_one_fails(stage, tmp_path):
+    stage.drive("wrong", 3)
+    config = copy_robby(tmp_path, bus={"revision_number: 0 ": "revision_number: 0x77 "})
+    setup = read_robot(find_robot(str(config)), can=["local:wrong"])
+    found = list(node_steps(setup.bus, "local:wrong"))
+    assert [step.name for step in found if step.passed is False] == ["node", "node"]
+    assert "revision 0x00000077 expected" in found[0].text
+    assert found[-1].text.startswith("node 2 (right_drive) does not answer; is it powered")
+
+
+def test_the_jog_measures_velocity_way_and_stop(stage):
+    for node_id in (3, 2):
+        stage.drive("jogged", node_id)
+    setup = read_robot(find_robot("robby"), can=["local:jogged"])
+    assert velocity_joints(setup) == ["left_wheel_joint", "right_wheel_joint"]
+    with Jog(setup, 0.5) as jog:
+        found = [*map(jog.turn, jog.joints), jog.stop()]
+    assert results(found) == [("jog", True), ("jog", True), ("STOP", True)], found
+
+
+@pytest.mark.parametrize(
+    ("edits", "words"),
+    [
+        ({"scale_vel_to_dev: -254.64790894703253": "scale_vel_to_dev: 254.64790894703253"}, "turns the other way"),
+        (
+            {"scale_vel_to_dev: -254.64790894703253": "scale_vel_to_dev: -2546.4790894703253"},
+            "rad/s at a command of 0.5",
+        ),
+        ({"scale_pos_from_dev: -0.003926990816987242": "scale_pos_from_dev: -0.03926990816987242"}, "rad in"),
+    ],
+    ids=["sign", "velocity scale", "position scale"],
+)
+def test_a_wrong_scale_is_found_before_it_hurts(stage, tmp_path, edits, words):
+    for node_id in (3, 2):
+        stage.drive("scales", node_id)
+    setup = read_robot(find_robot(str(copy_robby(tmp_path, bus=edits))), can=["local:scales"])
+    with Jog(setup, 0.5) as jog:
+        step = jog.turn("left_wheel_joint")
+    assert step.passed is False
+    assert words in step.text

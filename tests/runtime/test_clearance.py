@@ -1,0 +1,111 @@
+"""Clearance: a pass is for these files and these drives, and without one velocities are bounded."""
+
+import math
+
+import pytest
+from support.robots import Bench, copy_robby
+
+from canopen_control.runtime.clearance import (
+    SLOW,
+    Clearance,
+    config_hash,
+    explain,
+    find_pass,
+    keep_pass,
+    limit_speed,
+    read_serials,
+)
+from canopen_control.runtime.files import find_robot
+from canopen_control.runtime.setup import read_robot
+from canopen_control.runtime.status import status_dict
+
+SERIALS = {"left_drive": 3, "right_drive": 2}
+
+
+def setup_of(folder):
+    return read_robot(find_robot(str(folder)), can=["memory:clearance"])
+
+
+def test_the_hash_is_of_what_the_files_hold_and_not_of_where_they_are(tmp_path):
+    (tmp_path / "elsewhere").mkdir()
+    here, there = copy_robby(tmp_path), copy_robby(tmp_path / "elsewhere")
+    assert config_hash(setup_of(here)) == config_hash(setup_of(there))
+    for name in ("bus.yml", "ros2_controllers.yaml", "robby.urdf.xacro"):
+        before = config_hash(setup_of(there))
+        with (there / name).open("a") as file:
+            file.write("\n")
+        assert config_hash(setup_of(there)) != before
+
+
+def test_the_eds_file_counts_too(tmp_path):
+    robby = copy_robby(tmp_path)
+    before = setup_of(robby)
+    own = robby / "TMCM-1270.eds"
+    own.write_bytes(before.bus.eds_paths["left_drive"].read_bytes() + b"\r\n")
+    after = setup_of(robby)
+    assert after.bus.eds_paths["left_drive"] == own
+    assert config_hash(after) != config_hash(before)
+
+
+def test_a_pass_is_kept_found_and_replaced(tmp_path):
+    setup = setup_of(copy_robby(tmp_path))
+    assert find_pass(setup) is None
+    keep_pass(setup, {"left_drive": 1})
+    path = keep_pass(setup, SERIALS)
+    found = find_pass(setup)
+    assert (found.config, found.serials, found.channel) == (config_hash(setup), SERIALS, "memory:clearance")
+    assert explain(setup, found, SERIALS) is None
+    for rubbish in ("", "[]", '{"serials": 3}', '{"config": 1, "serials": {"a": "b"}, "time": 0, "channel": ""}'):
+        path.write_text(rubbish)
+        assert find_pass(setup) is None
+
+
+@pytest.mark.parametrize(
+    ("serials", "reason"),
+    [
+        ({"left_drive": 9, "right_drive": 2}, "left_drive is another drive than the one that passed"),
+        ({"left_drive": 3, "right_drive": None}, "right_drive does not answer"),
+    ],
+)
+def test_another_drive_is_no_pass(tmp_path, serials, reason):
+    setup = setup_of(copy_robby(tmp_path))
+    assert reason in explain(setup, Clearance(config_hash(setup), SERIALS), serials)
+
+
+def test_no_pass_and_changed_files_are_told_apart(tmp_path):
+    setup = setup_of(copy_robby(tmp_path))
+    assert "has not passed" in explain(setup, None, SERIALS)
+    assert "files have changed" in explain(setup, Clearance("0", SERIALS), SERIALS)
+
+
+def test_only_velocities_are_bounded_and_what_is_not_is_named():
+    bench = Bench("limited")
+    joints = list(bench.robot.joints.values())
+    others = limit_speed(joints)
+    bounds = {(each.interface, each.minimum, each.maximum) for joint in joints for each in joint.commands.values()}
+    assert ("velocity", -SLOW, SLOW) in bounds
+    assert all(math.isinf(high) or interface == "velocity" for interface, _, high in bounds)
+    assert others == [f"{joint.joint}/position" for joint in joints if "position" in joint.commands]
+    bench.close()
+
+
+def test_a_limited_robot_is_slow_whatever_it_is_told():
+    bench = Bench("slow")
+    limit_speed(bench.robot.joints.values())
+    bench.start()
+    bench.hold(10.0, -10.0, ms=1000)
+    speeds = [joint["velocity"] for joint in status_dict(bench.robot)["joints"].values()]
+    assert speeds == pytest.approx([SLOW, -SLOW], rel=0.01)
+    bench.close()
+
+
+def test_serial_numbers_are_asked_of_the_drives(private_folders):
+    from support.processes import Stage
+
+    stage = Stage(private_folders, private_folders)
+    try:
+        stage.drive("serials", 3)
+        setup = read_robot(find_robot("robby"), can=["local:serials"])
+        assert read_serials(setup) == {"left_drive": 3, "right_drive": None}
+    finally:
+        stage.end()
