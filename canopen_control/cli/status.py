@@ -82,12 +82,18 @@ def _words(state: str | None) -> str:
 
 
 def _boot(status: dict[str, Any]) -> list[str]:
-    """Return how long each boot step of each node took."""
+    """Return how long each boot step of each node took, and its SDO traffic."""
     steps: dict[str, list[str]] = {}
     for step in status["boot"]:
         failed = f" failed: {step['error']}" if step["error"] else ""
         steps.setdefault(step["node"], []).append(f"{step['step']} {1e3 * step['seconds']:.1f} ms{failed}")
-    return [f"boot of {node}: {', '.join(each)}" for node, each in steps.items()]
+    return [f"boot of {node}: {', '.join(each)}{_traffic(status, node)}" for node, each in steps.items()]
+
+
+def _traffic(status: dict[str, Any], node: str) -> str:
+    """Say how many SDO requests the node has had, since the robot started."""
+    sdo = status["nodes"].get(node, {}).get("sdo")
+    return f"; SDO: {sdo['reads']} read, {sdo['writes']} written, {sdo['failed']} failed" if sdo else ""
 
 
 def _events(status: dict[str, Any]) -> list[str]:

@@ -1,6 +1,8 @@
 from canopen_control.cia301.pdo import MappedObject
 from canopen_control.frame import RECORD, RECORD_SIZE, frames_of
 from canopen_control.master.cycle import ProcessImage
+from canopen_control.master.draft import PdoLayout
+from canopen_control.master.supervision import PdoWatch
 from canopen_control.od.model import DataType
 
 CONTROLWORD = MappedObject(0x6040, 0, 16, DataType.UNSIGNED16)
@@ -103,3 +105,47 @@ def test_a_lost_node_is_not_fresh_any_more():
     pdo.receive(bytes(8), 8, 100)
     pdo.forget()
     assert not image.input(3, 0x6064).fresh
+
+
+def test_a_tpdo_in_the_nodes_own_order_gives_the_planned_one():
+    image = ProcessImage()
+    pdo = image.add_tpdo(3, 0x283, [POSITION, VELOCITY], 1)
+    position, velocity = image.input(3, 0x6064), image.input(3, 0x606C)
+    pdo.use(PdoLayout(2, 0x277, 2, (VELOCITY, POSITION)), [POSITION, VELOCITY])
+    pdo.receive((7).to_bytes(4, "little") + (-9).to_bytes(4, "little", signed=True), 8, 5)
+    assert (position.value, velocity.value) == (-9, 7)
+    assert (pdo.cob_id, pdo.every) == (0x277, 2)
+    pdo.use(PdoLayout(2, 0x283, 1, (POSITION, VELOCITY)), [POSITION, VELOCITY])
+    pdo.receive((1).to_bytes(4, "little") + (2).to_bytes(4, "little"), 8, 6)
+    assert (position.value, velocity.value) == (1, 2)
+
+
+def test_a_tpdo_that_comes_by_events_is_never_overdue():
+    image = ProcessImage()
+    pdo = image.add_tpdo(3, 0x283, [POSITION], 1)
+    watch = PdoWatch()
+    watch.add(pdo)
+    pdo.use(PdoLayout(2, 0x283, 255, (POSITION,)), [POSITION])
+    pdo.expected = True
+    assert not any(watch.sync() for _ in range(1000))
+
+
+def test_an_rpdo_in_the_nodes_own_order_is_sent_in_it_with_shared_values():
+    image = image_with_two_controlwords()
+    first = image.outputs[0]
+    own = (MODE, CONTROLWORD, TARGET_VELOCITY)
+    first.use(PdoLayout(1, 0x277, 1, own), image.outputs_of(3, own))
+    image.output(3, 0x6040).set(0x0F)
+    image.output(3, 0x6060).set(3)
+    image.output(3, 0x60FF).set(-1)
+    assert sent(image)[0] == (0x277, b"\x03\x0f\0\xff\xff\xff\xff")
+    assert [can_id for can_id, _ in sent(image)] == [0x277]  # cyclic now, the other one has not changed
+
+
+def test_process_data_begin_with_what_the_node_says():
+    image = image_with_two_controlwords()
+    image.add_tpdo(3, 0x283, [POSITION, VELOCITY])
+    image.preset(3, {(0x6060, 0): 3, (0x6064, 0): -5, (0x5999, 0): 1})
+    assert image.output(3, 0x6060).value == 3
+    position = image.input(3, 0x6064)
+    assert (position.value, position.fresh) == (-5, False)

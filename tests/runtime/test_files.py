@@ -1,7 +1,7 @@
 import pytest
 
 from canopen_control.errors import RobotConfigError
-from canopen_control.runtime.files import find_robot
+from canopen_control.runtime.files import find_buses, find_robot
 
 
 def robot(folder, *names):
@@ -58,3 +58,29 @@ def test_an_unknown_robot_names_the_bundled_ones():
 def test_a_file_that_is_not_there_is_named_with_its_option():
     with pytest.raises(RobotConfigError, match=r"--bus: no file nowhere\.yml"):
         find_robot("robby", bus="nowhere.yml")
+
+
+def test_further_buses_stand_beside_the_first_by_their_names(tmp_path):
+    folder = robot(tmp_path / "r", "bus.yml", "bus_arm.yml", "bus_left-leg.yml", "ros2_controllers.yaml", "x.urdf")
+    files = find_robot(str(folder))
+    assert list(files.buses) == ["can", "arm", "left-leg"]
+    assert files.buses["arm"] == folder / "bus_arm.yml"
+    assert find_buses(str(folder)) == files.buses
+    assert find_robot(str(folder), bus=str(folder / "bus_arm.yml")).buses == {"can": folder / "bus_arm.yml"}
+
+
+@pytest.mark.parametrize("name", ["bus_can.yml", "bus_a b.yml", "bus_.yml"])
+def test_a_further_bus_needs_a_name_that_a_channel_may_have(tmp_path, name):
+    folder = robot(tmp_path / "r", "bus.yml", name, "ros2_controllers.yaml", "x.urdf")
+    with pytest.raises(RobotConfigError, match="is no name for a further bus"):
+        find_robot(str(folder))
+    with pytest.raises(RobotConfigError, match="is no name for a further bus"):
+        find_buses(str(folder))
+
+
+def test_bus_files_are_found_without_the_rest_of_a_robot(tmp_path):
+    assert list(find_buses(str(robot(tmp_path / "r", "bus.yml")))) == ["can"]
+    with pytest.raises(RobotConfigError, match=r"has no bus\.yml"):
+        find_buses(str(robot(tmp_path / "none")))
+    with pytest.raises(RobotConfigError, match="name a folder or a bundled robot"):
+        find_buses(None)

@@ -57,3 +57,51 @@ def test_without_sync_the_cycle_is_the_controllers_rate(tmp_path):
         tmp_path, bus={"sync_period: 20000": "sync_period: 0"}, controllers={"update_rate: 50": "update_rate: 100"}
     )
     assert read_robot(find_robot(str(config))).cycle_ns == 10_000_000
+
+
+def two_buses(folder, **changes):
+    """Robby with its right drive on a bus of its own."""
+    config = copy_robby(folder, bus=changes)
+    text = (config / "bus.yml").read_text()
+    head, nodes = text.split("nodes:\n")
+    left, right = nodes.split("  right_drive:\n")
+    (config / "bus.yml").write_text(f"{head}nodes:\n{left}")
+    (config / "bus_right.yml").write_text(f"{head}nodes:\n  right_drive:\n{right}")
+    return config
+
+
+def test_each_bus_has_a_channel_by_option_by_its_file_or_its_own_embedded_one(tmp_path):
+    config = two_buses(tmp_path)
+    files = find_robot(str(config))
+    setup = read_robot(files)
+    assert list(setup.buses) == ["can", "right"]
+    assert setup.channels == {"can": "local:robby", "right": "local:robby_right"}
+    assert read_robot(files, can=["can0", "right=can1"]).channels == {"can": "can0", "right": "can1"}
+    path = config / "bus_right.yml"
+    path.write_text(path.read_text().replace("node_id: 1\n", "node_id: 1\n  channel: vcan3\n", 1))
+    assert read_robot(files).channels["right"] == "vcan3"
+    assert read_robot(files, can=["right=can1"]).channels["right"] == "can1"
+
+
+def test_two_buses_on_one_channel_would_be_two_masters_on_it(tmp_path):
+    with pytest.raises(RobotConfigError, match="the buses can and right are both on can0"):
+        read_robot(find_robot(str(two_buses(tmp_path))), can=["can0", "right=can0"])
+
+
+def test_buses_of_different_sync_periods_and_doubled_names_are_no_robot(tmp_path):
+    config = two_buses(tmp_path)
+    path = config / "bus_right.yml"
+    text = path.read_text()
+    path.write_text(text.replace("sync_period: 20000", "sync_period: 10000"))
+    with pytest.raises(RobotConfigError, match="all buses of a robot have one SYNC period"):
+        read_robot(find_robot(str(config)))
+    path.write_text(text.replace("right_drive:", "left_drive:"))
+    with pytest.raises(RobotConfigError, match=r"bus_right\.yml:\d+: a node named left_drive is in .*bus\.yml too"):
+        read_robot(find_robot(str(config)))
+
+
+def test_peer_merge_reaches_the_plan(tmp_path):
+    changed = {"  left_drive:\n    node_id: 3\n": "  left_drive:\n    node_id: 3\n    heartbeat_producer: 50\n"}
+    files = find_robot(str(copy_robby(tmp_path, bus=changed)))
+    assert read_robot(files).bus.nodes["left_drive"].heartbeat_producer == 50
+    assert read_robot(files, peer_merge=True).bus.nodes["left_drive"].heartbeat_producer == 100

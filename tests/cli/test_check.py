@@ -1,0 +1,52 @@
+"""The verb check: what it prints, and its exit codes."""
+
+import json
+
+from support.robots import copy_robby
+
+from canopen_control.cli.main import main
+
+
+def test_a_good_robot_is_exit_code_0_with_its_bus_budget(capsys):
+    assert main(["check", "robby", "--strict"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[-1] == "robby: 3 notes"
+    assert lines[-2] == (
+        "bus can: 775 to 935 bits in a cycle of 20 ms, load 4.9% of 1000 kbit/s, shortest possible period 0.94 ms"
+    )
+
+
+def test_a_cycle_that_cannot_fit_is_exit_code_2(tmp_path, capsys):
+    config = copy_robby(tmp_path, bus={"baudrate: 1000": "baudrate: 20"})
+    assert main(["check", str(config)]) == 2
+    assert "the shortest possible period is 46.75 ms" in capsys.readouterr().out
+
+
+def test_a_warning_is_good_unless_strict(tmp_path):
+    config = copy_robby(tmp_path, bus={"sync_period: 20000": "sync_period: 20000\n  sync_window: 500"})
+    assert main(["check", str(config)]) == 0
+    assert main(["check", str(config), "--strict"]) == 2
+
+
+def test_as_json_every_finding_has_its_place_and_every_bus_its_figures(tmp_path, capsys):
+    config = copy_robby(tmp_path, bus={"node_id: 3": "node_id: 300"})
+    assert main(["check", str(config), "--json"]) == 2
+    said = json.loads(capsys.readouterr().out)
+    error = next(finding for finding in said["findings"] if finding["severity"] == "error")
+    assert error["path"].endswith("bus.yml")
+    assert (error["line"] > 0, error["column"] > 0, "300" in error["text"]) == (True, True, True)
+    assert said["buses"] == {}
+    assert main(["check", "robby", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["buses"]["can"]["worst_bits"] == 935
+
+
+def test_a_caret_stands_below_the_mistake(tmp_path, capsys):
+    main(["check", str(copy_robby(tmp_path, bus={"node_id: 3": "node_id: 300"}))])
+    lines = capsys.readouterr().out.splitlines()
+    at = next(number for number, line in enumerate(lines) if line.strip() == "^")
+    assert lines[at - 1][lines[at].index("^") :].startswith("300")
+
+
+def test_without_a_robot_it_says_what_to_name(capsys):
+    assert main(["check", "no-such-robot"]) == 2
+    assert "neither a folder nor one of the bundled ones" in capsys.readouterr().err

@@ -1,0 +1,123 @@
+"""Everything that is wrong with a robot's files, found at once; and what its buses carry."""
+
+import pytest
+from support.robots import copy_robby
+
+from canopen_control.data_files import data_names, data_path
+from canopen_control.runtime.check import CheckOptions, check_robot
+from canopen_control.runtime.files import find_robot
+from canopen_control.runtime.finding import Severity
+
+
+def check(config, **options):
+    return check_robot(find_robot(str(config)), CheckOptions(**options))
+
+
+def texts(report, severity):
+    return [str(finding) for finding in report.findings if finding.severity is severity]
+
+
+def test_robby_has_no_error_and_no_warning_and_its_bus_is_nearly_free():
+    report = check("robby")
+    assert report.passes(strict=True), texts(report, Severity.WARNING)
+    assert report.count(Severity.NOTE) == len(report.findings)
+    assert (report.budgets["can"].bits, report.budgets["can"].worst_bits) == (775, 935)
+
+
+@pytest.mark.parametrize("name", data_names("config"))
+def test_every_bundled_robot_may_be_run(name):
+    report = check(name)
+    assert report.passes(), texts(report, Severity.ERROR)
+
+
+def test_mistakes_of_all_three_files_are_found_together_and_each_once(tmp_path):
+    config = copy_robby(
+        tmp_path,
+        bus={"node_id: 3": "node_id: 300", "sync_period: 20000": "sync_perriod: 20000"},
+        controllers={"update_rate: 50": "update_rate: fast"},
+        description={"</robot>": "</robo>"},
+    )
+    report = check(config)
+    errors = texts(report, Severity.ERROR)
+    assert len(errors) == len(set(errors)) == 4, errors
+    for words in ("300 is out of range 1..127", "did you mean 'sync_period'", "update_rate", "robby.urdf.xacro"):
+        assert sum(words in error for error in errors) == 1, errors
+    assert report.budgets == {}
+    assert not report.passes()
+
+
+def test_a_mistake_of_bus_yml_is_shown_with_its_line_and_a_caret(tmp_path):
+    report = check(copy_robby(tmp_path, bus={"node_id: 3": "node_id: 300"}))
+    finding = next(each for each in report.findings if each.severity is Severity.ERROR)
+    lines = (tmp_path / "robby" / "bus.yml").read_text().splitlines()
+    assert lines[finding.line - 1][finding.column - 1 :] == "300"
+    assert finding.source.splitlines() == [f"    {lines[finding.line - 1]}", f"    {' ' * (finding.column - 1)}^"]
+
+
+def test_what_does_not_fit_together_is_found_too(tmp_path):
+    config = copy_robby(tmp_path, bus={"left_drive:": "leftdrive:"})
+    errors = texts(check(config), Severity.ERROR)
+    assert len(errors) == 1
+    assert "did you mean 'leftdrive'" in errors[0]
+
+
+def test_what_only_building_the_robot_shows_is_found(tmp_path):
+    config = copy_robby(tmp_path, bus={"        - {index: 0x6041, sub_index: 0}   # statusword\n": ""})
+    errors = texts(check(config), Severity.ERROR)
+    assert any("0x6041" in error and "map it in bus.yml" in error for error in errors), errors
+
+
+def test_a_cycle_that_cannot_fit_is_refused_with_the_shortest_period(tmp_path):
+    report = check(copy_robby(tmp_path, bus={"baudrate: 1000": "baudrate: 20"}))
+    assert any(
+        "a cycle of 20 ms cannot carry its 935 bits at 20 kbit/s; the shortest possible period is 46.75 ms" in error
+        for error in texts(report, Severity.ERROR)
+    )
+    assert report.budgets["can"].shortest_period_ns == 46_750_000
+
+
+def test_a_load_above_seventy_per_cent_is_a_warning(tmp_path):
+    slow = {"baudrate: 1000": "baudrate: 125", "sync_period: 20000": "sync_period: 10000"}
+    report = check(copy_robby(tmp_path, bus=slow))
+    assert any("loaded to 76% by process data" in warning for warning in texts(report, Severity.WARNING))
+    assert report.passes()
+    assert not report.passes(strict=True)
+
+
+def test_a_sync_window_that_is_too_short_is_a_warning(tmp_path):
+    report = check(copy_robby(tmp_path, bus={"sync_period: 20000": "sync_period: 20000\n  sync_window: 500"}))
+    assert any("take 0.94 ms, sync_window is 0.5 ms" in warning for warning in texts(report, Severity.WARNING))
+
+
+def test_several_buses_are_checked_each_for_itself_and_together(tmp_path):
+    config = copy_robby(tmp_path, bus={"  right_drive:\n    node_id: 2\n": "  right_drive:\n    node_id: 2\n"})
+    text = (config / "bus.yml").read_text()
+    (config / "bus_arm.yml").write_text(text.replace("sync_period: 20000", "sync_period: 10000"))
+    errors = texts(check(config), Severity.ERROR)
+    assert any("bus_arm.yml" in error and "all buses of a robot have one SYNC period" in error for error in errors)
+    assert sum("a node named left_drive is in" in error for error in errors) == 1
+
+
+def test_peer_merge_and_the_difference_to_it_are_told(tmp_path):
+    changed = {"  left_drive:\n    node_id: 3\n": "  left_drive:\n    node_id: 3\n    heartbeat_producer: 50\n"}
+    config = copy_robby(tmp_path, bus=changed)
+    (ours,) = texts(check(config), Severity.WARNING)
+    (theirs,) = texts(check(config, peer_merge=True), Severity.WARNING)
+    assert "heartbeat_producer counts; ros2_canopen takes 100" in ours
+    assert "--peer-merge takes 100" in theirs
+
+
+def test_a_bus_yml_that_is_no_yaml_does_not_hide_the_others(tmp_path):
+    config = copy_robby(tmp_path, controllers={"update_rate: 50": "update_rate: fast"})
+    (config / "bus.yml").write_text("master: [")
+    errors = texts(check(config), Severity.ERROR)
+    assert any("bus.yml:" in error for error in errors)
+    assert any("update_rate" in error for error in errors)
+
+
+def test_an_eds_full_of_doubts_is_summed_up(tmp_path):
+    config = copy_robby(tmp_path)
+    eds = data_path("eds", "TMCM-1270.eds").read_text(encoding="latin-1")
+    (config / "TMCM-1270.eds").write_text(eds.replace("DataType=0x0007", "DataType=0x0099", 1), encoding="latin-1")
+    notes = texts(check(config), Severity.NOTE)
+    assert any("doubts about this file" in note and "eds check" in note for note in notes), notes
