@@ -232,7 +232,7 @@ class Network:
         def on_pdo(data: bytes, length: int, now: int) -> None:
             receive(data, length, now)
             if length != right and pdo.expected:
-                node.on_malformed(pdo, length, now)
+                node.log.malformed(pdo, length, now)
 
         return on_pdo
 

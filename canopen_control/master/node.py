@@ -10,7 +10,6 @@ from __future__ import annotations
 import enum
 from typing import TYPE_CHECKING
 
-from canopen_control.cia301.emcy import error_text
 from canopen_control.cia301.guarding import GuardingEventKind
 from canopen_control.cia301.heartbeat import HeartbeatEvent, HeartbeatEventKind
 from canopen_control.cia301.nmt import NmtCommand, NmtState
@@ -18,7 +17,7 @@ from canopen_control.cia301.sdo_client import SdoClient
 from canopen_control.errors import BootError, HeartbeatLost
 from canopen_control.master.boot_task import BootTask
 from canopen_control.master.events import Event, Level
-from canopen_control.master.supervision import ActiveErrors, DuplicateWatch, EmcyGate
+from canopen_control.master.node_log import NodeLog
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -83,9 +82,7 @@ class RemoteNode:
         self.sent: list[SentPdo] = []
         self.emcy: EmcyMessage | None = None
         self.expected_state: NmtState | None = None  # what was commanded from outside a boot
-        self.errors = ActiveErrors()
-        self.emcy_gate = EmcyGate()
-        self._duplicates = DuplicateWatch(config.heartbeat_ms * 1_000_000)
+        self.log = NodeLog(config, report)
         self._send_nmt, self._watch, self._report = send_nmt, watch, report
         self._wake, self._guard, self._lay_out = wake, guard, lay_out
         self._guarding_boot = False
@@ -130,7 +127,7 @@ class RemoteNode:
 
     def lost(self, now: int, text: str, *, kind: str = "bus_lost") -> None:
         """Take the node for lost, because its bus is: it is booted anew when that is back."""
-        self._drop(now, f"{self._who}: {text}", Level.ERROR, kind=kind)
+        self._drop(now, f"{self.log.who}: {text}", Level.ERROR, kind=kind)
         self._retry_at = None
 
     def command(self, command: NmtCommand, now: int) -> None:
@@ -152,7 +149,7 @@ class RemoteNode:
             lost = HeartbeatLost(self.node_id, event.age_ns / 1e9, self.name)
             self._drop(now, str(lost), Level.ERROR, kind="heartbeat_lost", error=lost)
         elif kind is HeartbeatEventKind.RESOLVED:
-            self._tell(now, "heartbeat_back", "its heartbeat is back; booting it again")
+            self.log.tell(now, "heartbeat_back", "its heartbeat is back; booting it again")
             self.begin_boot(now)
         elif self.ready and event.state is not NmtState.OPERATIONAL:
             self._left_operational(event.state, now)
@@ -160,8 +157,7 @@ class RemoteNode:
     def on_state(self, state: NmtState | None, now: int) -> None:
         """Take the state of any heartbeat, told or not."""
         self.nmt_state, self.last_seen = state, now
-        if self._duplicates.heartbeat(now):
-            self._tell_duplicate("its heartbeats come twice as often as configured", now)
+        self.log.heartbeat(now)
         if self._task is not None:
             self._task.heartbeat(state, now)
             self._settle(now)
@@ -173,59 +169,30 @@ class RemoteNode:
             life = self.config.guard_time * self.config.life_factor / 1000
             lost = HeartbeatLost(self.node_id, life, self.name)
             self._drop(
-                now, f"{self._who}: no answer to node guarding for {life:g} s", Level.ERROR, kind="guarding_lost"
+                now, f"{self.log.who}: no answer to node guarding for {life:g} s", Level.ERROR, kind="guarding_lost"
             )
             self.error = str(lost)
             self._retry_at = now + RETRY_NS
         elif kind is GuardingEventKind.TOGGLE_ERROR:
-            self._tell(
+            self.log.tell(
                 now, "guarding_toggle", "its guarding toggle bit is wrong; a second node with its id?", Level.WARNING
             )
         elif kind is GuardingEventKind.CHANGED and self.ready and event.state is not NmtState.OPERATIONAL:
             self._left_operational(event.state, now)
 
     def on_emcy(self, message: EmcyMessage, now: int) -> None:
-        """Keep the newest EMCY and the errors that last, and tell them; floods are told in sum."""
-        self.emcy = message
-        self.last_seen = now
-        self.errors.take(message)
-        if not self.emcy_gate.passes(now):
-            return
-        if message.is_reset:
-            if self.ready and not self.errors.codes:
-                self.error = None
-            self._tell(now, "emcy_reset", f"an error is gone (EMCY 0x{message.error_code:04X}){self._left_over()}")
-            return
-        text = f"EMCY 0x{message.error_code:04X} ({error_text(message.error_code)})"
-        self.error = text
-        raw = f"register 0x{message.error_register:02X}, data {message.data.hex(' ') or 'none'}"
-        short = "" if message.is_complete else f"; {len(message.data) + 3} bytes, the standard has 8"
-        hint = _HINTS.get(message.error_code, "")
-        self._tell(now, "emcy", f"{text}, {raw}{short}{hint}", Level.WARNING)
+        """Keep the newest EMCY and the errors that last, and tell them."""
+        self.emcy, self.last_seen = message, now
+        text = self.log.emcy(message, now)
+        if text is not None:
+            self.error = text
+        elif self.ready and not self.log.errors.codes:
+            self.error = None
 
     def on_pdo(self, pdo: ReceivedPdo, now: int) -> None:
-        """Tell that a TPDO stays away, or is back."""
-        what = f"TPDO with identifier 0x{pdo.cob_id:03X}"
+        """Take that a TPDO stays away, or is back."""
         self.stale = any(each.overdue for each in self.received)
-        if not pdo.overdue:
-            self._tell(now, "pdo_back", f"its {what} is back")
-        elif pdo.stamp < 0:
-            text = f"its {what} has not come within {pdo.silent} SYNCs of its start; check its transmission type"
-            self._tell(now, "pdo_missing", f"{text} and inhibit time", Level.ERROR)
-        else:
-            self._tell(now, "pdo_stale", f"no {what} for {pdo.silent} SYNCs; what it carries is stale", Level.ERROR)
-
-    def on_malformed(self, pdo: ReceivedPdo, length: int, now: int) -> None:
-        """Tell, once per boot and TPDO, that its length is not the mapping's."""
-        if not pdo.told:
-            pdo.told = True
-            kind, reaction = (
-                ("short", "it is dropped") if length < pdo.codec.length else ("long", "the rest is ignored")
-            )
-            text = (
-                f"its TPDO 0x{pdo.cob_id:03X} is too {kind}: {length} bytes instead of {pdo.codec.length}; {reaction}"
-            )
-            self._tell(now, f"pdo_{kind}", text, Level.WARNING)
+        self.log.pdo(pdo, now)
 
     def pump(self, now: int) -> None:
         """Hand finished SDO transfers to who asked for them."""
@@ -250,8 +217,7 @@ class RemoteNode:
             self.begin_boot(now, reset=self.last_seen is not None and now - self.last_seen < 2 * RETRY_NS)
         if self._farewell_until is not None and now >= self._farewell_until:
             self._stop_sending()
-        if held := self.emcy_gate.summary(now):
-            self._tell(now, "emcy_flood", f"{held} more EMCY within a second, not listed one by one", Level.WARNING)
+        self.log.tick(now)
 
     def next_deadline(self) -> int | None:
         """Return when `tick` has something to do."""
@@ -264,7 +230,7 @@ class RemoteNode:
                     task,
                     self._retry_at,
                     self._farewell_until,
-                    self.emcy_gate.deadline,
+                    self.log.deadline,
                 )
                 if each is not None
             ),
@@ -277,16 +243,10 @@ class RemoteNode:
         newest = max(newest, -1 if self.last_seen is None else self.last_seen)
         return now - newest if newest >= 0 else None
 
-    @property
-    def _who(self) -> str:
-        return f"node {self.node_id} ({self.name})"
-
     def _on_boot_up(self, now: int) -> None:
         self.nmt_state, self.last_seen = NmtState.INITIALISING, now
         self.sdo.forget()  # a node that restarted answers nothing it was asked before
-        self.errors.clear()
-        if self._duplicates.boot_up(now):
-            self._tell_duplicate("two boot-ups came at once", now)
+        self.log.boot_up(now)
         if self._task is not None and self._task.awaits_boot_up:
             self._task.boot_up(now)
             self._settle(now)
@@ -294,7 +254,7 @@ class RemoteNode:
         if self.ready:
             self._drop(
                 now,
-                f"{self._who} has restarted by itself; its settings are gone, booting it again",
+                f"{self.log.who} has restarted by itself; its settings are gone, booting it again",
                 Level.ERROR,
                 kind="restarted",
             )
@@ -303,7 +263,7 @@ class RemoteNode:
 
     def _left_operational(self, state: NmtState | None, now: int) -> None:
         name = "an unknown state" if state is None else state.name
-        self._drop(now, f"{self._who} went to {name} without a command; booting it again", Level.ERROR, kind="nmt")
+        self._drop(now, f"{self.log.who} went to {name} without a command; booting it again", Level.ERROR, kind="nmt")
         self._retry_at = now + RETRY_NS
 
     def _drop(self, now: int, text: str, level: Level, *, kind: str, error: CanopenError | None = None) -> None:
@@ -375,8 +335,8 @@ class RemoteNode:
         for sent in self.sent:
             sent.enabled = sent.changed = True
         for warning in result.warnings:
-            self._tell(now, "boot_warning", warning, Level.WARNING)
-        self._tell(
+            self.log.tell(now, "boot_warning", warning, Level.WARNING)
+        self.log.tell(
             now,
             "ready",
             f"operational after {(now - started) / 1e9:.3f} s, {result.writes} objects written, {result.reads} read",
@@ -390,26 +350,8 @@ class RemoteNode:
         self._watch(self.node_id, 0)
         self._retry_at = now + RETRY_NS
 
-    def _left_over(self) -> str:
-        return (
-            f"; still active: {', '.join(f'0x{code:04X}' for code in self.errors.codes)}" if self.errors.codes else ""
-        )
-
-    def _tell_duplicate(self, what: str, now: int) -> None:
-        text = f"two devices seem to have this node id: {what}; give one of them another (lss, or its switches)"
-        self._tell(now, "duplicate_node", text, Level.ERROR)
-
-    def _tell(self, now: int, kind: str, text: str, level: Level = Level.INFO) -> None:
-        self._report(Event(now, kind, self.name, f"{self._who}: {text}", level))
-
 
 _MAY_BE_ALIVE = ("heartbeat_lost", "guarding_lost", "nmt")
-_HINTS = {
-    0x8240: "; the length of SYNC is not what it expects: compare sync_overflow of bus.yml with its 0x1019",
-    0x8120: "; if a fault reset has no effect: nmt reset-comm, then axis fault-reset, then axis enable",
-    0x8130: "; if a fault reset has no effect: nmt reset-comm, then axis fault-reset, then axis enable",
-}
-"""EMCY code to what helps."""
 _COMMANDED = {
     NmtCommand.STOP: NmtState.STOPPED,
     NmtCommand.ENTER_PRE_OPERATIONAL: NmtState.PRE_OPERATIONAL,

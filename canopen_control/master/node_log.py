@@ -1,0 +1,108 @@
+"""What a node gives to tell beside its boot: emergencies, process data that stay away, a second node with its id.
+
+The law of this file: every sentence names the node and says what it means or what helps. Emergencies are kept (the
+errors that last) whatever is told of them; a flood is told in sum.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from canopen_control.cia301.emcy import error_text
+from canopen_control.master.events import Event, Level
+from canopen_control.master.supervision import ActiveErrors, DuplicateWatch, EmcyGate
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from canopen_control.cia301.emcy import EmcyMessage
+    from canopen_control.master.config import NodeConfig
+    from canopen_control.master.cycle import ReceivedPdo
+
+__all__ = ["NodeLog"]
+
+_CHAIN = "; if a fault reset has no effect: nmt reset-comm, then axis fault-reset, then axis enable"
+_HINTS = {
+    0x8120: _CHAIN,
+    0x8130: _CHAIN,
+    0x8240: "; the length of SYNC is not what it expects: compare sync_overflow of bus.yml with its 0x1019",
+}
+"""EMCY code to what helps."""
+
+
+class NodeLog:
+    """The events of one node, handed to `report`; `errors` are those it reported and has not taken back."""
+
+    def __init__(self, config: NodeConfig, report: Callable[[Event], None]) -> None:
+        self.who = f"node {config.node_id} ({config.name})"
+        self.errors = ActiveErrors()
+        self._name, self._report = config.name, report
+        self._gate = EmcyGate()
+        self._duplicates = DuplicateWatch(config.heartbeat_ms * 1_000_000)
+
+    def tell(self, now: int, kind: str, text: str, level: Level = Level.INFO) -> None:
+        """Tell something about the node; `text` goes on after its name and a colon."""
+        self._report(Event(now, kind, self._name, f"{self.who}: {text}", level))
+
+    @property
+    def deadline(self) -> int | None:
+        """When `tick` has something to tell."""
+        return self._gate.deadline
+
+    def tick(self, now: int) -> None:
+        """Tell how many emergencies were kept back."""
+        if held := self._gate.summary(now):
+            self.tell(now, "emcy_flood", f"{held} more EMCY within a second, not listed one by one", Level.WARNING)
+
+    def emcy(self, message: EmcyMessage, now: int) -> str | None:
+        """Keep and tell an emergency; returns the error in words, None for one that says that an error is gone."""
+        self.errors.take(message)
+        told = self._gate.passes(now)
+        if message.is_reset:
+            if told:
+                left = ", ".join(f"0x{code:04X}" for code in self.errors.codes)
+                also = f"; still active: {left}" if left else ""
+                self.tell(now, "emcy_reset", f"an error is gone (EMCY 0x{message.error_code:04X}){also}")
+            return None
+        text = f"EMCY 0x{message.error_code:04X} ({error_text(message.error_code)})"
+        if told:
+            raw = f"register 0x{message.error_register:02X}, data {message.data.hex(' ') or 'none'}"
+            short = "" if message.is_complete else f"; {len(message.data) + 3} bytes, the standard has 8"
+            hint = _HINTS.get(message.error_code, "")
+            self.tell(now, "emcy", f"{text}, {raw}{short}{hint}", Level.WARNING)
+        return text
+
+    def pdo(self, pdo: ReceivedPdo, now: int) -> None:
+        """Tell that a TPDO stays away, or is back."""
+        what = f"TPDO with identifier 0x{pdo.cob_id:03X}"
+        if not pdo.overdue:
+            self.tell(now, "pdo_back", f"its {what} is back")
+        elif pdo.stamp < 0:
+            text = f"its {what} has not come within {pdo.silent} SYNCs of its start; check its transmission type"
+            self.tell(now, "pdo_missing", f"{text} and inhibit time", Level.ERROR)
+        else:
+            self.tell(now, "pdo_stale", f"no {what} for {pdo.silent} SYNCs; what it carries is stale", Level.ERROR)
+
+    def malformed(self, pdo: ReceivedPdo, length: int, now: int) -> None:
+        """Tell, once per boot and TPDO, that its length is not the mapping's."""
+        if pdo.told:
+            return
+        pdo.told = True
+        kind, reaction = ("short", "it is dropped") if length < pdo.codec.length else ("long", "the rest is ignored")
+        text = f"its TPDO 0x{pdo.cob_id:03X} is too {kind}: {length} bytes instead of {pdo.codec.length}; {reaction}"
+        self.tell(now, f"pdo_{kind}", text, Level.WARNING)
+
+    def heartbeat(self, now: int) -> None:
+        """Take a heartbeat: too many of them come from two nodes."""
+        if self._duplicates.heartbeat(now):
+            self._tell_duplicate("its heartbeats come twice as often as configured", now)
+
+    def boot_up(self, now: int) -> None:
+        """Take a boot-up: whatever was wrong before is gone, and two at once come from two nodes."""
+        self.errors.clear()
+        if self._duplicates.boot_up(now):
+            self._tell_duplicate("two boot-ups came at once", now)
+
+    def _tell_duplicate(self, what: str, now: int) -> None:
+        text = f"two devices seem to have this node id: {what}; give one of them another (lss, or its switches)"
+        self.tell(now, "duplicate_node", text, Level.ERROR)
