@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 
 import pytest
-from support.guest import LEFT, RIGHT, ip, scaled
+from support.guest import LEFT, RIGHT, ip, plant_speed, scaled
 from support.host import eventually
 from support.processes import seconds_until
 
@@ -45,10 +45,8 @@ def at(listener, speed):
 class Robot:
     """Drives on can1, the robot on can0, somebody who commands 10 rad/s, and its status."""
 
-    def __init__(self, stage, robby, name):
-        for node_id in NODES:
-            stage.drive_on("can1", node_id)
-        self.program = stage.start("run", robby, "--name", name, "--can", "can0", "--real")
+    def __init__(self, stage, robby, name, *options):
+        self.program = stage.start("run", robby, "--name", name, "--can", "can0", "--real", *options)
         self.program.until(f"{name} runs", PATIENCE_S)
         self.commander = stage.start("command", "robby_forward_controller", 10, 10, "--name", name)
         self.name, self._stage = name, stage
@@ -72,14 +70,12 @@ class Robot:
 
 
 @pytest.fixture
-def robot(stage, robby):
-    def drive_on(channel, node_id):
-        drive = stage.start("drive", "--node-id", node_id, "--eds", "TMCM-1270.eds", "--can", channel)
-        drive.until(f"ready on {channel}", 60)
-        return drive
-
-    stage.drive_on = drive_on
-    return lambda name: Robot(stage, robby, name)
+def drives(stage):
+    """Bring both cards up, and start the drives on can1."""
+    up(stage, "can0", "can1")
+    for node_id in NODES:
+        drive = stage.start("drive", "--node-id", node_id, "--eds", "TMCM-1270.eds", "--can", "can1")
+        drive.until("ready on can1", 60)
 
 
 def test_up_sets_the_bit_rate_and_says_what_a_card_cannot_do(stage):
@@ -102,12 +98,16 @@ def test_up_sets_the_bit_rate_and_says_what_a_card_cannot_do(stage):
     assert status.out.startswith("can0: can, up, ERROR-ACTIVE, 1000000 bit/s, transmit errors 0, receive errors 0\n")
 
 
-def test_the_wheels_turn_on_real_cards_at_one_megabit(stage, robot, listen):
-    up(stage, "can0", "can1")
+def test_a_preflight_then_the_wheels_turn_on_real_cards_at_one_megabit(stage, robby, drives, listen):
+    flight = stage.call("preflight", robby, "--name", "swap", "--can", "can0", "--yes", seconds=240)
+    assert flight.wait() == 0, flight
+    assert "ok    bit rate  1000000 bit/s, bus.yml says 1000000\n" in flight.out
+    assert "ok    link      can0 is up and ERROR-ACTIVE\n" in flight.out
     hears = listen("can1", 0x280 + LEFT, 0x280 + RIGHT)
-    robby = robot("swap")
+    robby = Robot(stage, robby, "swap")
     assert eventually(lambda: at(hears, 10.0), PATIENCE_S)
     assert robby.status()["state"] == "running"
+    assert "limited" not in robby.program.out
     taken = stage.call("drive", "--node-id", LEFT, "--eds", "TMCM-1270.eds", "--can", "can0", seconds=60)
     assert taken.wait() == 1
     assert f"node id {LEFT} already answers on can0" in taken.err
@@ -118,10 +118,9 @@ def test_the_wheels_turn_on_real_cards_at_one_megabit(stage, robot, listen):
 
 
 @pytest.mark.parametrize(("card", "mine"), [("can0", True), ("can1", False)])
-def test_an_unplugged_card_is_named_stops_the_robot_and_is_found_again(stage, robot, listen, card, mine):
-    up(stage, "can0", "can1")
+def test_an_unplugged_card_is_named_stops_the_robot_and_is_found_again(stage, robby, drives, listen, card, mine):
     hears = listen("can1", 0x280 + LEFT, 0x280 + RIGHT)
-    robby = robot(f"pulled-{card}")
+    robby = Robot(stage, robby, f"pulled-{card}", "--full-speed")
     assert eventually(lambda: at(hears, 10.0), PATIENCE_S)
     device = Path(f"/sys/class/net/{card}/device").resolve().name
     (DRIVER / "unbind").write_text(device)
@@ -131,8 +130,8 @@ def test_an_unplugged_card_is_named_stops_the_robot_and_is_found_again(stage, ro
     for name in ("left_drive", "right_drive"):
         assert eventually(lambda name=name: robby.told(f"({name}): lost: "), scaled(2)), robby.program.out
     assert robby.status()["state"] == "fault"
-    if mine:
-        assert eventually(lambda: at(hears, 0.0), scaled(2)), "by the drives' own reaction: nobody can tell them"
+    motors = [lambda node_id=node_id: plant_speed("can1", node_id) for node_id in NODES]
+    assert eventually(lambda: all(abs(speed()) < 1 for speed in motors), scaled(2)), "by the drives' own reaction"
     (DRIVER / "bind").write_text(device)
     up(stage, card)
     assert eventually(lambda: all(robby.ready()), PATIENCE_S), robby.status()
