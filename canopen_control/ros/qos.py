@@ -6,9 +6,14 @@ best effort and volatile. So such a publisher satisfies every subscriber, and su
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING, Any
+
 from canopen_control.ros.rcl import DurabilityPolicy, QoSProfile, ReliabilityPolicy, qos_profile_system_default
 
-__all__ = ["EVENTS", "LATCHED", "LATEST", "SYSTEM_DEFAULT", "TF", "TF_STATIC"]
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+__all__ = ["EVENTS", "LATCHED", "LATEST", "SYSTEM_DEFAULT", "TF", "TF_STATIC", "quality_of"]
 
 SYSTEM_DEFAULT = qos_profile_system_default
 #: the last message is kept for who comes later: robot_description, /tf_static
@@ -18,3 +23,15 @@ LATEST = QoSProfile(depth=1)
 TF = QoSProfile(depth=100)
 TF_STATIC = LATCHED
 EVENTS = QoSProfile(depth=50)
+
+
+def quality_of(publishers: Sequence[Any]) -> Any:  # noqa: ANN401 - rclpy's, without types
+    """Return a subscription's quality that all these publishers satisfy, and that misses nothing they keep."""
+    profiles = [each.qos_profile for each in publishers]
+    reliable = all(each.reliability == ReliabilityPolicy.RELIABLE for each in profiles)
+    kept = bool(profiles) and all(each.durability == DurabilityPolicy.TRANSIENT_LOCAL for each in profiles)
+    return QoSProfile(
+        depth=50,
+        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if kept else DurabilityPolicy.VOLATILE,
+    )

@@ -19,6 +19,7 @@ __all__ = [
     "ReliabilityPolicy",
     "make_executor",
     "qos_profile_system_default",
+    "single_threaded_executor",
     "start",
 ]
 
@@ -52,3 +53,8 @@ def make_executor(context: Context) -> Any:  # noqa: ANN401 - see above
     except ImportError:
         return _executors.SingleThreadedExecutor(context=context)
     return events.EventsExecutor(context=context)
+
+
+def single_threaded_executor(context: Context) -> Any:  # noqa: ANN401 - see above
+    """Return an executor for a thread that also does other things."""
+    return _executors.SingleThreadedExecutor(context=context)

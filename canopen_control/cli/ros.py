@@ -1,0 +1,219 @@
+"""`ros`: topics and services of ROS 2, for who has no ros2cli; and the bridge of a running robot, by hand.
+
+It sees what a ROS program on this host would: the same domain, and this host only unless
+ROS_AUTOMATIC_DISCOVERY_RANGE says otherwise. Data is YAML, as for ros2. `bridge` hands --ros-args on to rclpy.
+
+Exit codes: 0 good; 1 nobody is there, or no answer; 2 wrong usage, or no ROS 2 in this Python.
+"""
+
+from __future__ import annotations
+
+import argparse
+import collections
+import itertools
+import os
+import statistics
+import sys
+import time
+from typing import TYPE_CHECKING, Any
+
+from canopen_control.errors import CanopenError, ConfigError
+from canopen_control.host.environment import clean_environment
+from canopen_control.yamltree import read
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from canopen_control.ros.graph import Graph
+
+__all__ = ["EXAMPLE", "add_arguments", "run"]
+
+EXAMPLE = """canopen-control ros topic echo /joint_states
+         canopen-control ros service call /left_drive/halt std_srvs/srv/Trigger"""
+
+_GUARD = "_ROS_WHEELS_BOOTSTRAP_COMPLETE"
+_BEGUN = "CANOPEN_CONTROL_ROS_BEGUN"
+_FOREVER_S = 1e9
+_WINDOW = 1000
+_REPORT_S = 1.0
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    groups = parser.add_subparsers(dest="group", metavar="topic|service|bridge", required=True)
+    topic = groups.add_parser("topic", help="list, echo, hz, pub").add_subparsers(
+        dest="action", metavar="ACTION", required=True
+    )
+    _add_list(topic, "topics")
+    echo = topic.add_parser("echo", help="print messages")
+    hz = topic.add_parser("hz", help="how often messages come")
+    for action in (echo, hz):
+        action.add_argument("topic")
+        action.add_argument("type", nargs="?", help="default: what is published")
+        action.add_argument("--for", type=_positive, metavar="S", dest="seconds", help="end after S seconds")
+        _add_timeout(action)
+    echo.add_argument("--once", action="store_true", help="end after the first message")
+    pub = topic.add_parser("pub", help="publish a message, repeatedly")
+    _add_data(pub, "topic")
+    pub.add_argument("--rate", type=_positive, default=1.0, metavar="HZ", help="default: 1")
+    pub.add_argument("--once", action="store_true", help="publish once, when somebody is there to get it")
+    pub.add_argument("--for", type=_positive, metavar="S", dest="seconds", help="end after S seconds")
+    service = groups.add_parser("service", help="list, call").add_subparsers(
+        dest="action", metavar="ACTION", required=True
+    )
+    _add_list(service, "services")
+    _add_data(service.add_parser("call", help="call a service and print its answer"), "service")
+    # with another prefix every option is left alone: they are the bridge's own
+    bridge = groups.add_parser(
+        "bridge", help="show a running robot to ROS; --help tells its options", add_help=False, prefix_chars="+"
+    )
+    bridge.add_argument("arguments", nargs="*")
+
+
+def _add_list(actions: Any, what: str) -> None:  # noqa: ANN401 - argparse's private class
+    listing = actions.add_parser("list", help=f"names of all {what}")
+    listing.add_argument("-t", "--types", action="store_true", help="and their types")
+
+
+def _add_data(action: argparse.ArgumentParser, what: str) -> None:
+    action.add_argument(what)
+    action.add_argument("type", help="such as std_msgs/msg/Float64MultiArray" if what == "topic" else None)
+    action.add_argument("data", nargs="?", default="{}", help="YAML, such as '{data: [10.0, 10.0]}'")
+    _add_timeout(action)
+
+
+def _add_timeout(action: argparse.ArgumentParser) -> None:
+    action.add_argument(
+        "--timeout",
+        type=_positive,
+        default=5.0,
+        metavar="S",
+        help="for somebody to be there, and to answer (default: 5)",
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the verb."""
+    from canopen_control.ros.available import require_ros
+
+    require_ros()
+    _begin_anew()
+    if args.group == "bridge":
+        from canopen_control.ros.bridge import main
+
+        return main(args.arguments)
+    from canopen_control.ros.graph import open_graph
+
+    with open_graph() as graph:
+        return _ACTIONS[args.group, args.action](graph, args)
+
+
+def _begin_anew() -> None:
+    """Start this process anew if it inherited an environment in which the libraries of the ROS wheels are not found."""
+    if os.environ.get(_GUARD) and not os.environ.get("LD_LIBRARY_PATH") and not os.environ.get(_BEGUN):
+        environment = {**clean_environment(ros=True), _BEGUN: "1"}
+        os.execve(sys.executable, [sys.executable, "-m", "canopen_control", *sys.argv[1:]], environment)
+
+
+def _list(names: Callable[[], list[tuple[str, list[str]]]], args: argparse.Namespace) -> int:
+    for name, types in names():
+        print(f"{name} [{', '.join(types)}]" if args.types else name)
+    return 0
+
+
+def _echo(graph: Graph, args: argparse.Namespace) -> int:
+    from canopen_control.ros.plain import lines
+
+    count = 0
+
+    def show(message: Any) -> None:  # noqa: ANN401 - somebody's generator's class
+        nonlocal count
+        if args.once and count:
+            return
+        count += 1
+        print("\n".join(lines(message)), "---", sep="\n", flush=True)
+
+    graph.subscribe(args.topic, _type_of(graph, args), show)
+    graph.spin(args.seconds or _FOREVER_S, lambda: args.once and count)
+    if not count:
+        raise CanopenError(f"no message came on {args.topic} within {args.seconds:g} s")
+    return 0
+
+
+def _hz(graph: Graph, args: argparse.Namespace) -> int:
+    times: collections.deque[float] = collections.deque(maxlen=_WINDOW)
+    graph.subscribe(args.topic, _type_of(graph, args), lambda _: times.append(time.monotonic()))
+    end = time.monotonic() + (args.seconds or _FOREVER_S)
+    while (left := end - time.monotonic()) > 0:
+        graph.spin(min(left, _REPORT_S))
+        print(_rate_of(list(times)), flush=True)
+    return 0 if len(times) > 1 else 1
+
+
+def _rate_of(times: list[float]) -> str:
+    gaps = [after - before for before, after in itertools.pairwise(times)]
+    if not gaps:
+        return "no new messages"
+    spread = f"min: {min(gaps):.4f}s max: {max(gaps):.4f}s std dev: {statistics.pstdev(gaps):.5f}s"
+    return f"average rate: {1 / statistics.fmean(gaps):.3f}\n\t{spread} window: {len(times)}"
+
+
+def _pub(graph: Graph, args: argparse.Namespace) -> int:
+    from canopen_control.ros.plain import full_name
+
+    publication = graph.publisher(args.topic, full_name(args.type, "msg"), _data(args.data))
+    if not graph.spin(args.timeout, lambda: publication.subscribers() > 0):
+        raise CanopenError(f"nobody subscribes to {args.topic} as {args.type}; is the robot there, and run with --ros?")
+    graph.spin(0.1)  # the other side needs a moment to know us as well
+    begin, count = time.monotonic(), 0
+    print(f"publishing to {args.topic}" + ("" if args.once else f" at {args.rate:g} Hz"), flush=True)
+    while args.seconds is None or time.monotonic() < begin + args.seconds:
+        publication.publish()
+        count += 1
+        if args.once:
+            graph.spin(0.2)  # what is sent is on its way until the other side has confirmed it
+            break
+        graph.spin(max(begin + count / args.rate - time.monotonic(), 0.0))
+    return 0
+
+
+def _call(graph: Graph, args: argparse.Namespace) -> int:
+    from canopen_control.ros.plain import full_name, lines
+
+    response = graph.call(args.service, full_name(args.type, "srv"), _data(args.data), args.timeout)
+    print("\n".join(lines(response)))
+    return 0
+
+
+def _type_of(graph: Graph, args: argparse.Namespace) -> str:
+    from canopen_control.ros.plain import full_name
+
+    found = graph.type_of(args.topic, args.timeout)
+    return full_name(args.type, "msg") if args.type else found
+
+
+def _data(text: str) -> object:
+    node = read(text, "<data>", error=ConfigError)
+    value = node.value
+    node.problems.raise_if_any(ConfigError)
+    return value
+
+
+def _positive(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = 0.0
+    if not 0.0 < value < _FOREVER_S:
+        raise argparse.ArgumentTypeError(f"{text!r} is no number above 0")
+    return value
+
+
+_ACTIONS: dict[tuple[str, str], Callable[[Graph, argparse.Namespace], int]] = {
+    ("topic", "list"): lambda graph, args: _list(graph.topics, args),
+    ("topic", "echo"): _echo,
+    ("topic", "hz"): _hz,
+    ("topic", "pub"): _pub,
+    ("service", "list"): lambda graph, args: _list(graph.services, args),
+    ("service", "call"): _call,
+}

@@ -1,0 +1,55 @@
+"""Robby on virtual or real drives with the diff drive controller.
+
+`ros2 launch canopen_control diff_drive.launch.py`, with `use_real_hardware:=true can_interface_name:=can0` for
+real drives; without, virtual ones are started on the embedded bus, or on the interface that is named (vcan0). One
+process is the CANopen master, controller manager, robot_state_publisher and the ROS bridge in one; `canopen-control`
+must be on the PATH.
+"""
+
+from __future__ import annotations
+
+from ament_index_python.packages import PackageNotFoundError, get_package_prefix
+from launch import LaunchDescription
+from launch.actions import DeclareLaunchArgument, ExecuteProcess
+from launch.conditions import IfCondition, UnlessCondition
+from launch.substitutions import LaunchConfiguration
+from launch_ros.actions import Node
+
+CONTROLLER = "robby_base_controller"
+
+
+def generate_launch_description() -> LaunchDescription:
+    """Return what ros2 launch starts."""
+    channel = LaunchConfiguration("can_interface_name")
+    real = LaunchConfiguration("use_real_hardware")
+    command = ["canopen-control", "run", "robby", "--ros", "--controller", CONTROLLER, "--can", channel]
+    return LaunchDescription(
+        [
+            DeclareLaunchArgument(
+                "use_real_hardware", default_value="false", description="The drives are real: start no virtual ones."
+            ),
+            DeclareLaunchArgument(
+                "can_interface_name",
+                default_value="local:robby",
+                description="Where the drives are: can0, vcan0, or local:NAME, the embedded bus.",
+            ),
+            DeclareLaunchArgument("gui", default_value=_has("rviz2"), description="Start rviz2."),
+            ExecuteProcess(cmd=command, name="robby", output="both", condition=UnlessCondition(real)),
+            ExecuteProcess(cmd=[*command, "--real"], name="robby", output="both", condition=IfCondition(real)),
+            Node(
+                package="rviz2",
+                executable="rviz2",
+                name="rviz2",
+                output="log",
+                condition=IfCondition(LaunchConfiguration("gui")),
+            ),
+        ]
+    )
+
+
+def _has(package: str) -> str:
+    try:
+        get_package_prefix(package)
+    except PackageNotFoundError:
+        return "false"
+    return "true"

@@ -1,0 +1,125 @@
+"""`canopen-control ros`: used as somebody without ros2cli does, against other ROS programs."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+
+import pytest
+from support import ros
+
+from canopen_control.cli.main import main
+from canopen_control.cli.ros import _data, _rate_of
+from canopen_control.errors import ConfigError
+
+TOPIC, TYPE = "/chatter", "std_msgs/msg/Float64MultiArray"
+
+
+@pytest.fixture(scope="module")
+def scene():
+    with ros.domain() as number, ros.Peer(number) as peer:
+        yield number, peer
+
+
+@pytest.fixture
+def program(scene):
+    def program(*arguments, code=0, **more):
+        command = [sys.executable, "-m", "canopen_control", "ros", *arguments]
+        environment = ros.ros_environment(scene[0], **more)
+        done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=60)
+        assert done.returncode == code, done.stdout + done.stderr
+        return done.stdout or done.stderr
+
+    return program
+
+
+@pytest.mark.ros
+def test_topics_and_services_are_listed_with_their_types(scene, program):
+    scene[1].order("publish", topic=TOPIC, of=TYPE, data={"data": [1.0]})
+    topics = program("topic", "list", "--types").splitlines()
+    assert f"{TOPIC} [{TYPE}]" in topics
+    assert "/peer/get_parameters" in program("service", "list").splitlines()
+
+
+@pytest.mark.ros
+def test_a_message_is_shown_as_yaml_also_where_the_environment_is_another_programs(scene, program):
+    scene[1].order("publish", topic=TOPIC, of=TYPE, data={"data": [1.0, 2.5]}, rate=50)
+    # the guard of the ROS wheels alone, without their libraries, is what a program that was started without ROS has
+    said = program("topic", "echo", TOPIC, "--once", _ROS_WHEELS_BOOTSTRAP_COMPLETE="1")
+    assert said.endswith("data:\n- 1.0\n- 2.5\n---\n")
+    assert "average rate: " in program("topic", "hz", TOPIC, "--for", "1.5")
+    scene[1].order("silence", topic=TOPIC)
+
+
+@pytest.mark.ros
+def test_a_message_is_published_once_somebody_is_there(scene, program):
+    scene[1].order("subscribe", topic="/from_cli", of=TYPE)
+    program("topic", "pub", "/from_cli", TYPE, "{data: [10.0, 10]}", "--once")
+    assert scene[1].message("/from_cli")["data"] == [10.0, 10.0]
+    program("topic", "pub", "/from_cli", "std_msgs/Float64MultiArray", "{data: [3.0]}", "--rate", "50", "--for", "0.5")
+    assert len([scene[1].message("/from_cli"), *scene[1].waiting("/from_cli")]) > 10
+
+
+@pytest.mark.ros
+def test_a_service_is_called_and_its_answer_shown(scene, program):
+    said = program("service", "call", "/peer/list_parameters", "rcl_interfaces/srv/ListParameters", "{depth: 1}")
+    assert said.startswith("result:\n  names:\n  - 'use_sim_time'")
+
+
+@pytest.mark.ros
+@pytest.mark.parametrize(
+    ("arguments", "code", "sentence"),
+    [
+        (["topic", "echo", "/nobody", "--timeout", "0.5"], 1, "there is no topic /nobody"),
+        (["topic", "pub", "/nobody", TYPE, "--timeout", "0.5"], 1, "nobody subscribes to /nobody"),
+        (["topic", "pub", "/x", TYPE, "{speed: 1}"], 2, "speed: there is no such field"),
+        (["topic", "pub", "/x", TYPE, "{data: ["], 2, "<data>:1"),
+        (["topic", "pub", "/x", "std_msgs/msg/Nothing"], 2, "this ROS has no interface std_msgs/msg/Nothing"),
+        (["service", "call", "/nobody", "std_srvs/srv/Trigger", "--timeout", "0.5"], 1, "nobody serves /nobody"),
+    ],
+)
+def test_what_does_not_work_is_one_sentence(program, arguments, code, sentence):
+    said = program(*arguments, code=code)
+    assert said.startswith(f"canopen-control: {sentence}")
+    assert "Traceback" not in said
+
+
+@pytest.mark.ros
+def test_the_bridge_is_started_by_hand_with_arguments_for_ros(program):
+    said = program("bridge", "--name", "nobody", "--ros-args", "-r", "__ns:=/x", code=1)
+    assert said == "canopen-control: no robot 'nobody' is running\n"
+
+
+def test_without_ros_it_says_how_to_get_it(tmp_path):
+    code = f"""
+import importlib.util, sys
+found = importlib.util.find_spec
+importlib.util.find_spec = lambda name, *more: None if name == "rclpy" else found(name, *more)
+from canopen_control.cli.main import main
+sys.exit(main({json.dumps(["ros", "topic", "list"])}))
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == 2
+    assert done.stderr.startswith("canopen-control: ROS 2 is not installed")
+    assert 'pip install "canopen-control[ros]"' in done.stderr
+
+
+@pytest.mark.parametrize("arguments", [["topic"], ["topic", "hz", "/x", "--for", "0"], ["service", "call"], []])
+def test_wrong_usage_is_exit_code_2(arguments, capsys):
+    with pytest.raises(SystemExit) as caught:
+        main(["ros", *arguments])
+    assert caught.value.code == 2
+    assert "usage: canopen-control ros" in capsys.readouterr().err
+
+
+def test_data_is_yaml_and_a_repeated_key_is_an_error():
+    assert _data("{data: [10.0, 10]}") == {"data": [10.0, 10]}
+    assert _data("{}") == {}
+    with pytest.raises(ConfigError, match="duplicate key"):
+        _data("{data: [1], data: [2]}")
+
+
+def test_a_rate_is_that_of_the_gaps():
+    assert _rate_of([0.0, 0.1, 0.2]).startswith("average rate: 10.000\n")
+    assert _rate_of([0.0]) == "no new messages"
