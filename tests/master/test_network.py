@@ -3,6 +3,7 @@
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.robots import LEFT, RIGHT, Bench, copy_robby
 
 from canopen_control.data_files import data_path
 from canopen_control.frame import ERROR_FLAG, EXTENDED_FLAG, REMOTE_FLAG, CanFrame, frames_of, pack_records
@@ -147,3 +148,122 @@ def test_a_heartbeat_of_the_wrong_length_is_no_heartbeat(length):
     net.start(0)
     feed(net, 5, f"703#{'05' * length}")
     assert net.nodes["left_drive"].nmt_state is None
+
+
+OTHER_ORDER = """
+    1: {enabled: false}
+    2: {transmission: 1, mapping: [{index: 0x6061}, {index: 0x6041}]}
+    3: {transmission: 1, mapping: [{index: 0x6064}, {index: 0x6041}]}
+    4: {enabled: false}
+  rpdo:
+    1: {enabled: false}
+    2: {mapping: [{index: 0x6060}, {index: 0x6040}]}
+    3: {enabled: false}
+    4: {mapping: [{index: 0x60FF}, {index: 0x6040}]}
+"""
+
+
+def test_a_node_that_keeps_a_mapping_of_its_own_order_is_driven_in_that_order(tmp_path):
+    config = copy_robby(tmp_path)
+    path = config / "bus.yml"
+    head, tpdo, tail = path.read_text().partition("  tpdo:\n")
+    path.write_text(f"{head}{tpdo}{OTHER_ORDER}nodes:{tail.partition('nodes:')[2]}")
+    robby = Bench("adopt", config=config, drives=())
+    try:
+        robby.power_on(LEFT, ["mapping_fixed"])
+        robby.power_on(RIGHT)
+        robby.start()
+        robby.hold(10.0, 10.0, ms=600)
+        assert robby.speed(LEFT) == -robby.speed(RIGHT) != 0
+        assert robby.joint(LEFT).states["position"].value == pytest.approx(
+            robby.joint(RIGHT).states["position"].value, abs=0.3
+        )
+        assert robby.joint(LEFT).states["position"].value > 2.0
+        warned = robby.texts("boot_warning")
+        assert len(warned) == 4
+        assert all("node 3 (left_drive)" in text and "is used as the node has it" in text for text in warned)
+        left, right = (robby.robot.nodes[name] for name in ("left_drive", "right_drive"))
+        assert [mapped.index for mapped in left.sent[0].codec.objects] == [0x6040, 0x6060]
+        assert [mapped.index for mapped in right.sent[0].codec.objects] == [0x6060, 0x6040]
+    finally:
+        robby.close()
+
+
+def test_a_guarded_node_is_guarded_before_it_is_started(tmp_path):
+    text = data_path("config", "robby").joinpath("bus.yml").read_text()
+    assert "heartbeat_producer: 100         # ms\n" in text
+    path = tmp_path / "bus.yml"
+    path.write_text(text.replace("heartbeat_producer: 100         # ms\n", "guard_time: 100\n  life_time_factor: 3\n"))
+    config, events = read_bus(path), []
+    net = Network("can", config, events.append, 20 * MS)
+    net.start(0)
+    answers = Answers(net, 3)
+    for ms in range(0, 1000, 20):
+        answers.serve(ms * MS)
+    asked = [frame for frame in answers.log if frame.can_id == 0x703 | REMOTE_FLAG]
+    started = next(number for number, frame in enumerate(answers.log) if frame.data == b"\x01\x03")
+    assert asked
+    assert answers.log.index(asked[0]) < started
+    assert net.nodes["left_drive"].ready
+    answers.deaf = True
+    for ms in range(1000, 2000, 20):
+        answers.serve(ms * MS)
+    assert [event.kind for event in events if event.node == "left_drive"][-1] == "guarding_lost"
+
+
+def copy_guarded(text):
+    import tempfile
+    from pathlib import Path
+
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "bus.yml"
+        path.write_text(
+            text.replace("heartbeat_producer: 100         # ms\n", "guard_time: 100\n  life_time_factor: 3\n")
+        )
+        return read_bus(path)
+
+
+class Answers:
+    """A node that takes every object, and answers guarding."""
+
+    def __init__(self, net, node_id):
+        self.net, self.node_id, self.log, self.held = net, node_id, [], {}
+        self.toggle, self.state, self.deaf = 0, 0x7F, False
+
+    def serve(self, now):
+        """Answer all that the master sends, until it sends nothing more."""
+        self.net.tick(now)
+        while frames := list(frames_of(self.net.take())):
+            for frame in frames:
+                self.log.append(frame)
+                for answer in self.answer(frame) if not self.deaf else ():
+                    self.net.receive(pack_records([answer]), now)
+
+    def answer(self, frame):
+        if frame.can_id == 0x700 + self.node_id | REMOTE_FLAG:
+            byte = self.state | self.toggle
+            self.toggle ^= 0x80
+            return [CanFrame(0x700 + self.node_id, bytes((byte,)))]
+        if frame.can_id == 0 and frame.data[1] == self.node_id:
+            self.state = 0x05 if frame.data[0] == 1 else 0x7F
+            self.toggle = 0
+            return [CanFrame(0x700 + self.node_id, b"\0")] if frame.data[0] == 0x82 else []
+        if frame.can_id == 0x600 + self.node_id:
+            return [CanFrame(0x580 + self.node_id, self.sdo(frame.data))]
+        return []
+
+    def sdo(self, data):
+        mux, kind = data[1:4], data[0]
+        if kind & 0xE0 == 0x20:
+            self.held[mux] = data[4 : 8 - (kind >> 2 & 3)]
+            return b"\x60" + mux + bytes(4)
+        value = self.held.get(mux) or _IDENTITY.get(mux, bytes(4))
+        return bytes((0x43 | 4 - len(value) << 2,)) + mux + value.ljust(4, b"\0")
+
+
+_IDENTITY = {
+    b"\x00\x10\0": (0xFFFF0192).to_bytes(4, "little"),
+    b"\x18\x10\x01": (0x286).to_bytes(4, "little"),
+    b"\x18\x10\x02": (0x4F6).to_bytes(4, "little"),
+    b"\x18\x10\x03": (0x3001A).to_bytes(4, "little"),
+}

@@ -3,12 +3,21 @@
 import math
 
 import pytest
-from support.robots import FORWARD, LEFT, RIGHT, Bench, copy_robby
+from support.robots import FORWARD, LEFT, RIGHT, Bench, copy_robby, split_robby
 
+from canopen_control.bus.channel import open_port
+from canopen_control.bus.memory import MemoryBus
 from canopen_control.errors import ControlError
 from canopen_control.frame import CanFrame
 from canopen_control.hardware.joint import Action
-from canopen_control.runtime.core import RobotState
+from canopen_control.host.reactor import Reactor
+from canopen_control.host.timer import ManualClock
+from canopen_control.runtime.core import RobotCore, RobotState
+from canopen_control.runtime.files import find_robot
+from canopen_control.runtime.setup import read_robot
+from canopen_control.runtime.status import status_dict
+from canopen_control.virtual.device import make_device
+from canopen_control.virtual.nodehost import NodeHost
 
 PPS = 1600 / (2 * math.pi)  # microsteps per radian, as bus.yml configures the drives
 RAMP_S = 10 * PPS / 16000  # to 10 rad/s at the configured acceleration
@@ -272,3 +281,102 @@ def test_the_unmodified_bus_of_the_tutorial_boots_and_turns(bench, tmp_path):
     robby.until(lambda: robby.robot.state is RobotState.RUNNING)
     robby.hold(10.0, 10.0, ms=800)
     assert robby.velocity(LEFT) == pytest.approx(10.0, rel=0.01)
+
+
+def test_one_robot_on_two_buses_drives_both_wheels_in_one_cycle(tmp_path):
+    buses = MemoryBus.get("two-left"), MemoryBus.get("two-right")
+    reactor = Reactor(ManualClock(1_000_000_000))
+    setup = read_robot(find_robot(str(split_robby(tmp_path))), can=["memory:two-left", "right=memory:two-right"])
+    core = RobotCore(setup, reactor)
+    hosted = []
+    for name, node_id in (("can", LEFT), ("right", RIGHT)):
+        port = open_port(setup.channels[name], label=f"drive {node_id}")
+        device = make_device(next(iter(setup.buses[name].eds_paths.values())), node_id)
+        hosted.append((device, port, NodeHost(reactor, port, [device])))
+    try:
+        core.start()
+        reactor.run_for(2_000_000_000)
+        assert core.state is RobotState.RUNNING, core.failure
+        for _ in range(10):
+            core.command(FORWARD, [10.0, 10.0], "test")
+            reactor.run_for(100_000_000)
+        left, right = (device.get(0x606C) for device, _, _ in hosted)
+        assert left == -right != 0
+        status = status_dict(core)
+        assert {name: node["bus"] for name, node in status["nodes"].items()} == {
+            "left_drive": "can",
+            "right_drive": "right",
+        }
+        assert {bus: state["channel"] for bus, state in status["buses"].items()} == {
+            "can": "memory:two-left",
+            "right": "memory:two-right",
+        }
+        syncs = [sum(frame.can_id == 0x80 for _, frame in bus.history) for bus in buses]
+        assert syncs[0] == syncs[1] > 100
+    finally:
+        core.close()
+        for _, port, host in hosted:
+            host.close()
+            port.close()
+        reactor.close()
+
+
+def test_sdo_traffic_of_each_node_is_in_the_status(bench):
+    robby = bench()
+    robby.start()
+    sdo = status_dict(robby.robot)["nodes"]["left_drive"]["sdo"]
+    asked = [
+        frame.data[0] >> 5
+        for label, frame in robby.bus.history
+        if label == "master" and frame.can_id == 0x600 + LEFT and frame.data[0] >> 5 in (1, 2)
+    ]
+    assert (sdo["writes"], sdo["reads"], sdo["failed"]) == (asked.count(1), asked.count(2), 0)
+    assert sdo["writes"] > 30
+
+
+def test_an_optional_node_is_not_waited_for_and_joins_when_it_appears(bench, tmp_path):
+    config = copy_robby(tmp_path, bus={"nodes:\n": "nodes:\n  lift:\n    node_id: 9\n    mandatory: false\n"})
+    robby = bench(config=config)
+    robby.start()
+    lift = robby.robot.nodes["lift"]
+    assert not lift.ready
+    assert robby.robot.state is RobotState.RUNNING
+    robby.power_on(9)
+    robby.until(lambda: lift.ready)
+    assert robby.robot.state is RobotState.RUNNING
+
+
+def test_with_boot_time_0_a_required_node_is_waited_for_for_ever(bench, tmp_path):
+    config = copy_robby(tmp_path, bus={"sync_period: 20000": "sync_period: 20000\n  boot_time: 0"})
+    robby = bench(config=config, drives=(LEFT,))
+    robby.robot.start()
+    robby.run(30_000)
+    assert robby.robot.state is RobotState.STARTING
+    robby.power_on(RIGHT)
+    robby.until(lambda: robby.robot.state is RobotState.RUNNING)
+
+
+def test_a_drive_that_was_left_operational_is_reset_before_it_is_configured(bench):
+    robby = bench()
+    for drive in robby.drives.values():
+        drive.receive(CanFrame(0x000, bytes((1, drive.node_id))), robby.reactor.now())
+    robby.start()
+    for node_id in (LEFT, RIGHT):
+        mine = [
+            frame
+            for label, frame in robby.bus.history
+            if label == "master" and (frame.can_id == 0x600 + node_id or frame.data[1:2] == bytes((node_id,)))
+        ]
+        assert str(mine[0]) == f"000#82{node_id:02X}"
+
+
+def test_a_second_boot_of_a_drive_writes_only_what_a_reset_took_from_it(bench):
+    robby = bench()
+    robby.start()
+    node = robby.robot.nodes["left_drive"]
+    first = node.identity
+    node.begin_boot(robby.reactor.now())
+    robby.robot.buses["can"].send_waiting()
+    robby.until(lambda: node.boots == 2 and node.ready)
+    assert node.identity.writes < first.writes
+    assert node.identity.reads < first.reads

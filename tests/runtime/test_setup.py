@@ -1,5 +1,5 @@
 import pytest
-from support.robots import copy_robby
+from support.robots import copy_robby, split_robby
 
 from canopen_control.errors import ConfigError, RobotConfigError
 from canopen_control.runtime.files import find_robot
@@ -59,19 +59,8 @@ def test_without_sync_the_cycle_is_the_controllers_rate(tmp_path):
     assert read_robot(find_robot(str(config))).cycle_ns == 10_000_000
 
 
-def two_buses(folder, **changes):
-    """Robby with its right drive on a bus of its own."""
-    config = copy_robby(folder, bus=changes)
-    text = (config / "bus.yml").read_text()
-    head, nodes = text.split("nodes:\n")
-    left, right = nodes.split("  right_drive:\n")
-    (config / "bus.yml").write_text(f"{head}nodes:\n{left}")
-    (config / "bus_right.yml").write_text(f"{head}nodes:\n  right_drive:\n{right}")
-    return config
-
-
 def test_each_bus_has_a_channel_by_option_by_its_file_or_its_own_embedded_one(tmp_path):
-    config = two_buses(tmp_path)
+    config = split_robby(tmp_path)
     files = find_robot(str(config))
     setup = read_robot(files)
     assert list(setup.buses) == ["can", "right"]
@@ -85,11 +74,11 @@ def test_each_bus_has_a_channel_by_option_by_its_file_or_its_own_embedded_one(tm
 
 def test_two_buses_on_one_channel_would_be_two_masters_on_it(tmp_path):
     with pytest.raises(RobotConfigError, match="the buses can and right are both on can0"):
-        read_robot(find_robot(str(two_buses(tmp_path))), can=["can0", "right=can0"])
+        read_robot(find_robot(str(split_robby(tmp_path))), can=["can0", "right=can0"])
 
 
 def test_buses_of_different_sync_periods_and_doubled_names_are_no_robot(tmp_path):
-    config = two_buses(tmp_path)
+    config = split_robby(tmp_path)
     path = config / "bus_right.yml"
     text = path.read_text()
     path.write_text(text.replace("sync_period: 20000", "sync_period: 10000"))

@@ -115,3 +115,13 @@ def copy_robby(folder, **edits):
             text = text.replace(old, new)
         path.write_text(text)
     return target
+
+
+def split_robby(folder, **edits):
+    """Copy robby as `copy_robby` does and give its right drive a bus of its own, named `right`."""
+    config = copy_robby(folder, **edits)
+    head, nodes = (config / "bus.yml").read_text().split("nodes:\n")
+    left, right = nodes.split("  right_drive:\n")
+    (config / "bus.yml").write_text(f"{head}nodes:\n{left}")
+    (config / "bus_right.yml").write_text(f"{head}nodes:\n  right_drive:\n{right}")
+    return config
