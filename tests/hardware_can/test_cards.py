@@ -99,6 +99,8 @@ def test_up_sets_the_bit_rate_and_says_what_a_card_cannot_do(stage):
 
 
 def test_a_preflight_then_the_wheels_turn_on_real_cards_at_one_megabit(stage, robby, drives, listen):
+    seen = stage.call("scan", "--can", "can0", "--config", robby, seconds=120)
+    assert seen.wait() == 0, seen
     flight = stage.call("preflight", robby, "--name", "swap", "--can", "can0", "--yes", seconds=240)
     assert flight.wait() == 0, flight
     assert "ok    bit rate  1000000 bit/s, bus.yml says 1000000\n" in flight.out

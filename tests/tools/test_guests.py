@@ -1,0 +1,88 @@
+"""The launchers of the guests: what they say where there is none, and that exit codes, limits and files hold."""
+
+import os
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+UML, EMULATED = "socketcan_guest", "can_hardware_guest"
+
+
+def launch(tool, *words, path=None, cwd=None, **variables):
+    environment = {**os.environ, **variables} | ({} if path is None else {"PATH": path})
+    words = [shutil.which("bash"), str(ROOT / "tools" / tool), *map(str, words)]
+    return subprocess.run(words, capture_output=True, text=True, env=environment, cwd=cwd, timeout=100)
+
+
+@pytest.fixture
+def bare(tmp_path):
+    """Return a PATH with nothing but what any system has."""
+    for name in ("dirname", "uname", "basename", "grep", "sed", "head", "cat"):
+        (tmp_path / name).symlink_to(shutil.which(name))
+    return str(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("tool", "package"), [(UML, "user-mode-linux"), (EMULATED, "qemu-system-x86")], ids=["uml", "qemu"]
+)
+def test_without_the_packages_it_says_what_to_type(tool, package, bare):
+    done = launch(tool, "true", path=bare)
+    if "needs Linux on x86_64" not in done.stderr:
+        assert "not installed: " in done.stderr
+        assert "type: sudo apt-get install" in done.stderr
+        assert package in done.stderr
+    assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
+
+
+@pytest.mark.parametrize("tool", [UML, EMULATED])
+def test_a_wrong_option_or_no_command_shows_how_it_is_used(tool):
+    for words in ((), ("-z", "true")):
+        done = launch(tool, *words)
+        assert done.returncode == 2
+        assert f"usage: tools/{tool}" in done.stderr
+    done = launch(tool, "-h")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "example: " in done.stdout
+
+
+@pytest.fixture
+def guest(tmp_path):
+    """Return what runs a command in user-mode Linux."""
+    there = launch(UML, "-c")
+    if there.returncode:
+        pytest.skip(there.stderr.strip())
+    return lambda *words, **options: launch(UML, *words, **options)
+
+
+def test_words_exit_code_variables_and_place_go_in_and_out_unchanged(guest, tmp_path):
+    words = ["two words", "it's", "$HOME", "", "*"]
+    script = 'for word in "$@"; do echo "[$word]"; done; pwd; echo "$MINE"; cat /sys/class/net/vcan0/flags; exit 7'
+    done = guest("-e", "MINE=a 'b'", "sh", "-c", script, "sh", *words, cwd=tmp_path)
+    assert done.returncode == 7, done.stderr
+    lines = done.stdout.splitlines()
+    assert lines[:-1] == [*(f"[{word}]" for word in words), str(tmp_path), "a 'b'"]
+    assert int(lines[-1], 16) & 1, "vcan0 is up"
+
+
+def test_it_writes_nothing_outside_but_to_the_folder_it_was_given(guest, tmp_path):
+    out, checkout = tmp_path / "out", tmp_path / "checkout"
+    out.mkdir()
+    checkout.mkdir()
+    outside = f"touch {checkout}/x && echo written; touch {ROOT}/x && echo written"
+    script = f"{outside}; touch /tmp/x /run/x ~/x {out}/x && echo kept"
+    done = guest("-o", out, "sh", "-c", script, cwd=checkout)
+    assert done.stdout.count("Read-only file system") == 2
+    assert done.stdout.splitlines()[-1] == "kept"
+    assert "written" not in done.stdout
+    assert [path.name for path in out.iterdir()] == ["x"]
+    assert list(checkout.iterdir()) == []
+    assert not (ROOT / "x").exists()
+
+
+def test_a_command_without_end_is_ended_and_named(guest):
+    done = guest("-t", "8", "sleep", "1000")
+    assert done.returncode == 124
+    assert "the command had not ended after 8 s" in done.stderr
