@@ -24,6 +24,7 @@ from canopen_control.ros.mailbox import Mailbox
 from canopen_control.ros.nodes import NodeView, nodes_of
 from canopen_control.ros.service import serve as make_service
 from canopen_control.ros.shared_twist import SharedTwist
+from canopen_control.ros.sim_clock import SimClock
 from canopen_control.ros.spinner import Spinner
 from canopen_control.ros.table import endpoints_for
 from canopen_control.ros.throttle import Throttle
@@ -81,6 +82,7 @@ class Session:
             lambda: RobotDescription(self, urdf),
             lambda: Diagnostics(self),
             lambda: Events(self),
+            lambda: SimClock(self),
             lambda: ControllerManagerServices(self),
         ]
         if options.tf:
