@@ -19,6 +19,7 @@ class FaultBench(Bench):
     """`victim` is the node id of the drive that gets the fault; times are in ms from the moment it was switched on."""
 
     victim = LEFT
+    began = 0
 
     def turning(self, speed=10.0):
         """Start, and turn both wheels at a steady speed."""

@@ -1,0 +1,85 @@
+"""What a drive says of itself after its boot."""
+
+import math
+
+import pytest
+from support.generic import write_generic
+from support.robots import Bench
+
+from canopen_control.frame import CanFrame
+
+
+@pytest.fixture
+def servo(tmp_path):
+    benches = []
+
+    def start(name="params", **how):
+        benches.append(Bench(name, config=write_generic(tmp_path, **how), drives=(2, 3), controllers=["velocity"]))
+        return benches[-1]
+
+    yield start
+    for bench in benches:
+        bench.close()
+
+
+def test_units_come_from_the_drive_where_bus_yml_gives_none(servo):
+    bench = servo()
+    bench.start()
+    assert bench.joint(2).scale.pos_to_dev == pytest.approx(65536 / math.tau)
+    assert bench.joint(2).parameters.counts_per_turn() == 65536
+
+
+def test_a_gear_counts_where_there_is_no_feed_constant(servo):
+    sdo = (
+        "- {index: 0x6091, sub_index: 1, value: 3}\n    - {index: 0x6092, sub_index: 1, value: 1}\n"
+        "    - {index: 0x6092, sub_index: 2, value: 1}"
+    )
+    bench = servo("params2", sdo=sdo)
+    bench.start()
+    assert bench.joint(2).parameters.counts_per_turn() == 3 * 65536
+
+
+def test_a_scale_of_bus_yml_wins(servo):
+    bench = servo("params3", extra="scale_pos_to_dev: 500.0\n  scale_pos_from_dev: 0.002")
+    bench.start()
+    assert bench.joint(2).scale.pos_to_dev == 500.0
+
+
+def test_it_asks_only_for_what_the_eds_lists_and_nothing_is_enabled_before_it_is_answered(servo):
+    bench = servo("params4")
+    seen = []
+    bench.robot.after_cycle.append(
+        lambda _now: seen.extend(
+            joint.parameters.loaded for joint in bench.robot.joints.values() if joint.machine.state and joint.enabled
+        )
+    )
+    bench.start()
+    assert seen
+    assert all(seen)
+    parameters = bench.joint(2).parameters
+    assert parameters.get(0x6502) == 0x3EF
+    assert parameters.get(0x607B, 1) is None
+    assert parameters.homing_methods == {1, 2, 17, 18, 19, 21, 33, 34, 35, 37}
+    assert parameters.failed == []
+
+
+def test_a_drive_that_does_not_answer_is_loaded_without_and_named(servo):
+    bench = servo("params5")
+    bench.start()
+    parameters = bench.joint(2).parameters
+    bench.bus.drop(lambda _label, frame: frame.can_id == 0x582)
+    parameters.load()
+    bench.until(lambda: parameters.loaded, ms=60_000)
+    assert "node 2 (drive_one)" in parameters.failed[0]
+    assert bench.joint(2).axis.limits.velocity == (1 << 31) - 1
+
+
+def test_late_answers_of_an_earlier_round_are_not_taken(servo):
+    bench = servo("params6")
+    bench.start()
+    parameters = bench.joint(2).parameters
+    parameters.load()
+    parameters.forget()
+    bench.run(500)
+    assert not parameters.loaded
+    assert CanFrame(0x602, bytes.fromhex("4002650000000000")) in [frame for _, frame in bench.bus.history]

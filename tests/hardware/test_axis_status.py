@@ -1,0 +1,112 @@
+"""A statusword is as good as it is young."""
+
+from types import SimpleNamespace
+
+from canopen_control.hardware.axis_status import (
+    BLIND_STOP_NS,
+    GRACE_NS,
+    POLL_NS,
+    AxisStatus,
+    ModeBySdo,
+    StatuswordBySdo,
+)
+
+MS = 1_000_000
+
+
+class Node:
+    """Takes SDO requests and lets the test answer them."""
+
+    ready = True
+
+    def __init__(self):
+        self.reads, self.writes = [], []
+
+    def read(self, index, subindex, done):
+        self.reads.append((index, subindex, done))
+
+    def write(self, index, subindex, data, done=None):
+        self.writes.append((index, data))
+
+    def answer(self, data, error=None):
+        self.reads.pop(0)[2](SimpleNamespace(error=error, data=data))
+
+
+def make_axis(*, mode=True, display=True):
+    pdo = SimpleNamespace(stamp=0, overdue=False, values=(0x27, 9))
+    entry = lambda position: SimpleNamespace(pdo=pdo, position=position, value=pdo.values[position])  # noqa: E731
+    return SimpleNamespace(
+        node=Node(),
+        index=lambda index: index,
+        statusword=entry(0),
+        display=entry(1) if display else None,
+        mode=object() if mode else None,
+        pdo=pdo,
+    )
+
+
+def test_while_the_tpdo_comes_it_is_the_tpdos():
+    axis = make_axis()
+    status = AxisStatus(axis)
+    status.update(9, 0)
+    assert (status.word, status.display) == (0x27, 9)
+    assert axis.node.reads == []
+
+
+def test_before_the_first_frame_and_without_the_node_nothing_is_known():
+    axis = make_axis()
+    status = AxisStatus(axis)
+    axis.pdo.stamp = -1
+    status.update(9, 0)
+    assert (status.word, status.display) == (None, None)
+    assert status.blind_word(0) == 0
+    axis.pdo.stamp, axis.node.ready = 5, False
+    status.update(9, 0)
+    assert status.word is None
+
+
+def test_when_it_stays_away_the_last_one_holds_for_a_while_then_the_sdos_then_none():
+    axis = make_axis()
+    source = StatuswordBySdo(axis)
+    assert source.word(0x27, 0) == 0x27
+    assert [read[0] for read in axis.node.reads] == [0x6041]
+    axis.node.answer(b"\x33\x02")
+    assert source.word(0x27, 10 * MS) == 0x0233
+    assert source.word(0x27, POLL_NS) == 0x0233
+    assert len(axis.node.reads) == 1, "asked again"
+    axis.node.answer(b"", error="timeout")
+    assert source.word(0x27, GRACE_NS + 2 * MS) is None
+    source.end()
+    assert source.word(0x27, GRACE_NS + 3 * MS) == 0x27
+
+
+def test_a_drive_that_nobody_sees_is_told_to_quick_stop_and_then_to_take_its_power_away():
+    axis = make_axis()
+    status = AxisStatus(axis)
+    axis.pdo.overdue = True
+    assert status.blind_word(0) == 0x02
+    assert status.blind_word(BLIND_STOP_NS - 1) == 0x02
+    assert status.blind_word(BLIND_STOP_NS) == 0
+    status.came()
+    status.went(5 * BLIND_STOP_NS)
+    assert status.blind_word(5 * BLIND_STOP_NS) == 0x02
+
+
+def test_a_mode_without_pdos_is_written_once_and_asked_for_until_it_shows():
+    axis = make_axis(mode=False, display=False)
+    mode = ModeBySdo(axis)
+    mode.step(None, 0)
+    assert axis.node.writes == axis.node.reads == []
+    mode.step(-1, 0)
+    mode.step(-1, MS)
+    assert axis.node.writes == [(0x6060, b"\xff")]
+    axis.node.answer(b"\x00")
+    mode.step(-1, 2 * MS)
+    assert axis.node.reads == [], "not at once again"
+    mode.step(-1, POLL_NS)
+    axis.node.answer(b"\xff")
+    assert mode.display == -1
+    mode.step(-1, 9 * POLL_NS)
+    assert axis.node.reads == []
+    mode.forget()
+    assert mode.display is None

@@ -1,0 +1,153 @@
+"""States of a joint: continuous, plausible, nan where nothing is known."""
+
+import math
+from types import SimpleNamespace
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from canopen_control.cia301.pdo import MappedObject
+from canopen_control.cia402.units import PositionUnwrapper, Scale, wrap_int32
+from canopen_control.hardware.axis import AxisLimits
+from canopen_control.hardware.description import ControlJoint, InterfaceInfo
+from canopen_control.hardware.feedback import Feedback
+from canopen_control.master.cycle import ProcessImage
+from canopen_control.od.model import DataType
+
+COUNTS = 1000.0  # per radian
+CYCLE = 20_000_000
+
+
+def make(*, velocity=True, extras=()):
+    image = ProcessImage()
+    objects = [MappedObject(0x6064, 0, 32, DataType.INTEGER32)]
+    if velocity:
+        objects.append(MappedObject(0x606C, 0, 32, DataType.INTEGER32))
+    pdo = image.add_tpdo(2, 0x182, objects, 1)
+    axis = SimpleNamespace(
+        scale=Scale(COUNTS, 1 / COUNTS, COUNTS, 1 / COUNTS),
+        unwrap=PositionUnwrapper(),
+        limits=AxisLimits(),
+        position=image.input(2, 0x6064),
+        velocity=image.input(2, 0x606C),
+        effort=None,
+        statusword=image.input(2, 0x6064),
+        digital_inputs=None,
+        error_code=None,
+        node=SimpleNamespace(nmt_state=None, emcy=None),
+    )
+    description = ControlJoint("joint", state_interfaces={name: InterfaceInfo(name) for name in extras})
+    feedback = Feedback(description, axis)
+    feedback.put = lambda now, *values: pdo.receive(pdo.codec.pack(values).ljust(8, b"\0"), pdo.codec.length, now)
+    return feedback, axis
+
+
+def test_values_are_nan_before_the_first_frame_and_without_the_node():
+    feedback, _ = make()
+    feedback.read(0)
+    assert all(math.isnan(state.value) for state in feedback.states.values())
+    feedback.put(0, 1000, 0)
+    feedback.read(0)
+    assert feedback.states["position"].value == 1.0
+    feedback.went()
+    assert all(math.isnan(state.value) for state in feedback.states.values())
+
+
+@given(st.lists(st.integers(-1400, 1400), min_size=1, max_size=60), st.integers(-(1 << 31), (1 << 31) - 1))
+def test_plausible_steps_add_up_wherever_the_counter_wraps(steps, start):
+    feedback, _ = make()
+    feedback.put(0, start, 0)
+    feedback.read(0)
+    first, raw = feedback.states["position"].value, start
+    for number, step in enumerate(steps, 1):
+        raw = wrap_int32(raw + step)
+        feedback.put(number * CYCLE, raw, step * 50)
+        assert feedback.read(number * CYCLE) == 0
+    assert feedback.states["position"].value == pytest.approx(first + sum(steps) / COUNTS, abs=1e-6)
+
+
+@given(st.integers(-(1 << 30), 1 << 30).filter(lambda jump: abs(jump) > 10_000))
+def test_a_step_that_no_motor_makes_is_a_jump_and_no_motion(jump):
+    feedback, _ = make()
+    feedback.put(0, 0, 100)
+    feedback.read(0)
+    feedback.put(CYCLE, jump, 100)
+    assert feedback.read(CYCLE) == jump
+    assert feedback.states["position"].value == 0.0
+    feedback.put(2 * CYCLE, jump + 500, 100)
+    assert feedback.read(2 * CYCLE) == 0
+    assert feedback.states["position"].value == 0.5
+
+
+def test_the_faster_it_turns_the_more_is_plausible():
+    feedback, _ = make()
+    feedback.put(0, 0, 2_000_000)
+    feedback.read(0)
+    feedback.put(CYCLE, 40_000, 2_000_000)
+    assert feedback.read(CYCLE) == 0
+
+
+def test_without_a_velocity_the_drives_largest_one_is_the_measure():
+    feedback, axis = make(velocity=False)
+    feedback.put(0, 0)
+    feedback.read(0)
+    feedback.put(CYCLE, 1_000_000)
+    assert feedback.read(CYCLE) == 0, "nothing is known of it"
+    axis.limits.velocity = 10_000
+    feedback.put(2 * CYCLE, 2_000_000)
+    assert feedback.read(2 * CYCLE) == 1_000_000
+
+
+def test_a_node_that_is_back_goes_on_where_the_joint_was():
+    feedback, _ = make()
+    feedback.put(0, 5000, 0)
+    feedback.read(0)
+    feedback.came()
+    feedback.put(CYCLE, -1_000_000, 0)
+    assert feedback.read(CYCLE) == 0
+    assert feedback.states["position"].value == 5.0
+    feedback.restart()
+    feedback.put(2 * CYCLE, 0, 0)
+    feedback.read(2 * CYCLE)
+    assert feedback.states["position"].value == 0.0, "homed: its own count"
+
+
+def test_standing_is_by_velocity_else_by_a_position_that_does_not_change():
+    feedback, _ = make()
+    feedback.put(0, 0, 40)
+    feedback.read(0)
+    assert feedback.standing
+    feedback.put(CYCLE, 1, 60)
+    feedback.read(CYCLE)
+    assert not feedback.standing
+    feedback, _ = make(velocity=False)
+    for number in range(3):
+        feedback.put(number * CYCLE, number)
+        feedback.read(number * CYCLE)
+        assert not feedback.standing
+    for number in range(3, 9):
+        feedback.put(number * CYCLE, 2)
+        feedback.read(number * CYCLE)
+    assert feedback.standing
+
+
+def test_the_time_of_a_ramp_is_known_from_the_last_velocity():
+    feedback, axis = make()
+    assert feedback.ramp_ns(7) == 7
+    feedback.put(0, 0, 10_000)
+    feedback.read(0)
+    axis.limits.deceleration = 20_000
+    assert feedback.ramp_ns(10**10) == pytest.approx(0.7e9)
+
+
+def test_further_interfaces_are_those_of_the_description():
+    feedback, axis = make(extras=("age", "nmt_state", "error_code", "elsewhere"))
+    assert list(feedback.states) == ["position", "velocity", "age", "nmt_state", "error_code"]
+    feedback.put(0, 0, 0)
+    feedback.read(5_000_000)
+    assert feedback.states["age"].value == 0.005
+    assert math.isnan(feedback.states["nmt_state"].value)
+    axis.node.emcy = SimpleNamespace(error_code=0x4310)
+    feedback.read(5_000_000)
+    assert feedback.states["error_code"].value == 0x4310
