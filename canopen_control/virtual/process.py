@@ -66,6 +66,7 @@ class DriveProcess:
         self._started_with = {node.node_id: node for node in self._nodes}
         self._host: NodeHost | None = None
         self._rejoin_until = 0
+        self._early: list[str] | None = []  # what happened before the ready line
         self._started = reactor.now()
         self._controls: dict[VirtualNode, NodeControl] = {}
         self._lifeline = lifeline_fd()
@@ -103,6 +104,9 @@ class DriveProcess:
             self._reactor.add_reader(self._lifeline, self._on_orphaned)
         self._reactor.run_for(0)  # the boot-up messages are out before anybody reads the line
         self._say(self._ready_line())
+        for line in self._early or ():
+            self._say(line)
+        self._early = None
         Timeline(self._reactor, self._controls, self._started_with, self._log).plan(self._timeline)
         if self._world is not None and self._world.period_ns is not None:
             self._reactor.call_later(self._world.period_ns, self._keep_up)
@@ -129,8 +133,11 @@ class DriveProcess:
     # -- what happens
 
     def _log(self, text: str) -> None:
-        seconds = (self._reactor.now() - self._started) * 1e-9
-        self._say(f"{seconds:9.3f} {text}")
+        line = f"{(self._reactor.now() - self._started) * 1e-9:9.3f} {text}"
+        if self._early is None:
+            self._say(line)
+        else:
+            self._early.append(line)
 
     def _on_event(self, node: VirtualNode, event: object) -> None:
         words = in_words(event)

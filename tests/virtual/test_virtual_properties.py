@@ -7,7 +7,7 @@ import struct
 from pathlib import Path
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from support.virtualbench import MS, Bench, S, generic, servo
 
@@ -262,21 +262,24 @@ class Reference:
 
     def __init__(self):
         self.states, self.operational, self.words = {SOD}, False, {0}
+        self.booted = 0
 
-    def frame(self, can_id, data):
+    def frame(self, can_id, data, now=0):
         if can_id == 0 and len(data) >= 2 and data[1] in (0, 5):
-            self.nmt(data[0])
+            self.nmt(data[0], now)
         elif can_id == 0x205 and len(data) >= 3 and self.operational:
             self.word(struct.unpack_from("<H", data)[0])
         elif can_id == 0x605 and len(data) == 8 and data[0] >> 5 == 1 and data[1:4] == b"\x40\x60\x00":
             self.word(struct.unpack_from("<H", data, 4)[0])  # may have been refused
         self.states |= {FAULT} | {later for state in self.states for later in BY_ITSELF.get(state, ())}
 
-    def nmt(self, number):
+    def nmt(self, number, now=0):
         if number in (0x01, 0x02, 0x80, 0x81, 0x82):
             self.operational = number == 0x01
-        if number == 0x81:
+        if number == 0x81 and now >= self.booted:
             self.states, self.words = {SOD}, {0}
+        if number in (0x81, 0x82):
+            self.booted = max(self.booted, now + 20 * MS)  # it hears nothing, not even another reset
 
     def word(self, word):
         """Take a controlword that may, or may not, have been taken."""
@@ -308,6 +311,13 @@ FRAMES = st.one_of(
 UP = [(0, b"\x01\x05"), *((0x205, struct.pack("<Hb", word, 3)) for word in (0x06, 0x07, 0x0F))]
 
 
+PRE_OPERATIONAL_AND_TARGET = [((0, b"\x80\x05"), 0), ((0x605, struct.pack("<BHBi", 0x23, 0x60FF, 0, 1000)), S)]
+RESETS_IN_A_ROW = [
+    *(((0x205, struct.pack("<Hb", 0x06, 3)), 0), ((0, b"\x82\x05"), 0), ((0, b"\x81\x05"), 0), ((0, b"\x01\x05"), S)),
+    *(((0, b"\x01\x05"), 0), ((0x205, struct.pack("<Hb", 0x0F, 3)), 0)),
+]
+
+
 def leaves_the_mapping(frame):
     """Whether a random SDO frame cannot move the controlword's door, which the reference does not follow."""
     can_id, data = frame
@@ -324,13 +334,15 @@ def leaves_the_mapping(frame):
     st.integers(0, 3),
     st.sampled_from([2, 6]),
 )
+@example(True, PRE_OPERATIONAL_AND_TARGET, 1, 2)
+@example(True, RESETS_IN_A_ROW, 1, 2)
 def test_random_frames_start_a_motion_only_where_a_reference_of_its_own_says_so(up, steps, option, quick_stop):
     b, reference = Bench(servo(x6007=option, x605A=quick_stop)), Reference()
     for (can_id, data), wait in [*((frame, 0) for frame in UP if up), *steps]:
         mover = b.drive.mover
         stood = not mover.plant.velocity and mover.demand.end_ns <= b.now and mover.torque is None
         position, allowed = mover.plant.position, OE in reference.states and reference.operational
-        reference.frame(can_id, data)
+        reference.frame(can_id, data, b.now)
         allowed = allowed or (OE in reference.states and reference.operational)
         b.put(can_id, data)
         b.to(b.now + wait)
