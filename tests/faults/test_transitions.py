@@ -57,33 +57,50 @@ class Watched(FaultBench):
 
 @pytest.fixture(params=MODES)
 def servo(request, tmp_path):
+    """Return a drive in the mode, disabled; its way there were the transitions 1 to 7."""
     config = write_generic(tmp_path, joints=("one",))
     bench = Watched(f"transit{request.param}", config=config, drives=(NODE,), controllers=["velocity"])
     bench.watch()
     bench.start()
-    bench.mode = request.param
+    assert bench.seen == [1, 2, 3, 4], "0 is the power-on itself"
+    bench.seen.clear()
+    bench.robot.switch([], ["velocity"], strict=True)
+    bench.made(5, 6, 7)
+    assert bench.axis(Action.MODE, "all", mode=request.param) is None
+    assert bench.drives[NODE].get(0x6061) == MODES[request.param]
     yield bench
     bench.close()
 
 
-def test_every_transition_is_made_and_followed(servo):
-    assert servo.drive.state is State.OPERATION_ENABLED
-    assert servo.seen == [1, 2, 3, 4], "0 is the power-on itself"
-    servo.seen.clear()
-    servo.robot.switch([], ["velocity"], strict=True)
+@pytest.fixture
+def machine(servo):
+    return servo.joint(NODE).machine
+
+
+def enable(servo):
+    assert servo.axis(Action.ENABLE) is None
+    servo.made(2, 3, 4)
+    servo.run(50)
+
+
+def test_2_to_7_up_and_down_again(servo, machine):
+    enable(servo)
+    assert servo.axis(Action.DISABLE) is None
     servo.made(5, 6, 7)
-    assert servo.axis(Action.MODE, "all", mode=servo.mode) is None
-    assert servo.drives[NODE].get(0x6061) == MODES[servo.mode]
-    machine = servo.joint(NODE).machine
+    servo.run(50)
+    assert machine.state is State.SWITCH_ON_DISABLED
 
-    assert servo.axis(Action.ENABLE) is None
-    servo.made(2, 3, 4)
-    assert servo.axis(Action.QUICK_STOP) is None  # 0x605A = 2: it leaves by itself
+
+def test_11_and_12_a_quick_stop_that_ends_by_itself(servo):
+    enable(servo)
+    assert servo.axis(Action.QUICK_STOP) is None
     servo.made(11, 12)
+    enable(servo)
 
-    servo.drives[NODE].store.set(0x605A, 0, 6)  # it stays
-    assert servo.axis(Action.ENABLE) is None
-    servo.made(2, 3, 4)
+
+def test_11_12_and_16_a_quick_stop_that_stays(servo):
+    servo.drives[NODE].store.set(0x605A, 0, 6)
+    enable(servo)
     assert servo.axis(Action.QUICK_STOP) is None
     servo.made(11)
     assert servo.axis(Action.ENABLE) is None
@@ -92,36 +109,34 @@ def test_every_transition_is_made_and_followed(servo):
     assert servo.axis(Action.DISABLE) is None
     servo.made(11, 12)
 
-    assert servo.axis(Action.ENABLE) is None
-    servo.made(2, 3, 4)
-    machine.disable_voltage()
-    servo.joint(NODE).switch_off()
-    machine.disable_voltage()
-    servo.made(9)
-    servo.run(100)
 
-    assert servo.axis(Action.ENABLE) is None
-    servo.made(2, 3, 4)
+def test_8_somebody_else_shuts_it_down(servo, machine):
+    enable(servo)
     servo.robot.buses["can"].network.image.refresh = 100  # our own 0x0F, said again, would undo it unseen
-    servo.run(50)
-    servo.write_controlword(0x06)  # somebody else shuts it down
+    servo.write_controlword(0x06)
     servo.made(8)
     servo.until(lambda: servo.found("enable_lost"))
     servo.until(lambda: machine.state is State.SWITCH_ON_DISABLED)
-    servo.seen.clear()
 
-    machine.hold(True)
+
+def test_9_its_voltage_is_taken_while_enabled(servo, machine):
+    enable(servo)
+    servo.joint(NODE).switch_off()
+    machine.disable_voltage()
+    servo.made(9)
+
+
+def test_10_its_voltage_is_taken_while_switched_on(servo, machine):
     servo.joint(NODE).enable()
     servo.joint(NODE).group.busy = False  # nobody lets it through
     servo.until(lambda: machine.state is State.SWITCHED_ON)
-    machine.disable_voltage()
     servo.joint(NODE).switch_off()
     machine.disable_voltage()
     servo.made(2, 3, 10)
-    servo.run(100)
 
-    assert servo.axis(Action.ENABLE) is None
-    servo.seen.clear()
+
+def test_13_14_and_15_a_fault_and_its_reset(servo, machine):
+    enable(servo)
     servo.switch("drive_fault")
     servo.made(13, 14)
     servo.until(lambda: machine.state is State.FAULT)

@@ -1,4 +1,4 @@
-"""Drives that are killed, cut off, faulted and power-cycled under a running robot: it stops, and goes on when it may."""
+"""Drives that are killed, cut off, faulted and power-cycled under a running robot: it stops and goes on when it may."""
 
 import contextlib
 import signal

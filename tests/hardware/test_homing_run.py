@@ -1,0 +1,79 @@
+"""One homing, and everything as it was afterwards."""
+
+import pytest
+from support.faultbench import FaultBench
+from support.generic import write_generic
+
+from canopen_control.errors import DriveError
+from canopen_control.hardware.joint import Action
+
+
+@pytest.fixture
+def servo(tmp_path):
+    bench = FaultBench("homing", config=write_generic(tmp_path), drives=(2, 3), controllers=["velocity"])
+    bench.start()
+    yield bench
+    bench.close()
+
+
+def test_a_drive_that_was_off_is_off_again_afterwards(servo):
+    assert servo.axis(Action.DISABLE) is None
+    servo.run(200)
+    assert servo.axis(Action.HOME, "2", method=17) is None
+    servo.run(300)
+    assert servo.joint(2).homed
+    assert not servo.powered(2)
+    assert not servo.powered(3)
+
+
+def test_a_drive_that_was_on_follows_again_afterwards(servo):
+    assert servo.axis(Action.HOME, "2", method=37) is None
+    servo.run(100)
+    servo.robot.command("velocity", [1.0, 1.0], "test")
+    servo.run(500)
+    assert servo.speed(2) == pytest.approx(10430, rel=0.01)
+
+
+def test_commands_are_not_followed_meanwhile(servo):
+    answers = []
+    servo.robot.axis(Action.HOME, "2", answers.append, method=17)
+    servo.run(100)
+    before = servo.robot.buses["can"].network.image.output(2, 0x60FF).value
+    servo.robot.command("velocity", [5.0, 5.0], "test")
+    servo.run(100)
+    assert not answers
+    assert servo.robot.buses["can"].network.image.output(2, 0x60FF).value == before == 0
+    servo.until(lambda: answers)
+    assert answers == [None]
+
+
+def test_without_a_method_the_one_of_the_drive_is_used(servo):
+    servo.drives[2].store.set(0x6098, 0, 35)
+    assert servo.axis(Action.HOME, "2") is None
+    assert servo.joint(2).homed
+
+
+def test_two_at_once_are_refused_and_a_reserved_method_too(servo):
+    servo.robot.axis(Action.HOME, "2", lambda _error: None, method=17)
+    with pytest.raises(DriveError, match="under way already"):
+        servo.joint(2).home(17)
+    with pytest.raises(DriveError, match="homing method 15"):
+        servo.joint(3).home(15)
+
+
+def test_a_method_that_cannot_be_written_ends_it(servo):
+    servo.switch("sdo_busy", node=2)
+    reason = servo.axis_refused(Action.HOME, "2", method=17)
+    assert "0x6098" in reason
+    assert servo.joint(2).homing is None
+    assert not servo.joint(2).homed
+
+
+def test_a_lost_node_ends_it(servo):
+    answers = []
+    servo.robot.axis(Action.HOME, "2", answers.append, method=17)
+    servo.run(200)
+    servo.power_off(2)
+    servo.until(lambda: answers)
+    assert "node 2 (drive_one)" in answers[0]
+    assert servo.joint(2).homing is None

@@ -1,0 +1,105 @@
+"""Stale process data, floods, and two nodes with one id."""
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from canopen_control.cia301.emcy import EmcyMessage
+from canopen_control.cia301.pdo import MappedObject
+from canopen_control.master.cycle import ReceivedPdo
+from canopen_control.master.supervision import ActiveErrors, DuplicateWatch, EmcyGate, PdoWatch
+from canopen_control.od.model import DataType
+
+MS = 1_000_000
+PERIOD = 100 * MS
+
+
+def make_pdo(transmission_type):
+    pdo = ReceivedPdo(0x182, [MappedObject(0x6041, 0, 16, DataType.UNSIGNED16)], transmission_type)
+    pdo.expected = True
+    watch = PdoWatch()
+    watch.add(pdo)
+    return pdo, watch
+
+
+@given(st.integers(1, 8))
+def test_three_that_stay_away_are_too_many_whatever_their_rate(every):
+    pdo, watch = make_pdo(every)
+    pdo.receive(bytes(8), 2, 0)
+    watch.sync()
+    for _ in range(3 * every - 1):
+        assert not watch.sync()
+        assert not pdo.overdue
+    assert list(watch.sync()) == [pdo]
+    assert pdo.overdue
+    assert not watch.sync(), "told once"
+    pdo.receive(bytes(8), 2, 1)
+    assert list(watch.sync()) == [pdo]
+    assert not pdo.overdue
+
+
+def test_what_comes_in_time_is_never_told():
+    pdo, watch = make_pdo(2)
+    for number in range(100):
+        if number % 2:
+            pdo.receive(bytes(8), 2, number)
+        assert not watch.sync()
+
+
+def test_event_driven_and_not_yet_expected_ones_are_not_counted():
+    pdo, watch = make_pdo(255)
+    assert not any(watch.sync() for _ in range(10))
+    pdo, watch = make_pdo(1)
+    pdo.expected = False
+    assert not any(watch.sync() for _ in range(10))
+    assert pdo.silent == 0
+
+
+def test_a_short_one_does_not_count_as_having_come():
+    pdo, watch = make_pdo(1)
+    pdo.receive(bytes(8), 2, 0)
+    watch.sync()
+    for number in range(3):
+        pdo.receive(bytes(8), 1, number)
+        changed = list(watch.sync())
+    assert changed == [pdo]
+    assert pdo.short == 3
+
+
+def test_ten_emergencies_a_second_pass_and_the_rest_is_summed_up():
+    gate = EmcyGate()
+    assert sum(gate.passes(number * MS) for number in range(500)) == 10
+    assert gate.summary(900 * MS) == 0
+    assert gate.deadline == 1000 * MS
+    assert gate.summary(1000 * MS) == 490
+    assert gate.summary(1000 * MS) == 0
+    assert gate.deadline is None
+    assert gate.passes(1500 * MS)
+
+
+@given(st.lists(st.tuples(st.integers(0, 0xFFFF), st.integers(0, 0xFF)), max_size=100))
+def test_the_active_errors_are_bounded_and_gone_with_the_register(messages):
+    errors = ActiveErrors(limit=4)
+    for code, register in messages:
+        errors.take(EmcyMessage(2, code, register))
+        assert len(errors.codes) <= 4
+    errors.take(EmcyMessage(2, 0, 0))
+    assert errors.codes == {}
+
+
+def test_two_heartbeats_per_period_are_two_nodes_and_jitter_is_not():
+    watch = DuplicateWatch(PERIOD)
+    late = [0, 60, 10, 55, 0, 59, 30, 0, 60, 5] * 20
+    assert not any(watch.heartbeat(number * PERIOD + lateness * MS) for number, lateness in enumerate(late))
+    watch = DuplicateWatch(PERIOD)
+    told = [watch.heartbeat(number * PERIOD // 2) for number in range(100)]
+    assert sum(told) == 1
+    assert told.index(True) < 20
+    assert not DuplicateWatch(0).heartbeat(0)
+
+
+def test_two_boot_ups_at_once_are_two_nodes_and_a_restart_is_not():
+    watch = DuplicateWatch(PERIOD)
+    assert not watch.boot_up(0)
+    assert not watch.boot_up(500 * MS)
+    assert watch.boot_up(501 * MS)
+    assert not watch.boot_up(502 * MS), "told once"
