@@ -1,5 +1,7 @@
 """The runner of a boot: nothing waits, everything times out, the time of each step is known."""
 
+from dataclasses import replace
+
 from canopen_control.cia301.nmt import NmtCommand, NmtState
 from canopen_control.cia301.sdo_client import SdoClient
 from canopen_control.frame import CanFrame
@@ -96,3 +98,55 @@ def test_a_cancelled_boot_hears_nothing_any_more():
     harness.task.tick(10_000 * MS)
     assert harness.task.result is None
     assert harness.task.error is None
+
+
+def test_a_tpdo_confirms_operational_as_a_heartbeat_does():
+    harness = Harness(reset=False)
+    task, received = harness.task, [0]
+    task._count_tpdos = lambda: received[0]
+    harness.serve(5 * MS)
+    received[0] = 7  # of an earlier run
+    task.heartbeat(NmtState.PRE_OPERATIONAL, 60 * MS)
+    assert task.step == "start"
+    assert task.next_deadline() == 0, "every tick looks for a TPDO"
+    task.tick(80 * MS)
+    assert not task.done
+    received[0] += 1
+    task.tick(100 * MS)
+    assert task.result is not None
+
+
+def test_start_is_repeated_when_nothing_shows_it_and_then_given_up():
+    harness = Harness(reset=False)
+    task = harness.task
+    harness.serve(5 * MS)
+    task.heartbeat(NmtState.PRE_OPERATIONAL, 60 * MS)
+    for ms in range(60, 4000, 20):
+        task.tick(ms * MS)
+    assert harness.commands == [NmtCommand.START] * 3
+    assert "boot error T" in str(task.error)
+
+
+def test_the_boots_own_sdo_timeout_is_used_for_its_requests_only():
+    sdo = SdoClient(3, timeout_ns=100 * MS)
+    BootTask(replace(PLAN, sdo_timeout_ns=2000 * MS), sdo, lambda _command: None, reset=False, now=0)
+    assert sdo.next_deadline() == 2000 * MS
+    other = SdoClient(3, timeout_ns=100 * MS)
+    BootTask(PLAN, other, lambda _command: None, reset=False, now=0)
+    assert other.next_deadline() == 100 * MS
+
+
+def test_a_node_to_be_kept_alive_is_asked_for_its_state_by_its_heartbeat():
+    sdo, commands = SdoClient(3, timeout_ns=100 * MS), []
+    harness = Harness(reset=False)
+    harness.sdo, harness.commands, harness.held = sdo, commands, {}
+    harness.task = BootTask(replace(PLAN, keep_alive=True), sdo, commands.append, reset=True, now=0)
+    harness.serve(5 * MS)
+    assert harness.task.step == "keep alive"
+    harness.task.heartbeat(NmtState.OPERATIONAL, 50 * MS)
+    assert harness.task.step == "compare"
+    harness.serve(60 * MS)
+    harness.task.heartbeat(NmtState.OPERATIONAL, 100 * MS)
+    assert harness.task.result is not None
+    assert commands == []
+    assert harness.held == {}, "nothing was written"

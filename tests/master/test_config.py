@@ -1,7 +1,11 @@
 import shutil
+import tempfile
 import textwrap
+from pathlib import Path
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from canopen_control.data_files import data_path
 from canopen_control.errors import BusConfigError
@@ -332,3 +336,46 @@ def test_every_unused_key_is_named_once_with_what_takes_its_place(tmp_path):
     ).replace("dcf: TMCM-1270.eds", "dcf: TMCM-1270.eds\n      software_file: a.bin\n      channels: [{}]")
     notes = [note.split(": ", 1)[1] for note in read_bus(write(tmp_path, text)).notes if "has no meaning" in note]
     assert [note.split(":")[0] for note in notes] == ["dcf_path", "software_file", "start_nodes", "vendor_id"]
+
+
+LINES = ROBBY.read_text().splitlines()
+SCRAPS = st.sampled_from(
+    [
+        "",
+        "  ",
+        "x: 1",
+        "- a",
+        "nodes: 3",
+        "master: []",
+        "  left_drive: 7",
+        "    sdo: {1: 2}",
+        "  tpdo: [1]",
+        "    mapping: 1",
+        "    1: {mapping: [{index: 0x6041, sub_index: 300}]}",
+        "    cob_id: -1",
+        "  dcf: 5",
+        "    node_id: 255",
+        "\t",
+        "!!int x",
+    ]
+)
+
+
+@settings(max_examples=150, deadline=None)
+@given(
+    st.lists(st.tuples(st.integers(0, len(LINES) - 1), SCRAPS, st.booleans()), min_size=1, max_size=6), st.booleans()
+)
+def test_whatever_stands_in_the_file_is_a_bus_or_a_configuration_error(changes, peer_merge):
+    lines = list(LINES)
+    for number, scrap, drop in changes:
+        lines[number % len(lines)] = scrap
+        if drop and len(lines) > 1:
+            del lines[number % len(lines)]
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "bus.yml"
+        path.write_text("\n".join(lines))
+        try:
+            bus = read_bus(path, peer_merge=peer_merge)
+        except BusConfigError:
+            return
+        assert set(bus.plans) == set(bus.nodes)
