@@ -176,6 +176,7 @@ def move_to(
     deceleration = deceleration if deceleration > 0.0 else INFINITE
     if speed <= 0.0 or acceleration <= 0.0:
         return ramp_to(now, position, velocity, 0.0, 0.0, deceleration)
+    end = min(end, speed)
     stop = position + 0.5 * velocity * abs(velocity) / deceleration
     slowed = position + math.copysign(max(0.0, 0.5 * (velocity * velocity - end * end) / deceleration), velocity)
     direction = math.copysign(1.0, target - slowed) if target != slowed else math.copysign(1.0, velocity)
@@ -198,9 +199,9 @@ def _approach(
     if velocity > speed:  # a lower speed was set on the way
         _add_ramp(pieces, direction * velocity, direction * speed, deceleration)
         way -= 0.5 * (velocity * velocity - speed * speed) / deceleration
-        velocity = speed
+        velocity, way = speed, max(way, 0.0)
     fastest = math.sqrt(velocity * velocity + 2.0 * acceleration * way) if way else velocity
-    end = min(end, speed, fastest)
+    end = min(end, fastest)
     peak = min(speed, _peak(way, velocity, acceleration, deceleration, end))
     _add_ramp(pieces, direction * velocity, direction * peak, acceleration)
     way -= 0.5 * (peak * peak - velocity * velocity) / acceleration + 0.5 * (peak * peak - end * end) / deceleration
