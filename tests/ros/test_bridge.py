@@ -106,6 +106,47 @@ def test_two_robots_live_in_one_graph_under_their_namespaces(number):
         assert ros.eventually(lambda: {"/one/joint_states", "/two/joint_states"} <= set(peer.order("graph")["topics"]))
 
 
+def test_parameters_come_from_a_file_and_names_are_remapped(number, tmp_path):
+    path = tmp_path / "bridge.yaml"
+    path.write_text("/**:\n  ros__parameters: {rate: 20.0, cmd_vel_type: Twist, cmd_vel_topic: drive}\n")
+    arguments = ["--ros-args", "--params-file", str(path), "-r", "joint_states:=wheels", "-r", "__ns:=/one"]
+    with ros.FakeRobot() as robot, ros.bridge(number, *arguments), ros.Peer(number) as peer:
+        assert ros.eventually(
+            lambda: "/one/drive" in (topics := peer.order("graph")["topics"]) and "/one/wheels" in topics
+        )
+        assert robot.commands("subscribe")[0]["state_rate"] == 20.0
+
+
+def test_a_parameter_that_does_not_fit_is_one_sentence(number):
+    with ros.FakeRobot(), ros.bridge(number, "--ros-args", "-p", "cmd_vel_type:=Quaternion") as process:
+        output, _ = process.communicate(timeout=ros.PATIENCE)
+    assert process.returncode == 1
+    assert output.startswith("canopen-control: parameter cmd_vel_type is 'Quaternion'; there are: auto, Twist")
+
+
+def test_the_frames_of_two_robots_in_one_graph_have_their_namespaces(number):
+    with (
+        ros.FakeRobot("one") as one,
+        ros.bridge(number, "--namespace", "/one", name="one"),
+        ros.Peer(number, "--interfaces") as peer,
+    ):
+        sample = {"time": 1.0, "x": 1.0, "y": 0.0, "heading": 0.0, "linear": 0.0, "angular": 0.0}
+        one.more = {"odometry": {"base": {**sample, "frame_id": "odom", "child_frame_id": "base_link"}}}
+        peer.order("subscribe", topic="/tf", of="tf2_msgs/msg/TFMessage")
+        with ros.FakeRobot("two") as two, ros.bridge(number, "--frame-prefix", "second/", name="two"):
+            two.more = one.more
+            seen = set()
+
+            def both():
+                for message in peer.waiting("/tf"):
+                    seen.update((each["header"]["frame_id"], each["child_frame_id"]) for each in message["transforms"])
+                for robot in (one, two):
+                    robot.more["odometry"]["base"]["time"] += 0.01
+                return {("one/odom", "one/base_link"), ("second/odom", "second/base_link")} <= seen
+
+            assert ros.eventually(both)
+
+
 class Robby:
     """`canopen-control run robby --mock --ros` in a process of its own."""
 

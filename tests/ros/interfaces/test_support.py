@@ -222,3 +222,96 @@ context.shutdown()
             server.communicate()
         assert server.returncode == 0, complaints
         assert "not the body of a canopen_interfaces/srv/COWrite_Request" in complaints
+
+
+BOTH_WAYS = """
+import rclpy, sys
+from canopen_control.ros.interfaces import _factory
+from canopen_control.ros.interfaces.classes import message_class
+import std_msgs.msg
+factory, name = _factory(), "std_msgs/msg/Float64MultiArray"
+made = message_class(factory.registry.get(name), factory.class_of, factory.supports)
+assert made is not std_msgs.msg.Float64MultiArray
+rclpy.init()
+node = rclpy.create_node("maker")
+publisher, got = node.create_publisher(made, "/from_made", 10), []
+node.create_subscription(made, "/from_compiled", got.append, 10)
+message = made(data=[1.5, -2.5])
+for _ in range(400):
+    publisher.publish(message)
+    rclpy.spin_once(node, timeout_sec=0.05)
+    if got and publisher.get_subscription_count():
+        publisher.publish(message)
+        rclpy.spin_once(node, timeout_sec=0.2)
+        break
+print(list(got[0].data))
+"""
+
+
+def test_a_class_made_at_run_time_talks_to_a_compiled_one_in_another_process_both_ways():
+    name = "std_msgs/msg/Float64MultiArray"
+    with domain() as number, Peer(number) as compiled:
+        compiled.order("subscribe", topic="/from_made", of=name)
+        compiled.order("publish", topic="/from_compiled", of=name, data={"data": [3.0, 4.0]}, rate=20)
+        assert run_ros(BOTH_WAYS, number) == "[3.0, 4.0]\n"
+        assert compiled.message("/from_made")["data"] == [1.5, -2.5]
+
+
+def test_a_service_made_at_run_time_serves_a_compiled_client_and_calls_a_compiled_server():
+    code = """
+import rclpy
+from canopen_control.ros.interfaces import _factory
+from canopen_control.ros.interfaces.classes import message_class, service_class
+import std_srvs.srv
+factory, name = _factory(), "std_srvs/srv/SetBool"
+factory.registry.add({name: ["bool data", "---", "bool success", "string message"]})
+parts = {part: message_class(factory.registry.get(f"{name}_{part}"), factory.class_of, factory.supports)
+         for part in ("Request", "Response", "Event")}
+made = service_class(name, parts, factory.supports)
+rclpy.init()
+node = rclpy.create_node("maker")
+def answer(request, response):
+    response.success, response.message = request.data, "made"
+    return response
+node.create_service(made, "/made", answer)
+client = node.create_client(made, "/compiled")
+future = None
+for _ in range(400):
+    rclpy.spin_once(node, timeout_sec=0.05)
+    if future is None and client.service_is_ready():
+        future = client.call_async(made.Request(data=True))
+    if future is not None and future.done():
+        break
+print(future.result().success, future.result().message, flush=True)
+for _ in range(40):
+    rclpy.spin_once(node, timeout_sec=0.05)
+"""
+    other = """
+import rclpy, std_srvs.srv
+rclpy.init()
+node = rclpy.create_node("compiled")
+def answer(request, response):
+    response.success, response.message = request.data, "compiled"
+    return response
+node.create_service(std_srvs.srv.SetBool, "/compiled", answer)
+client = node.create_client(std_srvs.srv.SetBool, "/made")
+future = None
+for _ in range(400):
+    rclpy.spin_once(node, timeout_sec=0.05)
+    if future is None and client.service_is_ready():
+        future = client.call_async(std_srvs.srv.SetBool.Request(data=True))
+    if future is not None and future.done():
+        break
+print(future.result().success, future.result().message, flush=True)
+for _ in range(40):
+    rclpy.spin_once(node, timeout_sec=0.05)
+"""
+    with domain() as number:
+        process = subprocess.Popen(
+            [sys.executable, "-c", other], env=ros_environment(number), stdout=subprocess.PIPE, text=True
+        )
+        try:
+            assert run_ros(code, number) == "True compiled\n"
+        finally:
+            output, _ = process.communicate(timeout=60)
+        assert output == "True made\n"

@@ -1,0 +1,151 @@
+"""Services from a ROS program through bridge and runtime to virtual drives, and back."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import pytest
+from support import ros
+from support.processes import DriveProbe, Stage
+
+pytestmark = pytest.mark.ros
+TRIGGER = "std_srvs/srv/Trigger"
+FORWARD, BASE = "robby_forward_controller", "robby_base_controller"
+DONE = {"success": True, "message": ""}
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory):
+    """Robby on virtual drives with its bridge, and another ROS program; for all tests of this module."""
+    folder = tmp_path_factory.mktemp("ros")
+    folder.chmod(0o700)
+    with pytest.MonkeyPatch.context() as patch, ros.domain() as number:
+        patch.setenv("XDG_RUNTIME_DIR", str(folder))
+        patch.setenv("XDG_STATE_HOME", str(folder / "state"))
+        stage = Stage(folder, folder)
+        environment = {**ros.ros_environment(number), "_ROS_WHEELS_BOOTSTRAP_COMPLETE": "1"}
+        robot = stage.start("run", "robby", "--ros", "--can", "local:services", **environment)
+        robot.until("robby runs")
+        drive = DriveProbe("services", 3)
+        with ros.Peer(number, "--interfaces") as peer:
+            yield SimpleNamespace(peer=peer, drive=drive, robot=robot, domain=number)
+        drive.close()
+        stage.end()
+
+
+@pytest.fixture
+def call(scene):
+    def call(service, of=TRIGGER, /, **data):
+        answer = scene.peer.order("call", service=service, of=of, data=data, timeout=20.0)
+        return answer["response"]
+
+    return call
+
+
+@pytest.fixture
+def manager(call):
+    def manager(service, kind, /, **data):
+        return call(f"/controller_manager/{service}", f"controller_manager_msgs/srv/{kind}", **data)
+
+    return manager
+
+
+@pytest.fixture
+def states(manager):
+    return lambda: {
+        each["name"]: each["state"] for each in manager("list_controllers", "ListControllers")["controller"]
+    }
+
+
+def test_the_spawners_sequence_brings_another_controller_up_and_back(manager, states):
+    assert states()[FORWARD] == "active"
+    assert manager("load_controller", "LoadController", name=BASE) == {"ok": True}
+    assert manager("configure_controller", "ConfigureController", name=BASE) == {"ok": True}
+    refused = manager("switch_controller", "SwitchController", activate_controllers=[BASE], strictness=2)
+    assert refused["ok"] is False
+    assert FORWARD in refused["message"]
+    swap = {"activate_controllers": [BASE], "deactivate_controllers": [FORWARD], "strictness": 2, "activate_asap": True}
+    assert manager("switch_controller", "SwitchController", **swap) == {"ok": True, "message": ""}
+    assert (states()[FORWARD], states()[BASE]) == ("inactive", "active")
+    back = {"activate_controllers": [FORWARD], "deactivate_controllers": [BASE], "strictness": 2}
+    assert manager("switch_controller", "SwitchController", **back)["ok"]
+    assert manager("cleanup_controller", "CleanupController", name=BASE)["ok"]
+    assert manager("load_controller", "LoadController", name=BASE)["ok"]
+    assert manager("unload_controller", "UnloadController", name=BASE)["ok"]
+    assert BASE not in states()
+    assert manager("load_controller", "LoadController", name="nobody") == {"ok": False}
+
+
+def test_types_and_interfaces_are_those_of_the_robot(manager):
+    assert (
+        "diff_drive_controller/DiffDriveController" in manager("list_controller_types", "ListControllerTypes")["types"]
+    )
+    interfaces = manager("list_hardware_interfaces", "ListHardwareInterfaces")
+    assert [each["name"] for each in interfaces["command_interfaces"] if each["is_claimed"]] == [
+        "left_wheel_joint/velocity", "right_wheel_joint/velocity",
+    ]  # fmt: skip
+
+
+def test_a_hardware_component_goes_inactive_and_active_again(manager, states):
+    def component(label):
+        kind = "SetHardwareComponentState"
+        return manager("set_hardware_component_state", kind, name="robby", target_state={"label": label})
+
+    assert component("inactive") == {"ok": True, "state": {"id": 2, "label": "inactive"}}
+    assert states()[FORWARD] == "inactive"
+    assert component("finalized")["ok"] is False
+    assert component("active")["ok"] is True
+    assert manager("switch_controller", "SwitchController", activate_controllers=[FORWARD], strictness=2)["ok"]
+    (told,) = manager("list_hardware_components", "ListHardwareComponents")["component"]
+    assert told["state"]["label"] == "active"
+
+
+def test_a_drive_is_disabled_enabled_halted_and_given_a_target(scene, call):
+    assert call("/left_drive/disable") == DONE
+    assert ros.eventually(lambda: scene.drive.power != "OPERATION_ENABLED")
+    assert call("/left_drive/init") == DONE
+    assert ros.eventually(lambda: scene.drive.power == "OPERATION_ENABLED")
+    assert call("/left_drive/target", "canopen_interfaces/srv/COTargetDouble", target=5.0) == {"success": True}
+    assert ros.eventually(lambda: scene.drive.speed < -1000)
+    assert call("/left_drive/halt") == DONE
+    assert ros.eventually(lambda: scene.drive.speed == 0.0)
+    assert call("/left_drive/quick_stop")["success"]
+    assert call("/left_drive/enable") == DONE
+    assert call("/left_drive/velocity_mode") == DONE
+    refused = call("/left_drive/torque_mode")
+    assert refused["success"] is False
+    assert refused["message"].startswith("mode TQ is not supported")
+
+
+def test_objects_are_read_and_written_through_each_service(call):
+    read, write = "canopen_interfaces/srv/CORead", "canopen_interfaces/srv/COWrite"
+    assert call("/left_drive/sdo_write", write, index=0x6083, data=12345) == {"success": True}
+    assert call("/left_drive/sdo_read", read, index=0x6083) == {"success": True, "data": 12345}
+    master = {"nodeid": 3, "index": 0x6083, "canopen_datatype": 7}
+    assert call("/master/sdo_write", "canopen_interfaces/srv/COWriteID", **master, data=16000) == {"success": True}
+    assert call("/master/sdo_read", "canopen_interfaces/srv/COReadID", **master) == {"success": True, "data": 16000}
+    names = ["0x1008 str", "0x1000 u32", "0x4FFF"]
+    values = call("/left_drive/get_objects", "rcl_interfaces/srv/GetParameters", names=names)["values"]
+    assert values[0]["string_value"] == "TMCM-1270"
+    assert values[1]["integer_value"] == 0xFFFF0192
+    assert "abort 0x06020000" in values[2]["string_value"]
+
+
+def test_a_reset_of_a_node_is_seen_as_it_happens_and_a_start_boots_it(scene, call):
+    topic = "/right_drive/nmt_state"
+    scene.peer.order("subscribe", topic=topic, of="std_msgs/msg/String", qos="latched")
+    assert scene.peer.message(topic) == {"data": "START"}
+    assert call("/right_drive/nmt_reset_node") == DONE
+    scene.peer.message(topic, lambda message: message["data"] != "START")
+    assert call("/right_drive/nmt_start_node") == DONE
+    scene.peer.message(topic, lambda message: message["data"] == "START")
+
+
+def test_an_emergency_of_a_drive_is_told_on_its_topic(scene, call):
+    scene.peer.order("subscribe", topic="/left_drive/emcy", of="rcl_interfaces/msg/Log")
+    scene.drive.fault("drive_fault")
+    message = scene.peer.message("/left_drive/emcy")
+    assert (message["name"], message["level"]) == ("left_drive", 30)
+    scene.drive.fault("drive_fault", on=False)
+    assert ros.eventually(lambda: call("/left_drive/recover")["success"])
+    assert scene.drive.power != "OPERATION_ENABLED"
