@@ -147,6 +147,13 @@ class SdoClient:
             if self._queue:
                 self._next(now)
 
+    def receive_records(self, records: bytes, start: int, now: int) -> int:
+        """Take what of the records from byte `start` on may be taken at once, as if each had been received.
+
+        Return how many records that were. 0 is no refusal: the first of them is for `receive`.
+        """
+        return self._exchange.receive_records(records, start, self.answer_cob_id, now)
+
     def tick(self, now: int) -> None:
         """Let time pass: start the timeout of a request that has left, or act on one that ran out."""
         self._exchange.tick(now)

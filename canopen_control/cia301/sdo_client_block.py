@@ -25,6 +25,7 @@ from canopen_control.cia301.sdo_codec import (
     SUB_COMMAND_MASK,
     crc16,
 )
+from canopen_control.cia301.sdo_records import segment_frames, segments_in_order
 from canopen_control.frame import CanFrame
 
 __all__ = ["BlockDownload", "BlockUpload"]
@@ -88,6 +89,26 @@ class BlockUpload:
         if self._ending or number == self._block_size:
             self._acknowledge(out)
         return self._length_error(len(self._buffer) - SEGMENT_DATA + 1)
+
+    def receive_records(self, records: bytes, start: int, cob_id: int, out: list[CanFrame]) -> int:
+        """Take the run of the server's segments at byte `start` and return its length, 0 if there is none.
+
+        It ends before the segment that is acknowledged, and before one that would make the object too large.
+        """
+        if out or self._ending:
+            return 0
+        largest = self._limit if self._size is None else min(self._size, self._limit)
+        room = (max(largest, 1) + SEGMENT_DATA - 1 - len(self._buffer)) // SEGMENT_DATA
+        most = min(room, self._block_size - self._expected)
+        data = segments_in_order(records, start, cob_id, self._expected, most)
+        if not data:
+            return 0
+        count = len(data) // SEGMENT_DATA
+        self._buffer += data
+        self._expected += count
+        self._before = bytes((self._expected - 1,)) + data[-SEGMENT_DATA:]
+        self._resync, self._stuck = False, 0
+        return count
 
     def nudge(self, out: list[CanFrame]) -> bool:
         """Acknowledge what came, because the end of the sub-block seems lost; False if there is nothing to say."""
@@ -185,11 +206,5 @@ class BlockDownload:
 
     def _send(self, out: list[CanFrame]) -> None:
         """Send the next sub-block, whole."""
-        data, request_id = self._data, self._request_id
-        count = self._sent = min(self._block_size, self._total - self._done)
-        last = count if self._done + count == self._total else 0
-        offset = self._done * SEGMENT_DATA
-        for number in range(1, count + 1):
-            chunk = data[offset : offset + SEGMENT_DATA].ljust(SEGMENT_DATA, b"\0")
-            out.append(CanFrame(request_id, bytes((number | LAST_FLAG if number == last else number,)) + chunk))
-            offset += SEGMENT_DATA
+        self._sent = min(self._block_size, self._total - self._done)
+        out += segment_frames(self._request_id, self._data, self._done, self._sent)

@@ -116,6 +116,15 @@ class SdoExchange:
         else:
             _ON_INITIATE[self._kind](self, data, now)
 
+    def receive_records(self, records: bytes, start: int, cob_id: int, now: int) -> int:
+        """Take a run of a block upload's segments at once; return how many records, 0 if there is none."""
+        transfer, request = self._transfer, self.active
+        if not isinstance(transfer, BlockUpload) or request is None:
+            return 0
+        if count := transfer.receive_records(records, start, cob_id, self.out):
+            self.deadline = now + request.timeout_ns
+        return count
+
     def tick(self, now: int) -> None:
         """Start the timeout of a request that has left, or act on one that ran out."""
         if self.deadline is not None and now >= self.deadline and self.active is not None:

@@ -148,6 +148,17 @@ class SdoServer:
         else:
             _ON_COMMAND[data[0] >> 5](self, data, now)
 
+    def receive_records(self, records: bytes, start: int, now: int) -> int:
+        """Take what of the records from byte `start` on may be taken at once, as if each had been received.
+
+        Return how many records that were. 0 is no refusal: the first of them is for `receive`.
+        """
+        if not isinstance(transfer := self._transfer, BlockDownload):
+            return 0
+        if count := transfer.receive_records(records, start, self.request_cob_id, self._out):
+            self._alive(now)
+        return count
+
     def tick(self, now: int) -> None:
         """Let time pass: ask for what was lost, or end a transfer that stands still."""
         if self._deadline is None or now < self._deadline or (transfer := self._transfer) is None:

@@ -29,6 +29,7 @@ from canopen_control.cia301.sdo_codec import (
     SUB_COMMAND_MASK,
     crc16,
 )
+from canopen_control.cia301.sdo_records import segment_frames, segments_in_order
 from canopen_control.frame import CanFrame
 
 __all__ = ["BlockDownload", "BlockUpload"]
@@ -115,12 +116,8 @@ class BlockUpload:
         return PROGRESS
 
     def _send(self, out: list[CanFrame]) -> None:
-        segments = range(self._first, min(self._first + self._block_size, self._total))
-        self._sent = len(segments)
-        for number, segment in enumerate(segments, 1):
-            command = number | LAST_FLAG if segment == self._total - 1 else number
-            chunk = self._data[segment * SEGMENT_DATA : (segment + 1) * SEGMENT_DATA]
-            out.append(CanFrame(self._answer_id, bytes((command,)) + chunk.ljust(SEGMENT_DATA, b"\0")))
+        self._sent = min(self._block_size, self._total - self._first)
+        out += segment_frames(self._answer_id, self._data, self._first, self._sent)
 
 
 class BlockDownload:
@@ -183,6 +180,24 @@ class BlockDownload:
                 return AbortCode.INVALID_SEQUENCE_NUMBER
             self._acknowledge(out)
         return PROGRESS
+
+    def receive_records(self, records: bytes, start: int, cob_id: int, out: list[CanFrame]) -> int:
+        """Take the run of the client's segments at byte `start` and return its length, 0 if there is none.
+
+        The segment that is acknowledged is not in it, nor one with which the object becomes too large.
+        """
+        if out or self._complete:
+            return 0
+        bounds = (self._limit,) if self._size is None else (self._limit, self._size)
+        fitting = (max(min(bounds), 1) - len(self._buffer) + SEGMENT_DATA - 1) // SEGMENT_DATA
+        unanswered = self._block_size - 1 - self._in_order
+        data = segments_in_order(records, start, cob_id, self._in_order + 1, min(fitting, unanswered))
+        if data:
+            self._buffer += data
+            self._in_order += len(data) // SEGMENT_DATA
+            self._before = bytes((self._in_order,)) + data[-SEGMENT_DATA:]
+            self._resync, self._stuck = False, 0
+        return len(data) // SEGMENT_DATA
 
     def confirm(self, out: list[CanFrame]) -> None:
         """Confirm the end: the store has taken the object."""

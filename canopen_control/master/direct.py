@@ -17,8 +17,9 @@ from canopen_control.bus.port import BusEventKind
 from canopen_control.cia301.lss_master import LssMaster
 from canopen_control.cia301.nmt import ERROR_CONTROL_COB_ID, MAX_NODE_ID, NmtMaster, NmtUnconfirmed, state_of_byte
 from canopen_control.cia301.sdo_client import SdoClient
+from canopen_control.cia301.sdo_records import deliver
 from canopen_control.errors import BusClosed, BusOff, CanopenError
-from canopen_control.frame import BROADCAST, RECORD, CanFrame, pack_records
+from canopen_control.frame import BROADCAST, pack_records
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
     from canopen_control.cia301.lss_master import LssRequest, LssResult
     from canopen_control.cia301.nmt import NmtCommand, NmtConfirmed, NmtState
     from canopen_control.cia301.sdo_client import SdoRequest
+    from canopen_control.frame import CanFrame
 
 __all__ = ["Core", "DirectBus"]
 
@@ -200,17 +202,21 @@ class DirectBus:
 
     def _receive(self, cores: Sequence[Core], now: int) -> None:
         records = self.port.receive()
-        for can_id, length, data in RECORD.iter_unpack(records):
-            frame = CanFrame(can_id, data[:length])
-            for core in cores:
-                core.receive(frame, now)
-            if _FIRST_HEARTBEAT <= can_id <= _LAST_HEARTBEAT and length == 1:
-                self.heard[can_id - ERROR_CONTROL_COB_ID] = state_of_byte(data[0])
+        only = cores[0] if len(cores) == 1 else None  # with several each frame is for all of them
+        receive_records = only.receive_records if isinstance(only, SdoClient) else _no_run
+        deliver(records, now, receive_records, partial(self._hand_out, cores))
         if self.port.wants_write:
             self.port.flush()
         if not records or self.port.stats.errors != self._errors:  # what else can have happened
             self._errors = self.port.stats.errors
             self._look_at_events()
+
+    def _hand_out(self, cores: Sequence[Core], frame: CanFrame, now: int) -> None:
+        can_id, data = frame
+        for core in cores:
+            core.receive(frame, now)
+        if _FIRST_HEARTBEAT <= can_id <= _LAST_HEARTBEAT and len(data) == 1:
+            self.heard[can_id - ERROR_CONTROL_COB_ID] = state_of_byte(data[0])
 
     def _look_at_events(self) -> None:
         if any(event.kind is BusEventKind.BUS_OFF for event in self.port.events()):
@@ -223,6 +229,10 @@ class DirectBus:
             self._poll.modify(self._fd, select.POLLIN | select.POLLOUT if self._watches_writing else select.POLLIN)
         # Rounded up: a deadline that is half a millisecond away must not become a busy loop.
         self._poll.poll(None if nanoseconds is None else max(0, -(-nanoseconds // 1_000_000)))
+
+
+def _no_run(records: bytes, start: int, now: int) -> int:  # noqa: ARG001 - the signature of receive_records
+    return 0
 
 
 def _all_done(requests: list[tuple[int, SdoRequest]]) -> bool:

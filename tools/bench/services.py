@@ -36,10 +36,11 @@ import can
 import canopen
 
 from canopen_control.bus.channel import open_port
+from canopen_control.cia301.sdo_records import deliver
 from canopen_control.cia301.sdo_server import SdoServer, SdoServerAbort
 from canopen_control.data_files import data_path
 from canopen_control.errors import BusClosed
-from canopen_control.frame import RECORD, CanFrame, pack_records
+from canopen_control.frame import CanFrame, pack_records
 from canopen_control.interop.canopen import to_canopen
 from canopen_control.master.direct import DirectBus
 from canopen_control.od.eds import read_eds
@@ -108,8 +109,7 @@ def serve() -> None:
             if not select.select([port], [], [], 1.0)[0]:
                 continue
             now = time.monotonic_ns()
-            for can_id, length, data in RECORD.iter_unpack(port.receive()):
-                server.receive(CanFrame(can_id, data[:length]), now)
+            deliver(port.receive(), now, server.receive_records, server.receive)
             if answers := server.frames():
                 port.send(pack_records(answers))
     port.close()
