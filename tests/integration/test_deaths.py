@@ -174,8 +174,9 @@ def test_when_a_drive_is_killed_the_robot_stops_and_names_it_and_runs_on(stage, 
     took = seconds_until(lambda: abs(rest.speed) < 1, 5)
     assert took <= CONSUMER_S + RAMP_S + SLACK_S
     with RobotClient.connect("drive") as client:
-        assert eventually(lambda: client.call("status")["state"] == "fault")
+        assert eventually(lambda: not client.call("status")["nodes"][node]["ready"])
         status = client.call("status")
+        assert status["state"] == "fault"
         assert f"node {victim.hello['node_id']} ({node})" in status["nodes"][node]["error"]
         assert status["nodes"][other]["nmt_state"] == "OPERATIONAL"
         assert any(f"process drive-{node} (pid {pid}) was ended by signal 9" in text for text in events(client))
@@ -206,7 +207,8 @@ def test_a_frozen_drive_stops_the_robot_and_is_booted_again_when_it_thaws(stage,
     try:
         seconds_until(lambda: abs(probes[0].speed) < 1, 5)
         with RobotClient.connect("frozen") as client:
-            assert eventually(lambda: client.call("status")["state"] == "fault")
+            assert eventually(lambda: not client.call("status")["nodes"]["right_drive"]["ready"])
+            assert client.call("status")["state"] == "fault"
     finally:
         os.kill(pid, signal.SIGCONT)
     with RobotClient.connect("frozen") as client:

