@@ -96,16 +96,22 @@ def run(args: argparse.Namespace) -> int:
     """Run the verb."""
     from canopen_control.ros.available import require_ros
 
+    if args.group == "bridge" and {"-h", "--help"} & set(args.arguments):
+        return _bridge(args.arguments)
     require_ros()
     _begin_anew()
     if args.group == "bridge":
-        from canopen_control.ros.bridge import main
-
-        return main(args.arguments)
+        return _bridge(args.arguments)
     from canopen_control.ros.graph import open_graph
 
     with open_graph() as graph:
         return _ACTIONS[args.group, args.action](graph, args)
+
+
+def _bridge(arguments: list[str]) -> int:
+    from canopen_control.ros.bridge import main
+
+    return main(arguments)
 
 
 def _begin_anew() -> None:
