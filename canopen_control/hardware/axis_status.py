@@ -31,7 +31,7 @@ class AxisStatus:
         self.word: int | None = None
         self.display: int | None = None
         self._axis = axis
-        self._pdo, self._position = axis.statusword.pdo, axis.statusword.position
+        self._pdo, self._statusword = axis.statusword.pdo, axis.statusword
         self._shown = axis.display
         self._by_sdo = StatuswordBySdo(axis)
         self._mode = ModeBySdo(axis) if None in (axis.mode, axis.display) else None
@@ -42,9 +42,9 @@ class AxisStatus:
         pdo = self._pdo
         word = display = None
         if pdo.stamp >= 0 and self._axis.node.ready:
-            word = pdo.values[self._position]
+            word = pdo.values[self._statusword.position]
             if pdo.overdue:
-                word = self._by_sdo.word(self._axis.statusword.value, now)
+                word = self._by_sdo.word(self._statusword.value, now)
             shown = self._shown
             if shown is not None and shown.pdo.stamp >= 0:
                 display = shown.pdo.values[shown.position]

@@ -22,7 +22,7 @@ __all__ = ["Input", "Output", "ProcessImage", "ReceivedPdo", "SentPdo"]
 
 _NEVER = -1
 _NO_END = 1 << 62
-MISSED_SYNCS = 3  # after so many SYNCs without its TPDO what it carries is stale
+MISSED_SYNCS = 3  # after so many SYNCs without its TPDO what it carries is stale, unless bus.yml says otherwise
 CYCLIC_SYNCHRONOUS = range(1, 241)  # transmission types of RPDOs that a drive expects with every SYNC
 
 
@@ -44,6 +44,7 @@ class ReceivedPdo:
         "every",
         "expected",
         "long",
+        "missed",
         "overdue",
         "patience",
         "short",
@@ -62,7 +63,7 @@ class ReceivedPdo:
         )
         self._length = self.codec.length
         self.every = transmission_type if transmission_type in CYCLIC_SYNCHRONOUS else 0
-        self.patience = MISSED_SYNCS * self.every
+        self.allow(MISSED_SYNCS)
         self.expected = self.overdue = self.told = False
         self.checked = self.silent = 0
         self.values: tuple[Value, ...] = (0,) * len(objects)
@@ -88,7 +89,7 @@ class ReceivedPdo:
         self.cob_id, self.codec = layout.cob_id, PdoCodec(layout.objects)
         self._length = self.codec.length
         self.every = layout.transmission_type if layout.transmission_type in CYCLIC_SYNCHRONOUS else 0
-        self.patience = MISSED_SYNCS * self.every if self.every else _NO_END
+        self.allow(self.missed)
         unpack = self.codec.unpack if self.codec.struct is None else self.codec.struct.unpack_from
         addresses = [mapped[:2] for mapped in layout.objects]
         order = [addresses.index(mapped[:2]) for mapped in planned]
@@ -96,6 +97,11 @@ class ReceivedPdo:
             self._unpack = unpack
         else:
             self._unpack = lambda data: tuple([found[position] for found in (unpack(data),) for position in order])
+
+    def allow(self, missed: int) -> None:
+        """Let so many of its frames stay away before it is overdue."""
+        self.missed = missed
+        self.patience = missed * self.every if self.every else _NO_END
 
     def preset(self, position: int, value: int) -> None:
         """Give the value that counts until the first frame comes."""

@@ -10,6 +10,7 @@ What this package adds, all of it optional (ros2_canopen ignores unknown keys, s
 - A robot folder may hold more buses in files `bus_NAME.yml`, all with the SYNC period of `bus.yml`.
 - `required`: the robot does not start without the node (default: what `mandatory` says, else true).
 - `recovery`: how far a node that comes back goes by itself: `boot`, or `enable`d again too.
+- `missed_syncs`: after how many SYNCs without its synchronous TPDOs a node's feedback is stale, and the robot stops.
 - `following_error_action`: what bit 13 of the statusword leads to.
 - `transition_timeout_ms`, `transition_timeouts_ms`: what a drive may take for a transition; the same by number.
 - `heartbeat_multiplier` of a node holds for both directions of its supervision.
@@ -229,6 +230,7 @@ class NodeKeys:
     reversed: bool | None = None
     homing_timeout_seconds: float = setting(10.0, low=0.001, high=3600.0)
     recovery: Literal["boot", "enable"] = "boot"
+    missed_syncs: int = setting(3, low=1, high=1000)
     following_error_action: Literal["stop", "warn", "ignore"] = "stop"
     transition_timeout_ms: int = setting(5000, low=1, high=600_000)
     transition_timeouts_ms: dict[int, int] = setting(factory=dict, low=1, high=600_000)  # noqa: RUF009 - makes a field

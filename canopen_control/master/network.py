@@ -168,6 +168,7 @@ class Network:
         )
         for layout in node.plan.tpdos:
             pdo = self.image.add_tpdo(node.node_id, layout.cob_id, layout.objects, layout.transmission_type)
+            pdo.allow(node.config.missed_syncs)
             node.received.append(pdo)
             self._pdo_watch.add(pdo)
             self._pdo_owner[pdo] = node
