@@ -1,11 +1,15 @@
 from __future__ import annotations
 
 import dataclasses
+import xml.etree.ElementTree as ET
+from pathlib import Path
 
 import pytest
 
 from canopen_control.errors import ConfigError
+from canopen_control.ros import options
 from canopen_control.ros.options import Options, with_parameters
+from canopen_control.yamltree import tree
 
 
 class Node:
@@ -41,3 +45,23 @@ def test_a_parameter_wins_over_an_argument():
 def test_a_value_that_does_not_fit_is_one_sentence(given):
     with pytest.raises(ConfigError, match=f"parameter {next(iter(given))}"):
         with_parameters(Node(**given), Options())
+
+
+EXAMPLES = Path(options.__file__).parent / "share/examples"
+
+
+def test_the_example_file_has_every_parameter_with_its_default():
+    told = tree(EXAMPLES / "bridge.yaml").value["canopen_control_bridge"]["ros__parameters"]
+    assert told == dataclasses.asdict(Options())
+
+
+def test_the_example_for_another_controller_manager_names_our_topics_and_never_falls_silent():
+    (hardware,) = ET.parse(EXAMPLES / "topic_hardware.urdf").getroot().iter("hardware")
+    told = {each.get("name"): each.text for each in hardware.findall("param")}
+    assert told == {
+        "joint_commands_topic": Options().joint_commands_topic,
+        "joint_states_topic": Options().joint_states_topic,
+        "trigger_joint_command_threshold": "-1",
+    }
+    controllers = tree(EXAMPLES / "topic_hardware_controllers.yaml").value
+    assert set(controllers["diff_drive_controller"]["ros__parameters"]["left_wheel_names"]) == {"left_wheel_joint"}
