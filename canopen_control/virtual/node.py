@@ -98,6 +98,11 @@ class VirtualNode:
             route(frame, now)
             self.consequences.settle(now)
 
+    def receive_records(self, records: bytes, start: int, now: int) -> int:
+        """Take a run of segments as `SdoServer.receive_records` does; 0 too where a frame is more than the server's."""
+        alone = self.filter is None and self._routes.get(self.sdo.request_cob_id) == self._on_sdo
+        return self.sdo.receive_records(records, start, now) if alone and self.nmt.state is not NmtState.STOPPED else 0
+
     def tick(self, now: int) -> None:
         """Let time pass; the first call is the power-on."""
         self._advance(now)

@@ -8,12 +8,14 @@ react as drives that are off the bus do, until they are given another port.
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING
 
 from canopen_control.bus.hearing import hear_only
 from canopen_control.bus.port import BusEventKind
+from canopen_control.cia301.sdo_records import deliver
 from canopen_control.errors import BusClosed
-from canopen_control.frame import CanFrame, frames_of, pack_records
+from canopen_control.frame import RECORD, RECORD_SIZE, CanFrame, pack_records
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -24,6 +26,7 @@ if TYPE_CHECKING:
 
 __all__ = ["NodeHost"]
 
+_ID_SIZE = 4  # bytes of a record's can_id
 _ECHOES = 64  # frames between nodes of one host, for each turn; more is a storm
 
 
@@ -100,8 +103,7 @@ class NodeHost:
             return
         now = self.reactor.now()
         touched: dict[VirtualNode, None] = {}
-        for frame in frames_of(records):
-            self._deliver(frame, now, touched)
+        deliver(records, now, partial(self._take_run, touched), lambda frame, now: self._deliver(frame, now, touched))
         for event in self.port.events():
             self.on_bus_event(event)
             for node in self.nodes:
@@ -109,6 +111,18 @@ class NodeHost:
                 touched[node] = None
         if touched:
             self._finish(touched)
+
+    def _take_run(self, touched: dict[VirtualNode, None], records: bytes, start: int, now: int) -> int:
+        """Give the records at `start` to a node alone with their identifier, as many as it takes at once."""
+        if records[start : start + _ID_SIZE] != records[start + RECORD_SIZE : start + RECORD_SIZE + _ID_SIZE]:
+            return 0
+        can_id = RECORD.unpack_from(records, start)[0]
+        listeners = self._routes.get(can_id, ())
+        if len(listeners) != 1 or can_id != listeners[0].sdo.request_cob_id:
+            return 0
+        if taken := listeners[0].receive_records(records, start, now):
+            touched[listeners[0]] = None
+        return taken
 
     def _deliver(self, frame: CanFrame, now: int, touched: dict[VirtualNode, None], sender: object = None) -> None:
         for node in self._routes.get(frame.can_id, ()):

@@ -20,7 +20,7 @@ from canopen_control.errors import (
     SdoAbort,
     SdoTimeout,
 )
-from canopen_control.frame import CanFrame
+from canopen_control.frame import CanFrame, pack_records
 from canopen_control.master.direct import DirectBus
 
 
@@ -171,3 +171,29 @@ def test_bus_off_is_an_error_at_once():
         with pytest.raises(BusOff):
             bus.read(3, 0x1000)
         timer.join()
+
+
+def test_the_segments_of_a_block_upload_are_taken_at_once(bus, monkeypatch):
+    data = bytes(n % 251 for n in range(127 * 7 * 5))
+    bus.write(5, 0x2000, 0, data, block=True)
+    client, taken = bus.client(5), []
+    receive = client.receive
+    monkeypatch.setattr(client, "receive", lambda frame, now: (taken.append(frame), receive(frame, now)))
+    assert bus.read(5, 0x2000, block=True) == data
+    assert len([frame for frame in taken if frame.can_id == 0x585]) == 5 + 2  # a sub-block's last, initiate, end
+    assert client.ignored == 0
+
+
+def test_a_heartbeat_among_the_segments_is_heard_and_disturbs_nothing(bus, monkeypatch):
+    data = bytes(n % 251 for n in range(127 * 7 * 3))
+    bus.write(5, 0x2000, 0, data, block=True)
+    receive, heartbeat = bus.port.receive, pack_records([CanFrame(0x709, b"\5")])
+
+    def interrupted():
+        records = receive()
+        return records[: 16 * 30] + heartbeat + records[16 * 30 :] if len(records) > 16 * 30 else records
+
+    monkeypatch.setattr(bus.port, "receive", interrupted)
+    assert bus.read(5, 0x2000, block=True) == data
+    assert bus.heard == {9: NmtState.OPERATIONAL}
+    assert (bus.client(5).retried, bus.client(5).ignored) == (0, 0)

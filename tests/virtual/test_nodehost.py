@@ -1,12 +1,15 @@
 from __future__ import annotations
 
 import itertools
+import struct
 
 import pytest
-from support.virtualbench import MS, S, servo, tmcm
+from support.virtualbench import MS, S, generic, servo, tmcm
 
 from canopen_control.bus.memory import MemoryBus
 from canopen_control.cia301.nmt import NmtStateChanged
+from canopen_control.cia301.sdo_codec import crc16
+from canopen_control.cia301.sdo_records import segment_frames
 from canopen_control.frame import ERROR_FLAG, CanFrame, frames_of, pack_records
 from canopen_control.host.reactor import ManualClock, Reactor
 from canopen_control.virtual.nodehost import NodeHost
@@ -153,3 +156,73 @@ def test_what_happens_to_the_controller_reaches_the_nodes(world):
     w.bus.inject(error)
     w.reactor.run_for(0)
     assert [frame.data[:2] for _, frame in w.heard if frame.can_id == 0x085] == [b"\x20\x81"]
+
+
+def block_download(size):
+    """The frames of a client that writes `size` bytes to node 5's 0x2000, and the object."""
+    data = bytes(number * 7 % 251 for number in range(size))
+    initiate = CanFrame(0x605, bytes.fromhex("C2002000") + size.to_bytes(4, "little"))
+    return initiate, segment_frames(0x605, data, 0, -(-size // 7)), data
+
+
+def frame_by_frame(node):
+    """The SDO frames that reach the node one by one, from now on."""
+    taken, receive = [], node.receive
+
+    def note(frame, now):
+        taken.append(frame)
+        receive(frame, now)
+
+    node.receive = note
+    return taken
+
+
+def test_the_segments_of_a_block_download_are_taken_at_once_and_what_comes_between_them_is_heard(world):
+    w = world(generic(5), generic(6))
+    initiate, segments, data = block_download(800)
+    w.send(initiate)
+    taken = frame_by_frame(w.host.nodes[0])
+    w.send(*segments[:60], CanFrame(0x000, b"\x01\x05"), *segments[60:])
+    assert w.host.nodes[0].operational
+    assert taken == [CanFrame(0x000, b"\x01\x05"), segments[-1]]
+    w.send(CanFrame(0x605, struct.pack("<BH5x", 0xC1 | (-len(data) % 7) << 2, crc16(data))))
+    assert [str(frame) for _, frame in w.heard if frame.can_id == 0x585] == [
+        "585#A00020007F000000",  # without CRC, as the client wishes
+        f"585#A2{len(segments):02X}7F0000000000",
+        "585#A100000000000000",
+    ]
+    assert w.host.nodes[0].sdo.served == 1
+    assert w.host.nodes[0].store.upload(0x2000, 0) == data
+
+
+@pytest.mark.parametrize("why", ["stopped", "a second listener", "a node of the same id", "a filter"])
+def test_where_a_frame_is_more_than_the_servers_each_comes_by_itself(world, why):
+    w = world(generic(5), *([generic(5)] if why == "a node of the same id" else []))
+    initiate, segments, _ = block_download(800)
+    w.send(initiate)
+    node = w.host.nodes[0]
+    if why == "stopped":
+        w.send(CanFrame(0, b"\x02\x05"))
+    elif why == "a second listener":
+        node._routes[0x605] = lambda frame, now, sdo=node._routes[0x605]: sdo(frame, now)
+    elif why == "a filter":
+        node.filter = Everything()
+    taken = frame_by_frame(node)
+    w.send(*segments)
+    assert taken == segments
+
+
+class Everything:
+    """A filter that changes nothing."""
+
+    def incoming(self, frame, now):
+        return frame
+
+    def outgoing(self, frames, now):
+        return frames
+
+    def next_deadline(self):
+        return None
+
+    def tick(self, now):
+        pass
