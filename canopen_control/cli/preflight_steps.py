@@ -171,6 +171,7 @@ class Jog:
         self._setup = read_robot(files, name=setup.name, can=channels, real=True)
         self._robot = Robot(self._setup, RunOptions(drives=False))
         self._hold_s = max(1.0, _CYCLES * self._setup.cycle_ns / 1e9)
+        self._look_s = max(_LOOK_S, self._setup.cycle_ns / 1e9)
 
     def __enter__(self) -> Jog:
         try:
@@ -210,7 +211,7 @@ class Jog:
             if time.monotonic() > deadline:
                 return Step("STOP", False, "the joints do not turn, so that nothing can be stopped")
             self._robot.command(_CONTROLLER, everybody)
-            time.sleep(_LOOK_S)
+            time.sleep(self._look_s)
         since = time.monotonic()
         try:
             self._robot.stop()
@@ -237,7 +238,7 @@ class Jog:
             if time.monotonic() > deadline:
                 return False
             self._robot.command(_CONTROLLER, values)
-            time.sleep(_LOOK_S)
+            time.sleep(self._look_s)
         return True
 
     def _rest(self) -> None:
@@ -246,7 +247,7 @@ class Jog:
             if time.monotonic() > deadline:
                 break
             self._robot.command(_CONTROLLER, [0.0] * len(self.joints))
-            time.sleep(_LOOK_S)
+            time.sleep(self._look_s)
 
 
 def _hint(seen: float) -> str:

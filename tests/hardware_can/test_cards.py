@@ -4,9 +4,7 @@ import json
 from pathlib import Path
 
 import pytest
-from support.guest import LEFT, RIGHT, ip, plant_speed, scaled
-from support.host import eventually
-from support.processes import seconds_until
+from support.guest import LEFT, RIGHT, eventually, ip, plant_speed, scaled, seconds_until
 
 from canopen_control.client import RobotClient
 

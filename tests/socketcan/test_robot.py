@@ -3,9 +3,7 @@
 import itertools
 
 import pytest
-from support.guest import LEFT, NMT, RIGHT, SYNC, CandumpLine, ip, scaled
-from support.host import eventually
-from support.processes import seconds_until
+from support.guest import LEFT, NMT, RIGHT, SYNC, CandumpLine, eventually, ip, scaled, seconds_until
 
 from canopen_control.client import RobotClient
 

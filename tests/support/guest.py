@@ -18,6 +18,7 @@ from canopen_control.host.lineclient import LineClient
 from canopen_control.virtual.control import control_path
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from pathlib import Path
 
 TIME_SCALE = float(os.environ.get("CANOPEN_CONTROL_TIME_SCALE", "1"))
@@ -40,6 +41,23 @@ _TIMESPEC = struct.Struct("@ll")
 def scaled(seconds: float) -> float:
     """Return a time of a fast machine as it is here."""
     return seconds * TIME_SCALE
+
+
+def eventually(condition: Callable[[], bool], seconds: float = 10.0) -> bool:
+    """Wait for another process; looks rarely, since looking itself is work for a slow machine's only processor."""
+    deadline = time.monotonic() + seconds
+    while not condition():
+        if time.monotonic() > deadline:
+            return False
+        time.sleep(scaled(0.01))
+    return True
+
+
+def seconds_until(condition: Callable[[], bool], limit: float) -> float:
+    """Wait until `condition` and return how long it took; fail after `limit` seconds."""
+    begin = time.monotonic()
+    assert eventually(condition, limit), f"not within {limit} s"
+    return time.monotonic() - begin
 
 
 def scaled_robby(folder: Path) -> Path:
@@ -124,8 +142,10 @@ class RawListener:
 
     def speed(self, node_id: int) -> float:
         """Return the newest of them, 0 before any."""
-        speeds = self.speeds(node_id)
-        return speeds[-1][1] if speeds else 0.0
+        for _, seen, data in reversed(self.frames):
+            if seen == 0x280 + node_id:
+                return RAD[node_id] * struct.unpack_from("<i", data, 4)[0]
+        return 0.0
 
     def close(self) -> None:
         self._over = True
