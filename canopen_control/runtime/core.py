@@ -23,7 +23,7 @@ from canopen_control.hardware.wheels import WheelGeometry
 from canopen_control.master.events import Event, EventLog, Level
 from canopen_control.runtime.bus import RobotBus
 from canopen_control.runtime.pacer import Pacer
-from canopen_control.runtime.request import AxisRequest, ProbeReading, change_mode, home_axes
+from canopen_control.runtime.request import AxisRequest, ProbeReading, begin_action
 from canopen_control.runtime.wanted import load_controller, prepare_controllers
 
 if TYPE_CHECKING:
@@ -187,19 +187,8 @@ class RobotCore:
         """
         now = self.reactor.now()
         joints = self._axes_of(name)
-        patience = REQUEST_TIMEOUT_NS
-        if action is Action.ENABLE:
-            for system in self.systems:
-                system.enable([joint for joint in joints if joint in system.joints])
-        elif action is Action.HOME:
-            patience += max(round(joint.node.config.homing_timeout_seconds * 1e9) for joint in joints)
-            home_axes(joints, method)
-        elif action is Action.MODE:
-            change_mode(joints, mode or "")
-        else:
-            for joint in joints:
-                _ACTIONS[action](joint, now)
-        self._requests.append(AxisRequest(joints, action, now + patience, done))
+        patience = begin_action(action, joints, self.systems, now, method=method, mode=mode)
+        self._requests.append(AxisRequest(joints, action, now + REQUEST_TIMEOUT_NS + patience, done))
 
     def touch_probe(self, name: str, done: Callable[[dict[str, int] | str], None]) -> None:
         """Read what the touch probes of a node caught; `done` gets the values by name, or a sentence."""
@@ -405,9 +394,3 @@ class RobotCore:
 
 
 _CONTROLLER_LEVELS = {"activated": Level.INFO, "deactivated": Level.INFO, "error": Level.ERROR}
-_ACTIONS: dict[Action, Callable[[JointDrive, int], None]] = {
-    Action.DISABLE: lambda joint, now: joint.stop(now),
-    Action.HALT: lambda joint, _now: joint.halt(),
-    Action.QUICK_STOP: lambda joint, _now: joint.quick_stop(),
-    Action.FAULT_RESET: lambda joint, _now: joint.fault_reset(),
-}

@@ -5,6 +5,7 @@ The law of this file: whatever can be refused is refused for all axes before any
 
 from __future__ import annotations
 
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from canopen_control.cia402 import objects
@@ -16,13 +17,14 @@ from canopen_control.hardware.choice import listed_modes
 from canopen_control.hardware.wishes import Action, Wish
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from canopen_control.cia301.sdo_client import SdoRequest
     from canopen_control.hardware.axis import Axis
     from canopen_control.hardware.joint import JointDrive
+    from canopen_control.hardware.system import CanopenSystem
 
-__all__ = ["AxisRequest", "ProbeReading", "change_mode", "home_axes"]
+__all__ = ["AxisRequest", "ProbeReading", "begin_action"]
 
 _PROBE = {
     "function": objects.TOUCH_PROBE_FUNCTION,
@@ -113,7 +115,34 @@ class ProbeReading:
         return answered
 
 
-def home_axes(joints: Sequence[JointDrive], method: int | None) -> None:
+def begin_action(
+    action: Action,
+    joints: Sequence[JointDrive],
+    systems: Sequence[CanopenSystem],
+    now: int,
+    *,
+    method: int | None = None,
+    mode: str | None = None,
+) -> int:
+    """Begin what a user asks of these axes; returns how many ns it may take beyond the ordinary.
+
+    Raises ControlError or DriveError where it cannot be, before any drive was touched.
+    """
+    if action is Action.ENABLE:
+        for system in systems:
+            system.enable([joint for joint in joints if joint in system.joints])
+    elif action is Action.HOME:
+        _home_axes(joints, method)
+        return max((round(joint.node.config.homing_timeout_seconds * 1e9) for joint in joints), default=0)
+    elif action is Action.MODE:
+        _change_mode(joints, mode or "")
+    else:
+        for joint in joints:
+            _SIMPLE[action](joint, now)
+    return 0
+
+
+def _home_axes(joints: Sequence[JointDrive], method: int | None) -> None:
     """Begin homing of all these axes, or of none; raises ControlError or DriveError."""
     for joint in joints:
         _require_there(joint)
@@ -124,7 +153,7 @@ def home_axes(joints: Sequence[JointDrive], method: int | None) -> None:
         joint.home(method)
 
 
-def change_mode(joints: Sequence[JointDrive], text: str) -> None:
+def _change_mode(joints: Sequence[JointDrive], text: str) -> None:
     """Ask for a mode of operation; raises ControlError or DriveError before any drive was touched."""
     mode = _mode_of(text)
     for joint in joints:
@@ -154,3 +183,13 @@ def _require_there(joint: JointDrive) -> None:
         raise ControlError(
             f"node {node.node_id} ({node.name}) is not operational: {node.error or 'it has not booted yet'}"
         )
+
+
+_SIMPLE: Mapping[Action, Callable[[JointDrive, int], None]] = MappingProxyType(
+    {
+        Action.DISABLE: lambda joint, now: joint.stop(now),
+        Action.HALT: lambda joint, _now: joint.halt(),
+        Action.QUICK_STOP: lambda joint, _now: joint.quick_stop(),
+        Action.FAULT_RESET: lambda joint, _now: joint.fault_reset(),
+    }
+)

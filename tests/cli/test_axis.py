@@ -17,3 +17,24 @@ def test_an_unknown_action_is_a_usage_error():
     with pytest.raises(SystemExit) as caught:
         main(["axis", "explode", "all"])
     assert caught.value.code == 2
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["axis", "mode", "all"],
+        ["axis", "enable", "all", "PP"],
+        ["axis", "enable", "all", "--method", "17"],
+        ["axis", "home", "all", "--method", "limit"],
+    ],
+)
+def test_a_mode_and_a_method_go_with_their_own_actions(words):
+    with pytest.raises(SystemExit) as caught:
+        main(words)
+    assert caught.value.code == 2
+
+
+def test_homing_and_modes_are_asked_of_the_robot(mock_robot, capsys):
+    assert main(["axis", "home", "all", "--method", "37"]) == 0
+    assert main(["axis", "mode", "all", "PV"]) == 0
+    assert capsys.readouterr().out == "home all: done\nmode all PV: done\n"

@@ -1,6 +1,8 @@
 import pytest
+from support.generic import write_generic
 from support.robots import LEFT, Bench
 
+from canopen_control.errors import CanopenError, ControlError
 from canopen_control.hardware.joint import Action
 from canopen_control.runtime.core import REQUEST_TIMEOUT_NS
 
@@ -55,3 +57,48 @@ def test_a_fault_is_reset_without_enabling(robby):
     robby.run(1000)
     assert not robby.joint(LEFT).machine.enabled
     assert ask(robby, Action.ENABLE) == [None]
+
+
+def test_a_mode_is_answered_when_it_shows_and_refused_where_a_controller_needs_another(robby):
+    answers = []
+    with pytest.raises(ControlError, match="a controller commands its velocity"):
+        robby.robot.axis(Action.MODE, "all", answers.append, mode="PP")
+    robby.robot.switch([], ["robby_forward_controller"], strict=True)
+    robby.run(500)
+    robby.robot.axis(Action.MODE, "all", answers.append, mode="pp")
+    robby.until(lambda: answers)
+    assert answers == [None]
+    assert robby.drives[LEFT].get(0x6061) == 1
+    for wrong in ("CSV", "nonsense", "-3", "99"):
+        with pytest.raises(CanopenError):
+            robby.robot.axis(Action.MODE, "all", answers.append, mode=wrong)
+
+
+def test_homing_is_answered_when_it_is_done_and_refused_for_all_or_none(robby):
+    answers = []
+    robby.robot.axis(Action.HOME, "left_drive", answers.append, method=35)
+    robby.until(lambda: answers)
+    assert answers == [None]
+    assert robby.joint(LEFT).homed
+    with pytest.raises(CanopenError, match="homing method 99"):
+        robby.robot.axis(Action.HOME, "all", answers.append, method=99)
+    assert all(joint.homing is None for joint in robby.robot.joints.values())
+
+
+def test_a_touch_probe_is_read_where_there_is_one(robby, tmp_path):
+    with pytest.raises(ControlError, match="no touch probe"):
+        robby.robot.touch_probe("left_drive", list)
+    servo = Bench("probe", config=write_generic(tmp_path), drives=(2, 3), controllers=["velocity"])
+    servo.start()
+    servo.drives[2].store.set(0x60B9, 0, 0x0101)
+    servo.drives[2].store.set(0x60BA, 0, -70000)
+    found = []
+    servo.robot.touch_probe("2", found.append)
+    servo.until(lambda: found)
+    assert found[0]["status"] == 0x0101
+    assert found[0]["probe_1_positive"] == -70000
+    servo.bus.drop(lambda _label, frame: frame.can_id == 0x582)
+    servo.robot.touch_probe("2", found.append)
+    servo.until(lambda: len(found) == 2, ms=20_000)
+    assert "node 2 (drive_one)" in found[1]
+    servo.close()
