@@ -73,8 +73,6 @@ UNUSED_MASTER = {
 UNUSED_NODE = {
     "driver": "every node is driven by this package",
     "package": "every node is driven by this package",
-    "namespace": "the ROS bridge's business",
-    "remappings": "the ROS bridge's business",
     "polling": "drives are read every SYNC",
     "period": "drives are read every SYNC",
     "non_transmit_timeout": "sending never blocks",

@@ -102,6 +102,9 @@ def nodes_dict(robot: RobotCore) -> dict[str, Any]:
                 "bus": robot.bus_of(node).name,
                 "eds": str(robot.bus_of(node).config.eds_paths[name].resolve()),
                 "identity": asdict(node.plan.identity),
+                "driver": node.config.driver,
+                "namespace": node.config.namespace,
+                "remappings": node.config.remappings,
             }
             for name, node in robot.nodes.items()
         ],
