@@ -100,7 +100,11 @@ def test_a_joint_may_name_its_drive_by_node_id(tmp_path):
 
 MAPPING = """
   tpdo:
-    1: {enabled: true, cob_id: auto, transmission: 1, mapping: [{index: 0x6041}, {index: 0x6061}, {index: 0x6841}, {index: 0x6861}]}
+    1:
+      enabled: true
+      cob_id: auto
+      transmission: 1
+      mapping: [{index: 0x6041}, {index: 0x6061}, {index: 0x6841}, {index: 0x6861}]
     2: {enabled: true, cob_id: auto, transmission: 1, mapping: [{index: 0x6064}, {index: 0x606C}]}
     3: {enabled: true, cob_id: auto, transmission: 1, mapping: [{index: 0x6864}, {index: 0x686C}]}
     4: {enabled: false}
