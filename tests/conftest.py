@@ -5,12 +5,18 @@ CANOPEN_CONTROL_REQUIRE names kinds (`ros,wheel`) or is `all`: then any skip at 
 
 import importlib.util
 import os
+import signal
 import subprocess
 import sys
 
 import pytest
 
 REQUIRED = {word for word in os.environ.get("CANOPEN_CONTROL_REQUIRE", "").replace(" ", "").split(",") if word}
+
+
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    # Tests that run in the background of a shell inherit this, and so would every program they interrupt.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def missing_ros():
