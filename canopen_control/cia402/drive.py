@@ -73,7 +73,7 @@ class DriveMachine:
     enable that overtook a disable the drive counts as enabled again when it did not move for `settle_ns`.
 
     To be read: `state` (None: unknown), `statusword`, `goal`, `halted`, `held`, `controlword`, `undefined` (the number
-    of undefined statuswords), `remote` (bit 9; True until the drive says otherwise), `evaluations` (the updates that had
+    of undefined statuswords), `remote` (bit 9; True until the drive says otherwise), `evaluations` (updates that had
     something to decide: while it stays the same, so does everything else). `standstill` may be set by who
     knows that the motor stands; it shortens the wait for the end of a quick stop, nothing else.
     """

@@ -59,10 +59,7 @@ def drives(channel: str, count: int) -> Iterator[None]:
     ranges = [f"2-{1 + half}", f"{2 + half}-{1 + count}"]
     environment = {**os.environ, "_ROS_WHEELS_BOOTSTRAP_COMPLETE": "1"}
     command = [sys.executable, "-m", "canopen_control", "drive", "--eds", str(EDS), "--can", channel, "--node-id"]
-    children = [
-        subprocess.Popen([*command, ids], stdout=subprocess.PIPE, text=True, env=environment)
-        for ids in ranges
-    ]
+    children = [subprocess.Popen([*command, ids], stdout=subprocess.PIPE, text=True, env=environment) for ids in ranges]
     try:
         for child in children:
             assert child.stdout is not None
