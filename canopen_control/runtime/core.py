@@ -286,7 +286,8 @@ class RobotCore:
         for bus in self.buses.values():
             # Back to the stored communication settings: the drives then no longer wait for this master's heartbeat.
             for node in bus.network.nodes.values():
-                bus.network.send_nmt(NmtCommand.RESET_COMMUNICATION, node.node_id)
+                if node.config.reset_communication:  # a keep-alive node is left as it is
+                    bus.network.send_nmt(NmtCommand.RESET_COMMUNICATION, node.node_id)
             bus.send_waiting()
         self.report(Event(now, "stopped", "", f"{self.setup.name} has stopped, its drives are disabled"))
         self.close()
