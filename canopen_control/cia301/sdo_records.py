@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 __all__ = ["SHORTEST_RUN", "deliver", "segment_frames", "segments_in_order"]
 
 SHORTEST_RUN: Final = 4  # fewer segments are as fast one by one
+_ID_SIZE: Final = 4  # bytes of a record's can_id
 _NUMBER_AT: Final = 8  # byte of a record that is the first of its data
 _FRAME_DATA: Final = struct.Struct("8s")
 _NUMBERS: Final = bytes(range(1, MAX_BLOCK_SIZE + 1))
@@ -74,11 +75,14 @@ def deliver(
     """Hand whole records over, in order: to `receive_records` the runs it takes, to `receive` frame by frame the rest.
 
     `receive_records(records, start, now)` returns how many records it took from byte `start` on, 0 for none.
+    It is asked where a run may be: enough records are left, and the first two have one identifier.
     """
     start, end = 0, len(records)
     least = end - SHORTEST_RUN * RECORD_SIZE  # behind it there is no room for a run
     while start < end:
-        taken = receive_records(records, start, now) if start <= least else 0
+        second = start + RECORD_SIZE
+        alike = start <= least and records[start : start + _ID_SIZE] == records[second : second + _ID_SIZE]
+        taken = receive_records(records, start, now) if alike else 0
         if not taken:
             can_id, length, data = RECORD.unpack_from(records, start)
             receive(CanFrame(can_id, data[:length]), now)

@@ -17,9 +17,9 @@ from canopen_control.bus.port import BusEventKind
 from canopen_control.cia301.lss_master import LssMaster
 from canopen_control.cia301.nmt import ERROR_CONTROL_COB_ID, MAX_NODE_ID, NmtMaster, NmtUnconfirmed, state_of_byte
 from canopen_control.cia301.sdo_client import SdoClient
-from canopen_control.cia301.sdo_records import deliver
+from canopen_control.cia301.sdo_records import SHORTEST_RUN, deliver
 from canopen_control.errors import BusClosed, BusOff, CanopenError
-from canopen_control.frame import BROADCAST, pack_records
+from canopen_control.frame import BROADCAST, RECORD, RECORD_SIZE, CanFrame, pack_records
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -29,12 +29,12 @@ if TYPE_CHECKING:
     from canopen_control.cia301.lss_master import LssRequest, LssResult
     from canopen_control.cia301.nmt import NmtCommand, NmtConfirmed, NmtState
     from canopen_control.cia301.sdo_client import SdoRequest
-    from canopen_control.frame import CanFrame
 
 __all__ = ["Core", "DirectBus"]
 
 FLUSH_S = 1.0  # what the last frames have to leave before the port is closed
 _FIRST_HEARTBEAT, _LAST_HEARTBEAT = ERROR_CONTROL_COB_ID + 1, ERROR_CONTROL_COB_ID + MAX_NODE_ID
+_FEW = (SHORTEST_RUN - 1) * RECORD_SIZE  # bytes: no run among them
 PARALLEL = 16  # servers asked at the same time by `read_many`: what a slow bus carries within one timeout
 
 
@@ -202,9 +202,11 @@ class DirectBus:
 
     def _receive(self, cores: Sequence[Core], now: int) -> None:
         records = self.port.receive()
-        only = cores[0] if len(cores) == 1 else None  # with several each frame is for all of them
-        receive_records = only.receive_records if isinstance(only, SdoClient) else _no_run
-        deliver(records, now, receive_records, partial(self._hand_out, cores))
+        if len(records) > _FEW and len(cores) == 1 and isinstance(only := cores[0], SdoClient):
+            deliver(records, now, only.receive_records, partial(self._hand_out, cores))
+        else:  # with several cores each frame is for all of them
+            for can_id, length, data in RECORD.iter_unpack(records):
+                self._hand_out(cores, CanFrame(can_id, data[:length]), now)
         if self.port.wants_write:
             self.port.flush()
         if not records or self.port.stats.errors != self._errors:  # what else can have happened
@@ -229,10 +231,6 @@ class DirectBus:
             self._poll.modify(self._fd, select.POLLIN | select.POLLOUT if self._watches_writing else select.POLLIN)
         # Rounded up: a deadline that is half a millisecond away must not become a busy loop.
         self._poll.poll(None if nanoseconds is None else max(0, -(-nanoseconds // 1_000_000)))
-
-
-def _no_run(records: bytes, start: int, now: int) -> int:  # noqa: ARG001 - the signature of receive_records
-    return 0
 
 
 def _all_done(requests: list[tuple[int, SdoRequest]]) -> bool:

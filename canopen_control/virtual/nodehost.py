@@ -15,7 +15,7 @@ from canopen_control.bus.hearing import hear_only
 from canopen_control.bus.port import BusEventKind
 from canopen_control.cia301.sdo_records import deliver
 from canopen_control.errors import BusClosed
-from canopen_control.frame import RECORD, RECORD_SIZE, CanFrame, pack_records
+from canopen_control.frame import RECORD, CanFrame, pack_records
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 
 __all__ = ["NodeHost"]
 
-_ID_SIZE = 4  # bytes of a record's can_id
 _ECHOES = 64  # frames between nodes of one host, for each turn; more is a storm
 
 
@@ -114,8 +113,6 @@ class NodeHost:
 
     def _take_run(self, touched: dict[VirtualNode, None], records: bytes, start: int, now: int) -> int:
         """Give the records at `start` to a node alone with their identifier, as many as it takes at once."""
-        if records[start : start + _ID_SIZE] != records[start + RECORD_SIZE : start + RECORD_SIZE + _ID_SIZE]:
-            return 0
         can_id = RECORD.unpack_from(records, start)[0]
         listeners = self._routes.get(can_id, ())
         if len(listeners) != 1 or can_id != listeners[0].sdo.request_cob_id:

@@ -91,7 +91,7 @@ def test_a_sub_block_is_made_as_if_segment_by_segment(size, first, count, choose
 
 
 def test_records_are_delivered_in_order_and_a_run_is_asked_for_where_there_is_room_for_one():
-    frames = segments(10)
+    frames = [*segments(6), CanFrame(0x80), *segments(6)]
     asked, taken = [], []
 
     def take_run(records, start, now):
@@ -103,7 +103,7 @@ def test_records_are_delivered_in_order_and_a_run_is_asked_for_where_there_is_ro
 
     deliver(pack_records(frames), 7, take_run, lambda frame, now: taken.append(frame))
     assert taken == frames
-    assert asked == [0, 1, 2, 6]
+    assert asked == [0, 1, 2, 7, 8, 9]
     deliver(b"", 7, take_run, lambda frame, now: taken.append(frame))
     assert taken == frames
 
