@@ -50,11 +50,14 @@ MAY_IMPORT = {
     ),
     "client": ({"host"}, STDLIB),
     "ros": ({"client", "host"}, None),
+    "trace": ({"client", "host", "bus", "od", "cia301", "cia402"}, STDLIB | {"rosbags"}),
+    "monitor": ({"client", "host", "bus", "od", "cia301", "cia402", "trace"}, STDLIB | {"textual", "rich"}),
+    "view": ({"client", "host"}, STDLIB | {"viser", "trimesh", "numpy", "websockets"}),
     "interop": ({"od", "bus", "client"}, STDLIB | {"canopen"}),
     "cli": (None, STDLIB),
 }
 #: the packages that only one room may touch
-ONLY = {"rclpy": "ros", "can": "bus", "canopen": "interop", "yaml": "yamltree", "xacro": "hardware"}
+ONLY = {"rclpy": "ros", "can": "bus", "canopen": "interop", "yaml": "yamltree", "xacro": "hardware", "viser": "view", "textual": "monitor", "rosbags": "trace"}
 
 
 def modules():
