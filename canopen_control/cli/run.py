@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from canopen_control.runtime.session import Session
     from canopen_control.runtime.setup import RobotSetup
 
-__all__ = ["add_arguments", "add_robot_arguments", "run", "run_robot"]
+__all__ = ["add_arguments", "add_robot_arguments", "bridge_arguments", "run", "run_robot"]
 
 LONGEST_S = 1e9  # some thirty years
 EXAMPLE = "canopen-control run robby --duration 5"
@@ -29,11 +29,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--ros", action=argparse.BooleanOptionalAction, default=False, help="start the ROS 2 bridge (default: off)"
     )
+    parser.add_argument("--namespace", metavar="NS", help="with --ros: of all its ROS names and frames")
     parser.add_argument("--view", action="store_true", help="open the browser view")
     parser.add_argument(
         "--full-speed", action="store_true", help="with --real: not slow, although no pre-flight passed"
     )
     parser.add_argument("--duration", type=_seconds, metavar="S", help="stop S seconds after the robot runs")
+    parser.add_argument(
+        "--ros-args",
+        nargs=argparse.REMAINDER,
+        metavar="...",
+        help="with --ros, comes last: parameters, remappings, files for the bridge, as for any ROS program",
+    )
 
 
 def add_robot_arguments(parser: argparse.ArgumentParser) -> None:
@@ -84,6 +91,7 @@ def run_robot(args: argparse.Namespace, *, motion: bool = False, table: bool = F
     options = RunOptions(
         drives=not (args.real or args.mock or args.no_drives),
         ros=args.ros,
+        ros_arguments=bridge_arguments(args),
         table=table,
         motion=motion,
         duration=args.duration,
@@ -106,6 +114,15 @@ def run_robot(args: argparse.Namespace, *, motion: bool = False, table: bool = F
     if failure is not None:
         raise CanopenError(failure)
     return 0
+
+
+def bridge_arguments(args: argparse.Namespace) -> tuple[str, ...]:
+    """Return what the ROS bridge is started with; ConfigError where there is to be none."""
+    namespace = () if args.namespace is None else ("--namespace", args.namespace)
+    ros = () if args.ros_args is None else ("--ros-args", *args.ros_args)
+    if (namespace or ros) and not args.ros:
+        raise ConfigError(f"{(namespace or ros)[0]} is for the ROS bridge; start it with --ros")
+    return (*namespace, *ros)
 
 
 def _unclear(setup: RobotSetup) -> str | None:

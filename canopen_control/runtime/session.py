@@ -33,10 +33,14 @@ _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 @dataclass(frozen=True, slots=True)
 class RunOptions:
-    """How to run: `drives` starts virtual ones where the channel allows it, `duration` in seconds from running on."""
+    """How to run: `drives` starts virtual ones where the channel allows it, `duration` in seconds from running on.
+
+    `ros_arguments` are those of the bridge, which `ros` starts.
+    """
 
     drives: bool = True
     ros: bool = False
+    ros_arguments: tuple[str, ...] = ()
     table: bool = False
     motion: bool = False
     duration: float | None = None
@@ -80,7 +84,8 @@ class Session:
         if self.options.drives and self.robot.buses and hosts_virtual_drives(self.setup):
             self.supervisor.start_drives(self.setup)
         if self.options.ros:
-            self.supervisor.start_client("ros", ["canopen_control.ros.bridge", "--name", self.setup.name], ros=True)
+            bridge = ["canopen_control.ros.bridge", "--name", self.setup.name, *self.options.ros_arguments]
+            self.supervisor.start_client("ros", bridge, ros=True)
         self.robot.start()
 
     def run(self) -> str | None:

@@ -2,6 +2,7 @@ import argparse
 
 import pytest
 
+from canopen_control.cli import demo, run
 from canopen_control.cli.main import main
 from canopen_control.cli.run import add_arguments, read_setup
 from canopen_control.client import find_robots
@@ -37,6 +38,8 @@ def test_a_run_on_virtual_drives_in_this_process(capsys):
         (["robby", "--view"], "--view"),
         (["robby", "--can", "nonsense"], "nonsense"),
         (["robby", "--can", "left=can0"], "left"),
+        (["robby", "--mock", "--namespace", "two"], "start it with --ros"),
+        (["robby", "--mock", "--ros-args", "-p", "rate:=20.0"], "start it with --ros"),
         ([], "bundled robot"),
     ],
 )
@@ -51,6 +54,15 @@ def test_a_mistake_of_the_user_is_one_sentence_and_exit_code_2(capsys, arguments
 def test_a_channel_that_is_not_there_is_exit_code_1_and_says_what_to_type(capsys):
     assert main(["run", "robby", "--can", "can7", "--real"]) == 1
     assert "can7" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("verb", [run, demo])
+def test_the_bridge_gets_its_namespace_and_all_that_comes_after_ros_args(verb):
+    parser = argparse.ArgumentParser()
+    verb.add_arguments(parser)
+    ours, theirs = ["--ros", "--namespace", "two"], ["--ros-args", "-r", "cmd_vel:=drive", "--params-file", "a b"]
+    assert run.bridge_arguments(parser.parse_args([*ours, *theirs])) == ("--namespace", "two", *theirs)
+    assert run.bridge_arguments(parser.parse_args(["--ros"])) == ()
 
 
 def test_a_duration_must_be_a_time():
