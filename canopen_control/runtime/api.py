@@ -27,6 +27,7 @@ The whole protocol. The server speaks first: `{"hello": {"robot", "version", "pr
   sdo_read     node, index, subindex, block, timeout   `{"data": hex}`; block true asks for block transfer
   sdo_write    node, index, subindex, data (hex), timeout   seconds for each answer; default: the node's
   description                                       `{"urdf": text}`
+  tell         kind, text                           an event of level info, for all who watch: what a client has to say
 
 A client that reads too slowly is dropped; a client that dies changes nothing but that its commands time out.
 """
@@ -59,6 +60,7 @@ __all__ = ["PROTOCOL", "ApiServer"]
 PROTOCOL = 1
 MAX_RATE = 1000.0  # Hz, of the state stream
 MAX_TIMEOUT_S = 60.0  # of one SDO answer
+MAX_KIND, MAX_TEXT = 32, 500  # characters of what a client tells
 _NMT = {
     "start": NmtCommand.START,
     "stop": NmtCommand.STOP,
@@ -102,6 +104,7 @@ class ApiServer:
             "sdo_read": self._sdo_read,
             "sdo_write": self._sdo_write,
             "description": lambda call: call.reply({"urdf": robot.setup.description.urdf_xml}),
+            "tell": self._tell,
         }
         robot.after_cycle.append(self._push)
 
@@ -217,6 +220,14 @@ class ApiServer:
         for node in list(robot.nodes.values()) if wanted == "all" else [robot.node(wanted)]:
             node.command(_NMT[name], robot.reactor.now())
             robot.bus_of(node).send_waiting()
+        call.reply({})
+
+    def _tell(self, call: Call) -> None:
+        """Let a client speak to all; on one line, since it is printed where the robot's own sentences are."""
+        kind, text = str(call.params["kind"]), " ".join(str(call.params["text"]).split())
+        if not (kind.isidentifier() and len(kind) <= MAX_KIND and 0 < len(text) <= MAX_TEXT and text.isprintable()):
+            raise LocalProtocolError(f"tell: a word as kind, and a printable text of 1 to {MAX_TEXT} characters")
+        self._robot.report(Event(self._robot.reactor.now(), kind, "", text))
         call.reply({})
 
     def _sdo_read(self, call: Call) -> None:

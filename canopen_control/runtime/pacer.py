@@ -7,6 +7,7 @@ a burst to catch up.
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -14,16 +15,23 @@ if TYPE_CHECKING:
 
     from canopen_control.host.reactor import Reactor, Timer
 
-__all__ = ["Pacer"]
+__all__ = ["LATE_EDGES_NS", "Pacer"]
+
+LATE_EDGES_NS = tuple(1000 * us for us in (10, 20, 50, 100, 200, 500, 1000, 2000, 5000, 10_000, 20_000, 50_000))
 
 
 class Pacer:
-    """Calls `work(now)` on every edge; times in ns. `late_max` is the worst lateness, `work_max` the longest cycle."""
+    """Calls `work(now)` on every edge; times in ns. `late_max` is the worst lateness, `work_max` the longest cycle.
+
+    `late_counts[i]` counts the cycles that came at most `LATE_EDGES_NS[i]` late, and later than the edge before it; the
+    last one counts the rest.
+    """
 
     def __init__(self, reactor: Reactor, period_ns: int, work: Callable[[int], None]) -> None:
         self.period_ns = period_ns
         self.count = self.missed = 0
         self.late_max = self.work_max = 0
+        self.late_counts = [0] * (len(LATE_EDGES_NS) + 1)
         self._reactor, self._work = reactor, work
         self._edge = 0
         self._timer: Timer | None = None
@@ -55,6 +63,7 @@ class Pacer:
         self.missed += skipped
         self.count += 1
         self.late_max = max(self.late_max, late)
+        self.late_counts[bisect_left(LATE_EDGES_NS, late)] += 1
         self._arm(self._edge + (skipped + 1) * self.period_ns)  # armed first: work may stop the pacer, or fail
         self._work(now)
         self.work_max = max(self.work_max, self._reactor.now() - now)

@@ -14,6 +14,7 @@ from canopen_control.cia402.modes import mode_name
 from canopen_control.controllers.broadcasters import DiagnosticsBroadcaster, GpioBroadcaster
 from canopen_control.controllers.diff_drive import DiffDriveController
 from canopen_control.hardware.simulation import SimulatedSystem
+from canopen_control.runtime.pacer import LATE_EDGES_NS
 
 if TYPE_CHECKING:
     from canopen_control.hardware.joint import JointDrive
@@ -31,6 +32,7 @@ def status_dict(robot: RobotCore) -> dict[str, Any]:
     return {
         "robot": robot.setup.name,
         **_common(robot),
+        "late_edges_s": [edge / 1e9 for edge in LATE_EDGES_NS],
         "buses": {
             name: {
                 "channel": bus.channel,
@@ -132,6 +134,7 @@ def _common(robot: RobotCore) -> dict[str, Any]:
             "missed": pacer.missed,
             "late_max_s": pacer.late_max / 1e9,
             "work_max_s": pacer.work_max / 1e9,
+            "late_counts": pacer.late_counts,
         },
         "nodes": {name: _node(robot, node, now) for name, node in robot.nodes.items()},
         "joints": _joints(robot),

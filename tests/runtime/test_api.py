@@ -192,3 +192,17 @@ def test_a_base_is_driven_by_stamped_twists_and_put_somewhere_else():
     client.close()
     base.api.close()
     base.close()
+
+
+def test_a_client_may_tell_something_to_all_who_watch(robby, client):
+    client.ask("subscribe", events=True)
+    client.send(method="tell", params={"kind": "flight", "text": "it is\nwritten"})
+    event = client.next()["event"]
+    assert (event["kind"], event["level"], event["text"], event["node"]) == ("flight", "info", "it is written", None)
+
+
+@pytest.mark.parametrize(
+    ("kind", "text"), [("", "x"), ("two words", "x"), ("x", ""), ("x", "y" * 501), ("x", "\x1b[2J")]
+)
+def test_what_a_client_tells_is_a_word_and_a_printable_line(client, kind, text):
+    assert "printable" in client.ask("tell", kind=kind, text=text)["error"]["message"]

@@ -2,7 +2,7 @@ import pytest
 
 from canopen_control.host.reactor import Reactor
 from canopen_control.host.timer import ManualClock
-from canopen_control.runtime.pacer import Pacer
+from canopen_control.runtime.pacer import LATE_EDGES_NS, Pacer
 
 MS = 1_000_000
 
@@ -46,6 +46,19 @@ def test_a_late_cycle_skips_what_it_missed_and_stays_on_the_grid(make):
     assert (edges[-1] - 1000) % (20 * MS) == 0
     assert pacer.late_max >= 10 * MS
     assert pacer.work_max == 50 * MS
+
+
+def test_every_cycle_is_counted_by_how_late_it_came(make):
+    def work(now):
+        if pacer.count == 3:
+            clock.now_ns += 21 * MS  # the fourth edge comes a millisecond late
+
+    clock, reactor, pacer = make(work)
+    pacer.start()
+    reactor.run_for(200 * MS)
+    assert sum(pacer.late_counts) == pacer.count == 10
+    assert pacer.late_counts[0] == 9
+    assert pacer.late_counts[LATE_EDGES_NS.index(MS)] == 1
 
 
 def test_work_may_stop_the_pacer(make):
