@@ -94,7 +94,7 @@ def _through_robot(args: argparse.Namespace, target: RobotTarget, command: NmtCo
         if place in waiting:
             _complain(str(place), nodes[place.name]["nmt_state"], args.command, patience, nodes[place.name]["error"])
         else:
-            print(f"{place}: {_words(nodes[place.name]['nmt_state'])}")
+            print(f"{place}: {_words(EXPECTED_STATE[command])}")
     return 1 if waiting else 0
 
 
@@ -109,17 +109,13 @@ def _shows(node: dict[str, Any], command: NmtCommand, elapsed: float) -> bool:
     """Whether the node has shown the wanted state since the command was sent."""
     if command is NmtCommand.START and not node["ready"]:  # configured too, and its process data live
         return False
-    wanted = {EXPECTED_STATE[command].name}
-    if command in RESETS:
-        wanted.add(NmtState.PRE_OPERATIONAL.name)  # where it goes by itself
-    return node["nmt_state"] in wanted and node["age_s"] is not None and node["age_s"] <= elapsed
+    # after a reset it goes on to PRE-OPERATIONAL by itself
+    wanted = NmtState.PRE_OPERATIONAL if command in RESETS else EXPECTED_STATE[command]
+    return node["nmt_state"] == wanted.name and node["age_s"] is not None and node["age_s"] <= elapsed
 
 
-def _words(state: NmtState | str) -> str:
-    name = state if isinstance(state, str) else state.name
-    if name == NmtState.INITIALISING.name:
-        return "has booted"
-    return name.replace("_", " ")
+def _words(state: NmtState) -> str:
+    return "has booted" if state is NmtState.INITIALISING else state.name.replace("_", " ")
 
 
 def _complain(who: str, state: str | None, command: str, patience: float, error: str | None = None) -> None:

@@ -73,6 +73,7 @@ class RemoteNode:
         self.stale = False
         """Whether one of its TPDOs stays away."""
         self.nmt_state: NmtState | None = None
+        """What it says it is in, None before it said anything and while it is silent."""
         self.last_seen: int | None = None
         self.error: str | None = None
         self.identity: BootResult | None = None
@@ -127,6 +128,7 @@ class RemoteNode:
 
     def lost(self, now: int, text: str, *, kind: str = "bus_lost") -> None:
         """Take the node for lost, because its bus is: it is booted anew when that is back."""
+        self.nmt_state = None
         self._drop(now, f"{self.log.who}: {text}", Level.ERROR, kind=kind)
         self._retry_at = None
 
@@ -146,6 +148,7 @@ class RemoteNode:
         if kind is HeartbeatEventKind.BOOT_UP:
             self._on_boot_up(now)
         elif kind is HeartbeatEventKind.MISSED:
+            self.nmt_state = None
             lost = HeartbeatLost(self.node_id, event.age_ns / 1e9, self.name)
             self._drop(now, str(lost), Level.ERROR, kind="heartbeat_lost", error=lost)
         elif kind is HeartbeatEventKind.RESOLVED:
@@ -166,6 +169,7 @@ class RemoteNode:
         """Take what node guarding tells of this node."""
         kind = event.kind
         if kind is GuardingEventKind.MISSED:
+            self.nmt_state = None
             life = self.config.guard_time * self.config.life_factor / 1000
             lost = HeartbeatLost(self.node_id, life, self.name)
             self._drop(
@@ -244,7 +248,7 @@ class RemoteNode:
         return now - newest if newest >= 0 else None
 
     def _on_boot_up(self, now: int) -> None:
-        self.nmt_state, self.last_seen = NmtState.INITIALISING, now
+        self.nmt_state, self.last_seen = NmtState.PRE_OPERATIONAL, now  # a boot-up tells that it has come there
         self.sdo.forget()  # a node that restarted answers nothing it was asked before
         self.log.boot_up(now)
         if self._task is not None and self._task.awaits_boot_up:

@@ -67,6 +67,28 @@ def test_silence_longer_than_the_heartbeat_time_is_a_loss_and_its_return_a_boot(
     robby.until(lambda: left(robby).ready, ms=4000)
 
 
+def test_the_nmt_state_is_what_the_node_said_last_and_unknown_while_it_is_silent(robby):
+    node, states = left(robby), []
+
+    def follow(ms):
+        for _ in range(ms):
+            robby.run(1)
+            if states[-1:] != [node.nmt_state]:
+                states.append(node.nmt_state)
+
+    for command in (NmtCommand.STOP, NmtCommand.RESET_NODE, NmtCommand.START):
+        node.command(command, robby.reactor.now())
+        robby.robot.buses["can"].send_waiting()
+        follow(1500)
+    robby.bus.cut("drive 3")
+    follow(1500)
+    robby.bus.uncut("drive 3")
+    follow(3000)
+    booted = [NmtState.PRE_OPERATIONAL, NmtState.OPERATIONAL]
+    # cut off from its master, the drive has stopped itself: 0x1029
+    assert states == [NmtState.OPERATIONAL, NmtState.STOPPED, *booted, None, NmtState.STOPPED, *booted]
+
+
 def test_jitter_of_the_heartbeat_is_no_loss(robby):
     for _ in range(10):
         robby.bus.cut("drive 3")
