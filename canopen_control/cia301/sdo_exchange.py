@@ -155,8 +155,11 @@ class SdoExchange:
 
     def _finish(self, request: SdoRequest, now: int, error: CanopenError | None = None) -> None:
         request.elapsed_ns = 0 if self._started is None else now - self._started
-        self._idle()
-        self.report(request, error)
+        self.active = self._transfer = self.deadline = None  # as `_idle`, and then as `report`: every round trip ends here
+        self._kind, self._mux = AWAIT_NOTHING, b""
+        request.error = error
+        request.done = True
+        self.finished.append(request)
 
     def _idle(self) -> None:
         self.active = self._transfer = self.deadline = None
