@@ -155,7 +155,7 @@ class SdoExchange:
 
     def _finish(self, request: SdoRequest, now: int, error: CanopenError | None = None) -> None:
         request.elapsed_ns = 0 if self._started is None else now - self._started
-        self.active = self._transfer = self.deadline = None  # as `_idle`, and then as `report`: every round trip ends here
+        self.active = self._transfer = self.deadline = None  # `_idle` and `report`, without the calls
         self._kind, self._mux = AWAIT_NOTHING, b""
         request.error = error
         request.done = True
