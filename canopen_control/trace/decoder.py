@@ -1,0 +1,309 @@
+"""Frames in words: who says what, by the names of bus.yml and EDS (CiA 301, CiA 305, CiA 402-2).
+
+The law of this file: pure and without a clock, and whatever is on the wire gets a line. One table says what an
+identifier carries: the PDOs of the network first, because a mapping may lie anywhere, then the predefined connection
+set. What needs history (an SDO transfer, the NMT state before, the mode that a statusword's bits depend on) is kept per
+node and bounded; a frame that makes no sense is said to make none.
+"""
+
+from __future__ import annotations
+
+import datetime
+import enum
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+from canopen_control.bus.error_events import events_of
+from canopen_control.cia301.emcy import EmcyMessage
+from canopen_control.cia301.emcy_codes import register_text
+from canopen_control.cia301.nmt import NmtState, parse_nmt, state_of_byte
+from canopen_control.cia301.pdo import PdoCodec
+from canopen_control.cia301.time_of_day import parse_time
+from canopen_control.cia402 import objects
+from canopen_control.cia402.state import decode_statusword
+from canopen_control.errors import LocalProtocolError
+from canopen_control.frame import BROADCAST, EXTENDED_FLAG, CanFrame, Service, service_of
+from canopen_control.trace.lss import lss_text
+from canopen_control.trace.network import NodeDescription
+from canopen_control.trace.sdo import SdoConversation
+from canopen_control.trace.values import NodeWords, SignalValue, is_faulty
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from canopen_control.trace.network import NetworkDescription, PdoDescription
+
+__all__ = ["SERVICES", "DecodedFrame", "Decoder", "Mark"]
+
+SERVICES: Final = ("nmt", "sync", "emcy", "time", "pdo", "sdo", "hb", "lss", "error", "raw")
+_LENGTH_OF_FULL_ERROR_FRAME = 8
+_LONGEST = 8  # bytes of a classic CAN frame
+
+
+class Mark(enum.IntEnum):
+    """How much a line deserves a look."""
+
+    PLAIN = 0
+    NOTABLE = 1  # something changed: NMT commands, boot-up, a new NMT state
+    WARNING = 2  # malformed, too short
+    ERROR = 3  # EMCY, abort, fault
+
+
+@dataclass(frozen=True, slots=True)
+class DecodedFrame:
+    """One frame in words.
+
+    `time` is what was given to `decode`, in ns. `service` is one of `SERVICES`; `node_id` is None where no node is
+    meant, and `node` empty where it has no name. `subject` says which one of the service (``TPDO1``), `text` what it
+    says, `values` the objects it carries.
+    """
+
+    time: int
+    can_id: int
+    data: bytes
+    service: str
+    node_id: int | None
+    node: str
+    text: str
+    values: tuple[SignalValue, ...] = ()
+    subject: str = ""
+    mark: Mark = Mark.PLAIN
+
+
+@dataclass(slots=True)
+class _Said:
+    """What a handler makes of a frame; `node_id` overrides that of the identifier."""
+
+    text: str
+    values: tuple[SignalValue, ...] = ()
+    mark: Mark = Mark.PLAIN
+    node_id: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class _Route:
+    """What an identifier carries."""
+
+    service: str
+    node_id: int | None
+    subject: str
+    handler: Callable[[CanFrame], _Said]
+
+
+class _Node:
+    """What is remembered of one node."""
+
+    __slots__ = ("nmt_state", "sdo", "words")
+
+    def __init__(self, description: NodeDescription) -> None:
+        self.words = NodeWords(description)
+        self.sdo = SdoConversation(description.od, self.words)
+        self.nmt_state: NmtState | None = None
+
+
+class Decoder:
+    """Turns the frames of one bus into words, in the order they came."""
+
+    def __init__(self, network: NetworkDescription) -> None:
+        self.network = network
+        self._nodes: dict[int, _Node] = {}
+        self._routes: dict[int, _Route] = {}
+        self._add(network.sync_cob_id, "sync", None, "SYNC", _sync)
+        for node in network.nodes.values():
+            self._add(node.emcy_cob_id, "emcy", node.node_id, "EMCY", self._emcy(node.node_id))
+            for pdo in node.pdos:
+                self._add(pdo.cob_id, "pdo", node.node_id, pdo.name, self._pdo(node, pdo))
+
+    def _add(
+        self, can_id: int, service: str, node_id: int | None, subject: str, handler: Callable[[CanFrame], _Said]
+    ) -> None:
+        self._routes[can_id] = _Route(service, node_id, subject, handler)
+
+    def decode(self, frame: CanFrame, time: int = 0) -> DecodedFrame:
+        """Return `frame` in words; `time` in ns is passed on. Never raises, whatever the frame holds."""
+        frame = frame if len(frame.data) <= _LONGEST else CanFrame(frame.can_id, bytes(frame.data[:_LONGEST]))
+        route, said = self._answer(frame)
+        node_id = route.node_id if said.node_id is None else said.node_id
+        return DecodedFrame(
+            time,
+            frame.can_id,
+            bytes(frame.data),
+            route.service,
+            node_id,
+            "" if node_id is None else self.network.name_of(node_id),
+            said.text,
+            said.values,
+            route.subject,
+            said.mark,
+        )
+
+    def _answer(self, frame: CanFrame) -> tuple[_Route, _Said]:
+        if frame.is_error:
+            return _ERROR, _error(frame)
+        if frame.is_remote:
+            return self._remote(CanFrame(frame.can_id & ~0x40000000, frame.data))
+        route = self._routes.get(frame.can_id) or self._predefined(frame.can_id)
+        return route, route.handler(frame)
+
+    def _predefined(self, can_id: int) -> _Route:
+        """Return what the predefined connection set puts there, and remember it: 2048 identifiers at most."""
+        if can_id & EXTENDED_FLAG or can_id > 0x7FF:
+            return _EXTENDED
+        service, node_id = service_of(can_id) or (None, BROADCAST)
+        route = _UNKNOWN if service is None else self._route(service, node_id)
+        self._routes[can_id] = route
+        return route
+
+    def _route(self, service: Service, node_id: int) -> _Route:
+        if service in _SINGLE:
+            name, subject, handler = _SINGLE[service]
+            return _Route(name, None, subject, handler or self._nmt)
+        if service is Service.EMCY:
+            return _Route("emcy", node_id, "EMCY", self._emcy(node_id))
+        if service is Service.HEARTBEAT:
+            return _Route("hb", node_id, "heartbeat", self._heartbeat(node_id))
+        if service in (Service.SDO_CLIENT, Service.SDO_SERVER):
+            from_client = service is Service.SDO_CLIENT
+            subject = "SDO request" if from_client else "SDO answer"
+            return _Route("sdo", node_id, subject, self._sdo(node_id, from_client))
+        return _Route("pdo", node_id, service.name, _unmapped)
+
+    def _node(self, node_id: int) -> _Node:
+        if (node := self._nodes.get(node_id)) is None:
+            description = self.network.nodes.get(node_id) or NodeDescription("", node_id)
+            node = self._nodes[node_id] = _Node(description)
+        return node
+
+    # --- handlers ---
+
+    def _nmt(self, frame: CanFrame) -> _Said:
+        parsed = parse_nmt(frame)
+        if parsed is None:
+            return _Said("no command of the standard", mark=Mark.WARNING)
+        command, node_id = parsed
+        who = "all nodes" if node_id == BROADCAST else self._who(node_id)
+        return _Said(f"{command.name.replace('_', ' ')}, {who}", mark=Mark.NOTABLE, node_id=node_id or None)
+
+    def _who(self, node_id: int) -> str:
+        name = self.network.name_of(node_id)
+        return f"node {node_id} ({name})" if name else f"node {node_id}"
+
+    def _remote(self, frame: CanFrame) -> tuple[_Route, _Said]:
+        route = self._routes.get(frame.can_id) or self._predefined(frame.can_id)
+        asked = "guarding request" if route.service == "hb" else f"asks for {route.subject}"
+        return route, _Said(asked if route.subject else f"remote frame, {len(frame.data)} bytes")
+
+    def _emcy(self, node_id: int) -> Callable[[CanFrame], _Said]:
+        def said(frame: CanFrame) -> _Said:
+            message = EmcyMessage.parse(frame, node_id)
+            if message is None:
+                return _Said(f"malformed: {len(frame.data)} bytes", mark=Mark.WARNING)
+            bits = register_text(message.error_register)
+            register = f"register 0x{message.error_register:02X}" + (f" ({bits})" if bits else "")
+            extra = f", data {message.data.hex(' ')}" if any(message.data) else ""
+            text = f"0x{message.error_code:04X} {message.text}, {register}{extra}"
+            return _Said(text, mark=Mark.NOTABLE if message.is_reset else Mark.ERROR)
+
+        return said
+
+    def _heartbeat(self, node_id: int) -> Callable[[CanFrame], _Said]:
+        def said(frame: CanFrame) -> _Said:
+            node = self._node(node_id)
+            state = state_of_byte(frame.data[0]) if len(frame.data) == 1 else None
+            if state is None:
+                return _Said(f"malformed: {frame.data.hex(' ') or 'no data'}", mark=Mark.WARNING)
+            before, node.nmt_state = node.nmt_state, state
+            if state is NmtState.INITIALISING:
+                return _Said("boot-up", mark=Mark.NOTABLE)
+            name = state.name.replace("_", "-")
+            toggle = ", toggle 1" if frame.data[0] & 0x80 else ""
+            if before in (None, state):
+                return _Said(f"{name}{toggle}")
+            was = "after boot-up" if before is NmtState.INITIALISING else f"was {before.name.replace('_', '-')}"
+            return _Said(f"{name}{toggle} ({was})", mark=Mark.NOTABLE)
+
+        return said
+
+    def _sdo(self, node_id: int, from_client: bool) -> Callable[[CanFrame], _Said]:
+        conversation = self._node(node_id).sdo
+
+        def said(frame: CanFrame) -> _Said:
+            text, value, is_abort = conversation.receive(frame.data, from_client=from_client)
+            return _Said(text, () if value is None else (value,), Mark.ERROR if is_abort else Mark.PLAIN)
+
+        return said
+
+    def _pdo(self, node: NodeDescription, pdo: PdoDescription) -> Callable[[CanFrame], _Said]:
+        try:
+            codec = PdoCodec([each.mapped for each in pdo.objects])
+        except LocalProtocolError as error:
+            reason = f"its mapping cannot be read: {error}"
+            return lambda frame: _Said(f"{frame.data.hex(' ')}; {reason}", mark=Mark.WARNING)
+        words = self._node(node.node_id).words
+
+        def said(frame: CanFrame) -> _Said:
+            if len(frame.data) < codec.length:
+                short = f"too short: {len(frame.data)} bytes, {codec.length} are mapped"
+                return _Said(short, mark=Mark.WARNING)
+            return _mapped(words, pdo, codec, frame.data)
+
+        return said
+
+
+def _mapped(words: NodeWords, pdo: PdoDescription, codec: PdoCodec, data: bytes) -> _Said:
+    """Put the values of a PDO into words; the mode goes before the statusword whose bits it explains."""
+    pairs = [(each, value) for each, value in zip(pdo.objects, codec.unpack(data), strict=True) if not each.is_dummy]
+    for each, value in pairs:
+        if objects.axis_of(each.index)[0] == objects.MODES_OF_OPERATION_DISPLAY:
+            words.text(each.index, each.subindex, value)
+    mark, values = Mark.PLAIN, []
+    for each, value in pairs:
+        text = words.text(each.index, each.subindex, value)
+        name = each.name or words.name(each.index, each.subindex) or f"0x{each.index:04X}:{each.subindex:02X}"
+        values.append(SignalValue(each.index, each.subindex, name, value, text))
+        axis = words.axis(each.index)
+        is_state = axis is not None and objects.axis_of(each.index)[0] == objects.STATUSWORD
+        if is_state and isinstance(value, int) and is_faulty(decode_statusword(value)):
+            mark = Mark.ERROR
+    text = "; ".join(f"{value.name} {value.text}" for value in values)
+    if len(data) > codec.length:
+        text += f"; {len(data)} bytes, {codec.length} are mapped"
+    return _Said(text or "nothing is mapped", tuple(values), mark)
+
+
+def _sync(frame: CanFrame) -> _Said:
+    return _Said(f"counter {frame.data[0]}" if frame.data else "")
+
+
+def _time(frame: CanFrame) -> _Said:
+    time = parse_time(frame.data)
+    if time is None:
+        return _Said(f"malformed: {len(frame.data)} bytes", mark=Mark.WARNING)
+    moment = datetime.datetime(1984, 1, 1) + datetime.timedelta(days=time.days, milliseconds=time.ms)  # noqa: DTZ001
+    return _Said(moment.isoformat(" ", "milliseconds"))
+
+
+def _unmapped(frame: CanFrame) -> _Said:  # noqa: ARG001 - one shape for all handlers
+    return _Said("nobody said what it carries")
+
+
+def _error(frame: CanFrame) -> _Said:
+    padded = CanFrame(frame.can_id, frame.data.ljust(_LENGTH_OF_FULL_ERROR_FRAME, b"\0"))
+    text = "; ".join(event.text for event in events_of(padded))
+    return _Said(text or "bus error: a frame was disturbed", mark=Mark.ERROR if text else Mark.WARNING)
+
+
+def _nothing(frame: CanFrame) -> _Said:  # noqa: ARG001
+    return _Said("no CANopen service has this identifier")
+
+
+_ERROR = _Route("error", None, "CAN error", _error)
+_UNKNOWN = _Route("raw", None, "", _nothing)
+_EXTENDED = _Route("raw", None, "", lambda _frame: _Said("29-bit identifier, no PDO of this bus has it"))
+_SINGLE: dict[Service, tuple[str, str, Callable[[CanFrame], _Said] | None]] = {
+    Service.NMT: ("nmt", "NMT", None),
+    Service.SYNC: ("sync", "SYNC", _sync),
+    Service.TIME: ("time", "TIME", _time),
+    Service.LSS_MASTER: ("lss", "LSS request", lambda frame: _Said(lss_text(frame.data, from_master=True))),
+    Service.LSS_SLAVE: ("lss", "LSS answer", lambda frame: _Said(lss_text(frame.data, from_master=False))),
+}

@@ -1,0 +1,237 @@
+"""What is on a bus: who the nodes are, which objects they have, what their PDOs carry.
+
+Plain frozen data. It is made of a layout (the JSON that `master/layout.py` makes of a bus.yml and that a running robot
+gives by the API's `layout`), or of EDS files alone with the PDOs as they are by default. What is missing (an EDS that
+cannot be read, a node nobody described) costs names, never frames.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from canopen_control.cia301.pdo import EXTENDED_BIT, INVALID_BIT, MappedObject
+from canopen_control.errors import CanopenError
+from canopen_control.frame import EXTENDED_FLAG
+from canopen_control.od.eds import read_eds
+from canopen_control.od.model import DataType, ObjectCode
+from canopen_control.od.pdos import pdos_of
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+
+    from canopen_control.od.model import ObjectDictionary
+    from canopen_control.od.pdos import Pdo
+
+__all__ = [
+    "NetworkDescription",
+    "NodeDescription",
+    "PdoDescription",
+    "PdoObject",
+    "entry_name",
+    "network_of_layout",
+    "node_of_eds",
+    "pdos_by_default",
+]
+
+DEFAULT_BITRATE = 1_000_000
+SYNC_COB_ID = 0x80
+_EMCY_COB_ID = 0x1014
+_DEVICE_TYPE, _CONTROLWORD, _STATUSWORD = 0x1000, 0x6040, 0x6041
+_DRIVE_PROFILE = 402
+_RAW_TYPES = {
+    8: DataType.UNSIGNED8,
+    16: DataType.UNSIGNED16,
+    24: DataType.UNSIGNED24,
+    32: DataType.UNSIGNED32,
+    40: DataType.UNSIGNED40,
+    48: DataType.UNSIGNED48,
+    56: DataType.UNSIGNED56,
+    64: DataType.UNSIGNED64,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class PdoObject:
+    """One object of a PDO and its name; `bits` is its width in the PDO."""
+
+    index: int
+    subindex: int
+    bits: int
+    data_type: DataType
+    name: str
+
+    @property
+    def mapped(self) -> MappedObject:
+        """The same without its name, for a `PdoCodec`."""
+        return MappedObject(self.index, self.subindex, self.bits, self.data_type)
+
+    @property
+    def is_dummy(self) -> bool:
+        """Whether it is a data type that fills a gap."""
+        return self.index <= 7 and not self.subindex
+
+
+@dataclass(frozen=True, slots=True)
+class PdoDescription:
+    """A live PDO; `direction` is the device's, "rpdo" or "tpdo", `cob_id` has the flag of a 29-bit identifier."""
+
+    cob_id: int
+    direction: str
+    number: int
+    objects: tuple[PdoObject, ...]
+    transmission_type: int = 255
+
+    @property
+    def name(self) -> str:
+        """``RPDO1`` or alike."""
+        return f"{self.direction.upper()}{self.number}"
+
+
+@dataclass(frozen=True, slots=True)
+class NodeDescription:
+    """One node; `od` is None where no EDS describes it, `eds` is the path of the one that does."""
+
+    name: str
+    node_id: int
+    od: ObjectDictionary | None = None
+    pdos: tuple[PdoDescription, ...] = ()
+    eds: str = ""
+
+    def __str__(self) -> str:
+        return f"node {self.node_id} ({self.name})" if self.name else f"node {self.node_id}"
+
+    @property
+    def is_drive(self) -> bool:
+        """Whether 0x6040 and what follows mean what CiA 402 says; taken for granted where nothing is known."""
+        if self.od is None:
+            return True
+        device_type = self.od.get(_DEVICE_TYPE)
+        value = device_type.value if device_type is not None else None
+        if isinstance(value, int) and value & 0xFFFF not in (0, _DRIVE_PROFILE):
+            return False
+        return (_CONTROLWORD, 0) in self.od or (_STATUSWORD, 0) in self.od
+
+    @property
+    def emcy_cob_id(self) -> int:
+        """Where it sends EMCY: 0x1014 as its EDS has it, else the predefined one."""
+        entry = self.od.get(_EMCY_COB_ID) if self.od is not None else None
+        value = entry.value if entry is not None else None
+        return _can_id(value) if isinstance(value, int) and value & 0x7FF else SYNC_COB_ID + self.node_id
+
+
+@dataclass(frozen=True, slots=True)
+class NetworkDescription:
+    """A bus; `bitrate` in bit/s, `sync_cob_id` with the flag of a 29-bit identifier.
+
+    `notes` says what could not be read and therefore has no name.
+    """
+
+    channel: str = ""
+    bitrate: int = DEFAULT_BITRATE
+    master_node_id: int | None = None
+    sync_cob_id: int = SYNC_COB_ID
+    nodes: Mapping[int, NodeDescription] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+
+    def name_of(self, node_id: int) -> str:
+        """Return the name of a node, `master` for the master, or an empty string."""
+        node = self.nodes.get(node_id)
+        if node is not None:
+            return node.name
+        return "master" if node_id == self.master_node_id else ""
+
+
+def entry_name(od: ObjectDictionary | None, index: int, subindex: int) -> str:
+    """Return what the EDS calls an entry, with its object where it is a part of one; empty where it is unknown."""
+    if od is None:
+        return ""
+    entry, info = od.get(index, subindex), od.objects.get(index)
+    if entry is None:
+        return info.name if info is not None else ""
+    if info is None or info.code in (ObjectCode.VAR, ObjectCode.DOMAIN) or info.name == entry.name:
+        return entry.name
+    return f"{info.name}: {entry.name}"
+
+
+def network_of_layout(layout: Mapping[str, Any]) -> NetworkDescription:
+    """Make the description of one bus of a layout; an EDS that is gone or bad becomes a note."""
+    notes: list[str] = []
+    nodes = {}
+    for each in layout["nodes"]:
+        od = _read(str(each["eds"]), int(each["node_id"]), notes) if each.get("eds") else None
+        pdos = tuple(_pdo_of_layout(pdo) for pdo in each["pdos"])
+        nodes[int(each["node_id"])] = NodeDescription(each["name"], each["node_id"], od, pdos, str(each["eds"] or ""))
+    return NetworkDescription(
+        str(layout["channel"]),
+        int(layout["bitrate"]),
+        layout["master_node_id"],
+        int(layout.get("sync_cob_id", SYNC_COB_ID)),
+        nodes,
+        tuple(notes),
+    )
+
+
+def node_of_eds(path: str | Path, node_id: int, name: str = "") -> NodeDescription:
+    """Describe a node by its EDS alone, its PDOs as they are by default; raises `EdsError`."""
+    od = read_eds(path, node_id).od
+    return NodeDescription(name or Path(path).stem, node_id, od, pdos_by_default(od), str(path))
+
+
+def pdos_by_default(od: ObjectDictionary) -> tuple[PdoDescription, ...]:
+    """Return the PDOs that are live without any configuration."""
+    return tuple(_pdo_by_default(od, pdo) for pdo in pdos_of(od) if pdo.enabled and pdo.mapped)
+
+
+def _pdo_by_default(od: ObjectDictionary, pdo: Pdo) -> PdoDescription:
+    objects = (
+        PdoObject(
+            mapped.index,
+            mapped.subindex,
+            mapped.bits,
+            _type_of(od, mapped.index, mapped.subindex, mapped.bits),
+            entry_name(od, mapped.index, mapped.subindex),
+        )
+        for mapped in pdo.mapped
+    )
+    kind = "rpdo" if pdo.is_rpdo else "tpdo"
+    transmission = 255 if pdo.transmission_type is None else pdo.transmission_type
+    return PdoDescription(_can_id(pdo.cob_id or 0), kind, pdo.number, tuple(objects), transmission)
+
+
+def _type_of(od: ObjectDictionary, index: int, subindex: int, bits: int) -> DataType:
+    entry = od.get(index, subindex)
+    if entry is not None:
+        return entry.data_type
+    return _RAW_TYPES.get(bits, DataType.UNSIGNED64 if bits % 8 else DataType.OCTET_STRING)
+
+
+def _can_id(entry: int) -> int:
+    """Return the can_id of a COB-ID entry: bit 29 says that the identifier has 29 bits."""
+    entry &= ~INVALID_BIT
+    return entry & 0x1FFFFFFF | EXTENDED_FLAG if entry & EXTENDED_BIT else entry & 0x7FF
+
+
+def _pdo_of_layout(pdo: Mapping[str, Any]) -> PdoDescription:
+    return PdoDescription(
+        int(pdo["cob_id"]),
+        str(pdo["direction"]),
+        int(pdo["number"]),
+        tuple(_object_of_layout(pdo["objects"])),
+        int(pdo.get("transmission_type", 255)),
+    )
+
+
+def _object_of_layout(objects: Iterable[Mapping[str, Any]]) -> Iterable[PdoObject]:
+    for each in objects:
+        data_type = DataType[str(each["data_type"])]
+        yield PdoObject(int(each["index"]), int(each["subindex"]), int(each["bits"]), data_type, str(each["name"]))
+
+
+def _read(path: str, node_id: int, notes: list[str]) -> ObjectDictionary | None:
+    try:
+        return read_eds(path, node_id).od
+    except (CanopenError, OSError) as error:
+        notes.append(f"node {node_id} has no names: {error}")
+        return None

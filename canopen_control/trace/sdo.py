@@ -1,0 +1,273 @@
+"""One node's SDO conversation as a listener hears it: segments and blocks put together (CiA 301, 7.2.4.3).
+
+The law of this file: it judges nothing. A frame that does not fit the conversation is said to, and the conversation
+goes on with the next initiate; a listener may have come late or may have lost frames. What a transfer carries is kept
+up to `LIMIT` bytes, its length is counted on.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+from canopen_control.cia301.abort import abort_text
+from canopen_control.cia301.sdo_codec import (
+    ABORT,
+    BLOCK_ACK,
+    BLOCK_DOWNLOAD,
+    BLOCK_DOWNLOAD_ANSWER,
+    BLOCK_END_ANSWER,
+    BLOCK_START,
+    BLOCK_UPLOAD,
+    BLOCK_UPLOAD_ANSWER,
+    COMMAND_MASK,
+    DOWNLOAD,
+    DOWNLOAD_ANSWER,
+    DOWNLOAD_SEGMENT_ANSWER,
+    LAST_FLAG,
+    SEGMENT,
+    SEGMENT_DATA,
+    SIZED_FLAG,
+    UPLOAD,
+    UPLOAD_SEGMENT,
+)
+from canopen_control.trace.values import SignalValue, decoded
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from canopen_control.od.model import ObjectDictionary
+    from canopen_control.trace.values import NodeWords
+
+__all__ = ["LIMIT", "SdoConversation", "SdoText"]
+
+LIMIT: Final = 1 << 16  # bytes kept of one transfer
+_EXPEDITED, _SIZED = 0x02, 0x01
+
+
+class SdoText(NamedTuple):
+    """What a frame says, the value where it completes one, and whether it is an abort."""
+
+    text: str
+    value: SignalValue | None = None
+    is_abort: bool = False
+
+
+class SdoConversation:
+    """What client and server of one node say to each other."""
+
+    def __init__(self, od: ObjectDictionary | None, words: NodeWords) -> None:
+        self._od, self._words = od, words
+        self._client: dict[int, Callable[[bytes], SdoText]] = {
+            DOWNLOAD: self._download,
+            SEGMENT: lambda data: self._segment(data, "write"),
+            UPLOAD: self._upload,
+            UPLOAD_SEGMENT: lambda _data: SdoText(f"next segment of {self._where()}"),
+            BLOCK_UPLOAD & COMMAND_MASK: self._block_upload_client,
+            BLOCK_DOWNLOAD & COMMAND_MASK: self._block_download_client,
+            ABORT: lambda data: self._abort(data, "the client"),
+        }
+        self._server: dict[int, Callable[[bytes], SdoText]] = {
+            DOWNLOAD_ANSWER: self._download_answer,
+            DOWNLOAD_SEGMENT_ANSWER: lambda _data: SdoText(f"segment of {self._where()} taken"),
+            UPLOAD: self._upload_answer,
+            SEGMENT: lambda data: self._segment(data, "read"),
+            BLOCK_DOWNLOAD_ANSWER & COMMAND_MASK: self._block_download_server,
+            BLOCK_UPLOAD_ANSWER & COMMAND_MASK: self._block_upload_server,
+            ABORT: lambda data: self._abort(data, "the node"),
+        }
+        self._end()
+
+    def _end(self) -> None:
+        self._address: tuple[int, int] | None = None
+        self._kind = ""  # "read", "write", "block read", "block write"
+        self._data = bytearray()
+        self._length = 0
+        self._size = 0
+        self._streams = False  # the next frames of the sender are a block's segments
+        self._block: dict[int, bytes] = {}
+        self._last = 0  # the sequence number of the block's last segment
+
+    def receive(self, data: bytes, *, from_client: bool) -> SdoText:
+        """Put one frame into words; a frame cut behind its last used byte is filled up."""
+        if not data:
+            return SdoText("malformed: no data")
+        data = data.ljust(8, b"\0")
+        if self._streams and from_client == (self._kind == "block write") and data[0] != ABORT:
+            return self._block_segment(data)
+        handler = (self._client if from_client else self._server).get(data[0] & COMMAND_MASK)
+        return SdoText(f"unknown command 0x{data[0]:02X}") if handler is None else handler(data)
+
+    # --- what is spoken of ---
+
+    def _begin(self, data: bytes, kind: str) -> str:
+        self._end()
+        self._address, self._kind = (data[1] | data[2] << 8, data[3]), kind
+        return self._where()
+
+    def _where(self) -> str:
+        if self._address is None:
+            return "a transfer that began unheard"
+        return self._named(*self._address)
+
+    def _named(self, index: int, subindex: int) -> str:
+        name = self._words.name(index, subindex)
+        return f"0x{index:04X}:{subindex:02X}" + (f" {name}" if name else "")
+
+    def _value(self, data: bytes) -> SignalValue | None:
+        if self._address is None:
+            return None
+        index, subindex = self._address
+        entry = self._od.get(index, subindex) if self._od is not None else None
+        data_type = entry.data_type if entry is not None else None
+        value = decoded(data, data_type)
+        text = self._words.text(index, subindex, value)
+        if isinstance(value, int) and text == str(value) and value > 9:
+            text = f"{value} (0x{value:X})"
+        return SignalValue(index, subindex, self._words.name(index, subindex), value, text)
+
+    def _sized_for(self, data: bytes) -> bytes:
+        """Cut an expedited value of unsaid size to its type."""
+        entry = self._od.get(*self._address) if self._od is not None and self._address is not None else None
+        bits = entry.data_type.bits if entry is not None else None
+        return data if bits is None else data[: (bits + 7) // 8]
+
+    def _carried(self, data: bytes) -> bytes:
+        sized = data[4 : 8 - (data[0] >> 2 & 3)]
+        return sized if data[0] & _SIZED else self._sized_for(data[4:8])
+
+    def _announced(self, data: bytes) -> str:
+        self._size = int.from_bytes(data[4:8], "little")
+        return f"{self._size} bytes"
+
+    # --- expedited and segmented ---
+
+    def _download(self, data: bytes) -> SdoText:
+        where = self._begin(data, "write")
+        if data[0] & _EXPEDITED:
+            value = self._value(self._carried(data))
+            return SdoText(f"write {where} = {value.text if value else ''}", value)
+        size = f", {self._announced(data)}" if data[0] & _SIZED else ""
+        return SdoText(f"write {where}{size} in segments")
+
+    def _download_answer(self, data: bytes) -> SdoText:
+        address = data[1] | data[2] << 8, data[3]
+        if address != self._address:
+            self._begin(data, "write")
+        return SdoText(f"written {self._named(*address)}" if not self._size else f"go on with {self._named(*address)}")
+
+    def _upload(self, data: bytes) -> SdoText:
+        return SdoText(f"read {self._begin(data, 'read')}")
+
+    def _upload_answer(self, data: bytes) -> SdoText:
+        address = data[1] | data[2] << 8, data[3]
+        if address != self._address or self._kind != "read":
+            self._begin(data, "read")
+        if data[0] & _EXPEDITED:
+            return self._completed(self._carried(data))
+        size = self._announced(data) if data[0] & _SIZED else "length unsaid"
+        return SdoText(f"{self._where()}: {size}, in segments")
+
+    def _segment(self, data: bytes, kind: str) -> SdoText:
+        if self._address is None or self._kind != kind:
+            return SdoText("segment of a transfer that began unheard")
+        self._keep(data[1 : 8 - (data[0] >> 1 & 7)])
+        if not data[0] & 1:
+            return SdoText(f"segment of {self._where()}, {self._progress()}")
+        return self._completed(bytes(self._data), kind=kind)
+
+    def _keep(self, part: bytes) -> None:
+        self._length += len(part)
+        if len(self._data) < LIMIT:
+            self._data += part[: LIMIT - len(self._data)]
+
+    def _progress(self) -> str:
+        return f"{self._length} of {self._size} bytes" if self._size else f"{self._length} bytes"
+
+    def _completed(self, data: bytes, *, kind: str = "read") -> SdoText:
+        value = None if self._length > LIMIT else self._value(data)
+        verb = "write " if kind == "write" else ""
+        text = f"{verb}{self._where()} = {value.text if value else f'{self._length} bytes'}"
+        self._size = 0  # the answer to a last written segment says that it is written
+        if kind == "read":
+            self._end()
+        return SdoText(text, value)
+
+    def _abort(self, data: bytes, who: str) -> SdoText:
+        code = int.from_bytes(data[4:8], "little")
+        index, subindex = data[1] | data[2] << 8, data[3]
+        where = self._named(index, subindex) if index else self._where()
+        self._end()
+        return SdoText(f"ABORT by {who}, {where}: 0x{code:08X} {abort_text(code)}", is_abort=True)
+
+    # --- blocks ---
+
+    def _block_download_client(self, data: bytes) -> SdoText:
+        if data[0] & 1:
+            return self._block_end(data, "block write")
+        where = self._begin(data, "block write")
+        size = f", {self._announced(data)}" if data[0] & SIZED_FLAG else ""
+        return SdoText(f"write {where}{size} in blocks")
+
+    def _block_download_server(self, data: bytes) -> SdoText:
+        if data[0] == BLOCK_ACK:
+            return self._acknowledged(data)
+        if data[0] == BLOCK_END_ANSWER:
+            where = self._where()
+            self._end()
+            return SdoText(f"written {where}")
+        if self._kind != "block write":
+            self._begin(data, "block write")
+        self._streams = True
+        return SdoText(f"go on with {self._where()}, blocks of {data[4]} segments")
+
+    def _block_upload_client(self, data: bytes) -> SdoText:
+        if data[0] == BLOCK_ACK:
+            return self._acknowledged(data)
+        if data[0] == BLOCK_START:
+            self._streams = self._kind == "block read"
+            return SdoText(f"send {self._where()}")
+        if data[0] == BLOCK_END_ANSWER:
+            where = self._where()
+            self._end()
+            return SdoText(f"{where} taken")
+        return SdoText(f"read {self._begin(data, 'block read')} in blocks of {data[4]} segments")
+
+    def _block_upload_server(self, data: bytes) -> SdoText:
+        if data[0] & 1:
+            return self._block_end(data, "block read")
+        address = data[1] | data[2] << 8, data[3]
+        if address != self._address or self._kind != "block read":
+            self._begin(data, "block read")
+        size = self._announced(data) if data[0] & SIZED_FLAG else "length unsaid"
+        return SdoText(f"{self._where()}: {size}, in blocks")
+
+    def _block_segment(self, data: bytes) -> SdoText:
+        number = data[0] & ~LAST_FLAG
+        self._block[number] = data[1:8]
+        if data[0] & LAST_FLAG:
+            self._last = number
+            self._streams = False
+        end = ", the last" if data[0] & LAST_FLAG else ""
+        return SdoText(f"block segment {number} of {self._where()}{end}")
+
+    def _acknowledged(self, data: bytes) -> SdoText:
+        """Keep what the receiver has got; what it has not comes again."""
+        got, expected = data[1], max(self._block, default=0)
+        for number in range(1, got + 1):
+            self._keep(self._block.get(number, bytes(SEGMENT_DATA)))
+        again = f", {expected - got} come again" if got < expected else ""
+        if again or not self._last:
+            self._streams, self._last = self._address is not None, 0
+        self._block = {}
+        return SdoText(f"{got} segments of {self._where()} taken{again}")
+
+    def _block_end(self, data: bytes, kind: str) -> SdoText:
+        if self._kind != kind:
+            return SdoText("end of a block transfer that began unheard")
+        self._streams = False
+        unused = data[0] >> 2 & 7
+        self._length = max(0, self._length - unused)
+        whole = self._length <= LIMIT
+        value = self._value(bytes(self._data[: self._length])) if whole else None
+        verb = "write " if kind == "block write" else ""
+        return SdoText(f"{verb}{self._where()} = {value.text if value else f'{self._length} bytes'}", value)

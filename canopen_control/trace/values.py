@@ -1,0 +1,272 @@
+"""Values of objects in words: what a statusword, a COB-ID entry or a mapping says, for one who reads a trace.
+
+The law of the file: the number always stays in sight; the words stand behind it. Objects of the communication profile
+are CiA 301's (7.5.2), those of 0x6000 and up are CiA 402-2's, and only for a node that is a drive.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+from canopen_control.cia301.emcy_codes import error_text, register_text
+from canopen_control.cia301.pdo import DUMMY_TYPES, INVALID_BIT, parse_mapping_entry
+from canopen_control.cia402 import objects
+from canopen_control.cia402.modes import MODE_BITS, mode_name
+from canopen_control.cia402.state import (
+    HALT_BIT,
+    INTERNAL_LIMIT,
+    POWERED_STATES,
+    REMOTE,
+    TARGET_REACHED,
+    VOLTAGE_ENABLED,
+    WARNING,
+    Command,
+    State,
+    command_of,
+    decode_statusword,
+)
+from canopen_control.od.codec import decode
+from canopen_control.trace.network import entry_name
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from canopen_control.od.model import DataType, ObjectDictionary, Value
+    from canopen_control.trace.network import NodeDescription
+
+__all__ = [
+    "AxisWords",
+    "NodeWords",
+    "SignalValue",
+    "bytes_text",
+    "controlword_text",
+    "decoded",
+    "is_faulty",
+    "statusword_text",
+]
+
+_SHOWN_BYTES = 16
+_NUMBER_SIZES = (1, 2, 4, 8)
+_SIGNATURES = {0x65766173: "save", 0x64616F6C: "load"}
+
+
+class SignalValue(NamedTuple):
+    """One value of a frame: the object's address and name, its value by its type, and the same in words."""
+
+    index: int  # type: ignore[assignment]  # hides tuple.index, which means nothing here
+    subindex: int
+    name: str
+    value: Value
+    text: str
+
+
+def is_faulty(state: State | None) -> bool:
+    """Whether a statusword with this state needs somebody to look."""
+    return state in (State.FAULT, State.FAULT_REACTION_ACTIVE)
+
+
+def statusword_text(statusword: int, mode: int | None = None) -> str:
+    """Return ``0x0637 OPERATION ENABLED, target reached``; `mode` is the one displayed, for bits 10, 12 and 13."""
+    state = decode_statusword(statusword)
+    name = "undefined state" if state is None else state.name.replace("_", " ")
+    return ", ".join((f"0x{statusword & 0xFFFF:04X} {name}", *_status_flags(statusword, state, mode)))
+
+
+def _status_flags(statusword: int, state: State | None, mode: int | None) -> Iterator[str]:
+    if state in POWERED_STATES and not statusword & VOLTAGE_ENABLED:
+        yield "no voltage"
+    if statusword & WARNING:
+        yield "warning"
+    if not statusword & REMOTE:
+        yield "not remote"
+    if statusword & INTERNAL_LIMIT:
+        yield "internal limit"
+    known = MODE_BITS.get(mode) if mode is not None else None
+    if known is None:
+        if statusword & TARGET_REACHED:
+            yield "target reached"
+        return
+    for bit, text in known.statusword.items():
+        if statusword >> bit & 1:
+            yield text
+
+
+def controlword_text(controlword: int, previous: int = 0, state: State | None = None, mode: int | None = None) -> str:
+    """Return ``0x000F ENABLE OPERATION``; `previous` is the controlword before, `state` the drive's last one."""
+    command = command_of(controlword, previous)
+    if command is None:
+        name = "FAULT RESET held" if controlword & 0x80 else "no command"
+    elif command is Command.SWITCH_ON and state is State.OPERATION_ENABLED:
+        name = "DISABLE OPERATION"  # one pattern, two names: the drive's state tells them apart
+    else:
+        name = command.name.replace("_", " ")
+    known = MODE_BITS.get(mode) if mode is not None else None
+    bits = known.controlword if known is not None else {8: "halt"} if controlword & HALT_BIT else {}
+    flags = [text for bit, text in bits.items() if controlword >> bit & 1]
+    return ", ".join((f"0x{controlword & 0xFFFF:04X} {name}", *flags))
+
+
+def bytes_text(data: bytes) -> str:
+    """Return bytes as hex; of many the first ones and how many there are."""
+    if len(data) <= _SHOWN_BYTES:
+        return data.hex(" ") or "no bytes"
+    return f"{data[:_SHOWN_BYTES].hex(' ')} ... ({len(data)} bytes)"
+
+
+def decoded(data: bytes, data_type: DataType | None) -> Value:
+    """Return the value by its type; the bytes where they are not of the type, a number of them where none is known."""
+    if data_type is None:
+        return int.from_bytes(data, "little") if len(data) in _NUMBER_SIZES else bytes(data)
+    try:
+        return decode(data, data_type)
+    except ValueError:
+        return bytes(data)
+
+
+@dataclass(slots=True)
+class AxisWords:
+    """What was last heard of one axis, which later words depend on."""
+
+    mode: int | None = None
+    state: State | None = None
+    controlword: int = 0
+
+
+class NodeWords:
+    """Puts a node's values into words, and remembers of its axes what the next words need."""
+
+    def __init__(self, node: NodeDescription) -> None:
+        self._od: ObjectDictionary | None = node.od
+        self._is_drive = node.is_drive
+        self._axes: dict[int, AxisWords] = {}
+        self._drive_words: dict[int, Callable[[AxisWords, int], str]] = {
+            objects.STATUSWORD: _statusword,
+            objects.CONTROLWORD: _controlword,
+            objects.MODES_OF_OPERATION: lambda _axis, mode: f"{mode} {mode_name(mode)}" if mode >= 0 else f"{mode}",
+            objects.MODES_OF_OPERATION_DISPLAY: _mode_display,
+            objects.ERROR_CODE: lambda _axis, code: f"0x{code:04X} {error_text(code)}",
+        }
+
+    def name(self, index: int, subindex: int) -> str:
+        """Return what the object is called, by the EDS or else by the profile."""
+        name = entry_name(self._od, index, subindex)
+        if name or not self._is_drive:
+            return name
+        return objects.object_name(index) or ""
+
+    def axis(self, index: int) -> AxisWords | None:
+        """Return what is known of the axis a profile object belongs to."""
+        base, number = objects.axis_of(index)
+        return self._axes.get(number) if self._is_drive and base >= objects.ABORT_CONNECTION_OPTION else None
+
+    def text(self, index: int, subindex: int, value: Value) -> str:
+        """Return the value in words."""
+        if isinstance(value, str):
+            return repr(value)
+        if isinstance(value, bytes | bytearray):
+            return bytes_text(bytes(value))
+        if isinstance(value, float):
+            return f"{value:g}"
+        base, number = objects.axis_of(index)
+        words = self._drive_words.get(base) if self._is_drive and not subindex else None
+        if words is not None:
+            return words(self._axes.setdefault(number, AxisWords()), value)
+        return self._communication(index, subindex, value) or str(value)
+
+    def _communication(self, index: int, subindex: int, value: int) -> str:
+        for first, last, lowest, words in _COMMUNICATION:
+            if first <= index <= last and subindex >= lowest:
+                return words(self, subindex, value)
+        return ""
+
+    def mapping(self, _subindex: int, value: int) -> str:
+        """Return what a mapping entry maps."""
+        index, subindex, bits = parse_mapping_entry(value)
+        name = f"dummy {DUMMY_TYPES[index].name}" if index in DUMMY_TYPES else self.name(index, subindex)
+        return f"0x{value:08X} (0x{index:04X}:{subindex:02X} {name}, {bits} bits)" if value else "0 (nothing)"
+
+
+def _statusword(axis: AxisWords, value: int) -> str:
+    axis.state = decode_statusword(value)
+    return statusword_text(value, axis.mode)
+
+
+def _controlword(axis: AxisWords, value: int) -> str:
+    text = controlword_text(value, axis.controlword, axis.state, axis.mode)
+    axis.controlword = value
+    return text
+
+
+def _mode_display(axis: AxisWords, value: int) -> str:
+    axis.mode = value
+    return f"{value} {mode_name(value)}" if value >= 0 else f"{value}"
+
+
+def _communication_record(words: NodeWords, subindex: int, value: int) -> str:  # noqa: ARG001 - one shape for all
+    if subindex == 1:
+        where = f"0x{value & 0x1FFFFFFF:03X}"
+        return f"0x{value:08X} ({where}, off)" if value & INVALID_BIT else f"0x{value:08X} ({where}, on)"
+    if subindex == 2:
+        return f"{value} ({_transmission(value)})"
+    units = {3: f"{value * 0.1:g} ms", 5: f"{value} ms"}
+    return f"{value} ({units[subindex]})" if subindex in units and value else str(value)
+
+
+def _transmission(value: int) -> str:
+    named = {0: "at SYNC when it changed", 1: "every SYNC", 252: "at SYNC, on request", 253: "on request"}
+    return named.get(value) or (f"every {value} SYNCs" if value <= 240 else "on events" if value >= 254 else "reserved")
+
+
+def _hex(_words: NodeWords, _subindex: int, value: int) -> str:
+    return f"0x{value:08X}"
+
+
+def _consumer(words: NodeWords, subindex: int, value: int) -> str:  # noqa: ARG001
+    node_id, ms = value >> 16 & 0xFF, value & 0xFFFF
+    return f"0x{value:08X} (node {node_id} within {ms} ms)" if node_id and ms else f"0x{value:08X} (watches nobody)"
+
+
+def _store(words: NodeWords, subindex: int, value: int) -> str:  # noqa: ARG001
+    return f"0x{value:08X}" + (f" ({_SIGNATURES[value]!r})" if value in _SIGNATURES else "")
+
+
+def _device_type(words: NodeWords, subindex: int, value: int) -> str:  # noqa: ARG001
+    return f"0x{value:08X} (profile {value & 0xFFFF})"
+
+
+def _register(words: NodeWords, subindex: int, value: int) -> str:  # noqa: ARG001
+    return f"0x{value:02X} ({register_text(value) or 'no error'})"
+
+
+def _history(words: NodeWords, subindex: int, value: int) -> str:  # noqa: ARG001
+    return f"0x{value:08X} ({error_text(value & 0xFFFF)})"
+
+
+def _milliseconds(words: NodeWords, subindex: int, value: int) -> str:  # noqa: ARG001
+    return f"{value} ms"
+
+
+def _microseconds(words: NodeWords, subindex: int, value: int) -> str:  # noqa: ARG001
+    return f"{value} us"
+
+
+# first and last index, lowest subindex, words; CiA 301, 7.5.2
+_COMMUNICATION: tuple[tuple[int, int, int, Callable[[NodeWords, int, int], str]], ...] = (
+    (0x1000, 0x1000, 0, _device_type),
+    (0x1001, 0x1001, 0, _register),
+    (0x1003, 0x1003, 1, _history),
+    (0x1005, 0x1005, 0, _hex),
+    (0x1006, 0x1007, 0, _microseconds),
+    (0x100C, 0x100C, 0, _milliseconds),
+    (0x1010, 0x1011, 1, _store),
+    (0x1012, 0x1014, 0, _hex),
+    (0x1016, 0x1016, 1, _consumer),
+    (0x1017, 0x1017, 0, _milliseconds),
+    (0x1018, 0x1018, 1, _hex),
+    (0x1200, 0x12FF, 1, _hex),
+    (0x1400, 0x15FF, 1, _communication_record),
+    (0x1600, 0x17FF, 1, NodeWords.mapping),
+    (0x1800, 0x19FF, 1, _communication_record),
+    (0x1A00, 0x1BFF, 1, NodeWords.mapping),
+)
