@@ -1,82 +1,51 @@
 """The port of a SocketCAN interface: a raw AF_CAN socket without anything in between.
 
-Law: linux/can.h and linux/can/raw.h. The kernel carries one frame a call. The receive buffer is at least 1 MiB (the
-default holds 278 frames), what overflows is counted by the kernel (SO_RXQ_OVFL) and told in band. A full transmit queue
-(ENOBUFS, or EAGAIN) makes frames wait here, bounded. An interface that goes down or is unplugged ends nothing: what is
-sent meanwhile is lost and counted, since old commands must not arrive later, and the socket is bound again when the
-interface is back. Once its owner says which identifiers he wants, the kernel keeps all others to itself.
+Law: linux/can.h and linux/can/raw.h (`canopen_control.bus.rawsocket`). The kernel carries one frame a call. What
+overflows the receive buffer is counted by the kernel and told in band. A full transmit queue (ENOBUFS, or EAGAIN) makes
+frames wait here, bounded. An interface that goes down or is unplugged ends nothing: what is sent meanwhile is lost and
+counted, since old commands must not arrive later. An interface that is gone is bound again when one of its name is
+back: who sends tries it twice a second, and who only listens hears all interfaces meanwhile, of which the first frame
+from that name tells. Once its owner says which identifiers he wants, the kernel keeps all others to itself.
 """
 
 from __future__ import annotations
 
 import errno
-import socket
-import struct
 import time
-from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 from canopen_control.bus.error_events import note_errors
 from canopen_control.bus.error_frames import has_error_frames, overrun_frame
 from canopen_control.bus.port import BusEvent, BusEventKind, EventLog, PortStats, Records, whole_records
+from canopen_control.bus.rawsocket import (
+    ALL_INTERFACES,
+    EVERYTHING,
+    NETWORK_CLASS,
+    ask_stamps,
+    bind_to,
+    filters_of,
+    interface_of,
+    open_raw,
+    overflow_of,
+    set_filters,
+    stamp_of,
+)
 from canopen_control.bus.sendqueue import SendQueue
-from canopen_control.errors import BusClosed, BusError, InterfaceDown, InterfaceNotFound
-from canopen_control.frame import EXTENDED_FLAG, RECORD_SIZE, REMOTE_FLAG, pack_records
+from canopen_control.errors import BusClosed
+from canopen_control.frame import RECORD_SIZE, pack_records
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
+    from collections.abc import Callable, Iterable
+    from pathlib import Path
 
-__all__ = ["CanSocket", "SocketCanPort", "open_socketcan"]
+    from canopen_control.bus.rawsocket import Ancillary, CanSocket
 
-# linux/can.h, linux/can/raw.h, asm-generic/socket.h: Python has them only where it was built with those headers.
-_CAN_RAW = 1
-_SOL_CAN_RAW = 101
-_CAN_RAW_FILTER = 1
-_CAN_RAW_ERR_FILTER = 2
-_ALL_ERRORS = struct.pack("=I", 0x1FFFFFFF)
-_SO_RCVBUFFORCE = 33
-_SO_RXQ_OVFL = 40
+__all__ = ["SocketCanPort", "open_socketcan"]
 
-_RECEIVE_BUFFER = 4 << 20
 _ANCILLARY_SIZE = 64
 _BATCH = 1024  # frames a call of receive, so that a flood leaves time for others
-_FRAME_MEMORY = 768  # what a queued frame costs of SO_SNDBUF
-_SHORT_QUEUE = 100
 _REBIND_NS = 500_000_000
-_U32 = struct.Struct("=I")
-_FILTER = struct.Struct("=II")  # identifier, mask
-_MOST_FILTERS = 512  # CAN_RAW_FILTER_MAX
-_STANDARD_MASK = EXTENDED_FLAG | REMOTE_FLAG | 0x7FF  # this very mask has a fast path in the kernel
-_EXTENDED_MASK = EXTENDED_FLAG | REMOTE_FLAG | 0x1FFFFFFF
-_EVERYTHING = _FILTER.pack(0, 0)
-_ALL_STANDARD = _FILTER.pack(0, EXTENDED_FLAG)
 _CLOSED_HERE = "closed on this side"
-
-NETWORK_CLASS = Path("/sys/class/net")
-
-
-class CanSocket(Protocol):
-    """What the port needs of a socket."""
-
-    def fileno(self) -> int:
-        """Return the descriptor."""
-
-    def recvmsg(
-        self, bufsize: int, ancbufsize: int = ..., flags: int = ..., /
-    ) -> tuple[bytes, list[tuple[int, int, bytes]], int, object]:
-        """Return a frame and what the kernel says beside it."""
-
-    def send(self, data: Records, /) -> int:
-        """Send a frame."""
-
-    def bind(self, address: tuple[str], /) -> None:
-        """Bind to an interface."""
-
-    def setsockopt(self, level: int, option: int, value: int | bytes, /) -> None:
-        """Set an option."""
-
-    def close(self) -> None:
-        """Close it."""
 
 
 class SocketCanPort:
@@ -95,8 +64,9 @@ class SocketCanPort:
         self._down = ""  # what was told of it, empty while it works
         self._bus_off = False
         self._heard: frozenset[int] | None = None
-        self._filters = _EVERYTHING
-        self._rebind_at: int | None = None
+        self._filters = EVERYTHING
+        self._rebind_at: int | None = None  # while the interface is gone
+        self._stamping = False
         self._closed = False
 
     @property
@@ -125,23 +95,36 @@ class SocketCanPort:
         wanted = frozenset(can_ids)
         if wanted == self._heard or self._closed:
             return
-        self._heard = wanted
-        filters = [_filter(can_id) for can_id in sorted(wanted)]
-        self._filters = b"".join(filters) if len(filters) <= _MOST_FILTERS else _ALL_STANDARD
-        self._socket.setsockopt(_SOL_CAN_RAW, _CAN_RAW_FILTER, self._filters)
+        self._heard, self._filters = wanted, filters_of(wanted)
+        set_filters(self._socket, self._filters)
 
     def receive(self) -> bytes:
         """Return the whole records that wait, or ``b""``; raise `BusClosed` on a closed port."""
+        return self._receive(None)
+
+    def receive_stamped(self) -> tuple[bytes, list[int]]:
+        """Return what `receive` does, and for each record when the kernel took the frame, in Unix ns."""
+        if not self._stamping and not self._closed:
+            ask_stamps(self._socket)
+            self._stamping = True
+        stamps: list[int] = []
+        return self._receive(stamps), stamps
+
+    def _receive(self, stamps: list[int] | None) -> bytes:
         self._prepare()
         records: list[bytes] = []
         problem: OSError | None = None
         try:
             for _ in range(_BATCH):
-                data, ancillary, _flags, _address = self._socket.recvmsg(RECORD_SIZE, _ANCILLARY_SIZE)
+                data, ancillary, _flags, address = self._socket.recvmsg(RECORD_SIZE, _ANCILLARY_SIZE)
+                if len(data) != RECORD_SIZE or (self._rebind_at is not None and not self._is_back(address)):
+                    continue
                 if ancillary:
                     records += self._overflow(ancillary)
-                if len(data) == RECORD_SIZE:
-                    records.append(data)
+                records.append(data)
+                if stamps is not None:
+                    stamp = stamp_of(ancillary) or time.time_ns()
+                    stamps += [stamp] * (len(records) - len(stamps))
         except BlockingIOError:
             pass
         except OSError as error:
@@ -151,15 +134,13 @@ class SocketCanPort:
             self._fail(problem)
         return received
 
-    def _overflow(self, ancillary: Sequence[tuple[int, int, bytes]]) -> list[bytes]:
+    def _overflow(self, ancillary: Ancillary) -> list[bytes]:
         """Return the in-band report of frames that did not fit the receive buffer; the kernel's counter wraps."""
-        for level, kind, data in ancillary:
-            if level == socket.SOL_SOCKET and kind == _SO_RXQ_OVFL and len(data) >= _U32.size:
-                (total,) = _U32.unpack_from(data)
-                lost, self._overflows = (total - self._overflows) & 0xFFFFFFFF, total
-                if lost:
-                    return [pack_records([overrun_frame(lost)])]
-        return []
+        total = overflow_of(ancillary)
+        if total is None:
+            return []
+        lost, self._overflows = (total - self._overflows) & 0xFFFFFFFF, total
+        return [pack_records([overrun_frame(lost)])] if lost else []
 
     def _taken(self, records: bytes) -> bytes:
         self.stats.rx += len(records) // RECORD_SIZE
@@ -254,32 +235,33 @@ class SocketCanPort:
         gone = error.errno in (errno.ENODEV, errno.ENXIO)
         if gone and self._rebind_at is None:
             self._rebind_at = self._now() + _REBIND_NS
+            self._bind(ALL_INTERFACES)
         text = _DOWN_TEXTS.get(error.errno or 0, error.strerror or str(error))
         if not self._down or (gone and self._down != _GONE):  # one that is removed goes down first
             self._down = text
             self._events.add(BusEventKind.DOWN, f"bus {self.channel}: {text}")
 
-    def _rebind(self) -> None:
-        """Bind to the interface of this name again, which may be another one by now.
-
-        With the removed one the kernel has thrown the filters away too; without any, nothing would be heard.
-        """
+    def _bind(self, name: str) -> bool:
         try:
-            self._socket.setsockopt(_SOL_CAN_RAW, _CAN_RAW_FILTER, self._filters)
-            self._socket.bind((self.channel,))
+            bind_to(self._socket, name, self._filters)
         except OSError:
-            self._rebind_at = self._now() + _REBIND_NS
-        else:
-            self._rebind_at = None
+            return False
+        return True
+
+    def _rebind(self) -> None:
+        self._rebind_at = None if self._bind(self.channel) else self._now() + _REBIND_NS
+
+    def _is_back(self, address: object) -> bool:
+        """Whether a frame, heard while all interfaces are, is of the one that was gone: then that is bound again."""
+        if interface_of(address) != self.channel:
+            return False
+        self._rebind()
+        return True
 
     def _works_again(self) -> None:
         if self._down:
             self._down = ""
             self._events.add(BusEventKind.UP, f"bus {self.channel}: up again")
-
-
-def _filter(can_id: int) -> bytes:
-    return _FILTER.pack(can_id, _EXTENDED_MASK if can_id & EXTENDED_FLAG else _STANDARD_MASK)
 
 
 _GONE = "the interface is gone; is the adapter unplugged?"
@@ -290,69 +272,8 @@ _DOWN_TEXTS = {
 }
 
 
-# Opening -----------------------------------------------------------------------------------------------------------
-
-
 def open_socketcan(
     name: str, *, make_socket: Callable[[], CanSocket] | None = None, network_class: Path = NETWORK_CLASS
 ) -> SocketCanPort:
     """Open the interface `name`; raise `InterfaceNotFound`, `InterfaceDown` or `BusError`, each with what to type."""
-    try:
-        sock = (make_socket or _raw_socket)()
-    except OSError as error:
-        hint = f"this system has no SocketCAN ({error.strerror}); the bus without kernel CAN is local:{name}"
-        raise InterfaceNotFound(name, hint) from error
-    try:
-        _set_options(sock, network_class / name)
-        sock.bind((name,))
-        _refuse_down(name, network_class / name)
-    except BaseException as error:
-        sock.close()
-        if isinstance(error, OSError):
-            raise _explained(name, error) from error
-        raise
-    return SocketCanPort(name, sock)
-
-
-def _raw_socket() -> CanSocket:
-    family = getattr(socket, "AF_CAN", None)
-    if family is None:
-        raise OSError(errno.EAFNOSUPPORT, "Python has no AF_CAN here")
-    sock = socket.socket(family, socket.SOCK_RAW, _CAN_RAW)
-    sock.setblocking(False)
-    return sock
-
-
-def _set_options(sock: CanSocket, interface: Path) -> None:
-    sock.setsockopt(_SOL_CAN_RAW, _CAN_RAW_ERR_FILTER, _ALL_ERRORS)
-    sock.setsockopt(socket.SOL_SOCKET, _SO_RXQ_OVFL, 1)
-    try:
-        sock.setsockopt(socket.SOL_SOCKET, _SO_RCVBUFFORCE, _RECEIVE_BUFFER)
-    except PermissionError:
-        sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER)  # as far as rmem_max allows
-    length = _number(interface / "tx_queue_len", 10)
-    if 0 < length <= _SHORT_QUEUE:
-        # Less send buffer than the transmit queue holds: the kernel then says EAGAIN and when to go on, instead of
-        # ENOBUFS, of whose end it tells nobody. It doubles the value and has a minimum of its own.
-        sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, max(1, length - 2) * _FRAME_MEMORY // 2)
-
-
-def _refuse_down(name: str, interface: Path) -> None:
-    if not _number(interface / "flags", 16) & 1:  # IFF_UP
-        raise InterfaceDown(name, f"bring it up: canopen-control bus up {name}")
-
-
-def _number(path: Path, base: int) -> int:
-    """Return the number in a file of sysfs, -1 if there is none: then nothing is known, and all bits are set."""
-    try:
-        return int(path.read_text(), base)
-    except (OSError, ValueError):
-        return -1
-
-
-def _explained(name: str, error: OSError) -> BusError:
-    if error.errno != errno.ENODEV:
-        return BusError(f"bus {name}: {error.strerror or error}")
-    if name.startswith("vcan"):
-        return InterfaceNotFound(name, f"make it: canopen-control bus up {name}")
-    return InterfaceNotFound(name, "is the adapter plugged in? What there is: canopen-control bus list")
+    return SocketCanPort(name, open_raw(name, make_socket, network_class))

@@ -6,6 +6,7 @@ import errno
 import os
 import socket
 import struct
+import time
 
 import pytest
 from hypothesis import given
@@ -40,9 +41,11 @@ class FakeSocket:
     def fileno(self):
         return 42
 
-    def put(self, *frames, overflows=None):
+    def put(self, *frames, overflows=None, stamp=None, interface="can0"):
         ancillary = [] if overflows is None else [(socket.SOL_SOCKET, 40, struct.pack("=I", overflows))]
-        self.incoming += [(pack_records([frame]), ancillary) for frame in frames]
+        if stamp is not None:
+            ancillary.append((socket.SOL_SOCKET, 35, struct.pack("@ll", *divmod(stamp, 1_000_000_000))))
+        self.incoming += [(pack_records([frame]), ancillary, 0, (interface,)) for frame in frames]
 
     def recvmsg(self, size, ancillary_size=0, flags=0):
         if not self.incoming:
@@ -50,7 +53,7 @@ class FakeSocket:
         item = self.incoming.pop(0)
         if isinstance(item, OSError):
             raise item
-        return item[0], item[1], 0, ("can0",)
+        return item
 
     def send(self, data):
         if self.refusals and (error := self.refusals.pop(0)) is not None:
@@ -62,7 +65,7 @@ class FakeSocket:
         self.options[level, option] = value
 
     def bind(self, address):
-        if self.bind_errors:
+        if address != ("",) and self.bind_errors:
             raise self.bind_errors.pop(0)
         self.bound.append(address)
 
@@ -207,10 +210,10 @@ def test_an_unplugged_adapter_is_bound_again_when_it_is_back(bench, number):
     for now in (1, 499_999_999, 500_000_000, 999_999_999):
         bench.now = now
         bench.send(TWO)
-    assert bench.socket.sent == bench.socket.bound == []
+    assert (bench.socket.sent, bench.socket.bound) == ([], [("",)])
     bench.now = 1_000_000_000
     bench.send(THREE)
-    assert bench.socket.bound == [("can0",)]
+    assert bench.socket.bound == [("",), ("can0",)]
     assert filters(bench) == [(0, 0)], "the kernel forgot them with the interface"
     assert bench.socket.sent == [THREE]
     assert bench.kinds() == [BusEventKind.UP]
@@ -251,10 +254,65 @@ def test_the_wanted_identifiers_are_wanted_of_the_interface_made_again_too(bench
     del bench.socket.options[101, 1]
     bench.socket.incoming = [failure(errno.ENODEV)]
     bench.received()
+    assert filters(bench) == [(0x703, 0xC00007FF)], "also while all interfaces are heard"
+    del bench.socket.options[101, 1]
     bench.now = 500_000_000
     bench.send(ONE)
-    assert bench.socket.bound == [("can0",)]
+    assert bench.socket.bound == [("",), ("can0",)]
     assert filters(bench) == [(0x703, 0xC00007FF)]
+
+
+def test_who_only_listens_hears_the_interface_made_again_by_its_first_frame(bench):
+    bench.socket.incoming = [failure(errno.ENETDOWN), failure(errno.ENODEV)]
+    bench.received()
+    bench.received()
+    assert bench.socket.bound == [("",)], "nobody would wake him otherwise"
+    bench.socket.put(ONE, interface="can7")
+    assert bench.received() == []
+    bench.socket.put(TWO, interface="can7")
+    bench.socket.put(THREE, ONE)
+    bench.socket.put(TWO, interface="can7")
+    assert bench.received() == [THREE, ONE, TWO], "once bound, everything is of this interface"
+    assert bench.socket.bound == [("",), ("can0",)]
+    assert bench.kinds() == [BusEventKind.DOWN, BusEventKind.DOWN, BusEventKind.UP]
+    assert bench.port.stats.rx == 3
+
+
+def test_an_interface_that_is_heard_and_gone_again_before_it_is_bound_is_waited_for_again(bench):
+    bench.socket.incoming = [failure(errno.ENODEV)]
+    bench.received()
+    bench.socket.bind_errors = [failure(errno.ENODEV)]
+    bench.socket.put(ONE)
+    assert bench.received() == [ONE]
+    bench.send(TWO)
+    assert (bench.socket.sent, bench.port.stats.lost) == ([], 1)
+    bench.socket.put(TWO)
+    assert bench.received() == [TWO]
+    assert bench.socket.bound == [("",), ("can0",)]
+
+
+def test_stamps_are_asked_for_once_and_come_with_every_record(bench):
+    bench.socket.put(ONE, stamp=1_700_000_000_123_456_789)
+    bench.socket.put(TWO, stamp=1_700_000_000_123_500_000, overflows=3)
+    records, stamps = bench.port.receive_stamped()
+    assert list(frames_of(records)) == [ONE, overrun_frame(3), TWO]
+    assert stamps == [1_700_000_000_123_456_789, 1_700_000_000_123_500_000, 1_700_000_000_123_500_000]
+    assert bench.socket.options.pop((socket.SOL_SOCKET, 35)) == 1
+    assert bench.port.receive_stamped() == (b"", [])
+    assert bench.socket.options == {}
+
+
+def test_who_asks_for_no_stamps_pays_for_none(bench):
+    bench.socket.put(ONE)
+    bench.received()
+    assert bench.socket.options == {}
+
+
+def test_a_kernel_that_says_no_time_is_helped_out_with_the_time_of_reading(bench):
+    before = time.time_ns()
+    bench.socket.put(ONE)
+    _, (stamp,) = bench.port.receive_stamped()
+    assert before <= stamp <= time.time_ns()
 
 
 def test_more_identifiers_than_the_kernel_can_choose_are_all_of_eleven_bits(bench):

@@ -1,9 +1,11 @@
 """The SocketCAN port on a real kernel: what the tests with a scripted socket only suppose."""
 
+import contextlib
 import errno
 import select
 import socket
 import struct
+import subprocess
 import time
 
 import pytest
@@ -124,6 +126,41 @@ def test_an_interface_made_again_is_another_one_and_is_bound_again_with_its_filt
 
     assert eventually(works, 5)
     assert kinds(ours) == kinds(theirs) == [BusEventKind.UP]
+
+
+def test_who_only_listens_hears_an_interface_made_again_without_sending(vcan):
+    with contextlib.closing(open_port(vcan)) as listener:
+        listener.hear([0x182])
+        ip("link", "del", vcan)
+        assert receive(listener, 1, 0.1) == []
+        assert "the interface is gone" in listener.events()[-1].text
+        subprocess.run(["cansend", "vcan0", "182#00"], check=True)
+        assert receive(listener, 1, 0.2) == [], "of another interface"
+        ip("link", "add", "dev", vcan, "type", "vcan")
+        ip("link", "set", vcan, "up")
+        subprocess.run(["cansend", vcan, "181#01"], check=True)
+        subprocess.run(["cansend", vcan, "182#02"], check=True)
+        assert receive(listener, 1) == [CanFrame(0x182, b"\2")]
+        subprocess.run(["cansend", "vcan0", "182#00"], check=True)
+        subprocess.run(["cansend", vcan, "182#03"], check=True)
+        assert receive(listener, 1) == [CanFrame(0x182, b"\3")], "bound to it alone again"
+        assert kinds(listener) == [BusEventKind.UP]
+        assert (listener.stats.rx, listener.stats.lost) == (2, 0)
+
+
+def test_the_kernel_says_when_it_took_each_frame(ports):
+    ours, theirs = ports
+    assert theirs.receive_stamped() == (b"", [])
+    before = time.time_ns()
+    ours.send(pack_records([ONE]))
+    between = time.time_ns()
+    time.sleep(0.3)
+    ours.send(pack_records([TWO]))
+    time.sleep(0.3)
+    reading = time.time_ns()
+    records, (first, second) = theirs.receive_stamped()
+    assert list(frames_of(records)) == [ONE, TWO]
+    assert before <= first <= between < second <= reading - 200_000_000, "not the time of reading"
 
 
 def test_a_full_transmit_queue_makes_frames_wait_and_none_is_lost(ports, vcan):

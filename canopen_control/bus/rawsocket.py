@@ -1,0 +1,218 @@
+"""A raw AF_CAN socket: opened with everything a port needs, or refused with what to type.
+
+Law: linux/can.h, linux/can/raw.h. The receive buffer is at least 1 MiB (the default holds 278 frames); error frames are
+on; what overflows is counted by the kernel (SO_RXQ_OVFL) and comes beside a frame, as does the time at which the kernel
+took it, once that is asked for (SO_TIMESTAMPNS). Python names these constants only where it was built with the headers.
+"""
+
+from __future__ import annotations
+
+import errno
+import socket
+import struct
+from pathlib import Path
+from typing import TYPE_CHECKING, Protocol
+
+from canopen_control.errors import BusError, InterfaceDown, InterfaceNotFound
+from canopen_control.frame import EXTENDED_FLAG, REMOTE_FLAG
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Sequence
+
+    from canopen_control.bus.port import Records
+
+    Ancillary = Sequence[tuple[int, int, bytes]]
+    """What the kernel says beside a frame: level, kind, data."""
+
+__all__ = [
+    "ALL_INTERFACES",
+    "CAN_RAW",
+    "CAN_RAW_FILTER",
+    "EVERYTHING",
+    "FILTER_SIZE",
+    "NETWORK_CLASS",
+    "SOL_CAN_RAW",
+    "CanSocket",
+    "ask_stamps",
+    "bind_to",
+    "filters_of",
+    "interface_of",
+    "open_raw",
+    "overflow_of",
+    "set_filters",
+    "stamp_of",
+]
+
+CAN_RAW = 1
+SOL_CAN_RAW = 101
+CAN_RAW_FILTER = 1
+_CAN_RAW_ERR_FILTER = 2
+_ALL_ERRORS = struct.pack("=I", 0x1FFFFFFF)
+_SO_RCVBUFFORCE = 33
+_SO_TIMESTAMPNS = 35  # also the kind of what comes beside a frame then
+_SO_RXQ_OVFL = 40
+
+_RECEIVE_BUFFER = 4 << 20
+_FRAME_MEMORY = 768  # what a queued frame costs of SO_SNDBUF
+_SHORT_QUEUE = 100
+_U32 = struct.Struct("=I")
+_TIMESPEC = struct.Struct("@ll")
+_FILTER = struct.Struct("=II")  # identifier, mask
+FILTER_SIZE = _FILTER.size
+_MOST_FILTERS = 512  # CAN_RAW_FILTER_MAX
+_STANDARD_MASK = EXTENDED_FLAG | REMOTE_FLAG | 0x7FF  # this very mask has a fast path in the kernel
+_EXTENDED_MASK = EXTENDED_FLAG | REMOTE_FLAG | 0x1FFFFFFF
+EVERYTHING = _FILTER.pack(0, 0)
+_ALL_STANDARD = _FILTER.pack(0, EXTENDED_FLAG)
+
+NETWORK_CLASS = Path("/sys/class/net")
+ALL_INTERFACES = ""
+
+
+class CanSocket(Protocol):
+    """What the port needs of a socket."""
+
+    def fileno(self) -> int:
+        """Return the descriptor."""
+
+    def recvmsg(
+        self, bufsize: int, ancbufsize: int = ..., flags: int = ..., /
+    ) -> tuple[bytes, list[tuple[int, int, bytes]], int, object]:
+        """Return a frame and what the kernel says beside it."""
+
+    def send(self, data: Records, /) -> int:
+        """Send a frame."""
+
+    def bind(self, address: tuple[str], /) -> None:
+        """Bind to an interface."""
+
+    def setsockopt(self, level: int, option: int, value: int | bytes, /) -> None:
+        """Set an option."""
+
+    def close(self) -> None:
+        """Close it."""
+
+
+# What is set and what comes back ------------------------------------------------------------------------------------
+
+
+def filters_of(can_ids: Iterable[int]) -> bytes:
+    """Return the filters for these identifiers; for more than the kernel can choose, that for all of 11 bits."""
+    filters = [
+        _FILTER.pack(can_id, _EXTENDED_MASK if can_id & EXTENDED_FLAG else _STANDARD_MASK) for can_id in sorted(can_ids)
+    ]
+    return b"".join(filters) if len(filters) <= _MOST_FILTERS else _ALL_STANDARD
+
+
+def set_filters(sock: CanSocket, filters: bytes) -> None:
+    """Let the kernel choose by these filters, instead of any before."""
+    sock.setsockopt(SOL_CAN_RAW, CAN_RAW_FILTER, filters)
+
+
+def bind_to(sock: CanSocket, name: str, filters: bytes) -> None:
+    """Bind to the interface of this name, which may be another one by now, or to `ALL_INTERFACES`; raise OSError.
+
+    With a removed interface the kernel has thrown the filters away too; without any, nothing would be heard.
+    """
+    set_filters(sock, filters)
+    sock.bind((name,))
+
+
+def ask_stamps(sock: CanSocket) -> None:
+    """Let the kernel say with each frame when it took it."""
+    sock.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
+
+
+def interface_of(address: object) -> str:
+    """Return where a frame came from, of the address that came with it."""
+    return str(address[0]) if isinstance(address, tuple) and address else ""
+
+
+def overflow_of(ancillary: Ancillary) -> int | None:
+    """Return the kernel's wrapping count of frames that did not fit the receive buffer, None if it says nothing."""
+    data = _find(ancillary, _SO_RXQ_OVFL, _U32.size)
+    return None if data is None else int(_U32.unpack_from(data)[0])
+
+
+def stamp_of(ancillary: Ancillary) -> int | None:
+    """Return when the kernel took a frame, in Unix nanoseconds, None if it says nothing."""
+    data = _find(ancillary, _SO_TIMESTAMPNS, _TIMESPEC.size)
+    if data is None:
+        return None
+    seconds, nanoseconds = _TIMESPEC.unpack_from(data)
+    return int(seconds * 1_000_000_000 + nanoseconds)
+
+
+def _find(ancillary: Ancillary, wanted: int, size: int) -> bytes | None:
+    for level, kind, data in ancillary:
+        if level == socket.SOL_SOCKET and kind == wanted and len(data) >= size:
+            return data
+    return None
+
+
+# Opening -----------------------------------------------------------------------------------------------------------
+
+
+def open_raw(
+    name: str, make_socket: Callable[[], CanSocket] | None = None, network_class: Path = NETWORK_CLASS
+) -> CanSocket:
+    """Open a socket on the interface `name`; raise `InterfaceNotFound`, `InterfaceDown` or `BusError`."""
+    try:
+        sock = (make_socket or _raw_socket)()
+    except OSError as error:
+        hint = f"this system has no SocketCAN ({error.strerror}); the bus without kernel CAN is local:{name}"
+        raise InterfaceNotFound(name, hint) from error
+    try:
+        _set_options(sock, network_class / name)
+        sock.bind((name,))
+        _refuse_down(name, network_class / name)
+    except BaseException as error:
+        sock.close()
+        if isinstance(error, OSError):
+            raise _explained(name, error) from error
+        raise
+    return sock
+
+
+def _raw_socket() -> CanSocket:
+    family = getattr(socket, "AF_CAN", None)
+    if family is None:
+        raise OSError(errno.EAFNOSUPPORT, "Python has no AF_CAN here")
+    sock = socket.socket(family, socket.SOCK_RAW, CAN_RAW)
+    sock.setblocking(False)
+    return sock
+
+
+def _set_options(sock: CanSocket, interface: Path) -> None:
+    sock.setsockopt(SOL_CAN_RAW, _CAN_RAW_ERR_FILTER, _ALL_ERRORS)
+    sock.setsockopt(socket.SOL_SOCKET, _SO_RXQ_OVFL, 1)
+    try:
+        sock.setsockopt(socket.SOL_SOCKET, _SO_RCVBUFFORCE, _RECEIVE_BUFFER)
+    except PermissionError:
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER)  # as far as rmem_max allows
+    length = _number(interface / "tx_queue_len", 10)
+    if 0 < length <= _SHORT_QUEUE:
+        # Less send buffer than the transmit queue holds: the kernel then says EAGAIN and when to go on, instead of
+        # ENOBUFS, of whose end it tells nobody. It doubles the value and has a minimum of its own.
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, max(1, length - 2) * _FRAME_MEMORY // 2)
+
+
+def _refuse_down(name: str, interface: Path) -> None:
+    if not _number(interface / "flags", 16) & 1:  # IFF_UP
+        raise InterfaceDown(name, f"bring it up: canopen-control bus up {name}")
+
+
+def _number(path: Path, base: int) -> int:
+    """Return the number in a file of sysfs, -1 if there is none: then nothing is known, and all bits are set."""
+    try:
+        return int(path.read_text(), base)
+    except (OSError, ValueError):
+        return -1
+
+
+def _explained(name: str, error: OSError) -> BusError:
+    if error.errno != errno.ENODEV:
+        return BusError(f"bus {name}: {error.strerror or error}")
+    if name.startswith("vcan"):
+        return InterfaceNotFound(name, f"make it: canopen-control bus up {name}")
+    return InterfaceNotFound(name, "is the adapter plugged in? What there is: canopen-control bus list")
