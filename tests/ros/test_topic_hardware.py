@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from support import ros
+from support.control import vectors
 
 pytestmark = pytest.mark.ros
 ARGUMENTS = ("--ros-args", "-p", "topic_hardware:=true", "-p", "rate:=100.0")
@@ -78,3 +79,23 @@ def test_any_message_gives_finite_values_of_named_joints_or_a_sentence(names, on
         values = commanded(names, {"velocity": one, "position": other})
     assert {joint for joint, _ in values} <= set(names)
     assert all(map(math.isfinite, values.values()))
+
+
+def upstream_message(case):
+    """What that package's write() publishes in a case, restated; None for silence."""
+    command, state = [list(map(float, case[key])) for key in ("command", "state")]
+    quiet = all(abs(wanted - found) <= case["threshold"] for wanted, found in zip(command, state, strict=True))
+    return None if quiet else {"position": [], "velocity": command, "effort": []}
+
+
+@pytest.mark.parametrize("case", vectors("joint_state_topic_hardware_interface"), ids=lambda case: case["name"])
+def test_what_upstream_publishes_commands_what_it_means(case):
+    from canopen_control.ros.topic_hardware import commanded  # imports ROS messages
+
+    message, wheels = upstream_message(case), ["left_wheel_joint", "right_wheel_joint"]
+    if message is None:
+        assert case["expect"] == "no JointState published"  # nothing to take: the controller's timeout decides
+        return
+    assert str(message["velocity"]) == str([float(each) for each in case["expect"]["velocity"]])  # nan is nan
+    moving = [float(value) for value in case["command"] if math.isfinite(float(value))]
+    assert list(commanded(wheels, message).values()) == moving
