@@ -24,6 +24,7 @@ The whole protocol. The server speaks first: `{"hello": {"robot", "version", "pr
   nodes                                             `{"buses": {bus: {"channel", "node_id"}}, "nodes": [{"name",
                                                     "node_id", "bus", "eds", "identity"}]}`: the master's node ids;
                                                     paths; what boot expects of 0x1000 and 0x1018 (0: anything)
+  layout                                            `{"buses": {bus: ...}}`: what the PDOs carry (master/layout.py)
   sdo_read     node, index, subindex, block, timeout   `{"data": hex}`; block true asks for block transfer
   sdo_write    node, index, subindex, data (hex), timeout   seconds for each answer; default: the node's
   description                                       `{"urdf": text}`
@@ -47,7 +48,7 @@ from canopen_control.host.sockets import socket_path
 from canopen_control.master.events import Event, Level
 from canopen_control.runtime.api_control import control_methods
 from canopen_control.runtime.call import Call
-from canopen_control.runtime.status import event_dict, nodes_dict, state_dict, status_dict
+from canopen_control.runtime.status import event_dict, layout_dict, nodes_dict, state_dict, status_dict
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -100,6 +101,7 @@ class ApiServer:
             "touch_probe": self._touch_probe,
             **control_methods(robot),
             "nodes": lambda call: call.reply(nodes_dict(robot)),
+            "layout": lambda call: call.reply(layout_dict(robot)),
             "nmt": self._nmt,
             "sdo_read": self._sdo_read,
             "sdo_write": self._sdo_write,

@@ -14,6 +14,7 @@ from canopen_control.cia402.modes import mode_name
 from canopen_control.controllers.broadcasters import DiagnosticsBroadcaster, GpioBroadcaster
 from canopen_control.controllers.diff_drive import DiffDriveController
 from canopen_control.hardware.simulation import SimulatedSystem
+from canopen_control.master.layout import layout_of
 from canopen_control.runtime.pacer import LATE_EDGES_NS
 
 if TYPE_CHECKING:
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
     from canopen_control.master.node import RemoteNode
     from canopen_control.runtime.core import RobotCore
 
-__all__ = ["event_dict", "nodes_dict", "odometry_dict", "state_dict", "status_dict"]
+__all__ = ["event_dict", "layout_dict", "nodes_dict", "odometry_dict", "state_dict", "status_dict"]
 
 _MAX_EVENTS = 50
 
@@ -111,6 +112,11 @@ def nodes_dict(robot: RobotCore) -> dict[str, Any]:
             for name, node in robot.nodes.items()
         ],
     }
+
+
+def layout_dict(robot: RobotCore) -> dict[str, Any]:
+    """Return what the PDOs of each bus carry, for those who listen to it."""
+    return {"buses": {name: layout_of(bus.config, bus.channel) for name, bus in robot.buses.items()}}
 
 
 def event_dict(robot: RobotCore, event: Event) -> dict[str, Any]:
