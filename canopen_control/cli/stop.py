@@ -1,4 +1,7 @@
-"""`stop`: ramp every joint to zero and disable the drives; the robot keeps running. No emergency stop (ISO 13850)."""
+"""`stop`: ramp every joint to zero and disable the drives; the robot keeps running. No emergency stop (ISO 13850).
+
+`--latch` keeps everybody from moving it, this one's own next command included, until `--release`.
+"""
 
 from __future__ import annotations
 
@@ -12,17 +15,26 @@ if TYPE_CHECKING:
 __all__ = ["add_arguments", "run"]
 
 EXAMPLE = "canopen-control stop"
+DONE = "stopped and disabled; to go on: canopen-control axis enable all"
+SOURCE = "canopen-control stop"
 PATIENCE_S = 20.0
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
+    how = parser.add_mutually_exclusive_group()
+    how.add_argument("--latch", action="store_true", help="nothing moves before --release, whoever commands it")
+    how.add_argument("--release", action="store_true", help="let go of a latched stop; the drives stay disabled")
     parser.add_argument("--name", help="the robot (default: the only one that runs)")
 
 
 def run(args: argparse.Namespace) -> int:
     """Run the verb."""
     with RobotClient.connect(args.name) as robot:
-        robot.request("stop", {}, PATIENCE_S)
-    print("stopped and disabled; to go on: canopen-control axis enable all")
+        if args.release:
+            robot.call("release", source=SOURCE)
+            print("released, the drives are disabled; to go on: canopen-control axis enable all")
+            return 0
+        robot.request("stop", {"latch": args.latch, "source": SOURCE}, PATIENCE_S)
+    print("stopped, disabled and latched; to go on: canopen-control stop --release" if args.latch else DONE)
     return 0

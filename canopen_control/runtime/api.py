@@ -8,7 +8,9 @@ The whole protocol. The server speaks first: `{"hello": {"robot", "version", "pr
   subscribe    state_rate (Hz or null), events      then pushes `{"state": {...}}` and `{"event": {...}}`
   command      controller, values, source           a controller's command; SI units
   twist        controller, linear, angular, source  the same as velocities of a base, m/s and rad/s
-  stop                                              ramps to zero and disables; answered when no drive moves any more
+  stop         latch, source                        ramps to zero and disables; answered when no drive moves any more;
+                                                    latch true: nothing moves before `release`, whoever asks for it
+  release      source                               lets go of a latched stop; the drives stay disabled
   shutdown                                          the same, then the runtime ends
   set_odometry  controller, x, y, heading           where a base controller's odometry goes on from
   axis         action, node, method, mode           enable, disable, halt, quick-stop, fault-reset, home (method),
@@ -27,7 +29,7 @@ The whole protocol. The server speaks first: `{"hello": {"robot", "version", "pr
   layout                                            `{"buses": {bus: ...}}`: what the PDOs carry (master/layout.py)
   sdo_read     node, index, subindex, block, timeout   `{"data": hex}`; block true asks for block transfer
   sdo_write    node, index, subindex, data (hex), timeout   seconds for each answer; default: the node's
-  description                                       `{"urdf": text}`
+  description                                       `{"urdf": text, "path": of the file it was made of}`
   tell         kind, text                           an event of level info, for all who watch: what a client has to say
 
 A client that reads too slowly is dropped; a client that dies changes nothing but that its commands time out.
@@ -95,7 +97,8 @@ class ApiServer:
             "command": self._command,
             "twist": self._twist,
             "set_odometry": self._set_odometry,
-            "stop": lambda call: robot.stop(call.settle),
+            "stop": lambda call: robot.stop(call.settle, call.source if call.params.get("latch") else None),
+            "release": self._release,
             "shutdown": self._shutdown,
             "axis": self._axis,
             "touch_probe": self._touch_probe,
@@ -105,7 +108,9 @@ class ApiServer:
             "nmt": self._nmt,
             "sdo_read": self._sdo_read,
             "sdo_write": self._sdo_write,
-            "description": lambda call: call.reply({"urdf": robot.setup.description.urdf_xml}),
+            "description": lambda call: call.reply(
+                {"urdf": robot.setup.description.urdf_xml, "path": os.path.abspath(robot.setup.description.path)}
+            ),
             "tell": self._tell,
         }
         robot.after_cycle.append(self._push)
@@ -192,6 +197,10 @@ class ApiServer:
         controller.set_odometry(*(float(call.params[key]) for key in ("x", "y", "heading")))
         call.reply({})
 
+    def _release(self, call: Call) -> None:
+        self._robot.latch.release(call.source, self._robot.reactor.now())
+        call.reply({})
+
     def _shutdown(self, call: Call) -> None:
         call.reply({})
         self._robot.shutdown(f"a client asked for it (pid {call.connection.pid})")
@@ -241,6 +250,7 @@ class ApiServer:
 
     def _sdo_write(self, call: Call) -> None:
         node, (index, subindex) = self._robot.node(str(call.params["node"])), _address(call)
+        self._robot.latch.check_write(index)
         data = bytes.fromhex(str(call.params["data"]))
         request = node.sdo.write(index, subindex, data, timeout_ns=_timeout(call))
         request.context = call.ended

@@ -22,6 +22,7 @@ from canopen_control.hardware.system import CanopenSystem
 from canopen_control.hardware.wheels import WheelGeometry
 from canopen_control.master.events import Event, EventLog, Level
 from canopen_control.runtime.bus import RobotBus
+from canopen_control.runtime.latch import StopLatch
 from canopen_control.runtime.pacer import Pacer
 from canopen_control.runtime.request import AxisRequest, ProbeReading, begin_action
 from canopen_control.runtime.wanted import load_controller, prepare_controllers
@@ -70,6 +71,7 @@ class RobotCore:
         self.after_cycle: list[Callable[[int], None]] = []
         self.wall_offset_ns = time.time_ns() - reactor.now()
         self.commander: str | None = None
+        self.latch = StopLatch(self.report)
         self.pacer = Pacer(reactor, setup.cycle_ns, self._cycle)
         self.registry = InterfaceRegistry()
         self.buses: dict[str, RobotBus] = {}
@@ -152,6 +154,7 @@ class RobotCore:
 
     def command(self, controller: str, values: Sequence[float], source: str, stamp: float | None = None) -> None:
         """Hand a command to a controller; `stamp` is when it was made, in Unix seconds. Raises ControlError."""
+        self.latch.refuse("a command to", controller)
         made = None if stamp is None else round(stamp * 1e9) - self.wall_offset_ns
         self.manager.command(controller, values, self.reactor.now(), made)
         self.commander = source
@@ -162,12 +165,19 @@ class RobotCore:
         for name in activate:
             if name not in loaded:
                 load_controller(self.setup, self.manager, name)
+        self.latch.check_controllers(self.manager.get(name) for name in activate)
         self.manager.switch(activate=activate, deactivate=deactivate, strict=strict)
 
-    def stop(self, done: Callable[[str | None], None]) -> None:
-        """Ramp to zero and disable; `done(error)` when no drive moves under power any more."""
+    def stop(self, done: Callable[[str | None], None], latched_by: str | None = None) -> None:
+        """Ramp to zero and disable; `done(error)` when no drive moves under power any more.
+
+        `latched_by` latches it as well, see runtime/latch.py.
+        """
         now = self.reactor.now()
-        self.report(Event(now, "stop", "", "stop was commanded", Level.WARNING))
+        if latched_by is None:
+            self.report(Event(now, "stop", "", "stop was commanded", Level.WARNING))
+        else:
+            self.latch.hold(latched_by, self.manager.running, now)
         for system in self.systems:
             system.stop(now)
         self._requests.append(AxisRequest(tuple(self.joints.values()), Action.DISABLE, now + STOP_TIMEOUT_NS, done))
@@ -186,6 +196,7 @@ class RobotCore:
         `method` is the homing method (None: what 0x6098 holds), `mode` the mode of operation by name or number.
         """
         now = self.reactor.now()
+        self.latch.check_action(action)
         joints = self._axes_of(name)
         patience = begin_action(action, joints, self.systems, now, method=method, mode=mode)
         self._requests.append(AxisRequest(joints, action, now + REQUEST_TIMEOUT_NS + patience, done))
@@ -247,7 +258,7 @@ class RobotCore:
 
     def _advance_start(self, now: int) -> None:
         missing = [node for node in self.nodes.values() if node.config.required and not node.ready]
-        if not missing and not self._activated:
+        if not missing and not self._activated and not self.latch.held:
             self._activated = True
             self._deadline = now + REQUEST_TIMEOUT_NS
             self._activate()

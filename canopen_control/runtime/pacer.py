@@ -21,8 +21,9 @@ LATE_EDGES_NS = tuple(1000 * us for us in (10, 20, 50, 100, 200, 500, 1000, 2000
 
 
 class Pacer:
-    """Calls `work(now)` on every edge; times in ns. `late_max` is the worst lateness, `work_max` the longest cycle.
+    """Calls `work(now)` on every edge; times in ns.
 
+    `late_max` is the worst lateness, `work_max` what the longest cycle took, `work` what the newest one did.
     `late_counts[i]` counts the cycles that came at most `LATE_EDGES_NS[i]` late, and later than the edge before it; the
     last one counts the rest.
     """
@@ -30,7 +31,7 @@ class Pacer:
     def __init__(self, reactor: Reactor, period_ns: int, work: Callable[[int], None]) -> None:
         self.period_ns = period_ns
         self.count = self.missed = 0
-        self.late_max = self.work_max = 0
+        self.late_max = self.work_max = self.work = 0
         self.late_counts = [0] * (len(LATE_EDGES_NS) + 1)
         self._reactor, self._work = reactor, work
         self._edge = 0
@@ -66,4 +67,6 @@ class Pacer:
         self.late_counts[bisect_left(LATE_EDGES_NS, late)] += 1
         self._arm(self._edge + (skipped + 1) * self.period_ns)  # armed first: work may stop the pacer, or fail
         self._work(now)
-        self.work_max = max(self.work_max, self._reactor.now() - now)
+        self.work = work = self._reactor.now() - now
+        if work > self.work_max:
+            self.work_max = work

@@ -57,6 +57,7 @@ def state_dict(robot: RobotCore) -> dict[str, Any]:
     return {
         "time": (robot.reactor.now() + robot.wall_offset_ns) / 1e9,
         **_common(robot),
+        "load": {name: bus.load for name, bus in robot.buses.items()},
         "sim_time": simulated_seconds(robot),
         "odometry": odometry_dict(robot),
         "gpio": {each.name: finite_values(each) for each in robot.manager.running if isinstance(each, GpioBroadcaster)},
@@ -134,11 +135,14 @@ def _common(robot: RobotCore) -> dict[str, Any]:
     now, pacer = robot.reactor.now(), robot.pacer
     return {
         "state": robot.state.value,
+        "latched": robot.latch.held,
+        "latched_by": robot.latch.by,
         "cycle": {
             "period_s": pacer.period_ns / 1e9,
             "count": pacer.count,
             "missed": pacer.missed,
             "late_max_s": pacer.late_max / 1e9,
+            "work_s": pacer.work / 1e9,
             "work_max_s": pacer.work_max / 1e9,
             "late_counts": pacer.late_counts,
         },

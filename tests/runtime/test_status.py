@@ -40,6 +40,9 @@ def test_the_load_of_the_bus_is_known_after_a_second():
     load = status_dict(bench.robot)["buses"]["can"]["load"]
     # SYNC and two TPDOs a drive each 20 ms, two RPDOs each 100 ms, three heartbeats: 2 % of 1 Mbit/s
     assert 0.015 < load < 0.035
+    state = state_dict(bench.robot)
+    assert state["load"] == {"can": load}
+    assert state["cycle"]["work_s"] == 0.0  # simulated time stands while a cycle works
     bench.close()
 
 

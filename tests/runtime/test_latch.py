@@ -1,0 +1,179 @@
+"""STOP that stays: in simulated time, on whole robots."""
+
+import math
+
+import pytest
+from support.apiclient import Client
+from support.robots import FORWARD, LEFT, RIGHT, Bench, copy_robby
+
+from canopen_control.cia402.state import State
+from canopen_control.errors import ControlError
+from canopen_control.hardware.joint import Action
+from canopen_control.runtime.api import ApiServer
+from canopen_control.runtime.core import RobotState
+from canopen_control.runtime.latch import StopLatch, is_controlword
+from canopen_control.runtime.status import state_dict, status_dict
+
+NO_TIMEOUT = {"command_timeout: 2.0": "command_timeout: 0.0"}
+
+
+@pytest.fixture
+def bench(request, tmp_path):
+    benches = []
+
+    def make(**edits):
+        name = f"latch{abs(hash(request.node.nodeid)) % 10**8}"
+        benches.append(Bench(name, config=copy_robby(tmp_path, **edits)))
+        return benches[-1]
+
+    yield make
+    for each in benches:
+        each.close()
+
+
+def stop(robby, by="a test"):
+    answers = []
+    robby.robot.stop(answers.append, by)
+    robby.until(lambda: answers)
+    assert answers == [None]
+
+
+def act(robby, action):
+    answers = []
+    robby.robot.axis(action, "all", answers.append)
+    robby.until(lambda: answers)
+    assert answers == [None]
+
+
+def test_a_latched_stop_stops_and_refuses_everything_that_would_move_with_a_way_out(bench):
+    robby = bench()
+    robby.start()
+    robby.hold(10, 10, ms=500)
+    assert abs(robby.speed(LEFT)) > 1000
+    stop(robby)
+    assert (robby.speed(LEFT), robby.speed(RIGHT)) == (0, 0)
+    robot = robby.robot
+    for attempt in (
+        lambda: robot.command(FORWARD, [1.0, 1.0], "test"),
+        lambda: robot.axis(Action.ENABLE, "all", print),
+        lambda: robot.axis(Action.HOME, "all", print),
+        lambda: robot.switch(["robby_base_controller"], [FORWARD], strict=True),
+    ):
+        with pytest.raises(ControlError, match=r"STOP is latched \(by a test\).*canopen-control stop --release"):
+            attempt()
+    assert robot.manager.get(FORWARD).state.value == "active"  # the refused switch has changed nothing
+    act(robby, Action.DISABLE)
+    act(robby, Action.FAULT_RESET)
+    robot.switch((), [FORWARD], strict=True)
+    robby.run(1000)
+    assert all(joint.state is State.SWITCH_ON_DISABLED for joint in robot.joints.values())
+
+
+def test_a_release_enables_nothing_and_the_old_command_is_forgotten(bench):
+    robby = bench(controllers=NO_TIMEOUT)
+    robby.start()
+    robby.command(10, 10)
+    robby.run(500)
+    stop(robby)
+    robby.robot.latch.release("a test", robby.reactor.now())
+    robby.run(500)
+    assert not any(joint.enabled for joint in robby.robot.joints.values())
+    act(robby, Action.ENABLE)
+    robby.run(500)
+    assert (robby.speed(LEFT), robby.speed(RIGHT)) == (0, 0)  # without a timeout, 10 rad/s would be the command still
+    robby.command(5, 5)
+    robby.run(500)
+    assert robby.velocity(LEFT) == pytest.approx(5.0, rel=0.02)
+
+
+def test_an_ordinary_stop_latches_nothing(bench):
+    robby = bench()
+    robby.start()
+    stop(robby, None)
+    assert not robby.robot.latch.held
+    act(robby, Action.ENABLE)
+
+
+def test_a_robot_that_is_latched_while_it_boots_waits_for_the_release(bench):
+    robby = bench()
+    robby.robot.start()
+    robby.run(2)
+    robby.robot.stop(lambda _error: None, "a test")
+    robby.run(3000)
+    assert robby.robot.state is RobotState.STARTING
+    assert not any(joint.enabled for joint in robby.robot.joints.values())
+    robby.robot.latch.release("a test", robby.reactor.now())
+    robby.until(lambda: robby.robot.state is RobotState.RUNNING)
+
+
+def test_a_drive_that_comes_back_under_a_latched_stop_stays_off(bench):
+    robby = bench()
+    robby.start()
+    robby.hold(10, 10, ms=300)
+    robby.power_off(LEFT)
+    robby.run(100)
+    stop(robby)
+    robby.power_on(LEFT)
+    robby.until(lambda: robby.robot.nodes["left_drive"].ready)
+    robby.run(3000)
+    assert not any(joint.enabled for joint in robby.robot.joints.values())
+
+
+def test_status_and_stream_say_who_latched_it(bench):
+    robby = bench()
+    robby.start()
+    assert [status_dict(robby.robot)[key] for key in ("latched", "latched_by")] == [False, None]
+    stop(robby, "the page")
+    stop(robby, "somebody else")
+    for told in (status_dict(robby.robot), state_dict(robby.robot)):
+        assert (told["latched"], told["latched_by"]) == (True, "the page")
+    assert len(robby.texts("stop_latched")) == 1
+
+
+def test_a_position_target_from_before_is_forgotten_as_well():
+    calls = []
+
+    class Command:
+        interface, value = "position", 3.0
+
+    class Controller:
+        commands, states = (Command(),), ()
+
+        def on_deactivate(self, now):
+            calls.append("off")
+
+        def on_activate(self, commands, states, now):
+            calls.append("on")
+
+    latch = StopLatch(lambda _event: None)
+    latch.hold("a test", [Controller()], 5)
+    assert math.isnan(Controller.commands[0].value)
+    assert calls == ["off", "on"]
+
+
+@pytest.mark.parametrize(("index", "expected"), [(0x6040, True), (0x6840, True), (0x6041, False), (0x2040, False)])
+def test_the_controlwords_of_all_axes_are_known(index, expected):
+    assert is_controlword(index) is expected
+
+
+def test_the_api_latches_refuses_and_releases(bench):
+    robby = bench()
+    api = ApiServer(robby.robot)
+    robby.start()
+    client = Client(robby)
+    try:
+        assert client.ask("stop", latch=True, source="the page")["result"] == {}
+        answer = client.ask("command", controller=FORWARD, values=[1, 1])
+        assert (answer["error"]["kind"], "latched" in answer["error"]["message"]) == ("ControlError", True)
+        answer = client.ask("sdo_write", node="left_drive", index=0x6040, subindex=0, data="0f00")
+        assert "controlword (0x6040)" in answer["error"]["message"]
+        assert "result" in client.ask("sdo_write", node="left_drive", index=0x6081, subindex=0, data="40060000")
+        assert client.ask("release", source="a test") == {"id": 1, "result": {}}
+        assert client.ask("status")["result"]["latched"] is False
+        assert client.ask("axis", action="enable", node="all")["result"] == {}
+        assert robby.texts("stop_released") == [
+            "STOP was released by a test; the drives stay disabled until somebody enables them"
+        ]
+    finally:
+        client.close()
+        api.close()
