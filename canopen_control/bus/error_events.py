@@ -42,10 +42,13 @@ def _controller_events(detail: int, counters: str) -> Iterator[BusEvent]:
 
 
 def events_of(frame: CanFrame) -> list[BusEvent]:
-    """Return what an error frame tells; a lone bus error tells nothing but itself and is only counted."""
-    events: list[BusEvent] = []
+    """Return what an error frame tells; a lone bus error tells nothing but itself and is only counted.
+
+    Bus-off is the whole news of its frame: some adapters tell in the same one how passive the controller was before.
+    """
     if frame.can_id & BUS_OFF:
-        events.append(BusEvent(BusEventKind.BUS_OFF, "bus-off; check the cable, the terminators and the bit rate"))
+        return [BusEvent(BusEventKind.BUS_OFF, "bus-off; check the cable, the terminators and the bit rate")]
+    events: list[BusEvent] = []
     if frame.can_id & CONTROLLER:
         counters = ""
         if frame.can_id & COUNTERS:

@@ -148,8 +148,9 @@ class SocketCanPort:
             events = note_errors(records, self.stats)
             self._events.extend(events)
             self._follow(events)
-        else:
+        elif self._bus_off:  # an adapter that restarted by itself may tell it by nothing but frames
             self._bus_off = False
+            self._events.add(BusEventKind.ERROR_ACTIVE, f"bus {self.channel}: frames come again after bus-off")
         self._works_again()
         if self._queue.data:
             self.flush()

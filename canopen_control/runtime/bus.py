@@ -26,6 +26,7 @@ _FRAME_BITS = 47  # of a frame without data, intermission included, without stuf
 _WINDOW_NS = 1_000_000_000
 _FAILURES = (BusEventKind.BUS_OFF, BusEventKind.DOWN)
 _RETURNS = (BusEventKind.ERROR_ACTIVE, BusEventKind.UP)
+_LOST_WHILE_SILENT = ("bus_frames_lost", "while it carried nothing")
 
 
 class RobotBus:
@@ -52,6 +53,7 @@ class RobotBus:
         self._writing = False
         self._lost_frames = 0
         self._told_lost = -_WINDOW_NS
+        self._carries_nothing = self._was_silent = False
         self._bits = 0
         self._window: tuple[int, int] | None = None
 
@@ -145,16 +147,20 @@ class RobotBus:
         level = Level.INFO if kind in ("up", "error_active") else Level.WARNING
         self._report(Event(now, f"bus_{kind}", "", f"bus {self.name} ({self.channel}): {event.text}", level))
         if event.kind in _FAILURES:
+            self._carries_nothing = self._was_silent = True
             self.network.bus_failed(f"bus {self.name} carries nothing: {event.text}", now)
         elif event.kind in _RETURNS:
+            self._carries_nothing = False
             self.network.bus_back(now)
 
     def _tell_lost(self, lost: int, now: int) -> None:
-        """Tell that frames were lost because nobody took them, at most once a second."""
-        if now - self._told_lost < _WINDOW_NS:
+        """Tell that frames were lost and why, at most once a second; of a bus that carries nothing when it is back."""
+        if now - self._told_lost < _WINDOW_NS or self._carries_nothing:
             return
-        text = f"bus {self.name} ({self.channel}): {lost - self._lost_frames} frames lost, its queue was full"
-        self._report(Event(now, "bus_queue_full", "", text, Level.WARNING))
+        kind, why = ("bus_queue_full", "its queue was full") if not self._was_silent else _LOST_WHILE_SILENT
+        text = f"bus {self.name} ({self.channel}): {lost - self._lost_frames} frames lost, {why}"
+        self._report(Event(now, kind, "", text, Level.WARNING))
+        self._was_silent = False
         self._lost_frames, self._told_lost = lost, now
 
     def _measure(self, now: int) -> None:

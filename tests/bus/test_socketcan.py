@@ -11,6 +11,7 @@ import time
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from support.error_frames import DRIVER_FRAMES, NAMES
 
 from canopen_control.bus.error_frames import overrun_frame
 from canopen_control.bus.port import BusEventKind
@@ -322,7 +323,16 @@ def test_more_identifiers_than_the_kernel_can_choose_are_all_of_eleven_bits(benc
     assert len(filters(bench)) == 512
 
 
-# Recorded error frames
+# Error frames, as drivers make them
+
+
+@pytest.mark.parametrize("row", DRIVER_FRAMES, ids=NAMES)
+def test_what_a_driver_tells_is_an_event_of_the_port_and_stays_among_the_records(bench, row):
+    bench.socket.put(ONE, row.frame, TWO)
+    assert bench.received() == [ONE, row.frame, TWO]
+    assert tuple(bench.kinds()) == row.kinds
+    assert (bench.port.stats.errors, bench.port.stats.rx, bench.port.stats.lost) == (1, 3, 0)
+
 
 BUS_OFF = CanFrame(0x20000040, bytes(8))
 RESTARTED = CanFrame(0x20000100, bytes(8))
@@ -351,6 +361,21 @@ def test_nothing_is_kept_for_a_controller_that_is_off_the_bus(bench):
     bench.send(THREE)
     assert bench.socket.sent == [THREE]
     assert bench.kinds() == [BusEventKind.BUS_OFF, BusEventKind.ERROR_ACTIVE]
+
+
+def test_a_controller_that_restarts_without_a_word_is_back_with_the_first_frame(bench):
+    bench.socket.put(ONE, BUS_OFF)
+    bench.received()
+    bench.send(TWO)
+    assert bench.socket.sent == []
+    bench.socket.put(ONE)
+    bench.received()
+    bench.send(THREE)
+    assert bench.socket.sent == [THREE]
+    assert bench.kinds() == [BusEventKind.BUS_OFF, BusEventKind.ERROR_ACTIVE]
+    bench.socket.put(ONE)
+    bench.received()
+    assert bench.kinds() == [], "told once"
 
 
 def test_a_controllers_own_overflow_report_has_no_number_in_it(bench):

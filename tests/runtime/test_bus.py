@@ -51,3 +51,23 @@ def test_every_frame_that_was_sent_was_received_by_the_drives():
     assert master.rx == others
     assert master.lost == 0
     bench.close()
+
+
+def test_what_is_lost_while_the_bus_carries_nothing_is_told_as_that_and_once_when_it_is_back():
+    bench = Bench("bus5")
+    bench.start()
+    bench.bus.bus_off("master")
+    bench.run(3000)
+    master = bench.robot.buses["can"].port.stats
+    assert master.lost > 20
+    assert bench.texts("bus_frames_lost") == bench.texts("bus_queue_full") == []
+    bench.bus.restart("master")
+    bench.run(2000)
+    assert bench.texts("bus_frames_lost") == [
+        f"bus can (memory:bus5): {master.lost} frames lost, while it carried nothing"
+    ]
+    assert bench.texts("bus_queue_full") == []
+    master.lost += 3
+    bench.run(2000)
+    assert bench.texts("bus_queue_full") == ["bus can (memory:bus5): 3 frames lost, its queue was full"]
+    bench.close()

@@ -9,6 +9,7 @@ import subprocess
 import time
 
 import pytest
+from support.error_frames import DRIVER_FRAMES
 from support.guest import ip, throttle
 from support.host import eventually
 
@@ -190,16 +191,16 @@ def test_a_bus_that_takes_nothing_keeps_the_newest_and_counts_the_rest(ports, vc
 
 
 def test_error_frames_come_through(ports, vcan):
-    """A vcan has none of its own; one that is sent is carried like any other, and the port asked for them."""
-    sender = socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW)
-    sender.bind((vcan,))
-    sender.send(struct.pack("=IB3x8s", 0x20000204, 8, bytes.fromhex("0020000000008000")))
-    sender.close()
-    ours, theirs = ports
-    theirs.hear([0x80])
-    assert [frame.can_id for frame in receive(ours, 1)] == [0x20000204]
-    assert kinds(ours) == [BusEventKind.ERROR_PASSIVE]
-    assert ours.stats.errors == 1
+    """A vcan has none of its own; those that are sent are carried like any other, and the port asked for them."""
+    ports[1].hear([0x80])
+    with socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW) as sender:
+        sender.bind((vcan,))
+        for row in DRIVER_FRAMES:
+            sender.send(pack_records([row.frame]))
+    for port in ports:
+        assert receive(port, len(DRIVER_FRAMES)) == [row.frame for row in DRIVER_FRAMES]
+        assert kinds(port) == [kind for row in DRIVER_FRAMES for kind in row.kinds]
+        assert port.stats.errors == len(DRIVER_FRAMES)
 
 
 def test_opening_what_is_missing_or_down_says_what_to_type(vcan):
