@@ -68,7 +68,7 @@ class SdoConversation:
         }
         self._server: dict[int, Callable[[bytes], SdoText]] = {
             DOWNLOAD_ANSWER: self._download_answer,
-            DOWNLOAD_SEGMENT_ANSWER: lambda _data: SdoText(f"segment of {self._where()} taken"),
+            DOWNLOAD_SEGMENT_ANSWER: self._segment_answer,
             UPLOAD: self._upload_answer,
             SEGMENT: lambda data: self._segment(data, "read"),
             BLOCK_DOWNLOAD_ANSWER & COMMAND_MASK: self._block_download_server,
@@ -83,6 +83,7 @@ class SdoConversation:
         self._data = bytearray()
         self._length = 0
         self._size = 0
+        self._open = False  # a segmented download that waits for more
         self._streams = False  # the next frames of the sender are a block's segments
         self._block: dict[int, bytes] = {}
         self._last = 0  # the sequence number of the block's last segment
@@ -146,6 +147,7 @@ class SdoConversation:
         if data[0] & _EXPEDITED:
             value = self._value(self._carried(data))
             return SdoText(f"write {where} = {value.text if value else ''}", value)
+        self._open = True
         size = f", {self._announced(data)}" if data[0] & _SIZED else ""
         return SdoText(f"write {where}{size} in segments")
 
@@ -153,7 +155,14 @@ class SdoConversation:
         address = data[1] | data[2] << 8, data[3]
         if address != self._address:
             self._begin(data, "write")
-        return SdoText(f"written {self._named(*address)}" if not self._size else f"go on with {self._named(*address)}")
+        return SdoText(f"{'go on with' if self._open else 'written'} {self._where()}")
+
+    def _segment_answer(self, data: bytes) -> SdoText:  # noqa: ARG002 - one shape for all
+        where = self._where()
+        if self._open or self._address is None:
+            return SdoText(f"segment of {where} taken")
+        self._end()
+        return SdoText(f"written {where}")
 
     def _upload(self, data: bytes) -> SdoText:
         return SdoText(f"read {self._begin(data, 'read')}")
@@ -187,7 +196,7 @@ class SdoConversation:
         value = None if self._length > LIMIT else self._value(data)
         verb = "write " if kind == "write" else ""
         text = f"{verb}{self._where()} = {value.text if value else f'{self._length} bytes'}"
-        self._size = 0  # the answer to a last written segment says that it is written
+        self._open = False
         if kind == "read":
             self._end()
         return SdoText(text, value)

@@ -4,7 +4,7 @@ import pytest
 from support.robots import LEFT, Bench, copy_robby
 
 from canopen_control.errors import ControlError
-from canopen_control.runtime.status import event_dict, nodes_dict, state_dict, status_dict
+from canopen_control.runtime.status import event_dict, layout_dict, nodes_dict, state_dict, status_dict
 
 
 def test_everything_is_plain_json_and_nan_is_none():
@@ -54,6 +54,14 @@ def test_clients_learn_where_a_node_is_and_which_eds_describes_it():
     assert (left["node_id"], left["bus"], left["eds"].rpartition("/")[2]) == (LEFT, "can", "TMCM-1270.eds")
     assert (left["identity"]["vendor_id"], left["identity"]["product_code"]) == (0x286, 0x4F6)
     assert json.loads(json.dumps(listing)) == listing
+    bench.close()
+
+
+def test_listeners_learn_what_the_pdos_carry():
+    bench = Bench("status-layout")
+    layout = layout_dict(bench.robot)["buses"]["can"]
+    assert layout["channel"] == "memory:status-layout"
+    assert {node["name"]: len(node["pdos"]) for node in layout["nodes"]} == {"left_drive": 4, "right_drive": 4}
     bench.close()
 
 

@@ -1,0 +1,28 @@
+"""Robby's network description and a decoder of it, for tests of what listens."""
+
+import functools
+
+from canopen_control.data_files import data_path
+from canopen_control.frame import CanFrame
+from canopen_control.master.config import read_bus
+from canopen_control.master.layout import layout_of
+from canopen_control.trace.decoder import Decoder
+from canopen_control.trace.network import network_of_layout
+
+
+@functools.cache
+def robby_network():
+    return network_of_layout(layout_of(read_bus(data_path("config", "robby") / "bus.yml"), "local:robby"))
+
+
+def robby_decoder():
+    return Decoder(robby_network())
+
+
+def frame(can_id, data=""):
+    return CanFrame(can_id, bytes.fromhex(data))
+
+
+def said(decoder, *frames):
+    """Decode (can_id, hex) pairs and return the texts."""
+    return [decoder.decode(frame(*each)).text for each in frames]

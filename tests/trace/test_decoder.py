@@ -1,0 +1,157 @@
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from support.tracing import frame, robby_decoder, robby_network, said
+
+from canopen_control.cia301.pdo import EXTENDED_BIT
+from canopen_control.frame import ERROR_FLAG, EXTENDED_FLAG, REMOTE_FLAG, CanFrame
+from canopen_control.od.model import DataType
+from canopen_control.trace.decoder import SERVICES, Decoder, Mark
+from canopen_control.trace.network import NetworkDescription, NodeDescription, PdoDescription, PdoObject
+
+
+def one(can_id, data="", decoder=None):
+    return (decoder or robby_decoder()).decode(frame(can_id, data), 5)
+
+
+LINES = [
+    (0x000, "0103", "nmt", "left_drive", "START, node 3 (left_drive)", Mark.NOTABLE),
+    (0x000, "8200", "nmt", "", "RESET COMMUNICATION, all nodes", Mark.NOTABLE),
+    (0x000, "FF03", "nmt", "", "no command of the standard", Mark.WARNING),
+    (0x080, "", "sync", "", "", Mark.PLAIN),
+    (0x080, "07", "sync", "", "counter 7", Mark.PLAIN),
+    (0x703, "00", "hb", "left_drive", "boot-up", Mark.NOTABLE),
+    (0x701, "05", "hb", "master", "OPERATIONAL", Mark.PLAIN),
+    (0x701, "05 05", "hb", "master", "malformed: 05 05", Mark.WARNING),
+    (0x702, "85", "hb", "right_drive", "OPERATIONAL, toggle 1", Mark.PLAIN),
+    (
+        *(0x083, "1186210100000000", "emcy", "left_drive"),
+        "0x8611 following error, register 0x21 (generic, device profile), data 01 00 00 00 00",
+        Mark.ERROR,
+    ),
+    (0x083, "0000000000000000", "emcy", "left_drive", "0x0000 error reset or no error, register 0x00", Mark.NOTABLE),
+    (0x083, "11", "emcy", "left_drive", "malformed: 1 bytes", Mark.WARNING),
+    (0x100, "0000000001 00", "time", "", "1984-01-02 00:00:00.000", Mark.PLAIN),
+    (0x7E5, "0401", "lss", "", "all switch to configuration", Mark.PLAIN),
+    (0x7E4, "1100", "lss", "", "node id: accepted", Mark.PLAIN),
+    (0x385, "11", "pdo", "", "nobody said what it carries", Mark.PLAIN),
+    (0x6FF, "00", "raw", "", "no CANopen service has this identifier", Mark.PLAIN),
+    (EXTENDED_FLAG | 0x183, "00", "raw", "", "29-bit identifier, no PDO of this bus has it", Mark.PLAIN),
+    (REMOTE_FLAG | 0x703, "00", "hb", "left_drive", "guarding request", Mark.PLAIN),
+    (REMOTE_FLAG | 0x183, "", "pdo", "left_drive", "asks for TPDO1", Mark.PLAIN),
+    (
+        *(ERROR_FLAG | 0x40, "", "error", ""),
+        "bus-off; check the cable, the terminators and the bit rate",
+        Mark.ERROR,
+    ),
+    (ERROR_FLAG | 0x08, "", "error", "", "bus error: a frame was disturbed", Mark.WARNING),
+]
+
+
+@pytest.mark.parametrize(("can_id", "data", "service", "node", "text", "mark"), LINES)
+def test_every_service_has_its_words(can_id, data, service, node, text, mark):
+    got = one(can_id, data)
+    assert (got.service, got.node, got.text, got.mark) == (service, node, text, mark)
+    assert (got.time, got.can_id, got.data) == (5, can_id, bytes.fromhex(data))
+
+
+def test_a_pdo_is_read_by_name_and_type():
+    got = one(0x283, "FFFFFFFF40060000")
+    assert got.subject == "TPDO2"
+    assert [(each.name, each.value) for each in got.values] == [
+        ("Position actual value", -1),
+        ("Velocity actual value", 1600),
+    ]
+    assert got.text == "Position actual value -1; Velocity actual value 1600"
+
+
+def test_the_words_of_the_drive_profile_depend_on_what_was_heard_before():
+    decoder = robby_decoder()
+    assert said(
+        decoder,
+        (0x183, "371603"),  # the mode is in the same frame, behind the statusword
+        (0x203, "070003"),
+        (0x203, "0F0003"),
+        (0x203, "800003"),
+        (0x203, "8F0003"),
+    ) == [
+        "Statusword 0x1637 OPERATION ENABLED, target reached, speed is zero; Modes of operation display 3 PV",
+        "Controlword 0x0007 DISABLE OPERATION; Modes of operation 3 PV",
+        "Controlword 0x000F ENABLE OPERATION; Modes of operation 3 PV",
+        "Controlword 0x0080 FAULT RESET; Modes of operation 3 PV",
+        "Controlword 0x008F FAULT RESET held; Modes of operation 3 PV",
+    ]
+
+
+def test_a_drive_in_fault_is_marked():
+    assert one(0x183, "180203").mark is Mark.ERROR
+    assert one(0x183, "370603").mark is Mark.PLAIN
+
+
+def test_a_short_pdo_is_said_and_a_long_one_is_read():
+    short, long = one(0x183, "3706"), one(0x183, "37060300")
+    assert (short.text, short.values, short.mark) == ("too short: 2 bytes, 3 are mapped", (), Mark.WARNING)
+    assert long.text.endswith("; 4 bytes, 3 are mapped")
+    assert len(long.values) == 2
+
+
+def test_a_heartbeat_says_what_was_before_when_it_changes():
+    decoder = robby_decoder()
+    texts = said(decoder, (0x703, "00"), (0x703, "7F"), (0x703, "7F"), (0x703, "05"))
+    assert texts == [
+        "boot-up",
+        "PRE-OPERATIONAL (after boot-up)",
+        "PRE-OPERATIONAL",
+        "OPERATIONAL (was PRE-OPERATIONAL)",
+    ]
+
+
+def test_a_pdo_may_lie_on_any_identifier_even_one_of_29_bits():
+    objects = (
+        PdoObject(0x2000, 0, 4, DataType.INTEGER8, "nibble"),
+        PdoObject(0x2001, 0, 12, DataType.UNSIGNED16, "rest"),
+    )
+    node = NodeDescription("io", 9, None, (PdoDescription(EXTENDED_FLAG | 0x12345, "tpdo", 1, objects),))
+    got = Decoder(NetworkDescription(nodes={9: node})).decode(frame(EXTENDED_FLAG | 0x12345, "1F00"))
+    assert (got.node, got.text) == ("io", "nibble -1; rest 1")
+    assert EXTENDED_BIT  # of a COB-ID entry, which is another bit than that of a frame
+
+
+def test_a_mapping_that_cannot_be_is_said_with_the_bytes():
+    objects = tuple(PdoObject(0x2000 + n, 0, 64, DataType.UNSIGNED64, "x") for n in range(2))
+    node = NodeDescription("odd", 9, None, (PdoDescription(0x189, "tpdo", 1, objects),))
+    got = Decoder(NetworkDescription(nodes={9: node})).decode(frame(0x189, "0102"))
+    assert got.text.startswith("01 02; its mapping cannot be read")
+    assert got.mark is Mark.WARNING
+
+
+def test_sync_may_lie_elsewhere():
+    decoder = Decoder(NetworkDescription(sync_cob_id=0x85))
+    assert decoder.decode(frame(0x85)).service == "sync"
+
+
+frames = st.builds(
+    CanFrame,
+    st.one_of(
+        st.integers(0, 0x7FF),
+        st.sampled_from([0x603, 0x583, 0x183, 0x703, 0x000]),
+        st.integers(0, 0xFFFFFFFF),
+    ),
+    st.binary(max_size=8),
+)
+
+
+@settings(deadline=None)
+@given(st.lists(frames, max_size=60))
+def test_nothing_on_the_wire_raises_and_everything_gets_a_line(stream):
+    decoder, again = robby_decoder(), Decoder(robby_network())
+    for each in stream:
+        got = decoder.decode(each, 1)
+        assert got.service in SERVICES
+        assert "\n" not in got.text
+        assert got == again.decode(each, 1)
+
+
+@given(st.binary(max_size=64))
+def test_a_frame_longer_than_can_carries_is_cut(data):
+    assert len(robby_decoder().decode(CanFrame(0x583, data)).data) <= 8
