@@ -57,7 +57,10 @@ _TRANSITIONS = range(17)  # of the CiA 402 power state machine; 0 and 1 are the 
 
 @dataclass(frozen=True)
 class BusConfig:
-    """A bus: its master, its nodes by name, and for each node the dictionary and the plan."""
+    """A bus: its master, its nodes by name, and for each node the dictionary and the plan.
+
+    `period_line` is where sync_period stands, 0 where it does not.
+    """
 
     path: str
     options: Options
@@ -68,6 +71,7 @@ class BusConfig:
     eds_paths: dict[str, Path]
     notes: tuple[str, ...]
     eds_issues: dict[Path, list[Issue]]
+    period_line: int = 0
 
 
 def read_bus(path: str | Path, *, peer_merge: bool = False) -> BusConfig:
@@ -120,6 +124,7 @@ class _Reader:
             paths,
             tuple(f"{self._path}: {key}: {why}" for key, why in sorted(self._unused.items())),
             self._sources.issues,
+            self._period_line(),
         )
 
     # ------------------------------------------------------------------------------------------- sections
@@ -139,6 +144,11 @@ class _Reader:
                 (section.get("channel") or section).error(str(error))
             master = replace(master, channel=channel)
         return master
+
+    def _period_line(self) -> int:
+        section = self._root.get("master")
+        place = section.get("sync_period") if section is not None else None
+        return place.line if place is not None else 0
 
     def _nodes(self, master: MasterConfig) -> dict[str, tuple[NodeConfig, Node]]:
         """Find the nodes in either shape and merge `defaults` below each."""

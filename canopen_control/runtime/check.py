@@ -86,7 +86,7 @@ class _Checker:
     def run(self) -> None:
         for name, path in self._files.buses.items():
             self._read_bus(name, path)
-        self.findings += [_placed(text, self._files.bus) for text in clashes_of(self._whole)]
+        self.findings += [_placed(text, self._files.description) for text in clashes_of(self._whole)]
         control, description = self._read_controllers(), self._read_description()
         self.findings += check_rules.find(
             self._files,
@@ -98,7 +98,7 @@ class _Checker:
         )
         for name, config in self._whole.items():
             self.budgets[name] = budget = budget_of(config, _period_ns(config, control))
-            self.findings += _judged(config, budget)
+            self.findings += _judged(config, budget, control)
         if not any(finding.severity is Severity.ERROR for finding in self.findings):
             self._build()
 
@@ -190,25 +190,21 @@ def _period_ns(config: BusConfig, control: ControllersFile | None) -> int:
     return config.master.sync_period * 1000 or 1_000_000_000 // rate
 
 
-def _judged(config: BusConfig, budget: Budget) -> Iterator[Finding]:
-    """Judge what a bus has to carry."""
+def _judged(config: BusConfig, budget: Budget, control: ControllersFile | None) -> Iterator[Finding]:
+    """Judge what a bus has to carry, where its period is set: by sync_period, or without SYNC by update_rate."""
     kbits, shortest = config.master.baudrate, budget.shortest_period_ns / 1e6
+    path, line, cure = config.path, config.period_line, "raise sync_period"
+    if not config.master.sync_period and control is not None:
+        path, line, cure = control.path, control.manager_lines.get("update_rate", 0), "lower update_rate"
     if not budget.fits:
-        yield Finding(
-            config.path,
-            0,
-            Severity.ERROR,
-            f"a cycle of {budget.period_ns / 1e6:g} ms cannot carry its {budget.worst_bits} bits at {kbits} kbit/s",
-            f"the shortest possible period is {shortest:.2f} ms; raise sync_period or the bit rate, or map less",
-        )
+        period = f"a cycle of {budget.period_ns / 1e6:g} ms"
+        text = f"{period} cannot carry its {budget.worst_bits} bits at {kbits} kbit/s"
+        fix = f"the shortest possible period is {shortest:.2f} ms; {cure}, raise the bit rate, or map less"
+        yield Finding(path, line, Severity.ERROR, text, fix)
     elif budget.load > HIGH:
-        yield Finding(
-            config.path,
-            0,
-            Severity.WARNING,
-            f"the bus is loaded to {budget.load:.0%} by process data and heartbeats alone",
-            f"above {HIGH:.0%} too little is left for SDO and EMCY; raise sync_period or the bit rate, or map less",
-        )
+        text = f"the bus is loaded to {budget.load:.0%} by process data and heartbeats alone"
+        fix = f"above {HIGH:.0%} too little is left for SDO and EMCY; {cure}, raise the bit rate, or map less"
+        yield Finding(path, line, Severity.WARNING, text, fix)
     window = config.master.sync_window
     if window and budget.shortest_period_ns > window * 1000:
         text = f"the synchronous PDOs take {shortest:.2f} ms, sync_window is {window / 1000:g} ms"

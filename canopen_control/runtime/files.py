@@ -1,4 +1,7 @@
-"""Which files make a robot: a folder, a bundled name, or the three files one by one."""
+"""Which files make a robot: a folder, a bundled name, or the three files one by one.
+
+A robot without drives on a bus, simulated or mocked, needs no bus.yml.
+"""
 
 from __future__ import annotations
 
@@ -23,10 +26,10 @@ _DESCRIPTIONS = ("*.urdf.xacro", "*.urdf")
 
 @dataclass(frozen=True, slots=True)
 class RobotFiles:
-    """The three files of a robot and its name; `more_buses` are its bus_NAME.yml by NAME."""
+    """The three files of a robot and its name; `bus` may be absent, `more_buses` are its bus_NAME.yml by NAME."""
 
     name: str
-    bus: Path
+    bus: Path | None
     controllers: Path
     description: Path
     more_buses: dict[str, Path] = field(default_factory=dict)
@@ -34,7 +37,7 @@ class RobotFiles:
     @property
     def buses(self) -> dict[str, Path]:
         """The files of all buses by the names of the buses."""
-        return {MAIN_BUS: self.bus, **self.more_buses}
+        return ({MAIN_BUS: self.bus} if self.bus is not None else {}) | self.more_buses
 
 
 def find_robot(
@@ -45,17 +48,16 @@ def find_robot(
         names = ", ".join(data_names("config"))
         raise RobotConfigError(f"no robot given: name a folder or a bundled robot ({names}), or its three files")
     folder = _folder(config) if config is not None else None
+    no_bus: list[str] = []
     missing: list[str] = []
-    found = {
-        "bus": _one(bus, folder, BUS, "--bus", missing),
-        "controllers": _one(controllers, folder, CONTROLLERS, "--controllers", missing),
-        "description": _one(description, folder, _DESCRIPTIONS, "--description", missing),
-    }
+    main = _one(bus, folder, BUS, "--bus", no_bus)
+    control = _one(controllers, folder, CONTROLLERS, "--controllers", missing)
+    described = _one(description, folder, _DESCRIPTIONS, "--description", missing)
     more = _more_buses(folder, missing) if folder is not None and bus is None else {}
-    if missing:
-        raise RobotConfigError("; ".join(missing))
-    name = folder.resolve().name if folder is not None else found["bus"].resolve().parent.name
-    return RobotFiles(_safe(name), **found, more_buses=more)
+    if missing or (no_bus and (more or bus is not None)):
+        raise RobotConfigError("; ".join(no_bus + missing))
+    name = (folder or (described if no_bus else main).resolve().parent).resolve().name
+    return RobotFiles(_safe(name), None if no_bus else main, control, described, more)
 
 
 def find_buses(config: str | None) -> dict[str, Path]:

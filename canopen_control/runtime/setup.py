@@ -13,6 +13,7 @@ from canopen_control.controllers.params import read_controllers
 from canopen_control.controllers.types import is_broadcaster
 from canopen_control.errors import RobotConfigError
 from canopen_control.hardware.description import read_description
+from canopen_control.hardware.plugins import Kind, kind_of
 from canopen_control.master.config import read_bus
 from canopen_control.runtime.files import MAIN_BUS
 from canopen_control.yamltree import nearest
@@ -53,7 +54,8 @@ class RobotSetup:
     @property
     def cycle_ns(self) -> int:
         """The period of the cycle: SYNC's, else that of the controllers."""
-        return self.bus.master.sync_period * 1000 or 1_000_000_000 // self.controllers.update_rate
+        sync = self.bus.master.sync_period * 1000 if self.buses else 0
+        return sync or 1_000_000_000 // self.controllers.update_rate
 
 
 def read_robot(
@@ -77,6 +79,8 @@ def read_robot(
         raise RobotConfigError("\n".join(problems))
     control = read_controllers(files.controllers, strict=strict)
     description = read_description(files.description, mappings={"use_mock_hardware": "true"} if mock else None)
+    if not buses:
+        _refuse_drives(files, description, mock=mock, real=real)
     name = name or files.name
     return RobotSetup(
         name,
@@ -109,6 +113,16 @@ def clashes_of(buses: Mapping[str, BusConfig]) -> list[str]:
         if owner.setdefault(node.name, bus.path) != bus.path
     ]
     return differing + doubled
+
+
+def _refuse_drives(files: RobotFiles, description: Description, *, mock: bool, real: bool) -> None:
+    """Raise RobotConfigError for a description that wants drives which no bus.yml describes."""
+    for tag in description.hardware:
+        if kind_of(description, tag, mock=mock, real=real) is Kind.CANOPEN:
+            raise RobotConfigError(
+                f"{files.controllers.parent} has no bus.yml, and {tag.name} at {description.path}:{tag.line} moves "
+                "CANopen drives; write one or give --bus, or run it with --mock"
+            )
 
 
 def _channels(name: str, buses: Mapping[str, BusConfig], can: Sequence[str]) -> dict[str, str]:

@@ -1,5 +1,8 @@
 """Everything that is wrong with a robot's files, found at once; and what its buses carry."""
 
+import re
+import shutil
+
 import pytest
 from support.robots import copy_robby
 
@@ -67,21 +70,49 @@ def test_what_only_building_the_robot_shows_is_found(tmp_path):
     assert any("0x6041" in error and "map it in bus.yml" in error for error in errors), errors
 
 
+def line_of(path, text):
+    return next(number for number, line in enumerate(path.read_text().splitlines(), 1) if text in line)
+
+
+def told(config, severity):
+    return [each.replace(f"{config}/", "") for each in texts(check(config), severity)]
+
+
 def test_a_cycle_that_cannot_fit_is_refused_with_the_shortest_period(tmp_path):
-    report = check(copy_robby(tmp_path, bus={"baudrate: 1000": "baudrate: 20"}))
-    assert any(
-        "a cycle of 20 ms cannot carry its 935 bits at 20 kbit/s; the shortest possible period is 46.75 ms" in error
-        for error in texts(report, Severity.ERROR)
+    config = copy_robby(tmp_path, bus={"baudrate: 1000": "baudrate: 20"})
+    assert told(config, Severity.ERROR) == [
+        f"bus.yml:{line_of(config / 'bus.yml', 'sync_period:')}: error: a cycle of 20 ms cannot carry its 935 bits at "
+        "20 kbit/s; the shortest possible period is 46.75 ms; raise sync_period, raise the bit rate, or map less"
+    ]
+    assert check(config).budgets["can"].shortest_period_ns == 46_750_000
+
+
+def test_without_sync_it_is_the_update_rate_that_the_bus_cannot_carry(tmp_path):
+    config = copy_robby(
+        tmp_path,
+        bus={"sync_period: 20000": "sync_period: 0"},
+        controllers={"update_rate: 50": "update_rate: 2000"},
     )
-    assert report.budgets["can"].shortest_period_ns == 46_750_000
+    (error,) = [each for each in told(config, Severity.ERROR) if "cannot carry" in each]
+    line = line_of(config / "ros2_controllers.yaml", "update_rate")
+    assert re.fullmatch(
+        rf"ros2_controllers\.yaml:{line}: error: a cycle of 0\.5 ms "
+        r"cannot carry its \d+ bits at 1000 kbit/s; the shortest possible period is 0\.\d+ ms; "
+        "lower update_rate, raise the bit rate, or map less",
+        error,
+    )
 
 
 def test_a_load_above_seventy_per_cent_is_a_warning(tmp_path):
     slow = {"baudrate: 1000": "baudrate: 125", "sync_period: 20000": "sync_period: 10000"}
-    report = check(copy_robby(tmp_path, bus=slow))
-    assert any("loaded to 76% by process data" in warning for warning in texts(report, Severity.WARNING))
-    assert report.passes()
-    assert not report.passes(strict=True)
+    config = copy_robby(tmp_path, bus=slow)
+    line = line_of(config / "bus.yml", "sync_period:")
+    assert told(config, Severity.WARNING)[0] == (
+        f"bus.yml:{line}: warning: the bus is loaded to 76% by process data and heartbeats alone; "
+        "above 70% too little is left for SDO and EMCY; raise sync_period, raise the bit rate, or map less"
+    )
+    assert check(config).passes()
+    assert not check(config).passes(strict=True)
 
 
 def test_a_sync_window_that_is_too_short_is_a_warning(tmp_path):
@@ -121,3 +152,26 @@ def test_an_eds_full_of_doubts_is_summed_up(tmp_path):
     (config / "TMCM-1270.eds").write_text(eds.replace("DataType=0x0007", "DataType=0x0099", 1), encoding="latin-1")
     notes = texts(check(config), Severity.NOTE)
     assert any("doubts about this file" in note and "eds check" in note for note in notes), notes
+
+
+def without_bus(folder, name):
+    target = folder / name
+    shutil.copytree(data_path("config", name), target)
+    (target / "bus.yml").unlink()
+    return target
+
+
+def test_a_simulated_robot_needs_no_bus(tmp_path):
+    report = check(without_bus(tmp_path, "diffbot_sim"))
+    assert (report.findings, report.budgets) == ((), {})
+
+
+def test_a_robot_on_drives_needs_one(tmp_path):
+    config = without_bus(tmp_path, "robby")
+    (error,) = texts(check(config), Severity.ERROR)
+    assert re.fullmatch(
+        rf".*: error: {config} has no bus\.yml, and \w+ at .*robby\.urdf\.xacro:\d+ moves CANopen drives; "
+        "write one or give --bus, or run it with --mock",
+        error,
+    )
+    assert check(config, mock=True).passes()

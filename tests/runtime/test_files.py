@@ -44,6 +44,18 @@ def test_everything_that_is_missing_is_named_at_once(tmp_path):
     assert all(word in str(caught.value) for word in ("bus.yml", "ros2_controllers.yaml", "*.urdf"))
 
 
+def test_bus_yml_may_be_absent_but_not_beside_further_buses_and_not_when_it_is_named(tmp_path):
+    folder = robot(tmp_path / "r", "ros2_controllers.yaml", "x.urdf")
+    files = find_robot(str(folder))
+    assert (files.name, files.bus, files.buses) == ("r", None, {})
+    alone = find_robot(None, controllers=str(folder / "ros2_controllers.yaml"), description=str(folder / "x.urdf"))
+    assert (alone.name, alone.buses) == ("r", {})
+    with pytest.raises(RobotConfigError, match=r"has no bus\.yml"):
+        find_robot(str(robot(folder, "bus_arm.yml")))
+    with pytest.raises(RobotConfigError, match="--bus: no file"):
+        find_robot(str(folder), bus="none.yml")
+
+
 def test_two_descriptions_need_a_choice(tmp_path):
     folder = robot(tmp_path / "r", "bus.yml", "ros2_controllers.yaml", "a.urdf", "b.urdf")
     with pytest.raises(RobotConfigError, match="--description"):
