@@ -5,7 +5,9 @@ The whole protocol. The server speaks first: `{"hello": {"robot", "version", "pr
 "message"}}`; without "id" it is a notification and not answered. Answers may come in another order than the requests.
 
   status                                            the shape of `status --json` (runtime/status.py)
-  subscribe    state_rate (Hz or null), events      then pushes `{"state": {...}}` and `{"event": {...}}`
+  subscribe    state_rate (Hz or null), events, pdos   then pushes `{"state": {...}}`, `{"event": {...}}` and `{"pdos":
+                                                    {"time", "nodes": {node: [[index, subindex, hex], ...]}}}`: what
+                                                    TPDOs carry, first everything, then per cycle what has changed
   command      controller, values, source           a controller's command; SI units
   twist        controller, linear, angular, source  the same as velocities of a base, m/s and rad/s
   stop         latch, source                        ramps to zero and disables; answered when no drive moves any more;
@@ -13,8 +15,9 @@ The whole protocol. The server speaks first: `{"hello": {"robot", "version", "pr
   release      source                               lets go of a latched stop; the drives stay disabled
   shutdown                                          the same, then the runtime ends
   set_odometry  controller, x, y, heading           where a base controller's odometry goes on from
-  axis         action, node, method, mode           enable, disable, halt, quick-stop, fault-reset, home (method),
-                                                    mode (mode: a name such as CSP); node may be "all"
+  axis         action, node, joint, method, mode    enable, disable, halt, quick-stop, fault-reset, home (method),
+                                                    mode (mode: a name such as CSP); node may be "all"; joint: that
+                                                    one alone, of a node with several axes
   touch_probe  node                                 `{"status", "function", "probe_1_positive", ...}`, device units
   controllers                                       name, type, state, interfaces of each
   controller_types                                  the names that a controller's `type` may have
@@ -29,6 +32,8 @@ The whole protocol. The server speaks first: `{"hello": {"robot", "version", "pr
   layout                                            `{"buses": {bus: ...}}`: what the PDOs carry (master/layout.py)
   sdo_read     node, index, subindex, block, timeout   `{"data": hex}`; block true asks for block transfer
   sdo_write    node, index, subindex, data (hex), timeout   seconds for each answer; default: the node's
+  pdo_write    node, index, subindex, data (hex)    sent in the RPDOs that map it from the next cycle on, until it is
+                                                    written again; not what moves an axis
   description                                       `{"urdf": text, "path": of the file it was made of}`
   tell         kind, text                           an event of level info, for all who watch: what a client has to say
 
@@ -50,6 +55,7 @@ from canopen_control.host.sockets import socket_path
 from canopen_control.master.events import Event, Level
 from canopen_control.runtime.api_control import control_methods
 from canopen_control.runtime.call import Call
+from canopen_control.runtime.process_data import ProcessDataFeed, write_mapped
 from canopen_control.runtime.status import event_dict, layout_dict, nodes_dict, state_dict, status_dict
 
 if TYPE_CHECKING:
@@ -76,10 +82,10 @@ _NMT = {
 class _Subscription:
     """What a connection watches; `every` is in cycles, 0 for no state."""
 
-    __slots__ = ("events", "every")
+    __slots__ = ("events", "every", "pdos")
 
     def __init__(self) -> None:
-        self.every, self.events = 0, False
+        self.every, self.events, self.pdos = 0, False, False
 
 
 class ApiServer:
@@ -88,6 +94,7 @@ class ApiServer:
     def __init__(self, robot: RobotCore) -> None:
         self._robot = robot
         self._subscriptions: dict[Connection, _Subscription] = {}
+        self._process_data = ProcessDataFeed(robot.nodes.values())
         self._server = LineServer(
             robot.reactor, socket_path("robot", robot.setup.name), self._greet, self._on_message, self._on_close
         )
@@ -108,6 +115,7 @@ class ApiServer:
             "nmt": self._nmt,
             "sdo_read": self._sdo_read,
             "sdo_write": self._sdo_write,
+            "pdo_write": self._pdo_write,
             "description": lambda call: call.reply(
                 {"urdf": robot.setup.description.urdf_xml, "path": os.path.abspath(robot.setup.description.path)}
             ),
@@ -154,6 +162,19 @@ class ApiServer:
             if subscription.every and count % subscription.every == 0:
                 sample = sample or encode({"state": state_dict(self._robot)})
                 connection.send_encoded(sample)
+        if any(each.pdos for each in self._subscriptions.values()):
+            self._push_process_data()
+
+    def _push_process_data(self) -> None:
+        changes = self._process_data.changes()
+        line = encode(self._process_data_message(changes)) if changes else b""
+        for connection, subscription in list(self._subscriptions.items()) if changes else ():
+            if subscription.pdos:
+                connection.send_encoded(line)
+
+    def _process_data_message(self, nodes: dict[str, Any]) -> dict[str, Any]:
+        now = self._robot.reactor.now() + self._robot.wall_offset_ns
+        return {"pdos": {"time": now / 1e9, "nodes": nodes}}
 
     def _flush_events(self) -> None:
         events = self._robot.events.take()
@@ -167,6 +188,7 @@ class ApiServer:
         rate = call.params.get("state_rate")
         subscription = self._subscriptions.setdefault(call.connection, _Subscription())
         subscription.events = bool(call.params.get("events", False))
+        subscription.pdos = bool(call.params.get("pdos", False))
         subscription.every = 0
         if rate is not None:
             rate = float(rate)
@@ -174,6 +196,8 @@ class ApiServer:
                 raise LocalProtocolError(f"state_rate {rate:g} Hz: it must be above 0 and at most {MAX_RATE:g}")
             subscription.every = max(1, round(1e9 / rate / self._robot.pacer.period_ns))
         call.reply({})
+        if subscription.pdos:
+            call.connection.send(self._process_data_message(self._process_data.everything()))
 
     def _command(self, call: Call) -> None:
         values = [float(value) for value in call.params["values"]]
@@ -206,11 +230,12 @@ class ApiServer:
         self._robot.shutdown(f"a client asked for it (pid {call.connection.pid})")
 
     def _axis(self, call: Call) -> None:
-        method, mode = call.params.get("method"), call.params.get("mode")
+        method, mode, joint = (call.params.get(key) for key in ("method", "mode", "joint"))
         self._robot.axis(
             _choice(Action, call.params["action"]),
             str(call.params["node"]),
             call.settle,
+            joint=None if joint is None else str(joint),
             method=None if method is None else int(method),
             mode=None if mode is None else str(mode),
         )
@@ -255,6 +280,11 @@ class ApiServer:
         request = node.sdo.write(index, subindex, data, timeout_ns=_timeout(call))
         request.context = call.ended
         self._robot.bus_of(node).send_waiting()
+
+    def _pdo_write(self, call: Call) -> None:
+        node, (index, subindex) = self._robot.node(str(call.params["node"])), _address(call)
+        write_mapped(self._robot, node, index, subindex, bytes.fromhex(str(call.params["data"])))
+        call.reply({})
 
 
 def _address(call: Call) -> tuple[int, int]:

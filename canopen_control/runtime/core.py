@@ -121,7 +121,7 @@ class RobotCore:
             bus.network.start(now)
             bus.send_waiting()
         times = [bus.master.boot_time for bus in self.setup.buses.values()]
-        self._deadline = now + max(times) * 1_000_000 if all(times) else _NEVER
+        self._deadline = now + max(times, default=0) * 1_000_000 if all(times) else _NEVER
         self.pacer.start()
 
     def shutdown(self, why: str) -> None:
@@ -188,16 +188,18 @@ class RobotCore:
         name: str,
         done: Callable[[str | None], None],
         *,
+        joint: str | None = None,
         method: int | None = None,
         mode: str | None = None,
     ) -> None:
         """Do something to the axes of a node, or of "all"; `done(error)` when it is reached. Raises ControlError.
 
+        `joint` is the one that is meant, of a node with several axes.
         `method` is the homing method (None: what 0x6098 holds), `mode` the mode of operation by name or number.
         """
         now = self.reactor.now()
         self.latch.check_action(action)
-        joints = self._axes_of(name)
+        joints = self._axes_of(name, joint)
         patience = begin_action(action, joints, self.systems, now, method=method, mode=mode)
         self._requests.append(AxisRequest(joints, action, now + REQUEST_TIMEOUT_NS + patience, done))
 
@@ -342,14 +344,20 @@ class RobotCore:
             joint.machine.fault for joint in self.joints.values()
         )
 
-    def _axes_of(self, name: str) -> tuple[JointDrive, ...]:
+    def _axes_of(self, name: str, only: str | None = None) -> tuple[JointDrive, ...]:
         if name == "all":
-            return tuple(self.joints.values())
-        node = self.node(name)
-        joints = tuple(joint for joint in self.joints.values() if joint.node is node)
-        if not joints:
-            raise ControlError(f"node {node.node_id} ({node.name}) drives no joint of the description")
-        return joints
+            joints = tuple(self.joints.values())
+        else:
+            node = self.node(name)
+            joints = tuple(joint for joint in self.joints.values() if joint.node is node)
+            if not joints:
+                raise ControlError(f"node {node.node_id} ({node.name}) drives no joint of the description")
+        if only is None:
+            return joints
+        meant = tuple(joint for joint in joints if joint.joint == only)
+        if not meant:
+            raise ControlError(f"{name} has no joint {only!r}; there are: {', '.join(joint.joint for joint in joints)}")
+        return meant
 
     # ------------------------------------------------------------------------------------------- building
 

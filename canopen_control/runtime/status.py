@@ -109,6 +109,7 @@ def nodes_dict(robot: RobotCore) -> dict[str, Any]:
                 "driver": node.config.driver,
                 "namespace": node.config.namespace,
                 "remappings": node.config.remappings,
+                "channel_names": node.config.channel_names,
             }
             for name, node in robot.nodes.items()
         ],
@@ -170,6 +171,7 @@ def _axis(joint: JointDrive) -> dict[str, Any]:
     state, machine = joint.state, joint.machine
     return {
         "joint": joint.joint,
+        "axis": joint.axis.number,
         "cia402_state": state.name if state is not None else None,
         "statusword": joint.statusword if state is not None else None,
         "mode": mode_name(machine.mode) if machine.mode is not None else None,

@@ -10,7 +10,7 @@ from canopen_control.cia402.state import State
 from canopen_control.data_files import data_path
 from canopen_control.errors import ControlError, RobotConfigError, UnknownInterface
 from canopen_control.hardware.interfaces import LifecycleState, ReturnType
-from canopen_control.hardware.joint import Wish
+from canopen_control.hardware.joint import Action, Wish
 
 DEVICE = '<param name="device_name">${side}_drive</param>'
 VELOCITIES = ["left_wheel_joint/velocity", "right_wheel_joint/velocity"]
@@ -161,6 +161,18 @@ def test_the_axes_of_one_device_are_joints_of_their_own(tmp_path):
     bench.hosts[2].wake(bench.drives[2])
     bench.until(lambda: bench.texts("stop"))
     bench.until(lambda: all(joint.state is not State.OPERATION_ENABLED for joint in bench.robot.joints.values()))
+    bench.close()
+
+
+def test_one_axis_of_a_device_is_disabled_and_the_other_goes_on(tmp_path):
+    bench = Bench("oneaxis", config=two_axes(tmp_path), drives=(2,), controllers=["velocity"])
+    bench.start()
+    answers, (one, two) = [], bench.robot.joints.values()
+    bench.robot.axis(Action.DISABLE, "drive_one", answers.append, joint="two")
+    bench.until(lambda: answers)
+    assert (answers, one.enabled, two.enabled) == ([None], True, False)
+    with pytest.raises(ControlError, match="drive_one has no joint 'three'; there are: one, two"):
+        bench.robot.axis(Action.DISABLE, "drive_one", answers.append, joint="three")
     bench.close()
 
 

@@ -135,7 +135,8 @@ def test_who_subscribes_to_pdos_gets_everything_first_and_then_what_changes(api)
     assert "belongs to the controllers" in other.ask("pdo_write", node=2, index=0x6040, data="0f00")["error"]["message"]
     api.run(20)
     assert api.drives[2].get(OUTPUTS, 1) == 0x30000
-    watcher.ask("subscribe", pdos=False)
+    watcher.send(method="subscribe", params={"pdos": False})
+    watcher.watch(20)
     other.ask("command", controller="velocity", values=[0.0, 0.0])
     assert watcher.watch(200) == []
     watcher.close()
