@@ -29,6 +29,7 @@ VERBS = {
     "status": "what a running robot is doing",
     "command": "send a command to a controller, repeatedly",
     "twist": "send a velocity to a base controller, repeatedly",
+    "teleop": "drive a base by keyboard",
     "stop": "ramp all wheels to zero and disable the drives",
     "shutdown": "stop, then end the runtime",
     "axis": "enable, disable, halt, quick-stop or fault-reset drives",
@@ -59,6 +60,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         # The reader of our output has gone (`| head`); nothing more can be said to it.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
+    except Exception as error:  # noqa: BLE001 - a fault of ours: a sentence, and the way to its traceback
+        return _complain_of_ourselves(error)
 
 
 def _dispatch(arguments: list[str]) -> int:
@@ -92,6 +95,17 @@ def _top_parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"canopen-control {__version__}")
     parser.add_argument("verb", nargs="?", choices=list(VERBS), metavar="VERB", help="one of the verbs below")
     return parser
+
+
+def _complain_of_ourselves(error: Exception) -> int:
+    if os.environ.get("CANOPEN_CONTROL_DEBUG"):
+        raise error
+    kind, text = type(error).__name__, f": {error}" if str(error) else ""
+    print(
+        f"canopen-control: a fault of this program, {kind}{text}; CANOPEN_CONTROL_DEBUG=1 shows where, please report it",
+        file=sys.stderr,
+    )
+    return 1
 
 
 def _complain(error: CanopenError, code: int) -> int:

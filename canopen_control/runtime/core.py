@@ -389,7 +389,7 @@ class RobotCore:
 
     def _build_buses(self) -> None:
         for name, config in self.setup.buses.items():
-            self.buses[name] = bus = RobotBus(
+            bus = RobotBus(
                 name,
                 self.setup.channels[name],
                 config,
@@ -398,6 +398,9 @@ class RobotCore:
                 report=self.report,
                 on_lost=self._on_bus_lost,
             )
+            if self.setup.kernel_sync:  # all buses have one period, and one of them leads the cycle
+                bus.leave_sync_to_kernel(None if self.buses else self.pacer.lead)
+            self.buses[name] = bus
             self.nodes.update(bus.network.nodes)
 
     def _nodes_with_image(self) -> dict[str, tuple[RemoteNode, ProcessImage]]:

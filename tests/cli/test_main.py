@@ -42,3 +42,19 @@ def test_a_mistake_of_the_user_is_one_sentence_and_exit_code_2(capsys):
     assert main(["status"]) == 2
     error = capsys.readouterr().err
     assert error == "canopen-control: no robot is running; start one: canopen-control run robby\n"
+
+
+def test_a_fault_of_the_program_is_a_sentence_and_a_traceback_only_where_asked(monkeypatch, capsys):
+    def run(_args):
+        raise ZeroDivisionError("by accident")
+
+    monkeypatch.setattr("canopen_control.cli.check.run", run)
+    assert main(["check", "robby"]) == 1
+    said = capsys.readouterr().err
+    assert said == (
+        "canopen-control: a fault of this program, ZeroDivisionError: by accident; CANOPEN_CONTROL_DEBUG=1 shows where, "
+        "please report it\n"
+    )
+    monkeypatch.setenv("CANOPEN_CONTROL_DEBUG", "1")
+    with pytest.raises(ZeroDivisionError):
+        main(["check", "robby"])

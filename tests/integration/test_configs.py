@@ -6,6 +6,12 @@ import pytest
 from support.configs import ROBOTS, changed
 from support.robots import Bench
 
+from canopen_control.host.reactor import Reactor
+from canopen_control.host.timer import ManualClock
+from canopen_control.runtime.core import RobotCore, RobotState
+from canopen_control.runtime.files import find_robot
+from canopen_control.runtime.setup import read_robot
+
 ARM = "arm_position_controller"
 COUNTS = 65536 / (2 * math.pi)
 
@@ -93,3 +99,20 @@ def test_the_simulated_base_is_real_by_changing_the_one_line(tmp_path):
         assert bench.speed(3) == pytest.approx(5.0 * COUNTS, rel=0.01)
         assert bench.speed(2) == pytest.approx(-5.0 * COUNTS, rel=0.01)
         bench.close()
+
+
+def test_a_simulated_base_drives_without_any_bus(tmp_path):
+    files = changed(tmp_path, "diffbot_sim")
+    files.bus.unlink()
+    reactor = Reactor(ManualClock(1_000_000_000))
+    robot = RobotCore(read_robot(find_robot(str(files.description.parent))), reactor)
+    robot.start()
+    for _ in range(20):
+        reactor.run_for(100_000_000)
+        if robot.state is RobotState.RUNNING:
+            robot.command("diff_drive_base_controller", [0.5, 0.0], "test")
+    assert robot.registry.state("right_wheel_joint/velocity").value == pytest.approx(5.0, rel=0.01)
+    robot.shutdown("the test is over")
+    reactor.run_for(5_000_000_000)
+    assert robot.failure is None
+    reactor.close()

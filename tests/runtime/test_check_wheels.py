@@ -38,12 +38,18 @@ def test_an_odometry_frame_that_collides_with_a_fixed_joint(name, tmp_path):
 @pytest.mark.parametrize("name", ["robby", "diffbot_sim"])
 def test_an_odometry_frame_that_is_a_link_already_and_a_base_that_is_none(name, tmp_path):
     files = changed(tmp_path / "1", name, controllers={"odom_frame_id: odom": "odom_frame_id: caster"})
-    (text,) = found(files)
-    assert f"odom_frame_id 'caster' is a link of {files.description.name} already; call it odom" in text
+    line, links = line_of(files, "controllers", "odom_frame_id"), files.description.name
+    assert found(files) == [
+        f"ros2_controllers.yaml:{line}: warning: {BASES[name][0]}: odom_frame_id 'caster' is a link of {links} already; "
+        "call it odom"
+    ]
     right = "base_footprint" if name == "robby" else "base_link"
     files = changed(tmp_path / "2", name, controllers={f"base_frame_id: {right}": f"base_frame_id: {right[:-1]}"})
-    (text,) = found(files)
-    assert f"base_frame_id '{right[:-1]}' is no link of {files.description.name}, did you mean '{right}'?" in text
+    line = line_of(files, "controllers", "base_frame_id")
+    assert found(files) == [
+        f"ros2_controllers.yaml:{line}: warning: {BASES[name][0]}: base_frame_id '{right[:-1]}' is no link of {links}, "
+        f"did you mean '{right}'?; use a link's name"
+    ]
 
 
 SIZES = {"robby": ("0.24 ", "0.035 "), "diffbot_sim": ("0.36 ", "0.1 ")}
@@ -64,8 +70,11 @@ def test_a_wheel_size_that_is_not_the_descriptions(name, which, key, tmp_path):
 def test_a_wheel_size_that_is_not_the_descriptions_in_a_ros_1_file(tmp_path):
     place = "  wheel_separation_multiplier: 1.0"
     files = changed(tmp_path, "mobile_base_ros1", controllers={place: f"  wheel_separation: 0.5\n{place}"})
-    (text,) = found(files)
-    assert "wheel_separation is 0.5 m, the description's wheels have 0.4044 m" in text
+    line = line_of(files, "controllers", "wheel_separation:")
+    assert found(files) == [
+        f"ros2_controllers.yaml:{line}: warning: mobile_base_controller: wheel_separation is 0.5 m, the description's "
+        "wheels have 0.4044 m; measure the robot and correct the one that is wrong"
+    ]
 
 
 @pytest.mark.parametrize("name", SIZES)
@@ -128,9 +137,16 @@ def test_scales_of_one_drive_with_different_signs(name, tmp_path):
 def test_wheels_on_the_wrong_side_and_axes_the_wrong_way_round(tmp_path):
     swapped = {"left_wheel_names: [left_wheel_joint]": "left_wheel_names: [right_wheel_joint]"}
     swapped["right_wheel_names: [right_wheel_joint]"] = "right_wheel_names: [left_wheel_joint]"
-    texts = found(changed(tmp_path / "1", "robby", controllers=swapped))
-    assert len(texts) == 1
-    assert "the left wheels are on the right of the robot (-0.12 m and 0.12 m along y); swap" in texts[0]
-    texts = found(changed(tmp_path / "2", "robby", description={'<axis xyz="0 1 0"/>': '<axis xyz="0 -1 0"/>'}))
-    assert len(texts) == 2
-    assert "joint left_wheel_joint: its axis points to the right, so a positive velocity drives backwards" in texts[0]
+    files = changed(tmp_path / "1", "robby", controllers=swapped)
+    line = line_of(files, "controllers", "left_wheel_names")
+    assert found(files) == [
+        f"ros2_controllers.yaml:{line}: warning: robby_base_controller: the left wheels are on the right of the robot "
+        "(-0.12 m and 0.12 m along y); swap left and right wheel names"
+    ]
+    files = changed(tmp_path / "2", "robby", description={'<axis xyz="0 1 0"/>': '<axis xyz="0 -1 0"/>'})
+    texts = found(files)
+    assert [re.sub(r":\d+:", ":N:", text) for text in texts] == [
+        f"robby.urdf.xacro:N: warning: joint {side}_wheel_joint: its axis points to the right, so a positive velocity "
+        "drives backwards; turn its <axis> round"
+        for side in ("left", "right")
+    ]
