@@ -101,10 +101,8 @@ def _complain_of_ourselves(error: Exception) -> int:
     if os.environ.get("CANOPEN_CONTROL_DEBUG"):
         raise error
     kind, text = type(error).__name__, f": {error}" if str(error) else ""
-    print(
-        f"canopen-control: a fault of this program, {kind}{text}; CANOPEN_CONTROL_DEBUG=1 shows where, please report it",
-        file=sys.stderr,
-    )
+    what = f"a fault of this program, {kind}{text}; please report it with what CANOPEN_CONTROL_DEBUG=1 shows"
+    print(f"canopen-control: {what}", file=sys.stderr)
     return 1
 
 

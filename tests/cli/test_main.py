@@ -52,8 +52,8 @@ def test_a_fault_of_the_program_is_a_sentence_and_a_traceback_only_where_asked(m
     assert main(["check", "robby"]) == 1
     said = capsys.readouterr().err
     assert said == (
-        "canopen-control: a fault of this program, ZeroDivisionError: by accident; CANOPEN_CONTROL_DEBUG=1 shows where, "
-        "please report it\n"
+        "canopen-control: a fault of this program, ZeroDivisionError: by accident; "
+        "please report it with what CANOPEN_CONTROL_DEBUG=1 shows\n"
     )
     monkeypatch.setenv("CANOPEN_CONTROL_DEBUG", "1")
     with pytest.raises(ZeroDivisionError):

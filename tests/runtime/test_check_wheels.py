@@ -40,8 +40,8 @@ def test_an_odometry_frame_that_is_a_link_already_and_a_base_that_is_none(name, 
     files = changed(tmp_path / "1", name, controllers={"odom_frame_id: odom": "odom_frame_id: caster"})
     line, links = line_of(files, "controllers", "odom_frame_id"), files.description.name
     assert found(files) == [
-        f"ros2_controllers.yaml:{line}: warning: {BASES[name][0]}: odom_frame_id 'caster' is a link of {links} already; "
-        "call it odom"
+        f"ros2_controllers.yaml:{line}: warning: {BASES[name][0]}: odom_frame_id 'caster' is a link of {links} "
+        "already; call it odom"
     ]
     right = "base_footprint" if name == "robby" else "base_link"
     files = changed(tmp_path / "2", name, controllers={f"base_frame_id: {right}": f"base_frame_id: {right[:-1]}"})
