@@ -9,6 +9,10 @@ from __future__ import annotations
 import enum
 from collections import deque
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
 
 __all__ = ["Event", "EventLog", "Level"]
 
@@ -23,13 +27,18 @@ class Level(enum.IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """Something happened: `time` in monotonic ns, `node` the name in bus.yml or "" for the bus itself."""
+    """Something happened: `time` in monotonic ns, `node` the name in bus.yml or "" for the bus itself.
+
+    `details` are what programs need not read out of the text: of kinds "emcy" and "emcy_reset" the error_code,
+    error_register and data (hexadecimal) of the message.
+    """
 
     time: int
     kind: str
     node: str
     text: str
     level: Level = Level.INFO
+    details: Mapping[str, Any] | None = None
 
 
 class EventLog:

@@ -6,14 +6,14 @@ errors that last) whatever is told of them; a flood is told in sum.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from canopen_control.cia301.emcy import error_text
 from canopen_control.master.events import Event, Level
 from canopen_control.master.supervision import ActiveErrors, DuplicateWatch, EmcyGate
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
 
     from canopen_control.cia301.emcy import EmcyMessage
     from canopen_control.master.config import NodeConfig
@@ -40,9 +40,11 @@ class NodeLog:
         self._gate = EmcyGate()
         self._duplicates = DuplicateWatch(config.heartbeat_ms * 1_000_000)
 
-    def tell(self, now: int, kind: str, text: str, level: Level = Level.INFO) -> None:
+    def tell(
+        self, now: int, kind: str, text: str, level: Level = Level.INFO, details: Mapping[str, Any] | None = None
+    ) -> None:
         """Tell something about the node; `text` goes on after its name and a colon."""
-        self._report(Event(now, kind, self._name, f"{self.who}: {text}", level))
+        self._report(Event(now, kind, self._name, f"{self.who}: {text}", level, details))
 
     @property
     def deadline(self) -> int | None:
@@ -62,14 +64,15 @@ class NodeLog:
             if told:
                 left = ", ".join(f"0x{code:04X}" for code in self.errors.codes)
                 also = f"; still active: {left}" if left else ""
-                self.tell(now, "emcy_reset", f"an error is gone (EMCY 0x{message.error_code:04X}){also}")
+                gone = f"an error is gone (EMCY 0x{message.error_code:04X}){also}"
+                self.tell(now, "emcy_reset", gone, details=_details(message))
             return None
         text = f"EMCY 0x{message.error_code:04X} ({error_text(message.error_code)})"
         if told:
             raw = f"register 0x{message.error_register:02X}, data {message.data.hex(' ') or 'none'}"
             short = "" if message.is_complete else f"; {len(message.data) + 3} bytes, the standard has 8"
             hint = _HINTS.get(message.error_code, "")
-            self.tell(now, "emcy", f"{text}, {raw}{short}{hint}", Level.WARNING)
+            self.tell(now, "emcy", f"{text}, {raw}{short}{hint}", Level.WARNING, _details(message))
         return text
 
     def pdo(self, pdo: ReceivedPdo, now: int) -> None:
@@ -106,3 +109,11 @@ class NodeLog:
     def _tell_duplicate(self, what: str, now: int) -> None:
         text = f"two devices seem to have this node id: {what}; give one of them another (lss, or its switches)"
         self.tell(now, "duplicate_node", text, Level.ERROR)
+
+
+def _details(message: EmcyMessage) -> dict[str, Any]:
+    return {
+        "error_code": message.error_code,
+        "error_register": message.error_register,
+        "data": message.data.hex(),
+    }

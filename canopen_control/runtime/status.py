@@ -129,6 +129,7 @@ def event_dict(robot: RobotCore, event: Event) -> dict[str, Any]:
         "node": event.node or None,
         "level": event.level.name.lower(),
         "text": event.text,
+        **({} if event.details is None else {"details": dict(event.details)}),
     }
 
 

@@ -27,6 +27,15 @@ def test_an_emergency_is_its_code_its_words_and_its_bytes(log):
     assert event.text.startswith("node 3 (left): EMCY 0x4310 (drive temperature too high), register 0x09")
 
 
+def test_what_an_emergency_holds_is_there_for_programs_too(log):
+    log.emcy(EmcyMessage(3, 0x4310, 9, b"\1\2"), 5)
+    log.emcy(EmcyMessage(3, 0, 0), 5)
+    assert [event.details for event in log.told] == [
+        {"error_code": 0x4310, "error_register": 9, "data": "0102"},
+        {"error_code": 0, "error_register": 0, "data": "0000000000"},
+    ]
+
+
 @pytest.mark.parametrize(("code", "hint"), [(0x8240, "0x1019"), (0x8120, "nmt reset-comm"), (0x8130, "axis enable")])
 def test_what_helps_is_said_with_it(log, code, hint):
     log.emcy(EmcyMessage(3, code, 0x11), 0)

@@ -4,6 +4,7 @@ import pytest
 from support.robots import LEFT, Bench, copy_robby
 
 from canopen_control.errors import ControlError
+from canopen_control.master.events import Event
 from canopen_control.runtime.status import event_dict, layout_dict, nodes_dict, state_dict, status_dict
 
 
@@ -30,6 +31,8 @@ def test_a_state_sample_is_stamped_in_unix_time_and_lighter_than_the_status():
     assert "boot" not in state
     event = event_dict(bench.robot, bench.events[-1])
     assert set(event) == {"time", "kind", "node", "level", "text"}
+    emcy = Event(0, "emcy", "left_drive", "in words", details={"error_code": 0x4310})
+    assert event_dict(bench.robot, emcy)["details"] == {"error_code": 0x4310}
     bench.close()
 
 
