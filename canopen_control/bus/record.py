@@ -1,0 +1,219 @@
+"""Recordings of a bus in the formats that others read: .log (candump), .asc and .blf (Vector), .trc (PEAK).
+
+The law of this file: what is written reads back the same, frame for frame; what a format cannot hold is left out and
+counted, never bent. candump's format is written here, the others by python-can. Its sqlite format is not offered: it
+loses frames at the end.
+
+A recording that was cut (a full disk, no power) is read up to the cut, and says so.
+"""
+
+from __future__ import annotations
+
+import logging
+import struct
+import zlib
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from canopen_control.bus.candump import interface_name, line_of, read_lines
+from canopen_control.errors import ConfigError
+from canopen_control.frame import CanFrame, frames_of
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from types import TracebackType
+
+    import can
+
+__all__ = ["FORMATS", "RecordedFrame", "Recording", "RecordingWriter", "format_of"]
+
+_NS = 1_000_000_000
+_UNREADABLE = (ValueError, IndexError, KeyError, struct.error, zlib.error, TypeError, OverflowError, ArithmeticError)
+
+
+class RecordedFrame(NamedTuple):
+    """A frame and when it was heard, in Unix ns; a format may keep microseconds only."""
+
+    time_ns: int
+    frame: CanFrame
+
+
+def _asc_writer(path: Path) -> can.io.generic.MessageWriter:
+    import can
+
+    class Writer(can.ASCWriter):
+        """Writes the milliseconds of its start with three digits: `.5` would be read as half a second."""
+
+        def _format_header_datetime(self, dt: Any) -> str:  # noqa: ANN401 - a datetime
+            return str(dt.strftime(self.FORMAT_DATE.format(f"{dt.microsecond // 1000:03d}")))
+
+    return Writer(str(path))
+
+
+def _blf_writer(path: Path) -> can.io.generic.MessageWriter:
+    import can
+
+    return can.BLFWriter(str(path))
+
+
+def _trc_writer(path: Path) -> can.io.generic.MessageWriter:
+    import can
+
+    return can.TRCWriter(str(path))
+
+
+def _asc_reader(file: Any) -> Any:  # noqa: ANN401 - python-can's readers have no common base with __iter__
+    import can
+
+    return can.ASCReader(file, relative_timestamp=False)
+
+
+def _blf_reader(file: Any) -> Any:  # noqa: ANN401
+    import can
+
+    return can.BLFReader(file)
+
+
+def _trc_reader(file: Any) -> Any:  # noqa: ANN401
+    import can
+
+    return can.TRCReader(file)
+
+
+class _Format(NamedTuple):
+    """How a format is opened, and what it can hold."""
+
+    writer: Callable[[Path], can.io.generic.MessageWriter] | None  # None: ours
+    reader: Callable[[Any], Any] | None
+    holds: Callable[[CanFrame], bool]
+
+
+FORMATS = {
+    ".log": _Format(None, None, lambda _frame: True),
+    ".asc": _Format(
+        _asc_writer, _asc_reader, lambda frame: not frame.is_error
+    ),  # it keeps no more than that there was one
+    ".blf": _Format(_blf_writer, _blf_reader, lambda _frame: True),
+    ".trc": _Format(_trc_writer, _trc_reader, lambda frame: not frame.is_error and not frame.is_remote),
+}
+
+
+def format_of(path: str | Path) -> str:
+    """Return the suffix that names the format; ConfigError for one that is not offered."""
+    suffix = Path(path).suffix.lower()
+    if suffix not in FORMATS:
+        raise ConfigError(f"{path}: the end of a recording's name says its format: {', '.join(FORMATS)}")
+    return suffix
+
+
+class RecordingWriter:
+    """Writes a recording; `written` and `left_out` count frames. Close it, or the last frames are lost.
+
+    A file of that name is replaced. ConfigError where it cannot be written.
+    """
+
+    def __init__(self, path: str | Path, channel: str = "") -> None:
+        self.path = Path(path)
+        self.written = 0
+        self.left_out = 0
+        self._channel = interface_name(channel)
+        self._format = FORMATS[format_of(path)]
+        self._text: Any = None
+        self._messages: can.io.generic.MessageWriter | None = None
+        try:
+            if self._format.writer is None:
+                self._text = self.path.open("w", encoding="ascii")
+            else:
+                self._messages = self._format.writer(self.path)
+        except OSError as error:
+            raise ConfigError(f"{path} cannot be written: {error.strerror or error}") from error
+
+    def __enter__(self) -> RecordingWriter:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None) -> None:
+        self.close()
+
+    def write(self, time_ns: int, frame: CanFrame) -> None:
+        """Append a frame heard at `time_ns` in Unix time."""
+        if not self._format.holds(frame):
+            self.left_out += 1
+            return
+        if self._text is not None:
+            self._text.write(line_of(time_ns, self._channel, frame))
+        elif self._messages is not None:
+            from canopen_control.bus.messages import message_of
+
+            self._messages.on_message_received(message_of(frame, time_ns / _NS))
+        self.written += 1
+
+    def flush(self) -> None:
+        """Hand what was written to the operating system, as far as the format allows."""
+        file = self._text if self._text is not None else getattr(self._messages, "file", None)
+        if file is not None and not file.closed:
+            file.flush()
+
+    def close(self) -> None:
+        """Finish the file; a second call does nothing."""
+        if self._text is not None:
+            self._text.close()
+        elif self._messages is not None:
+            self._messages.stop()
+            self._messages = None
+
+
+class Recording:
+    """A recording to be read, any number of times.
+
+    After a reading `skipped` counts what is no frame of classic CAN, and `problem` says why there is not more, if it should.
+    ConfigError for a file that is not there, or whose name has another end.
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        self.path = Path(path)
+        self.skipped = 0
+        self.problem = ""
+        self._format = FORMATS[format_of(path)]
+        if not self.path.is_file():
+            raise ConfigError(f"no recording {path}")
+
+    def __iter__(self) -> Iterator[RecordedFrame]:
+        self.skipped, self.problem, count = 0, "", 0
+        try:
+            for each in self._lines() if self._format.reader is None else self._messages():
+                if each is None:
+                    self.skipped += 1
+                else:
+                    count += 1
+                    yield each
+            if not count:
+                self.problem = f"{self.path}: no frame is in it"
+        except OSError as error:
+            self.problem = f"{self.path} cannot be read: {error.strerror or error}"
+        except Exception as error:  # whatever a parser makes of a file that was cut or is none
+            if not isinstance(error, _UNREADABLE) and "Parse" not in type(error).__name__:
+                raise
+            self.problem = f"{self.path} cannot be read on after {count} frames: {str(error) or type(error).__name__}"
+
+    def _lines(self) -> Iterator[RecordedFrame | None]:
+        with self.path.open(encoding="ascii", errors="replace") as file:
+            for each in read_lines(file):
+                yield None if each is None else RecordedFrame(*each)
+
+    def _messages(self) -> Iterator[RecordedFrame | None]:
+        from canopen_control.bus.messages import record_of
+
+        for name in ("can.io.trc", "can.io.asc", "can.io.blf"):
+            logging.getLogger(name).setLevel(logging.ERROR)  # what it skips is counted here
+        if self._format.reader is None:
+            return
+        binary = self.path.suffix.lower() == ".blf"
+        how: dict[str, Any] = {"mode": "rb"} if binary else {"encoding": "utf-8", "errors": "replace"}
+        with self.path.open(**how) as file:
+            for message in self._format.reader(file):
+                record = record_of(message)
+                if record is None:
+                    yield None
+                else:
+                    (frame,) = frames_of(record)
+                    yield RecordedFrame(round(message.timestamp * 1e6) * 1000, frame)

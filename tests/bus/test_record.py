@@ -1,0 +1,123 @@
+import itertools
+
+import pytest
+
+from canopen_control.bus.error_frames import bus_off_frame, overrun_frame
+from canopen_control.bus.record import FORMATS, RecordedFrame, Recording, RecordingWriter, format_of
+from canopen_control.errors import ConfigError
+from canopen_control.frame import EXTENDED_FLAG, REMOTE_FLAG, CanFrame
+
+START = 1_763_706_802_005_123_000  # five milliseconds after a second: a date with one digit would be misread
+PLAIN = [
+    CanFrame(0x000, b"\x01\x03"),
+    CanFrame(0x080),
+    CanFrame(0x183, b"\x37\x06\x03"),
+    CanFrame(0x603, bytes(range(8))),
+    CanFrame(EXTENDED_FLAG | 0x12345678, b"\xff"),
+    CanFrame(EXTENDED_FLAG | 0x183, b"\xff"),
+]
+REMOTE = CanFrame(REMOTE_FLAG | 0x703, bytes(1))
+ALL = tuple(FORMATS)
+
+
+def stream(frames):
+    return [RecordedFrame(START + number * 1_234_000, frame) for number, frame in enumerate(frames)]
+
+
+def write(path, frames):
+    with RecordingWriter(path, "local:robby") as writer:
+        for each in stream(frames):
+            writer.write(*each)
+    return writer
+
+
+@pytest.mark.parametrize("suffix", ALL)
+def test_what_is_written_reads_back_the_same_frame_for_frame(tmp_path, suffix):
+    path = tmp_path / f"x{suffix}"
+    writer = write(path, PLAIN)
+    assert (writer.written, writer.left_out) == (len(PLAIN), 0)
+    recording = Recording(path)
+    back = list(recording)
+    assert [each.frame for each in back] == PLAIN
+    assert list(recording) == back  # a second reading
+    assert (recording.skipped, recording.problem) == (0, "")
+
+
+@pytest.mark.parametrize("suffix", ALL)
+def test_times_are_kept_to_a_few_microseconds_and_the_date_to_a_millisecond(tmp_path, suffix):
+    path = tmp_path / f"x{suffix}"
+    write(path, PLAIN)
+    times = [each.time_ns for each in Recording(path)]
+    assert abs(times[0] - START) <= 1_000_000
+    assert all(abs((after - before) - 1_234_000) <= 2000 for before, after in itertools.pairwise(times))
+
+
+@pytest.mark.parametrize(
+    ("suffix", "remote", "error"),
+    [(".log", True, True), (".asc", True, False), (".blf", True, True), (".trc", False, False)],
+)
+def test_what_a_format_cannot_hold_is_left_out_and_counted(tmp_path, suffix, remote, error):
+    path = tmp_path / f"x{suffix}"
+    frames = [PLAIN[0], REMOTE, bus_off_frame(), overrun_frame(7)]
+    writer = write(path, frames)
+    kept = [PLAIN[0], *([REMOTE] if remote else []), *(frames[2:] if error else [])]
+    assert [each.frame for each in Recording(path)] == kept
+    assert (writer.written, writer.left_out) == (len(kept), len(frames) - len(kept))
+
+
+@pytest.mark.parametrize("suffix", ALL)
+def test_a_recording_without_frames_is_one_too(tmp_path, suffix):
+    path = tmp_path / f"x{suffix}"
+    write(path, [])
+    recording = Recording(path)
+    assert list(recording) == []
+    assert recording.problem == f"{path}: no frame is in it"
+
+
+@pytest.mark.parametrize("suffix", ALL)
+def test_a_recording_that_was_cut_is_read_up_to_the_cut(tmp_path, suffix):
+    path = tmp_path / f"x{suffix}"
+    write(path, PLAIN * 2000)
+    whole = path.read_bytes()
+    path.write_bytes(whole[: len(whole) * 2 // 3 + 1])
+    recording = Recording(path)
+    frames = [each.frame for each in recording]
+    assert frames[: len(PLAIN)] == (PLAIN if frames else [])
+    assert len(frames) < len(PLAIN) * 2000
+
+
+@pytest.mark.parametrize("suffix", ALL)
+def test_what_is_no_recording_says_so_and_never_raises(tmp_path, suffix):
+    path = tmp_path / f"x{suffix}"
+    path.write_bytes(bytes(range(256)) * 8)
+    recording = Recording(path)
+    assert list(recording) == []
+    assert str(path) in recording.problem
+
+
+def test_can_fd_frames_of_others_are_skipped_and_counted(tmp_path):
+    path = tmp_path / "x.log"
+    path.write_text("(1.0) can0 123##01122\n(1.0) can0 123#11\n")
+    recording = Recording(path)
+    assert len(list(recording)) == 1
+    assert recording.skipped == 1
+
+
+def test_the_name_says_the_format():
+    assert format_of("/a/B.LOG") == ".log"
+    with pytest.raises(ConfigError, match=r"\.log, \.asc, \.blf, \.trc"):
+        format_of("x.db")
+    with pytest.raises(ConfigError, match="no recording"):
+        Recording("/nowhere/x.log")
+    with pytest.raises(ConfigError, match="cannot be written"):
+        RecordingWriter("/nowhere/x.blf")
+
+
+def test_frames_are_in_the_file_after_a_flush(tmp_path):
+    path = tmp_path / "x.log"
+    writer = RecordingWriter(path)
+    writer.write(START, PLAIN[0])
+    writer.flush()
+    assert path.read_text().endswith("can0 000#0103\n")
+    writer.close()
+    writer.close()
