@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from canopen_control.cia402 import objects as o
 from canopen_control.cia402.options import Reaction
-from canopen_control.virtual.handler import BIT_12, BIT_13, REACHED, Idle
+from canopen_control.virtual.handler import BIT_12, BIT_13, REACHED, Following
 from canopen_control.virtual.motion import INFINITE, linear_to, ramp_to
 
 if TYPE_CHECKING:
@@ -23,21 +23,8 @@ _MS = 1_000_000
 NEW_SET_POINT = 1 << 4
 
 
-class CyclicPosition(Idle):
+class CyclicPosition(Following):
     """CSP: go to the target within 0x60C2, no ramp; bit 12 while it does, bit 13 on a following error."""
-
-    def __init__(self) -> None:
-        self._inputs: float | None = None
-
-    def reset(self) -> None:
-        """Forget the last set-point."""
-        self._inputs = None
-
-    def start(self, drive: VirtualDrive, now: int) -> None:
-        """Go to the target from where the motor is."""
-        self._inputs = None
-        if drive.live:
-            self.update(drive, now)
 
     def update(self, drive: VirtualDrive, now: int) -> None:
         """Take the target; what the drive cannot reach in time is a following error."""
@@ -57,9 +44,8 @@ class CyclicPosition(Idle):
     def _follow(self, drive: VirtualDrive, now: int) -> None:
         """Go to the target within the interpolation time."""
         target = drive.limits.position(drive.zero + self.target(drive) * drive.units.position)
-        if target == self._inputs:
+        if not self.changed(target):
             return
-        self._inputs = target
         position = drive.mover.state(now)[0]
         seconds, reach = drive.interpolation_s, drive.personality.max_velocity * drive.interpolation_s
         within = max(-reach, min(reach, target - position)) if seconds else target - position
@@ -100,21 +86,8 @@ class InterpolatedPosition(CyclicPosition):
         return (BIT_12 if active else 0) | (REACHED if reached else 0)
 
 
-class CyclicVelocity(Idle):
+class CyclicVelocity(Following):
     """CSV: take 0x60FF plus its offset at once, as far as 0x60C5 and 0x60C6 let it."""
-
-    def __init__(self) -> None:
-        self._inputs: tuple[float, ...] | None = None
-
-    def reset(self) -> None:
-        """Forget the last set-point."""
-        self._inputs = None
-
-    def start(self, drive: VirtualDrive, now: int) -> None:
-        """Go on to the target."""
-        self._inputs = None
-        if drive.live:
-            self.update(drive, now)
 
     def update(self, drive: VirtualDrive, now: int) -> None:
         """Take the target."""
@@ -122,9 +95,7 @@ class CyclicVelocity(Idle):
         unit = drive.units.acceleration
         up = drive.number(o.MAX_ACCELERATION) * unit or INFINITE
         down = drive.number(o.MAX_DECELERATION) * unit or INFINITE
-        inputs = (target, up, down, *drive.limits.bounds())
-        if inputs != self._inputs:
-            self._inputs = inputs
+        if self.changed((target, up, down, *drive.limits.bounds())):
             drive.limits.lead(target, up, down, now)
 
     def bits(self, drive: VirtualDrive) -> int:
@@ -132,29 +103,21 @@ class CyclicVelocity(Idle):
         return BIT_12 if drive.live and not drive.limited else 0
 
 
-class Torque(Idle):
-    """TQ and CST: 0x6071 within its limits, along 0x6087 in TQ, at once in CST."""
+class Torque(Following):
+    """TQ and CST: 0x6071 within its limits, along 0x6087 in TQ, at once in CST.
+
+    From a motion the motor keeps its velocity at first.
+    """
 
     def __init__(self, cyclic: bool = False) -> None:
+        super().__init__()
         self._cyclic = cyclic
-        self._inputs: tuple[float, float] | None = None
-
-    def reset(self) -> None:
-        """Forget the target."""
-        self._inputs = None
-
-    def start(self, drive: VirtualDrive, now: int) -> None:
-        """Go on to the target torque; from a motion the motor keeps its velocity at first."""
-        self._inputs = None
-        if drive.live:
-            self.update(drive, now)
 
     def update(self, drive: VirtualDrive, now: int) -> None:
         """Take target, limits and slope."""
         target = drive.limits.torque(drive.number(o.TARGET_TORQUE) + drive.number(o.TORQUE_OFFSET))
         slope = INFINITE if self._cyclic else float(drive.number(o.TORQUE_SLOPE)) or INFINITE
-        if (target, slope) != self._inputs:
-            self._inputs = (target, slope)
+        if self.changed((target, slope)):
             present = drive.mover.torque.at(now)[1] if drive.mover.torque is not None else 0.0
             drive.mover.push(ramp_to(now, 0.0, present, target, slope, slope), now)
 

@@ -15,7 +15,7 @@ from canopen_control.cia402.options import Reaction
 if TYPE_CHECKING:
     from canopen_control.virtual.drive import VirtualDrive
 
-__all__ = ["BIT_12", "BIT_13", "REACHED", "Idle", "ModeHandler"]
+__all__ = ["BIT_12", "BIT_13", "REACHED", "Following", "Idle", "ModeHandler"]
 
 REACHED, BIT_12, BIT_13 = 1 << 10, 1 << 12, 1 << 13
 
@@ -98,3 +98,25 @@ class Idle:
     def unpowered_bits(self, drive: VirtualDrive) -> int:  # noqa: ARG002 # homing looks at it
         """Return none."""
         return 0
+
+
+class Following(Idle):
+    """A mode whose target is followed as it is, without a handshake: `update` acts when what it looks at changed."""
+
+    def __init__(self) -> None:
+        self._inputs: object = None
+
+    def reset(self) -> None:
+        """Forget the last target."""
+        self._inputs = None
+
+    def start(self, drive: VirtualDrive, now: int) -> None:
+        """Go on to the target from the present motion."""
+        self._inputs = None
+        if drive.live:
+            self.update(drive, now)
+
+    def changed(self, inputs: object) -> bool:
+        """Whether `inputs`, the target and what limits it, differ from the last ones; keeps them."""
+        differs, self._inputs = inputs != self._inputs, inputs
+        return differs

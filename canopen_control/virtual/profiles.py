@@ -18,7 +18,7 @@ from canopen_control.virtual.cyclic import (
     InterpolatedPosition,
     Torque,
 )
-from canopen_control.virtual.handler import BIT_12, BIT_13, REACHED, Idle, ModeHandler
+from canopen_control.virtual.handler import BIT_12, BIT_13, REACHED, Following, Idle, ModeHandler
 from canopen_control.virtual.homing import Homing
 from canopen_control.virtual.motion import move_to, ramp_to
 
@@ -33,30 +33,25 @@ _MS = 1_000_000
 IMMEDIATELY, RELATIVE, CHANGE_ON_SET_POINT = 1 << 5, 1 << 6, 1 << 9
 
 
-class ProfileVelocity(Idle):
+class ProfileVelocity(Following):
     """PV: a ramp to 0x60FF, 0x6083 up and 0x6084 down. Bit 12: the speed is below 0x606F."""
 
     def __init__(self) -> None:
-        self._inputs: tuple[float, ...] | None = None
+        super().__init__()
         self._target = 0.0
 
     def reset(self) -> None:
         """Forget the target."""
-        self._inputs, self._target = None, 0.0
-
-    def start(self, drive: VirtualDrive, now: int) -> None:
-        """Go on to the target from the present velocity."""
-        self._inputs = None
-        if drive.live:
-            self.update(drive, now)
+        super().reset()
+        self._target = 0.0
 
     def update(self, drive: VirtualDrive, now: int) -> None:
         """Take target and ramps; a position limit ahead is where the motion ends."""
         target = drive.limits.target_velocity()
-        inputs = (target, drive.ramp(o.PROFILE_ACCELERATION), self.deceleration(drive), *drive.limits.bounds())
-        if inputs != self._inputs:
-            self._inputs, self._target = inputs, target
-            drive.limits.lead(target, inputs[1], inputs[2], now)
+        ramps = drive.ramp(o.PROFILE_ACCELERATION), self.deceleration(drive)
+        if self.changed((target, *ramps, *drive.limits.bounds())):
+            self._target = target
+            drive.limits.lead(target, *ramps, now)
 
     def bits(self, drive: VirtualDrive) -> int:
         """Return bit 10 within 0x606D of the target, bit 12 below 0x606F."""
@@ -72,23 +67,10 @@ class ProfileVelocity(Idle):
         return drive.ramp(o.PROFILE_ACCELERATION if both else o.PROFILE_DECELERATION)
 
 
-class VelocityMode(Idle):
+class VelocityMode(Following):
     """VL, the frequency converter's: 0x6042 in rpm, ramps 0x6048 and 0x6049, bits 4, 5 and 6 enable it."""
 
     _RUN = 0x70  # bits 4 (enable ramp), 5 (unlock ramp), 6 (reference ramp)
-
-    def __init__(self) -> None:
-        self._inputs: tuple[float, ...] | None = None
-
-    def reset(self) -> None:
-        """Forget the target."""
-        self._inputs = None
-
-    def start(self, drive: VirtualDrive, now: int) -> None:
-        """Go on to the target from the present velocity."""
-        self._inputs = None
-        if drive.live:
-            self.update(drive, now)
 
     def update(self, drive: VirtualDrive, now: int) -> None:
         """Take target and ramps."""
@@ -101,8 +83,7 @@ class VelocityMode(Idle):
             amount = float(least)
         target = math.copysign(min(amount, most) if most else amount, rpm) * drive.counts_per_rpm
         inputs = (target, self._slope(drive, o.VL_ACCELERATION), self.deceleration(drive))
-        if inputs != self._inputs:
-            self._inputs = inputs
+        if self.changed(inputs):
             drive.limits.lead(*inputs, now)
 
     def control(self, drive: VirtualDrive, word: int, previous: int, now: int) -> None:
