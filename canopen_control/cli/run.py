@@ -32,7 +32,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--namespace", metavar="NS", help="with --ros: of all its ROS names and frames")
     parser.add_argument("--view", action="store_true", help="open the browser view")
     parser.add_argument(
+        "--kernel-sync",
+        action="store_true",
+        help="on SocketCAN: the kernel sends SYNC, on time whatever this process is doing, and the cycle follows it",
+    )
+    parser.add_argument(
         "--full-speed", action="store_true", help="with --real: not slow, although no pre-flight passed"
+    )
+    parser.add_argument(
+        "--no-flight-recorder",
+        dest="flight_recorder",
+        action="store_false",
+        help="do not keep the last minute of frames and events, which is written to a file at a fault",
     )
     parser.add_argument("--duration", type=_seconds, metavar="S", help="stop S seconds after the robot runs")
     parser.add_argument(
@@ -95,6 +106,7 @@ def run_robot(args: argparse.Namespace, *, motion: bool = False, table: bool = F
         table=table,
         motion=motion,
         duration=args.duration,
+        recorder=args.flight_recorder,
     )
     unclear = _unclear(setup) if args.real and not getattr(args, "full_speed", False) else None
     session = Session(setup, options)
@@ -165,6 +177,7 @@ def read_setup(args: argparse.Namespace) -> RobotSetup:
         real=args.real,
         strict=args.strict,
         peer_merge=args.peer_merge,
+        kernel_sync=getattr(args, "kernel_sync", False),
     )
 
 

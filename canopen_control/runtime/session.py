@@ -19,6 +19,7 @@ from canopen_control.host.reactor import Reactor
 from canopen_control.host.sockets import SocketInUse, runtime_dir
 from canopen_control.runtime.api import ApiServer
 from canopen_control.runtime.core import RobotCore
+from canopen_control.runtime.mishaps import Mishaps
 from canopen_control.runtime.motion import DemoMotion
 from canopen_control.runtime.supervisor import Supervisor, hosts_virtual_drives
 
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
 __all__ = ["RunOptions", "Session"]
 
 
+_BOOT_FIRST_NS = 1_000_000_000  # a usual boot is over then; the start of one more process would cost it 50 ms
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
@@ -35,7 +37,7 @@ _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 class RunOptions:
     """How to run: `drives` starts virtual ones where the channel allows it, `duration` in seconds from running on.
 
-    `ros_arguments` are those of the bridge, which `ros` starts.
+    `ros_arguments` are those of the bridge, which `ros` starts; `recorder` is the flight recorder.
     """
 
     drives: bool = True
@@ -44,6 +46,7 @@ class RunOptions:
     table: bool = False
     motion: bool = False
     duration: float | None = None
+    recorder: bool = False
 
 
 class Session:
@@ -63,6 +66,7 @@ class Session:
         cleanup, setup = self._cleanup, self.setup
         cleanup.callback(self.reactor.close)
         self.robot = RobotCore(setup, self.reactor)
+        self.reactor.on_error = Mishaps(self.reactor.now, self.robot.report)
         for channel in setup.channels.values() if self.robot.buses else ():
             cleanup.callback(os.close, _claim(channel))
         self.supervisor = Supervisor(setup.name, self.reactor, self.robot.report)
@@ -87,6 +91,9 @@ class Session:
             bridge = ["canopen_control.ros.bridge", "--name", self.setup.name, *self.options.ros_arguments]
             self.supervisor.start_client("ros", bridge, ros=True)
         self.robot.start()
+        if self.options.recorder:
+            buses = {name: bus.channel for name, bus in self.robot.buses.items()}
+            self.reactor.call_later(_BOOT_FIRST_NS, lambda: self.supervisor.start_recorder(buses))
 
     def run(self) -> str | None:
         """Run until a signal, the duration, a client or a failure ends it."""

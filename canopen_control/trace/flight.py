@@ -1,0 +1,301 @@
+"""The flight recorder: a process beside a robot that remembers its last minute, and writes it down at a fault.
+
+``python -m canopen_control.trace.flight --name ROBOT --bus NAME=CHANNEL ...``
+
+The law of this file: it only listens, on the buses and on the robot's API, and sends nothing on a bus. While it records
+it decodes nothing; frames stay records, one addition a reading. It never holds anything up: it is its own process, and
+a file is written by a copy of it (fork), which sees the memory as it was while the original goes on listening. It ends
+with the robot: at SIGTERM it writes what still waits; when the robot's process has died, which is a fault like any
+other, it listens on until the drives have reacted, writes that, and ends. Its own death changes nothing for anybody.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import os
+import signal
+import sys
+import time
+from typing import TYPE_CHECKING, Any, Final
+
+from canopen_control.bus.channel import ChannelKind, open_port, parse_channel
+from canopen_control.client.robot import RobotClient
+from canopen_control.errors import BusError, CanopenError
+from canopen_control.host.lifeline import lifeline_fd
+from canopen_control.host.lines import encode
+from canopen_control.host.logfile import state_dir
+from canopen_control.host.reactor import Reactor
+from canopen_control.trace.flight_ring import FrameRing, LineRing
+from canopen_control.trace.flight_trigger import AFTER_NS, Trigger, is_fault
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+    from pathlib import Path
+
+    from canopen_control.bus.port import Port
+    from canopen_control.host.timer import Timer
+
+__all__ = ["WINDOW_NS", "FlightRecorder", "flight_folder", "main"]
+
+SECOND: Final = 1_000_000_000
+WINDOW_NS: Final = 60 * SECOND
+STATE_RATE: Final = 10.0  # Hz; the frames hold every cycle
+FRAME_BYTES, STATE_BYTES, EVENT_BYTES = 16 << 20, 16 << 20, 1 << 20
+_AGAIN_NS: Final = SECOND
+_PATIENCE_S: Final = 2.0  # of a request; meanwhile frames wait in the kernel
+_NICENESS: Final = 5  # the robot goes first
+_HEARD = (ChannelKind.LOCAL, ChannelKind.SOCKETCAN)  # others are inside one process, or have one owner
+
+
+def flight_folder(name: str) -> Path:
+    """Return where the files of the robot `name` are."""
+    return state_dir(name) / "flight"
+
+
+class FlightRecorder:
+    """Records the robot `name` on `buses` {name: channel} from a reactor; `finish` before the end.
+
+    `said` is what could not be told to the robot any more.
+    """
+
+    def __init__(self, reactor: Reactor, name: str, buses: Mapping[str, str]) -> None:
+        self.name, self.buses = name, dict(buses)
+        self.said: list[str] = []
+        self._reactor = reactor
+        self._wall_offset_ns = time.time_ns() - reactor.now()
+        self._frames = FrameRing(WINDOW_NS, FRAME_BYTES)
+        self._states = LineRing(WINDOW_NS, STATE_BYTES)
+        self._events = LineRing(None, EVENT_BYTES)
+        self._trigger = Trigger(WINDOW_NS - 5 * SECOND)
+        self._timer: Timer | None = None
+        self._ports: dict[str, Port] = {}
+        self._robot: RobotClient | None = None
+        self._status: dict[str, Any] = {}
+        self._nodes: dict[str, Any] = {}
+        self._repeated: set[bytes] = set()
+        self._writer: tuple[int, int] | None = None  # process id and pipe of the copy that writes
+        self._finished = False
+
+    def start(self) -> None:
+        """Listen; a bus that cannot be listened to is left out and noted in the file."""
+        for number, (bus, channel) in enumerate(self.buses.items()):
+            if parse_channel(channel).kind in _HEARD:
+                self._open(number, bus, channel)
+        self._connect()
+
+    # Listening -----------------------------------------------------------------------------------------------------
+
+    def _open(self, number: int, bus: str, channel: str) -> None:
+        try:
+            port = open_port(channel, label="flight recorder")
+        except CanopenError as error:
+            print(error, flush=True)  # noqa: T201 - the log of this process
+            return
+        self._ports[bus] = port
+        add, now = self._frames.add, self._reactor.now
+
+        def receive() -> None:
+            try:
+                records = port.receive()
+            except BusError:
+                self._reactor.remove_reader(port.fileno())
+                port.close()
+                return
+            if records:
+                add(number, records, now())
+
+        self._reactor.add_reader(port.fileno(), receive)
+
+    def _connect(self) -> None:
+        if self._finished:
+            return
+        try:
+            robot = RobotClient.connect(self.name, timeout=_PATIENCE_S)
+        except CanopenError:  # not yet, not any more, or busy
+            self._reactor.call_later(_AGAIN_NS, self._connect)
+            return
+        self._robot = robot
+        try:
+            robot.call("subscribe", state_rate=STATE_RATE, events=True)
+            self._nodes = robot.call("nodes")
+            self._status = robot.call("status")
+        except CanopenError:
+            self._disconnect()
+            return
+        self._take_earlier_events()
+        self._reactor.add_reader(robot.fileno(), self._read)
+        self._reactor.call_soon(self._read)  # what came while the requests were answered
+
+    def _take_earlier_events(self) -> None:
+        """Take what happened before this process was there; the stream may repeat the newest of it."""
+        known = set(self._events.lines())
+        self._repeated = {encode(event) for event in self._status.get("events", ())}
+        for event in self._status.get("events", ()):
+            if encode(event) not in known:
+                self._on_event(event)
+
+    def _refresh(self) -> None:
+        """Ask for boot table, counters and the histogram of the cycle."""
+        if self._robot is not None:
+            with contextlib.suppress(CanopenError):
+                self._status = self._robot.call("status")
+
+    def _disconnect(self) -> None:
+        if self._robot is not None:
+            self._reactor.remove_reader(self._robot.fileno())
+            self._robot.close()
+            self._robot = None
+            self._reactor.call_later(_AGAIN_NS, self._connect)
+
+    def _read(self) -> None:
+        if self._robot is None:
+            return
+        try:
+            for message in self._robot.messages(0):
+                self._take(message)
+        except CanopenError:
+            self._disconnect()
+
+    def _take(self, message: dict[str, Any]) -> None:
+        if "state" in message:
+            self._states.add(encode(message["state"]), self._reactor.now())
+        elif isinstance(event := message.get("event"), dict) and encode(event) not in self._repeated:
+            self._on_event(event)
+
+    def _on_event(self, event: dict[str, Any]) -> None:
+        now = self._reactor.now()
+        self._events.add(encode(event), now)
+        if is_fault(event):
+            self._trigger.fault(event, now)
+            self._plan()
+
+    # Writing -------------------------------------------------------------------------------------------------------
+
+    def _plan(self) -> None:
+        deadline = self._trigger.next_deadline()
+        if self._timer is not None:
+            self._timer.cancel()
+        self._timer = None if deadline is None else self._reactor.call_at(deadline, self._look)
+
+    def _look(self) -> None:
+        if self._writer is None:
+            reason = self._trigger.due(self._reactor.now())
+            if reason is not None:
+                self._refresh()
+                self._write_aside(reason)
+            self._plan()
+
+    def _write_aside(self, reason: dict[str, Any]) -> None:
+        """Let a copy of this process write, and tell the robot when it has."""
+        ours, theirs = os.pipe()
+        child = os.fork()
+        if child == 0:
+            try:
+                os.nice(_NICENESS)
+                os.write(theirs, self.write(reason).encode())
+            finally:
+                os._exit(0)  # whatever happened: this is not the recorder
+        os.close(theirs)
+        self._writer = (child, ours)
+        self._reactor.add_reader(ours, self._on_written)
+
+    def _on_written(self) -> None:
+        if self._writer is None:
+            return
+        child, pipe = self._writer
+        said = os.read(pipe, 4096).decode(errors="replace")
+        self._reactor.remove_reader(pipe)
+        os.close(pipe)
+        os.waitpid(child, 0)
+        self._writer = None
+        self._say(said or "the flight recorder could not write: its writing process died")
+        self._plan()
+
+    def write(self, reason: dict[str, Any]) -> str:
+        """Write the file now and here; return a sentence that says where it is, or why it is not."""
+        from canopen_control.trace.flight_file import candump_lines, save
+
+        now, offset = self._reactor.now(), self._wall_offset_ns
+        since = now - WINDOW_NS
+        meta = {
+            "robot": self.name,
+            "reason": reason,
+            "written": (now + offset) / 1e9,
+            "begin": (since + offset) / 1e9,
+            "buses": self.buses,
+            "unheard": [bus for bus in self.buses if bus not in self._ports],
+            "frames_lost": sum(port.stats.lost for port in self._ports.values()),
+            "faults_left_out": self._trigger.left_out,
+            "nodes": self._nodes,
+            "status": self._status,
+        }
+        can = candump_lines(self._frames.batches(since), list(self.buses), offset)
+        try:
+            path = save(flight_folder(self.name), meta, can, self._events.lines(), self._states.lines(since))
+        except (OSError, ValueError) as error:
+            return f"the flight recorder could not write what led to this: {error}"
+        return f"flight recording: {path} (a page of it: canopen-control report)"
+
+    def _say(self, sentence: str) -> None:
+        """Tell the robot, whose users see its events; what it does not hear any more is told at the end."""
+        if self._robot is not None:
+            with contextlib.suppress(CanopenError):
+                self._robot.notify("tell", kind="flight", text=sentence)
+                return
+        self.said.append(sentence)
+
+    # The end -------------------------------------------------------------------------------------------------------
+
+    def orphaned(self, ended: Callable[[], object]) -> None:
+        """Note that the robot's process has died, and call `ended` when its drives have had time to react."""
+        now = self._reactor.now()
+        died = {"time": (now + self._wall_offset_ns) / 1e9, "kind": "died", "node": None, "level": "error"}
+        self._on_event({**died, "text": "the process of the robot has died; its drives stop by themselves"})
+        self._reactor.call_at(now + AFTER_NS, ended)
+
+    def finish(self) -> None:
+        """Write what still waits, and leave; a second call does nothing."""
+        if self._finished:
+            return
+        self._finished = True
+        self._read()
+        if self._writer is not None:
+            self._on_written()
+        reason = self._trigger.end(self._reactor.now())
+        if reason is not None:
+            self._say(self.write(reason))
+        self._disconnect()
+        for port in self._ports.values():
+            port.close()
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Record the robot that the arguments name until it ends."""
+    parser = argparse.ArgumentParser(prog="canopen_control.trace.flight", description=(__doc__ or "").split("\n\n")[0])
+    parser.add_argument("--name", required=True, help="the robot")
+    parser.add_argument("--bus", action="append", default=[], metavar="NAME=CHANNEL", help="a bus to listen to")
+    args = parser.parse_args(arguments)
+    with Reactor() as reactor:
+        recorder = FlightRecorder(reactor, args.name, dict(bus.split("=", 1) for bus in args.bus))
+        reactor.handle_signals({signal.SIGTERM: reactor.stop, signal.SIGINT: reactor.stop})
+        lifeline = lifeline_fd()
+        if lifeline is not None:
+            reactor.add_reader(lifeline, lambda: _orphan(reactor, recorder, lifeline))
+        try:
+            recorder.start()
+            reactor.run()
+        finally:
+            recorder.finish()
+            for sentence in recorder.said:
+                print(sentence, flush=True)  # noqa: T201 - the last lines of the log, which the robot's process tells
+    return 0
+
+
+def _orphan(reactor: Reactor, recorder: FlightRecorder, lifeline: int) -> None:
+    reactor.remove_reader(lifeline)
+    recorder.orphaned(reactor.stop)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

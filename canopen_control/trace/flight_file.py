@@ -1,0 +1,174 @@
+"""The file of a flight recorder: one zip that can be attached to a bug report and opened without this package.
+
+    meta.json     robot, `reason` and when, `buses` {name: channel}, `nodes` and `status` as the API gives them
+    can.log       all frames of the window in candump's log format, the bus' name of bus.yml as the interface
+    events.jsonl  the run's events as in the API's stream, one a line; older than the window too
+    states.jsonl  the samples of the state stream
+    eds/          the EDS files of the nodes, so that the frames can be decoded by name anywhere
+
+Times are Unix seconds throughout. A file is complete or not there: it is written under another name and renamed. A
+folder keeps `MAX_FILES`; the oldest go.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import json
+import os
+import re
+import time
+import zipfile
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+from canopen_control.errors import ConfigError
+from canopen_control.frame import EXTENDED_FLAG, RECORD, REMOTE_FLAG, CanFrame
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+
+    from canopen_control.trace.flight_ring import Batch
+
+__all__ = ["MAX_FILES", "FlightFile", "FlightFrame", "candump_lines", "is_flight_file", "newest", "read_flight", "save"]
+
+FORMAT: Final = "canopen_control flight recording"
+VERSION: Final = 1
+MAX_FILES: Final = 20
+_META, _CAN, _EVENTS, _STATES, _EDS = "meta.json", "can.log", "events.jsonl", "states.jsonl", "eds/"
+_LINE = re.compile(r"\((\d+)\.(\d{1,9})\) (\S+) ([0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})#(R\d?|(?:[0-9A-Fa-f]{2}){0,8})$")
+_ERROR_BIT = 0x20000000  # candump writes an error frame as eight digits with this bit
+FlightFrame = tuple[float, str, CanFrame]  # Unix seconds, name of the bus, frame
+
+
+@dataclass(slots=True)
+class FlightFile:
+    """What is in a file; `frames` are in order of time, `eds` holds the texts of the EDS files by file name."""
+
+    meta: dict[str, Any]
+    events: list[dict[str, Any]] = field(default_factory=list)
+    states: list[dict[str, Any]] = field(default_factory=list)
+    frames: list[FlightFrame] = field(default_factory=list)
+    eds: dict[str, bytes] = field(default_factory=dict)
+
+
+def candump_lines(batches: Iterable[Batch], names: list[str], wall_offset_ns: int) -> Iterator[str]:
+    """Yield a line for each record; `names` are the interfaces by number, the offset makes Unix time of theirs."""
+    for now, bus, records in batches:
+        seconds, rest = divmod(now + wall_offset_ns, 1_000_000_000)
+        head = f"({seconds}.{rest // 1000:06d}) {names[bus]} "
+        for can_id, length, data in RECORD.iter_unpack(records):
+            if can_id <= 0x7FF:  # nearly all of them
+                yield f"{head}{can_id:03X}#{data[:length].hex().upper()}\n"
+            else:
+                yield f"{head}{_other(can_id, data[:length])}\n"
+
+
+def _other(can_id: int, data: bytes) -> str:
+    if can_id & _ERROR_BIT:
+        return f"{can_id & 0x3FFFFFFF:08X}#{data.hex().upper()}"
+    return str(CanFrame(can_id, data))
+
+
+def save(
+    folder: Path,
+    meta: dict[str, Any],
+    can: Iterable[str],
+    events: Iterable[bytes],
+    states: Iterable[bytes],
+) -> Path:
+    """Write a file about `meta["reason"]` into `folder`, and forget the oldest there; raises OSError."""
+    folder.mkdir(parents=True, exist_ok=True)
+    path = _free_path(folder, meta)
+    part = path.with_suffix(".part")
+    try:
+        with zipfile.ZipFile(part, "w", zipfile.ZIP_DEFLATED) as archive:
+            archive.writestr(_META, json.dumps({"format": FORMAT, "version": VERSION, **meta}, indent=1))
+            for name, lines in ((_EVENTS, events), (_STATES, states)):
+                archive.writestr(name, b"".join(line.rstrip(b"\n") + b"\n" for line in lines))
+            archive.writestr(_CAN, "".join(can))
+            for eds in {node.get("eds") for node in meta.get("nodes", {}).get("nodes", ())} - {None}:
+                with contextlib.suppress(OSError):
+                    archive.write(eds, _EDS + Path(eds).name)
+        part.rename(path)
+    finally:
+        part.unlink(missing_ok=True)
+    _forget_oldest(folder)
+    return path
+
+
+def _free_path(folder: Path, meta: dict[str, Any]) -> Path:
+    """Name it after when and why; the names of a folder sort by time."""
+    reason = meta["reason"]
+    stamp = time.strftime("%Y-%m-%dT%H-%M-%S", time.localtime(meta["written"]))
+    words = "-".join(re.sub(r"\W+", "_", str(word), flags=re.ASCII) for word in _words(reason))
+    path, number = folder / f"{stamp}-{words}.zip", 1
+    while path.exists():
+        number += 1
+        path = folder / f"{stamp}-{words}-{number}.zip"
+    return path
+
+
+def _words(reason: dict[str, Any]) -> list[str]:
+    return [str(reason[key])[:40] for key in ("kind", "node") if reason.get(key)]
+
+
+def _forget_oldest(folder: Path) -> None:
+    for path in sorted(folder.glob("*.zip"))[:-MAX_FILES]:
+        path.unlink(missing_ok=True)
+
+
+def newest(folder: Path) -> Path | None:
+    """Return the newest file of a folder, None if there is none."""
+    return max(folder.glob("*.zip"), default=None)
+
+
+def is_flight_file(path: Path) -> bool:
+    """Whether a path names a file of a flight recorder, by its ending."""
+    return path.suffix.lower() == ".zip"
+
+
+def read_flight(path: Path) -> FlightFile:
+    """Read a file; ConfigError in a sentence when it is none. Lines that cannot be read are counted in `meta`."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            meta = json.loads(archive.read(_META))
+            if not isinstance(meta, dict) or meta.get("format") != FORMAT or meta.get("version") != VERSION:
+                raise ConfigError(f"{path}: this is no flight recording that this version can read")
+            return _read(archive, meta)
+    except OSError as error:
+        raise ConfigError(f"{path}: {error.strerror or error}") from error
+    except (zipfile.BadZipFile, KeyError, ValueError, NotImplementedError) as error:
+        raise ConfigError(f"{path}: this is no flight recording: {error}") from error
+
+
+def _read(archive: zipfile.ZipFile, meta: dict[str, Any]) -> FlightFile:
+    names = archive.namelist()
+    events, states = ([json.loads(line) for line in archive.read(name).splitlines()] for name in (_EVENTS, _STATES))
+    file = FlightFile(meta, events, states)
+    unread = 0
+    with io.TextIOWrapper(archive.open(_CAN), "ascii", "replace") as log:
+        for line in log:
+            frame = _parse_line(line)
+            if frame is None:
+                unread += 1
+            else:
+                file.frames.append(frame)
+    file.meta["unread_lines"] = unread
+    file.eds = {os.path.basename(name): archive.read(name) for name in names if name.startswith(_EDS)}
+    return file
+
+
+def _parse_line(line: str) -> FlightFrame | None:
+    found = _LINE.match(line.rstrip())
+    if found is None:
+        return None
+    seconds, fraction, bus, identifier, data = found.groups()
+    can_id = int(identifier, 16)
+    if len(identifier) > 3 and not can_id & _ERROR_BIT:
+        can_id |= EXTENDED_FLAG
+    stamp = int(seconds) + int(fraction) / 10 ** len(fraction)
+    if data.startswith("R"):
+        return stamp, bus, CanFrame(can_id | REMOTE_FLAG, bytes(min(int(data[1:] or 0), 8)))
+    return stamp, bus, CanFrame(can_id, bytes.fromhex(data))

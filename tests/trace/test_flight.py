@@ -1,0 +1,176 @@
+"""The recorder in this process, beside a robot on mock hardware and on a bus of its own."""
+
+import json
+import os
+
+import pytest
+from support.host import eventually
+from support.mockrobot import running
+
+from canopen_control.bus.channel import open_port
+from canopen_control.errors import BusError
+from canopen_control.frame import CanFrame, pack_records
+from canopen_control.host.reactor import Reactor
+from canopen_control.master.events import Event, Level
+from canopen_control.trace import flight
+from canopen_control.trace.flight import FlightRecorder, flight_folder, main
+from canopen_control.trace.flight_file import newest, read_flight
+from canopen_control.trace.flight_trigger import AFTER_NS
+
+SECOND = 1_000_000_000
+
+
+@pytest.fixture
+def reactor():
+    reactor = Reactor()
+    errors = []
+    reactor.on_error = errors.append
+    yield reactor
+    reactor.close()
+    assert errors == []
+
+
+@pytest.fixture
+def robot():
+    with running("flight") as robot:
+        yield robot
+
+
+def fail(robot, text="it broke"):
+    core, reactor = robot._session.robot, robot._session.reactor
+    reactor.call_threadsafe(lambda: core.report(Event(reactor.now(), "fault", "left_drive", text, Level.ERROR)))
+
+
+def events_of(recorder):
+    return [json.loads(line) for line in recorder._events.lines()]
+
+
+def hear(reactor, recorder, text):
+    assert reactor.run_until(lambda: any(event["text"] == text for event in events_of(recorder)), 10 * SECOND)
+
+
+def test_events_and_states_of_the_robot_are_in_the_file_and_the_robot_tells_where_it_is(reactor, robot):
+    recorder = FlightRecorder(reactor, "flight", {})
+    recorder.start()
+    fail(robot)
+    hear(reactor, recorder, "it broke")
+    assert reactor.run_until(lambda: recorder._states.size > 0, 5 * SECOND)
+    recorder.finish()
+    file = read_flight(newest(flight_folder("flight")))
+    assert file.meta["reason"]["text"] == "it broke"
+    assert file.meta["status"]["robot"] == "flight"
+    assert file.states[-1]["joints"]
+    assert "flight runs" in " ".join(event["text"] for event in file.events)  # from before the recorder was there
+    told = [event for event in robot.status()["events"] if event["kind"] == "flight"]
+    assert len(told) <= 1
+    assert recorder.said == [] or told == []
+
+
+def test_no_event_is_taken_twice(reactor, robot):
+    recorder = FlightRecorder(reactor, "flight", {})
+    recorder.start()
+    fail(robot, "once")
+    hear(reactor, recorder, "once")
+    recorder._robot.close()
+    recorder._read()  # the connection is gone, and comes again
+    fail(robot, "twice")
+    hear(reactor, recorder, "twice")
+    texts = [event["text"] for event in events_of(recorder)]
+    assert len(texts) == len(set(texts))
+    recorder.finish()
+
+
+def test_a_copy_writes_while_the_recorder_goes_on(reactor, robot, monkeypatch):
+    recorder = FlightRecorder(reactor, "flight", {})
+    recorder.start()
+    recorder._write_aside({"kind": "fault", "text": "aside"})
+    assert reactor.run_until(lambda: recorder._writer is None, 10 * SECOND)
+    path = newest(flight_folder("flight"))
+    assert read_flight(path).meta["reason"]["text"] == "aside"
+    hear(reactor, recorder, f"flight recording: {path} (a page of it: canopen-control report)")
+    assert recorder.said == []
+    recorder.finish()
+
+
+def test_a_copy_that_dies_is_told(reactor, monkeypatch):
+    recorder = FlightRecorder(reactor, "nobody", {})
+    monkeypatch.setattr(FlightRecorder, "write", lambda *_: os._exit(3))
+    recorder._write_aside({"kind": "fault"})
+    assert reactor.run_until(lambda: recorder._writer is None, 10 * SECOND)
+    assert "could not write" in recorder.said[0]
+    recorder.finish()
+
+
+def test_a_folder_that_cannot_be_written_costs_a_sentence(reactor, monkeypatch, private_folders):
+    (private_folders / "state").write_text("a file where a folder should be")
+    recorder = FlightRecorder(reactor, "nobody", {})
+    recorder._on_event({"kind": "fault", "level": "error", "text": "x"})
+    recorder.finish()
+    assert "could not write" in recorder.said[0]
+    recorder.finish()
+    assert len(recorder.said) == 1
+
+
+def test_frames_of_every_bus_are_recorded_and_nothing_is_sent(reactor):
+    first, second = open_port("local:one", label="a"), open_port("local:two", label="b")
+    recorder = FlightRecorder(reactor, "nobody", {"left": "local:one", "right": "local:two", "in": "memory:x"})
+    recorder.start()
+    first.send(pack_records([CanFrame(0x181, b"\x01\x02"), CanFrame(0x80)]))
+    second.send(pack_records([CanFrame(0x702, b"\x05")]))
+    assert reactor.run_until(lambda: recorder._frames.size >= 3 * 16 + 2 * 24, 10 * SECOND)
+    recorder._on_event({"kind": "fault", "level": "error", "text": "x"})
+    recorder.finish()
+    file = read_flight(newest(flight_folder("nobody")))
+    assert sorted((bus, str(frame)) for _, bus, frame in file.frames) == [
+        ("left", "080#"),
+        ("left", "181#0102"),
+        ("right", "702#05"),
+    ]
+    assert file.meta["unheard"] == ["in"]
+    assert first.receive() == second.receive() == b""
+    for port in (first, second):
+        port.close()
+
+
+def test_a_bus_that_goes_is_left_and_the_recorder_stays(reactor, monkeypatch):
+    class Gone:
+        def __init__(self):
+            self.read, self.write = os.pipe()
+            self.closed = 0
+            self.stats = type("Stats", (), {"lost": 0})
+
+        def fileno(self):
+            return self.read
+
+        def receive(self):
+            raise BusError("gone")
+
+        def close(self):
+            self.closed += 1
+
+    port = Gone()
+    monkeypatch.setattr(flight, "open_port", lambda *_, **__: port)
+    recorder = FlightRecorder(reactor, "nobody", {"can": "local:gone"})
+    recorder.start()
+    os.write(port.write, b"x")
+    assert reactor.run_until(lambda: port.closed == 1, 5 * SECOND)
+    recorder.finish()
+    for fd in (port.read, port.write):
+        os.close(fd)
+
+
+def test_without_its_robot_it_waits_for_the_reaction_and_ends(reactor):
+    recorder = FlightRecorder(reactor, "nobody", {})
+    begin, ended = reactor.now(), []
+    recorder.orphaned(lambda: ended.append(reactor.now()))
+    assert reactor.run_until(lambda: bool(ended), 10 * SECOND)
+    assert ended[0] - begin >= AFTER_NS
+    recorder.finish()
+    assert eventually(lambda: newest(flight_folder("nobody")) is not None, 5)
+    assert read_flight(newest(flight_folder("nobody"))).meta["reason"]["kind"] == "died"
+
+
+def test_the_arguments_are_checked(capsys):
+    with pytest.raises(SystemExit):
+        main([])
+    assert "--name" in capsys.readouterr().err
