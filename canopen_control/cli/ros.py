@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
     from canopen_control.ros.graph import Graph
 
-__all__ = ["EXAMPLE", "add_arguments", "run"]
+__all__ = ["EXAMPLE", "add_arguments", "begin_ros", "run"]
 
 EXAMPLE = """canopen-control ros topic echo /joint_states
          canopen-control ros service call /left_drive/halt std_srvs/srv/Trigger"""
@@ -94,12 +94,9 @@ def _add_timeout(action: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the verb."""
-    from canopen_control.ros.available import require_ros
-
     if args.group == "bridge" and {"-h", "--help"} & set(args.arguments):
         return _bridge(args.arguments)
-    require_ros()
-    _begin_anew()
+    begin_ros()
     if args.group == "bridge":
         return _bridge(args.arguments)
     from canopen_control.ros.graph import open_graph
@@ -114,8 +111,11 @@ def _bridge(arguments: list[str]) -> int:
     return main(arguments)
 
 
-def _begin_anew() -> None:
-    """Start this process anew if it inherited an environment in which the libraries of the ROS wheels are not found."""
+def begin_ros() -> None:
+    """Raise ConfigError without ROS; start this process anew if its environment hides the libraries of the wheels."""
+    from canopen_control.ros.available import require_ros
+
+    require_ros()
     if os.environ.get(_GUARD) and not os.environ.get("LD_LIBRARY_PATH") and not os.environ.get(_BEGUN):
         environment = {**clean_environment(ros=True), _BEGUN: "1"}
         os.execve(sys.executable, [sys.executable, "-m", "canopen_control", *sys.argv[1:]], environment)

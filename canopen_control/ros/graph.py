@@ -113,7 +113,9 @@ class Graph:
         """Return what publishes a message made of data; raises ConfigError."""
         message = _filled(class_of(kind)(), data)
         publisher = self._node.create_publisher(type(message), topic, 10)
-        return Publication(lambda: _sent(publisher, message), publisher.get_subscription_count)
+        return Publication(
+            lambda: _sent(publisher, message), publisher.get_subscription_count, lambda data: _filled(message, data)
+        )
 
     def call(self, service: str, kind: str, data: object, seconds: float) -> Any:  # noqa: ANN401 - a response
         """Call a service and return its response; raises ConfigError or CanopenError."""
@@ -131,10 +133,12 @@ class Graph:
 
 
 class Publication:
-    """A message that can be published again and again; `subscribers` tells how many get it."""
+    """A message that can be published again and again; `subscribers` tells how many get it, `fill` changes fields."""
 
-    def __init__(self, publish: Callable[[], object], subscribers: Callable[[], int]) -> None:
-        self.publish, self.subscribers = publish, subscribers
+    def __init__(
+        self, publish: Callable[[], object], subscribers: Callable[[], int], fill: Callable[[object], object]
+    ) -> None:
+        self.publish, self.subscribers, self.fill = publish, subscribers, fill
 
 
 def class_of(name: str) -> type:

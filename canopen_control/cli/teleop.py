@@ -1,0 +1,331 @@
+"""`teleop`: drive a base by keyboard, with the keys of teleop_twist_keyboard.
+
+It commands the active base controller of a running robot; where none is active, a velocity controller of two wheels,
+in rad/s of the wheels. With --topic it publishes to a ROS topic instead. It stops when no key comes: --release seconds
+after a held key was let go, --tap seconds after a key that was only tapped (a terminal cannot tell sooner), and at once
+with space, k or any other key, when the terminal loses the focus, and at its end. No emergency stop (ISO 13850).
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import sys
+import time
+from typing import TYPE_CHECKING, Any, Final, Protocol
+
+from canopen_control.cli.keyboard import Keyboard
+from canopen_control.cli.repeat import finite, seconds
+from canopen_control.client import RobotClient
+from canopen_control.client.teleop import HELP, KeyDecoder, Teleop, Velocities
+from canopen_control.errors import ConfigError, RemoteError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+__all__ = ["EXAMPLE", "add_arguments", "run"]
+
+EXAMPLE = """canopen-control teleop
+         canopen-control teleop --speed 0.2 --turn 0.5
+         canopen-control teleop --topic /cmd_vel"""
+
+PERIOD_S: Final = 0.1
+ZEROS: Final = 3  # are sent when a motion ends: one may be lost on a ROS topic
+TIMEOUT_S: Final = 1.0  # of one command; a robot that takes longer is told to the user
+ZERO: Final = Velocities()
+BASE: Final = "cmd_vel"  # the topic of a base controller
+_BASE_SPEEDS: Final = (0.5, 1.0)  # m/s and rad/s
+_WHEEL_SPEEDS: Final = (5.0, 5.0)  # rad/s of the wheels
+
+
+class Target(Protocol):
+    """Whoever takes velocities; `title` says who, `units` are those of linear and angular."""
+
+    title: str
+    units: tuple[str, str]
+    speeds: tuple[float, float]
+
+    def send(self, velocities: Velocities) -> None:
+        """Command velocities; RemoteError when they are refused."""
+
+    def news(self) -> list[str]:
+        """Return sentences that the user should see."""
+
+    def close(self) -> None:
+        """Let go."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    parser.add_argument("--speed", type=_speed, metavar="V", help="linear, m/s (default: 0.5)")
+    parser.add_argument("--turn", type=_speed, metavar="W", help="angular, rad/s (default: 1.0)")
+    parser.add_argument("--controller", metavar="NAME", help="default: the active base controller")
+    parser.add_argument("--tap", type=seconds, default=0.7, metavar="S", help="motion of a first press (default: 0.7)")
+    parser.add_argument("--release", type=seconds, default=0.25, metavar="S", help="after a held key (default: 0.25)")
+    where = parser.add_mutually_exclusive_group()
+    where.add_argument("--name", help="the robot (default: the only one that runs)")
+    where.add_argument("--topic", help="publish to this ROS topic instead, such as /cmd_vel")
+    parser.add_argument("--stamped", action="store_true", help="with --topic: TwistStamped instead of Twist")
+    parser.add_argument("--frame-id", metavar="F", default="", help="with --stamped: its header's frame")
+
+
+def _speed(text: str) -> float:
+    value = finite(text)
+    if not value > 0:
+        raise argparse.ArgumentTypeError(f"{text!r} is no speed above 0")
+    return value
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the verb."""
+    if args.topic is None and (args.stamped or args.frame_id):
+        raise ConfigError("--stamped and --frame-id go with --topic")
+    if args.topic is not None:
+        from canopen_control.cli.ros import begin_ros
+
+        begin_ros()  # it may start this process anew, which the terminal must not notice
+    with contextlib.ExitStack() as stack:
+        keyboard = stack.enter_context(Keyboard())
+        target: Target = RobotTarget(args) if args.topic is None else RosTarget(args, stack)
+        stack.callback(target.close)
+        speed, turn = target.speeds
+        teleop = Teleop(args.speed or speed, args.turn or turn, first=args.tap, repeat=args.release)
+        screen = Screen(target)
+        try:
+            _drive(keyboard, teleop, target, screen)
+        except KeyboardInterrupt:
+            pass  # a signal from elsewhere: the terminal's own Ctrl-C is a key
+        finally:
+            _leave(target, screen)
+    return 0
+
+
+def _drive(keyboard: Keyboard, teleop: Teleop, target: Target, screen: Screen) -> None:
+    """Take keys and send velocities until the user leaves."""
+    decoder, sender = KeyDecoder(), Sender(target)
+    while not (teleop.ended or keyboard.ended):
+        screen.show(teleop, sender.refusal)
+        data = keyboard.read(_wait(decoder, teleop))
+        now = time.monotonic_ns()
+        for key in decoder.feed(data, now) if data else decoder.tick(now):
+            teleop.key(key, now)
+        teleop.tick(now)
+        if not sender.send(teleop.velocities, now):
+            teleop.stop()
+        screen.tell(target.news())
+
+
+def _wait(decoder: KeyDecoder, teleop: Teleop) -> float:
+    """Return the seconds until something is due."""
+    now = time.monotonic_ns()
+    due = [each for each in (decoder.next_deadline(), teleop.next_deadline()) if each is not None]
+    return min(PERIOD_S, max((min(due, default=now + 10**9) - now) / 1e9, 0.0))
+
+
+def _leave(target: Target, screen: Screen) -> None:
+    """Send zeros, and let no terminal that is gone keep us from it."""
+    with contextlib.suppress(RemoteError):  # who refuses or is gone does not move by us
+        for _ in range(ZEROS):
+            target.send(ZERO)
+    with contextlib.suppress(OSError, ValueError):
+        screen.end()
+
+
+class Sender:
+    """Sends velocities when they change, every 0.1 s while something moves, and zeros a few times at its end.
+
+    `refusal` is why the robot did not take the last ones, "" if it did.
+    """
+
+    def __init__(self, target: Target) -> None:
+        self.refusal = ""
+        self._target = target
+        self._last, self._sent_ns, self._zeros = ZERO, 0, 0
+
+    def send(self, velocities: Velocities, now: int) -> bool:
+        """Send if it is time; whether the robot took it. RemoteError when the robot is gone."""
+        changed = velocities != self._last
+        if changed:
+            self._zeros = 0 if velocities.moving else ZEROS
+        due = now - self._sent_ns >= PERIOD_S * 1e9
+        if not changed and not (due and (velocities.moving or self._zeros)):
+            return True
+        self._last, self._sent_ns, self._zeros = velocities, now, max(self._zeros - 1, 0)
+        try:
+            self._target.send(velocities)
+        except RemoteError as error:
+            if error.kind == "BusClosed":
+                raise
+            self.refusal = str(error)
+            return False
+        self.refusal = ""
+        return True
+
+
+class Screen:
+    """One line that is written over, on a terminal; elsewhere a line for each change. News stand above it."""
+
+    def __init__(self, target: Target) -> None:
+        self._before, self._after = ("\r", "\x1b[K") if sys.stdout.isatty() else ("", "\n")
+        self._units = target.units
+        self._shown = ""
+        print(f"teleop of {target.title}\n{HELP}", flush=True)
+
+    def show(self, teleop: Teleop, refusal: str) -> None:
+        """Show what is commanded."""
+        velocities = teleop.velocities
+        values = zip(("linear", "angular"), (velocities.linear, velocities.angular), self._units, strict=True)
+        words = ", ".join(f"{name} {value + 0.0:.2f} {unit}" for name, value, unit in values)
+        note = refusal or teleop.note
+        line = f"{words} (speeds {teleop.speed:.2f} and {teleop.turn:.2f}){f': {note}' if note else ''}"
+        if line != self._shown:
+            print(f"{self._before}{line}{self._after}", end="", flush=True)
+            self._shown = line
+
+    def tell(self, news: Sequence[str]) -> None:
+        """Print sentences that stay."""
+        for each in news:
+            print(f"{self._before}{each}{self._after.rstrip(chr(10))}", flush=True)
+            self._shown = ""
+
+    def end(self) -> None:
+        """Print the last line."""
+        print(f"{self._before}stopped{self._after.rstrip(chr(10))}", flush=True)
+
+
+class RobotTarget:
+    """A controller of a running robot; its warnings are news."""
+
+    def __init__(self, args: argparse.Namespace) -> None:
+        self._robot = RobotClient.connect(args.name)
+        try:
+            chosen = choose(self._robot.call("controllers"), args.controller)
+            self._name, self._is_base = str(chosen["name"]), chosen["topic"] == BASE
+            self._signs = (1, 1) if self._is_base else sides(chosen["joints"])
+            self._robot.call("subscribe", events=True)
+            self._news = _not_enabled(self._robot.call("status"))
+        except BaseException:
+            self._robot.close()
+            raise
+        wheels = "" if self._is_base else " (no base controller is active: the speeds are those of the wheels)"
+        self.title = f"{self._robot.robot}, {self._name}{wheels}"
+        self.units = ("m/s", "rad/s") if self._is_base else ("rad/s", "rad/s")
+        self.speeds = _BASE_SPEEDS if self._is_base else _WHEEL_SPEEDS
+
+    def send(self, velocities: Velocities) -> None:
+        """Command the controller."""
+        linear, angular = velocities.linear, velocities.angular
+        values: dict[str, Any]
+        if self._is_base:
+            method, values = "twist", {"linear": linear, "angular": angular}
+        else:
+            method, values = "command", {"values": [linear + sign * angular for sign in self._signs]}
+        self._robot.request(method, {**values, "controller": self._name, "source": "teleop"}, TIMEOUT_S)
+
+    def news(self) -> list[str]:
+        """Return what the robot warns of."""
+        events = [message["event"] for message in self._robot.messages(0) if "event" in message]
+        found, self._news = [*self._news, *(each["text"] for each in events if each["level"] != "info")], []
+        return found
+
+    def close(self) -> None:
+        """Leave the robot."""
+        self._robot.close()
+
+
+def choose(controllers: list[dict[str, Any]], wanted: str | None) -> dict[str, Any]:
+    """Return the controller to drive: the one wanted, the active base controller, or a pair of wheels; ConfigError."""
+    if wanted is not None:
+        found = [each for each in controllers if each["name"] == wanted]
+        if not found:
+            raise ConfigError(f"no controller {wanted!r}; there are: {_names(controllers)}")
+        return _usable(found[0])
+    active = [each for each in controllers if each["state"] == "active" and each["topic"] is not None]
+    bases = [each for each in active if each["topic"] == BASE]
+    candidates = bases or active
+    if len(candidates) > 1:
+        raise ConfigError(f"several controllers are active: {_names(candidates)}; choose one with --controller")
+    if not candidates:
+        raise ConfigError(
+            f"no controller that could be commanded is active; there are: {_names(controllers)}. "
+            "Activate one: canopen-control controller activate NAME"
+        )
+    return _usable(candidates[0])
+
+
+def _usable(controller: dict[str, Any]) -> dict[str, Any]:
+    name, joints = controller["name"], controller["joints"]
+    if controller["state"] != "active":
+        raise ConfigError(f"{name} is {controller['state']}; activate it: canopen-control controller activate {name}")
+    if controller["topic"] == BASE or (controller["interface"] == "velocity" and len(joints) == len(_LEFT_RIGHT)):
+        return controller
+    what = controller["interface"] or "several interfaces"
+    raise ConfigError(
+        f"{name} commands {what} of {len(joints)} joint{'' if len(joints) == 1 else 's'}; teleop drives a base or two "
+        f"wheels by velocity. By values: canopen-control command {name} VALUE..."
+    )
+
+
+_LEFT_RIGHT: Final = (-1, 1)  # signs of the angular speed: turning left, the left wheel goes backwards
+
+
+def sides(joints: Sequence[str]) -> tuple[int, int]:
+    """Return the signs of the angular speed of two wheels: by their names, else the first is the left one."""
+    swapped = "right" in joints[0].lower() or "left" in joints[1].lower()
+    return (_LEFT_RIGHT[1], _LEFT_RIGHT[0]) if swapped else _LEFT_RIGHT
+
+
+def _names(controllers: list[dict[str, Any]]) -> str:
+    return ", ".join(each["name"] for each in controllers) or "none"
+
+
+def _not_enabled(status: dict[str, Any]) -> list[str]:
+    waiting = [
+        name
+        for name, node in status["nodes"].items()
+        if any(axis["cia402_state"] != "OPERATION_ENABLED" for axis in node["axes"])
+    ]
+    if not waiting:
+        return []
+    are = "is" if len(waiting) == 1 else "are"
+    return [f"{', '.join(waiting)} {are} not enabled and will not move: canopen-control axis enable all"]
+
+
+class RosTarget:
+    """A topic; every message is published by a node of our own."""
+
+    units = ("m/s", "rad/s")
+    speeds = _BASE_SPEEDS
+
+    def __init__(self, args: argparse.Namespace, stack: contextlib.ExitStack) -> None:
+        from canopen_control.ros.graph import open_graph
+
+        self._stamped, self._frame_id = args.stamped, args.frame_id
+        kind = f"geometry_msgs/msg/{'TwistStamped' if args.stamped else 'Twist'}"
+        self._graph = stack.enter_context(open_graph())
+        self._publication = self._graph.publisher(args.topic, kind, {})
+        self._alone: bool | None = None
+        self.title = f"{args.topic} ({kind})"
+        self._topic = args.topic
+
+    def send(self, velocities: Velocities) -> None:
+        """Publish the velocities."""
+        twist = {"linear": {"x": velocities.linear}, "angular": {"z": velocities.angular}}
+        self._publication.fill(self._stamp(twist) if self._stamped else twist)
+        self._publication.publish()
+        self._graph.spin(0.0)
+
+    def _stamp(self, twist: dict[str, Any]) -> dict[str, Any]:
+        sec, nanosec = divmod(time.time_ns(), 10**9)
+        return {"header": {"stamp": {"sec": sec, "nanosec": nanosec}, "frame_id": self._frame_id}, "twist": twist}
+
+    def news(self) -> list[str]:
+        """Tell when the first subscriber comes and the last one goes."""
+        alone = self._publication.subscribers() == 0
+        before, self._alone = self._alone, alone
+        if alone == before or (before is None and not alone):
+            return []
+        return [f"nobody subscribes to {self._topic} yet" if alone else f"somebody subscribes to {self._topic}"]
+
+    def close(self) -> None:
+        """Nothing: the graph is closed by who opened it."""

@@ -1,0 +1,199 @@
+"""From keys to velocities: the keys of ROS's teleop_twist_keyboard, with a dead-man that it does not have.
+
+The law of the file: sans-IO, time is `now` in monotonic nanoseconds. A terminal reports no release of a key, only that
+a held key repeats: for the first time after 0.25 to 0.66 s, then some 25 times a second. So the first press moves for
+`first` seconds (longer than that delay, or every start would stutter), and once the key has repeated the motion ends
+`repeat` seconds after the last one. Any key that is no motion and no speed stops at once, as there.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from enum import Enum
+from typing import Final
+
+__all__ = ["HELP", "MOTIONS", "SPEEDS", "KeyDecoder", "Teleop", "Velocities"]
+
+HELP: Final = """\
+   u    i    o        forward, in curves      q/z  both speeds up/down by 10 %
+   j    k    l        turn, k or space stops  w/x  only linear up/down
+   m    ,    .        backward                e/c  only angular up/down
+hold a key to move; anything else stops; Ctrl-C ends"""
+
+#: key -> (linear, angular), as factors of the speeds
+MOTIONS: Final[dict[str, tuple[int, int]]] = {
+    "i": (1, 0),
+    "o": (1, -1),
+    "j": (0, 1),
+    "l": (0, -1),
+    "u": (1, 1),
+    ",": (-1, 0),
+    ".": (-1, 1),
+    "m": (-1, -1),
+    "up": (1, 0),
+    "down": (-1, 0),
+    "left": (0, 1),
+    "right": (0, -1),
+}
+#: key -> factors of (linear, angular) speed
+SPEEDS: Final[dict[str, tuple[float, float]]] = {
+    "q": (1.1, 1.1),
+    "z": (0.9, 0.9),
+    "w": (1.1, 1.0),
+    "x": (0.9, 1.0),
+    "e": (1.0, 1.1),
+    "c": (1.0, 0.9),
+}
+_SIDEWAYS: Final = frozenset("OIJLU<>Mtb")  # motions of a holonomic base, or up and down
+_QUIT: Final = ("ctrl-c", "ctrl-d")
+_LEAST, _MOST = 1e-3, 1e3  # of a speed, so that no number of key presses makes it useless
+
+_CSI: Final = re.compile(rb"\x1b\[[0-?]*[ -/]*[@-~]|\x1bO[@-~]")
+_NAMES: Final[dict[bytes, str]] = {
+    b"\x1b[A": "up",
+    b"\x1b[B": "down",
+    b"\x1b[C": "right",
+    b"\x1b[D": "left",
+    b"\x1bOA": "up",
+    b"\x1bOB": "down",
+    b"\x1bOC": "right",
+    b"\x1bOD": "left",
+    b"\x1b[I": "focus-in",
+    b"\x1b[O": "focus-out",
+}
+_CONTROLS: Final = {0x03: "ctrl-c", 0x04: "ctrl-d", 0x20: "space"}
+_ESCAPE: Final = 0x1B
+_ESCAPE_NS: Final = 50_000_000  # a lone ESC is the key when nothing follows it
+_LONGEST_SEQUENCE: Final = 32
+
+
+class KeyDecoder:
+    """Bytes of a terminal -> names of keys: "i", "up", "space", "ctrl-c", "focus-out", "other"."""
+
+    def __init__(self) -> None:
+        self._buffer = b""
+        self._since = 0
+
+    def feed(self, data: bytes, now: int) -> list[str]:
+        """Return the keys that are complete; any split of a sequence reassembles."""
+        self._buffer += data
+        self._since = now
+        keys = []
+        while self._buffer:
+            name, length = self._first()
+            if not length:
+                break
+            keys.append(name)
+            self._buffer = self._buffer[length:]
+        return keys
+
+    def next_deadline(self) -> int | None:
+        """Return when an unfinished sequence counts as keys."""
+        return self._since + _ESCAPE_NS if self._buffer else None
+
+    def tick(self, now: int) -> list[str]:
+        """Return what an unfinished sequence is when nothing follows it: the escape key."""
+        deadline = self.next_deadline()
+        if deadline is None or now < deadline:
+            return []
+        self._buffer = b""
+        return ["other"]
+
+    def _first(self) -> tuple[str, int]:
+        """Name the first key and its length in bytes; 0 while it is not complete."""
+        buffer = self._buffer
+        if buffer[0] != _ESCAPE:
+            return _CONTROLS.get(buffer[0]) or (chr(buffer[0]) if 0x20 < buffer[0] < 0x7F else "other"), 1
+        match = _CSI.match(buffer)
+        if match is not None:
+            return _NAMES.get(match[0], "other"), match.end()
+        begins_sequence = len(buffer) == 1 or buffer[1:2] in (b"[", b"O")
+        if begins_sequence and len(buffer) < _LONGEST_SEQUENCE:
+            return "", 0
+        return "other", 1
+
+
+@dataclass(frozen=True, slots=True)
+class Velocities:
+    """What is commanded: `linear` and `angular` in the units of the speeds, usually m/s and rad/s."""
+
+    linear: float = 0.0
+    angular: float = 0.0
+
+    @property
+    def moving(self) -> bool:
+        """Whether anything is to move."""
+        return bool(self.linear or self.angular)
+
+
+class _Hold(Enum):
+    RELEASED = 0
+    PRESSED = 1  # once: it may be held, and repeat later
+    REPEATING = 2
+
+
+class Teleop:
+    """Who presses keys and who moves; `velocities` holds from now until `next_deadline`.
+
+    `speed` and `turn` are the linear and angular speed, `first` and `repeat` the dead-man's times in seconds. `ended`
+    says that the user wants to leave, `note` is a sentence about the last key or "".
+    """
+
+    def __init__(self, speed: float = 0.5, turn: float = 1.0, *, first: float = 0.7, repeat: float = 0.25) -> None:
+        self.speed, self.turn = speed, turn
+        self.ended = False
+        self.note = ""
+        self._first_ns, self._repeat_ns = round(first * 1e9), round(repeat * 1e9)
+        self._hold, self._key, self._deadline = _Hold.RELEASED, "", 0
+
+    @property
+    def velocities(self) -> Velocities:
+        """Return what is to move now; zeros when no key is held."""
+        if self._hold is _Hold.RELEASED:
+            return Velocities()
+        linear, angular = MOTIONS[self._key]
+        return Velocities(linear * self.speed, angular * self.turn)
+
+    def key(self, name: str, now: int) -> None:
+        """Take a key of `KeyDecoder`."""
+        self.tick(now)
+        self.note = ""
+        if name in MOTIONS:
+            self._move(name, now)
+        elif name in SPEEDS:
+            self._change_speed(*SPEEDS[name])
+        elif name != "focus-in":
+            self.stop()
+            self.ended = self.ended or name in _QUIT
+            self.note = _note_of(name)
+
+    def stop(self) -> None:
+        """Let nothing move until a key is pressed."""
+        self._hold = _Hold.RELEASED
+
+    def tick(self, now: int) -> None:
+        """Stop when the key was let go."""
+        if self._hold is not _Hold.RELEASED and now >= self._deadline:
+            self.stop()
+
+    def next_deadline(self) -> int | None:
+        """Return when the motion ends unless a key comes; None while nothing moves."""
+        return None if self._hold is _Hold.RELEASED else self._deadline
+
+    def _move(self, name: str, now: int) -> None:
+        repeats = self._hold is not _Hold.RELEASED and name == self._key
+        self._hold = _Hold.REPEATING if repeats else _Hold.PRESSED
+        self._key = name
+        self._deadline = now + (self._repeat_ns if repeats else self._first_ns)
+
+    def _change_speed(self, linear: float, angular: float) -> None:
+        """Change speeds; a motion goes on at the new one, and ends when it would have ended."""
+        self.speed = min(max(self.speed * linear, _LEAST), _MOST)
+        self.turn = min(max(self.turn * angular, _LEAST), _MOST)
+
+
+def _note_of(name: str) -> str:
+    if name in _SIDEWAYS:
+        return f"{name}: sideways, up and down are no motions of this base; without shift it drives"
+    return "the terminal has lost the focus: stopped" if name == "focus-out" else ""

@@ -1,0 +1,91 @@
+"""Terminals for tests: a pseudo-terminal as standard input of this process, and tmux, which types real keys."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import pty
+import shutil
+import subprocess
+import sys
+import threading
+import time
+
+import pytest
+
+
+@contextlib.contextmanager
+def typed(monkeypatch):
+    """Make a pseudo-terminal standard input; yield its other end, to type into. Closing it hangs up."""
+    master, slave = pty.openpty()
+    with os.fdopen(slave, "r") as stdin, os.fdopen(master, "wb", buffering=0) as typist:
+        monkeypatch.setattr(sys, "stdin", stdin)
+        yield typist
+
+
+@contextlib.contextmanager
+def in_background(work):
+    """Run `work` on a thread while this one is busy; what it raised is raised at the end."""
+    failed = []
+
+    def guarded():
+        try:
+            work()
+        except (Exception, AssertionError) as error:  # noqa: BLE001 - raised again below
+            failed.append(error)
+
+    thread = threading.Thread(target=guarded)
+    thread.start()
+    yield
+    thread.join(20)
+    assert not thread.is_alive()
+    if failed:
+        raise failed[0]
+
+
+def missing_tmux():
+    return None if shutil.which("tmux") else "tmux is not installed: apt install tmux"
+
+
+class Tmux:
+    """A tmux server of its own with one window; `keys` types, `screen` is what stands there."""
+
+    def __init__(self, folder, width=120, height=40):
+        reason = missing_tmux()
+        if reason is not None:
+            pytest.skip(reason)
+        self._socket = str(folder / "tmux")
+        size = ["-x", str(width), "-y", str(height)]
+        self._run("-f", "/dev/null", "new-session", "-d", "-s", "test", *size, "env", "PS1=$ ", "bash", "--norc")
+        self._run("set-option", "-g", "focus-events", "on")
+        self.until("$")
+
+    def _run(self, *arguments):
+        done = subprocess.run(["tmux", "-S", self._socket, *arguments], capture_output=True, text=True, timeout=10)
+        assert done.returncode == 0, done.stderr
+        return done.stdout
+
+    def keys(self, *keys):
+        """Type keys by tmux's names (Enter, C-c, Space, i, ...)."""
+        self._run("send-keys", "-t", "test", *keys)
+
+    def run(self, line):
+        """Type a command line."""
+        self._run("send-keys", "-t", "test", "-l", line)
+        self.keys("Enter")
+
+    @property
+    def screen(self):
+        return self._run("capture-pane", "-p", "-t", "test")
+
+    def until(self, text, seconds=20.0):
+        """Wait until `text` stands on the screen; returns the screen."""
+        end = time.monotonic() + seconds
+        while text not in (screen := self.screen):
+            assert time.monotonic() < end, f"{text!r} is not on the screen:\n{screen}"
+            time.sleep(0.05)
+        return screen
+
+    def close(self):
+        """End the server and everything in it."""
+        self._run("kill-server")
