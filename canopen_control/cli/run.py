@@ -37,6 +37,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="on SocketCAN: the kernel sends SYNC, on time whatever this process is doing, and the cycle follows it",
     )
     parser.add_argument(
+        "--kernel-sync",
+        action="store_true",
+        help="on SocketCAN: the kernel sends SYNC, on time whatever this process is doing, and the cycle follows it",
+    )
+    parser.add_argument(
         "--full-speed", action="store_true", help="with --real: not slow, although no pre-flight passed"
     )
     parser.add_argument(

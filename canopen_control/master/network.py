@@ -48,6 +48,7 @@ class Network:
         self._pdo_owner: dict[ReceivedPdo, RemoteNode] = {}
         self._to_boot: list[RemoteNode] = []
         self._guarding: GuardingMaster | None = None
+        self._sync_elsewhere = False
         self._sync_record: tuple[bytes] | None = None
         if not config.master.sync_overflow:
             frame = self.sync.frame()
@@ -120,16 +121,24 @@ class Network:
     def cycle(self, *, sync: bool, now: int = 0) -> bytes:
         """Return the records of one cycle: RPDOs that are due, then SYNC; counts what the last SYNC was not answered.
 
-        With a counter SYNC is made anew for each cycle, without one it is always the same record.
+        With a counter SYNC is made anew for each cycle, without one it is always the same record. One that somebody
+        else sends is not among them, and what does not answer it is counted all the same.
         """
         if not sync:
             return self.image.collect()
         for pdo in self._pdo_watch.sync():
             self._pdo_owner[pdo].on_pdo(pdo, now)
+        if self._sync_elsewhere:
+            return self.image.collect()
         if self._sync_record is not None:
             return self.image.collect(self._sync_record)
         frame = self.sync.frame()
         return self.image.collect((RECORD.pack(frame.can_id, len(frame.data), frame.data),))
+
+    def hear_sync(self, on_sync: Callable[[int], None]) -> None:
+        """Leave SYNC to somebody else and call `on_sync(now)` for each that comes."""
+        self._sync_elsewhere = True
+        self._handlers[self.sync.cob_id] = lambda _data, _length, now: on_sync(now)
 
     def bus_failed(self, text: str, now: int) -> None:
         """Take every node for lost: the bus carries nothing. `bus_back` boots them anew."""

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from canopen_control.bus.channel import open_port
+from canopen_control.bus.channel import open_port, parse_channel
 from canopen_control.bus.hearing import hear_only
+from canopen_control.bus.kernel_sync import KernelSync
 from canopen_control.bus.port import BusEventKind
 from canopen_control.errors import BusError
 from canopen_control.frame import RECORD_SIZE
 from canopen_control.master.events import Event, Level
 from canopen_control.master.network import Network
+from canopen_control.runtime.followed_sync import FollowedSync
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -50,6 +52,7 @@ class RobotBus:
         self.load: float | None = None
         self._reactor, self._report, self._on_lost = reactor, report, on_lost
         self._synchronous = config.master.sync_period > 0
+        self._kernel_sync: FollowedSync | None = None
         self._writing = False
         self._lost_frames = 0
         self._told_lost = -_WINDOW_NS
@@ -57,11 +60,20 @@ class RobotBus:
         self._bits = 0
         self._window: tuple[int, int] | None = None
 
+    def leave_sync_to_kernel(self, lead: Callable[[int], None] | None) -> None:
+        """Let the kernel send SYNC, and call `lead(now)` for each; before `open`, on a SocketCAN interface only."""
+        sync = self.network.sync
+        task = KernelSync(parse_channel(self.channel).name, [sync.frame() for _ in range(max(1, sync.overflow))])
+        self._kernel_sync = FollowedSync(task, self.config.master.sync_period, lead, self._report)
+        self.network.hear_sync(self._kernel_sync.heard)
+
     def open(self) -> None:
         """Open the channel; raises BusError."""
         self.port = open_port(self.channel, label="master")
         hear_only(self.port, self.network.identifiers)
         self.network.on_rerouted = self._hear
+        if self._kernel_sync is not None:
+            self._kernel_sync.start(self._reactor.now())
         self._reactor.add_reader(self.port.fileno(), self.receive)
 
     def _hear(self) -> None:
@@ -86,6 +98,8 @@ class RobotBus:
     def tick(self, now: int) -> None:
         """Let time pass for the network's services."""
         self.network.tick(now)
+        if self._kernel_sync is not None and self.port is not None:
+            self._kernel_sync.tick(now)
         self._measure(now)
         if self.port is not None and self.port.stats.lost != self._lost_frames:
             self._tell_lost(self.port.stats.lost, now)
@@ -101,6 +115,8 @@ class RobotBus:
 
     def close(self) -> None:
         """Leave the channel; a second call does nothing."""
+        if self._kernel_sync is not None:
+            self._kernel_sync.close()
         if self.port is not None:
             self._reactor.remove_reader(self.port.fileno())
             if self._writing:

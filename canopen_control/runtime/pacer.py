@@ -2,7 +2,7 @@
 
 The law of this file: the n-th edge is start + n * period, whatever happened before it. A cycle that comes more than a
 period late skips the edges it missed, counts them, and goes on with the next one on the grid: SYNCs are never sent in
-a burst to catch up.
+a burst to catch up. Another clock of the same period may lead the grid; without its ticks it goes on by itself.
 """
 
 from __future__ import annotations
@@ -52,6 +52,21 @@ class Pacer:
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None
+
+    def lead(self, tick: int) -> None:
+        """Shift the grid to half a period after the ticks of another clock, of which one was seen at `tick`.
+
+        One may be seen late, never early: a shift to earlier is made at once, one to later only by an eighth, so that
+        the grid follows the earliest of many. A difference of a sixty-fourth stays.
+        """
+        if self._timer is None:
+            return
+        half = self.period_ns // 2
+        shift = (tick + half - self._edge + half) % self.period_ns - half
+        if abs(shift) <= self.period_ns // 64:
+            return
+        self._timer.cancel()
+        self._arm(self._edge + (shift // 8 if 0 < shift < half // 2 else shift))
 
     def _arm(self, edge: int) -> None:
         self._edge = edge

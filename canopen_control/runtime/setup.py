@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from canopen_control.bus.channel import ChannelKind, parse_channel
 from canopen_control.controllers.params import read_controllers
 from canopen_control.controllers.types import is_broadcaster
 from canopen_control.errors import RobotConfigError
@@ -45,6 +46,7 @@ class RobotSetup:
     mock: bool
     notes: tuple[str, ...]
     real: bool = False
+    kernel_sync: bool = False
 
     @property
     def bus(self) -> BusConfig:
@@ -68,11 +70,13 @@ def read_robot(
     real: bool = False,
     strict: bool = False,
     peer_merge: bool = False,
+    kernel_sync: bool = False,
 ) -> RobotSetup:
     """Read and check all three files; raises a ConfigError.
 
     `mock` and `real` overrule the hardware plugins of the description; with `strict`, what is suspicious in
-    ros2_controllers.yaml is an error; `peer_merge` lets `defaults` of bus.yml win over the nodes.
+    ros2_controllers.yaml is an error; `peer_merge` lets `defaults` of bus.yml win over the nodes; `kernel_sync` leaves
+    SYNC to the kernel.
     """
     buses = {each: read_bus(path, peer_merge=peer_merge) for each, path in files.buses.items()}
     if problems := clashes_of(buses):
@@ -82,17 +86,21 @@ def read_robot(
     if not buses:
         _refuse_drives(files, description, mock=mock, real=real)
     name = name or files.name
+    channels = _channels(name, buses, can)
+    if kernel_sync:
+        _require_kernel_sync(buses, channels, mock=mock)
     return RobotSetup(
         name,
         files,
         buses,
-        _channels(name, buses, can),
+        channels,
         description,
         control,
         _wanted(files, control, controllers),
         mock,
         (*(note for bus in buses.values() for note in bus.notes), *control.warnings, *description.notes),
         real,
+        kernel_sync,
     )
 
 
@@ -122,6 +130,20 @@ def _refuse_drives(files: RobotFiles, description: Description, *, mock: bool, r
             raise RobotConfigError(
                 f"{files.controllers.parent} has no bus.yml, and {tag.name} at {description.path}:{tag.line} moves "
                 "CANopen drives; write one or give --bus, or run it with --mock"
+            )
+
+
+def _require_kernel_sync(buses: Mapping[str, BusConfig], channels: Mapping[str, str], *, mock: bool) -> None:
+    """Refuse to leave SYNC to the kernel where it has nothing to do with the bus, or there is no SYNC."""
+    if mock or not buses:
+        raise RobotConfigError("--kernel-sync: there is no bus; leave the option away")
+    for name, config in buses.items():
+        if not config.master.sync_period:
+            raise RobotConfigError(f"--kernel-sync: {config.path} has no sync_period, so that there is no SYNC to send")
+        if parse_channel(channels[name]).kind is not ChannelKind.SOCKETCAN:
+            raise RobotConfigError(
+                f"--kernel-sync: the kernel cannot send SYNC on {channels[name]}, where this program does it; "
+                "leave the option away, or use a SocketCAN interface such as --can vcan0"
             )
 
 

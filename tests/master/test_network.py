@@ -105,6 +105,25 @@ def test_rpdos_are_not_sent_before_the_node_is_operational():
     assert net.cycle(sync=False) == b""
 
 
+def test_sync_of_somebody_else_is_heard_and_not_sent_and_its_missing_answers_are_counted():
+    net, _ = network()
+    net.start(0)
+    heard = []
+    assert 0x80 not in net.identifiers
+    net.hear_sync(heard.append)
+    assert 0x80 in net.identifiers
+    feed(net, 7, "080#")
+    feed(net, 9, "080#05")
+    assert heard == [7 * MS, 9 * MS] or heard == [7, 9]
+    assert net.unknown == 0
+    received = net.nodes["left_drive"].received[1]
+    received.expected = True
+    before = received.silent
+    assert net.cycle(sync=True) == b""
+    assert net.cycle(sync=True) == b""
+    assert received.silent > before
+
+
 frames = st.builds(
     CanFrame,
     st.one_of(

@@ -1,3 +1,5 @@
+import itertools
+
 import pytest
 
 from canopen_control.host.reactor import Reactor
@@ -80,3 +82,46 @@ def test_work_that_fails_does_not_end_the_cycle(make):
     reactor.run_for(100 * MS)
     assert pacer.count == 5
     assert reactor.errors == 5
+
+
+@pytest.mark.parametrize("phase_ms", [0, 3, 9.9, 10, 10.1, 15, 19.9])
+def test_another_clock_leads_the_grid_to_half_a_period_after_its_ticks(make, phase_ms):
+    edges, ticks = [], []
+    _, reactor, pacer = make(edges.append)
+
+    def tick():
+        ticks.append(reactor.now())
+        pacer.lead(reactor.now())
+        reactor.call_later(20 * MS, tick)
+
+    reactor.call_later(round(phase_ms * MS), tick)
+    pacer.start()
+    reactor.run_for(1000 * MS)
+    behind = [(edge - ticks[0]) % (20 * MS) for edge in edges]
+    assert all(abs(each - 10 * MS) <= 20 * MS // 64 for each in behind[-10:])
+    assert pacer.missed == 0
+    assert 49 <= pacer.count <= 51
+    assert min(after - before for before, after in itertools.pairwise(edges)) >= 9 * MS
+
+
+def test_a_tick_that_is_seen_late_hardly_shifts_the_grid_and_the_next_one_mends_it(make):
+    edges = []
+    _, reactor, pacer = make(edges.append)
+    pacer.start()
+    reactor.run_for(30 * MS)
+    pacer.lead(edges[-1] + 10 * MS)
+    reactor.run_for(20 * MS)
+    assert edges[1] - edges[0] == 20 * MS
+    pacer.lead(edges[-1] + 10 * MS + 4 * MS)  # four milliseconds late
+    reactor.run_for(20 * MS)
+    assert edges[-1] - edges[-2] == 20 * MS + 4 * MS // 8
+    pacer.lead(edges[-2] + 30 * MS)  # in time
+    reactor.run_for(20 * MS)
+    assert (edges[-1] - edges[0]) % (20 * MS) == 0
+
+
+def test_a_pacer_that_is_not_running_is_not_led(make):
+    _, reactor, pacer = make(lambda now: None)
+    pacer.lead(reactor.now())
+    reactor.run_for(100 * MS)
+    assert pacer.count == 0

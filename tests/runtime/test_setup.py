@@ -89,6 +89,14 @@ def test_buses_of_different_sync_periods_and_doubled_names_are_no_robot(tmp_path
         read_robot(find_robot(str(config)))
 
 
+def test_the_kernel_sends_sync_only_where_there_is_one(tmp_path):
+    files = find_robot(str(copy_robby(tmp_path, bus={"sync_period: 20000": "sync_period: 0"})))
+    assert read_robot(files, can=["vcan0"]).kernel_sync is False
+    with pytest.raises(RobotConfigError, match=r"bus\.yml has no sync_period, so that there is no SYNC to send"):
+        read_robot(files, can=["vcan0"], kernel_sync=True)
+    assert read_robot(find_robot("robby"), can=["vcan0"], kernel_sync=True).kernel_sync is True
+
+
 def test_peer_merge_reaches_the_plan(tmp_path):
     changed = {"  left_drive:\n    node_id: 3\n": "  left_drive:\n    node_id: 3\n    heartbeat_producer: 50\n"}
     files = find_robot(str(copy_robby(tmp_path, bus=changed)))

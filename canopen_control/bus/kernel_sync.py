@@ -1,0 +1,96 @@
+"""SYNC by the kernel: a periodic task of its broadcast manager (BCM), on the wire whatever this process is doing.
+
+Law: linux/can/bcm.h. One TX_SETUP gives the period and the frames, which the kernel sends in turn, the first at once:
+with a SYNC counter (0x1019) these are one for each count. A second TX_SETUP changes the period. The task lives as long
+as its socket: it ends with `close` and with the process, however that ends. It survives an interface that goes down,
+not one that is removed. Nothing but SYNC is ever sent this way: a heartbeat has to end with what it stands for.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import socket
+import struct
+from typing import TYPE_CHECKING, Protocol
+
+from canopen_control.errors import BusError
+from canopen_control.frame import pack_records
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from canopen_control.frame import CanFrame
+
+__all__ = ["KernelSync"]
+
+_CAN_BCM = 2
+_TX_SETUP = 1
+_SET_TIMER, _START_TIMER, _FROM_THE_FIRST = 0x0001, 0x0002, 0x0200
+_HEAD = struct.Struct("@IIIllllII0q")  # opcode, flags, count, ival1, ival2 (s, us each), can_id, number of frames
+_US = 1_000_000
+
+
+class BcmSocket(Protocol):
+    """What is needed of a socket."""
+
+    def connect(self, address: tuple[str], /) -> None:
+        """Connect to an interface."""
+
+    def send(self, data: bytes, /) -> int:
+        """Send a message to the broadcast manager."""
+
+    def close(self) -> None:
+        """Close it, and end the task."""
+
+
+class KernelSync:
+    """The task for one interface; `frames` are sent in turn, one each period."""
+
+    def __init__(
+        self, interface: str, frames: Sequence[CanFrame], make_socket: Callable[[], BcmSocket] | None = None
+    ) -> None:
+        self.interface, self.frames = interface, tuple(frames)
+        self._make_socket = make_socket or _bcm_socket
+        self._socket: BcmSocket | None = None
+
+    def start(self, period_us: int) -> None:
+        """Send from now on every `period_us`, the first frame at once; again: with another period. Raise BusError."""
+        can_id, count = self.frames[0].can_id, len(self.frames)
+        flags = _SET_TIMER | _START_TIMER | _FROM_THE_FIRST
+        head = _HEAD.pack(_TX_SETUP, flags, 0, 0, 0, *divmod(period_us, _US), can_id, count)
+        try:
+            self._connected().send(head + pack_records(self.frames))
+        except OSError as error:
+            self.close()
+            raise _explained(self.interface, error) from error
+
+    def close(self) -> None:
+        """End the task; a second call does nothing."""
+        if self._socket is not None:
+            self._socket.close()
+            self._socket = None
+
+    def _connected(self) -> BcmSocket:
+        if self._socket is None:
+            with contextlib.ExitStack() as undo:
+                opened = self._make_socket()
+                undo.callback(opened.close)
+                opened.connect((self.interface,))
+                undo.pop_all()
+            self._socket = opened
+        return self._socket
+
+
+def _bcm_socket() -> BcmSocket:
+    family = getattr(socket, "AF_CAN", None)
+    if family is None:
+        raise OSError(errno.EPROTONOSUPPORT, "Python has no AF_CAN here")
+    return socket.socket(family, socket.SOCK_DGRAM, _CAN_BCM)
+
+
+def _explained(interface: str, error: OSError) -> BusError:
+    if error.errno in (errno.EPROTONOSUPPORT, errno.EAFNOSUPPORT):
+        hint = "type: sudo modprobe can-bcm, or leave --kernel-sync away"
+        return BusError(f"bus {interface}: this kernel has no broadcast manager that could send SYNC; {hint}")
+    return BusError(f"bus {interface}: the kernel does not send SYNC: {error.strerror or error}")

@@ -1,0 +1,138 @@
+"""A robot whose SYNC comes from elsewhere: its cycle follows, and the absence of SYNC is told and mended."""
+
+import pytest
+from support.robots import LEFT, MS, RIGHT, Bench
+
+from canopen_control.bus.channel import open_port
+from canopen_control.errors import BusError
+from canopen_control.frame import CanFrame, pack_records
+from canopen_control.runtime.followed_sync import FollowedSync
+
+PERIOD_NS = 20 * MS
+
+
+class Kernel:
+    """Sends SYNC on a memory bus as the broadcast manager would, by the simulated clock; `refuses` is its answer."""
+
+    def __init__(self, bench):
+        self._reactor, self._port = bench.reactor, open_port(bench.channel, label="kernel")
+        self.starts, self.sent, self.refuses = [], [], None
+        self.task = 0
+
+    def start(self, period_us):
+        if self.refuses is not None:
+            raise BusError(self.refuses)
+        self.task += 1
+        self.starts.append(period_us)
+        self._send(self.task)
+
+    def _send(self, task):
+        if task == self.task:
+            self.sent.append(self._reactor.now())
+            self._port.send(pack_records([CanFrame(0x80)]))
+            self._reactor.call_later(PERIOD_NS, lambda: self._send(task))
+
+    def close(self):
+        self.task += 1
+
+    def end(self):
+        self.close()
+        self._port.close()
+
+
+@pytest.fixture
+def following(monkeypatch):
+    """Return what makes a bench whose kernel sends SYNC."""
+    benches = []
+
+    def make(name):
+        bench = Bench(name)
+        bench.kernel = Kernel(bench)
+        monkeypatch.setattr("canopen_control.runtime.bus.KernelSync", lambda *_: bench.kernel)
+        bench.robot.buses["can"].leave_sync_to_kernel(bench.robot.pacer.lead)
+        benches.append(bench)
+        return bench
+
+    yield make
+    for bench in benches:
+        bench.kernel.end()
+        bench.close()
+
+
+def test_the_cycle_follows_half_a_period_after_the_kernels_sync_and_sends_none_itself(following):
+    bench = following("kernel1")
+    cycles = []
+    bench.robot.after_cycle.append(cycles.append)
+    bench.start()
+    bench.hold(10.0, -10.0, ms=1000)
+    assert [bench.velocity(node) for node in (LEFT, RIGHT)] == pytest.approx([10.0, -10.0], rel=0.01)
+    behind = {(cycle - bench.kernel.sent[0]) % PERIOD_NS for cycle in cycles[-20:]}
+    assert all(abs(each - PERIOD_NS // 2) <= PERIOD_NS // 64 for each in behind), behind
+    senders = {label for label, frame in bench.bus.history if frame.can_id == 0x80}
+    assert senders == {"kernel"}
+    assert bench.kernel.starts == [20_000]
+    assert bench.texts("sync_lost") == []
+
+
+def test_the_kernel_sends_until_the_robot_has_left_the_bus(following):
+    bench = following("kernel2")
+    bench.start()
+    bench.hold(5.0, 5.0, ms=500)
+    bench.robot.shutdown("the test ends it")
+    bench.until(lambda: bench.texts("stopped"))
+    last = bench.kernel.sent[-1]
+    assert bench.reactor.now() - last <= 2 * PERIOD_NS, "the drives need it for their ramps"
+    bench.run(200)
+    assert bench.kernel.sent[-1] == last
+
+
+def test_sync_that_is_not_heard_is_told_once_and_set_up_again_while_the_cycle_goes_on(following):
+    bench = following("kernel3")
+    bench.start()
+    bench.hold(5.0, 5.0, ms=500)
+    bench.kernel.close()
+    bench.kernel.refuses = "bus can: the kernel does not send SYNC: No such device"
+    count = bench.robot.pacer.count
+    bench.run(2000)
+    assert bench.robot.pacer.count - count == pytest.approx(100, abs=2)
+    assert bench.texts("sync_lost") == [
+        "no SYNC comes from the kernel; bus can: the kernel does not send SYNC: No such device"
+    ]
+    assert not any(node.ready and not node.stale for node in bench.robot.nodes.values()), (
+        "its drives have fallen silent"
+    )
+    bench.kernel.refuses = None
+    bench.run(1000)
+    assert len(bench.kernel.starts) == 2
+    bench.until(lambda: all(not node.stale for node in bench.robot.nodes.values()))
+    assert len(bench.texts("sync_lost")) == 1
+
+
+def test_a_start_that_the_kernel_refuses_is_a_bus_error_and_leaves_nothing_open(following):
+    bench = following("kernel4")
+    bench.kernel.refuses = "no broadcast manager"
+    with pytest.raises(BusError, match="no broadcast manager"):
+        bench.robot.start()
+    assert bench.robot.buses["can"].port is None
+
+
+def test_a_bus_that_leads_no_cycle_watches_its_sync_all_the_same():
+    class Task:
+        starts = closes = 0
+
+        def start(self, period_us):
+            self.starts += 1
+
+        def close(self):
+            self.closes += 1
+
+    task, told = Task(), []
+    sync = FollowedSync(task, 20_000, None, told.append)
+    sync.start(0)
+    for now in range(0, 3000 * MS, 20 * MS):
+        sync.heard(now)
+        sync.tick(now)
+    assert (task.starts, told) == (1, [])
+    for now in range(3000 * MS, 4800 * MS, 20 * MS):
+        sync.tick(now)
+    assert (task.starts, task.closes, len(told)) == (5, 4, 1), "each half a second, and told once"

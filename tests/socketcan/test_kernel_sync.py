@@ -1,0 +1,158 @@
+"""SYNC from a real kernel: its rhythm, another period, its end with the process, and a robot whose cycle follows it."""
+
+import itertools
+import signal
+import statistics
+import subprocess
+import sys
+import time
+
+import pytest
+from support.guest import LEFT, RIGHT, SYNC, eventually, ip, plant_speed, scaled
+
+from canopen_control.bus.kernel_sync import KernelSync
+from canopen_control.client import RobotClient
+from canopen_control.errors import BusError
+from canopen_control.frame import CanFrame
+
+pytestmark = pytest.mark.socketcan
+NODES = (LEFT, RIGHT)
+PATIENCE_S = scaled(10)
+
+
+def gaps(listener, since=0.0):
+    times = [when for when, _ in listener.of(SYNC) if when > since]
+    return [after - before for before, after in itertools.pairwise(times)]
+
+
+def silent(listener, seconds):
+    count = len(listener.of(SYNC))
+    time.sleep(seconds)
+    return len(listener.of(SYNC)) - count <= 1  # one may have been under way
+
+
+def test_the_kernel_keeps_the_period_takes_another_one_and_ends_when_it_is_closed(vcan, listen):
+    hears = listen(vcan)
+    sync = KernelSync(vcan, [CanFrame(SYNC)])
+    sync.start(20_000)
+    assert eventually(lambda: len(hears.of(SYNC)) >= 40, 10)
+    assert statistics.median(gaps(hears)) == pytest.approx(0.02, rel=0.05)
+    changed = time.time()
+    sync.start(5_000)
+    assert eventually(lambda: len(gaps(hears, changed)) >= 60, 10)
+    assert statistics.median(gaps(hears, changed)) == pytest.approx(0.005, rel=0.2)
+    sync.close()
+    assert silent(hears, 0.3)
+    assert {data for _, data in hears.of(SYNC)} == {b""}
+
+
+def test_a_counter_goes_round(vcan, listen):
+    hears = listen(vcan)
+    sync = KernelSync(vcan, [CanFrame(SYNC, bytes([count])) for count in range(1, 6)])
+    sync.start(10_000)
+    assert eventually(lambda: len(hears.of(SYNC)) >= 12, 10)
+    sync.close()
+    assert [data[0] for _, data in hears.of(SYNC)][:12] == [1, 2, 3, 4, 5, 1, 2, 3, 4, 5, 1, 2]
+
+
+def test_it_survives_down_and_up_and_a_new_interface_needs_a_new_task(vcan, listen):
+    hears = listen(vcan)
+    sync = KernelSync(vcan, [CanFrame(SYNC)])
+    sync.start(10_000)
+    assert eventually(lambda: len(hears.of(SYNC)) > 5, 10)
+    ip("link", "set", vcan, "down")
+    assert silent(hears, 0.3)
+    ip("link", "set", vcan, "up")
+    count = len(hears.of(SYNC))
+    assert eventually(lambda: len(hears.of(SYNC)) > count + 5, 10)
+    ip("link", "del", vcan)
+    sync.close()
+    with pytest.raises(BusError, match=f"bus {vcan}: the kernel does not send SYNC: No such device"):
+        sync.start(10_000)
+
+
+OWNER = """
+import sys, time
+from canopen_control.bus.kernel_sync import KernelSync
+from canopen_control.frame import CanFrame
+sync = KernelSync(sys.argv[1], [CanFrame(0x80)])
+sync.start(10_000)
+print("sends", flush=True)
+time.sleep(600)
+"""
+
+
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM], ids=["killed", "ended"])
+def test_it_ends_with_its_process_however_that_ends(vcan, listen, how):
+    hears = listen(vcan)
+    with subprocess.Popen([sys.executable, "-c", OWNER, vcan], stdout=subprocess.PIPE, text=True) as owner:
+        assert owner.stdout.readline() == "sends\n"
+        assert eventually(lambda: len(hears.of(SYNC)) > 5, 10)
+        owner.send_signal(how)
+        owner.wait(10)
+    assert silent(hears, 0.3)
+
+
+def at(listener, speed):
+    return all(listener.speed(node_id) == pytest.approx(speed, rel=0.01, abs=0.02) for node_id in NODES)
+
+
+def test_a_robot_follows_the_kernels_sync_and_stops_it_at_the_end(stage, robby, vcan, listen):
+    hears = listen(vcan, SYNC, 0x280 + LEFT, 0x280 + RIGHT, 0x200 + LEFT)
+    robot = stage.start("run", robby, "--name", "led", "--can", vcan, "--kernel-sync")
+    robot.until("led runs")
+    stage.start("command", "robby_forward_controller", 10, 10, "--name", "led")
+    assert eventually(lambda: at(hears, 10.0), PATIENCE_S)
+    since = time.time()
+    assert eventually(lambda: len(gaps(hears, since)) > 40, PATIENCE_S)
+    assert statistics.median(gaps(hears, since)) == pytest.approx(scaled(0.02), rel=0.02)
+    assert max(gaps(hears, since)) < 1.5 * scaled(0.02), "by the kernel, not by a busy Python"
+    syncs = [when for when, _ in hears.of(SYNC)]
+    phases = [(when - syncs[0]) % scaled(0.02) / scaled(0.02) for when, _ in hears.of(0x200 + LEFT)][-20:]
+    assert 0.4 < statistics.median(phases) < 0.75, "RPDOs go out in the middle between two SYNCs"
+    with RobotClient.connect("led") as client:
+        status = client.call("status")
+        assert not [event for event in status["events"] if event["kind"] == "sync_lost"]
+        assert status["state"] == "running"
+    assert robot.end() == 0, robot
+    assert silent(hears, 0.3)
+    assert at(hears, 0.0)
+
+
+def test_a_master_that_is_stopped_looks_dead_although_sync_goes_on_and_one_that_is_killed_stops_it(
+    stage, robby, vcan, listen
+):
+    hears = listen(vcan, SYNC, 0x701, 0x280 + LEFT, 0x280 + RIGHT)
+    for node_id in NODES:
+        stage.start("drive", "--node-id", node_id, "--eds", "TMCM-1270.eds", "--can", vcan).until("ready on")
+    robot = stage.start("run", robby, "--name", "hung", "--can", vcan, "--no-drives", "--kernel-sync")
+    robot.until("hung runs")
+    stage.start("command", "robby_forward_controller", 10, 10, "--name", "hung")
+    assert eventually(lambda: at(hears, 10.0), PATIENCE_S)
+    robot.send(signal.SIGSTOP)
+    time.sleep(scaled(0.05))
+    syncs, beats = len(hears.of(SYNC)), len(hears.of(0x701))
+    stopped = eventually(lambda: all(abs(plant_speed(vcan, node)) < 1 for node in NODES), PATIENCE_S)
+    assert stopped, "the drives miss its heartbeat"
+    assert len(hears.of(SYNC)) - syncs > 3, "the kernel goes on"
+    assert len(hears.of(0x701)) - beats == 0
+    robot.send(signal.SIGKILL)
+    robot.wait()
+    assert silent(hears, scaled(0.1))
+
+
+def test_sync_comes_again_when_the_interface_was_made_again(stage, robby, vcan, listen):
+    robot = stage.start("run", robby, "--name", "remade", "--can", vcan, "--kernel-sync")
+    robot.until("remade runs")
+    with RobotClient.connect("remade") as client:
+
+        def ready():
+            return [node["ready"] for node in client.call("status")["nodes"].values()]
+
+        ip("link", "del", vcan)
+        assert eventually(lambda: not any(ready()), PATIENCE_S)
+        assert stage.call("bus", "up", vcan).wait() == 0
+        hears = listen(vcan, SYNC)
+        assert eventually(lambda: all(ready()), PATIENCE_S), robot.out
+        assert eventually(lambda: len(hears.of(SYNC)) > 3, PATIENCE_S)
+    assert robot.end() == 0, robot
