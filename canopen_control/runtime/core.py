@@ -337,7 +337,8 @@ class RobotCore:
     def _settled(self) -> bool:
         """Whether no drive is on its way to be enabled any more: it is, or it has a reason not to be."""
         claimed = [joint for joint in self.joints.values() if joint.claimed is not None]
-        return self._in_fault() or all(joint.enabled or not joint.wanted for joint in claimed)
+        waits = any(_is_absent(joint.node) for joint in claimed)  # and with it all that move together
+        return waits or self._in_fault() or all(joint.enabled or not joint.wanted for joint in claimed)
 
     def _in_fault(self) -> bool:
         return any(not node.ready or node.stale for node in self.nodes.values() if node.config.required) or any(
@@ -414,6 +415,11 @@ class RobotCore:
         self.close()
         if self.on_stopped is not None:
             self.reactor.call_soon(self.on_stopped)
+
+
+def _is_absent(node: RemoteNode) -> bool:
+    """Whether a node is not there and need not be."""
+    return not node.ready and not node.config.required
 
 
 _CONTROLLER_LEVELS = {"activated": Level.INFO, "deactivated": Level.INFO, "error": Level.ERROR}

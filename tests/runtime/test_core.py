@@ -380,3 +380,13 @@ def test_a_second_boot_of_a_drive_writes_only_what_a_reset_took_from_it(bench):
     robby.until(lambda: node.boots == 2 and node.ready)
     assert node.identity.writes < first.writes
     assert node.identity.reads < first.reads
+
+
+def test_a_robot_runs_without_a_wheel_that_is_not_required_but_moves_none_before_it_is_there(bench, tmp_path):
+    config = copy_robby(tmp_path, bus={"    node_id: 2\n": "    node_id: 2\n    required: false\n"})
+    robby = bench(config=str(config), drives=(LEFT,))
+    assert robby.start() < 1500
+    robby.hold(5.0, 5.0, ms=1000)
+    assert not robby.robot.joints["left_wheel_joint"].enabled
+    robby.power_on(RIGHT)
+    robby.until(lambda: all(joint.enabled for joint in robby.robot.joints.values()))
