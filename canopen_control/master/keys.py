@@ -80,7 +80,6 @@ UNUSED_NODE = {
     "enable_lazy_load": "nodes join when they appear",
     "switching_state": "modes change in any state the drive allows",
     "num_channels": "axes are taken from the EDS",
-    "channel_names": "axes are taken from the EDS; a joint names its own in the description",
     "channel": "a joint names its axis in the description",
     "software_file": "firmware is never downloaded; a wrong software_version is boot error I",
 }
@@ -243,7 +242,7 @@ class NodeKeys:
     enable_lazy_load: bool | None = None
     switching_state: int | None = None
     num_channels: int | None = None
-    channel_names: Any = None
+    channel_names: list[str] | None = None
     channel: int | None = None
 
 

@@ -1,25 +1,28 @@
-"""`/NODE/*` topics of each drive, as ros2_canopen's drivers have them, as far as the runtime's API carries them.
+"""`/NODE/*` topics of each drive, as ros2_canopen's drivers have them, and `emcy`.
 
-The law of the file: `nmt_state` is what the node's heartbeat says, told when it changes and kept for who comes later,
-in ros2_canopen's words; `joint_states` has the stamp of its sample; `emcy` holds the node's EMCY messages in words.
-`rpdo` has the statusword of each axis (0x6041, or its axis' offset) when it changes: the API carries no other object
-as it came. `tpdo` is written by SDO, and an object that moves the drive is refused: those are the controllers'.
+The law of the file: `nmt_state` is what the node says of itself, told when it changes and kept for who comes later, in
+ros2_canopen's words; `joint_states` has the stamp of its sample. `rpdo` has one message per object of the node's TPDOs
+(ros2_canopen names them from the master's side): all of them for who begins to listen, then those that changed, once
+per cycle of the robot; nothing of it is asked for while nobody listens. An object of `tpdo` travels in the RPDO that
+maps it from the next cycle on, and by SDO where none does; one that moves the drive is refused: those are the
+controllers'. `emcy` holds the node's EMCY messages: a DiagnosticArray with the stamp and one status, whose message is
+the text and whose values are `error_code` and `error_register` (hexadecimal), `data` (bytes, hexadecimal).
 """
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, Final
 
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 from canopen_control.ros.conversions import joint_arrays
-from canopen_control.ros.diagnostics import log_message
 from canopen_control.ros.endpoint import Endpoint
 from canopen_control.ros.interfaces import interface
 from canopen_control.ros.joint_states import time_message
 from canopen_control.ros.nodes import NMT_STATES
-from canopen_control.ros.objects import Address, of_uint32
+from canopen_control.ros.objects import Address, as_uint32, of_uint32
 from canopen_control.ros.qos import EVENTS, LATCHED, LATEST
 from canopen_control.ros.sdo import write_object
 
@@ -29,10 +32,10 @@ if TYPE_CHECKING:
 
 __all__ = ["DriveTopics"]
 
-_STATUSWORD: Final = 0x6041
 _AXIS: Final = 0x800
 #: controlword, mode, and what the modes take for a target (CiA 402)
 _MOVING: Final = frozenset((0x6040, 0x6060, 0x607A, 0x60FF, 0x6071, 0x6042, 0x60C1, 0x6098))
+_LEVELS: Final = {"info": DiagnosticStatus.OK, "warning": DiagnosticStatus.WARN, "error": DiagnosticStatus.ERROR}
 
 
 class DriveTopics(Endpoint):
@@ -40,32 +43,42 @@ class DriveTopics(Endpoint):
 
     def __init__(self, ros: Ros, node: NodeView) -> None:
         self._ros, self._view = ros, node
-        self._object, self._log = interface("canopen_interfaces/msg/COData"), interface("rcl_interfaces/msg/Log")
+        self._object = interface("canopen_interfaces/msg/COData")
         make = ros.node.create_publisher
         self._nmt = make(String, node.path("nmt_state"), LATCHED)
         self._joint_states = make(JointState, node.path("joint_states"), LATEST)
-        self._emcy = make(self._log, node.path("emcy"), EVENTS)
+        self._emcy = make(DiagnosticArray, node.path("emcy"), EVENTS)
         self._rpdo = make(self._object, node.path("rpdo"), EVENTS)
         self._tpdo = ros.subscribe(self._object, node.path("tpdo"), self._on_tpdo, EVENTS)
         self._told: str | None = None
-        self._statuswords: dict[int, int] = {}
+        self._listeners = 0
+        self._objects: dict[tuple[int, int], int] = {}
 
     def on_state(self, state: dict[str, Any]) -> None:
         """Publish a sample of this node."""
+        self._count_listeners()
         node = state["nodes"].get(self._view.name)
         if node is None:
             return
         self._publish_nmt(node)
         axes = node.get("axes") or ()
-        for number, axis in enumerate(axes):
-            self._publish_statusword(_STATUSWORD + _AXIS * number, axis.get("statusword"))
         if axes and self._joint_states.get_subscription_count():
             self._publish_joints(state, [str(axis["joint"]) for axis in axes])
 
     def on_event(self, event: dict[str, Any]) -> None:
         """Publish an EMCY message of this node."""
         if event.get("node") == self._view.name and str(event.get("kind")).startswith("emcy"):
-            self._emcy.publish(log_message(self._log, event, self._ros.robot))
+            self._emcy.publish(self._emergency(event))
+
+    def on_process_data(self, nodes: dict[str, Any]) -> None:
+        """Publish what has come of this node."""
+        if not self._listeners:
+            return
+        for index, subindex, data in nodes.get(self._view.name, ()):
+            if len(data) > 8:
+                continue  # of more than 32 bits: COData has no room
+            value = self._objects[index, subindex] = as_uint32(bytes.fromhex(data))
+            self._rpdo.publish(self._object(index=index, subindex=subindex, data=value))
 
     def close(self) -> None:
         """Leave the topics."""
@@ -73,16 +86,21 @@ class DriveTopics(Endpoint):
         for publisher in (self._nmt, self._joint_states, self._emcy, self._rpdo):
             self._ros.node.destroy_publisher(publisher)
 
+    def _count_listeners(self) -> None:
+        """Ask for process data while somebody listens to them; who comes later is told what the others know."""
+        before, self._listeners = self._listeners, self._rpdo.get_subscription_count()
+        if bool(before) is not bool(self._listeners):
+            self._objects.clear()
+            self._ros.watch_process_data(self, bool(self._listeners))
+        if before and self._listeners > before:
+            for (index, subindex), value in self._objects.items():
+                self._rpdo.publish(self._object(index=index, subindex=subindex, data=value))
+
     def _publish_nmt(self, node: dict[str, Any]) -> None:
         told = NMT_STATES.get(node.get("nmt_state"), "ERROR")
         if told != self._told:
             self._told = told
             self._nmt.publish(String(data=told))
-
-    def _publish_statusword(self, index: int, statusword: int | None) -> None:
-        if statusword is not None and self._statuswords.get(index) != statusword:
-            self._statuswords[index] = statusword
-            self._rpdo.publish(self._object(index=index, subindex=0, data=statusword))
 
     def _publish_joints(self, state: dict[str, Any], joints: list[str]) -> None:
         """Publish the state under the node's name, as ros2_canopen does; with several axes, the joints' names."""
@@ -92,16 +110,41 @@ class DriveTopics(Endpoint):
         message.name = [self._view.name] if len(joints) == 1 and names else names
         self._joint_states.publish(message)
 
+    def _emergency(self, event: dict[str, Any]) -> DiagnosticArray:
+        """Return an event as a message; one that sums up a flood has no values."""
+        level = _LEVELS.get(str(event.get("level")), DiagnosticStatus.WARN)
+        status = DiagnosticStatus(level=level, name=self._view.name, message=str(event["text"]))
+        status.hardware_id = f"node {self._view.node_id}"
+        if (details := event.get("details")) is not None:
+            status.values = [
+                KeyValue(key="error_code", value=f"0x{details['error_code']:04X}"),
+                KeyValue(key="error_register", value=f"0x{details['error_register']:02X}"),
+                KeyValue(key="data", value=bytes.fromhex(details["data"]).hex(" ")),
+            ]
+        message = DiagnosticArray(status=[status])
+        message.header.stamp = time_message(event["time"])
+        return message
+
     def _on_tpdo(self, message: Any) -> None:  # noqa: ANN401 - a class made by somebody's generator
-        node, address, data = self._view.name, Address(message.index, message.subindex, ""), int(message.data)
-
-        def told(error: str | None) -> None:
-            if error is not None:
-                self._ros.warn(f"{node}/tpdo", f"{node}/tpdo: {error}")
-
+        address, data = Address(message.index, message.subindex, ""), int(message.data)
         if 0x6000 <= address.index < 0xA000 and 0x6000 + (address.index - 0x6000) % _AXIS in _MOVING:
-            told(f"{address} moves the drive, and belongs to the controllers; the message was dropped")
+            self._tell(f"{address} moves the drive, and belongs to the controllers; the message was dropped")
+        else:
+            self._ros.hand_over(lambda: self._write(address, data))
+
+    def _write(self, address: Address, data: int) -> None:
+        node, bits = self._view.name, self._view.rpdo.get((address.index, address.subindex))
+        if bits is None:
+            write_object(self._ros, node, address, lambda length: of_uint32(data, length), self._tell)
             return
-        self._ros.hand_over(
-            lambda: write_object(self._ros, node, address, lambda length: of_uint32(data, length), told)
-        )
+        try:
+            value = of_uint32(data, (bits + 7) // 8)
+        except ValueError as error:
+            self._tell(f"{address}: {error}")
+            return
+        params = {"node": node, "index": address.index, "subindex": address.subindex, "data": value.hex()}
+        self._ros.ask("pdo_write", params, lambda _result, error: self._tell(error))
+
+    def _tell(self, error: str | None) -> None:
+        if error is not None:
+            self._ros.warn(f"{self._view.name}/tpdo", f"{self._view.name}/tpdo: {error}")

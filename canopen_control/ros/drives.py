@@ -4,7 +4,8 @@ The law of the file: a Trigger that was done answers success with an empty messa
 refused says why. No service waits for another one: each request is on its way to the robot at once, so that `halt`,
 `disable` and `quick_stop` are never behind an `init` or `home` that takes its time. `recover` resets a fault and does
 not enable: nothing moves without an enable. `target` goes through the controller that commands the drive, with its
-limits and its timeout; a drive that no controller commands has none.
+limits and its timeout; a drive that no controller commands has none. A node with several axes has the services of each
+below its channel; those of the node itself mean all its axes, and it has no `target`.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from canopen_control.ros.sdo import NodeSdo, master_handlers
 if TYPE_CHECKING:
     from canopen_control.ros.conversions import ControllerView
     from canopen_control.ros.endpoint import Ros
-    from canopen_control.ros.nodes import NodeView
+    from canopen_control.ros.nodes import Channel, NodeView
     from canopen_control.ros.service import Handler, Reply, RosMessage
 
 __all__ = ["DriveServices", "MasterServices", "Targets"]
@@ -75,11 +76,20 @@ class DriveServices(Endpoint):
         trigger = interface("std_srvs/srv/Trigger")
         self._services = [ros.serve(trigger, node.path(name), self._trigger(*told)) for name, told in TRIGGERS.items()]
         self._services += [
+            ros.serve(trigger, node.path(name, channel), self._trigger(method, {**params, "joint": channel.joint}))
+            for channel in node.channels
+            for name, (method, params) in TRIGGERS.items()
+            if method == "axis"
+        ]
+        self._services += [
             ros.serve(interface(kind), node.path(name), handler)
             for name, kind, handler in NodeSdo(ros, node.name).handlers()
         ]
         target = interface("canopen_interfaces/srv/COTargetDouble")
-        self._services.append(ros.serve(target, node.path("target"), self._target))
+        self._services += [
+            ros.serve(target, node.path("target", channel), self._target(channel))
+            for channel in node.channels or (None,)
+        ]
 
     def on_state(self, state: dict[str, Any]) -> None:
         """Know the newest sample: which joints it drives, and what they are commanded."""
@@ -100,14 +110,19 @@ class DriveServices(Endpoint):
 
         return handler
 
-    def _target(self, request: RosMessage, response: RosMessage, reply: Reply) -> None:
+    def _target(self, channel: Channel | None) -> Handler:
+        def handler(request: RosMessage, response: RosMessage, reply: Reply) -> None:
+            self._take_target(channel.joint if channel is not None else self._joint(), request, response, reply)
+
+        return handler
+
+    def _take_target(self, joint: str | None, request: RosMessage, response: RosMessage, reply: Reply) -> None:
         def answer(_result: object, error: str | None) -> None:
             if error is not None:
                 self._ros.warn(f"{self._node.name}/target", f"{self._node.name}: {error}")
             response.success = error is None
             reply(response)
 
-        joint = self._joint()
         controller = None if joint is None else self._controller(joint)
         if joint is None or controller is None:
             answer(None, "no active forward controller commands this drive; activate one, it is what takes a target")

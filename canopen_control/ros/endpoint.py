@@ -50,6 +50,9 @@ class Ros(Protocol):
     def unserve(self, service: object) -> None:
         """Leave a service."""
 
+    def watch_process_data(self, watcher: object, wanted: bool) -> None:
+        """Have the robot tell what its TPDOs carry, to `on_process_data`, while anybody wants it."""
+
     def ask(self, method: str, params: dict[str, Any], answer: Answer) -> None:
         """Ask the robot, and have `answer(result, error)` called on the reactor's thread, where this is called too."""
 
@@ -65,6 +68,9 @@ class Endpoint:
 
     def on_event(self, event: dict[str, Any]) -> None:
         """Learn that something has happened."""
+
+    def on_process_data(self, nodes: dict[str, Any]) -> None:
+        """Take what has come in TPDOs: `{node: [[index, subindex, hex], ...]}`."""
 
     def close(self) -> None:
         """Leave the graph."""

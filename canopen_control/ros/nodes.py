@@ -1,19 +1,23 @@
-"""The nodes of a bus as ROS names them, from what `nodes` of the API tells: this file imports no ROS.
+"""The nodes of a bus as ROS names them, from what the API tells of them: this file imports no ROS.
 
 The law of the file (ros2_canopen): the services and topics of a node are `NAMESPACE/NODE/x`, where NODE is its key in
-bus.yml; its own `namespace` stands in the place of the bridge's, its own `remappings` are followed. A name that ROS
-does not allow gets underscores in the place of what is not allowed.
+bus.yml; its own `namespace` stands in the place of the bridge's, its own `remappings` are followed. Each axis of a node
+with several has its own below its name in `channel_names`, else below `NODE/JOINT` (ros2_canopen's `NODE/0` is no name
+that ROS allows). A name that ROS does not allow gets underscores in the place of what is not allowed.
 """
 
 from __future__ import annotations
 
 import re
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterator, Mapping
 
-__all__ = ["NMT_STATES", "NodeView", "nodes_of", "resolve", "ros_name"]
+    Json = Mapping[str, Any]
+
+__all__ = ["NMT_STATES", "Channel", "NodeView", "nodes_of", "resolve", "ros_name"]
 
 #: what ros2_canopen calls an NMT state; one that is not known any more is an error
 NMT_STATES: Final = {
@@ -26,24 +30,47 @@ NMT_STATES: Final = {
 _FORBIDDEN: Final = re.compile(r"[^A-Za-z0-9_]")
 
 
+class Channel(NamedTuple):
+    """One axis of a node with several: the joint that it moves, and what its services are below."""
+
+    joint: str
+    name: str
+
+
 class NodeView(NamedTuple):
-    """A node of the bus; `remappings` are pairs of names that were made absolute."""
+    """A node of the bus; `remappings` are pairs of names that were made absolute.
+
+    `rpdo` are the objects that its RPDOs map, with their bits, by index and subindex. `channels` is empty for a node
+    with one axis or none.
+    """
 
     name: str
     node_id: int
     namespace: str = ""
     remappings: tuple[tuple[str, str], ...] = ()
     lifecycle: bool = False
+    rpdo: Mapping[tuple[int, int], int] = MappingProxyType({})
+    channels: tuple[Channel, ...] = ()
 
-    def path(self, what: str) -> str:
-        """Return the name of one of its services or topics, remapped."""
-        path = resolve(self.namespace, f"{ros_name(self.name)}/{what}".rstrip("/"))
+    def path(self, what: str, channel: Channel | None = None) -> str:
+        """Return the name of one of its services or topics, or of a channel's, remapped."""
+        below = ros_name(self.name) if channel is None else channel.name
+        path = resolve(self.namespace, f"{below}/{what}".rstrip("/"))
         return dict(self.remappings).get(path, path)
 
 
-def nodes_of(answer: Mapping[str, Any], namespace: str) -> list[NodeView]:
-    """Return the nodes of the API's answer; `namespace` is the bridge's."""
-    return [_node(each, namespace) for each in answer.get("nodes") or ()]
+def nodes_of(answer: Json, namespace: str, layout: Json | None = None, states: Json | None = None) -> list[NodeView]:
+    """Return the nodes of the API's answer; `namespace` is the bridge's.
+
+    `layout` is the API's answer of that name, `states` are the nodes of its status.
+    """
+    mapped = dict(_mapped(layout or {}))
+    return [
+        _node(each, namespace)._replace(
+            rpdo=mapped.get(each["name"], {}), channels=_channels(each, (states or {}).get(each["name"]) or {})
+        )
+        for each in answer.get("nodes") or ()
+    ]
 
 
 def ros_name(name: str) -> str:
@@ -71,3 +98,24 @@ def _node(told: Mapping[str, Any], bridges: str) -> NodeView:
         for old, new in pairs
     )
     return NodeView(name, int(told["node_id"]), namespace, remappings, "Lifecycle" in str(told.get("driver") or ""))
+
+
+def _mapped(layout: Json) -> Iterator[tuple[str, dict[tuple[int, int], int]]]:
+    """Yield the name of each node, and what its RPDOs map."""
+    for bus in (layout.get("buses") or {}).values():
+        for node in bus["nodes"]:
+            objects = [each for pdo in node["pdos"] if pdo["direction"] == "rpdo" for each in pdo["objects"]]
+            yield node["name"], {(each["index"], each["subindex"]): each["bits"] for each in objects}
+
+
+def _channels(told: Json, state: Json) -> tuple[Channel, ...]:
+    axes, names = state.get("axes") or (), told.get("channel_names")
+    if len(axes) < 2:
+        return ()
+    names = [ros_name(str(name)) for name in names] if isinstance(names, list) else []
+    node = ros_name(str(told["name"]))
+    numbers = [int(axis.get("axis", place)) for place, axis in enumerate(axes)]
+    return tuple(
+        Channel(str(axis["joint"]), names[number] if number < len(names) else f"{node}/{ros_name(axis['joint'])}")
+        for number, axis in zip(numbers, axes, strict=True)
+    )

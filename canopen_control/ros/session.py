@@ -10,7 +10,7 @@ from __future__ import annotations
 from functools import partial
 from typing import TYPE_CHECKING, Any, Final
 
-from canopen_control.errors import CanopenError, RemoteError
+from canopen_control.errors import RemoteError
 from canopen_control.ros.asker import Asker
 from canopen_control.ros.controller_manager import ControllerManagerServices
 from canopen_control.ros.conversions import ControllerView, controllers_of
@@ -71,6 +71,7 @@ class Session:
         self._told: dict[str, str] = {}
         self._throttle = Throttle()
         self._mailbox: Mailbox[tuple[str, Message]] = Mailbox(0)
+        self._process_data_watchers: set[object] = set()
         self._ended = False
         self._spinner = Spinner(node, context, self._on_callback_error)
         self._asker = Asker(client.robot, reactor)
@@ -95,7 +96,7 @@ class Session:
         for make in wanted:
             try:
                 self._common.append(make())
-            except (CanopenError, ValueError) as error:
+            except Exception as error:  # noqa: BLE001 - a name of bus.yml that ROS refuses, an interface it lacks
                 self.warn(str(error), str(error))
 
     def _of_nodes(self, nodes: list[NodeView]) -> list[Callable[[], Endpoint]]:
@@ -115,9 +116,10 @@ class Session:
         """Subscribe on both sides and begin; raises RemoteError."""
         client, status = self._client, self._client.call("status")
         self._mailbox.interval_ns = round(float(status["cycle"]["period_s"]) * 1e9)
-        nodes = nodes_of(client.call("nodes"), str(self.node.get_namespace()))
+        namespace = str(self.node.get_namespace())
+        nodes = nodes_of(client.call("nodes"), namespace, client.call("layout"), status["nodes"])
         self._make_common(client.call("description")["urdf"], nodes)
-        client.call("subscribe", state_rate=self._options.rate, events=True)
+        client.call("subscribe", state_rate=self._options.rate, events=True, pdos=False)
         self._reactor.add_reader(client.fileno(), self._on_readable)
         self._reactor.call_soon(self._on_readable)  # what came together with an answer makes no descriptor readable
         self._spinner.start()
@@ -186,6 +188,16 @@ class Session:
         """Leave a service, between two callbacks."""
         self._spinner.call(lambda: self.node.destroy_service(service))
 
+    def watch_process_data(self, watcher: object, wanted: bool) -> None:
+        """Have the robot tell what its TPDOs carry while anybody wants it; on the reactor's thread.
+
+        Whoever begins to want it has everything told that has come, which the others then get once more.
+        """
+        watchers = self._process_data_watchers
+        (watchers.add if wanted else watchers.discard)(watcher)
+        if (wanted or not watchers) and not self._ended:
+            self._client.notify("subscribe", state_rate=self._options.rate, events=True, pdos=wanted)
+
     def ask(self, method: str, params: Message, answer: Answer) -> None:
         """Ask the robot, and have `answer(result, error)` called; both on the reactor's thread."""
         self._asker.ask(method, params, answer)
@@ -202,7 +214,7 @@ class Session:
             self._end(error)
 
     def _on_message(self, message: Message) -> None:
-        state, event = message.get("state"), message.get("event")
+        state, event, pdos = message.get("state"), message.get("event"), message.get("pdos")
         if state is not None:
             self._follow(state.get("controllers") or {})
             for endpoint in self._all():
@@ -210,6 +222,9 @@ class Session:
         elif event is not None:
             for endpoint in self._all():
                 self._guarded(endpoint, endpoint.on_event, event)
+        elif pdos is not None:
+            for endpoint in self._common:
+                self._guarded(endpoint, endpoint.on_process_data, pdos["nodes"])
 
     def _guarded(self, endpoint: Endpoint, action: Callable[[Message], object], message: Message) -> None:
         try:

@@ -136,16 +136,35 @@ def test_a_reset_of_a_node_is_seen_as_it_happens_and_a_start_boots_it(scene, cal
     scene.peer.order("subscribe", topic=topic, of="std_msgs/msg/String", qos="latched")
     assert scene.peer.message(topic) == {"data": "START"}
     assert call("/right_drive/nmt_reset_node") == DONE
-    scene.peer.message(topic, lambda message: message["data"] != "START")
+    assert scene.peer.message(topic) == {"data": "PREOP"}, "where a node goes by itself when it has booted"
     assert call("/right_drive/nmt_start_node") == DONE
-    scene.peer.message(topic, lambda message: message["data"] == "START")
+    assert scene.peer.message(topic) == {"data": "START"}
+
+
+def test_the_objects_of_the_tpdos_are_told_as_they_change_and_an_unmapped_one_is_written(scene, call):
+    kind, rpdo, tpdo = "canopen_interfaces/msg/COData", "/left_drive/rpdo", "/left_drive/tpdo"
+    scene.peer.order("subscribe", topic=rpdo, of=kind)
+    first = [scene.peer.message(rpdo) for _ in range(4)]
+    assert {each["index"] for each in first} == {0x6041, 0x6061, 0x6064, 0x606C}
+    assert call("/left_drive/disable") == DONE
+    scene.peer.message(rpdo, lambda message: message["index"] == 0x6041 and message["data"] & 0x6F != 0x27)
+    assert call("/left_drive/enable") == DONE
+    scene.peer.message(rpdo, lambda message: message["index"] == 0x6041 and message["data"] & 0x6F == 0x27)
+    scene.peer.order("publish", topic=tpdo, of=kind, data={"index": 0x6083, "data": 15000}, rate=20)
+    read = "canopen_interfaces/srv/CORead"
+    assert ros.eventually(lambda: call("/left_drive/sdo_read", read, index=0x6083)["data"] == 15000)
+    scene.peer.order("silence", topic=tpdo)
+    scene.peer.order("unsubscribe", topic=rpdo)
 
 
 def test_an_emergency_of_a_drive_is_told_on_its_topic(scene, call):
-    scene.peer.order("subscribe", topic="/left_drive/emcy", of="rcl_interfaces/msg/Log")
+    scene.peer.order("subscribe", topic="/left_drive/emcy", of="diagnostic_msgs/msg/DiagnosticArray")
     scene.drive.fault("drive_fault")
-    message = scene.peer.message("/left_drive/emcy")
-    assert (message["name"], message["level"]) == ("left_drive", 30)
+    (status,) = scene.peer.message("/left_drive/emcy")["status"]
+    assert (status["name"], status["level"]) == ("left_drive", 1)
+    values = {each["key"]: each["value"] for each in status["values"]}
+    assert (values["error_code"], int(values["error_register"], 16) & 9) == ("0x4310", 9), "temperature, generic"
+    assert f"EMCY {values['error_code']} (" in status["message"]
     scene.drive.fault("drive_fault", on=False)
     assert ros.eventually(lambda: call("/left_drive/recover")["success"])
     assert scene.drive.power != "OPERATION_ENABLED"

@@ -14,6 +14,9 @@ NODES = [
     {"name": "left_drive", "node_id": 3},
     {"name": "right_drive", "node_id": 2, "namespace": "/test1", "remappings": {"~/init": "/start"}},
 ]
+NODES.append({"name": "odd", "node_id": 9, "remappings": {"~/init": "/no name"}})  # it has none, the others have
+NODES.append({"name": "arm", "node_id": 5, "channel_names": ["shoulder"]})
+STATES = {"arm": {**ros.node(5, "left"), "axes": [{"joint": "left", "axis": 0}, {"joint": "right", "axis": 1}]}}
 TRIGGER, TARGET = "std_srvs/srv/Trigger", "canopen_interfaces/srv/COTargetDouble"
 
 
@@ -30,6 +33,26 @@ def test_a_trigger_that_is_done_answers_with_an_empty_message(fresh, call, name)
     assert call(f"/left_drive/{name}") == {"success": True, "message": ""}
     method, params = TRIGGERS[name]
     assert fresh.robot.commands(method) == [{"node": "left_drive", **params}]
+
+
+def test_each_axis_of_a_node_with_several_is_commanded_alone_below_its_channel(fresh, call):
+    for service in ("/shoulder/halt", "/arm/right/init", "/arm/right/velocity_mode", "/arm/disable"):
+        assert call(service)["success"], service
+    assert fresh.robot.commands("axis") == [
+        {"node": "arm", "action": "halt", "joint": "left"},
+        {"node": "arm", "action": "enable", "joint": "right"},
+        {"node": "arm", "action": "mode", "mode": "PV", "joint": "right"},
+        {"node": "arm", "action": "disable"},
+    ]
+
+
+def test_each_axis_of_a_node_with_several_has_a_target_and_the_node_has_none(fresh, call):
+    assert call("/arm/right/target", TARGET, target=3.0) == {"success": True}
+    assert fresh.robot.commands()[-1]["values"][1] == 3.0
+    services = fresh.peer.order("graph")["services"]
+    assert "/shoulder/target" in services
+    assert "/arm/target" not in services
+    assert "/arm/right/nmt_reset_node" not in services
 
 
 def test_the_names_are_those_of_ros2_canopen_and_more():

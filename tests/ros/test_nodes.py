@@ -38,6 +38,41 @@ def test_what_the_runtime_does_not_tell_has_defaults():
     assert only() == NodeView("left_drive", 3, "/")
 
 
+def two_axes(**told):
+    axes = [{"joint": "shoulder", "axis": 0}, {"joint": "elbow", "axis": 1}]
+    (node,) = nodes_of({"nodes": [{"name": "arm", "node_id": 5, **told}]}, "/robot", None, {"arm": {"axes": axes}})
+    return node
+
+
+def test_each_axis_of_a_node_with_several_has_its_names_below_its_channel():
+    node = two_axes(remappings={"arm/elbow/halt": "/stop"})
+    assert [channel.joint for channel in node.channels] == ["shoulder", "elbow"]
+    assert [node.path("halt", channel) for channel in node.channels] == ["/robot/arm/shoulder/halt", "/stop"]
+    assert node.path("halt") == "/robot/arm/halt"
+
+
+def test_a_channel_has_the_name_of_bus_yml():
+    node = two_axes(channel_names=["upper arm"])
+    assert [node.path("halt", channel) for channel in node.channels] == [
+        "/robot/upper_arm/halt",
+        "/robot/arm/elbow/halt",
+    ]
+
+
+def test_a_node_with_one_axis_has_no_channels():
+    states = {"left_drive": {"axes": [{"joint": "wheel", "axis": 1}]}}
+    (node,) = nodes_of({"nodes": [{"name": "left_drive", "node_id": 3}]}, "/", None, states)
+    assert node.channels == ()
+
+
+def test_what_the_rpdos_map_comes_from_the_layout():
+    objects = [{"index": 0x60FE, "subindex": 1, "bits": 32}]
+    pdos = [{"direction": "rpdo", "objects": objects}, {"direction": "tpdo", "objects": [{"index": 0x6041}]}]
+    layout = {"buses": {"can": {"nodes": [{"name": "left_drive", "pdos": pdos}]}}}
+    (node,) = nodes_of({"nodes": [{"name": "left_drive", "node_id": 3}]}, "/", layout)
+    assert node.rpdo == {(0x60FE, 1): 32}
+
+
 def test_private_names_are_below_the_node():
     assert resolve("/a", "~/x", "n") == "/a/n/x"
     assert resolve("", "x") == "/x"

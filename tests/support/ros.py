@@ -183,6 +183,7 @@ class FakeRobot:
         self.nodes = {"left_drive": node(3, "left"), "right_drive": node(2, "right")}
         self.time, self.more, self.refusals, self.answers = 1_700_000_000.25, {}, {}, {}
         self._watching, self.urdf = [], URDF
+        self.process_data, self.watching_process_data, self.layout = {}, False, {"buses": {}}
         self.bus_nodes, self.holds, self._held = [], (), []
         self._server = LineServer(
             self.reactor, socket_path("robot", name), self._greet, self._on_message, self._on_close
@@ -245,13 +246,25 @@ class FakeRobot:
         method = message["method"]
         self.told.append(message)
         if method == "subscribe":
-            self._watching.append(connection)
+            self._subscribe(connection, message["params"])
         if message["params"].get("action") in self.holds:
             self._held.append((connection, message))
         elif "id" in message and method in self.refusals:
             connection.send({"id": message["id"], "error": self.refusals[method]})
         elif "id" in message:
             connection.send({"id": message["id"], **self._outcome(method, message["params"])})
+
+    def _subscribe(self, connection, params):
+        if connection not in self._watching:
+            self._watching.append(connection)
+        self.watching_process_data = params.get("pdos", False)
+        if self.watching_process_data:
+            connection.send({"pdos": {"time": self.time, "nodes": self.process_data}})
+
+    def tell_process_data(self, **nodes):
+        """Push what has changed: lists of [index, subindex, hex] by node."""
+        message = {"pdos": {"time": self.time, "nodes": nodes}}
+        self.on_loop(lambda: [connection.send(message) for connection in self._watching])
 
     def release(self):
         """Answer what was held back: the actions that `holds` names."""
@@ -274,6 +287,7 @@ class FakeRobot:
             "controllers": lambda: self.controllers,
             "description": lambda: {"urdf": self.urdf},
             "nodes": lambda: {"buses": {}, "nodes": self.bus_nodes},
+            "layout": lambda: self.layout,
         }
         return known.get(method, dict)()
 

@@ -64,7 +64,7 @@ class Peer:
     def __init__(self):
         rclpy.init()
         self.node = rclpy.create_node("peer")
-        self.publishers, self.clients, self.timers = {}, {}, {}
+        self.publishers, self.clients, self.timers, self.subscriptions = {}, {}, {}, {}
         self.lock = threading.Lock()
 
     def say(self, **answer):
@@ -72,10 +72,14 @@ class Peer:
             print(json.dumps(answer), flush=True)
 
     def subscribe(self, topic, of, qos="reliable"):
-        self.node.create_subscription(
+        self.subscriptions[topic] = self.node.create_subscription(
             kind(of), topic, lambda message: self.say(topic=topic, message=plain(message)), QOS[qos]
         )
         self.say(done="subscribe")
+
+    def unsubscribe(self, topic):
+        self.node.destroy_subscription(self.subscriptions.pop(topic))
+        self.say(done="unsubscribe")
 
     def publish(self, topic, of, data, qos="reliable", rate=None):
         if topic not in self.publishers:
