@@ -1,0 +1,217 @@
+"""`cycle`: two drives, SYNC, two RPDOs and two TPDOs each; our complete runtime beside peers that only exchange them.
+
+All take turns on one `local:` bus with the same virtual drives, in a process of their own: the runtime with diff drive,
+joint states, supervision, 402 machines and API; the `canopen` package; python-can with a codec written by hand. Before
+the clock starts, a listener looks at the bytes of every cycle.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import threading
+import time
+from typing import TYPE_CHECKING
+
+from canopen_control.bench.figure import Figure, compared, percentiles
+from canopen_control.bench.fleet import CONTROLLER, FIRST_NODE, RADIUS_M, SCALE, write_fleet
+from canopen_control.bench.listener import cycles_of, judge, listening
+from canopen_control.bench.peers.pattern import target
+from canopen_control.bench.stage import EDS, Contender, Stage, ask_hub, stage
+from canopen_control.client.robot import RobotClient
+from canopen_control.errors import CanopenError, RemoteError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+
+    from canopen_control.bench.runner import Options
+    from canopen_control.bench.turns import Turn
+
+__all__ = ["CANOPEN", "NAMES", "OURS", "PYTHON_CAN", "Arena", "absolutes_of", "measure", "rounds_of"]
+
+OURS, PYTHON_CAN = "runtime", "python-can"
+CANOPEN = "canopen"  # its own thread left out: the faster of its two idioms
+CANOPEN_THREADED = "canopen, its thread"
+NAMES = (OURS, CANOPEN, CANOPEN_THREADED, PYTHON_CAN)
+ROUNDS = 5
+CPU_LIMIT, WAKE_LIMIT = 0.25, 0.4
+#: label -> period in us, cycles of a quick turn (0: left out), cycles of a turn
+PACES = {"100 Hz": (10_000, 0, 300), "500 Hz": (2000, 0, 1000), "1 kHz": (1000, 1000, 3000)}
+_BUS = "bench"
+_CHECKED_CYCLES = 150
+_SETTLE_S = 1.5  # 0.5 m/s at 1 m/s^2, and the drives' own ramps
+_SPEED = 0.5  # m/s
+
+
+class Arena:
+    """A bus with drives on it, and the contenders that take turns there."""
+
+    def __init__(self, played: Stage, count: int, period_us: int, *, base: bool = True, realtime: bool = False) -> None:
+        self.stage, self.count, self.period_us = played, count, period_us
+        self.base, self.realtime = base, realtime
+        self.channel = f"local:{_BUS}"
+        self.nodes = range(FIRST_NODE, FIRST_NODE + count)
+        self.drives = played.drives(self.channel, f"{self.nodes[0]}-{self.nodes[-1]}")
+        self.robot = write_fleet(played.folder, count, period_us, base=base)
+        self.others = {"drives": self.drives.pid, "hub": ask_hub(_BUS, "status")["pid"]}
+
+    def pace(self, period_us: int) -> None:
+        """Have our robot cycle at another period."""
+        if period_us != self.period_us:
+            self.period_us = period_us
+            self.robot = write_fleet(self.stage.folder, self.count, period_us, base=self.base)
+
+    @contextlib.contextmanager
+    def contender(self, name: str, *, check: bool = True) -> Iterator[Contender]:
+        """Have a contender take the bus; its bytes are looked at first."""
+        words = [EDS, str(FIRST_NODE), str(self.count)]
+        if name == OURS:
+            options = ["--realtime"] if self.realtime else []
+            ours = ["canopen_control.bench.subject", str(self.robot), "bench", self.channel, *options]
+            contender = self.stage.contender(*ours, others=self.others)
+            with commanding(self, moving=False) as move:
+                if check:
+                    time.sleep(_SETTLE_S)
+                    self.check(contender, self._expected_of_ours)
+                move()
+                yield contender
+        else:
+            module = "pythoncan_pdo" if name == PYTHON_CAN else "canopen_pdo"
+            inline = ["--inline"] if name == CANOPEN else []
+            peer = [f"canopen_control.bench.peers.{module}", self.channel, *words, *inline]
+            contender = self.stage.contender(*peer, others=self.others)
+            if check:
+                self.check(contender, lambda number, position: (target(number, position),))
+            yield contender
+        contender.leave()
+
+    def check(self, contender: Contender, expected: Callable[[int, int], Sequence[int]]) -> None:
+        """Look at the bytes of some cycles; raises CanopenError with what is wrong."""
+        period_ns = max(self.period_us, 1000) * 1000
+        with listening(self.channel) as hear:
+            contender.order(_CHECKED_CYCLES, period_ns)
+            frames = hear(_CHECKED_CYCLES * period_ns / 1e9 + 0.3)
+            contender.answer()
+        cycles = cycles_of(frames)
+        offset = 1 if not self.base or contender.words[0].endswith("_pdo") else 0
+        verdict = judge(cycles, self.nodes, lambda number, position: expected(number + offset, position))
+        if verdict.count or verdict.cycles < _CHECKED_CYCLES // 2:
+            found = "; ".join(verdict.wrong)
+            raise CanopenError(
+                f"{contender.words[0]}: {verdict.count} mistakes in the bytes of {verdict.cycles} cycles, "
+                f"{verdict.late} of them late: {found}"
+            )
+
+    def _expected_of_ours(self, _number: int, _position: int) -> Sequence[int]:
+        """Return what a base that drives straight on sends: every wheel turns alike; a forward controller too."""
+        radians = _SPEED / RADIUS_M
+        return (round(radians * SCALE), int(radians * SCALE))
+
+
+@contextlib.contextmanager
+def commanding(arena: Arena, *, moving: bool) -> Iterator[Callable[[], None]]:
+    """Command our robot by its API at 20 Hz: straight on, and, once the function was called, faster and slower."""
+    ended, moves = threading.Event(), threading.Event()
+    if moving:
+        moves.set()
+
+    def command(client: RobotClient) -> None:
+        number = 0
+        while not ended.wait(0.05):
+            number += 1
+            speed = _SPEED * (1 if not moves.is_set() or number // 20 % 2 else -1)
+            with contextlib.suppress(RemoteError):
+                if arena.base:
+                    client.notify("twist", controller=CONTROLLER, linear=speed, angular=0.0, source="bench")
+                else:
+                    values = [speed / RADIUS_M] * arena.count
+                    client.notify("command", controller=CONTROLLER, values=values, source="bench")
+
+    client = RobotClient.connect("bench")
+    thread = threading.Thread(target=command, args=(client,), daemon=True)
+    thread.start()
+    try:
+        yield moves.set
+    finally:
+        ended.set()
+        thread.join()
+        client.close()
+
+
+def rounds_of(
+    arena: Arena, names: Sequence[str], count: int, run: Callable[[Contender], Turn]
+) -> dict[str, list[Turn]]:
+    """Have the contenders take turns, `count` times each, one right after another; only first turns are checked."""
+    turns: dict[str, list[Turn]] = {name: [] for name in names}
+    for number in range(count):
+        for name in names:
+            with arena.contender(name, check=number == 0) as contender:
+                turns[name].append(run(contender))
+    return turns
+
+
+def measure(options: Options) -> list[Figure]:
+    """Measure free-running cycles and paced ones."""
+    figures: list[Figure] = []
+    names = (OURS, CANOPEN) if options.quick else NAMES
+    with stage() as played:
+        arena = Arena(played, 2, 1000)
+        cycles = 1000 if options.quick else 3000
+        turns = rounds_of(arena, names, ROUNDS, lambda contender: contender.turn(cycles, 0))
+        figures += cpu_figures("free-running", turns)
+        for label, (period_us, quick_cycles, cycles) in PACES.items():
+            if options.quick and not quick_cycles:
+                continue
+            count = quick_cycles if options.quick else cycles
+            arena.pace(period_us)
+            run = functools.partial(Contender.turn, cycles=count, period_ns=period_us * 1000)
+            turns = rounds_of(arena, names, ROUNDS, run)
+            figures += cpu_figures(label, turns)
+            figures.append(wake_figure(label, turns))
+    return figures
+
+
+def cpu_figures(label: str, turns: dict[str, list[Turn]]) -> list[Figure]:
+    """Return CPU per cycle, ours beside each peer's."""
+    return [
+        compared(
+            f"cycle, {label}: CPU",
+            "us",
+            [(ours.cpu_us, peer.cpu_us) for ours, peer in zip(turns[OURS], turns[name], strict=True)],
+            peer_name=name,
+            limit=CPU_LIMIT if name == CANOPEN and not turns[OURS][0].late_ns else None,
+            absolutes=absolutes_of(turns[OURS]),
+        )
+        for name in turns
+        if name != OURS
+    ]
+
+
+def wake_figure(label: str, turns: dict[str, list[Turn]]) -> Figure:
+    """Return the p99 of the time from waking up to the cycle's last frame on the bus."""
+    rounds = [
+        (percentiles(ours.work_ns, 1e-3)["p99"], percentiles(peer.work_ns, 1e-3)["p99"])
+        for ours, peer in zip(turns[OURS], turns[CANOPEN], strict=True)
+    ]
+    return compared(
+        f"cycle, {label}: wake to RPDO, p99",
+        "us",
+        rounds,
+        peer_name=CANOPEN,
+        limit=WAKE_LIMIT if label == "1 kHz" else None,
+    )
+
+
+def absolutes_of(turns: Sequence[Turn]) -> dict[str, float]:
+    """Return what else was seen in some turns: percentiles in us, CPU of the other processes for each cycle."""
+    cycles = sum(turn.cycles for turn in turns)
+    found: dict[str, float] = {"cycles": cycles, "missed": sum(turn.missed for turn in turns)}
+    for key, values in (
+        ("late", [each for turn in turns for each in turn.late_ns]),
+        ("wake to RPDO", [each for turn in turns for each in turn.work_ns]),
+    ):
+        if values:
+            found.update((f"{key} {name} us", round(value, 1)) for name, value in percentiles(values, 1e-3).items())
+    for name in turns[0].others_ns:
+        found[f"{name} CPU us"] = round(sum(turn.others_ns[name] for turn in turns) / cycles / 1000, 1)
+    return found

@@ -1,0 +1,98 @@
+"""One measured quantity: ours, a peer's or a limit, and whether that is good enough.
+
+The law of this file: a figure that is checked is checked by one number alone, the median of its rounds, and a round
+compares what was measured right after another. A ratio is robust on a loaded machine; an absolute limit is not, so
+that `quick` runs look at ratios only.
+"""
+
+from __future__ import annotations
+
+import statistics
+from dataclasses import asdict, dataclass, field
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+__all__ = ["Figure", "compared", "limited", "percentile", "percentiles"]
+
+AT_MOST, AT_LEAST = "at most", "at least"
+_POINTS = (("p50", 0.5), ("p99", 0.99), ("p99.9", 0.999), ("max", 1.0))
+
+
+@dataclass(frozen=True, slots=True)
+class Figure:
+    """One line of the table.
+
+    `ours` and `peer` are medians in `unit`; `peer` is None where there is nobody to compare with, and `ratio` is then
+    None too. `limit` is what the ratio must not pass in `direction`, or, without a peer, what `ours` must not pass;
+    None: only shown. `absolutes` holds whatever else was seen, by name.
+    """
+
+    name: str
+    unit: str
+    ours: float
+    peer: float | None = None
+    ratio: float | None = None
+    limit: float | None = None
+    direction: str = AT_MOST
+    peer_name: str = ""
+    absolutes: Mapping[str, float | str] = field(default_factory=dict)
+
+    @property
+    def judged(self) -> float:
+        """The number that the limit is about: the ratio, or what was measured where there is no peer."""
+        return self.ours if self.ratio is None else self.ratio
+
+    @property
+    def good(self) -> bool:
+        """Whether it is what it must be; true where it is only shown. Not a number is never good."""
+        if self.limit is None:
+            return True
+        return self.judged <= self.limit if self.direction == AT_MOST else self.judged >= self.limit
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return it as JSON has it."""
+        return {**asdict(self), "good": self.good}
+
+
+def compared(
+    name: str,
+    unit: str,
+    rounds: Sequence[tuple[float, float]],
+    *,
+    peer_name: str,
+    limit: float | None = None,
+    direction: str = AT_MOST,
+    absolutes: Mapping[str, float | str] | None = None,
+) -> Figure:
+    """Return the figure of rounds of (ours, the peer's): the medians, and the median of the rounds' ratios."""
+    ours, peer = (statistics.median(values) for values in zip(*rounds, strict=True))
+    ratio = statistics.median(mine / theirs for mine, theirs in rounds)
+    return Figure(name, unit, ours, peer, ratio, limit, direction, peer_name, dict(absolutes or {}))
+
+
+def limited(
+    name: str,
+    unit: str,
+    rounds: Sequence[float],
+    *,
+    limit: float | None = None,
+    direction: str = AT_MOST,
+    absolutes: Mapping[str, float | str] | None = None,
+) -> Figure:
+    """Return the figure of rounds of one quantity that is held against a limit."""
+    return Figure(
+        name, unit, statistics.median(rounds), limit=limit, direction=direction, absolutes=dict(absolutes or {})
+    )
+
+
+def percentile(values: Sequence[float], part: float) -> float:
+    """Return the value that `part` of the values (0 to 1) do not pass; 0.0 of none."""
+    ordered = sorted(values)
+    return ordered[min(len(ordered) - 1, int(part * len(ordered)))] if ordered else 0.0
+
+
+def percentiles(values: Sequence[float], scale: float = 1.0) -> dict[str, float]:
+    """Return p50, p99, p99.9 and max of the values, each times `scale`."""
+    return {name: percentile(values, part) * scale for name, part in _POINTS}

@@ -1,0 +1,85 @@
+"""The machine that was measured on: what it is, how busy it is, and the CPU that a process has used.
+
+CPU is read from the kernel's own clock of a process (clock_getcpuclockid(3)), all its threads, in nanoseconds; where
+there is none, from /proc in hundredths of a second.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import datetime
+import os
+import platform
+import sys
+import time
+from pathlib import Path
+
+__all__ = ["cpu_ns", "describe", "idle_part", "may_be_realtime"]
+
+_CPU_CLOCK = 2  # of linux/posix-timers.h: the scheduler's clock of a process
+_IDLE = (3, 4)  # idle and iowait, columns of /proc/stat
+_PROBE_S = 0.5
+
+
+def cpu_ns(pid: int) -> int:
+    """Return the CPU nanoseconds that a process has used so far; 0 if it is not there."""
+    with contextlib.suppress(OSError, OverflowError):
+        return time.clock_gettime_ns((~pid << 3) | _CPU_CLOCK)
+    with contextlib.suppress(OSError):
+        fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+        return (int(fields[11]) + int(fields[12])) * 1_000_000_000 // os.sysconf("SC_CLK_TCK")
+    return 0
+
+
+def idle_part(seconds: float = _PROBE_S) -> float | None:
+    """Return which part of all CPUs is idle, seen for `seconds`; None where the kernel does not tell."""
+    before = _jiffies()
+    time.sleep(seconds)
+    after = _jiffies()
+    if before is None or after is None:
+        return None
+    passed = [late - early for early, late in zip(before, after, strict=True)]
+    return sum(passed[column] for column in _IDLE) / max(1, sum(passed))
+
+
+def _jiffies() -> list[int] | None:
+    try:
+        return [int(text) for text in Path("/proc/stat").read_text().split("\n", 1)[0].split()[1:9]]
+    except OSError:
+        return None
+
+
+def may_be_realtime() -> bool:
+    """Whether this user may have SCHED_FIFO: tried in a child, so that nothing here changes."""
+    if not hasattr(os, "sched_setscheduler"):
+        return False
+    child = os.fork()
+    if child == 0:
+        try:
+            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
+        except OSError:
+            os._exit(1)
+        os._exit(0)
+    return os.waitpid(child, 0)[1] == 0
+
+
+def describe() -> dict[str, str | int | float | None]:
+    """Return what a reader has to know of the machine, and how busy it was before."""
+    idle = idle_part()
+    return {
+        "date": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+        "machine": f"{os.cpu_count()} x {_processor()}",
+        "kernel": f"{platform.system()} {platform.release()}",
+        "python": f"{platform.python_implementation()} {platform.python_version()}",
+        "executable": sys.executable,
+        "load": round(os.getloadavg()[0], 2),
+        "idle": None if idle is None else round(idle, 2),
+    }
+
+
+def _processor() -> str:
+    with contextlib.suppress(OSError):
+        for line in Path("/proc/cpuinfo").read_text().splitlines():
+            if line.startswith(("model name", "Model")):
+                return line.partition(":")[2].strip()
+    return platform.machine()

@@ -1,0 +1,101 @@
+"""Families of figures by name, run one after the other; the table that a user reads, and the JSON."""
+
+from __future__ import annotations
+
+import importlib
+import json
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from canopen_control.bench.machine import describe
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+    from pathlib import Path
+
+    from canopen_control.bench.figure import Figure
+
+__all__ = ["FAMILIES", "Options", "Report", "run_families", "table"]
+
+#: family -> what it measures; each is a module of this room with `measure(options) -> list[Figure]`
+FAMILIES = {
+    "cycle": "two drives: CPU, lateness and wake-to-RPDO beside the canopen package and python-can",
+}
+IDLE_ENOUGH = 0.9  # of all processors, before anything was started
+
+
+@dataclass(frozen=True, slots=True)
+class Options:
+    """How to measure: `quick` is for CI, `seconds` is how long a long run takes, `say` tells progress."""
+
+    quick: bool = False
+    seconds: float | None = None
+    say: Callable[[str], None] = lambda _text: None
+
+
+@dataclass(slots=True)
+class Report:
+    """What was measured, where and when."""
+
+    machine: dict[str, Any]
+    figures: dict[str, list[Figure]]
+    quick: bool = False
+
+    def short(self) -> list[Figure]:
+        """Return the figures that are not what they must be; of a quick run ratios only."""
+        return [each for each in self._all() if not each.good and not (self.quick and each.ratio is None)]
+
+    def _all(self) -> Iterator[Figure]:
+        for figures in self.figures.values():
+            yield from figures
+
+    def write(self, path: Path) -> None:
+        """Write it as JSON."""
+        figures = {name: [each.as_dict() for each in figures] for name, figures in self.figures.items()}
+        path.write_text(json.dumps({"machine": self.machine, "quick": self.quick, "figures": figures}, indent=2) + "\n")
+
+    def __str__(self) -> str:
+        machine = self.machine
+        idle = machine["idle"]
+        busy = "" if idle is None or idle >= IDLE_ENOUGH else "; NOT IDLE: only ratios count"
+        return "\n".join(
+            [
+                f"{machine['machine']}, {machine['kernel']}, {machine['python']}, {machine['date']}",
+                f"load {machine['load']} and {'?' if idle is None else f'{idle:.0%}'} idle before the run{busy}",
+                *(f"\n{name}\n{table(figures)}" for name, figures in self.figures.items()),
+            ]
+        )
+
+
+def run_families(names: Sequence[str], options: Options) -> Report:
+    """Measure the families and return what was seen."""
+    report = Report(describe(), {}, options.quick)
+    for name in names:
+        options.say(f"{name}: {FAMILIES[name]}")
+        module = importlib.import_module(f"canopen_control.bench.{name}")
+        report.figures[name] = module.measure(options)
+    return report
+
+
+def table(figures: Sequence[Figure]) -> str:
+    """Return figures as lines of a table, each with what else was seen below it."""
+    lines = [f"  {'':<46}{'ours':>12}{'peer':>12} {'unit':<6}{'ratio':>7}  must be"]
+    told: object = None
+    for each in figures:
+        lines.append(_line(each))
+        if each.absolutes and each.absolutes != told:
+            told = each.absolutes
+            lines.append("      " + ", ".join(f"{name} {_short(value)}" for name, value in each.absolutes.items()))
+    return "\n".join(lines)
+
+
+def _line(each: Figure) -> str:
+    name = f"{each.name} / {each.peer_name}" if each.peer_name else each.name
+    peer = "" if each.peer is None else _short(each.peer)
+    ratio = "" if each.ratio is None else f"{each.ratio:.2f}"
+    must = "" if each.limit is None else f"{each.direction} {each.limit:g}{'' if each.good else '   SHORT'}"
+    return f"  {name:<46}{_short(each.ours):>12}{peer:>12} {each.unit:<6}{ratio:>7}  {must}".rstrip()
+
+
+def _short(value: float | str) -> str:
+    return value if isinstance(value, str) else f"{value:.4g}" if abs(value) < 1000 else f"{value:.0f}"

@@ -1,0 +1,180 @@
+"""Where a bench plays: folders of its own, virtual drives, and the programs that are measured, each a process.
+
+The law of this file: nothing outside the stage's own folder is touched, and whatever it started is ended by its id when
+the stage is left, the hubs included.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from canopen_control.bench.machine import cpu_ns
+from canopen_control.bench.turns import Turn
+from canopen_control.data_files import data_path
+from canopen_control.errors import CanopenError
+from canopen_control.host.lineclient import LineClient
+from canopen_control.host.sockets import list_sockets, socket_path
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+__all__ = ["EDS", "Contender", "Stage", "stage"]
+
+EDS = str(data_path("eds", "TMCM-1270.eds"))
+PATIENCE_S = 60.0
+
+
+class Program:
+    """A process of the stage: `python -m WORDS`, what it complains about in a file."""
+
+    def __init__(self, folder: Path, words: Sequence[str], *, ros: bool = False) -> None:
+        self.words = words
+        self.errors = folder / f"{words[0].rpartition('.')[2]}-{time.monotonic_ns()}.err"
+        environment = {**os.environ}
+        environment.pop("_ROS_WHEELS_BOOTSTRAP_COMPLETE", None)
+        if not ros:
+            environment["_ROS_WHEELS_BOOTSTRAP_COMPLETE"] = "1"
+        with self.errors.open("wb") as errors:
+            self.process = subprocess.Popen(
+                [sys.executable, "-m", *words],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=errors,
+                text=True,
+                env=environment,
+            )
+        self.pid = self.process.pid
+
+    def line(self) -> str:
+        """Return its next line; raises CanopenError with its complaint where it ends instead."""
+        assert self.process.stdout is not None
+        line = self.process.stdout.readline()
+        if not line:
+            self.process.wait(PATIENCE_S)
+            said = self.errors.read_text().strip().splitlines()[-3:]
+            raise CanopenError(f"{self.words[0]} ended with {self.process.returncode}: {' | '.join(said)}")
+        return line
+
+    def end(self) -> None:
+        """End it, if it does not end by itself within a few seconds of its standard input's end."""
+        for stream in (self.process.stdin, self.process.stdout):
+            with contextlib.suppress(OSError):
+                if stream is not None:
+                    stream.close()
+        if self.process.poll() is None:
+            self.process.terminate()
+        try:
+            self.process.wait(10)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            self.process.wait()
+
+
+class Contender(Program):
+    """A program that serves turns, see `canopen_control.bench.turns`."""
+
+    def __init__(self, folder: Path, words: Sequence[str], others: dict[str, int]) -> None:
+        super().__init__(folder, words)
+        self.others = others
+        assert "ready" in json.loads(self.line())
+
+    def order(self, cycles: int, period_ns: int) -> None:
+        """Have it begin."""
+        self._write({"cycles": cycles, "period_ns": period_ns})
+
+    def answer(self) -> Turn:
+        """Wait for what it has measured."""
+        return Turn(**json.loads(self.line()))
+
+    def turn(self, cycles: int, period_ns: int) -> Turn:
+        """Have it run so many cycles; also tells what the others used meanwhile, in ns by name."""
+        before = {name: cpu_ns(pid) for name, pid in self.others.items()}
+        self.order(cycles, period_ns)
+        turn = self.answer()
+        turn.others_ns = {name: cpu_ns(pid) - before[name] for name, pid in self.others.items()}
+        return turn
+
+    def leave(self) -> None:
+        """Have it end, and wait for that."""
+        self._write("end")
+        self.process.wait(PATIENCE_S)
+        self.end()
+
+    def _write(self, order: object) -> None:
+        assert self.process.stdin is not None
+        self.process.stdin.write(json.dumps(order) + "\n")
+        self.process.stdin.flush()
+
+
+class Stage:
+    """The folders and processes of one bench."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.programs: list[Program] = []
+
+    def drives(self, channel: str, node_ids: str, *options: str) -> Program:
+        """Run virtual drives in one process, and return it when they are there."""
+        drives = self.start("canopen_control", "drive", "--node-id", node_ids, "--eds", EDS, "--can", channel, *options)
+        drives.line()
+        return drives
+
+    def start(self, *words: str, ros: bool = False) -> Program:
+        """Run `python -m WORDS`."""
+        program = Program(self.folder, words, ros=ros)
+        self.programs.append(program)
+        return program
+
+    def contender(self, *words: str, others: dict[str, int]) -> Contender:
+        """Run a program that serves turns, and return it when it is ready."""
+        contender = Contender(self.folder, words, others)
+        self.programs.append(contender)
+        return contender
+
+    def close(self) -> None:
+        """End everything."""
+        for program in reversed(self.programs):
+            program.end()
+        for name in list_sockets("busctl"):
+            with contextlib.suppress(CanopenError, OSError, KeyError):
+                os.kill(ask_hub(name, "status")["pid"], signal.SIGTERM)
+
+
+def ask_hub(bus: str, method: str, **params: object) -> Any:  # noqa: ANN401 - as the hub's JSON has it
+    """Ask the hub of an embedded bus; see `canopen_control.bus.hubcontrol`."""
+    client = LineClient(socket_path("busctl", bus))
+    try:
+        client.receive(PATIENCE_S)
+        client.send({"id": 1, "method": method, "params": params})
+        return (client.receive(PATIENCE_S) or {})["result"]
+    finally:
+        client.close()
+
+
+@contextlib.contextmanager
+def stage() -> Iterator[Stage]:
+    """Set a stage up, in folders that only it uses, and leave nothing of it."""
+    names = ("XDG_RUNTIME_DIR", "XDG_STATE_HOME", "_ROS_WHEELS_BOOTSTRAP_COMPLETE", "ROS_AUTOMATIC_DISCOVERY_RANGE")
+    kept = {name: os.environ.get(name) for name in names}
+    with tempfile.TemporaryDirectory(prefix="bench-") as folder:
+        os.environ.update(XDG_RUNTIME_DIR=folder, XDG_STATE_HOME=f"{folder}/state")
+        os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+        played = Stage(Path(folder))
+        try:
+            yield played
+        finally:
+            played.close()
+            for name, value in kept.items():
+                if value is None:
+                    os.environ.pop(name, None)
+                else:
+                    os.environ[name] = value

@@ -1,0 +1,144 @@
+"""The complete runtime, measured: what `canopen-control run` runs, with the lateness and the work of each cycle.
+
+Paced turns leave the runtime as it is; a hook at the end of each cycle keeps two numbers. Free-running turns stop the
+pacer and begin each cycle when the last TPDO of the one before has come, through the same reactor and the same ports.
+
+    python -m canopen_control.bench.subject FOLDER NAME CHANNEL[,BUS=CHANNEL...] [--realtime]
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import time
+from typing import TYPE_CHECKING, Any
+
+from canopen_control.bench.turns import Turn, say
+from canopen_control.errors import CanopenError
+from canopen_control.runtime.files import find_robot
+from canopen_control.runtime.session import RunOptions, Session
+from canopen_control.runtime.setup import read_robot
+
+if TYPE_CHECKING:
+    from canopen_control.master.cycle import ReceivedPdo
+
+__all__ = ["Subject", "main"]
+
+
+class Subject:
+    """A session that serves turns from standard input."""
+
+    def __init__(self, session: Session) -> None:
+        self.session, self.robot, self.reactor = session, session.robot, session.reactor
+        self._turn: Turn | None = None
+        self._left = 0
+        self._free = False
+        self._missed = 0
+        self._began = self._cpu = 0
+        self._last: list[ReceivedPdo] = []
+        self._buffer = b""
+        self.robot.after_cycle.append(self._after_cycle)
+
+    def run(self) -> str | None:
+        """Serve until the robot has stopped; returns why it failed, or None."""
+        running, self.robot.on_running = self.robot.on_running, self._on_running
+        self._and_running = running
+        return self.session.run()
+
+    def _on_running(self) -> None:
+        if self._and_running is not None:
+            self._and_running()
+        self._last = [
+            node.received[-1] for bus in self.robot.buses.values() for node in [*bus.network.nodes.values()][-1:]
+        ]
+        self.reactor.add_reader(0, self._on_order)
+        say({"ready": True})
+
+    def _on_order(self) -> None:
+        data = os.read(0, 65536)
+        self._buffer += data or b'"end"\n'
+        *lines, self._buffer = self._buffer.split(b"\n")
+        for line in lines:
+            order = json.loads(line)
+            if order == "end":
+                self.reactor.remove_reader(0)
+                self.robot.shutdown("measured")
+            else:
+                self._begin(order["cycles"], free=not order["period_ns"])
+
+    def _begin(self, cycles: int, *, free: bool) -> None:
+        self._left, self._free = cycles, free
+        if free:
+            self.robot.pacer.stop()
+            for bus in self.robot.buses.values():
+                assert bus.port is not None
+                self.reactor.add_reader(bus.port.fileno(), self._on_answer)
+        self._missed = self.robot.pacer.missed
+        self.robot.pacer.late_max = 0
+        self._turn, self._cpu, self._began = Turn(cycles=cycles), time.process_time_ns(), time.monotonic_ns()
+        if free:
+            self._cycle()
+
+    def _after_cycle(self, now: int) -> None:
+        """Write the cycle down: `late_max` is put back each time, so that it is this cycle's alone."""
+        turn = self._turn
+        if turn is None or self._free:
+            return
+        turn.work_ns.append(time.monotonic_ns() - now)
+        turn.late_ns.append(self.robot.pacer.late_max)
+        self.robot.pacer.late_max = 0
+        self._left -= 1
+        if self._left == 0:
+            self._end(turn)
+
+    def _on_answer(self) -> None:
+        for bus in self.robot.buses.values():
+            bus.receive()
+        if self._turn is not None and all(pdo.stamp >= self._edge for pdo in self._last):
+            self._left -= 1
+            if self._left:
+                self._cycle()
+            else:
+                self._end(self._turn)
+
+    def _cycle(self) -> None:
+        self._edge = self.reactor.now()
+        self.robot._cycle(self._edge)  # noqa: SLF001 - the cycle itself is what is measured, without its clock
+
+    def _end(self, turn: Turn) -> None:
+        turn.cpu_ns, turn.wall_ns = time.process_time_ns() - self._cpu, time.monotonic_ns() - self._began
+        turn.missed = self.robot.pacer.missed - self._missed
+        self._turn = None
+        if self._free:
+            for bus in self.robot.buses.values():
+                assert bus.port is not None
+                self.reactor.add_reader(bus.port.fileno(), bus.receive)
+            self.robot.pacer.start()
+        turn.say()
+
+
+def options(*, realtime: bool) -> RunOptions:
+    """Return how it runs: on drives that are there already."""
+    chosen: dict[str, Any] = {"drives": False}
+    if realtime:
+        chosen["realtime"] = True
+    return RunOptions(**chosen)
+
+
+def main(arguments: list[str]) -> int:
+    """Run the robot and serve turns."""
+    folder, name, channels = arguments[:3]
+    setup = read_robot(find_robot(folder), name=name, can=channels.split(","))
+    session = Session(setup, options(realtime="--realtime" in arguments))
+    try:
+        failure = Subject(session).run()
+    finally:
+        session.close()
+    if failure is not None:
+        raise CanopenError(failure)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,51 @@
+"""`bench`: how fast this is on this machine, beside its peers in the same run.
+
+Every figure is a ratio to a peer that ran right before or after, or stands beside a limit. Peers are the `canopen`
+package and python-can on the same bus, and the physical bus by arithmetic. Absolute figures need an idle machine; the
+table says whether it was.
+
+    canopen-control bench                   the cycle
+    canopen-control bench all --check       every family; exit code 1 when a figure is not what it must be
+    canopen-control bench --quick --check   what CI looks at: ratios only, some three minutes
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from canopen_control.bench.runner import FAMILIES, Options, run_families
+
+__all__ = ["EXAMPLE", "add_arguments", "run"]
+
+EXAMPLE = "canopen-control bench cycle --json cycle.json"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    families = "; ".join(f"{name}: {text}" for name, text in FAMILIES.items())
+    parser.add_argument("family", nargs="*", type=_family, metavar="FAMILY", help=f"{families}; all (default: cycle)")
+    parser.add_argument("--quick", action="store_true", help="short runs, of all families; only ratios are judged")
+    parser.add_argument("--check", action="store_true", help="exit code 1 when a figure is not what it must be")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write everything to a file as well")
+    parser.add_argument("--seconds", type=float, metavar="S", help="how long the long runs take, such as the soak")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Measure and print; 1 with --check when something is short."""
+    names = list(FAMILIES) if "all" in args.family or (args.quick and not args.family) else args.family or ["cycle"]
+    report = run_families(names, Options(args.quick, args.seconds, lambda text: print(text, file=sys.stderr)))
+    print(report)
+    if args.json is not None:
+        report.write(args.json)
+    short = report.short()
+    for each in short if args.check else ():
+        print(f"short: {each.name}: {each.judged:.3g}, must be {each.direction} {each.limit:g}", file=sys.stderr)
+    return 1 if args.check and short else 0
+
+
+def _family(text: str) -> str:
+    if text not in (*FAMILIES, "all"):
+        raise argparse.ArgumentTypeError(f"no family {text!r}; there are: {', '.join(FAMILIES)}, all")
+    return text

@@ -1,0 +1,47 @@
+"""The cycle bench on the whole path: every contender on one bus with real processes, its bytes looked at."""
+
+import pytest
+
+from canopen_control.bench.cycle import CANOPEN, NAMES, OURS, Arena, absolutes_of, cpu_figures, rounds_of, wake_figure
+from canopen_control.bench.stage import ask_hub, stage
+from canopen_control.bench.turns import Turn
+from canopen_control.errors import CanopenError
+
+
+def test_every_contender_has_the_right_bytes_and_is_measured():
+    with stage() as played:
+        turns = rounds_of(Arena(played, 2, 5000), NAMES, 1, lambda contender: contender.turn(30, 0))
+    assert {name: turn.cycles for name, (turn,) in turns.items()} == dict.fromkeys(NAMES, 30)
+    assert all(turn.cpu_ns > 0 for (turn,) in turns.values())
+    assert all(sum(turn.others_ns.values()) > 0 for (turn,) in turns.values()), turns
+    assert [figure.peer_name for figure in cpu_figures("free", turns)] == list(NAMES[1:])
+
+
+def test_a_paced_turn_of_ours_tells_lateness_and_work_of_every_cycle():
+    with stage() as played:
+        turns = rounds_of(Arena(played, 2, 5000), (OURS,), 1, lambda contender: contender.turn(20, 5_000_000))
+    (turn,) = turns[OURS]
+    assert len(turn.late_ns) == len(turn.work_ns) == 20
+    assert min(turn.late_ns) >= 0
+    assert min(turn.work_ns) > 0
+
+
+@pytest.mark.parametrize("drop", [1, 3])
+def test_a_bus_that_loses_frames_is_seen_by_the_listener(drop):
+    with stage() as played:
+        arena = Arena(played, 2, 5000)
+        with arena.contender(OURS, check=False) as contender:
+            ask_hub("bench", "drop", can_id=0x182 if drop == 1 else 0x302, count=drop)
+            with pytest.raises(CanopenError, match="mistakes"):
+                arena.check(contender, lambda number, position: ())
+
+
+def test_absolutes_have_percentiles_of_all_turns():
+    turns = [Turn(cycles=2, late_ns=[1000, 2000], work_ns=[5000, 6000], others_ns={"hub": 4000})] * 2
+    found = absolutes_of(turns)
+    assert (found["cycles"], found["late max us"], found["wake to RPDO p50 us"], found["hub CPU us"]) == (4, 2, 6, 2)
+
+
+def test_waking_is_compared_by_its_p99():
+    fast, slow = Turn(cycles=1, work_ns=[10_000]), Turn(cycles=1, work_ns=[40_000])
+    assert wake_figure("1 kHz", {OURS: [fast], CANOPEN: [slow]}).ratio == 0.25

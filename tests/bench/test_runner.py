@@ -1,0 +1,45 @@
+"""The runner: a table with verdicts, JSON, and only ratios judged when it was quick."""
+
+import json
+
+import pytest
+
+from canopen_control.bench import runner
+from canopen_control.bench.figure import compared, limited
+
+MACHINE = {"machine": "2 x M", "kernel": "K", "python": "P", "date": "D", "load": 0.1, "idle": 0.5}
+
+
+def report(**options):
+    figures = [
+        compared("fast", "us", [(1, 4)], peer_name="peer", limit=0.5, absolutes={"hub CPU us": 3.0}),
+        compared("slow", "us", [(3, 4)], peer_name="peer", limit=0.5),
+        limited("many", "", [5], limit=1),
+    ]
+    return runner.Report(MACHINE, {"cycle": figures}, **options)
+
+
+def test_what_is_short_is_marked_and_returned():
+    text = str(report())
+    assert text.count("SHORT") == 2
+    assert "hub CPU us 3" in text
+    assert "NOT IDLE" in text
+    assert [each.name for each in report().short()] == ["slow", "many"]
+
+
+def test_a_quick_run_judges_ratios_only():
+    assert [each.name for each in report(quick=True).short()] == ["slow"]
+
+
+def test_json_has_everything(tmp_path):
+    path = tmp_path / "bench.json"
+    report().write(path)
+    found = json.loads(path.read_text())
+    assert found["machine"]["kernel"] == "K"
+    assert [each["good"] for each in found["figures"]["cycle"]] == [True, False, False]
+
+
+@pytest.mark.parametrize("name", runner.FAMILIES)
+def test_every_family_is_a_module_that_measures(name):
+    module = __import__(f"canopen_control.bench.{name}", fromlist=["measure"])
+    assert callable(module.measure)

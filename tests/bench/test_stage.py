@@ -1,0 +1,39 @@
+"""The stage: programs in folders of their own, ended when it is left; their complaints are told."""
+
+import os
+
+import pytest
+
+from canopen_control.bench.stage import ask_hub, stage
+from canopen_control.errors import CanopenError
+
+
+def there(pid):
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    return True
+
+
+def test_drives_and_hub_are_gone_afterwards_and_the_environment_is_as_before():
+    before = dict(os.environ)
+    with stage() as played:
+        assert os.environ["XDG_RUNTIME_DIR"] == str(played.folder)
+        drives = played.drives("local:stage", "2-3")
+        hub = ask_hub("stage", "status")["pid"]
+        assert there(drives.pid)
+    assert drives.process.poll() is not None
+    assert dict(os.environ) == before
+    assert not played.folder.exists()
+    os.waitstatus_to_exitcode(0)
+    for _ in range(1000):
+        if not there(hub):
+            break
+        os.sched_yield()
+    assert not played.folder.exists()
+
+
+def test_a_program_that_ends_says_why():
+    with stage() as played, pytest.raises(CanopenError, match="XXX"):
+        played.drives("local:stage", "XXX")

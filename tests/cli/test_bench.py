@@ -1,0 +1,65 @@
+"""The verb `bench`: exit codes, files, which families."""
+
+import argparse
+import json
+
+import pytest
+
+from canopen_control.bench.figure import compared, limited
+from canopen_control.bench.runner import FAMILIES, Report
+from canopen_control.cli import bench
+
+MACHINE = {"machine": "2 x M", "kernel": "K", "python": "P", "date": "D", "load": 0.1, "idle": 0.99}
+
+
+def parse(*words):
+    parser = argparse.ArgumentParser()
+    bench.add_arguments(parser)
+    return parser.parse_args(words)
+
+
+@pytest.fixture
+def measured(monkeypatch):
+    """Families that measure at once: one ratio, one limit, as many as asked for."""
+    asked = []
+
+    def run_families(names, options):
+        asked[:] = names
+        figures = [
+            compared("ratio", "us", [(measured.ratio, 1)], peer_name="p", limit=0.5),
+            limited("n", "", [2], limit=1),
+        ]
+        return Report(MACHINE, {"cycle": figures}, options.quick)
+
+    monkeypatch.setattr(bench, "run_families", run_families)
+    measured.ratio = 0.4
+    measured.asked = asked
+    return measured
+
+
+def test_check_fails_on_a_limit_and_says_which(measured, capsys):
+    assert bench.run(parse()) == 0
+    assert bench.run(parse("--check")) == 1
+    assert "short: n: 2, must be at most 1" in capsys.readouterr().err
+
+
+def test_a_quick_check_fails_on_ratios_only(measured):
+    assert bench.run(parse("--quick", "--check")) == 0
+    measured.ratio = 0.6
+    assert bench.run(parse("--quick", "--check")) == 1
+
+
+def test_families_are_chosen(measured):
+    for words, names in (((), ["cycle"]), (("all",), [*FAMILIES]), (("--quick",), [*FAMILIES])):
+        bench.run(parse(*words))
+        assert measured.asked == names
+
+
+def test_json_goes_to_a_file(measured, tmp_path):
+    bench.run(parse("--json", str(tmp_path / "b.json")))
+    assert json.loads((tmp_path / "b.json").read_text())["figures"]["cycle"][1]["ours"] == 2
+
+
+def test_an_unknown_family_is_a_usage_error():
+    with pytest.raises(SystemExit):
+        parse("speed")
