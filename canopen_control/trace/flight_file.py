@@ -6,7 +6,7 @@
     states.jsonl  the samples of the state stream
     eds/          the EDS files of the nodes, so that the frames can be decoded by name anywhere
 
-Times are Unix seconds throughout. A file is complete or not there: it is written under another name and renamed. A
+Times are Unix seconds, `frames` has nanoseconds. A file is complete or not there: it is written under another name and renamed. A
 folder keeps `MAX_FILES`; the oldest go.
 """
 
@@ -23,8 +23,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
+from canopen_control.bus.candump import interface_name, line_of, parse_line
 from canopen_control.errors import ConfigError
-from canopen_control.frame import EXTENDED_FLAG, RECORD, REMOTE_FLAG, CanFrame
+from canopen_control.frame import CanFrame, frames_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -37,9 +38,7 @@ FORMAT: Final = "canopen_control flight recording"
 VERSION: Final = 1
 MAX_FILES: Final = 20
 _META, _CAN, _EVENTS, _STATES, _EDS = "meta.json", "can.log", "events.jsonl", "states.jsonl", "eds/"
-_LINE = re.compile(r"\((\d+)\.(\d{1,9})\) (\S+) ([0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})#(R\d?|(?:[0-9A-Fa-f]{2}){0,8})$")
-_ERROR_BIT = 0x20000000  # candump writes an error frame as eight digits with this bit
-FlightFrame = tuple[float, str, CanFrame]  # Unix seconds, name of the bus, frame
+FlightFrame = tuple[int, str, CanFrame]  # Unix ns, name of the bus, frame
 
 
 @dataclass(slots=True)
@@ -53,22 +52,12 @@ class FlightFile:
     eds: dict[str, bytes] = field(default_factory=dict)
 
 
-def candump_lines(batches: Iterable[Batch], names: list[str], wall_offset_ns: int) -> Iterator[str]:
-    """Yield a line for each record; `names` are the interfaces by number, the offset makes Unix time of theirs."""
+def candump_lines(batches: Iterable[Batch], buses: Iterable[str], wall_offset_ns: int) -> Iterator[str]:
+    """Yield a line for each record; `buses` are their names by number, the offset makes Unix time of the batches'."""
+    interfaces = [interface_name(bus) for bus in buses]
     for now, bus, records in batches:
-        seconds, rest = divmod(now + wall_offset_ns, 1_000_000_000)
-        head = f"({seconds}.{rest // 1000:06d}) {names[bus]} "
-        for can_id, length, data in RECORD.iter_unpack(records):
-            if can_id <= 0x7FF:  # nearly all of them
-                yield f"{head}{can_id:03X}#{data[:length].hex().upper()}\n"
-            else:
-                yield f"{head}{_other(can_id, data[:length])}\n"
-
-
-def _other(can_id: int, data: bytes) -> str:
-    if can_id & _ERROR_BIT:
-        return f"{can_id & 0x3FFFFFFF:08X}#{data.hex().upper()}"
-    return str(CanFrame(can_id, data))
+        for frame in frames_of(records):
+            yield line_of(now + wall_offset_ns, interfaces[bus], frame)
 
 
 def save(
@@ -147,28 +136,15 @@ def _read(archive: zipfile.ZipFile, meta: dict[str, Any]) -> FlightFile:
     names = archive.namelist()
     events, states = ([json.loads(line) for line in archive.read(name).splitlines()] for name in (_EVENTS, _STATES))
     file = FlightFile(meta, events, states)
-    unread = 0
+    buses, unread = {interface_name(bus): bus for bus in meta.get("buses", {})}, 0
     with io.TextIOWrapper(archive.open(_CAN), "ascii", "replace") as log:
         for line in log:
-            frame = _parse_line(line)
-            if frame is None:
+            found = parse_line(line)
+            if found is None:
                 unread += 1
             else:
-                file.frames.append(frame)
+                interface = line.split()[1]
+                file.frames.append((found[0], buses.get(interface, interface), found[1]))
     file.meta["unread_lines"] = unread
     file.eds = {os.path.basename(name): archive.read(name) for name in names if name.startswith(_EDS)}
     return file
-
-
-def _parse_line(line: str) -> FlightFrame | None:
-    found = _LINE.match(line.rstrip())
-    if found is None:
-        return None
-    seconds, fraction, bus, identifier, data = found.groups()
-    can_id = int(identifier, 16)
-    if len(identifier) > 3 and not can_id & _ERROR_BIT:
-        can_id |= EXTENDED_FLAG
-    stamp = int(seconds) + int(fraction) / 10 ** len(fraction)
-    if data.startswith("R"):
-        return stamp, bus, CanFrame(can_id | REMOTE_FLAG, bytes(min(int(data[1:] or 0), 8)))
-    return stamp, bus, CanFrame(can_id, bytes.fromhex(data))

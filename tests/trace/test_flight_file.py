@@ -38,7 +38,7 @@ def test_what_is_written_is_read_back(tmp_path):
     assert file.events == [{"kind": "x"}]
     assert file.states == [{"time": 1}, {"time": 2}]
     assert [frame for _, _, frame in file.frames] == FRAMES
-    assert {(time, bus) for time, bus, _ in file.frames} == {(1_600_000_005.0, "can")}
+    assert {(time, bus) for time, bus, _ in file.frames} == {(1_600_000_005_000_000_000, "can")}
     assert file.meta["unread_lines"] == 0
 
 
@@ -51,7 +51,7 @@ def test_any_frames_come_back(tmp_path_factory, frames):
 
 def test_a_length_above_8_on_the_wire_makes_no_broken_line():
     lines = list(candump_lines([Batch(0, 0, RECORD.pack(0x1, 15, bytes(8)))], ["can"], 0))
-    assert lines == ["(0.000000) can 001#0000000000000000\n"]
+    assert lines == ["(0000000000.000000) can 001#0000000000000000\n"]
 
 
 def test_the_name_says_when_and_why_and_is_never_taken_twice(tmp_path):

@@ -1,0 +1,284 @@
+"""A ROS 2 bag of a run, made of the runtime's state stream without any ROS: MCAP, the types of Jazzy.
+
+The law of this file: the topics that the ROS bridge publishes, under the same names and with the same stamps, so that
+rqt, Foxglove, PlotJuggler and `ros2 bag` find what they know:
+
+    /joint_states                    sensor_msgs/JointState         every sample, while a broadcaster is active
+    /tf, /tf_static                  tf2_msgs/TFMessage             joints of the description, odometry
+    /CONTROLLER/odom                 nav_msgs/Odometry              as often as the controller publishes
+    /CONTROLLER/cmd_vel_out          geometry_msgs/TwistStamped     the twist that its limits left of a command
+    /CONTROLLER/commands_out         std_msgs/Float64MultiArray     what a forward controller writes, when it changes
+    /diagnostics                     diagnostic_msgs/DiagnosticArray   once a second
+    /rosout                          rcl_interfaces/Log             the robot's events
+    /robot_description               std_msgs/String                once
+
+Commands have a name that nobody listens to: a bag that is played must not move the robot. SI units; what is not known
+is nan. This is the only module that imports rosbags.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any, Final
+
+from canopen_control.errors import ConfigError
+from canopen_control.ros.conversions import controllers_of, diagonal, joint_arrays, quaternion_of_yaw, stamp_of
+from canopen_control.ros.diagnosis import diagnose
+from canopen_control.ros.transforms import Transform, read_joints
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+    from pathlib import Path
+
+__all__ = ["BagWriter"]
+
+Json = dict[str, Any]
+_LEVELS: Final = {"info": 20, "warning": 30, "error": 40}  # rcl_interfaces/msg/Log
+_DIAGNOSTICS_S: Final = 1.0
+_LATCHED: Final = ("/tf_static", "/robot_description")
+_TYPES: Final = {
+    "joint_states": "sensor_msgs/msg/JointState",
+    "tf": "tf2_msgs/msg/TFMessage",
+    "tf_static": "tf2_msgs/msg/TFMessage",
+    "odom": "nav_msgs/msg/Odometry",
+    "cmd_vel_out": "geometry_msgs/msg/TwistStamped",
+    "commands_out": "std_msgs/msg/Float64MultiArray",
+    "diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
+    "rosout": "rcl_interfaces/msg/Log",
+    "robot_description": "std_msgs/msg/String",
+}
+
+
+class _Ros:
+    """The messages of Jazzy as rosbags makes them; one short method for each that is nested in several."""
+
+    def __init__(self) -> None:
+        try:
+            from numpy import array
+            from rosbags.typesys import Stores, get_typestore
+        except ImportError as error:
+            text = "a bag is written by rosbags, which is not installed: pip install 'canopen-control[bag]'"
+            raise ConfigError(text) from error
+        self.store = get_typestore(Stores.ROS2_JAZZY)
+        self.array = array
+
+    def make(self, kind: str, *values: Any) -> Any:  # noqa: ANN401 - rosbags makes the classes at run time
+        """Return a message of `package/Name` with its fields in order."""
+        return self.store.types[kind.replace("/", "/msg/")](*values)
+
+    def time(self, unix_s: float) -> Any:  # noqa: ANN401 - as above
+        return self.make("builtin_interfaces/Time", *stamp_of(unix_s))
+
+    def header(self, unix_s: float, frame: str) -> Any:  # noqa: ANN401 - as above
+        return self.make("std_msgs/Header", self.time(unix_s), frame)
+
+    def vector(self, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Any:  # noqa: ANN401 - as above
+        return self.make("geometry_msgs/Vector3", float(x), float(y), float(z))
+
+    def twist(self, linear: float, angular: float) -> Any:  # noqa: ANN401 - as above
+        return self.make("geometry_msgs/Twist", self.vector(linear), self.vector(z=angular))
+
+    def floats(self, values: Iterable[float]) -> Any:  # noqa: ANN401 - a numpy array
+        return self.array(list(values), dtype=float)
+
+
+class BagWriter:
+    """Writes one bag into the new folder `path`; `state` and `event` take what the API's stream gives, in any order.
+
+    `controllers` and `urdf` are the answers of the API's `controllers` and `description`. ConfigError when rosbags is
+    missing, or when `path` is there already.
+    """
+
+    def __init__(self, path: Path, robot: str, *, controllers: Iterable[Json] = (), urdf: str = "") -> None:
+        self.messages = 0
+        self._robot, self._urdf = robot, urdf
+        self._ros = _Ros()
+        self._controllers = controllers_of(controllers)
+        self._joints = read_joints(urdf) if urdf else []
+        self._writer = _open(path)
+        self._topics: dict[str, Any] = {}
+        self._last: dict[str, object] = {}  # by topic: what need not be written again
+        self._missed = 0
+
+    def __enter__(self) -> BagWriter:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Finish the bag; a second call does nothing."""
+        if self._writer is not None:
+            self._writer.close()
+            self._writer = None
+
+    def state(self, state: Json) -> None:
+        """Write a sample of the state stream."""
+        views = {
+            name: view._replace(state=state["controllers"].get(name, view.state))
+            for name, view in self._controllers.items()
+        }
+        self._controllers = views
+        for write in (self._describe, self._joint_states, self._transforms, self._commands, self._diagnostics):
+            write(state)
+        for name, sample in (state.get("odometry") or {}).items():
+            self._odometry(name, sample)
+
+    def event(self, event: Json) -> None:
+        """Write an event."""
+        name = ".".join(word for word in (self._robot, event.get("node")) if word)
+        level = _LEVELS.get(str(event.get("level")), _LEVELS["info"])
+        stamp = self._ros.time(event["time"])
+        text, kind = str(event.get("text", "")), str(event.get("kind", ""))
+        log = self._ros.make("rcl_interfaces/Log", stamp, level, name, text, "", kind, 0)
+        self._write("/rosout", event["time"], log)
+
+    # Messages ------------------------------------------------------------------------------------------------------
+
+    def _describe(self, state: Json) -> None:
+        if self._urdf and self._is_new("/robot_description", True):
+            self._write("/robot_description", state["time"], self._ros.make("std_msgs/String", self._urdf))
+
+    def _joint_states(self, state: Json) -> None:
+        broadcaster = self._broadcaster()
+        if self._controllers and broadcaster is None:
+            return
+        names = broadcaster.joints if broadcaster is not None else ()
+        arrays = joint_arrays(state["joints"], names)
+        header = self._ros.header(state["time"], "base_link")
+        message = self._ros.make("sensor_msgs/JointState", header, arrays.names, *map(self._ros.floats, arrays[1:]))
+        self._write("/joint_states", state["time"], message)
+
+    def _broadcaster(self) -> Any:  # noqa: ANN401 - a ControllerView or None
+        return next((each for each in self._controllers.values() if each.is_broadcaster and each.active), None)
+
+    def _transforms(self, state: Json) -> None:
+        odometry = [each for each in (state.get("odometry") or {}).values() if each.get("enable_odom_tf", True)]
+        based = frozenset(each["child_frame_id"] for each in odometry)
+        positions = {name: value for name, each in state["joints"].items() if (value := each["position"]) is not None}
+        joints = [each for each in self._joints if each.child not in based]
+        if self._is_new("/tf_static", based):
+            self._send_transforms("/tf_static", state["time"], (each.transform({}) for each in joints if each.fixed))
+        moving = [each.transform(positions) for each in joints if not each.fixed]
+        self._send_transforms("/tf", state["time"], [*moving, *map(_of_odometry, odometry)])
+
+    def _send_transforms(self, topic: str, time: float, transforms: Iterable[Transform | None]) -> None:
+        messages = [self._transform(each, time) for each in transforms if each is not None]
+        if messages:
+            self._write(topic, time, self._ros.make("tf2_msgs/TFMessage", messages))
+
+    def _transform(self, transform: Transform, time: float) -> object:
+        ros = self._ros
+        rotation = ros.make("geometry_msgs/Quaternion", *transform.rotation)
+        motion = ros.make("geometry_msgs/Transform", ros.vector(*transform.translation), rotation)
+        header = ros.header(time, transform.parent)
+        return ros.make("geometry_msgs/TransformStamped", header, transform.child, motion)
+
+    def _commands(self, state: Json) -> None:
+        """Write what forward controllers hold their joints to; a joint's command is known while it is claimed."""
+        for name, view in self._controllers.items():
+            values = [state["joints"].get(joint, {}).get("command") for joint in view.joints]
+            topic = f"/{name}/commands_out"
+            if view.topic == "commands" and view.active and values and self._is_new(topic, values):
+                data = self._ros.floats(math.nan if value is None else value for value in values)
+                layout = self._ros.make("std_msgs/MultiArrayLayout", [], 0)
+                self._write(topic, state["time"], self._ros.make("std_msgs/Float64MultiArray", layout, data))
+
+    def _odometry(self, name: str, sample: Json) -> None:
+        ros, time = self._ros, sample["time"]
+        if not self._is_new(f"/{name}/odom", time):
+            return
+        point = ros.make("geometry_msgs/Point", float(sample["x"]), float(sample["y"]), 0.0)
+        turned = ros.make("geometry_msgs/Quaternion", *quaternion_of_yaw(sample["heading"]))
+        pose = ros.make("geometry_msgs/Pose", point, turned)
+        covariances = (ros.floats(diagonal(sample.get(f"{each}_covariance") or ())) for each in ("pose", "twist"))
+        with_pose = ros.make("geometry_msgs/PoseWithCovariance", pose, next(covariances))
+        twist = ros.twist(sample["linear"], sample["angular"])
+        with_twist = ros.make("geometry_msgs/TwistWithCovariance", twist, next(covariances))
+        header = ros.header(time, sample["frame_id"])
+        message = ros.make("nav_msgs/Odometry", header, sample["child_frame_id"], with_pose, with_twist)
+        self._write(f"/{name}/odom", time, message)
+        if sample.get("limited") is not None:
+            header = ros.header(time, sample["child_frame_id"])
+            stamped = ros.make("geometry_msgs/TwistStamped", header, ros.twist(*sample["limited"]))
+            self._write(f"/{name}/cmd_vel_out", time, stamped)
+
+    def _diagnostics(self, state: Json) -> None:
+        last = self._last.get("/diagnostics")
+        if isinstance(last, float) and 0 <= state["time"] - last < _DIAGNOSTICS_S:
+            return
+        self._last["/diagnostics"] = float(state["time"])
+        found = diagnose(self._robot, state, self._controllers, self._missed)
+        self._missed = int(state["cycle"]["missed"])
+        statuses = [
+            self._ros.make(
+                "diagnostic_msgs/DiagnosticStatus",
+                int(each.level),
+                each.name,
+                each.message,
+                each.hardware_id,
+                [self._ros.make("diagnostic_msgs/KeyValue", *pair) for pair in each.values.items()],
+            )
+            for each in found
+        ]
+        header = self._ros.header(state["time"], "")
+        self._write("/diagnostics", state["time"], self._ros.make("diagnostic_msgs/DiagnosticArray", header, statuses))
+
+    # The bag -------------------------------------------------------------------------------------------------------
+
+    def _is_new(self, topic: str, value: object) -> bool:
+        """Whether this differs from what was last asked about the topic."""
+        if topic in self._last and self._last[topic] == value:
+            return False
+        self._last[topic] = value
+        return True
+
+    def _write(self, topic: str, unix_s: float, message: object) -> None:
+        if self._writer is None:
+            return
+        kind = _TYPES[topic.rsplit("/", 1)[-1]]
+        connection = self._topics.get(topic)
+        if connection is None:
+            qos = [_latched()] if topic in _LATCHED else []
+            connection = self._writer.add_connection(topic, kind, typestore=self._ros.store, offered_qos_profiles=qos)
+            self._topics[topic] = connection
+        seconds, nanoseconds = stamp_of(unix_s)
+        data = self._ros.store.serialize_cdr(message, kind)
+        self._writer.write(connection, seconds * 1_000_000_000 + nanoseconds, data)
+        self.messages += 1
+
+
+def _open(path: Path) -> Any:  # noqa: ANN401 - rosbags' writer, or None once it is closed
+    from rosbags.rosbag2 import StoragePlugin, Writer, WriterError
+
+    try:
+        writer = Writer(path, version=9, storage_plugin=StoragePlugin.MCAP)
+        writer.open()
+    except WriterError as error:
+        raise ConfigError(f"{path}: there is something already; a bag gets a folder of its own") from error
+    except OSError as error:
+        raise ConfigError(f"{path}: no bag can be written here: {error.strerror or error}") from error
+    return writer
+
+
+def _latched() -> object:
+    """Return the QoS of a topic whose last message is kept for who comes later."""
+    from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
+
+    unset = QosTime(0, 0)
+    return Qos(
+        QosHistory.KEEP_LAST,
+        1,
+        QosReliability.RELIABLE,
+        QosDurability.TRANSIENT_LOCAL,
+        unset,  # deadline
+        unset,  # lifespan
+        QosLiveliness.SYSTEM_DEFAULT,
+        unset,
+        False,  # the ROS conventions of names hold
+    )
+
+
+def _of_odometry(sample: Mapping[str, Any]) -> Transform:
+    translation = (float(sample["x"]), float(sample["y"]), 0.0)
+    return Transform(sample["frame_id"], sample["child_frame_id"], translation, quaternion_of_yaw(sample["heading"]))
