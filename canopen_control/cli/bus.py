@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from canopen_control.bus import link as links
 from canopen_control.bus.channel import ChannelKind, ChannelSpec, parse_channel
 from canopen_control.bus.hubclient import ask_hub
+from canopen_control.cli.bus_interfaces import render_interface, status_of_interfaces
 from canopen_control.cli.table import Table
 from canopen_control.errors import ConfigError, InterfaceNotFound
 from canopen_control.host.sockets import list_sockets
@@ -30,7 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
     listing = actions.add_parser("list", help="interfaces, local buses, python-can adapters")
-    status = actions.add_parser("status", help="who is there, and counters")
+    status = actions.add_parser("status", help="who is there, load and counters")
     status.add_argument("channel", nargs="?", metavar="CHANNEL", help="default: all local buses and CAN interfaces")
     for action in (listing, status):
         action.add_argument("--json", action="store_true", help="print JSON")
@@ -124,7 +125,7 @@ def _plain(link: links.Link) -> dict[str, Any]:
 def _status(args: argparse.Namespace) -> int:
     if args.channel is None:
         specs = [ChannelSpec(ChannelKind.LOCAL, name) for name in list_sockets("bus")]
-        found = {str(spec): _status_of(spec) for spec in specs} | {link.name: _plain(link) for link in _links()}
+        found = {str(spec): _status_of(spec) for spec in specs} | status_of_interfaces(_links())
     else:
         spec = parse_channel(args.channel)
         found = {str(spec): _status_of(spec)}
@@ -144,11 +145,11 @@ def _status_of(spec: ChannelSpec) -> dict[str, Any]:
     link = links.find_link(spec.name)
     if link is None:
         raise InterfaceNotFound(spec.name, "what there is: canopen-control bus list")
-    return _plain(link)
+    return status_of_interfaces([link])[link.name]
 
 
 def _render(channel: str, status: dict[str, Any]) -> list[str]:
-    return _render_hub(channel, status) if "members" in status else _render_link(status)
+    return _render_hub(channel, status) if "members" in status else render_interface(status)
 
 
 def _render_hub(channel: str, status: dict[str, Any]) -> list[str]:
@@ -169,19 +170,6 @@ def _rule(rule: dict[str, Any]) -> str:
     identifier = "" if rule["can_id"] is None else f" 0x{rule['can_id']:03X}"
     limit = "" if rule["count"] is None else f" of {rule['count']}"
     return f"{which}{identifier} from {rule['label'] or 'anybody'}, {rule['lost']}{limit} lost"
-
-
-def _render_link(status: dict[str, Any]) -> list[str]:
-    words = [status["kind"], "up" if status["is_up"] else "down"]
-    words += [status["state"]] if status["state"] else []
-    words += [f"{status['bitrate']} bit/s"] if status["bitrate"] else []
-    if status["error_counters"]:
-        words.append("transmit errors {}, receive errors {}".format(*status["error_counters"]))
-    lines = [f"{status['name']}: {', '.join(words)}"]
-    for counters in (status["counters"], status["traffic"]):
-        seen = [f"{name} {number}" for name, number in counters.items() if number]
-        lines += [f"  {', '.join(seen)}"] if seen else []
-    return lines
 
 
 # up, down, fault -----------------------------------------------------------------------------------------------------

@@ -20,6 +20,7 @@ CAN0 = links.Link("can0", "can", is_up=False, state="BUS-OFF", bitrate=500_000, 
 @pytest.fixture(autouse=True)
 def runtime(monkeypatch):
     monkeypatch.setattr(links, "list_links", lambda run=None: [VCAN0, CAN0])
+    monkeypatch.setattr("canopen_control.cli.bus_interfaces.find_listeners", lambda name: [])
     with runtime_folders(monkeypatch.setenv) as folder:
         yield folder
 

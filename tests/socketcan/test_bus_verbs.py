@@ -1,12 +1,19 @@
 """The verb bus, on interfaces that a kernel makes: up, down, status, list, and what is said without the rights."""
 
+import contextlib
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
-from support.guest import ip
+from support.guest import eventually, ip
+
+from canopen_control.bus.channel import open_port
+from canopen_control.bus.kernel_sync import KernelSync
+from canopen_control.bus.listeners import count_hearing
+from canopen_control.frame import CanFrame
 
 pytestmark = pytest.mark.socketcan
 
@@ -59,6 +66,37 @@ def test_status_and_list_show_what_the_kernel_has(stage, vcan):
     assert (status["traffic"]["tx_packets"], status["traffic"]["tx_bytes"]) == (1, 2)
     found = json.loads(stage.call("bus", "list", "--json").out)
     assert {"vcan0", vcan} <= {link["name"] for link in found["interfaces"]}
+
+
+def test_status_tells_frames_who_listens_and_what_the_kernel_sends(stage, vcan, tool):
+    sync = KernelSync(vcan, [CanFrame(0x80)])
+    sync.start(10_000)
+    with contextlib.closing(sync), contextlib.closing(open_port(vcan)) as port:
+        port.hear([0x181, 0x182])
+        pids = [tool("candump", vcan).pid, tool("candump", "any").pid, tool("cangen", vcan, "-g", "1000").pid]
+        assert eventually(lambda: count_hearing(vcan) == 3)
+        status = json.loads(stage.call("bus", "status", vcan, "--json").out)[vcan]
+        found = {(each["pid"], each["protocol"]): each for each in status["listeners"]}
+        me = os.getpid()
+        assert [found[pid, "CAN_RAW"]["identifiers"] for pid in (*pids, me)] == [-1, -1, 0, 2]
+        assert [found[pid, "CAN_RAW"]["interface"] for pid in (*pids, me)] == [vcan, "", vcan, vcan]
+        assert found[me, "CAN_BCM"]["tasks"] == [[0x80, 10_000]]
+        assert (status["unnamed_listeners"], status["load"]) == (0, None)
+        assert status["frames_per_second"] == pytest.approx(100, rel=0.2)
+        said = lines(stage.call("bus", "status", vcan))
+        assert f"  candump {vcan} (pid {pids[0]}) hears everything" in said
+        assert any(line.endswith("lets the kernel send 0x080 every 10 ms") for line in said), said
+        done = subprocess.run([sys.executable, "-c", NOBODY_LOOKS, vcan], capture_output=True, text=True)
+        assert done.stdout == "0 named, 3 hear\n", (done, "all are root's")
+
+
+NOBODY_LOOKS = """
+import os, sys
+from canopen_control.bus.listeners import count_hearing, find_listeners
+os.setgid(65534)
+os.setuid(65534)
+print(len(find_listeners(sys.argv[1])), "named,", count_hearing(sys.argv[1]), "hear")
+"""
 
 
 def test_a_pair_of_vxcan_is_made_up_as_well(stage):
