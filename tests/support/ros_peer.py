@@ -65,7 +65,7 @@ class Peer:
         rclpy.init()
         self.node = rclpy.create_node("peer")
         self.publishers, self.clients, self.timers, self.subscriptions = {}, {}, {}, {}
-        self.lock = threading.Lock()
+        self.lock, self.requests = threading.Lock(), []
 
     def say(self, **answer):
         with self.lock:
@@ -120,6 +120,20 @@ class Peer:
             return
         future = client.call_async(filled(cls.Request(), data))
         future.add_done_callback(lambda future: self.say(done="call", response=plain(future.result())))
+
+    def serve(self, service, of, response):
+        """Serve with an answer that is always the same, and remember what was asked."""
+
+        def answer(request, reply):
+            self.requests.append(plain(request))
+            return filled(reply, response)
+
+        self.node.create_service(kind(of), service, answer)
+        self.say(done="serve")
+
+    def served(self):
+        requests, self.requests = self.requests, []
+        self.say(done="served", requests=requests)
 
     def graph(self):
         topics = dict(self.node.get_topic_names_and_types())
