@@ -109,7 +109,7 @@ def _command(pid: int, proc: Path) -> str:
     words = [word for word in words if word]
     if words[1:3] == ["-m", "canopen_control"]:
         return " ".join(["canopen-control", *words[3:]])
-    if words and Path(words[0]).name.startswith("python") and len(words) > 1:
+    if len(words) > 1 and Path(words[0]).name.startswith("python") and not words[1].startswith("-"):
         words = words[1:]
     return " ".join([Path(words[0]).name, *words[1:]]) if words else f"process {pid}"
 

@@ -68,6 +68,7 @@ def test_processes_are_named_with_what_they_hear_and_others_are_left_out(proc):
     proc.add(41, ["/usr/bin/candump", "any"], d3=(72, "CAN_RAW", ("", -1)))
     proc.add(42, ["candump", "can0"], d3=(73, "CAN_RAW", ("can0", -1)))
     proc.add(43, [python, "mine.py"], d3=(74, "CAN_RAW", PermissionError(1, "no")), d4=(75, "TCP", None))
+    proc.add(45, [python, "-S", "-c", "import canopen_control"], d3=(77, "CAN_RAW", ("vcan0", -1)))
     proc.add(44, ["candump", "vcan0"], d3=(76, "CAN_RAW", ("vcan0", None)), d4=(76, "CAN_RAW", ("vcan0", None)))
     assert find_listeners("vcan0", proc.folder) == [
         Listener(9, "canopen-control run robby", "CAN_RAW", "vcan0", 13),
@@ -76,6 +77,7 @@ def test_processes_are_named_with_what_they_hear_and_others_are_left_out(proc):
         Listener(41, "candump any", "CAN_RAW", "", -1),
         Listener(43, "mine.py", "CAN_RAW", None),
         Listener(44, "candump vcan0", "CAN_RAW", "vcan0", None),
+        Listener(45, "python3 -S -c import canopen_control", "CAN_RAW", "vcan0", -1),
     ]
 
 

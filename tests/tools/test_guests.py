@@ -86,3 +86,21 @@ def test_a_command_without_end_is_ended_and_named(guest):
     done = guest("-t", "8", "sleep", "1000")
     assert done.returncode == 124
     assert "the command had not ended after 8 s" in done.stderr
+
+
+def test_without_room_for_its_memory_it_says_so_before_it_dies_of_it(guest, tmp_path):
+    df = tmp_path / "df"
+    df.write_text("#!/bin/sh\necho Filesystem\necho small 65536 0 65536 0% /\n")  # 64 MiB, as containers have
+    df.chmod(0o755)
+    path = f"{tmp_path}:{os.environ['PATH']}"
+    done = launch(UML, "true", path=path)
+    assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
+    assert "there is no room for its 1536 MiB in " in done.stderr
+    assert "give it less (-m 512), or name a folder with more: TMPDIR=FOLDER" in done.stderr
+    assert launch(UML, "-m", "64", "-c", path=path).returncode == 0
+
+
+def test_its_memory_is_in_the_folder_that_was_named_if_that_has_room(guest, tmp_path):
+    done = guest("sh", "-c", "echo $TMPDIR", TMPDIR=str(tmp_path))
+    assert (done.returncode, done.stdout) == (0, "/tmp\n"), "the guest's own is another"
+    assert list(tmp_path.iterdir()) == []
