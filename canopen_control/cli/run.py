@@ -8,6 +8,7 @@ import sys
 from typing import TYPE_CHECKING
 
 from canopen_control.errors import CanopenError, ConfigError
+from canopen_control.runtime.realtime import DEFAULT_PRIORITY, HIGHEST_PRIORITY
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -37,10 +38,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="on SocketCAN: the kernel sends SYNC, on time whatever this process is doing, and the cycle follows it",
     )
     parser.add_argument(
-        "--kernel-sync",
-        action="store_true",
-        help="on SocketCAN: the kernel sends SYNC, on time whatever this process is doing, and the cycle follows it",
+        "--realtime",
+        nargs="?",
+        type=_priority,
+        const=DEFAULT_PRIORITY,
+        metavar="PRIORITY",
+        help=f"SCHED_FIFO (default: {DEFAULT_PRIORITY}), memory locked; no start where that is refused",
     )
+    parser.add_argument("--cpu", type=int, metavar="N", help="keep the robot's own thread on this processor")
     parser.add_argument(
         "--full-speed", action="store_true", help="with --real: not slow, although no pre-flight passed"
     )
@@ -112,6 +117,8 @@ def run_robot(args: argparse.Namespace, *, motion: bool = False, table: bool = F
         motion=motion,
         duration=args.duration,
         recorder=args.flight_recorder,
+        realtime=args.realtime,
+        cpu=args.cpu,
     )
     unclear = _unclear(setup) if args.real and not getattr(args, "full_speed", False) else None
     session = Session(setup, options)
@@ -201,6 +208,12 @@ def _teller(announcer: Announcer, table: bool) -> Callable[[Event], None]:
 
 _ALWAYS = ("demo", "stopping", "stopped")
 _CHATTER = ("note", "mode", "state", "failed")  # the last is what the run ends with, on standard error
+
+
+def _priority(text: str) -> int:
+    if not text.isdecimal() or not 1 <= int(text) <= HIGHEST_PRIORITY:
+        raise argparse.ArgumentTypeError(f"{text!r} is no priority (1 to {HIGHEST_PRIORITY}); CONFIG comes before it")
+    return int(text)
 
 
 def _seconds(text: str) -> float:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import fcntl
+import gc
 import os
 import signal
 from dataclasses import dataclass
@@ -17,10 +18,12 @@ from typing import TYPE_CHECKING
 from canopen_control.errors import RobotConfigError
 from canopen_control.host.reactor import Reactor
 from canopen_control.host.sockets import SocketInUse, runtime_dir
+from canopen_control.master.events import Event
 from canopen_control.runtime.api import ApiServer
 from canopen_control.runtime.core import RobotCore
 from canopen_control.runtime.mishaps import Mishaps
 from canopen_control.runtime.motion import DemoMotion
+from canopen_control.runtime.realtime import RealTime, keep_garbage_small
 from canopen_control.runtime.supervisor import Supervisor, hosts_virtual_drives
 
 if TYPE_CHECKING:
@@ -37,7 +40,8 @@ _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 class RunOptions:
     """How to run: `drives` starts virtual ones where the channel allows it, `duration` in seconds from running on.
 
-    `ros_arguments` are those of the bridge, which `ros` starts; `recorder` is the flight recorder.
+    `ros_arguments` are those of the bridge, which `ros` starts; `recorder` is the flight recorder. `realtime` is
+    a priority of SCHED_FIFO, `cpu` the processor that the robot's thread stays on.
     """
 
     drives: bool = True
@@ -47,6 +51,8 @@ class RunOptions:
     motion: bool = False
     duration: float | None = None
     recorder: bool = False
+    realtime: int | None = None
+    cpu: int | None = None
 
 
 class Session:
@@ -65,11 +71,14 @@ class Session:
     def _open(self) -> None:
         cleanup, setup = self._cleanup, self.setup
         cleanup.callback(self.reactor.close)
+        self.realtime = RealTime(self.options.realtime, self.options.cpu)
+        cleanup.callback(self.realtime.close)
         self.robot = RobotCore(setup, self.reactor)
         self.reactor.on_error = Mishaps(self.reactor.now, self.robot.report)
         for channel in setup.channels.values() if self.robot.buses else ():
             cleanup.callback(os.close, _claim(channel))
         self.supervisor = Supervisor(setup.name, self.reactor, self.robot.report)
+        self.supervisor.on_started = self.realtime.release
         cleanup.callback(self.supervisor.end)
         try:
             self.api = ApiServer(self.robot)
@@ -85,12 +94,16 @@ class Session:
 
     def start(self) -> None:
         """Start children and robot; raises BusError."""
+        if self.realtime.text:
+            self.robot.report(Event(self.reactor.now(), "realtime", "", self.realtime.text))
+        keep_garbage_small(self._cleanup, self.robot.after_cycle, by_hand=self.options.realtime is not None)
         if self.options.drives and self.robot.buses and hosts_virtual_drives(self.setup):
             self.supervisor.start_drives(self.setup)
         if self.options.ros:
             bridge = ["canopen_control.ros.bridge", "--name", self.setup.name, *self.options.ros_arguments]
             self.supervisor.start_client("ros", bridge, ros=True)
         self.robot.start()
+        self.realtime.pin()
         if self.options.recorder:
             buses = {name: bus.channel for name, bus in self.robot.buses.items()}
             self.reactor.call_later(_BOOT_FIRST_NS, lambda: self.supervisor.start_recorder(buses))
@@ -108,6 +121,7 @@ class Session:
         self._cleanup.close()
 
     def _on_running(self) -> None:
+        gc.freeze()  # what booting has made stays as well
         if self.options.motion:
             broadcasting = {info.name for info in self.robot.manager.list() if info.is_broadcaster}
             forward = [name for name in self.setup.wanted if name not in broadcasting]

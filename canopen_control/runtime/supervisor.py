@@ -39,10 +39,11 @@ _RECORDER = (
 
 
 class Supervisor:
-    """Starts and ends the children of one robot; `report` is told when one dies unasked."""
+    """Starts and ends the children of one robot; `report` is told when one dies unasked, `on_started` each pid."""
 
     def __init__(self, name: str, reactor: Reactor, report: Callable[[Event], None]) -> None:
         self._name, self._reactor, self._report = name, reactor, report
+        self.on_started: Callable[[int], None] = lambda _pid: None
         self._drives: list[Child] = []
         self._clients: list[Child] = []
         self._recorder: Child | None = None
@@ -126,6 +127,7 @@ class Supervisor:
     def _start(self, argv: Sequence[str], name: str, *, ros: bool = False, inherit_stdout: bool = False) -> Child:
         log_dir = None if inherit_stdout else state_dir(self._name)
         child = spawn(argv, name=name, log_dir=log_dir, ros=ros, inherit_stdout=inherit_stdout)
+        self.on_started(child.pid)
         child.watch(self._reactor, lambda returncode, lines: self._on_exit(child, returncode, lines))
         return child
 

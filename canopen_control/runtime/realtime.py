@@ -1,0 +1,161 @@
+"""Real-time scheduling of the robot's thread: what `--realtime` and `--cpu` ask of the kernel.
+
+The law of this file: what was asked for is had, or the run ends before anything moves, with the command that would
+allow it. Nothing of it reaches a child: the kernel resets the policy at every fork (SCHED_RESET_ON_FORK; threads made
+later too), locked memory ends with exec, the thread is pinned after its children were started, and `release` frees
+later ones. The timer slack is left alone: the cycle waits on timerfd, which has none. `close` undoes everything.
+
+Garbage is collected by hand, `_COLLECT_NS` apart and just after a cycle's frames have left: what the start has made is
+frozen before, so that a full collection looks at what clients have left since then and at nothing else.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import gc
+import os
+import sys
+from typing import TYPE_CHECKING, Final
+
+from canopen_control.errors import ConfigError, RobotConfigError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+__all__ = ["DEFAULT_PRIORITY", "HIGHEST_PRIORITY", "RealTime", "keep_garbage_small"]
+
+DEFAULT_PRIORITY: Final = 40  # below the 50 of a PREEMPT_RT kernel's interrupt threads, which bring the frames
+HIGHEST_PRIORITY: Final = 99
+_COLLECT_NS: Final = 10_000_000_000
+_MCL_CURRENT, _MCL_FUTURE = 1, 2
+_CAP_IPC_LOCK: Final = 14
+
+
+class RealTime:
+    """Scheduling of the calling thread; `priority` of SCHED_FIFO or None, `cpu` the processor it stays on or None.
+
+    Raises ConfigError when the kernel refuses. `text` says what was had, "" for nothing; `pin` takes the processor.
+    """
+
+    def __init__(self, priority: int | None, cpu: int | None = None) -> None:
+        self._undo = contextlib.ExitStack()
+        self._cpu = cpu
+        self._processors: set[int] = set()
+        self.text = ""
+        try:
+            self._enter(priority)
+        except BaseException:
+            self.close()
+            raise
+
+    def _enter(self, priority: int | None) -> None:
+        if (priority is not None or self._cpu is not None) and not sys.platform.startswith("linux"):
+            raise RobotConfigError("--realtime and --cpu need Linux; leave them out")
+        words = []
+        if self._cpu is not None:
+            self._try_pin(self._cpu)
+            words.append(f"on processor {self._cpu}")
+        if priority is not None:
+            self._lock_memory(priority)
+            self._schedule(priority)
+            words[:0] = [f"SCHED_FIFO {priority}", "memory locked"]
+        if words:
+            self.text = f"real-time: {', '.join(words)}" if priority is not None else f"runs {words[0]}"
+
+    def pin(self) -> None:
+        """Stay on the processor from now on."""
+        if self._cpu is not None:
+            os.sched_setaffinity(0, {self._cpu})
+            self._undo.callback(os.sched_setaffinity, 0, self._processors)
+
+    def release(self, pid: int) -> None:
+        """Let a child run on every processor again."""
+        if self._cpu is not None:
+            with contextlib.suppress(ProcessLookupError):
+                os.sched_setaffinity(pid, self._processors)
+
+    def close(self) -> None:
+        """Undo everything; a second call does nothing."""
+        self._undo.close()
+
+    def _try_pin(self, cpu: int) -> None:
+        self._processors = os.sched_getaffinity(0)
+        try:
+            os.sched_setaffinity(0, {cpu})
+        except (OSError, ValueError, OverflowError):
+            known = ", ".join(map(str, sorted(self._processors)))
+            raise RobotConfigError(f"--cpu {cpu}: this process may run on the processors {known}") from None
+        os.sched_setaffinity(0, self._processors)
+
+    def _schedule(self, priority: int) -> None:
+        import resource
+
+        limit = resource.getrlimit(resource.RLIMIT_RTPRIO)[1]
+        if 0 < priority <= limit or limit == resource.RLIM_INFINITY:
+            resource.setrlimit(resource.RLIMIT_RTPRIO, (limit, limit))
+        before = os.sched_getscheduler(0), os.sched_getparam(0)
+        try:
+            os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(priority))
+        except OSError as error:
+            raise _refused(f"no real-time priority {priority}", error, priority) from None
+        self._undo.callback(os.sched_setscheduler, 0, *before)
+
+    def _lock_memory(self, priority: int) -> None:
+        """Keep every page in memory, those to come too; refused where a limit would make a later allocation fail."""
+        import ctypes
+        import resource
+
+        hard = resource.getrlimit(resource.RLIMIT_MEMLOCK)[1]
+        if hard != resource.RLIM_INFINITY and not _may_lock_all():
+            error = OSError(0, f"locked memory is limited to {hard // 1024} kB")
+            raise _refused("its memory cannot be locked", error, priority)
+        with contextlib.suppress(ValueError):
+            resource.setrlimit(resource.RLIMIT_MEMLOCK, (hard, hard))
+        libc = ctypes.CDLL(None, use_errno=True)
+        if libc.mlockall(_MCL_CURRENT | _MCL_FUTURE) != 0:
+            number = ctypes.get_errno()
+            raise _refused("its memory cannot be locked", OSError(number, os.strerror(number)), priority)
+        self._undo.callback(libc.munlockall)
+
+
+def keep_garbage_small(undo: contextlib.ExitStack, hooks: list[Callable[[int], None]], *, by_hand: bool) -> None:
+    """Put what exists out of the collector's sight; `by_hand`, let it run only between cycles, from `hooks`."""
+    gc.collect()
+    gc.freeze()
+    undo.callback(gc.unfreeze)
+    if not by_hand:
+        return
+    gc.disable()
+    undo.callback(gc.enable)
+    due = 0
+
+    def collect(now: int) -> None:
+        nonlocal due
+        if now >= due:
+            due = now + _COLLECT_NS
+            gc.collect()
+
+    hooks.append(collect)
+
+
+def _may_lock_all() -> bool:
+    """Whether no limit of locked memory counts for this process (CAP_IPC_LOCK)."""
+    with open("/proc/self/status", encoding="ascii") as status:
+        capabilities = next(line for line in status if line.startswith("CapEff:")).split()[1]
+    return bool(int(capabilities, 16) >> _CAP_IPC_LOCK & 1)
+
+
+def _refused(what: str, error: OSError, priority: int) -> ConfigError:
+    """Return the error with what to type: for this shell and, without that, for good."""
+    import pwd
+
+    if os.geteuid() == 0:
+        allow = "this looks like a container: start it with --cap-add SYS_NICE --cap-add IPC_LOCK"
+    else:
+        user = pwd.getpwuid(os.geteuid()).pw_name
+        allow = (
+            f"for this shell type: sudo prlimit --pid $$ --rtprio={priority} --memlock=unlimited   For good, and from "
+            f"the next login on: printf '{user} - rtprio {priority}\\n{user} - memlock unlimited\\n' | "
+            "sudo tee /etc/security/limits.d/canopen_control.conf"
+        )
+    return RobotConfigError(f"--realtime: {what} ({error.strerror}); {allow}")

@@ -1,0 +1,172 @@
+"""`--realtime` and `--cpu`: what is had, what is undone, what a refusal tells."""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import gc
+import os
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import pytest
+
+from canopen_control.errors import ConfigError
+from canopen_control.runtime import realtime
+from canopen_control.runtime.realtime import RealTime, keep_garbage_small
+
+LINUX = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="scheduling policies are Linux's")
+_POLICY = "import os; print(os.sched_getscheduler(0), len(os.sched_getaffinity(0)))"
+
+
+def _may_be_realtime() -> bool:
+    try:
+        RealTime(1).close()
+    except (ConfigError, AttributeError):
+        return False
+    return True
+
+
+allowed = pytest.mark.skipif(not _may_be_realtime(), reason="this user may not use SCHED_FIFO or lock memory")
+
+
+def _locked_kb() -> int:
+    status = Path("/proc/self/status").read_text(encoding="ascii")
+    return int(next(line for line in status.splitlines() if line.startswith("VmLck:")).split()[1])
+
+
+def test_without_a_wish_nothing_is_asked_of_the_kernel() -> None:
+    before = os.sched_getscheduler(0), os.sched_getaffinity(0)
+    plain = RealTime(None)
+    plain.pin()
+    assert (os.sched_getscheduler(0), os.sched_getaffinity(0)) == before
+    assert plain.text == ""
+    plain.close()
+
+
+@allowed
+def test_the_thread_runs_with_fifo_and_locked_memory_until_it_is_closed() -> None:
+    entered = RealTime(7)
+    try:
+        # /proc is the independent witness: the policy is the 41st field of stat, 1 is SCHED_FIFO
+        fields = Path("/proc/thread-self/stat").read_text(encoding="ascii").rpartition(")")[2].split()
+        assert (fields[38], fields[37]) == ("1", "7")
+        assert _locked_kb() > 1000
+        assert entered.text == "real-time: SCHED_FIFO 7, memory locked"
+    finally:
+        entered.close()
+    assert os.sched_getscheduler(0) == os.SCHED_OTHER
+    assert _locked_kb() == 0
+
+
+@allowed
+def test_neither_children_nor_later_threads_inherit_the_policy() -> None:
+    entered = RealTime(7)
+    policies: list[int] = []
+    try:
+        child = subprocess.run([sys.executable, "-c", _POLICY], capture_output=True, text=True, check=True)
+        thread = threading.Thread(target=lambda: policies.append(os.sched_getscheduler(0)))
+        thread.start()
+        thread.join()
+    finally:
+        entered.close()
+    assert child.stdout.split()[0] == str(os.SCHED_OTHER)
+    assert policies == [os.SCHED_OTHER]
+
+
+@LINUX
+def test_the_processor_is_taken_by_pin_and_given_back_to_a_child_and_at_the_end() -> None:
+    everywhere = os.sched_getaffinity(0)
+    one = min(everywhere)
+    entered = RealTime(None, one)
+    assert os.sched_getaffinity(0) == everywhere, "children are still to be started"
+    entered.pin()
+    assert os.sched_getaffinity(0) == {one}
+    child = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)
+    try:
+        entered.release(child.pid)
+        assert os.sched_getaffinity(child.pid) == everywhere
+    finally:
+        child.communicate(b"\n")
+    entered.release(child.pid)  # it has ended: nothing to do
+    entered.close()
+    assert os.sched_getaffinity(0) == everywhere
+    assert entered.text == f"runs on processor {one}"
+
+
+@LINUX
+@pytest.mark.parametrize("cpu", [-1, 4000, 1 << 40])
+def test_a_processor_that_is_not_there_is_refused_with_those_that_are(cpu: int) -> None:
+    with pytest.raises(ConfigError, match=f"--cpu {cpu}: this process may run on the processors 0"):
+        RealTime(None, cpu)
+
+
+@LINUX
+def test_a_refused_priority_tells_the_command_for_this_shell_and_gives_back_what_was_had(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def refuse(*_arguments: object) -> None:
+        raise PermissionError(1, "Operation not permitted")
+
+    monkeypatch.setattr(os, "geteuid", lambda: 1)
+    monkeypatch.setattr(os, "sched_setscheduler", refuse)
+    monkeypatch.setattr(RealTime, "_lock_memory", lambda *_: None)
+    with pytest.raises(ConfigError, match=r"no real-time priority 40 .Operation not permitted.") as caught:
+        RealTime(40, min(os.sched_getaffinity(0)))
+    assert "sudo prlimit --pid $$ --rtprio=40 --memlock=unlimited" in str(caught.value)
+    assert "/etc/security/limits.d" in str(caught.value)
+    monkeypatch.setattr(os, "geteuid", lambda: 0)
+    with pytest.raises(ConfigError, match="--cap-add SYS_NICE"):
+        RealTime(40)
+
+
+@LINUX
+def test_a_limit_of_locked_memory_is_refused_before_it_can_make_an_allocation_fail(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    import resource
+
+    monkeypatch.setattr(resource, "getrlimit", lambda _which: (8 << 20, 8 << 20))
+    monkeypatch.setattr(realtime, "_may_lock_all", lambda: False)
+    monkeypatch.setattr(ctypes, "CDLL", lambda *_, **__: pytest.fail("not even tried"))
+    with pytest.raises(ConfigError, match=r"memory cannot be locked .locked memory is limited to 8192 kB"):
+        RealTime(40)
+
+
+def test_other_systems_are_told_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "platform", "darwin")
+    RealTime(None).close()
+    for priority, cpu in ((40, None), (None, 0)):
+        with pytest.raises(ConfigError, match="need Linux"):
+            RealTime(priority, cpu)
+
+
+def test_garbage_is_collected_by_hand_every_ten_seconds_and_the_collector_put_back_at_the_end() -> None:
+    class Node:
+        pass
+
+    hooks: list = []
+    with contextlib.ExitStack() as undo:
+        keep_garbage_small(undo, hooks, by_hand=True)
+        assert not gc.isenabled()
+        assert gc.get_freeze_count() > 1000
+        (collect,) = hooks
+        collect(0)
+        full = gc.get_stats()[2]["collections"]
+        for second in range(1, 31):
+            one, other = Node(), Node()
+            one.other, other.other = other, one  # a cycle that only the collector takes away
+            collect(second * 1_000_000_000)
+        assert gc.get_stats()[2]["collections"] == full + 3
+    assert gc.isenabled()
+    assert gc.get_freeze_count() == 0
+
+
+def test_without_real_time_the_collector_stays_on() -> None:
+    hooks: list = []
+    with contextlib.ExitStack() as undo:
+        keep_garbage_small(undo, hooks, by_hand=False)
+        assert gc.isenabled()
+        assert not hooks
