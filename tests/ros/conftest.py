@@ -18,14 +18,14 @@ def ros_folder(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def stage(ros_folder, request):
-    """A robot, its bridge and another ROS program; NODES, LAYOUT, STATES, ARGUMENTS of the module: theirs."""
+    """A robot, its bridge and another ROS program; NODES, LAYOUT, NODE_STATES, ARGUMENTS of the module: theirs."""
     with pytest.MonkeyPatch.context() as patch, ros.domain() as number:
         for name, value in ros_folder.items():
             patch.setenv(name, value)
         robot = ros.FakeRobot()
         robot.bus_nodes = getattr(request.module, "NODES", [])
         robot.layout = getattr(request.module, "LAYOUT", robot.layout)
-        robot.nodes.update(getattr(request.module, "STATES", {}))
+        robot.nodes.update(getattr(request.module, "NODE_STATES", {}))
         with (
             robot,
             ros.bridge(number, *getattr(request.module, "ARGUMENTS", ()), **ros_folder) as process,
