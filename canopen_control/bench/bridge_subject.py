@@ -1,0 +1,65 @@
+"""The runtime whose bridge is measured: robby on mock hardware, its diff drive active; it notes when commands arrive.
+
+`python -m canopen_control.bench.bridge_subject NAME`. A command's linear velocity is the time.monotonic() at which it
+was published. "latencies" on standard input is answered with the seconds that each command took, and forgets them.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from typing import TYPE_CHECKING
+
+from canopen_control.bench.turns import say
+from canopen_control.runtime.files import find_robot
+from canopen_control.runtime.session import RunOptions, Session
+from canopen_control.runtime.setup import read_robot
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+__all__ = ["BridgeSubject", "main"]
+
+CONTROLLER = "robby_base_controller"
+
+
+class BridgeSubject:
+    """A session whose robot's commands are timed."""
+
+    def __init__(self, session: Session) -> None:
+        self.session, self.latencies = session, list[float]()
+        self._take = session.robot.command
+        session.robot.command = self.command  # type: ignore[method-assign]  # the measuring point
+        session.robot.on_running = lambda: say({"ready": True})
+        session.reactor.add_reader(0, self._on_order)
+
+    def command(self, controller: str, values: Sequence[float], source: str, stamp: float | None = None) -> None:
+        """Note how old a command is, and take it."""
+        self.latencies.append(time.monotonic() - values[0])
+        self._take(controller, [0.0] * len(values), source, stamp)
+
+    def _on_order(self) -> None:
+        line = sys.stdin.readline()
+        if not line:
+            self.session.reactor.remove_reader(0)
+            self.session.robot.shutdown("measured")
+        elif json.loads(line) == "latencies":
+            taken, self.latencies = self.latencies, []
+            sys.stdout.write(json.dumps(taken) + "\n")
+            sys.stdout.flush()
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Run until standard input ends."""
+    setup = read_robot(find_robot("robby"), name=arguments[0], mock=True, controllers=[CONTROLLER])
+    session = Session(setup, RunOptions(drives=False))
+    try:
+        BridgeSubject(session)
+        return 0 if session.run() is None else 1
+    finally:
+        session.close()
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
