@@ -164,7 +164,7 @@ class Decoder:
             return _Route("hb", node_id, "heartbeat", self._heartbeat(node_id))
         if service in (Service.SDO_CLIENT, Service.SDO_SERVER):
             from_client = service is Service.SDO_CLIENT
-            subject = "SDO request" if from_client else "SDO answer"
+            subject = "SDO request" if from_client else "SDO response"
             return _Route("sdo", node_id, subject, self._sdo(node_id, from_client))
         return _Route("pdo", node_id, service.name, _unmapped)
 
@@ -305,5 +305,5 @@ _SINGLE: dict[Service, tuple[str, str, Callable[[CanFrame], _Said] | None]] = {
     Service.SYNC: ("sync", "SYNC", _sync),
     Service.TIME: ("time", "TIME", _time),
     Service.LSS_MASTER: ("lss", "LSS request", lambda frame: _Said(lss_text(frame.data, from_master=True))),
-    Service.LSS_SLAVE: ("lss", "LSS answer", lambda frame: _Said(lss_text(frame.data, from_master=False))),
+    Service.LSS_SLAVE: ("lss", "LSS response", lambda frame: _Said(lss_text(frame.data, from_master=False))),
 }

@@ -1,0 +1,178 @@
+"""What is said on a bus, in words: every frame with its sender, its service and its objects by name.
+
+Live, or from a recording. Nothing is sent. Names come from the running robot, or from a robot's files (CONFIG), or from
+EDS files; without any of them the predefined connection set is shown. Ends with Ctrl-C, --count or --duration.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import json
+import os
+import sys
+from typing import TYPE_CHECKING
+
+from canopen_control.cli.layout import add_network_arguments, described, heard_bus
+from canopen_control.trace.decoder import Decoder
+from canopen_control.trace.filters import Filter, node_ids_of, parse_ids, parse_services
+from canopen_control.trace.lines import LineWriter, as_dict
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Iterator
+
+    from canopen_control.bus.record import RecordedFrame
+    from canopen_control.trace.network import NetworkDescription
+
+__all__ = ["EXAMPLE", "add_arguments", "add_view_arguments", "run", "show", "show_file"]
+
+EXAMPLE = """canopen-control trace
+         canopen-control trace --node left_drive --service sdo,emcy
+         canopen-control trace robby --can can0 --changes
+         canopen-control trace robby --file run.log --json"""
+LABEL = "trace"
+CHUNK = 256  # frames of a file that are printed at once
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    where = parser.add_mutually_exclusive_group()
+    where.add_argument("--can", metavar="CHANNEL", help="this bus (default: that of the running robot)")
+    where.add_argument("--file", metavar="FILE", help="a recording: .log, .asc, .blf or .trc")
+    parser.add_argument("--duration", type=_seconds, metavar="S", help="end after so many seconds")
+    add_network_arguments(parser)
+    add_view_arguments(parser)
+
+
+def add_view_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare what to show, and how."""
+    parser.add_argument(
+        "--node", action="append", default=[], metavar="N", help="only this node: id or name (repeatable)"
+    )
+    parser.add_argument(
+        "--service",
+        type=_value(parse_services),
+        default=frozenset(),
+        metavar="S,...",
+        help="only these: pdo, sdo, emcy, nmt, hb, sync, time, lss, error, raw",
+    )
+    parser.add_argument(
+        "--id",
+        action="append",
+        default=[],
+        type=_value(parse_ids),
+        metavar="ID",
+        help="only this identifier or range, in hex: 181, 180-1FF (repeatable)",
+    )
+    parser.add_argument("--changes", action="store_true", help="cyclic frames only when their data changed")
+    parser.add_argument("--count", type=_number, metavar="N", help="end after N lines")
+    parser.add_argument("--absolute", action="store_true", help="times of day instead of seconds since the first frame")
+    parser.add_argument("--json", action="store_true", help="one JSON object for each frame")
+
+
+def _value(parse: Callable[[str], object]) -> Callable[[str], object]:
+    """Return `parse` with its sentence as argparse's."""
+
+    def parsed(text: str) -> object:
+        try:
+            return parse(text)
+        except ValueError as error:
+            raise argparse.ArgumentTypeError(str(error)) from None
+
+    return parsed
+
+
+def _seconds(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = 0.0
+    if not 0.0 < value < float("inf"):
+        raise argparse.ArgumentTypeError(f"{text!r}: seconds above 0 are wanted")
+    return value
+
+
+def _number(text: str) -> int:
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"{text!r}: a number above 0 is wanted")
+    return int(text)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the verb; Ctrl-C is its ordinary end."""
+    if args.file is not None:
+        return show_file(args, args.file)
+    from canopen_control.trace.listen import batches, open_listener
+
+    heard = heard_bus(args, args.can)
+    port = open_listener(heard.channel, LABEL, owner=heard.owner)
+    try:
+        show(args, heard.network, batches(port, args.duration))
+    except KeyboardInterrupt:
+        pass
+    finally:
+        port.close()
+    if port.stats.lost:
+        print(
+            f"canopen-control: {port.stats.lost} frames were lost: they came faster than they were read",
+            file=sys.stderr,
+        )
+    return 0
+
+
+def show_file(args: argparse.Namespace, path: str) -> int:
+    """Show a recording; 1 if it could not be read to its end."""
+    from canopen_control.bus.record import Recording
+
+    recording = Recording(path)
+    show(args, described(args), _chunks(recording))
+    if recording.skipped:
+        print(f"canopen-control: {recording.skipped} lines of {path} are no frames of classic CAN", file=sys.stderr)
+    if recording.problem:
+        print(f"canopen-control: {recording.problem}", file=sys.stderr)
+    return 1 if recording.problem else 0
+
+
+def _chunks(recording: Iterable[RecordedFrame]) -> Iterator[list[RecordedFrame]]:
+    frames = iter(recording)
+    while chunk := list(itertools.islice(frames, CHUNK)):
+        yield chunk
+
+
+def show(args: argparse.Namespace, network: NetworkDescription, source: Iterable[list[RecordedFrame]]) -> int:
+    """Print what the arguments want of `source`, a batch at a time; return the number of lines."""
+    decoder, wanted = Decoder(network), _filter(args, network)
+    line = _line_of(args, network)
+    shown = 0
+    for batch in source:
+        lines = []
+        for time_ns, frame in batch:
+            decoded = decoder.decode(frame, time_ns)
+            if wanted.wants(decoded):
+                lines.append(line(decoded))
+            if args.count is not None and shown + len(lines) >= args.count:
+                break
+        _print(lines)
+        shown += len(lines)
+        if args.count is not None and shown >= args.count:
+            break
+    sys.stdout.flush()
+    return shown
+
+
+def _print(lines: list[str]) -> None:
+    """Print the lines of a batch at once, and at once where somebody waits for them."""
+    if lines:
+        sys.stdout.write("\n".join(lines) + "\n")
+        sys.stdout.flush()
+
+
+def _filter(args: argparse.Namespace, network: NetworkDescription) -> Filter:
+    return Filter(node_ids_of(network, args.node), args.service, tuple(args.id), args.changes)
+
+
+def _line_of(args: argparse.Namespace, network: NetworkDescription) -> Callable[..., str]:
+    if args.json:
+        return lambda decoded: json.dumps(as_dict(decoded))
+    colour = sys.stdout.isatty() and "NO_COLOR" not in os.environ
+    return LineWriter(network, absolute=args.absolute, colour=colour).line

@@ -1,0 +1,91 @@
+"""Decoded frames as lines for people, and as plain data for scripts."""
+
+from __future__ import annotations
+
+import datetime
+from typing import TYPE_CHECKING, Any
+
+from canopen_control.frame import ERROR_FLAG, EXTENDED_FLAG, REMOTE_FLAG
+from canopen_control.trace.decoder import Mark
+
+if TYPE_CHECKING:
+    from canopen_control.trace.decoder import DecodedFrame
+    from canopen_control.trace.network import NetworkDescription
+
+__all__ = ["LineWriter", "as_dict", "identifier_text"]
+
+_NS = 1_000_000_000
+_COLOURS = {Mark.ERROR: "\x1b[31m", Mark.WARNING: "\x1b[33m", Mark.NOTABLE: "\x1b[36m"}
+_RESET = "\x1b[0m"
+_DATA_WIDTH = 23  # eight bytes in hex
+_SUBJECT_WIDTH = 12  # SDO response
+_SHORTEST_NODE = 8
+
+
+class LineWriter:
+    """Makes the lines of one trace; times count from the first frame, or are the local time of day with `absolute`."""
+
+    def __init__(self, network: NetworkDescription, *, absolute: bool = False, colour: bool = False) -> None:
+        self._absolute, self._colour = absolute, colour
+        names = [node.name for node in network.nodes.values()]
+        self._node_width = max((len(name) for name in names), default=0)
+        self._node_width = max(self._node_width, _SHORTEST_NODE)
+        self._start: int | None = None
+
+    def line(self, decoded: DecodedFrame) -> str:
+        """Return one line without its end."""
+        node = decoded.node or ("" if decoded.node_id is None else f"node {decoded.node_id}")
+        text = (
+            f"{self._time(decoded.time)}  {identifier_text(decoded.can_id):>3}  {_data(decoded):<{_DATA_WIDTH}}  "
+            f"{node:<{self._node_width}}  {decoded.subject:<{_SUBJECT_WIDTH}}  {decoded.text}"
+        ).rstrip()
+        colour = _COLOURS.get(decoded.mark) if self._colour else None
+        return f"{colour}{text}{_RESET}" if colour else text
+
+    def _time(self, time: int) -> str:
+        if self._absolute:
+            seconds, ns = divmod(time, _NS)
+            moment = datetime.datetime.fromtimestamp(seconds)  # noqa: DTZ006 - the reader's own clock
+            return f"{moment:%Y-%m-%d %H:%M:%S}.{ns // 1000:06d}"
+        if self._start is None:
+            self._start = time
+        return f"{(time - self._start) / _NS:12.6f}"
+
+
+def identifier_text(can_id: int) -> str:
+    """Return an identifier in hex, three digits or eight; error frames have their classes."""
+    width = 8 if can_id & (EXTENDED_FLAG | ERROR_FLAG) else 3
+    return f"{can_id & 0x1FFFFFFF:0{width}X}"
+
+
+def _data(decoded: DecodedFrame) -> str:
+    if decoded.can_id & REMOTE_FLAG:
+        return f"remote, {len(decoded.data)} bytes" if decoded.data else "remote"
+    return decoded.data.hex(" ").upper()
+
+
+def as_dict(decoded: DecodedFrame) -> dict[str, Any]:
+    """Return a frame as plain data: `time` in Unix seconds, bytes in hex."""
+    return {
+        "time": decoded.time / _NS,
+        "id": identifier_text(decoded.can_id),
+        "extended": bool(decoded.can_id & EXTENDED_FLAG),
+        "remote": bool(decoded.can_id & REMOTE_FLAG),
+        "data": decoded.data.hex(),
+        "service": decoded.service,
+        "subject": decoded.subject,
+        "node_id": decoded.node_id,
+        "node": decoded.node or None,
+        "text": decoded.text,
+        "mark": decoded.mark.name.lower(),
+        "values": [
+            {
+                "index": value.index,
+                "subindex": value.subindex,
+                "name": value.name,
+                "value": value.value.hex() if isinstance(value.value, bytes) else value.value,
+                "text": value.text,
+            }
+            for value in decoded.values
+        ],
+    }

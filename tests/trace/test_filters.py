@@ -1,0 +1,68 @@
+import pytest
+from support.tracing import frame, robby_decoder, robby_network
+
+from canopen_control.errors import ConfigError
+from canopen_control.frame import EXTENDED_FLAG, REMOTE_FLAG
+from canopen_control.trace.filters import Filter, node_ids_of, parse_ids, parse_services
+
+STREAM = [
+    (0x183, "370603"),
+    (0x080, ""),
+    (0x183, "370603"),
+    (0x083, "1186210000000000"),
+    (0x083, "1186210000000000"),
+    (0x080, ""),
+    (0x182, "370603"),
+    (0x183, "370604"),
+    (0x703, "05"),
+    (REMOTE_FLAG | 0x703, ""),
+]
+
+
+def shown(**how):
+    decoder, wanted = robby_decoder(), Filter(**how)
+    return [each[0] for each in STREAM if wanted.wants(decoder.decode(frame(*each)))]
+
+
+def test_without_a_wish_everything_is_shown():
+    assert shown() == [each[0] for each in STREAM]
+
+
+def test_by_node_by_service_and_by_identifier():
+    assert shown(nodes=frozenset({2})) == [0x182]
+    assert shown(services=frozenset({"emcy"})) == [0x083, 0x083]
+    assert shown(ids=(range(0x180, 0x184),)) == [0x183, 0x183, 0x182, 0x183]
+    assert shown(ids=(range(0x703, 0x704),)) == [0x703, REMOTE_FLAG | 0x703]
+    assert shown(nodes=frozenset({3}), services=frozenset({"hb"})) == [0x703, REMOTE_FLAG | 0x703]
+
+
+def test_changes_leave_out_repetitions_but_never_an_event():
+    assert shown(changes=True) == [0x183, 0x080, 0x083, 0x083, 0x182, 0x183, 0x703, REMOTE_FLAG | 0x703]
+
+
+def test_what_changes_remembers_has_an_end():
+    decoder, wanted = robby_decoder(), Filter(changes=True)
+    for number in range(5000):
+        wanted.wants(decoder.decode(frame(0x183, f"{number:06x}")))
+    assert len(wanted._last) == 1
+
+
+def test_services_are_named_and_a_wrong_one_names_them():
+    assert parse_services("pdo, SDO,heartbeat") == {"pdo", "sdo", "hb"}
+    with pytest.raises(ValueError, match=r"no service 'pod'; there are: nmt, sync"):
+        parse_services("pod")
+
+
+def test_identifiers_are_hexadecimal_with_or_without_0x():
+    assert parse_ids("181") == parse_ids("0x181") == range(0x181, 0x182)
+    assert parse_ids("180-1FF") == range(0x180, 0x200)
+    assert parse_ids("00000181") == range(EXTENDED_FLAG | 0x181, (EXTENDED_FLAG | 0x181) + 1)
+    for text in ("x", "200-100", "FFFFFFFF"):
+        with pytest.raises(ValueError, match=text.split("-")[0]):
+            parse_ids(text)
+
+
+def test_nodes_are_named_or_numbered():
+    assert node_ids_of(robby_network(), ["left_drive", "0x2", "master", "99"]) == {3, 2, 1, 99}
+    with pytest.raises(ConfigError, match=r"left_drive, right_drive|right_drive, left_drive"):
+        node_ids_of(robby_network(), ["middle_drive"])

@@ -1,0 +1,36 @@
+import pytest
+
+from canopen_control.bus.memory import MemoryBus
+from canopen_control.errors import ConfigError
+from canopen_control.frame import CanFrame, pack_records
+from canopen_control.trace.listen import batches, open_listener
+
+
+class Clock:
+    def __init__(self):
+        self.now = 0.0
+
+    def __call__(self):
+        self.now += 0.1
+        return self.now
+
+
+def test_frames_come_in_batches_and_a_silent_bus_gives_empty_ones():
+    bus = MemoryBus.get("listening")
+    listener, sender = bus.open("trace"), bus.open("drive")
+    sender.send(pack_records([CanFrame(0x80), CanFrame(0x183, b"\x37\x06")]))
+    heard = batches(listener, 0.55, clock=Clock())
+    first = next(heard)
+    assert [each.frame for each in first] == [CanFrame(0x80), CanFrame(0x183, b"\x37\x06")]
+    assert first[0].time_ns > 1_600_000_000 * 10**9  # Unix time
+    assert list(heard)[-1] == []  # and it ends
+    assert listener.stats.tx == 0
+    listener.close()
+    sender.close()
+
+
+def test_what_nobody_else_can_hear_is_said():
+    with pytest.raises(ConfigError, match="inside one process"):
+        open_listener("memory:x", "trace")
+    with pytest.raises(ConfigError, match="one owner, the running robot robby"):
+        open_listener("pcan:PCAN_USBBUS1", "trace", owner="robby")
