@@ -42,6 +42,7 @@ VERBS = {
     "plan": "what a boot writes into each node, and what differs on a live bus",
     "eds": "look into EDS and DCF files",
     "trace": "what is said on a bus, decoded by name: live or from a recording",
+    "view": "the robot on a page of this computer: 3D, plots, drives, STOP",
     "ros": "topics and services of ROS 2 without ros2cli; the bridge by hand",
     "bench": "how fast this is here, beside its peers in the same run",
 }

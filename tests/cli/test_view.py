@@ -1,0 +1,34 @@
+import importlib.util
+
+import pytest
+
+from canopen_control.cli.main import main
+
+
+def test_without_viser_it_says_what_to_type(monkeypatch, capsys):
+    found = importlib.util.find_spec
+    monkeypatch.setattr(
+        importlib.util, "find_spec", lambda name, *rest: None if name == "viser" else found(name, *rest)
+    )
+    assert main(["view"]) == 2
+    assert "pip install 'canopen-control[view]'" in capsys.readouterr().err
+
+
+def test_without_a_robot_it_is_a_usage_error(capsys):
+    pytest.importorskip("viser")
+    assert main(["view"]) == 2
+    assert "no robot is running" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("port", ["-1", "65536", "http"])
+def test_a_port_is_a_number(port, capsys):
+    with pytest.raises(SystemExit) as end:
+        main(["view", "--port", port])
+    assert end.value.code == 2
+    assert "is no port" in capsys.readouterr().err
+
+
+def test_an_address_that_cannot_be_bound_is_a_sentence(mock_robot, capsys):
+    pytest.importorskip("viser")
+    assert main(["view", "--host", "192.0.2.1", "--port", "0"]) == 2
+    assert "cannot listen on 192.0.2.1" in capsys.readouterr().err
