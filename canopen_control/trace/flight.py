@@ -72,7 +72,7 @@ class FlightRecorder:
         self._ports: dict[str, Port] = {}
         self._robot: RobotClient | None = None
         self._status: dict[str, Any] = {}
-        self._nodes: dict[str, Any] = {}
+        self._layout: dict[str, Any] = {}
         self._repeated: set[bytes] = set()
         self._writer: tuple[int, int] | None = None  # process id and pipe of the copy that writes
         self._finished = False
@@ -118,7 +118,7 @@ class FlightRecorder:
         self._robot = robot
         try:
             robot.call("subscribe", state_rate=STATE_RATE, events=True)
-            self._nodes = robot.call("nodes")
+            self._layout = robot.call("layout")
             self._status = robot.call("status")
         except CanopenError:
             self._disconnect()
@@ -227,7 +227,7 @@ class FlightRecorder:
             "unheard": [bus for bus in self.buses if bus not in self._ports],
             "frames_lost": sum(port.stats.lost for port in self._ports.values()),
             "faults_left_out": self._trigger.left_out,
-            "nodes": self._nodes,
+            "layout": self._layout,
             "status": self._status,
         }
         can = candump_lines(self._frames.batches(since), list(self.buses), offset)

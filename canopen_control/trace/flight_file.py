@@ -1,12 +1,12 @@
 """The file of a flight recorder: one zip that can be attached to a bug report and opened without this package.
 
-    meta.json     robot, `reason` and when, `buses` {name: channel}, `nodes` and `status` as the API gives them
+    meta.json     robot, `reason` and when, `buses` {name: channel}, `layout` and `status` as the API has them
     can.log       all frames of the window in candump's log format, the bus' name of bus.yml as the interface
     events.jsonl  the run's events as in the API's stream, one a line; older than the window too
     states.jsonl  the samples of the state stream
     eds/          the EDS files of the nodes, so that the frames can be decoded by name anywhere
 
-Times are Unix seconds, `frames` has nanoseconds. A file is complete or not there: it is written under another name and renamed. A
+Times are Unix seconds, those of frames Unix ns. A file is complete or not there: it gets its name when it is whole. A
 folder keeps `MAX_FILES`; the oldest go.
 """
 
@@ -77,14 +77,19 @@ def save(
             for name, lines in ((_EVENTS, events), (_STATES, states)):
                 archive.writestr(name, b"".join(line.rstrip(b"\n") + b"\n" for line in lines))
             archive.writestr(_CAN, "".join(can))
-            for eds in {node.get("eds") for node in meta.get("nodes", {}).get("nodes", ())} - {None}:
+            for path_of_eds in _eds_paths(meta):
                 with contextlib.suppress(OSError):
-                    archive.write(eds, _EDS + Path(eds).name)
+                    archive.write(path_of_eds, _EDS + Path(path_of_eds).name)
         part.rename(path)
     finally:
         part.unlink(missing_ok=True)
     _forget_oldest(folder)
     return path
+
+
+def _eds_paths(meta: dict[str, Any]) -> set[str]:
+    buses = meta.get("layout", {}).get("buses", {}).values()
+    return {node["eds"] for bus in buses for node in bus["nodes"] if node.get("eds")}
 
 
 def _free_path(folder: Path, meta: dict[str, Any]) -> Path:

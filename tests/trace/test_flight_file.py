@@ -83,8 +83,9 @@ def test_a_file_is_whole_or_not_there(tmp_path):
 def test_the_eds_files_of_the_nodes_come_along(tmp_path):
     eds = tmp_path / "drive.eds"
     eds.write_bytes(b"[FileInfo]")
-    nodes = {"nodes": [{"eds": str(eds)}, {"eds": str(eds)}, {"eds": str(tmp_path / "gone.eds")}]}
-    assert read_flight(write(tmp_path / "flight", nodes=nodes)).eds == {"drive.eds": b"[FileInfo]"}
+    nodes = [{"eds": str(eds)}, {"eds": str(eds)}, {"eds": str(tmp_path / "gone.eds")}, {"eds": ""}]
+    layout = {"buses": {"can": {"nodes": nodes}}}
+    assert read_flight(write(tmp_path / "flight", layout=layout)).eds == {"drive.eds": b"[FileInfo]"}
 
 
 @pytest.mark.parametrize("content", [b"", b"no zip", None, {"format": "another"}, {"version": 99}])

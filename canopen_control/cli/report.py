@@ -1,0 +1,131 @@
+"""One HTML page of a run or a recording: what went wrong first, states, plots, events, boot, jitter, bus load.
+
+FILE is a flight recording (.zip) or a recording of frames (.log, .asc, .blf, .trc; names of its objects with CONFIG or
+--eds). Without FILE it is the newest flight recording of the robot --name, or of any; with --duration it is the robot
+that runs, which is watched for so long. The page needs no network and no other file.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from canopen_control.errors import CanopenError, ConfigError
+
+if TYPE_CHECKING:
+    from canopen_control.trace.flight_file import FlightFile
+    from canopen_control.trace.network import NetworkDescription
+
+__all__ = ["EXAMPLE", "add_arguments", "run"]
+
+EXAMPLE = """canopen-control report
+         canopen-control report --duration 10 -o run.html
+         canopen-control report run.log --config robby --json"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    parser.add_argument("file", nargs="?", metavar="FILE", help="a flight recording, or a recording of frames")
+    parser.add_argument(
+        "-o", "--output", metavar="FILE.html", help="the page (default: beside FILE, or ROBOT.html here)"
+    )
+    parser.add_argument("--json", action="store_true", help="print the same facts as JSON, write no page")
+    parser.add_argument("--duration", type=_seconds, metavar="S", help="watch the running robot for S seconds")
+    parser.add_argument("--name", help="the robot (default: the only one)")
+    parser.add_argument("--config", metavar="CONFIG", help="names in a recording of frames: from this robot's files")
+    parser.add_argument("--bus", metavar="NAME", help="which bus of CONFIG, where it has several")
+    parser.add_argument(
+        "--eds", action="append", default=[], metavar="[NODE=]FILE", help="the same, from an EDS file (repeatable)"
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the verb."""
+    from canopen_control.trace.report import facts_of
+    from canopen_control.trace.report_page import page_of
+
+    path, file, networks = _recording(args)
+    facts = facts_of(file, networks)
+    if args.json:
+        print(json.dumps(facts))
+        return 0
+    output = Path(args.output) if args.output else _beside(path, facts["robot"])
+    try:
+        output.write_text(page_of(facts), encoding="utf-8")
+    except OSError as error:
+        raise ConfigError(f"{output} cannot be written: {error.strerror or error}") from error
+    print("\n".join(facts["summary"]))
+    print(f"\nwritten: {output.resolve()}")
+    return 0
+
+
+def _recording(
+    args: argparse.Namespace,
+) -> tuple[Path | None, FlightFile, dict[str, NetworkDescription] | None]:
+    """Return what the arguments mean, where it was, and who its buses are if it does not say that itself."""
+    from canopen_control.trace.flight_file import is_flight_file, read_flight
+
+    if args.duration is not None:
+        if args.file is not None:
+            raise ConfigError("--duration watches the robot that runs; it goes without FILE")
+        return None, _watched(args), None
+    path = Path(args.file) if args.file is not None else _newest(args.name)
+    if is_flight_file(path):
+        return path, read_flight(path), None
+    return path, *_frames_only(args, path)
+
+
+def _newest(name: str | None) -> Path:
+    """Return the newest flight recording, of the robot `name` or of any."""
+    from canopen_control.host.logfile import state_dir
+
+    paths = sorted(state_dir().glob(f"{name or '*'}/flight/*.zip"), key=lambda path: path.name)
+    if not paths:
+        whose = f"of {name} " if name else ""
+        raise ConfigError(
+            f"there is no flight recording {whose}in {state_dir()}: nothing went wrong yet; "
+            "a robot that runs is watched with --duration 10"
+        )
+    if sys.stderr.isatty():
+        print(f"canopen-control: the newest flight recording: {paths[-1]}", file=sys.stderr)
+    return paths[-1]
+
+
+def _watched(args: argparse.Namespace) -> FlightFile:
+    from canopen_control.trace.report_live import watch
+
+    file = watch(args.name, args.duration)
+    if not file.states:
+        raise CanopenError(f"robot {file.meta['robot']} has sent no sample in {args.duration:g} s; does it hang?")
+    return file
+
+
+def _frames_only(args: argparse.Namespace, path: Path) -> tuple[FlightFile, dict[str, NetworkDescription]]:
+    """Read a recording of frames; its only bus is called "can"."""
+    from canopen_control.bus.record import Recording
+    from canopen_control.cli.layout import described
+    from canopen_control.trace.flight_file import FlightFile
+
+    recording = Recording(path)
+    frames = [(time_ns, "can", frame) for time_ns, frame in recording]
+    notes = [recording.problem] if recording.problem else []
+    meta: dict[str, Any] = {"robot": "", "buses": {"can": path.name}, "unread_lines": recording.skipped, "notes": notes}
+    return FlightFile(meta, frames=frames), {"can": described(args)}
+
+
+def _beside(path: Path | None, robot: str) -> Path:
+    return Path(f"{robot or 'report'}.html") if path is None else path.with_suffix(".html")
+
+
+def _seconds(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0 < value <= 3600:
+        raise argparse.ArgumentTypeError(f"{text!r} is no time in seconds from above 0 to 3600")
+    return value

@@ -1,0 +1,81 @@
+"""A recording for a report, made of a robot that runs: its samples, its events and its frames, for some seconds.
+
+The law of this file: it only watches, and keeps everything in memory, so that its time is bounded by who asks for it.
+A bus that only its own process can hear is left out and named.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from typing import TYPE_CHECKING, Any, Final
+
+from canopen_control.bus.channel import ChannelKind, open_port, parse_channel
+from canopen_control.client.robot import RobotClient
+from canopen_control.errors import BusError, CanopenError
+from canopen_control.frame import frames_of
+from canopen_control.host.reactor import Reactor
+from canopen_control.trace.flight_file import FlightFile
+
+if TYPE_CHECKING:
+    from canopen_control.bus.port import Port
+
+__all__ = ["watch"]
+
+RATE: Final = 50.0  # Hz of the samples
+_HEARD: Final = (ChannelKind.LOCAL, ChannelKind.SOCKETCAN)
+_NS: Final = 1_000_000_000
+
+
+def watch(name: str | None, seconds: float) -> FlightFile:
+    """Watch the robot `name`, or the only one, for `seconds`, less when it ends; ConfigError when there is none."""
+    with RobotClient.connect(name) as robot, Reactor() as reactor:
+        layout = robot.call("layout")
+        channels = {bus: str(each["channel"]) for bus, each in layout["buses"].items()}
+        status = robot.call("status")
+        meta: dict[str, Any] = {"robot": robot.robot, "buses": channels, "layout": layout, "status": status}
+        file = FlightFile(meta, events=list(status["events"]))
+        ports = _listen(reactor, channels, file)
+        meta["unheard"] = [bus for bus in channels if bus not in ports]
+        robot.call("subscribe", state_rate=RATE, events=True)
+        reactor.add_reader(robot.fileno(), lambda: _read(reactor, robot, file))
+        reactor.call_later(round(seconds * _NS), reactor.stop)
+        reactor.run()
+        with contextlib.suppress(CanopenError):
+            meta["status"] = robot.call("status")
+        meta["frames_lost"] = sum(port.stats.lost for port in ports.values())
+        for port in ports.values():
+            port.close()
+    return file
+
+
+def _read(reactor: Reactor, robot: RobotClient, file: FlightFile) -> None:
+    try:
+        for message in robot.messages(0):
+            if "state" in message:
+                file.states.append(message["state"])
+            elif "event" in message and message["event"] not in file.events:
+                file.events.append(message["event"])
+    except CanopenError:  # it has ended
+        reactor.remove_reader(robot.fileno())
+        reactor.stop()
+
+
+def _listen(reactor: Reactor, channels: dict[str, str], file: FlightFile) -> dict[str, Port]:
+    offset, ports = time.time_ns() - reactor.now(), {}
+    for bus, channel in channels.items():
+        if parse_channel(channel).kind not in _HEARD:
+            continue
+        ports[bus] = port = open_port(channel, label="report")
+
+        def receive(bus: str = bus, port: Port = port) -> None:
+            try:
+                records = port.receive()
+            except BusError:
+                reactor.remove_reader(port.fileno())
+                return
+            now = reactor.now() + offset
+            file.frames.extend((now, bus, frame) for frame in frames_of(records))
+
+        reactor.add_reader(port.fileno(), receive)
+    return ports

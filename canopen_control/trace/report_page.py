@@ -1,0 +1,222 @@
+"""The page of a report: one HTML file that needs nothing else, in light, dark and on paper.
+
+The law of this file: nothing is fetched and nothing runs; a content security policy in the page says so to the browser.
+Whatever comes from a recording is escaped.
+"""
+
+from __future__ import annotations
+
+from html import escape
+from typing import TYPE_CHECKING, Any, Final
+
+from canopen_control import __version__
+from canopen_control.trace.report_svg import Axis, bars, lines, timeline
+from canopen_control.trace.report_words import clock
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Sequence
+
+__all__ = ["page_of"]
+
+Json = dict[str, Any]
+_UNITS: Final = {"velocity": "rad/s", "position": "rad", "effort": "N m"}
+_MOST_EVENTS: Final = 500
+_STYLE: Final = """
+:root{--bg:#fff;--fg:#1b1f24;--soft:#57606a;--grid:#d8dee4;--card:#f6f8fa;--cmd:#b35900;--act:#0a5fd0;--err:#a626a4;
+--ok:#2da44e;--mid:#8fb8ff;--off:#c9d1d9;--bad:#e5484d;--badbg:#ffebe9;--warnbg:#fff8c5;--in:#111}
+@media (prefers-color-scheme:dark){:root{--bg:#0d1117;--fg:#e6edf3;--soft:#9aa5b1;--grid:#2b323b;--card:#161b22;
+--cmd:#ffb057;--act:#6cb0ff;--err:#dd8bff;--ok:#2c8f4a;--mid:#3564a8;--off:#39424d;--bad:#d1383d;--badbg:#3a1418;
+--warnbg:#33290a;--in:#fff}}
+@media print{:root{--bg:#fff;--fg:#000;--soft:#444;--grid:#ccc;--card:#fff;--in:#000}section{break-inside:avoid}
+.long{break-inside:auto}}
+*{box-sizing:border-box;print-color-adjust:exact;-webkit-print-color-adjust:exact}
+body{margin:0 auto;padding:1.2rem;max-width:1100px;background:var(--bg);color:var(--fg);
+font:15px/1.45 system-ui,-apple-system,"Segoe UI",sans-serif}
+h1{font-size:1.45rem;margin:.2rem 0 .6rem}h2{font-size:1.05rem;margin:1.6rem 0 .4rem}
+.sum{background:var(--card);border-left:5px solid var(--ok);padding:.7rem 1rem;border-radius:4px}
+.sum.bad{border-color:var(--bad)}.sum p{margin:.25rem 0}.sum p.first{font-weight:600}
+.soft,.key{color:var(--soft);font-size:.85rem}.key b{font-weight:600}
+svg{display:block;width:100%;height:auto;margin:.3rem 0;font:11px system-ui,sans-serif}
+svg text{fill:var(--fg)}svg .tick{fill:var(--soft)}svg .label{font-weight:600;font-size:12px}svg .in{fill:var(--in)}
+.grid{stroke:var(--grid);stroke-width:1}.fault{stroke:var(--bad);stroke-width:2;stroke-dasharray:5 3}
+.line{fill:none;stroke-width:1.6;stroke-linejoin:round}.command{stroke:var(--cmd)}.actual{stroke:var(--act)}
+.error{stroke:var(--err)}.load{stroke:var(--act)}.bar{fill:var(--act)}
+rect{fill:var(--mid)}.s-OPERATION_ENABLED,.s-OPERATIONAL{fill:var(--ok)}
+.s-FAULT,.s-FAULT_REACTION_ACTIVE,.s-QUICK_STOP_ACTIVE{fill:var(--bad)}
+.s-unknown,.s-STOPPED,.s-NOT_READY_TO_SWITCH_ON,.s-SWITCH_ON_DISABLED{fill:var(--off)}
+table{border-collapse:collapse;width:100%;font-size:.84rem}
+th{text-align:left;color:var(--soft);font-weight:600;border-bottom:1px solid var(--grid)}
+td,th{padding:.16rem .6rem .16rem 0;vertical-align:top}td.n{text-align:right;white-space:nowrap}
+td.m{font-family:ui-monospace,Consolas,monospace;white-space:nowrap;font-size:.8rem}
+tr.error{background:var(--badbg)}tr.warning{background:var(--warnbg)}tr.here td{border-top:2px dashed var(--bad)}
+.wide{overflow-x:auto}
+"""
+
+
+def page_of(facts: Json) -> str:
+    """Return the page of `facts_of` a recording."""
+    title = f"{facts['robot'] or 'CAN recording'}, {clock(facts['end'], date=True)}"
+    sections = (_summary, _timeline, _joints, _events, _frames, _last_words, _boot, _cycle, _buses)
+    body = "\n".join(part for section in sections for part in section(facts))
+    return (
+        '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
+        '<meta name="viewport" content="width=device-width,initial-scale=1">'
+        """<meta http-equiv="Content-Security-Policy" content="default-src 'none'; style-src 'unsafe-inline'">"""
+        f"<title>{escape(title)}</title><style>{_STYLE}</style></head><body>\n<h1>{escape(title)}</h1>\n{body}\n"
+        f'<p class="soft">Written by canopen-control {escape(__version__)}. Times are seconds from '
+        f"{escape(clock(facts['begin'], date=True))}; the dashed line is the first fault.</p>\n</body></html>\n"
+    )
+
+
+def _section(title: str, content: str, *, kind: str = "") -> str:
+    return f'<section class="{kind}"><h2>{escape(title)}</h2>\n{content}</section>'
+
+
+def _table(headings: Sequence[str], rows: Iterable[tuple[str, Sequence[tuple[str, str]]]]) -> str:
+    """Return a table; a row is its class and its cells as (class, text)."""
+    head = "".join(f"<th>{escape(each)}</th>" for each in headings)
+    body = "".join(
+        f'<tr class="{kind}">'
+        + "".join(f'<td class="{shape}">{escape(text)}</td>' for shape, text in cells)
+        + "</tr>\n"
+        for kind, cells in rows
+    )
+    return f'<div class="wide"><table><thead><tr>{head}</tr></thead><tbody>\n{body}</tbody></table></div>'
+
+
+def _axis(facts: Json) -> Axis:
+    return Axis(0.0, facts["seconds"], facts["fault"]["at"] if facts["fault"] else None)
+
+
+def _summary(facts: Json) -> Iterator[str]:
+    said = "".join(
+        f'<p class="{"first" if text.startswith("What went wrong first") else ""}">{escape(text)}</p>'
+        for text in facts["summary"]
+    )
+    yield f'<div class="sum {"bad" if facts["fault"] else ""}">{said}</div>'
+
+
+def _timeline(facts: Json) -> Iterator[str]:
+    rows = []
+    for name, node in facts["nodes"].items():
+        rows += [
+            (f"{name}: {joint}" if len(node["axes"]) > 1 else name, spans) for joint, spans in node["axes"].items()
+        ]
+        rows.append((f"{name} NMT" if node["axes"] else name, node["nmt"]))
+    if rows:
+        yield _section(
+            "States of the drives (CiA 402) and of their communication (NMT)", timeline("states", rows, _axis(facts))
+        )
+
+
+def _joints(facts: Json) -> Iterator[str]:
+    drawn = []
+    for name, joint in facts["joints"].items():
+        unit, pair = _UNITS[joint["quantity"]], [("command", joint["command"]), ("actual", joint["actual"])]
+        drawn.append(lines(name, joint["time"], pair, _axis(facts), f"{joint['quantity']}, {unit}"))
+        drawn.append(lines("following error", joint["time"], [("error", joint["error"])], _axis(facts), unit))
+    if any(drawn):
+        key = '<p class="key"><b style="color:var(--cmd)">command</b> and <b style="color:var(--act)">actual</b></p>'
+        yield _section("Joints", key + "".join(drawn))
+
+
+def _events(facts: Json) -> Iterator[str]:
+    events = facts["events"][-_MOST_EVENTS:]
+    rows = [(event["level"], _event_cells(event)) for event in events]
+    if rows:
+        left_out = len(facts["events"]) - len(events)
+        more = f'<p class="soft">{left_out} older ones are left out here.</p>' if left_out else ""
+        yield _section("Events", more + _table(("s", "time", "node", "what happened"), rows), kind="long")
+
+
+def _event_cells(event: Json) -> list[tuple[str, str]]:
+    times = [("n", f"{event['at']:.3f}"), ("n", clock(event["time"]))]
+    return [*times, ("", event.get("node") or ""), ("", event["text"])]
+
+
+def _frames(facts: Json) -> Iterator[str]:
+    if not facts["frames"]:
+        return
+    fault = facts["fault"]["at"] if facts["fault"] else None
+    rows, told = [], False
+    for frame in facts["frames"]:
+        here = fault is not None and frame["time"] > fault and not told
+        told = told or here
+        rows.append((f"{frame['mark']}{' here' if here else ''}", _frame_cells(frame, fault)))
+    title = "Frames around the fault" if fault is not None else "The last frames"
+    yield _section(title, _table(_FRAME_HEADINGS, rows), kind="long")
+
+
+def _last_words(facts: Json) -> Iterator[str]:
+    if facts["last_words"] and facts["fault"]:
+        rows = [(frame["mark"], _frame_cells(frame, facts["fault"]["at"])) for frame in facts["last_words"]]
+        yield _section("The last that was heard of each node before the fault", _table(_FRAME_HEADINGS, rows))
+
+
+_FRAME_HEADINGS: Final = ("ms to fault", "id", "data", "node", "service", "what it says")
+
+
+def _frame_cells(frame: Json, fault: float | None) -> list[tuple[str, str]]:
+    time = f"{frame['time']:.4f} s" if fault is None else f"{1e3 * (frame['time'] - fault):+.2f}"
+    return [
+        ("n", time),
+        ("m", frame["id"]),
+        ("m", frame["data"]),
+        ("", frame["node"]),
+        ("", frame["service"]),
+        ("", frame["text"]),
+    ]
+
+
+def _boot(facts: Json) -> Iterator[str]:
+    """Yield a row for each node: how long each step of its boot took, and its SDO traffic."""
+    nodes: dict[str, list[Json]] = {}
+    for step in facts["boot"]:
+        nodes.setdefault(step["node"], []).append(step)
+    steps = list(dict.fromkeys(step["step"] for step in facts["boot"]))
+    if not steps:
+        return
+    rows = []
+    for name, found in nodes.items():
+        took = {step["step"]: step for step in found}
+        cells = [("", name), *(("n", _step_text(took.get(step))) for step in steps)]
+        cells.append(("n", f"{1e3 * sum(step['seconds'] or 0.0 for step in found):.1f}"))
+        sdo = facts["sdo"].get(name, {})
+        cells += [("n", str(sdo.get(key, ""))) for key in ("reads", "writes", "failed")]
+        errors = "; ".join(step["error"] for step in found if step["error"])
+        rows.append(("error" if errors else "", [*cells, ("", errors)]))
+    headings = ("node", *(f"{step}, ms" for step in steps), "all, ms", "SDO reads", "writes", "failed", "")
+    yield _section("Boot", _table(headings, rows))
+
+
+def _step_text(step: Json | None) -> str:
+    return "" if step is None or step["seconds"] is None else f"{1e3 * step['seconds']:.1f}"
+
+
+def _cycle(facts: Json) -> Iterator[str]:
+    cycle = facts["cycle"]
+    edges = cycle.get("late_edges_s") or []
+    if not edges or len(cycle["late_counts"]) != len(edges) + 1:
+        return
+    names = [_duration(edge) for edge in edges]
+    drawn = bars("cycles", [*(f"≤ {name}" for name in names), f"> {names[-1]}"], cycle["late_counts"])
+    if drawn:
+        note = (
+            f'<p class="soft">How late the cycle of {1e3 * cycle["period_s"]:g} ms began; heights are logarithmic. '
+            f"The longest work of a cycle in the run took {1e3 * cycle['work_max_s']:.2f} ms.</p>"
+        )
+        yield _section("Jitter of the cycle", drawn + note)
+
+
+def _duration(seconds: float) -> str:
+    return f"{1e6 * seconds:g} µs" if seconds < 1e-3 else f"{1e3 * seconds:g} ms"
+
+
+def _buses(facts: Json) -> Iterator[str]:
+    for name, bus in facts["buses"].items():
+        percent = [100.0 * value for value in bus["load"]["value"]]
+        drawn = lines(
+            name, bus["load"]["time"], [("load", percent)], _axis(facts), f"% of {bus['bitrate'] / 1e6:g} Mbit/s"
+        )
+        services = ", ".join(f"{count} {service}" for service, count in bus["services"].items())
+        yield _section(f"Load of bus {name}", f'{drawn}<p class="soft">{bus["frames"]} frames: {escape(services)}</p>')

@@ -1,0 +1,84 @@
+"""The verb `report`."""
+
+import json
+
+import pytest
+from support.flightstory import record
+from support.mockrobot import running
+
+from canopen_control.bus.record import RecordingWriter
+from canopen_control.cli.main import main
+from canopen_control.host.logfile import state_dir
+from canopen_control.trace.flight_file import save
+from canopen_control.trace.flight_ring import Batch
+
+
+@pytest.fixture
+def flight():
+    """Write a flight recording of robby where the recorder would."""
+    file = record("clireport", seconds=3, power_off_after=1.0)
+    reason = next(event for event in file.events if event["level"] == "error")
+    from canopen_control.frame import pack_records
+    from canopen_control.trace.flight_file import candump_lines
+
+    batches = (Batch(time, 0, pack_records([frame])) for time, _, frame in file.frames)
+    lines = [[json.dumps(each).encode() for each in part] for part in (file.events, file.states)]
+    meta = {**file.meta, "reason": reason, "written": file.states[-1]["time"]}
+    return save(state_dir("robby") / "flight", meta, candump_lines(batches, ["can"], 0), *lines)
+
+
+def test_without_a_file_it_is_the_newest_flight_recording(flight, capsys):
+    assert main(["report"]) == 0
+    said = capsys.readouterr().out
+    page = flight.with_suffix(".html")
+    assert "left_drive" in "\n".join(said.splitlines()[:3])
+    assert f"written: {page}" in said
+    assert "left_drive" in page.read_text()
+
+
+def test_the_facts_as_json_write_no_page(flight, capsys):
+    assert main(["report", str(flight), "--json"]) == 0
+    facts = json.loads(capsys.readouterr().out)
+    assert facts["fault"]["node"] == "left_drive"
+    assert not flight.with_suffix(".html").exists()
+
+
+def test_a_recording_of_frames_has_names_by_a_robots_files(flight, tmp_path, capsys):
+    from canopen_control.trace.flight_file import read_flight
+
+    path = tmp_path / "run.log"
+    with RecordingWriter(path, "can0") as writer:
+        for time_ns, _, frame in read_flight(flight).frames:
+            writer.write(time_ns, frame)
+    assert main(["report", str(path), "--config", "robby", "-o", str(tmp_path / "x.html")]) == 0
+    assert "left_drive (node 3)" in capsys.readouterr().out
+    assert "Load of bus can" in (tmp_path / "x.html").read_text()
+
+
+def test_a_running_robot_is_watched(tmp_path, capsys):
+    with running("live"):
+        assert main(["report", "--duration", "0.3", "--name", "live", "-o", str(tmp_path / "x.html")]) == 0
+    assert capsys.readouterr().out.startswith("live: 0.")
+    assert "Joints" in (tmp_path / "x.html").read_text()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ([], "nothing went wrong yet"),
+        (["--name", "nobody"], "of nobody"),
+        (["gone.zip"], "gone.zip"),
+        (["gone.log"], "gone.log"),
+        (["gone.txt"], "gone.txt"),
+        (["--duration", "1"], "no robot"),
+        (["x.zip", "--duration", "1"], "without FILE"),
+    ],
+)
+def test_what_cannot_be_reported_is_a_sentence_and_exit_code_2(arguments, words, capsys):
+    assert main(["report", *arguments]) == 2
+    assert words in capsys.readouterr().err
+
+
+def test_a_page_that_cannot_be_written_is_a_sentence(flight, tmp_path, capsys):
+    assert main(["report", str(flight), "-o", str(tmp_path / "no" / "x.html")]) == 2
+    assert "cannot be written" in capsys.readouterr().err

@@ -1,0 +1,49 @@
+"""A flight recording of robby in simulated time: its wheels turn, its left drive loses power, and it stops."""
+
+import json
+
+from support.apiclient import Client
+from support.robots import FORWARD, LEFT, RIGHT, Bench
+
+from canopen_control.bus.channel import open_port
+from canopen_control.frame import frames_of
+from canopen_control.runtime.api import ApiServer
+from canopen_control.trace.flight_file import FlightFile
+
+FAULT = "node 3 (left_drive)"
+
+
+def record(name="story", seconds=4, power_off_after=2.0, velocity=(4.0, 4.0)):
+    """Return a `FlightFile` of `seconds`, the drive off after `power_off_after` (None: never)."""
+    bench = Bench(name)
+    bench.api = ApiServer(bench.robot)
+    bench.start()
+    client = Client(bench)
+    layout, status = client.ask("layout")["result"], client.ask("status")["result"]
+    client.ask("subscribe", state_rate=10.0, events=True)
+    port, offset = open_port(bench.channel, label="listener"), bench.robot.wall_offset_ns
+    file = FlightFile({"robot": "robby", "buses": {"can": bench.channel}, "layout": layout, "status": status})
+    file.events = list(status["events"])
+    messages = client.messages()
+    for ms in range(0, round(seconds * 1000), 2):
+        off = power_off_after is not None and ms >= power_off_after * 1000
+        if off and LEFT in bench.drives:
+            bench.power_off(LEFT)
+        if ms % 100 == 0 and not off:
+            bench.robot.command(FORWARD, list(velocity), "test")
+        bench.run(2)
+        now = bench.reactor.now() + offset
+        file.frames += [(now, "can", frame) for frame in frames_of(port.receive())]
+        messages += client.messages()
+    file.states = [message["state"] for message in messages if "state" in message]
+    file.events += [message["event"] for message in messages if "event" in message]
+    file.eds = {"TMCM-1270.eds": bench.setup.bus.eds_paths["left_drive"].read_bytes()}
+    assert RIGHT in bench.drives
+    for each in (port, client, bench.api, bench):
+        each.close()
+    return json_clean(file)
+
+
+def json_clean(file):
+    """Return it as it would come from a file."""
+    return FlightFile(*json.loads(json.dumps([file.meta, file.events, file.states])), file.frames, file.eds)

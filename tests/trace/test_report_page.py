@@ -1,0 +1,81 @@
+"""The page: self-contained, complete, and safe against what is in a recording."""
+
+import html.parser
+import re
+
+from canopen_control.trace.report import facts_of
+from canopen_control.trace.report_page import page_of
+
+
+class Parser(html.parser.HTMLParser):
+    def __init__(self):
+        super().__init__()
+        self.tags, self.references, self.open = [], [], []
+
+    def handle_starttag(self, tag, attributes):
+        self.tags.append(tag)
+        self.references += [value for name, value in attributes if name in ("src", "href", "xlink:href", "action")]
+        if tag not in ("meta", "line", "rect", "path", "br"):
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag, attributes):
+        self.handle_starttag(tag, attributes)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+
+def parsed(page):
+    parser = Parser()
+    parser.feed(page)
+    assert parser.open == []
+    return parser
+
+
+def test_the_drive_that_failed_is_in_the_first_lines(lost_drive):
+    page = page_of(facts_of(lost_drive))
+    text = re.sub(r"<style>.*?</style>|<[^>]*>", " ", page, flags=re.S)
+    assert "left_drive" in " ".join(text.split())[:300]
+
+
+def test_nothing_is_fetched_and_nothing_runs(lost_drive):
+    page = page_of(facts_of(lost_drive))
+    parser = parsed(page)
+    assert parser.references == []
+    assert "script" not in parser.tags
+    assert "default-src 'none'" in page
+    assert not re.search(r"https?://|url\(|@import", page)
+
+
+def test_a_reference_would_be_seen():
+    assert parsed('<p><a href="http://x">y</a></p>').references == ["http://x"]
+
+
+def test_every_section_is_there(lost_drive):
+    page = page_of(facts_of(lost_drive))
+    for words in ("States of the drives", "Joints", "Events", "Frames around the fault", "last that was heard", "Boot",
+                  "Jitter of the cycle", "Load of bus can"):  # fmt: skip
+        assert words in page, words
+    assert page.count("<svg") == 1 + 4 + 1 + 1
+
+
+def test_a_calm_run_shows_its_last_frames(calm_run):
+    page = page_of(facts_of(calm_run))
+    assert "The last frames" in page
+    assert 'class="sum "' in page
+
+
+def test_what_is_in_a_recording_is_text_and_never_markup(lost_drive):
+    evil = '"><script>alert(1)</script>'
+    lost_drive.meta["robot"] = evil
+    for event in lost_drive.events:
+        event["text"] = evil
+    lost_drive.meta["status"]["boot"][0]["error"] = evil
+    page = page_of(facts_of(lost_drive))
+    assert "script" not in parsed(page).tags
+    assert "&lt;script&gt;" in page
+
+
+def test_an_empty_recording_has_a_page(lost_drive):
+    lost_drive.events, lost_drive.states, lost_drive.frames, lost_drive.meta = [], [], [], {}
+    parsed(page_of(facts_of(lost_drive)))

@@ -1,0 +1,35 @@
+"""The first lines of a report."""
+
+from canopen_control.trace.report import facts_of
+from canopen_control.trace.report_words import clock, summary
+
+
+def test_the_first_lines_name_robot_drives_and_the_fault(lost_drive):
+    said = facts_of(lost_drive)["summary"]
+    assert said[0].startswith("robby: 4.0 s up to ")
+    assert "left_drive (node 3), right_drive (node 2)" in said[0]
+    assert said[1].startswith("What went wrong first, 2.")
+    assert "left_drive" in said[1]
+    assert any(line.startswith("right_wheel_joint stood still") for line in said)
+    assert "left_wheel_joint was not seen to stop." in said
+    assert all(line.endswith((".", "?")) for line in said)
+
+
+def test_a_storm_is_counted_instead_of_listed(lost_drive):
+    fault = facts_of(lost_drive)["fault"]
+    lost_drive.events += [{**fault, "time": fault["time"] + n, "text": f"more {n}"} for n in range(20)]
+    said = facts_of(lost_drive)["summary"]
+    assert len(said) < 15
+    assert any("more errors followed" in line for line in said)
+
+
+def test_cycles_that_were_left_out_are_told(calm_run):
+    facts = facts_of(calm_run)
+    assert any("none left out" in line for line in summary(facts))
+    facts["cycle"]["missed"] = 3
+    assert any("3 left out" in line for line in summary(facts))
+
+
+def test_a_time_of_day_has_milliseconds():
+    assert clock(1_700_000_000.1239).endswith(".123")
+    assert len(clock(1_700_000_000.0, date=True)) == len("2023-11-14 22:13:20.000")
