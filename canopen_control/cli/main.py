@@ -27,6 +27,7 @@ VERBS = {
     "fault": "break a running virtual drive, and mend it",
     "bus": "channels: list, status, up, down, faults",
     "status": "what a running robot is doing",
+    "monitor": "drives, joints, events and frames as live tables, with a STOP key",
     "command": "send a command to a controller, repeatedly",
     "twist": "send a velocity to a base controller, repeatedly",
     "teleop": "drive a base by keyboard",

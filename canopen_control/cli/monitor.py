@@ -1,0 +1,72 @@
+"""`monitor`: a running robot, or a bare bus, as live tables in the terminal.
+
+Attached to a running robot it shows drives, joints, cycle, events, emergencies and the frames of its buses; space is
+STOP (ramp, disable, latched until released), e/d/f enable, disable and reset the fault of the selected drive, E/D/F of
+all. With --can it only listens to a bus and never sends: the tables are made of heartbeats, TPDOs and emergencies, with
+names of --config or --eds. STOP is no safety function (ISO 13850).
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from typing import TYPE_CHECKING
+
+from canopen_control.errors import ConfigError
+
+if TYPE_CHECKING:
+    import argparse
+
+    from canopen_control.monitor.sources import Source
+
+__all__ = ["EXAMPLE", "add_arguments", "run"]
+
+EXAMPLE = """canopen-control monitor
+         canopen-control monitor --can can0 --config robby
+         canopen-control monitor --can can0 --eds 3=TMCM-1270.eds"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    where = parser.add_mutually_exclusive_group()
+    where.add_argument("--name", help="the robot (default: the only one that runs)")
+    where.add_argument("--can", metavar="CHANNEL", help="only listen on this bus (can0, local:NAME, ...)")
+    parser.add_argument(
+        "--config", metavar="ROBOT", help="with --can: names from this robot, a folder or a bundled one"
+    )
+    parser.add_argument("--bus", metavar="NAME", help="with --config: which one, of a robot with several buses")
+    parser.add_argument(
+        "--eds",
+        action="append",
+        default=[],
+        metavar="[NODE=]FILE",
+        help="with --can: names from an EDS, for one node or all; or a folder of DCF files (repeatable)",
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the verb."""
+    if args.can is None and (args.config or args.eds or args.bus):
+        raise ConfigError("--config, --bus and --eds go with --can; a running robot knows its own names")
+    if importlib.util.find_spec("textual") is None:
+        raise ConfigError("the monitor needs textual: pip install 'canopen-control[monitor]'")
+    source = _source(args)
+    if not (sys.stdin.isatty() and sys.stdout.isatty()):
+        raise ConfigError("the monitor needs a terminal; for a script: canopen-control status --json")
+    from canopen_control.monitor.app import MonitorApp
+
+    MonitorApp(source).run()
+    return 0
+
+
+def _source(args: argparse.Namespace) -> Source:
+    from canopen_control.monitor.sources import BusSource, RobotSource
+
+    if args.can is None:
+        from canopen_control.client import select_robot
+
+        return RobotSource(select_robot(args.name))
+    from canopen_control.cli.layout import heard_bus
+
+    heard = heard_bus(args, args.can)
+    return BusSource(heard.network, owner=heard.owner)

@@ -1,0 +1,185 @@
+"""Where the monitor's picture comes from: a running robot, or a bare bus.
+
+The law of the file: a source never blocks who draws. Only a robot takes commands; on a bare bus nothing is ever sent.
+"""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING, Any, Final, Protocol
+
+from canopen_control.errors import RemoteError
+from canopen_control.monitor.bus_rows import BusTable
+from canopen_control.monitor.frames import FrameTable, TraceLog
+from canopen_control.monitor.link import RobotLink
+from canopen_control.monitor.robot_rows import is_emergency, log_line, picture_of, without_robot
+from canopen_control.monitor.tap import BusTap
+from canopen_control.trace.network import NetworkDescription, network_of_layout
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from canopen_control.monitor.picture import LogLine, Picture
+    from canopen_control.trace.decoder import DecodedFrame
+
+__all__ = ["BusSource", "RobotSource", "Source"]
+
+SOURCE: Final = "monitor"
+PATIENCE_S: Final = 20.0  # of a stop or an enable: the drives take their ramps
+
+
+class Source(Protocol):
+    """What the screen needs; `frames` and `trace` are those of the buses it listens to, which are `taps`."""
+
+    can_command: bool
+    frames: FrameTable
+    trace: TraceLog
+    taps: list[BusTap]
+
+    @property
+    def network(self) -> NetworkDescription:
+        """Who is on the bus, for the filter's words."""
+        ...
+
+    def start(self) -> None:
+        """Begin."""
+
+    def close(self) -> None:
+        """End."""
+
+    def tick(self) -> None:
+        """Do what is due; called a few times a second."""
+
+    def picture(self) -> Picture:
+        """Return how it is now."""
+
+    def log(self) -> list[LogLine]:
+        """Return what happened since the last call."""
+
+    def emergencies(self) -> list[LogLine]:
+        """Return the emergencies since the last call."""
+
+    def command(self, method: str, params: Mapping[str, Any]) -> None:
+        """Ask the robot and wait; RemoteError. For threads that may wait."""
+
+
+class RobotSource:
+    """A running robot: its API, and its buses where somebody else can listen."""
+
+    can_command = True
+
+    def __init__(self, name: str | None = None) -> None:
+        self.frames, self.trace = FrameTable(), TraceLog()
+        self.taps: list[BusTap] = []
+        self._link = RobotLink(name)
+        self._layouts: Mapping[str, Any] = {}
+        self._emergencies: list[LogLine] = []
+
+    @property
+    def network(self) -> NetworkDescription:
+        """All nodes of all buses: a filter names nodes whatever bus they are on."""
+        nodes = {node_id: node for tap in self.taps for node_id, node in tap.network.nodes.items()}
+        return NetworkDescription(
+            nodes=nodes, master_node_id=self.taps[0].network.master_node_id if self.taps else None
+        )
+
+    def start(self) -> None:
+        """Look for the robot."""
+        self._link.start()
+
+    def close(self) -> None:
+        """Leave robot and buses."""
+        self._link.close()
+        for tap in self.taps:
+            tap.close()
+
+    def tick(self) -> None:
+        """Listen to the robot's buses as soon as it has told which they are."""
+        if self._link.layouts is not self._layouts:
+            self._listen()
+        for tap in self.taps:
+            tap.tick(time.monotonic_ns())
+
+    def picture(self) -> Picture:
+        """Return the newest sample."""
+        state = self._link.state
+        if state is None or not self._link.connected:
+            return without_robot(self._link.name or "robot", self._link.why or "no answer")
+        return picture_of(str(self._link.name), state)
+
+    def log(self) -> list[LogLine]:
+        """Return the events since the last call."""
+        events = self._link.events()
+        self._emergencies += [log_line(event) for event in events if is_emergency(event)]
+        return [log_line(event) for event in events]
+
+    def emergencies(self) -> list[LogLine]:
+        """Return the emergencies among what `log` has returned."""
+        found, self._emergencies = self._emergencies, []
+        return found
+
+    def command(self, method: str, params: Mapping[str, Any]) -> None:
+        """Ask the robot."""
+        self._link.call(method, {**params, "source": SOURCE}, PATIENCE_S)
+
+    def _listen(self) -> None:
+        """Open the buses of a robot that was found, or has come back, perhaps with others."""
+        for tap in self.taps:
+            tap.close()
+        self._layouts = self._link.layouts
+        owner = self._link.name or ""
+        self.taps = [BusTap(network_of_layout(each), self._take, owner=owner) for each in self._layouts.values()]
+
+    def _take(self, decoded: DecodedFrame) -> None:
+        self.frames.add(decoded)
+        self.trace.add(decoded)
+
+
+class BusSource:
+    """A bare bus that is only listened to."""
+
+    can_command = False
+
+    def __init__(self, network: NetworkDescription, *, owner: str = "") -> None:
+        self.frames, self.trace = FrameTable(), TraceLog()
+        self.network = network
+        self._table = BusTable(network)
+        self._tap = BusTap(network, self._take, owner=owner)
+        self.taps = [self._tap]
+
+    def start(self) -> None:
+        """Do nothing: `tick` opens the bus."""
+
+    def close(self) -> None:
+        """Leave the bus."""
+        self._tap.close()
+
+    def tick(self) -> None:
+        """Open the bus, again where it went."""
+        self._tap.tick(time.monotonic_ns())
+
+    def picture(self) -> Picture:
+        """Return what the nodes have said."""
+        load = self._tap.meter.load
+        facts = [
+            f"{self.network.bitrate // 1000} kbit/s",
+            "bus load -" if load is None else f"bus load {100 * load:.1f} %",
+        ]
+        return self._table.picture(time.time_ns(), f"{self.network.channel} (listening only)", tuple(facts))
+
+    def log(self) -> list[LogLine]:
+        """Return what happened since the last call."""
+        return self._table.log()
+
+    def emergencies(self) -> list[LogLine]:
+        """Return the emergencies since the last call."""
+        return self._table.emergencies()
+
+    def command(self, method: str, params: Mapping[str, Any]) -> None:  # noqa: ARG002 - as every source has it
+        """Refuse: this source never sends."""
+        raise RemoteError("LocalProtocolError", f"{method}: this monitor only listens on {self.network.channel}")
+
+    def _take(self, decoded: DecodedFrame) -> None:
+        self._table.feed(decoded)
+        self.frames.add(decoded)
+        self.trace.add(decoded)

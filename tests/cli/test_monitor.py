@@ -1,0 +1,32 @@
+import importlib.util
+
+import pytest
+
+from canopen_control.cli.main import main
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["--config", "robby"], "--config, --bus and --eds go with --can"),
+        (["--name", "nobody"], "no robot 'nobody' is running"),
+        (["--can", "local:x", "--config", "nowhere"], "nowhere"),
+        (["--can", "local:x"], "the monitor needs a terminal; for a script: canopen-control status --json"),
+    ],
+)
+def test_what_is_wrong_is_a_sentence_and_exit_code_2(arguments, sentence, capsys):
+    assert main(["monitor", *arguments]) == 2
+    assert sentence in capsys.readouterr().err
+
+
+def test_a_robot_and_a_bare_bus_exclude_each_other():
+    with pytest.raises(SystemExit) as caught:
+        main(["monitor", "--can", "local:x", "--name", "robby"])
+    assert caught.value.code == 2
+
+
+def test_without_textual_it_says_what_to_type(monkeypatch, capsys):
+    found = importlib.util.find_spec
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name, *more: None if name == "textual" else found(name))
+    assert main(["monitor"]) == 2
+    assert "pip install 'canopen-control[monitor]'" in capsys.readouterr().err

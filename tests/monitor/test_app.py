@@ -1,0 +1,332 @@
+import asyncio
+import threading
+
+import pytest
+
+from canopen_control.errors import RemoteError
+from canopen_control.frame import CanFrame
+from canopen_control.monitor.app import MonitorApp
+from canopen_control.monitor.frames import FrameTable, TraceLog
+from canopen_control.monitor.picture import DRIVE_COLUMNS, JOINT_COLUMNS, Cell, LogLine, Picture, Tone
+from canopen_control.trace.decoder import Decoder
+from canopen_control.trace.network import NetworkDescription, NodeDescription
+
+
+class FakeSource:
+    """A robot of two drives that notes what it is asked."""
+
+    def __init__(self, *, can_command=True):
+        self.can_command = can_command
+        self.network = NetworkDescription(nodes={3: NodeDescription("left", 3)})
+        self.frames, self.trace, self.taps = FrameTable(), TraceLog(), []
+        self.asked, self.refusal, self.hold = [], None, None
+        self.lines, self.emergency_lines = [], []
+        self.alarm, self.state = "", Cell("OPERATION ENABLED", Tone.GOOD)
+        self.decoder, self.started, self.closed = Decoder(self.network), False, False
+
+    def start(self):
+        self.started = True
+
+    def close(self):
+        self.closed = True
+
+    def tick(self):
+        pass
+
+    def picture(self):
+        drives = {
+            name: (Cell(name), Cell("OPERATIONAL"), self.state, *[Cell("-")] * (len(DRIVE_COLUMNS) - 3))
+            for name in ("left", "right")
+        }
+        joints = {"wheel": tuple(Cell("1.000") for _ in JOINT_COLUMNS)}
+        return Picture("robby", Cell("running", Tone.GOOD), self.alarm, ("cycle 20 ms",), drives, joints)
+
+    def log(self):
+        lines, self.lines = self.lines, []
+        return lines
+
+    def emergencies(self):
+        lines, self.emergency_lines = self.emergency_lines, []
+        return lines
+
+    def command(self, method, params):
+        if self.hold is not None and method != "stop":
+            self.hold.wait(10)
+        self.asked.append((method, params))
+        if self.refusal:
+            raise RemoteError("ControlError", self.refusal)
+
+    def hear(self, can_id, data):
+        decoded = self.decoder.decode(CanFrame(can_id, bytes(data)), 0)
+        self.frames.add(decoded)
+        self.trace.add(decoded)
+
+
+def on_screen(check, source=None, size=(120, 36)):
+    source = source or FakeSource()
+
+    async def run():
+        app = MonitorApp(source)
+        async with app.run_test(size=size) as pilot:
+            await pilot.pause()
+            await check(app, pilot, source)
+
+    asyncio.run(run())
+    return source
+
+
+async def asked(pilot, source, count=1):
+    """Wait for what keys have asked for."""
+    for _ in range(200):
+        if len(source.asked) >= count:
+            break
+        await pilot.pause(0.01)
+    return source.asked
+
+
+def text_of(app, name):
+    return "\n".join(line.text for line in app.query_one(f"#{name}").lines)
+
+
+STOP = ("stop", {"latch": True})
+
+
+# -- STOP
+
+
+def test_space_is_stop_and_it_is_latched():
+    async def check(app, pilot, source):
+        await pilot.press("space")
+        assert await asked(pilot, source) == [STOP]
+
+    on_screen(check)
+
+
+@pytest.mark.parametrize("tab", "1234")
+def test_no_widget_that_can_have_the_focus_eats_the_stop_key(tab):
+    async def check(app, pilot, source):
+        await pilot.press(tab)
+        count = 0
+        for widget in [each for each in app.query("*") if each.focusable]:
+            widget.focus()
+            await pilot.pause()
+            if app.focused is not widget:
+                continue
+            await pilot.press("space")
+            count += 1
+            assert len(await asked(pilot, source, count)) == count, widget
+        assert count >= 3
+        assert set(map(str, source.asked)) == {str(STOP)}
+
+    on_screen(check)
+
+
+def test_stop_works_while_a_filter_is_typed_and_leaves_the_text_alone():
+    async def check(app, pilot, source):
+        await pilot.press("slash", "h", "b", "space")
+        assert await asked(pilot, source) == [STOP]
+        assert app.query_one("#filter").value == "hb"
+
+    on_screen(check)
+
+
+def test_stop_does_not_wait_for_what_else_was_asked():
+    source = FakeSource()
+    source.hold = threading.Event()
+
+    async def check(app, pilot, source):
+        await pilot.press(*"eeeeeeeeee", "space")
+        assert (await asked(pilot, source))[0] == STOP
+        source.hold.set()
+
+    on_screen(check, source)
+
+
+def test_a_refusal_is_told_as_it_is():
+    source = FakeSource()
+    source.refusal = "axis enable is refused [latched]: STOP"
+
+    async def check(app, pilot, source):
+        await pilot.press("e")
+        await asked(pilot, source)
+        await pilot.pause(0.1)
+        (told,) = app._notifications
+        assert told.message == "enable left: axis enable is refused [latched]: STOP"
+        assert told.severity == "error"
+
+    on_screen(check, source)
+
+
+# -- the other keys
+
+
+@pytest.mark.parametrize(
+    ("keys", "expected"),
+    [
+        ("r", ("release", {})),
+        ("e", ("axis", {"action": "enable", "node": "left"})),
+        ("d", ("axis", {"action": "disable", "node": "left"})),
+        ("f", ("axis", {"action": "fault-reset", "node": "left"})),
+        (["down", "f"], ("axis", {"action": "fault-reset", "node": "right"})),
+        ("E", ("axis", {"action": "enable", "node": "all"})),
+        ("D", ("axis", {"action": "disable", "node": "all"})),
+        ("F", ("axis", {"action": "fault-reset", "node": "all"})),
+    ],
+)
+def test_keys_ask_the_robot(keys, expected):
+    async def check(app, pilot, source):
+        await pilot.press(*keys)
+        assert await asked(pilot, source) == [expected]
+
+    on_screen(check)
+
+
+def test_a_click_selects_a_drive():
+    async def check(app, pilot, source):
+        await pilot.click("#drives", offset=(5, 2))
+        await pilot.press("e")
+        assert await asked(pilot, source) == [("axis", {"action": "enable", "node": "right"})]
+
+    on_screen(check)
+
+
+def test_q_quits_and_the_source_is_closed():
+    async def check(app, pilot, source):
+        await pilot.press("q")
+        await pilot.pause()
+        assert not app.is_running
+
+    assert on_screen(check).closed
+
+
+def test_who_only_listens_asks_nobody_and_says_why():
+    source = FakeSource(can_command=False)
+
+    async def check(app, pilot, source):
+        await pilot.press("space", "e", "r", "f", "E")
+        await pilot.pause(0.1)
+        assert source.asked == []
+        assert [each.message for each in app._notifications] == [
+            "listening only: this monitor sends nothing, so it cannot stop anything"
+        ]
+        assert "Enable" not in {
+            each.binding.description for each in app.screen.active_bindings.values() if each.enabled
+        }
+
+    on_screen(check, source)
+
+
+# -- what is shown
+
+
+def test_the_head_and_an_alarm():
+    async def check(app, pilot, source):
+        assert str(app.query_one("#head").content) == "robby  ● running  cycle 20 ms"
+        assert not app.query_one("#alarm").display
+        source.alarm = "STOP is latched by somebody"
+        app.refresh_picture()
+        await pilot.pause()
+        assert app.query_one("#alarm").display
+        assert str(app.query_one("#alarm").content) == "STOP is latched by somebody"
+
+    on_screen(check)
+
+
+def test_only_what_changed_is_drawn_again():
+    async def check(app, pilot, source):
+        drives = app.query_one("#drives")
+        before = drives.written
+        app.refresh_picture()
+        assert drives.written == before
+        source.state = Cell("FAULT", Tone.BAD)
+        app.refresh_picture()
+        assert drives.written == before + 2
+        assert str(drives.get_cell("left", "CiA 402")) == "✖ FAULT"
+
+    on_screen(check)
+
+
+def test_events_and_emergencies_have_logs_of_their_own():
+    async def check(app, pilot, source):
+        source.lines = [LogLine(1.5, "robby runs"), LogLine(2.0, "left: fault [1]", Tone.BAD)]
+        source.emergency_lines = [LogLine(2.0, "left: EMCY 0x3210", Tone.BAD)]
+        app.refresh_picture()
+        await pilot.pause()
+        assert "  robby runs" in text_of(app, "events")
+        assert "✖ left: fault [1]" in text_of(app, "events")
+        await pilot.press("2")
+        await pilot.pause()
+        assert "✖ left: EMCY 0x3210" in text_of(app, "emergencies")
+
+    on_screen(check)
+
+
+def test_identifiers_are_a_table_and_stand_still_when_paused():
+    async def check(app, pilot, source):
+        source.hear(0x703, [5])
+        await pilot.press("3")
+        app.refresh_picture()
+        table = app.query_one("#identifiers-table")
+        assert table.row_count == 1
+        await pilot.press("p")
+        source.hear(0x702, [5])
+        app.refresh_picture()
+        assert table.row_count == 1
+        await pilot.press("p")
+        app.refresh_picture()
+        assert table.row_count == 2
+
+    on_screen(check)
+
+
+def test_the_trace_follows_its_filter():
+    async def check(app, pilot, source):
+        source.hear(0x703, [5])
+        source.hear(0x000, [1, 0])
+        await pilot.press("4")
+        app.refresh_picture()
+        await pilot.pause()
+        assert "left" in text_of(app, "trace")
+        assert "START, all nodes" in text_of(app, "trace")
+        await pilot.press("slash", *"nmt", "enter")
+        app.refresh_picture()
+        await pilot.pause()
+        assert "START, all nodes" in text_of(app, "trace")
+        assert "heartbeat" not in text_of(app, "trace")
+        assert app.focused is app.query_one("#drives")
+
+    on_screen(check)
+
+
+def test_a_wrong_filter_is_told_and_can_be_mended():
+    async def check(app, pilot, source):
+        await pilot.press("slash", "x", "x", "enter")
+        await pilot.pause()
+        assert "no node 'xx'" in next(iter(app._notifications)).message
+        assert app.focused is app.query_one("#filter")
+        await pilot.press("escape")
+        assert not app.query_one("#filter").display
+
+    on_screen(check)
+
+
+def test_a_flood_is_told_instead_of_drawn():
+    async def check(app, pilot, source):
+        await pilot.press("4")
+        await pilot.pause()
+        for _ in range(500):
+            source.hear(0x703, [5])
+        app.refresh_picture()
+        await pilot.pause()
+        assert "... 440 frames not shown; / filters" in text_of(app, "trace")
+        assert len(app.query_one("#trace").lines) < 100
+
+    on_screen(check)
+
+
+def test_a_small_terminal_still_shows_drives_and_keys():
+    async def check(app, pilot, source):
+        assert app.query_one("#drives").region.height >= 3
+        assert app.query_one("Footer").region.bottom == 24
+
+    on_screen(check, size=(80, 24))

@@ -1,0 +1,57 @@
+import pytest
+from support.mockrobot import eventually, running
+
+from canopen_control.errors import RemoteError
+from canopen_control.monitor import link as link_module
+from canopen_control.monitor.link import RobotLink
+
+
+@pytest.fixture
+def link(private_folders, monkeypatch):
+    monkeypatch.setattr(link_module, "AGAIN_S", 0.05)
+    link = RobotLink()
+    link.start()
+    yield link
+    link.close()
+
+
+def test_it_finds_the_robot_loses_it_and_finds_it_again(link):
+    eventually(lambda: link.why.startswith("no robot is running"))
+    assert link.state is None
+    for _ in range(2):
+        with running():
+            eventually(lambda: link.connected)
+            assert link.name == "mock"
+            assert link.state["state"] == "running"
+            assert link.why == ""
+        eventually(lambda: link.state is None)
+        assert "mock" in link.why
+
+
+def test_each_event_is_told_once_also_those_from_before(link):
+    with running():
+        eventually(lambda: link.connected)
+        texts = [event["text"] for event in link.events()]
+        assert sum("mock runs" in text for text in texts) == 1
+        assert link.events() == []
+        link.call("stop", {"latch": True, "source": "test"}, 10.0)
+        found = []
+        eventually(lambda: found.extend(link.events()) or any(each["kind"] == "stop_latched" for each in found))
+        assert sum(each["kind"] == "stop_latched" for each in found) == 1
+
+
+def test_commands_reach_the_robot_or_say_why_not(link):
+    eventually(lambda: link.why.startswith("no robot is running"))
+    with pytest.raises(RemoteError, match="stop does not reach the robot: no robot is running"):
+        link.call("stop", {}, 1.0)
+    with running():
+        eventually(lambda: link.connected)
+        with pytest.raises(RemoteError, match="no method 'dance'"):
+            link.call("dance", {}, 1.0)
+
+
+def test_a_robot_that_hangs_is_not_shown_as_connected(link, monkeypatch):
+    with running():
+        eventually(lambda: link.connected)
+        link._heard -= 1.1  # as if the last sample had come so long ago
+        assert not link.connected

@@ -1,0 +1,75 @@
+import pytest
+from support.robots import LEFT, Bench
+
+from canopen_control.monitor.picture import Tone
+from canopen_control.monitor.robot_rows import is_emergency, log_line, picture_of, without_robot
+from canopen_control.runtime.status import event_dict, state_dict
+
+
+@pytest.fixture
+def bench():
+    bench = Bench("monitor-rows")
+    bench.start()
+    yield bench
+    bench.close()
+
+
+def picture(bench):
+    return picture_of("robby", state_dict(bench.robot))
+
+
+def words(row):
+    return [str(cell) for cell in row]
+
+
+def test_a_running_robot_in_words(bench):
+    bench.run(300)
+    bench.hold(5.0, 5.0, ms=1000)
+    shown = picture(bench)
+    assert (shown.title, str(shown.state), shown.alarm) == ("robby", "● running", "")
+    drive = words(shown.drives["left_drive"])
+    assert drive[:4] == ["left_drive (3)", "● OPERATIONAL", "● OPERATION ENABLED", "PV"]
+    assert drive[4].endswith(" ms")
+    assert drive[5].split("/")[1] == "37"
+    assert drive[6].startswith("0x")
+    assert "OPERATION" not in drive[6]
+    assert words(shown.joints["left_wheel_joint"])[:3] == ["left_wheel_joint", "5.000", "4.999"]
+    assert any("cycle 20 ms, 0 missed" in fact for fact in shown.facts)
+    assert any(fact.startswith("bus can ") for fact in shown.facts)
+    assert "active: joint_state_broadcaster, robby_forward_controller" in shown.facts
+
+
+def test_a_drive_that_is_gone_is_dead_in_words(bench):
+    bench.power_off(LEFT)
+    bench.run(1500)
+    row = picture(bench).drives["left_drive"]
+    assert row[1].tone is Tone.BAD
+    assert row[4].tone is Tone.BAD
+    assert "dead" in row[4].text
+    assert row[7].tone is Tone.BAD
+    assert "left_drive" in row[7].text
+
+
+def test_a_latched_stop_is_an_alarm_with_the_way_out(bench):
+    bench.robot.stop(lambda _: None, "somebody")
+    bench.run(100)
+    assert picture(bench).alarm.startswith("STOP is latched by somebody: nothing moves before it is released")
+
+
+def test_events_are_lines_with_their_level(bench):
+    lines = [log_line(event_dict(bench.robot, event)) for event in bench.events]
+    assert "robby runs: joint_state_broadcaster, robby_forward_controller" in [line.text for line in lines]
+    assert all(line.time > 0 for line in lines)
+    assert log_line({"time": 1.0, "kind": "x", "level": "error", "text": "t"}).tone is Tone.BAD
+
+
+def test_emergencies_are_known_by_their_kind():
+    assert is_emergency({"kind": "emcy"})
+    assert is_emergency({"kind": "emcy_reset"})
+    assert not is_emergency({"kind": "state"})
+
+
+def test_without_a_robot_it_says_that_stop_does_not_reach_it():
+    shown = without_robot("robby", "no robot 'robby' is running")
+    assert shown.state.tone is Tone.BAD
+    assert shown.alarm == "no robot 'robby' is running. STOP does not reach it; trying again"
