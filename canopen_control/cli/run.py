@@ -31,7 +31,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--ros", action=argparse.BooleanOptionalAction, default=False, help="start the ROS 2 bridge (default: off)"
     )
     parser.add_argument("--namespace", metavar="NS", help="with --ros: of all its ROS names and frames")
-    parser.add_argument("--view", action="store_true", help="open the browser view")
+    parser.add_argument("--view", action="store_true", help="show the robot on a page of this computer")
+    parser.add_argument("--teleop", action="store_true", help="with --view: buttons that drive while they are held")
     parser.add_argument(
         "--kernel-sync",
         action="store_true",
@@ -106,6 +107,12 @@ def run_robot(args: argparse.Namespace, *, motion: bool = False, table: bool = F
         from canopen_control.ros.available import require_ros
 
         require_ros()
+    if args.view:
+        from canopen_control.view.available import require_view
+
+        require_view()
+    elif args.teleop:
+        raise ConfigError("--teleop is for the page; show it with --view, or drive by keyboard: canopen-control teleop")
     from canopen_control.runtime.announcer import Announcer
     from canopen_control.runtime.session import RunOptions, Session
 
@@ -113,6 +120,8 @@ def run_robot(args: argparse.Namespace, *, motion: bool = False, table: bool = F
         drives=not (args.real or args.mock or args.no_drives),
         ros=args.ros,
         ros_arguments=bridge_arguments(args),
+        view=args.view,
+        teleop=args.teleop,
         table=table,
         motion=motion,
         duration=args.duration,
@@ -173,8 +182,6 @@ def read_setup(args: argparse.Namespace) -> RobotSetup:
     from canopen_control.runtime.files import find_robot
     from canopen_control.runtime.setup import read_robot
 
-    if getattr(args, "view", False):
-        raise ConfigError("--view: this version has no browser view; canopen-control status --watch shows a table")
     if args.real and (args.mock or args.no_drives):
         raise ConfigError("--real goes with neither --mock nor --no-drives")
     files = find_robot(args.config, bus=args.bus, controllers=args.controllers, description=args.description)
@@ -206,7 +213,7 @@ def _teller(announcer: Announcer, table: bool) -> Callable[[Event], None]:
     return tell
 
 
-_ALWAYS = ("demo", "stopping", "stopped")
+_ALWAYS = ("demo", "view", "stopping", "stopped")
 _CHATTER = ("note", "mode", "state", "failed")  # the last is what the run ends with, on standard error
 
 

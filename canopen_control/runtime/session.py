@@ -40,13 +40,16 @@ _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 class RunOptions:
     """How to run: `drives` starts virtual ones where the channel allows it, `duration` in seconds from running on.
 
-    `ros_arguments` are those of the bridge, which `ros` starts; `recorder` is the flight recorder. `realtime` is
-    a priority of SCHED_FIFO, `cpu` the processor that the robot's thread stays on.
+    `ros_arguments` are those of the bridge, which `ros` starts; `view` is the page in a browser, from which `teleop`
+    drives; `recorder` is the flight recorder. `realtime` is a priority of SCHED_FIFO, `cpu` the processor that the
+    robot's thread stays on.
     """
 
     drives: bool = True
     ros: bool = False
     ros_arguments: tuple[str, ...] = ()
+    view: bool = False
+    teleop: bool = False
     table: bool = False
     motion: bool = False
     duration: float | None = None
@@ -107,6 +110,12 @@ class Session:
         if self.options.recorder:
             buses = {name: bus.channel for name, bus in self.robot.buses.items()}
             self.reactor.call_later(_BOOT_FIRST_NS, lambda: self.supervisor.start_recorder(buses))
+        if self.options.view:
+            self.reactor.call_later(_BOOT_FIRST_NS, self._start_view)
+
+    def _start_view(self) -> None:
+        options = ["--teleop"] if self.options.teleop else []
+        self.supervisor.start_client("view", ["canopen_control", "view", "--name", self.setup.name, *options])
 
     def run(self) -> str | None:
         """Run until a signal, the duration, a client or a failure ends it."""

@@ -35,7 +35,7 @@ def test_a_run_on_virtual_drives_in_this_process(capsys):
         (["robby", "--controller", "nobody"], "nobody"),
         (["robby", "--real", "--mock"], "--real"),
         (["robby", "--name", "a/b"], "a/b"),
-        (["robby", "--view"], "--view"),
+        (["robby", "--mock", "--teleop"], "show it with --view"),
         (["robby", "--kernel-sync"], "--kernel-sync: the kernel cannot send SYNC on local:robby"),
         (["robby", "--kernel-sync", "--can", "pcan:PCAN_USBBUS1"], "a SocketCAN interface such as --can vcan0"),
         (["robby", "--kernel-sync", "--mock"], "--kernel-sync: there is no bus"),

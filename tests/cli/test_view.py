@@ -32,3 +32,14 @@ def test_an_address_that_cannot_be_bound_is_a_sentence(mock_robot, capsys):
     pytest.importorskip("viser")
     assert main(["view", "--host", "192.0.2.1", "--port", "0"]) == 2
     assert "cannot listen on 192.0.2.1" in capsys.readouterr().err
+
+
+def test_run_with_the_view_but_without_viser_starts_nothing(monkeypatch, capsys):
+    found = importlib.util.find_spec
+    monkeypatch.setattr(
+        importlib.util, "find_spec", lambda name, *rest: None if name == "viser" else found(name, *rest)
+    )
+    assert main(["run", "robby", "--mock", "--view"]) == 2
+    said = capsys.readouterr()
+    assert "pip install 'canopen-control[view]'" in said.err
+    assert said.out == ""

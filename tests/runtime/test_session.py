@@ -45,3 +45,14 @@ def test_the_duration_counts_from_running_on():
         assert session.robot.pacer.count * 0.02 > 0.2
     finally:
         session.close()
+
+
+def test_the_page_is_a_client_that_is_started_when_the_boot_is_over(monkeypatch):
+    started = []
+    session = Session(setup("page", "memory:page"), RunOptions(drives=False, view=True, teleop=True))
+    monkeypatch.setattr(session.supervisor, "start_client", lambda name, arguments: started.append((name, arguments)))
+    session.start()
+    assert started == []
+    assert session.reactor.run_until(lambda: started, 3_000_000_000)
+    assert started == [("view", ["canopen_control", "view", "--name", "page", "--teleop"])]
+    session.close()
