@@ -18,7 +18,8 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from canopen_control.cli.preflight_steps import Jog, Step, link_steps, node_steps, velocity_joints
+from canopen_control.cli.preflight_jog import Jog, jog_interfaces
+from canopen_control.cli.preflight_steps import Step, link_steps, node_steps
 from canopen_control.cli.run import add_robot_arguments, read_setup
 from canopen_control.errors import CanopenError, ConfigError
 from canopen_control.runtime.clearance import SLOW, config_hash, keep_pass, read_serials
@@ -33,6 +34,7 @@ __all__ = ["EXAMPLE", "add_arguments", "run"]
 EXAMPLE = "canopen-control preflight robby --can can0"
 
 _MARKS = {True: "ok  ", False: "FAIL", None: "note"}
+_NOT_TURNED = "; it is not turned, and stays slow with --real"
 _WARNING = (
     "The next steps turn the motors. Lift the wheels off the ground, keep hands and cables away, and have the supply "
     "within reach: STOP is no safety function."
@@ -69,6 +71,7 @@ class Flight:
     ask: Callable[[str], bool]
     speed: float
     steps: list[Step] = field(default_factory=list)
+    covered: list[str] = field(default_factory=list)  # the joints that turned as they should
 
     def note(self, steps: Iterable[Step]) -> bool:
         """Tell steps as they come; return whether all of them passed."""
@@ -90,15 +93,25 @@ class Flight:
 
     def move(self) -> bool:
         """Jog and stop; True if all did what was expected, False as soon as something or somebody said no."""
-        if not velocity_joints(self.setup):
-            return self.note([Step("jog", False, "no joint has a velocity to command; jog it with its own controller")])
+        for joint, interface in jog_interfaces(self.setup).items():
+            if interface is None:
+                self.note([Step("jog", None, f"{joint} has neither velocity nor position to command{_NOT_TURNED}")])
+        if not any(jog_interfaces(self.setup).values()):
+            return self.note([Step("jog", False, "no joint has a velocity or a position to command")])
         self.say(_WARNING)
         if not self.ask("Go on?"):
             return self.note([Step("jog", False, "not wanted")])
         with Jog(self.setup, self.speed) as jog:
-            return all(self._turn(jog, joint) for joint in jog.joints) and self.note([jog.stop()])
+            if not all(self._turn(jog, joint) for joint in jog.joints):
+                return False
+            if not jog.turned:
+                return self.note([Step("jog", False, "no joint could be turned")])
+            self.covered += jog.turned
+            return self.note([jog.stop()])
 
     def _turn(self, jog: Jog, joint: str) -> bool:
+        if (why := jog.no_room(joint)) is not None:
+            return self.note([Step("jog", None, f"{joint}: {why}{_NOT_TURNED}")])
         if not self.ask(f"Turn {joint} forward at {self.speed:g} rad/s?"):
             return self.note([Step("jog", False, f"{joint}: not wanted")])
         if not self.note([jog.turn(joint)]):
@@ -136,8 +149,11 @@ def _conclude(flight: Flight, *, passed: bool, looked_only: bool, report: str | 
     if report is not None:
         _write_report(flight, Path(report), passed, serials)
     if passed:
-        path = keep_pass(setup, {name: serial for name, serial in serials.items() if serial is not None})
-        print(f"{setup.name} has passed; run it with --real ({path})")
+        known = {name: serial for name, serial in serials.items() if serial is not None}
+        path = keep_pass(setup, known, flight.covered)
+        slow = [joint for joint in jog_interfaces(setup) if joint not in flight.covered]
+        but = f"; slow stays what was not turned: {', '.join(slow)}" if slow else ""
+        print(f"{setup.name} has passed{but}; run it with --real ({path})")
         return 0
     if looked_only and not failed:
         print(f"nothing is wrong with what can be seen; without the jog {setup.name} has not passed")
@@ -154,6 +170,7 @@ def _write_report(flight: Flight, path: Path, passed: bool, serials: dict[str, i
         "channels": flight.setup.channels,
         "configuration": config_hash(flight.setup),
         "serial_numbers": serials,
+        "joints": flight.covered,
         "steps": [asdict(step) for step in flight.steps],
     }
     try:

@@ -1,46 +1,29 @@
-"""The steps of a pre-flight: what is looked at, and what a slow jog and a STOP show.
+"""The steps of a pre-flight that only look: link, bit rate, who is there, EDS revisions, errors, limits.
 
-The law of this file: nothing is written to a drive before the jog, the jog moves one joint at a time, slowly and only
-after a yes, and every step ends in a sentence with the numbers it was judged by.
+The law of this file: nothing is written to a drive, and every step ends in a sentence with what it was judged by.
 """
 
 from __future__ import annotations
 
-import math
-import tempfile
-import time
-from dataclasses import asdict, dataclass, replace
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING
 
 from canopen_control.bus.channel import ChannelKind, parse_channel
 from canopen_control.bus.link import find_link
 from canopen_control.cli.identity import FIELDS, NAME, differences, identity_of, match_eds, read_known
-from canopen_control.errors import CanopenError, SdoAbort, SdoTimeout
-from canopen_control.hardware.interfaces import VELOCITY
+from canopen_control.errors import SdoAbort, SdoTimeout
 from canopen_control.master.direct import DirectBus
-from canopen_control.runtime.robot import Robot
-from canopen_control.runtime.session import RunOptions
-from canopen_control.runtime.setup import read_robot
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
+    from collections.abc import Iterator
 
     from canopen_control.master.config import BusConfig
     from canopen_control.od.model import ObjectDictionary
-    from canopen_control.runtime.setup import RobotSetup
 
-__all__ = ["Jog", "Step", "link_steps", "node_steps", "velocity_joints"]
+__all__ = ["Step", "link_steps", "node_steps"]
 
-TOLERANCE = 0.2  # of the speed that was commanded
-STANDSTILL = 0.05  # rad/s
 _ALL_NODES = range(1, 128)
 _ANSWER_S = 0.2
-_PATIENCE_S = 5.0
-_STOP_S = 5.0
-_LOOK_S = 0.02
-_CYCLES = 25  # of a jog at speed, so that one cycle more or less does not matter
-_CONTROLLER = "preflight"
 _STATE: dict[tuple[int, int], str] = {
     (0x607D, 1): "lower position limit",
     (0x607D, 2): "upper position limit",
@@ -147,120 +130,3 @@ def _readings(direct: DirectBus, od: ObjectDictionary, node_id: int, title: str)
     limits = ", ".join(f"{_STATE[address]} {value}" for address, value in values.items() if address in _STATE)
     if limits:
         yield Step("limits", None, f"{title}: {limits} (device units)")
-
-
-# -- the jog
-
-
-def velocity_joints(setup: RobotSetup) -> list[str]:
-    """Return the joints that can be commanded a velocity, in the order of the description."""
-    parts = (part for tag in setup.description.hardware for part in tag.joints)
-    return [part.name for part in parts if VELOCITY in part.command_interfaces]
-
-
-class Jog:
-    """The robot with one controller over all its velocity joints; `with` boots and stops it, enabled."""
-
-    def __init__(self, setup: RobotSetup, speed: float) -> None:
-        self.joints, self.speed = velocity_joints(setup), speed
-        self._folder = tempfile.TemporaryDirectory(prefix="preflight-")
-        path = Path(self._folder.name) / "ros2_controllers.yaml"
-        path.write_text(_controllers(self.joints, setup.controllers.update_rate))
-        files = replace(setup.files, controllers=path)
-        channels = [f"{name}={channel}" for name, channel in setup.channels.items()]
-        self._setup = read_robot(files, name=setup.name, can=channels, real=True)
-        self._robot = Robot(self._setup, RunOptions(drives=False))
-        self._hold_s = max(1.0, _CYCLES * self._setup.cycle_ns / 1e9)
-        self._look_s = max(_LOOK_S, self._setup.cycle_ns / 1e9)
-
-    def __enter__(self) -> Jog:
-        try:
-            self._robot.start()
-        except BaseException:
-            self._folder.cleanup()
-            raise
-        return self
-
-    def __exit__(self, *_error: object) -> None:
-        self._robot.shutdown()
-        self._folder.cleanup()
-
-    def turn(self, joint: str) -> Step:
-        """Turn one joint at the speed, and compare what it shows of velocity and of position."""
-        low, high = self.speed * (1 - TOLERANCE), self.speed * (1 + TOLERANCE)
-        if not self._until(joint, lambda: low <= self._of(joint)["velocity"] <= high):
-            seen = self._of(joint)["velocity"]
-            self._rest()
-            return Step("jog", False, f"{joint}: {seen:.3f} rad/s at a command of {self.speed:g}{_hint(seen)}")
-        begin, since = self._positions(), time.monotonic()
-        self._until(joint, lambda: time.monotonic() - since >= self._hold_s)
-        end, took = self._positions(), time.monotonic() - since
-        self._rest()
-        ways = {each: end[each] - begin[each] for each in self.joints}
-        others = [each for each in self.joints if each != joint and abs(ways[each]) > TOLERANCE * self.speed]
-        text = f"{joint}: {ways[joint]:.3f} rad in {took:.2f} s at a command of {self.speed:g} rad/s"
-        if others:
-            text += f"; {', '.join(others)} turned as well"
-        return Step("jog", low <= ways[joint] / took <= high and not others, text)
-
-    def stop(self) -> Step:
-        """Turn all joints, press STOP, and see how long it takes until nothing turns under power."""
-        everybody = [self.speed] * len(self.joints)
-        deadline = time.monotonic() + _PATIENCE_S + self._hold_s
-        while min(self._of(joint)["velocity"] for joint in self.joints) < self.speed * (1 - TOLERANCE):
-            if time.monotonic() > deadline:
-                return Step("STOP", False, "the joints do not turn, so that nothing can be stopped")
-            self._robot.command(_CONTROLLER, everybody)
-            time.sleep(self._look_s)
-        since = time.monotonic()
-        try:
-            self._robot.stop()
-        except CanopenError as error:
-            return Step("STOP", False, str(error))
-        took = time.monotonic() - since
-        left = {joint: self._of(joint)["velocity"] for joint in self.joints}
-        still = all(abs(velocity) <= STANDSTILL for velocity in left.values())
-        told = ", ".join(f"{joint} {velocity:.3f} rad/s" for joint, velocity in left.items())
-        return Step("STOP", still and took <= _STOP_S, f"drives disabled {took:.2f} s after STOP: {told}")
-
-    def _of(self, joint: str) -> dict[str, float]:
-        seen: Mapping[str, Any] = self._robot.status()["joints"][joint]
-        return {key: math.nan if seen[key] is None else float(seen[key]) for key in ("position", "velocity")}
-
-    def _positions(self) -> dict[str, float]:
-        return {joint: self._of(joint)["position"] for joint in self.joints}
-
-    def _until(self, joint: str, condition: Callable[[], bool]) -> bool:
-        """Command one joint, and no other, until `condition` or until patience ends."""
-        values = [self.speed if each == joint else 0.0 for each in self.joints]
-        deadline = time.monotonic() + _PATIENCE_S + self._hold_s
-        while not condition():
-            if time.monotonic() > deadline:
-                return False
-            self._robot.command(_CONTROLLER, values)
-            time.sleep(self._look_s)
-        return True
-
-    def _rest(self) -> None:
-        deadline = time.monotonic() + _PATIENCE_S
-        while max(abs(self._of(joint)["velocity"]) for joint in self.joints) > STANDSTILL:
-            if time.monotonic() > deadline:
-                break
-            self._robot.command(_CONTROLLER, [0.0] * len(self.joints))
-            time.sleep(self._look_s)
-
-
-def _hint(seen: float) -> str:
-    if math.isnan(seen):
-        return "; it shows no velocity: is 0x606C mapped?"
-    return "; it turns the other way: look at the sign of its scale" if seen < -STANDSTILL else ""
-
-
-def _controllers(joints: list[str], rate: int) -> str:
-    return (
-        f"controller_manager:\n  ros__parameters:\n    update_rate: {rate}\n"
-        "    joint_state_broadcaster:\n      type: joint_state_broadcaster/JointStateBroadcaster\n"
-        f"    {_CONTROLLER}:\n      type: forward_command_controller/ForwardCommandController\n"
-        f"{_CONTROLLER}:\n  ros__parameters:\n    joints: [{', '.join(joints)}]\n"
-        "    interface_name: velocity\n    command_timeout: 0.5\n"
-    )

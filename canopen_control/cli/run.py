@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
     from canopen_control.master.events import Event
     from canopen_control.runtime.announcer import Announcer
+    from canopen_control.runtime.clearance import Doubt
     from canopen_control.runtime.session import Session
     from canopen_control.runtime.setup import RobotSetup
 
@@ -158,21 +159,20 @@ def bridge_arguments(args: argparse.Namespace) -> tuple[str, ...]:
     return (*namespace, *ros)
 
 
-def _unclear(setup: RobotSetup) -> str | None:
+def _unclear(setup: RobotSetup) -> Doubt | None:
     """Say why a robot on real drives has to be slow; None: these files have passed on these drives."""
-    from canopen_control.runtime.clearance import explain, find_pass, read_serials
+    from canopen_control.runtime.clearance import doubt
 
-    passed = find_pass(setup)
-    return explain(setup, passed, {} if passed is None else read_serials(setup))
+    return doubt(setup)
 
 
-def _slow_down(session: Session, why: str) -> None:
+def _slow_down(session: Session, unclear: Doubt) -> None:
     from canopen_control.master.events import Event, Level
     from canopen_control.runtime.clearance import SLOW, limit_speed
 
-    others = limit_speed(session.robot.joints.values())
-    unbound = f"; not limited: {', '.join(others)}" if others else ""
-    text = f"{why}; velocities are limited to {SLOW:g} rad/s{unbound} (preflight, or --full-speed)"
+    others = limit_speed(session.robot, unclear.joints)
+    unbound = f"; NOT limited, since nothing tells how fast they are: {', '.join(others)}" if others else ""
+    text = f"{unclear.why}; speeds are limited to {SLOW:g} rad/s{unbound} (preflight, or --full-speed)"
     session.robot.report(Event(session.reactor.now(), "slow", "", text, Level.WARNING))
 
 

@@ -1,8 +1,8 @@
 """Clearance of a robot for full speed on real drives: what a passed pre-flight leaves, and what a run makes of it.
 
 The law of this file: a pass is for one configuration (the bytes of all its files and of the EDS files they name) on
-these very drives (their serial numbers, 0x1018:04). Any other file, drive or missing answer is no pass; then a real run
-is slow and says why. It limits velocities only: a position or an effort has no speed here, and is told as not limited.
+these very drives (their serial numbers, 0x1018:04), and covers the joints that were turned. Any other file, drive or
+missing answer is no pass; then a real run is slow (`speed_cap`) and says why. A joint that was not turned stays slow.
 """
 
 from __future__ import annotations
@@ -15,18 +15,29 @@ from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING
 
 from canopen_control.errors import CanopenError, SdoAbort
-from canopen_control.hardware.interfaces import VELOCITY
 from canopen_control.host.logfile import state_dir
 from canopen_control.master.direct import DirectBus
+from canopen_control.runtime.speed_cap import SpeedCap
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Collection, Iterable, Mapping
     from pathlib import Path
 
-    from canopen_control.hardware.joint import JointDrive
+    from canopen_control.runtime.core import RobotCore
     from canopen_control.runtime.setup import RobotSetup
 
-__all__ = ["SLOW", "Clearance", "config_hash", "explain", "find_pass", "keep_pass", "limit_speed", "read_serials"]
+__all__ = [
+    "SLOW",
+    "Clearance",
+    "Doubt",
+    "config_hash",
+    "doubt",
+    "explain",
+    "find_pass",
+    "keep_pass",
+    "limit_speed",
+    "read_serials",
+]
 
 SLOW = 1.0  # rad/s, or m/s of a prismatic joint, without a pass
 _SERIAL = (0x1018, 4)
@@ -35,12 +46,21 @@ _ANSWER_S = 0.5
 
 @dataclass(frozen=True, slots=True)
 class Clearance:
-    """A pass: `config` is the hash of the files, `serials` by node name, `time` in Unix seconds."""
+    """A pass: `config` is the hash of the files, `serials` by node name, `time` in Unix seconds, `joints` it covers."""
 
     config: str
     serials: dict[str, int]
     time: float = 0.0
     channel: str = ""
+    joints: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Doubt:
+    """Why a robot has to be slow, and which of its joints."""
+
+    why: str
+    joints: tuple[str, ...]
 
 
 def config_hash(setup: RobotSetup) -> str:
@@ -79,11 +99,15 @@ def _file(setup: RobotSetup) -> Path:
     return state_dir("preflight") / f"{setup.name}.json"
 
 
-def keep_pass(setup: RobotSetup, serials: Mapping[str, int]) -> Path:
-    """Write down that the robot has passed, instead of any earlier pass of this name; return the file."""
+def keep_pass(setup: RobotSetup, serials: Mapping[str, int], joints: Iterable[str]) -> Path:
+    """Write down that the robot has passed with these joints, instead of any earlier pass of this name.
+
+    Return the file.
+    """
     path = _file(setup)
     path.parent.mkdir(parents=True, exist_ok=True)
-    passed = Clearance(config_hash(setup), dict(serials), time.time(), ", ".join(setup.channels.values()))
+    channels = ", ".join(setup.channels.values())
+    passed = Clearance(config_hash(setup), dict(serials), time.time(), channels, tuple(joints))
     fresh = path.with_suffix(".new")
     fresh.write_text(json.dumps(asdict(passed), indent=2) + "\n")
     os.replace(fresh, path)
@@ -95,7 +119,8 @@ def find_pass(setup: RobotSetup) -> Clearance | None:
     try:
         held = json.loads(_file(setup).read_text())
         serials = {str(name): int(serial) for name, serial in held["serials"].items()}
-        return Clearance(str(held["config"]), serials, float(held["time"]), str(held["channel"]))
+        joints = tuple(str(joint) for joint in held["joints"])
+        return Clearance(str(held["config"]), serials, float(held["time"]), str(held["channel"]), joints)
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         return None
 
@@ -114,16 +139,23 @@ def explain(setup: RobotSetup, passed: Clearance | None, serials: Mapping[str, i
     return None
 
 
-def limit_speed(joints: Iterable[JointDrive], limit: float = SLOW) -> list[str]:
-    """Bound the velocity commands of joints; return the joints that have other commands, which are not bounded."""
-    others = []
-    for joint in joints:
-        for name, command in joint.commands.items():
-            if name == VELOCITY:
-                command.minimum, command.maximum = max(command.minimum, -limit), min(command.maximum, limit)
-            elif name in _MOVING:
-                others.append(f"{joint.joint}/{name}")
-    return others
+def doubt(setup: RobotSetup) -> Doubt | None:
+    """Look for a pass and ask the drives for their serial numbers; return what speaks against full speed, if anything.
+
+    Raises BusError where a channel cannot be opened.
+    """
+    joints = tuple(part.name for tag in setup.description.hardware for part in tag.joints)
+    passed = find_pass(setup)
+    why = explain(setup, passed, {} if passed is None else read_serials(setup))
+    if why is not None or passed is None:
+        return Doubt(why or "", joints)
+    left = tuple(joint for joint in joints if joint not in passed.joints)
+    return Doubt(f"the pre-flight could not turn {', '.join(left)}", left) if left else None
 
 
-_MOVING = ("position", "effort")
+def limit_speed(robot: RobotCore, joints: Collection[str], limit: float = SLOW) -> list[str]:
+    """Cap the speed of joints, by whatever they are commanded; return the commands that cannot be capped."""
+    cap = SpeedCap(robot.registry, joints, limit, robot.manager.limiter)
+    cap.bound(drive for drive in robot.joints.values() if drive.joint in joints)
+    robot.manager.limiter = cap
+    return cap.unlimited

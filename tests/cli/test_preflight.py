@@ -47,6 +47,7 @@ def test_a_pass_is_written_and_lets_a_real_run_be_fast(stage, drives, tmp_path):
     report = json.loads((tmp_path / "report.json").read_text())
     assert (report["passed"], report["serial_numbers"]) == (True, {"left_drive": 3, "right_drive": 2})
     assert [step["name"] for step in report["steps"] if step["passed"]][-3:] == ["jog", "jog", "STOP"]
+    assert report["joints"] == ["left_wheel_joint", "right_wheel_joint"]
     robot = real_run(stage)
     assert eventually(lambda: speeds() == pytest.approx([10.0, 10.0], rel=0.01))
     assert "limited" not in robot.out
@@ -56,7 +57,7 @@ def test_without_a_pass_a_real_run_is_slow_and_says_so(stage, drives):
     robot = real_run(stage)
     assert eventually(lambda: speeds() == pytest.approx([1.0, 1.0], rel=0.01))
     assert not eventually(lambda: max(speeds()) > 1.01, 0.5)
-    robot.until("this robot has not passed a pre-flight on this machine; velocities are limited to 1 rad/s")
+    robot.until("this robot has not passed a pre-flight on this machine; speeds are limited to 1 rad/s")
     assert robot.end() == 0, robot
 
 

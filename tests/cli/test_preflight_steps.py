@@ -1,4 +1,4 @@
-"""The steps of a pre-flight against virtual drives that are as they should be, and against some that are not."""
+"""What a pre-flight looks at, on virtual drives that are as they should be, and on some that are not."""
 
 import dataclasses
 
@@ -8,7 +8,7 @@ from support.robots import copy_robby
 
 from canopen_control.bus.link import Link
 from canopen_control.cli import preflight_steps as steps
-from canopen_control.cli.preflight_steps import Jog, link_steps, node_steps, velocity_joints
+from canopen_control.cli.preflight_steps import link_steps, node_steps
 from canopen_control.runtime.files import find_robot
 from canopen_control.runtime.setup import read_robot
 
@@ -76,35 +76,3 @@ def test_a_node_that_is_missing_or_another_one_fails(stage, tmp_path):
     assert [step.name for step in found if step.passed is False] == ["node", "node"]
     assert "revision 0x00000077 expected" in found[0].text
     assert found[-1].text.startswith("node 2 (right_drive) does not answer; is it powered")
-
-
-def test_the_jog_measures_velocity_way_and_stop(stage):
-    for node_id in (3, 2):
-        stage.drive("jogged", node_id)
-    setup = read_robot(find_robot("robby"), can=["local:jogged"])
-    assert velocity_joints(setup) == ["left_wheel_joint", "right_wheel_joint"]
-    with Jog(setup, 0.5) as jog:
-        found = [*map(jog.turn, jog.joints), jog.stop()]
-    assert results(found) == [("jog", True), ("jog", True), ("STOP", True)], found
-
-
-@pytest.mark.parametrize(
-    ("edits", "words"),
-    [
-        ({"scale_vel_to_dev: -254.64790894703253": "scale_vel_to_dev: 254.64790894703253"}, "turns the other way"),
-        (
-            {"scale_vel_to_dev: -254.64790894703253": "scale_vel_to_dev: -2546.4790894703253"},
-            "rad/s at a command of 0.5",
-        ),
-        ({"scale_pos_from_dev: -0.003926990816987242": "scale_pos_from_dev: -0.03926990816987242"}, "rad in"),
-    ],
-    ids=["sign", "velocity scale", "position scale"],
-)
-def test_a_wrong_scale_is_found_before_it_hurts(stage, tmp_path, edits, words):
-    for node_id in (3, 2):
-        stage.drive("scales", node_id)
-    setup = read_robot(find_robot(str(copy_robby(tmp_path, bus=edits))), can=["local:scales"])
-    with Jog(setup, 0.5) as jog:
-        step = jog.turn("left_wheel_joint")
-    assert step.passed is False
-    assert words in step.text

@@ -1,14 +1,14 @@
-"""Clearance: a pass is for these files and these drives, and without one velocities are bounded."""
-
-import math
+"""Clearance: a pass is for these files and these drives, and without one it is slow."""
 
 import pytest
 from support.robots import Bench, copy_robby
 
+from canopen_control.runtime import clearance
 from canopen_control.runtime.clearance import (
     SLOW,
     Clearance,
     config_hash,
+    doubt,
     explain,
     find_pass,
     keep_pass,
@@ -20,6 +20,7 @@ from canopen_control.runtime.setup import read_robot
 from canopen_control.runtime.status import status_dict
 
 SERIALS = {"left_drive": 3, "right_drive": 2}
+JOINTS = ("left_wheel_joint", "right_wheel_joint")
 
 
 def setup_of(folder):
@@ -50,10 +51,11 @@ def test_the_eds_file_counts_too(tmp_path):
 def test_a_pass_is_kept_found_and_replaced(tmp_path):
     setup = setup_of(copy_robby(tmp_path))
     assert find_pass(setup) is None
-    keep_pass(setup, {"left_drive": 1})
-    path = keep_pass(setup, SERIALS)
+    keep_pass(setup, {"left_drive": 1}, ())
+    path = keep_pass(setup, SERIALS, JOINTS)
     found = find_pass(setup)
     assert (found.config, found.serials, found.channel) == (config_hash(setup), SERIALS, "memory:clearance")
+    assert found.joints == JOINTS
     assert explain(setup, found, SERIALS) is None
     for rubbish in ("", "[]", '{"serials": 3}', '{"config": 1, "serials": {"a": "b"}, "time": 0, "channel": ""}'):
         path.write_text(rubbish)
@@ -78,25 +80,42 @@ def test_no_pass_and_changed_files_are_told_apart(tmp_path):
     assert "files have changed" in explain(setup, Clearance("0", SERIALS), SERIALS)
 
 
-def test_only_velocities_are_bounded_and_what_is_not_is_named():
-    bench = Bench("limited")
-    joints = list(bench.robot.joints.values())
-    others = limit_speed(joints)
-    bounds = {(each.interface, each.minimum, each.maximum) for joint in joints for each in joint.commands.values()}
-    assert ("velocity", -SLOW, SLOW) in bounds
-    assert all(math.isinf(high) or interface == "velocity" for interface, _, high in bounds)
-    assert others == [f"{joint.joint}/position" for joint in joints if "position" in joint.commands]
-    bench.close()
-
-
 def test_a_limited_robot_is_slow_whatever_it_is_told():
     bench = Bench("slow")
-    limit_speed(bench.robot.joints.values())
+    assert limit_speed(bench.robot, list(bench.robot.joints)) == []
     bench.start()
     bench.hold(10.0, -10.0, ms=1000)
     speeds = [joint["velocity"] for joint in status_dict(bench.robot)["joints"].values()]
     assert speeds == pytest.approx([SLOW, -SLOW], rel=0.01)
     bench.close()
+
+
+def test_only_the_joints_in_doubt_are_slow():
+    bench = Bench("half")
+    limit_speed(bench.robot, ["left_wheel_joint"])
+    bench.start()
+    bench.hold(10.0, -10.0, ms=1000)
+    speeds = [joint["velocity"] for joint in status_dict(bench.robot)["joints"].values()]
+    assert speeds == pytest.approx([SLOW, -10.0], rel=0.01)
+    bench.close()
+
+
+@pytest.mark.parametrize(
+    ("joints", "doubted", "why"),
+    [
+        (JOINTS, None, ""),
+        (JOINTS[:1], JOINTS[1:], "the pre-flight could not turn right_wheel_joint"),
+        (None, JOINTS, "this robot has not passed a pre-flight on this machine"),
+    ],
+)
+def test_a_pass_covers_the_joints_that_were_turned(tmp_path, monkeypatch, private_folders, joints, doubted, why):
+    setup = setup_of(copy_robby(tmp_path))
+    monkeypatch.setattr(clearance, "read_serials", lambda _setup: SERIALS)
+    if joints is not None:
+        keep_pass(setup, SERIALS, joints)
+    found = doubt(setup)
+    assert (None if found is None else found.joints) == doubted
+    assert found is None or why in found.why
 
 
 def test_serial_numbers_are_asked_of_the_drives(private_folders):
