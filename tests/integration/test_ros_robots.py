@@ -1,0 +1,171 @@
+"""Two robots on two buses in one ROS graph: one as it comes, one whose bus.yml and command line name things anew."""
+
+from __future__ import annotations
+
+import signal
+from types import SimpleNamespace
+
+import pytest
+from support import ros
+from support.processes import DriveProbe, Stage
+from support.robots import copy_robby
+
+pytestmark = pytest.mark.ros
+TRIGGER, TWIST, TF = "std_srvs/srv/Trigger", "geometry_msgs/msg/Twist", "tf2_msgs/msg/TFMessage"
+ARRAY, JOINTS, ODOMETRY = "std_msgs/msg/Float64MultiArray", "sensor_msgs/msg/JointState", "nav_msgs/msg/Odometry"
+DONE = {"success": True, "message": ""}
+BUS = {
+    'driver: "ros2_canopen::Cia402Driver"': 'driver: "ros2_canopen::LifecycleCia402Driver"',
+    "  right_drive:\n    node_id: 2\n": "  right_drive:\n    node_id: 2\n    namespace: /arm\n"
+    '    remappings: {"~/init": "/arm/begin", "~/nmt_state": "nmt"}\n',
+}
+PARAMETERS = "/**:\n  ros__parameters: {cmd_vel_topic: drive, cmd_vel_type: Twist}\n"
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory):
+    """Robots `one` and `two` on virtual drives with their bridges, and another ROS program."""
+    folder = tmp_path_factory.mktemp("two")
+    folder.chmod(0o700)
+    (folder / "bridge.yaml").write_text(PARAMETERS)
+    (folder / "second").mkdir()  # `robby` beside the programs would be the one that is meant
+    second = copy_robby(folder / "second", bus=BUS)
+    theirs = ["-p", "rate:=20.0", "-r", "joint_states:=wheels", "--params-file", folder / "bridge.yaml"]
+    with pytest.MonkeyPatch.context() as patch, ros.domain() as number:
+        patch.setenv("XDG_RUNTIME_DIR", str(folder))
+        patch.setenv("XDG_STATE_HOME", str(folder / "state"))
+        stage = Stage(folder, folder)
+        environment = {**ros.ros_environment(number), "_ROS_WHEELS_BOOTSTRAP_COMPLETE": "1"}
+        common = ["--ros", "--namespace"]
+        one = stage.start("run", "robby", "--name", "one", "--can", "local:one", *common, "one", **environment)
+        two = stage.start(
+            "run", second, "--name", "two", "--can", "local:two", "--controller", "robby_base_controller",
+            *common, "/two", "--ros-args", *theirs, **environment,
+        )  # fmt: skip
+        for robot, name in ((one, "one"), (two, "two")):
+            robot.until(f"{name} runs")
+        drives = {name: DriveProbe(name, 3) for name in ("one", "two")}
+        try:
+            with ros.Peer(number, "--interfaces") as peer:
+                yield SimpleNamespace(peer=peer, one=one, two=two, drives=drives)
+        finally:
+            for drive in drives.values():
+                drive.close()
+            stage.end()
+
+
+@pytest.fixture
+def call(scene):
+    def call(service, of=TRIGGER, /, **data):
+        return scene.peer.order("call", service=service, of=of, data=data, timeout=20.0)["response"]
+
+    return call
+
+
+@pytest.fixture
+def names(scene):
+    def names(kind):
+        return set(scene.peer.order("graph")[kind])
+
+    return names
+
+
+def test_a_command_on_a_topic_moves_the_robot_of_that_namespace_alone(scene):
+    topic = "/one/robby_forward_controller/commands"
+    scene.peer.order("publish", topic=topic, of=ARRAY, data={"data": [10.0, 10.0]}, rate=10)
+    assert ros.eventually(lambda: scene.drives["one"].speed < -2000)
+    assert scene.drives["two"].speed == 0.0
+    scene.peer.order("subscribe", topic="/one/joint_states", of=JOINTS)
+    scene.peer.order("subscribe", topic="/two/wheels", of=JOINTS)
+    scene.peer.message("/one/joint_states", lambda message: all(abs(10.0 - each) < 0.1 for each in message["velocity"]))
+    assert scene.peer.message("/two/wheels")["velocity"] == [0.0, 0.0]
+    scene.peer.order("silence", topic=topic)
+    assert ros.eventually(lambda: scene.drives["one"].speed == 0.0)
+
+
+def test_the_frames_of_the_two_never_mix(scene):
+    scene.peer.order("subscribe", topic="/tf", of=TF)
+    scene.peer.order("subscribe", topic="/tf_static", of=TF, qos="latched")
+    pairs = set()
+
+    def both():
+        for topic in ("/tf", "/tf_static"):
+            for message in scene.peer.waiting(topic):
+                pairs.update((each["header"]["frame_id"], each["child_frame_id"]) for each in message["transforms"])
+        return {("one/base_link", "one/left_wheel"), ("two/base_link", "two/left_wheel")} <= pairs and any(
+            child == "two/base_footprint" for _, child in pairs
+        )
+
+    assert ros.eventually(both), pairs
+    assert {parent.split("/")[0] == child.split("/")[0] for parent, child in pairs} == {True}
+    children = [child for _, child in pairs]
+    assert len(children) == len(set(children)), "a frame has one parent"
+
+
+def test_a_service_acts_on_the_robot_of_its_namespace_alone(scene, call):
+    assert call("/one/left_drive/disable") == DONE
+    assert ros.eventually(lambda: scene.drives["one"].power != "OPERATION_ENABLED")
+    assert scene.drives["two"].power == "OPERATION_ENABLED"
+    assert call("/one/left_drive/init") == DONE
+    kind = "controller_manager_msgs/srv/ListControllers"
+    states = {
+        name: {each["name"] for each in call(f"/{name}/controller_manager/list_controllers", kind)["controller"]}
+        for name in ("one", "two")
+    }
+    assert "robby_base_controller" in states["two"] - states["one"]
+
+
+def test_everything_of_the_two_is_in_their_namespaces_but_what_is_absolute(names):
+    robots = [{name for name in names("topics") if name.startswith(f"/{robot}/")} for robot in ("one", "two")]
+    assert all(f"/{robot}/robot_description" in found for robot, found in zip(("one", "two"), robots, strict=True))
+    others = {"/tf", "/tf_static", "/diagnostics", "/rosout", "/parameter_events"}
+    left = {name for name in names("topics") - robots[0] - robots[1] if not name.startswith("/arm/")}
+    assert left - {"/lifecycle_manager/transition_event"} <= others
+
+
+def test_what_comes_after_ros_args_reaches_the_bridge_of_that_run(scene, call, names):
+    kind, service = "rcl_interfaces/srv/GetParameters", "/{}/canopen_control_bridge/get_parameters"
+    values = call(service.format("two"), kind, names=["rate", "cmd_vel_topic", "frame_prefix"])["values"]
+    assert (values[0]["double_value"], values[1]["string_value"]) == (20.0, "drive")
+    assert values[2]["string_value"] == "two/"
+    assert call(service.format("one"), kind, names=["rate"])["values"][0]["double_value"] == 50.0
+    assert "/two/joint_states" not in names("topics")
+    scene.peer.order("subscribe", topic="/two/robby_base_controller/odom", of=ODOMETRY)
+    scene.peer.order("publish", topic="/two/drive", of=TWIST, data={"linear": {"x": 0.2}}, rate=10)
+    scene.peer.message(
+        "/two/robby_base_controller/odom", lambda message: message["twist"]["twist"]["linear"]["x"] > 0.1
+    )
+    scene.peer.order("silence", topic="/two/drive")
+    assert ros.eventually(lambda: scene.drives["two"].speed == 0.0)
+
+
+def test_namespace_and_remappings_of_bus_yml_hold_on_the_running_robot(scene, call, names):
+    assert {"/arm/begin", "/arm/right_drive/halt", "/two/left_drive/init"} <= names("services")
+    assert {"/arm/right_drive/init", "/two/right_drive/halt", "/arm/left_drive/init"}.isdisjoint(names("services"))
+    scene.peer.order("subscribe", topic="/arm/nmt", of="std_msgs/msg/String", qos="latched")
+    assert scene.peer.message("/arm/nmt") == {"data": "START"}
+    assert call("/arm/right_drive/disable") == DONE
+    assert call("/arm/begin") == DONE
+
+
+def test_lifecycle_drivers_of_bus_yml_come_up_and_go_down_by_the_manager(scene, call):
+    def change(path, label):
+        kind = "lifecycle_msgs/srv/ChangeState"
+        return call(f"{path}/change_state", kind, transition={"id": 0, "label": label})["success"]
+
+    for label in ("configure", "activate"):
+        assert change("/lifecycle_manager", label)
+    state = call("/two/left_drive/get_state", "lifecycle_msgs/srv/GetState")["current_state"]["label"]
+    assert state in ("unconfigured", "active")
+    assert change("/lifecycle_manager", "deactivate")
+    assert ros.eventually(lambda: scene.drives["two"].power != "OPERATION_ENABLED")
+    assert scene.drives["one"].power == "OPERATION_ENABLED"
+
+
+def test_the_death_of_one_robot_leaves_the_other_alone(scene):
+    scene.peer.order("subscribe", topic="/one/joint_states", of=JOINTS)
+    scene.two.send(signal.SIGKILL)
+    assert ros.eventually(lambda: not scene.peer.order("endpoints", topic="/two/robot_description")["publishers"])
+    scene.peer.waiting("/one/joint_states")
+    scene.peer.message("/one/joint_states")
+    assert scene.drives["one"].power == "OPERATION_ENABLED"
