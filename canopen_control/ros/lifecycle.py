@@ -2,7 +2,8 @@
 
 The law of the file (lifecycle_msgs; ros2_canopen's lifecycle_manager): the runtime boots the nodes by itself, so that
 `configure` finds them there, `activate` asks whether they are ready, and `deactivate` stops and disables them; a state
-that is reached already is no error. A transition fails, and the state stays, when the robot says no.
+that is reached already is no error. A transition fails, and the state stays, when the robot says no. The manager brings
+the nodes with lifecycle drivers up with itself, and down again.
 """
 
 from __future__ import annotations
@@ -13,6 +14,8 @@ from canopen_control.ros.endpoint import Endpoint
 from canopen_control.ros.interfaces import interface
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from canopen_control.ros.endpoint import Ros
     from canopen_control.ros.service import Reply, RosMessage
 
@@ -39,14 +42,16 @@ TRANSITIONS: Final = (
     Transition(4, "deactivate", ("active",), "inactive", ("inactive",)),
     Transition(5, "shutdown", ("unconfigured", "inactive", "active"), "finalized", ("finalized",)),
 )
+#: a transition of the manager -> where the nodes are then (ros2_canopen brings them all the way up and down)
+_OF_MEMBERS: Final = {"activate": "active", "deactivate": "unconfigured", "shutdown": "finalized"}
 _SHUTDOWN: Final = {6: 5, 7: 5}  # upstream has a number for the shutdown of each state
 
 
 class Lifecycle(Endpoint):
-    """The services below `path`; `node` is what it is about, None for all of them."""
+    """The services below `path`; `node` is what it is about, None for all of them, whose own are the `members`."""
 
-    def __init__(self, ros: Ros, path: str, node: str | None = None) -> None:
-        self._ros, self._path, self._node = ros, path, node
+    def __init__(self, ros: Ros, path: str, node: str | None = None, members: Sequence[Lifecycle] = ()) -> None:
+        self._ros, self._path, self._node, self._members = ros, path, node, members
         self._nodes: dict[str, Any] = {}
         self.state = "unconfigured"
         self._state_class = interface("lifecycle_msgs/msg/State")
@@ -79,6 +84,8 @@ class Lifecycle(Endpoint):
         def done(error: str | None) -> None:
             if error is None:
                 self.state = found[0].target
+                for member in self._members:
+                    member.state = _OF_MEMBERS.get(found[0].label, member.state)
             else:
                 self._ros.warn(self._path, f"{self._path}: {error}")
             response.success = error is None

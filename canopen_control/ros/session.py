@@ -101,15 +101,20 @@ class Session:
 
     def _of_nodes(self, nodes: list[NodeView]) -> list[Callable[[], Endpoint]]:
         """Return what each node has, stop verbs and all."""
-        targets = Targets()
+        targets, lifecycles = Targets(), list[Lifecycle]()
+
+        def lifecycle(node: NodeView) -> Endpoint:
+            lifecycles.append(Lifecycle(self, node.path(""), node.name))
+            return lifecycles[-1]
+
         wanted: list[Callable[[], Endpoint]] = [lambda: MasterServices(self)] if nodes else []
         for node in nodes:
             wanted.append(partial(DriveTopics, self, node))
             wanted.append(partial(DriveServices, self, node, targets))
             if node.lifecycle:
-                wanted.append(partial(Lifecycle, self, node.path(""), node.name))
+                wanted.append(partial(lifecycle, node))
         if self._options.lifecycle or any(node.lifecycle for node in nodes):
-            wanted.append(lambda: Lifecycle(self, "/lifecycle_manager"))
+            wanted.append(lambda: Lifecycle(self, "/lifecycle_manager", members=lifecycles))
         return wanted
 
     def open(self) -> None:

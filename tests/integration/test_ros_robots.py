@@ -153,11 +153,14 @@ def test_lifecycle_drivers_of_bus_yml_come_up_and_go_down_by_the_manager(scene, 
         kind = "lifecycle_msgs/srv/ChangeState"
         return call(f"{path}/change_state", kind, transition={"id": 0, "label": label})["success"]
 
+    def state(path):
+        return call(f"{path}/get_state", "lifecycle_msgs/srv/GetState")["current_state"]["label"]
+
     for label in ("configure", "activate"):
         assert change("/lifecycle_manager", label)
-    state = call("/two/left_drive/get_state", "lifecycle_msgs/srv/GetState")["current_state"]["label"]
-    assert state in ("unconfigured", "active")
+    assert state("/two/left_drive") == state("/arm/right_drive") == "active"
     assert change("/lifecycle_manager", "deactivate")
+    assert (state("/lifecycle_manager"), state("/two/left_drive")) == ("inactive", "unconfigured")
     assert ros.eventually(lambda: scene.drives["two"].power != "OPERATION_ENABLED")
     assert scene.drives["one"].power == "OPERATION_ENABLED"
 
