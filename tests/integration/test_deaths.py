@@ -74,7 +74,7 @@ def test_without_a_reaction_to_the_lost_master_the_wheels_would_turn_on(stage, t
 
 
 def test_nobody_survives_a_killed_runtime(stage, turning):
-    robot, probes = turning("orphans")
+    robot, probes = turning("orphans", "--no-flight-recorder")
     command = stage.programs[-1]
     hub, drives = hub_status("orphans")["pid"], [each.hello["pid"] for each in probes]
     assert set(stage.survivors()) == {robot.pid, command.pid, hub, *drives}
