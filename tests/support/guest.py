@@ -60,22 +60,22 @@ def seconds_until(condition: Callable[[], bool], limit: float) -> float:
     return time.monotonic() - begin
 
 
-def scaled_robby(folder: Path) -> Path:
-    """Copy robby with every time of its files multiplied by the scale: SYNC, heartbeats, cycle, time limits."""
-    if TIME_SCALE == 1:
+def scaled_robby(folder: Path, scale: float = TIME_SCALE) -> Path:
+    """Copy robby with every time of its files multiplied by a scale: SYNC, heartbeats, cycle, time limits."""
+    if scale == 1:
         return copy_robby(folder)
-    cycle_ms = scaled(20)
+    cycle_ms = 20 * scale
     bus = {
-        "node_id: 1\n": f"node_id: 1\n  boot_time: {round(scaled(5000))}\n",
+        "node_id: 1\n": f"node_id: 1\n  boot_time: {round(5000 * scale)}\n",
         "sync_period: 20000": f"sync_period: {round(1000 * cycle_ms)}",
-        "heartbeat_producer: 100": f"heartbeat_producer: {round(scaled(100))}",
+        "heartbeat_producer: 100": f"heartbeat_producer: {round(100 * scale)}",
         "sub_index: 1, value: 20}": f"sub_index: 1, value: {round(cycle_ms)}}}",
     }
     controllers = {
         "update_rate: 50": f"update_rate: {round(1000 / cycle_ms)}",
         "publish_rate: 50.0": f"publish_rate: {1000 / cycle_ms}",
-        "command_timeout: 2.0": f"command_timeout: {scaled(2.0)}",
-        "cmd_vel_timeout: 0.5": f"cmd_vel_timeout: {scaled(0.5)}",
+        "command_timeout: 2.0": f"command_timeout: {2.0 * scale}",
+        "cmd_vel_timeout: 0.5": f"cmd_vel_timeout: {0.5 * scale}",
     }
     return copy_robby(folder, bus=bus, controllers=controllers)
 

@@ -21,6 +21,8 @@ FORWARD = "robby_forward_controller"
 class Bench:
     """Robby, its drives and its bus under a manual clock; `robot` is the core, `drives` the devices by node id."""
 
+    scale = 1.0  # by how much its times are longer than those of the test
+
     def __init__(self, name, *, config="robby", drives=(LEFT, RIGHT), faults=(), **how):
         self.channel = f"memory:{name}"
         self.reactor = Reactor(ManualClock(1_000_000_000))
