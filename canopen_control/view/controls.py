@@ -19,10 +19,7 @@ if TYPE_CHECKING:
 __all__ = ["DriveControls", "Robot", "StopControls", "tell"]
 
 ACTIONS: Final = {"Enable": "enable", "Disable": "disable", "Reset fault": "fault-reset"}
-_NOTE: Final = (
-    "<div class='cc-box'><p class='cc-note'>STOP (or the space bar) ramps every joint to zero, disables the drives and "
-    "stays latched. It is a function of this program, no safety function (ISO 13850).</p></div>"
-)
+_HINT: Final = "Ramps every joint to zero, disables the drives, stays latched (space bar)"
 _SECONDS: Final = 12.0  # a notice is read by then
 
 
@@ -49,9 +46,8 @@ class StopControls:
 
     def __init__(self, gui: viser.GuiApi, robot: Robot) -> None:
         self._robot = robot
-        stop = gui.add_button("STOP", icon=ICONS["stop"], color=STOP_COLOR, hint="Stop everything (space bar)")
+        stop = gui.add_button("STOP", icon=ICONS["stop"], color=STOP_COLOR, hint=_HINT)
         self._release = gui.add_button("Release STOP", icon=ICONS["release"], color=(176, 116, 0), visible=False)
-        gui.add_html(_NOTE)
         command = gui.add_command("STOP", description="Stop everything, latched", hotkey="space", icon=ICONS["stop"])
 
         @stop.on_click

@@ -17,7 +17,7 @@ from canopen_control.view.plots import Plots, Sampler, commanded_interfaces
 from canopen_control.view.scene import RobotScene
 from canopen_control.view.style import ICONS, STYLE
 from canopen_control.view.teleop_panel import Driver, TeleopPanel
-from canopen_control.view.words import axis_rows, banner, drive_table, event_log
+from canopen_control.view.words import alarm, axis_rows, drive_table, event_log, head
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -32,6 +32,7 @@ __all__ = ["Page", "RobotAndDriver"]
 
 _SLOW_S: Final = 0.2  # between two updates of what is read, not watched
 _EVENTS: Final = 100
+_REPEATED: Final = ("sync_overrun", "command_timeout")
 _LEFT_PX: Final = 340
 _RIGHT_PX: Final = 470
 
@@ -49,7 +50,9 @@ class Page:
 
     def __init__(self, server: PageServer, welcome: Welcome, robot: RobotAndDriver, *, teleop: bool) -> None:
         self._server, self._robot = server, welcome.robot
-        self._events: deque[Mapping[str, Any]] = deque(welcome.status["events"], maxlen=_EVENTS)
+        self._events: deque[Mapping[str, Any]] = deque(maxlen=_EVENTS)
+        for event in welcome.status["events"]:
+            self.event(event)
         self._sampler = Sampler()
         self._interfaces: dict[str, str] = {}
         self._slow_at = 0.0
@@ -71,8 +74,9 @@ class Page:
         gui.main_panel.dock_left()
         gui.main_panel.set_width(_LEFT_PX)
         gui.add_html(STYLE)
-        self._banner = _Html(gui, banner(self._robot, None))
+        self._head = _Html(gui, head(self._robot, None))
         self._stop = StopControls(gui, robot)
+        self._alarm = _Html(gui, alarm(None))
         follow = gui.add_checkbox("Camera follows", initial_value=True, hint="keep the robot in the middle")
         follow.on_update(lambda _event: self._scene.follow_robot(follow.value))
         DriveControls(gui, robot, list(welcome.status["nodes"]))
@@ -98,8 +102,12 @@ class Page:
             self._teleop.show(controllers)
 
     def event(self, event: Mapping[str, Any]) -> None:
-        """Add to the log."""
-        self._events.append(event)
+        """Add to the log; what repeats itself stands there once, with how often it came."""
+        before = self._events[-1] if self._events else {}
+        times = 1
+        if event["kind"] in _REPEATED and event["kind"] == before.get("kind"):
+            times += self._events.pop().get("times", 1)
+        self._events.append({**event, "times": times})
 
     def state(self, state: Mapping[str, Any], *, seen: bool) -> None:
         """Take a sample of the stream; draw it if somebody looks."""
@@ -117,11 +125,13 @@ class Page:
 
     def lost(self, why: str) -> None:
         """Say that there is no connection."""
-        self._banner.show(banner(self._robot, None, why))
+        self._head.show(head(self._robot, None))
+        self._alarm.show(alarm(None, why))
 
     def _slowly(self, state: Mapping[str, Any]) -> None:
         rows = axis_rows(state)
-        self._banner.show(banner(self._robot, state))
+        self._head.show(head(self._robot, state))
+        self._alarm.show(alarm(state))
         self._stop.show(latched=bool(state.get("latched")))
         self._table.show(drive_table(rows))
         self._log.show(event_log(self._events))

@@ -105,10 +105,10 @@ class RobotScene:
         return self._scene.add_mesh_trimesh(path, mesh, **placed)
 
     def _aim(self, server: PageServer) -> None:
-        """Look at the whole robot from in front of its left side, for who opens the page."""
+        """Look at the whole robot from behind its left side, so that left and forward are the driver's own."""
         extent = extent_of(self._model)
         server.initial_camera.look_at = (0.0, 0.0, 0.3 * extent)
-        server.initial_camera.position = (1.9 * extent, 1.9 * extent, 1.6 * extent)
+        server.initial_camera.position = (-2.1 * extent, 1.5 * extent, 1.7 * extent)
         server.initial_camera.near = 0.01
 
     # ------------------------------------------------------------------------------------------------- what moves

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Final
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
 
-__all__ = ["AxisRow", "active_faults", "axis_rows", "banner", "drive_table", "event_log", "fault_text"]
+__all__ = ["AxisRow", "active_faults", "alarm", "axis_rows", "drive_table", "event_log", "fault_text", "head"]
 
 GOOD, IDLE, WARN, BAD = "good", "idle", "warn", "bad"
 LATE_S: Final = 0.25  # a drive that has not been heard of for so long is shown with its age
@@ -38,6 +38,10 @@ _ROBOT: Final = {
     "stopping": ("stopping", WARN),
     "stopped": ("stopped", IDLE),
 }
+_NOTE: Final = (
+    "<p class='cc-note'>STOP (or the space bar) ramps every joint to zero, disables the drives and stays latched. "
+    "No safety function (ISO 13850).</p>"
+)
 _LEVELS: Final = {"debug": IDLE, "info": IDLE, "warning": WARN, "error": BAD}
 
 
@@ -87,8 +91,8 @@ def drive_table(rows: Iterable[AxisRow]) -> str:
     lines = list(_table_lines(rows))
     if not lines:
         return "<p class='cc-note'>No drives: this robot runs on mock hardware.</p>"
-    head = "<tr><th>drive</th><th>state</th><th>mode</th><th>heard</th></tr>"
-    return f"<table class='cc-table'>{head}{''.join(lines)}</table>"
+    titles = "<tr><th>drive</th><th>state</th><th>mode</th><th>heard</th></tr>"
+    return f"<table class='cc-table'>{titles}{''.join(lines)}</table>"
 
 
 def _table_lines(rows: Iterable[AxisRow]) -> Iterator[str]:
@@ -103,23 +107,22 @@ def _table_lines(rows: Iterable[AxisRow]) -> Iterator[str]:
             yield f"<tr class='cc-error'><td colspan='4'>{escape(row.error)}</td></tr>"
 
 
-def banner(robot: str, state: Mapping[str, Any] | None, why: str = "") -> str:
-    """Return the head of the page: who it is, how it is, and above all whether STOP is latched.
+def head(robot: str, state: Mapping[str, Any] | None) -> str:
+    """Return the first line of the page: who it is and how it is; `state` None while there is no connection."""
+    words, tone = ("not connected", BAD) if state is None else _ROBOT.get(state["state"], (state["state"], IDLE))
+    return f"<div class='cc-head'><span class='cc-name'>{escape(robot)}</span>{_chip(words, tone)}</div>"
 
-    `state` is a sample of the stream; None while there is no connection, for the reason `why`.
-    """
-    name = f"<span class='cc-name'>{escape(robot)}</span>"
+
+def alarm(state: Mapping[str, Any] | None, why: str = "") -> str:
+    """Return what stands below STOP: whether it is latched, or does not reach the robot for the reason `why`."""
     if state is None:
-        lost = (
-            f"<div class='cc-alarm cc-lost'>No connection to the robot. STOP does not reach it.<br>{escape(why)}</div>"
-        )
-        return f"<div class='cc-head'>{name}{_chip('not connected', BAD)}</div>{lost}"
-    words, tone = _ROBOT.get(state["state"], (state["state"], IDLE))
-    head = f"<div class='cc-head'>{name}{_chip(words, tone)}</div>"
-    if state.get("latched"):
-        by = escape(str(state["latched_by"]))
-        head += f"<div class='cc-alarm'>STOP is latched by {by}.<br>Nothing moves before it is released.</div>"
-    return head + f"<div class='cc-facts'>{' · '.join(_facts(state))}</div>"
+        lost = "No connection to the robot. STOP does not reach it."
+        return f"<div class='cc-alarm cc-lost'>{lost}<br>{escape(why)}</div>"
+    facts = f"{_NOTE}<div class='cc-facts'>{' · '.join(_facts(state))}</div>"
+    if not state.get("latched"):
+        return facts
+    by = escape(str(state["latched_by"]))
+    return f"<div class='cc-alarm'>STOP is latched by {by}.<br>Nothing moves before it is released.</div>{facts}"
 
 
 def _facts(state: Mapping[str, Any]) -> Iterator[str]:
@@ -137,11 +140,15 @@ def event_log(events: Iterable[Mapping[str, Any]]) -> str:
     """Return the log, newest first."""
     lines = [
         f"<div class='cc-event cc-{_LEVELS.get(event['level'], IDLE)}'><time>{_clock(event['time'])}</time>"
-        f"<span>{escape(event['text'])}</span></div>"
+        f"<span>{escape(event['text'])}{_times(event.get('times', 1))}</span></div>"
         for event in reversed(list(events))
     ]
-    head = f"<div class='cc-note'>{'Events, newest first' if lines else 'Nothing has happened yet'}</div>"
-    return f"<div class='cc-log'>{head}{''.join(lines)}</div>"
+    title = f"<div class='cc-note'>{'Events, newest first' if lines else 'Nothing has happened yet'}</div>"
+    return f"<div class='cc-log'>{title}{''.join(lines)}</div>"
+
+
+def _times(count: int) -> str:
+    return f" <b>({count} times)</b>" if count > 1 else ""
 
 
 def fault_text(fault: Mapping[str, Any] | None) -> str:

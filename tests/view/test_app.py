@@ -80,7 +80,7 @@ def test_stop_goes_out_from_any_thread_and_is_an_error_where_it_cannot(robot, ma
     until(app, lambda: app._link is not None)
     app.stop()
     until(app, lambda: robot.status()["latched"])
-    until(app, lambda: "STOP is latched" in app._page._banner._html or app._page_opened(1))
+    until(app, lambda: "STOP is latched" in app._page._alarm._html or app._page_opened(1))
     assert app.ask("release", {}) is None
 
 
@@ -137,7 +137,7 @@ def test_it_waits_for_a_robot_that_comes_back_and_keeps_its_page(private_folders
         until(app, lambda: app._page is not None)
         page = app._page
     until(app, lambda: app._link is None)
-    assert "No connection" in page._banner._html
+    assert "No connection" in page._alarm._html
     with running():
         until(app, lambda: app._link is not None)
         assert app._page is page

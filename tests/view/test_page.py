@@ -67,7 +67,7 @@ def test_everything_is_on_the_page(server, make, parts, state):
     assert {"STOP", "Release STOP", "left_drive", "Camera follows"} <= set(parts())
     assert server.scene.get_handle_by_name(f"{BASE}/base_footprint/base_link/left_wheel") is not None
     assert "enabled, follows commands" in page._table._handle.content
-    assert "running" in page._banner._handle.content
+    assert "running" in page._head._handle.content
     assert page.notes == []
 
 
@@ -103,7 +103,7 @@ def test_while_nobody_looks_only_the_plots_remember(server, make, state):
 def test_a_latched_stop_and_its_way_out_are_shown(make, parts, state):
     page = make()
     page.state(state | {"latched": True, "latched_by": "view"}, seen=True)
-    assert "STOP is latched by view" in page._banner._handle.content
+    assert "STOP is latched by view" in page._alarm._handle.content
     assert parts()["Release STOP"].visible
 
 
@@ -123,8 +123,21 @@ def test_events_are_shown_with_the_next_update(make, state):
     assert "something happened" in page._log._handle.content
 
 
+def test_what_repeats_itself_stands_there_once(make, state):
+    page = make()
+    for _ in range(3):
+        page.event({"time": 1.0, "kind": "sync_overrun", "node": None, "level": "warning", "text": "1 cycles left out"})
+    page.event({"time": 2.0, "kind": "state", "node": None, "level": "info", "text": "one"})
+    page.event({"time": 2.0, "kind": "state", "node": None, "level": "info", "text": "two"})
+    page.state(state, seen=True)
+    html = page._log._handle.content
+    assert html.count("1 cycles left out") == 1
+    assert "(3 times)" in html
+    assert "one" in html
+
+
 def test_a_lost_connection_is_said(make):
     page = make()
     page.lost("it has died")
-    assert "No connection" in page._banner._handle.content
-    assert "it has died" in page._banner._handle.content
+    assert "No connection" in page._alarm._handle.content
+    assert "it has died" in page._alarm._handle.content

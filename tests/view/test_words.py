@@ -1,6 +1,6 @@
 import pytest
 
-from canopen_control.view.words import active_faults, axis_rows, banner, drive_table, event_log, fault_text
+from canopen_control.view.words import active_faults, alarm, axis_rows, drive_table, event_log, fault_text, head
 
 
 def node(**changed):
@@ -58,21 +58,24 @@ def test_the_age_is_said_when_it_matters(age, words):
 def test_what_comes_from_outside_is_escaped():
     evil = "<script>alert(1)</script>"
     html = drive_table(axis_rows({"nodes": {evil: node(error=evil, axis={"joint": evil, "mode": evil})}}))
-    html += banner(evil, state(latched=True, latched_by=evil, load={evil: 0.1}, controllers={evil: "active"}))
-    html += banner(evil, None, evil) + active_faults({evil: [evil]})
+    html += head(evil, state(state=evil)) + head(evil, None) + alarm(None, evil)
+    html += alarm(state(latched=True, latched_by=evil, load={evil: 0.1}, controllers={evil: "active"}))
+    html += active_faults({evil: [evil]})
     html += event_log([{"time": 0.0, "level": "error", "text": evil}])
     html += fault_text({"does": evil, "reaction": evil, "once": False})
     assert "<script" not in html
 
 
-def test_the_banner_says_what_counts():
-    html = banner("robby", state())
-    assert "running" in html
+def test_below_stop_stands_what_counts():
+    assert "running" in head("robby", state())
+    assert "not connected" in head("robby", None)
+    html = alarm(state())
     assert "bus can 2.1 %" in html
     assert "active: forward" in html
-    assert "latched" not in html
-    assert "STOP is latched by view" in banner("robby", state(latched=True, latched_by="view"))
-    assert "STOP does not reach it" in banner("robby", None, "it has died")
+    assert "is latched" not in html
+    assert "No safety function" in html
+    assert "STOP is latched by view" in alarm(state(latched=True, latched_by="view"))
+    assert "STOP does not reach it" in alarm(None, "it has died")
 
 
 def test_a_robot_without_drives_says_so():
