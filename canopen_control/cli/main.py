@@ -45,6 +45,9 @@ VERBS = {
     "trace": "what is said on a bus, decoded by name: live or from a recording",
     "view": "the robot on a page of this computer: 3D, plots, drives, STOP",
     "report": "one page of what went wrong: of the last fault, a recording, or a robot that runs",
+    "record": "write every frame of a bus to a file",
+    "replay": "play a recording into a bus, or tell what is in it",
+    "export": "the PDO layout as DBC, a recording as CSV",
     "ros": "topics and services of ROS 2 without ros2cli; the bridge by hand",
     "bench": "how fast this is here, beside its peers in the same run",
 }

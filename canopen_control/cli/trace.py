@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from canopen_control.bus.record import RecordedFrame
     from canopen_control.trace.network import NetworkDescription
 
-__all__ = ["EXAMPLE", "add_arguments", "add_view_arguments", "run", "show", "show_file"]
+__all__ = ["EXAMPLE", "add_arguments", "add_view_arguments", "positive_seconds", "run", "show", "show_file"]
 
 EXAMPLE = """canopen-control trace
          canopen-control trace --node left_drive --service sdo,emcy
@@ -39,7 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     where = parser.add_mutually_exclusive_group()
     where.add_argument("--can", metavar="CHANNEL", help="this bus (default: that of the running robot)")
     where.add_argument("--file", metavar="FILE", help="a recording: .log, .asc, .blf or .trc")
-    parser.add_argument("--duration", type=_seconds, metavar="S", help="end after so many seconds")
+    parser.add_argument("--duration", type=positive_seconds, metavar="S", help="end after so many seconds")
     add_network_arguments(parser)
     add_view_arguments(parser)
 
@@ -82,7 +82,8 @@ def _value(parse: Callable[[str], object]) -> Callable[[str], object]:
     return parsed
 
 
-def _seconds(text: str) -> float:
+def positive_seconds(text: str) -> float:
+    """Read a duration option, above 0."""
     try:
         value = float(text)
     except ValueError:

@@ -259,8 +259,7 @@ def _mapped(words: NodeWords, pdo: PdoDescription, codec: PdoCodec, data: bytes)
     mark, values = Mark.PLAIN, []
     for each, value in pairs:
         text = words.text(each.index, each.subindex, value)
-        name = each.name or words.name(each.index, each.subindex) or f"0x{each.index:04X}:{each.subindex:02X}"
-        values.append(SignalValue(each.index, each.subindex, name, value, text))
+        values.append(SignalValue(each.index, each.subindex, each.name, value, text))
         axis = words.axis(each.index)
         is_state = axis is not None and objects.axis_of(each.index)[0] == objects.STATUSWORD
         if is_state and isinstance(value, int) and is_faulty(decode_statusword(value)):

@@ -54,7 +54,7 @@ _RAW_TYPES = {
 
 @dataclass(frozen=True, slots=True)
 class PdoObject:
-    """One object of a PDO and its name; `bits` is its width in the PDO."""
+    """One object of a PDO and its name, or its address where it has none; `bits` is its width in the PDO."""
 
     index: int
     subindex: int
@@ -191,7 +191,7 @@ def _pdo_by_default(od: ObjectDictionary, pdo: Pdo) -> PdoDescription:
             mapped.subindex,
             mapped.bits,
             _type_of(od, mapped.index, mapped.subindex, mapped.bits),
-            entry_name(od, mapped.index, mapped.subindex),
+            entry_name(od, mapped.index, mapped.subindex) or _address(mapped.index, mapped.subindex),
         )
         for mapped in pdo.mapped
     )
@@ -225,8 +225,13 @@ def _pdo_of_layout(pdo: Mapping[str, Any]) -> PdoDescription:
 
 def _object_of_layout(objects: Iterable[Mapping[str, Any]]) -> Iterable[PdoObject]:
     for each in objects:
-        data_type = DataType[str(each["data_type"])]
-        yield PdoObject(int(each["index"]), int(each["subindex"]), int(each["bits"]), data_type, str(each["name"]))
+        index, subindex, data_type = int(each["index"]), int(each["subindex"]), DataType[str(each["data_type"])]
+        name = str(each["name"]) or _address(index, subindex)
+        yield PdoObject(index, subindex, int(each["bits"]), data_type, name)
+
+
+def _address(index: int, subindex: int) -> str:
+    return f"0x{index:04X}:{subindex:02X}"
 
 
 def _read(path: str, node_id: int, notes: list[str]) -> ObjectDictionary | None:

@@ -1,0 +1,80 @@
+"""Playing a recording into a bus, with its own spacing.
+
+The law of this file: deadlines are absolute, so that a late frame does not delay the next; and only frames that a node
+could have sent go out, never a controller's report of errors.
+"""
+
+from __future__ import annotations
+
+import select
+import time
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from canopen_control.frame import pack_records
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+
+    from canopen_control.bus.port import Port
+    from canopen_control.bus.record import RecordedFrame
+
+__all__ = ["Played", "play"]
+
+_NS = 1_000_000_000
+_LAST_FRAMES_S = 2.0
+_TRY_S = 0.1
+
+
+@dataclass(slots=True)
+class Played:
+    """What was played; `errors` are error frames, which nobody can send, `late_max` in seconds."""
+
+    frames: int = 0
+    errors: int = 0
+    late_max: float = 0.0
+
+
+def play(
+    frames: Iterable[RecordedFrame],
+    port: Port,
+    *,
+    speed: float = 1.0,
+    clock: Callable[[], int] = time.monotonic_ns,
+    sleep: Callable[[float], None] = time.sleep,
+) -> Played:
+    """Send `frames` as they were heard, `speed` times as fast; raises `BusClosed` when the bus is gone.
+
+    Times that go back (a clock that was set) count as no time.
+    """
+    played, begin, newest = Played(), clock(), 0
+    first: int | None = None
+    for each in frames:
+        if each.frame.is_error:
+            played.errors += 1
+            continue
+        first = each.time_ns if first is None else first
+        newest = max(newest, each.time_ns - first)
+        due = begin + round(newest / speed)
+        late = clock() - due
+        if late < 0:
+            sleep(-late / _NS)
+            late = clock() - due
+        played.late_max = max(played.late_max, late / _NS)
+        port.receive()  # what the others say is not ours to keep
+        port.send(pack_records([each.frame]))
+        _flush(port, 0.0)
+        played.frames += 1
+    _flush(port, _LAST_FRAMES_S)
+    return played
+
+
+def _flush(port: Port, seconds: float) -> None:
+    """Hand on what waits, for at most `seconds`."""
+    end = time.monotonic() + seconds
+    while port.wants_write:
+        port.flush()
+        left = end - time.monotonic()
+        if left <= 0.0:
+            return
+        select.select([], [port.fileno()], [], min(left, _TRY_S))

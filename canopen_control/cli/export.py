@@ -1,0 +1,109 @@
+"""What others read: `export dbc` the PDO layout of a robot, `export csv` a recording as a table."""
+
+from __future__ import annotations
+
+import contextlib
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from canopen_control.cli.layout import add_network_arguments, described
+from canopen_control.errors import ConfigError
+
+if TYPE_CHECKING:
+    import argparse
+    from collections.abc import Iterable, Iterator
+    from typing import TextIO
+
+    from canopen_control.trace.decoder import DecodedFrame
+    from canopen_control.trace.network import NetworkDescription
+
+__all__ = ["EXAMPLE", "add_arguments", "run"]
+
+EXAMPLE = """canopen-control export dbc robby -o robby.dbc
+         canopen-control export csv run.log robby -o run.csv
+         canopen-control export csv run.log robby --wide -o run.csv"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    kinds = parser.add_subparsers(dest="kind", metavar="WHAT", required=True)
+    dbc = kinds.add_parser("dbc", help="the PDO layout as a DBC file, for SavvyCAN, cantools and others")
+    table = kinds.add_parser("csv", help="a recording, decoded: time, id, node, service, signal, value")
+    table.add_argument("file", metavar="FILE", help="a recording: .log, .asc, .blf or .trc")
+    table.add_argument("--wide", action="store_true", help="a row for each PDO, a column for each signal")
+    for each in (dbc, table):
+        add_network_arguments(each)
+        each.add_argument("-o", "--output", metavar="FILE", help="where to (default: standard output)")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the verb; 1 when a recording could not be read to its end."""
+    return _dbc(args) if args.kind == "dbc" else _csv(args)
+
+
+def _dbc(args: argparse.Namespace) -> int:
+    from canopen_control.trace.dbc import dbc_text
+
+    if args.config is None and args.name is None and not args.eds:
+        raise ConfigError("give the robot whose layout is wanted: a folder, a bundled one, --name, or --eds")
+    network = described(args)
+    with _output(args.output) as out:
+        out.write(dbc_text(network))
+    pdos = sum(len(node.pdos) for node in network.nodes.values())
+    _tell(args.output, f"{len(network.nodes)} nodes, {pdos} PDOs")
+    return 0
+
+
+def _csv(args: argparse.Namespace) -> int:
+    from canopen_control.bus.record import Recording
+    from canopen_control.trace.csv_export import write_long, write_wide
+
+    recording, network = Recording(args.file), described(args)
+    with _output(args.output) as out:
+        if args.wide:
+            rows = write_wide(_decoded(recording, network), _signals(network), out)
+        else:
+            rows = write_long(_decoded(recording, network), out)
+    _tell(args.output, f"{rows} rows")
+    if recording.problem:
+        print(f"canopen-control: {recording.problem}", file=sys.stderr)
+    return 1 if recording.problem else 0
+
+
+def _decoded(recording: Iterable[tuple[int, object]], network: NetworkDescription) -> Iterator[DecodedFrame]:
+    from canopen_control.trace.decoder import Decoder
+
+    decoder = Decoder(network)
+    for time_ns, frame in recording:
+        yield decoder.decode(frame, time_ns)  # type: ignore[arg-type]  # a CanFrame
+
+
+def _signals(network: NetworkDescription) -> list[str]:
+    """Return the columns: each object of each PDO once, in the order of nodes and PDOs."""
+    names = (
+        f"{node.name or f'node {node_id}'}.{each.name}"
+        for node_id, node in sorted(network.nodes.items())
+        for pdo in node.pdos
+        for each in pdo.objects
+        if not each.is_dummy
+    )
+    return list(dict.fromkeys(names))
+
+
+@contextlib.contextmanager
+def _output(path: str | None) -> Iterator[TextIO]:
+    if path is None:
+        yield sys.stdout
+        sys.stdout.flush()
+        return
+    try:
+        with Path(path).expanduser().open("w", encoding="utf-8", newline="") as out:
+            yield out
+    except OSError as error:
+        raise ConfigError(f"{path} cannot be written: {error.strerror or error}") from error
+
+
+def _tell(path: str | None, text: str) -> None:
+    if path is not None:
+        print(f"{path}: {text}")

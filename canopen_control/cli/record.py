@@ -1,0 +1,157 @@
+"""Record every frame of a bus, until Ctrl-C or for --duration seconds; a process of its own that only listens.
+
+The end of the file's name says the format: .log (candump), .asc or .blf (Vector), .trc (PEAK).
+"""
+
+from __future__ import annotations
+
+import json
+import signal
+import sys
+import threading
+import time
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from canopen_control.bus.channel import parse_channel
+from canopen_control.bus.record import RecordingWriter, format_of
+from canopen_control.cli.target import robot_on
+from canopen_control.cli.trace import positive_seconds
+from canopen_control.client import RobotClient, find_robots
+from canopen_control.errors import BusClosed, ConfigError
+from canopen_control.trace.listen import batches, open_listener
+
+if TYPE_CHECKING:
+    import argparse
+
+    from canopen_control.bus.port import Port
+
+__all__ = ["EXAMPLE", "Recorded", "add_arguments", "record_frames", "run"]
+
+EXAMPLE = """canopen-control record --can run.log
+         canopen-control record can0 --can run.blf --duration 60"""
+LABEL = "record"
+_PROGRESS_S = 0.5
+_ENDS = (signal.SIGINT, signal.SIGTERM)  # noted, so that no frame is cut in the middle
+
+
+@dataclass(slots=True)
+class Recorded:
+    """What became of a recording: `frames` are in the file, `lost` never came, `left_out` the format cannot hold."""
+
+    file: str
+    channel: str
+    frames: int = 0
+    lost: int = 0
+    left_out: int = 0
+    seconds: float = 0.0
+    problem: str = ""
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return it as plain data."""
+        return {
+            "file": self.file,
+            "channel": self.channel,
+            "frames": self.frames,
+            "lost": self.lost,
+            "left_out": self.left_out,
+            "seconds": round(self.seconds, 3),
+        }
+
+    def sentence(self) -> str:
+        """Return it for people."""
+        text = f"{self.file}: {self.frames} frames of {self.channel} in {self.seconds:.1f} s"
+        text += f", {self.lost} lost: they came faster than they were read" if self.lost else ", none lost"
+        return text + (f", {self.left_out} left out: the format cannot hold them" if self.left_out else "")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    parser.add_argument("channel", nargs="?", metavar="CHANNEL", help="this bus (default: that of the running robot)")
+    parser.add_argument("--can", metavar="FILE", help="write the frames to this file: .log, .asc, .blf or .trc")
+    parser.add_argument("--name", help="the running robot (default: the only one)")
+    parser.add_argument("--bus", metavar="NAME", help="which one, of a robot with several buses")
+    parser.add_argument("--duration", type=positive_seconds, metavar="S", help="end after so many seconds")
+    parser.add_argument("--json", action="store_true", help="print the result as JSON")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the verb; 1 when the bus went away meanwhile."""
+    if args.can is None:
+        raise ConfigError("say where to record to, as in: canopen-control record --can run.log")
+    format_of(args.can)  # a wrong name before a bus is opened
+    channel, owner = _bus_of(args)
+    recorded = record_frames(open_listener(channel, LABEL, owner=owner), args.can, args.duration)
+    print(json.dumps(recorded.as_dict()) if args.json else recorded.sentence())
+    if recorded.problem:
+        print(f"canopen-control: {recorded.problem}", file=sys.stderr)
+    return 1 if recorded.problem else 0
+
+
+def _bus_of(args: argparse.Namespace) -> tuple[str, str]:
+    """Return the channel to listen to, and the robot that runs there."""
+    if args.channel is not None:
+        channel = str(parse_channel(args.channel))
+        owner = robot_on(channel) if find_robots() else None
+        return channel, "" if owner is None else owner[0]
+    with RobotClient.connect(args.name) as robot:
+        buses = robot.call("nodes")["buses"]
+    if not buses:
+        raise ConfigError(f"robot {robot.robot} has no bus: it runs on mock hardware, or simulated")
+    if args.bus is None and len(buses) > 1:
+        raise ConfigError(f"robot {robot.robot} has several buses; choose with --bus: {', '.join(buses)}")
+    if args.bus is not None and args.bus not in buses:
+        raise ConfigError(f"robot {robot.robot} has no bus {args.bus!r}; it has: {', '.join(buses)}")
+    return str(buses[args.bus or next(iter(buses))]["channel"]), robot.robot
+
+
+def record_frames(port: Port, path: str, seconds: float | None) -> Recorded:
+    """Write what `port` hears until Ctrl-C, SIGTERM, the end of `seconds` or of the bus; the port is closed."""
+    recorded, begin = Recorded(path, port.channel), time.monotonic()
+    progress, stopping = _Progress(), threading.Event()
+    before = {number: signal.signal(number, lambda *_: stopping.set()) for number in _ENDS}
+    try:
+        with RecordingWriter(path, port.channel) as writer:
+            try:
+                for batch in batches(port, seconds):
+                    for each in batch:
+                        writer.write(*each)
+                    if progress.is_due(time.monotonic()):
+                        writer.flush()
+                        progress.tell(writer.written, port.stats.lost)
+                    if stopping.is_set():
+                        break
+            except BusClosed as error:
+                recorded.problem = str(error)
+            recorded.frames, recorded.left_out = writer.written, writer.left_out
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+        port.close()
+        progress.end()
+    recorded.lost, recorded.seconds = port.stats.lost, time.monotonic() - begin
+    return recorded
+
+
+class _Progress:
+    """A line on a terminal that says how far it is; silent elsewhere."""
+
+    def __init__(self) -> None:
+        self._live, self._due = sys.stderr.isatty(), 0.0
+
+    def is_due(self, now: float) -> bool:
+        """Whether it is time again."""
+        if now < self._due:
+            return False
+        self._due = now + _PROGRESS_S
+        return True
+
+    def tell(self, frames: int, lost: int) -> None:
+        """Show the counts."""
+        if self._live:
+            print(f"\r{frames} frames, {lost} lost; Ctrl-C ends it\x1b[K", end="", file=sys.stderr, flush=True)
+
+    def end(self) -> None:
+        """Wipe the line."""
+        if self._live:
+            print("\r\x1b[K", end="", file=sys.stderr, flush=True)

@@ -1,0 +1,137 @@
+"""Play a recording into a bus with its own spacing, or, without --can, tell what is in it as `trace` does.
+
+Before anything is sent the bus is looked at: where a master runs or a node of the recording is alive nothing is played,
+since two senders of one identifier destroy each other's frames, and a recorded controlword moves a real motor.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from typing import TYPE_CHECKING
+
+from canopen_control.bus.channel import ChannelKind, open_port, parse_channel
+from canopen_control.cli.layout import add_network_arguments
+from canopen_control.cli.trace import add_view_arguments, show_file
+from canopen_control.errors import ConfigError, SdoTimeout
+from canopen_control.frame import Service, service_of
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from canopen_control.bus.record import RecordedFrame, Recording
+
+__all__ = ["EXAMPLE", "add_arguments", "node_ids_in", "run"]
+
+EXAMPLE = """canopen-control replay run.log robby
+         canopen-control replay run.log --can local:bench
+         canopen-control replay run.blf --can vcan0 --speed 10"""
+LABEL = "replay"
+LISTEN_S = 1.2  # longer than a slow heartbeat, or ten cycles of a slow SYNC
+ANSWER_S = 0.1
+_FROM_NODES = frozenset(
+    (Service.EMCY, Service.HEARTBEAT, Service.SDO_SERVER, Service.TPDO1, Service.TPDO2, Service.TPDO3, Service.TPDO4)
+)
+_NOBODYS = frozenset((None, Service.NMT, Service.SYNC, Service.TIME, Service.LSS_MASTER, Service.LSS_SLAVE))
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    parser.add_argument("file", metavar="FILE", help="a recording: .log, .asc, .blf or .trc")
+    parser.add_argument("--can", metavar="CHANNEL", help="play it into this bus (local:NAME, vcan0, can0, ...)")
+    parser.add_argument("--speed", type=_speed, default=1.0, metavar="X", help="so many times as fast (default: 1)")
+    parser.add_argument("--force", action="store_true", help="play even where a master or its nodes are alive")
+    add_network_arguments(parser)
+    add_view_arguments(parser)
+
+
+def _speed(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = 0.0
+    if not 0.001 <= value <= 1000.0:
+        raise argparse.ArgumentTypeError(f"{text!r}: a speed is 0.001 to 1000")
+    return value
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the verb; 1 when the recording could not be read to its end."""
+    if args.can is None:
+        return show_file(args, args.file)
+    from canopen_control.bus.play import play
+    from canopen_control.bus.record import Recording
+
+    recording = Recording(args.file)
+    channel = str(parse_channel(args.can))
+    if parse_channel(channel).kind in (ChannelKind.MEMORY, ChannelKind.VIRTUAL):
+        raise ConfigError(f"{channel} is inside one process, nobody would hear it; use local:NAME instead")
+    if not args.force:
+        _refuse_where_somebody_is(recording, channel)
+    port = open_port(channel, label=LABEL)
+    try:
+        played = play(recording, port, speed=args.speed)
+    finally:
+        port.close()
+    result = {"file": args.file, "channel": channel, "frames": played.frames, "late_max_s": round(played.late_max, 6)}
+    result |= {"left_out": played.errors, "lost": port.stats.lost}
+    print(json.dumps(result) if args.json else _sentence(channel, played.frames, played.late_max, port.stats.lost))
+    if recording.problem:
+        print(f"canopen-control: {recording.problem}", file=sys.stderr)
+    return 1 if recording.problem else 0
+
+
+def _sentence(channel: str, frames: int, late: float, lost: int) -> str:
+    return f"{frames} frames into {channel}, none later than {1e3 * late:.1f} ms" + (f", {lost} lost" if lost else "")
+
+
+def node_ids_in(frames: Iterable[RecordedFrame]) -> set[int]:
+    """Return the node ids that frames come from or are for, by the predefined connection set."""
+    found = set()
+    for _, frame in frames:
+        service, node_id = service_of(frame.can_id) or (None, 0)
+        if service not in _NOBODYS and node_id:
+            found.add(node_id)
+    return found
+
+
+def _refuse_where_somebody_is(recording: Recording, channel: str) -> None:
+    """Raise ConfigError where a robot runs, a master is heard, or a node of the recording is alive."""
+    from canopen_control.cli.target import robot_on
+
+    if (owner := robot_on(channel)) is not None:
+        raise ConfigError(f"{channel} is the bus of the running robot {owner[0]}; end it, or take another bus")
+    wanted = node_ids_in(recording)
+    heard, has_master = _heard(channel)
+    if has_master:
+        raise ConfigError(f"on {channel} a master is alive: its SYNC or NMT was heard; --force plays all the same")
+    if alive := sorted(heard & wanted or _answering(channel, wanted)):
+        names = ", ".join(str(node_id) for node_id in alive)
+        raise ConfigError(f"on {channel} node {names} of {recording.path} is alive; --force plays all the same")
+
+
+def _heard(channel: str) -> tuple[set[int], bool]:
+    """Listen for a while: return the nodes that send, and whether a master does."""
+    from canopen_control.trace.listen import batches
+
+    nodes, has_master = set(), False
+    port = open_port(channel, label=LABEL)
+    try:
+        for _, frame in (each for batch in batches(port, LISTEN_S) for each in batch):
+            service, node_id = service_of(frame.can_id) or (None, 0)
+            has_master = has_master or service in (Service.NMT, Service.SYNC)
+            if service in _FROM_NODES:
+                nodes.add(node_id)
+    finally:
+        port.close()
+    return nodes, has_master
+
+
+def _answering(channel: str, node_ids: Iterable[int]) -> set[int]:
+    """Ask each for its device type; an abort is an answer too."""
+    from canopen_control.master.direct import DirectBus
+
+    with DirectBus.open(channel, label=LABEL, timeout_s=ANSWER_S, retries=0) as bus:
+        answers = bus.read_many((node_id, 0x1000, 0) for node_id in sorted(node_ids))
+    return {node_id for (node_id, _, _), answer in answers.items() if not isinstance(answer, SdoTimeout)}

@@ -1,0 +1,271 @@
+"""The PDO layout of a bus as a DBC file, which SavvyCAN, cantools and Vector's tools read.
+
+The law of this file: raw values, as on the wire. A DBC can name whole values only, so statusword and controlword are
+cut into the parts that have names: put together again they are the word (`WORD_PARTS`). Beside the PDOs there are the
+heartbeats, EMCY and NMT commands. Names of a DBC are C identifiers of at most 32 characters, each message's own.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, NamedTuple
+
+from canopen_control.cia301.emcy_codes import ERROR_TEXTS
+from canopen_control.cia301.nmt import NmtCommand, NmtState
+from canopen_control.cia402 import objects
+from canopen_control.cia402.modes import OperationMode
+from canopen_control.cia402.state import command_of, decode_statusword
+from canopen_control.frame import EXTENDED_FLAG
+from canopen_control.od.model import DataType
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
+    from canopen_control.trace.network import NetworkDescription, NodeDescription, PdoDescription, PdoObject
+
+__all__ = ["WORD_PARTS", "dbc_text"]
+
+_LONGEST = 32
+_NMT_COB_ID, _HEARTBEAT = 0x000, 0x700
+_HEARTBEAT_BITS = 7
+_MASTER = "master"
+
+
+class Part(NamedTuple):
+    """Some bits of a word: name, first bit, number of bits."""
+
+    name: str
+    start: int
+    bits: int
+
+
+WORD_PARTS: Mapping[int, tuple[Part, ...]] = {
+    objects.STATUSWORD: (
+        Part("state", 0, 7),  # bits 0 to 6: what the state is told by, and bit 4
+        Part("warning", 7, 1),
+        Part("bit8", 8, 1),
+        Part("remote", 9, 1),
+        Part("target_reached", 10, 1),
+        Part("internal_limit", 11, 1),
+        Part("mode_specific", 12, 2),
+        Part("manufacturer", 14, 2),
+    ),
+    objects.CONTROLWORD: (
+        Part("command", 0, 8),  # bits 0 to 7; 4 to 6 are the mode's
+        Part("halt", 8, 1),
+        Part("bit9", 9, 1),
+        Part("bit10", 10, 1),
+        Part("manufacturer", 11, 5),
+    ),
+}
+
+
+def _words(name: str) -> str:
+    return name.replace("_", " ")
+
+
+def _state_names() -> dict[int, str]:
+    states = ((bits, decode_statusword(bits)) for bits in range(0x80))
+    return {bits: _words(state.name) for bits, state in states if state is not None}
+
+
+def _command_names() -> dict[int, str]:
+    commands = ((bits, command_of(bits, 0)) for bits in range(0x100))
+    return {bits: _words(command.name) for bits, command in commands if command is not None}
+
+
+_MODES = {int(mode): mode.name for mode in OperationMode}
+_VALUES: Mapping[tuple[int, str], Mapping[int, str]] = {
+    (objects.STATUSWORD, "state"): _state_names(),
+    (objects.CONTROLWORD, "command"): _command_names(),
+    (objects.MODES_OF_OPERATION, ""): _MODES,
+    (objects.MODES_OF_OPERATION_DISPLAY, ""): _MODES,
+    (objects.ERROR_CODE, ""): ERROR_TEXTS,
+}
+
+
+@dataclass(slots=True)
+class _Signal:
+    """One line of a message; `real` 1 or 2 for a float of 32 or 64 bits."""
+
+    name: str
+    start: int
+    bits: int
+    signed: bool = False
+    real: int = 0
+    comment: str = ""
+    values: Mapping[int, str] = field(default_factory=dict)
+
+
+@dataclass(slots=True)
+class _Message:
+    """One identifier; `receivers` take all its signals."""
+
+    can_id: int
+    name: str
+    length: int
+    sender: str
+    receiver: str
+    comment: str = ""
+    signals: list[_Signal] = field(default_factory=list)
+
+    def add(self, signal: _Signal) -> None:
+        """Append a signal under a name that no other has."""
+        signal.name = _unused(signal.name, {each.name for each in self.signals})
+        self.signals.append(signal)
+
+
+def dbc_text(network: NetworkDescription) -> str:
+    """Return the file; its lines end as DBC's do everywhere, with a line feed."""
+    senders = _senders(network)
+    messages = list(_messages(network, senders))
+    for number, message in enumerate(messages):
+        message.name = _unused(message.name, {each.name for each in messages[:number]})
+    lines = ['VERSION ""', "", "NS_ :", "", "BS_:", "", "BU_: " + " ".join(senders.values()), ""]
+    for message in messages:
+        lines += [*_message_lines(message), ""]
+    lines += [line for message in messages for line in _comment_lines(message)]
+    lines += [line for message in messages for line in _value_lines(message)]
+    return "\n".join(lines) + "\n"
+
+
+def _senders(network: NetworkDescription) -> dict[int, str]:
+    """Return the names of the nodes as a DBC can have them; 0 is the master."""
+    names = {0: _MASTER}
+    for node_id, node in sorted(network.nodes.items()):
+        names[node_id] = _unused(_identifier(node.name or f"node_{node_id}"), set(names.values()))
+    return names
+
+
+def _messages(network: NetworkDescription, senders: Mapping[int, str]) -> Iterator[_Message]:
+    yield _nmt(network, senders)
+    if network.master_node_id is not None:
+        yield _heartbeat(network.master_node_id, _MASTER, _MASTER)
+    for node_id, node in sorted(network.nodes.items()):
+        sender = senders[node_id]
+        for pdo in node.pdos:
+            yield _pdo(node, pdo, sender)
+        yield _emcy(node, sender)
+        yield _heartbeat(node_id, sender, sender)
+
+
+def _nmt(network: NetworkDescription, senders: Mapping[int, str]) -> _Message:
+    message = _Message(_NMT_COB_ID, "NMT", 2, _MASTER, "Vector__XXX", "NMT command (CiA 301, 7.2.8.2)")
+    message.add(_Signal("NMT_command", 0, 8, values={int(each): _words(each.name) for each in NmtCommand}))
+    nodes = {0: "all nodes", **{node_id: senders[node_id] for node_id in sorted(network.nodes)}}
+    message.add(_Signal("NMT_node_id", 8, 8, values=nodes))
+    return message
+
+
+def _heartbeat(node_id: int, name: str, sender: str) -> _Message:
+    message = _Message(_HEARTBEAT + node_id, _identifier(f"{name}_heartbeat"), 1, sender, _MASTER, f"node {node_id}")
+    states = {int(each): _words(each.name) for each in NmtState}
+    message.add(_Signal("NMT_state", 0, _HEARTBEAT_BITS, values=states))
+    message.add(_Signal("toggle", _HEARTBEAT_BITS, 1))
+    return message
+
+
+def _emcy(node: NodeDescription, sender: str) -> _Message:
+    message = _Message(node.emcy_cob_id, _identifier(f"{sender}_EMCY"), 8, sender, _MASTER, f"node {node.node_id}")
+    message.add(_Signal("error_code", 0, 16, values=ERROR_TEXTS))
+    message.add(_Signal("error_register", 16, 8))
+    message.add(_Signal("error_data", 24, 40))
+    return message
+
+
+def _pdo(node: NodeDescription, pdo: PdoDescription, sender: str) -> _Message:
+    bits = sum(each.bits for each in pdo.objects)
+    is_rpdo = pdo.direction == "rpdo"
+    message = _Message(
+        pdo.cob_id,
+        _identifier(f"{sender}_{pdo.name}"),
+        (bits + 7) // 8,
+        _MASTER if is_rpdo else sender,
+        sender if is_rpdo else _MASTER,
+        f"{pdo.name} of node {node.node_id}, transmission type {pdo.transmission_type}",
+    )
+    start = 0
+    for each in pdo.objects:
+        if not each.is_dummy:
+            for signal in _signals(each, start, is_drive=node.is_drive):
+                message.add(signal)
+        start += each.bits
+    return message
+
+
+def _signals(mapped: PdoObject, start: int, *, is_drive: bool) -> Iterator[_Signal]:
+    """Yield the signals of one object: several for a word that has named parts."""
+    where = f"0x{mapped.index:04X}:{mapped.subindex:02X}"
+    name, comment = _identifier(mapped.name), f"{where} {mapped.name}"
+    base = objects.axis_of(mapped.index)[0] if is_drive and not mapped.subindex else 0
+    parts = WORD_PARTS.get(base, ()) if mapped.bits == 16 else ()
+    for part in parts:
+        values = _VALUES.get((base, part.name), {})
+        text = f"{comment}, bit {part.start}" + (f" to {part.start + part.bits - 1}" if part.bits > 1 else "")
+        yield _Signal(
+            f"{name[: _LONGEST - 1 - len(part.name)]}_{part.name}",
+            start + part.start,
+            part.bits,
+            False,
+            0,
+            text,
+            values,
+        )
+    if not parts:
+        real = {DataType.REAL32: 1, DataType.REAL64: 2}.get(mapped.data_type, 0)
+        signed = mapped.data_type.signed or real > 0
+        yield _Signal(name, start, mapped.bits, signed, real, comment, _VALUES.get((base, ""), {}))
+
+
+# --- the text ---
+
+
+def _identifier(text: str) -> str:
+    """Return a C identifier of at most 32 characters."""
+    cleaned = re.sub(r"[^A-Za-z0-9]+", "_", text.encode("ascii", "ignore").decode()).strip("_") or "x"
+    return (cleaned if not cleaned[0].isdigit() else f"_{cleaned}")[:_LONGEST]
+
+
+def _unused(name: str, taken: set[str]) -> str:
+    number, candidate = 2, name
+    while candidate in taken:
+        suffix = f"_{number}"
+        candidate, number = name[: _LONGEST - len(suffix)] + suffix, number + 1
+    return candidate
+
+
+def _dbc_id(can_id: int) -> int:
+    return can_id & 0x1FFFFFFF | (0x80000000 if can_id & EXTENDED_FLAG else 0)
+
+
+def _message_lines(message: _Message) -> Iterator[str]:
+    yield f"BO_ {_dbc_id(message.can_id)} {message.name}: {message.length} {message.sender}"
+    for signal in message.signals:
+        sign = "-" if signal.signed else "+"
+        place = f"{signal.start}|{signal.bits}@1{sign}"
+        yield f' SG_ {signal.name} : {place} (1,0) [0|0] "" {message.receiver}'
+
+
+def _comment_lines(message: _Message) -> Iterator[str]:
+    can_id = _dbc_id(message.can_id)
+    if message.comment:
+        yield f'CM_ BO_ {can_id} "{_quoted(message.comment)}";'
+    for signal in message.signals:
+        if signal.comment:
+            yield f'CM_ SG_ {can_id} {signal.name} "{_quoted(signal.comment)}";'
+
+
+def _value_lines(message: _Message) -> Iterator[str]:
+    can_id = _dbc_id(message.can_id)
+    for signal in message.signals:
+        if signal.values:
+            pairs = " ".join(f'{value} "{_quoted(text)}"' for value, text in signal.values.items())
+            yield f"VAL_ {can_id} {signal.name} {pairs} ;"
+    for signal in message.signals:
+        if signal.real:
+            yield f"SIG_VALTYPE_ {can_id} {signal.name} : {signal.real};"
+
+
+def _quoted(text: str) -> str:
+    return text.encode("ascii", "replace").decode().replace("\\", "/").replace('"', "'").replace("\n", " ")

@@ -1,0 +1,112 @@
+import json
+import os
+import signal
+import threading
+
+import pytest
+from support.host import eventually
+from support.localbus import hub_status, open_local, runtime_folders
+from support.mockrobot import running
+from support.robots import Bench
+from support.tracing import robby_decoder
+
+from canopen_control.bus.record import FORMATS, Recording, RecordingWriter
+from canopen_control.cli.main import main
+from canopen_control.frame import CanFrame, pack_records
+
+
+@pytest.fixture
+def folders(monkeypatch):
+    with runtime_folders(monkeypatch.setenv) as folder:
+        yield folder
+
+
+@pytest.fixture(scope="module")
+def session():
+    """Every frame of a boot and a short motion of robby, with the times of a simulated clock."""
+    bench = Bench("recorded")
+    bench.start()
+    bench.hold(1.0, -2.0, ms=300)
+    frames = [frame for _, frame in bench.bus.history]
+    bench.close()
+    return [(1_763_700_000_000_000_000 + number * 250_000, frame) for number, frame in enumerate(frames)]
+
+
+@pytest.mark.parametrize("suffix", list(FORMATS))
+def test_a_recording_tells_what_the_live_bus_told(tmp_path, session, suffix):
+    path, live, replayed = tmp_path / f"run{suffix}", robby_decoder(), robby_decoder()
+    with RecordingWriter(path, "local:robby") as writer:
+        for each in session:
+            writer.write(*each)
+    told = [live.decode(frame, time_ns) for time_ns, frame in session]
+    again = [replayed.decode(frame, time_ns) for time_ns, frame in Recording(path)]
+    assert len(told) > 400
+    assert [each.text for each in again] == [each.text for each in told]
+    assert [(each.service, each.node, each.values) for each in again] == [
+        (each.service, each.node, each.values) for each in told
+    ]
+    assert {each.service for each in told} >= {"pdo", "sdo", "nmt", "hb", "sync"}
+
+
+def recorded(path, frames, *options):
+    """Record `frames` that somebody sends on a bus, ended by SIGTERM as soon as they are in the file."""
+
+    def send():
+        eventually(lambda: "record" in str(hub_status("taken")))
+        port.send(pack_records(frames))
+        eventually(lambda: path.exists() and len(list(Recording(path))) == len(frames))
+        os.kill(os.getpid(), signal.SIGTERM)
+
+    port = open_local("taken", "sender")
+    sender = threading.Thread(target=send)
+    sender.start()
+    try:
+        return main(["record", "local:taken", "--can", str(path), *options])
+    finally:
+        sender.join(20)
+        port.close()
+
+
+def test_it_listens_until_it_is_ended_and_says_how_many_frames_there_are(folders, tmp_path, capsys):
+    path = tmp_path / "x.log"
+    frames = [CanFrame(0x80), CanFrame(0x183, b"\x37\x06\x03")]
+    assert recorded(path, frames) == 0
+    out, err = capsys.readouterr()
+    assert out.startswith(f"{path}: 2 frames of local:taken in ")
+    assert out.endswith(" s, none lost\n")
+    assert err == ""
+    assert [each.frame for each in Recording(path)] == frames
+    assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL  # as it was
+
+
+def test_json_tells_the_same_to_scripts(folders, tmp_path, capsys):
+    path = tmp_path / "x.log"
+    assert recorded(path, [CanFrame(0x80)], "--json") == 0
+    result = json.loads(capsys.readouterr().out)
+    assert (result["frames"], result["lost"], result["left_out"], result["channel"]) == (1, 0, 0, "local:taken")
+
+
+def test_a_duration_ends_it(folders, tmp_path, capsys):
+    assert main(["record", "local:quiet", "--can", str(tmp_path / "x.blf"), "--duration", "0.1"]) == 0
+    assert "0 frames of local:quiet" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["local:x"], "say where to record to"),
+        (["local:x", "--can", "run.db"], ".log, .asc, .blf, .trc"),
+        (["local:x", "--can", "/nowhere/run.log", "--duration", "0.1"], "/nowhere/run.log cannot be written"),
+        (["memory:x", "--can", "run.log"], "inside one process"),
+        (["--can", "run.log"], "no robot is running"),
+    ],
+)
+def test_what_cannot_be_recorded_is_a_sentence(folders, options, words, capsys):
+    assert main(["record", *options]) == 2
+    assert words in capsys.readouterr().err
+
+
+def test_a_robot_without_a_bus_has_nothing_to_record(folders, capsys):
+    with running("record-mock"):
+        assert main(["record", "--name", "record-mock", "--can", "run.log"]) == 2
+    assert "has no bus: it runs on mock hardware" in capsys.readouterr().err

@@ -1,0 +1,106 @@
+import json
+import threading
+
+import pytest
+from support.localbus import open_local, receive, runtime_folders
+from support.onbus import TMCM, OnBus
+
+from canopen_control.bus.record import RecordingWriter
+from canopen_control.cli import replay
+from canopen_control.cli.main import main
+from canopen_control.frame import CanFrame, frames_of, pack_records
+
+FRAMES = [
+    CanFrame(0x000, b"\x01\x00"),
+    CanFrame(0x080),
+    CanFrame(0x183, b"\x37\x06\x03"),
+    CanFrame(0x602, bytes(8)),
+    CanFrame(0x7E5, bytes(8)),
+]
+
+
+@pytest.fixture
+def folders(monkeypatch):
+    monkeypatch.setattr(replay, "LISTEN_S", 0.15)
+    with runtime_folders(monkeypatch.setenv) as folder:
+        yield folder
+
+
+@pytest.fixture
+def log(tmp_path):
+    path = tmp_path / "run.log"
+    with RecordingWriter(path) as writer:
+        for number, frame in enumerate(FRAMES):
+            writer.write(1_763_700_000_000_000_000 + number * 1_000_000, frame)
+    return str(path)
+
+
+def test_the_nodes_of_a_recording_are_those_who_speak_or_are_spoken_to():
+    assert replay.node_ids_in((0, frame) for frame in FRAMES) == {2, 3}
+
+
+def test_without_a_bus_it_tells_what_is_in_it(log, capsys):
+    assert main(["replay", log, "robby", "--service", "pdo"]) == 0
+    assert "Statusword 0x0637 OPERATION ENABLED" in capsys.readouterr().out
+
+
+def test_it_plays_into_a_bus_where_nobody_is(folders, log, capsys):
+    ear = open_local("bench", "ear")
+    assert main(["replay", log, "--can", "local:bench"]) == 0
+    assert capsys.readouterr().out.startswith("5 frames into local:bench, none later than ")
+    heard = receive(ear, 9)  # first the two nodes are asked whether they are there, and the question is withdrawn
+    assert sorted(frame.can_id for frame in heard[:4]) == [0x602, 0x602, 0x603, 0x603]
+    assert heard[4:] == FRAMES
+    ear.close()
+
+
+def test_json_tells_the_same_to_scripts(folders, log, capsys):
+    assert main(["replay", log, "--can", "local:bench", "--json", "--speed", "100"]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert (result["frames"], result["lost"], result["left_out"]) == (5, 0, 0)
+
+
+def test_where_a_node_of_it_is_alive_nothing_is_played(folders, log, capsys):
+    ear = open_local("bench", "ear")
+    with OnBus("local:bench", {3: TMCM, 9: TMCM}):
+        receive(ear, 2)  # their boot-up
+        assert main(["replay", log, "--can", "local:bench"]) == 2
+        assert "on local:bench node 3 of" in capsys.readouterr().err
+        seen = receive(ear, 3)
+        assert not any(frame.can_id in (0x000, 0x080) for frame in seen)
+        assert main(["replay", log, "--can", "local:bench", "--force"]) == 0
+    ear.close()
+
+
+def test_where_a_master_is_alive_nothing_is_played(folders, log, capsys):
+    ear, master = open_local("bench", "ear"), open_local("bench", "master")
+    stopped = threading.Event()
+
+    def sync():
+        while not stopped.wait(0.02):
+            master.send(pack_records([CanFrame(0x080)]))
+
+    thread = threading.Thread(target=sync)
+    thread.start()
+    try:
+        assert main(["replay", log, "--can", "local:bench"]) == 2
+    finally:
+        stopped.set()
+        thread.join()
+        master.close()
+    assert "on local:bench a master is alive: its SYNC or NMT was heard" in capsys.readouterr().err
+    assert {frame.can_id for frame in frames_of(ear.receive())} == {0x080}
+    ear.close()
+
+
+@pytest.mark.parametrize("bad", ["memory:x", "virtual:x"])
+def test_a_bus_nobody_would_hear_is_refused(bad, log, capsys):
+    assert main(["replay", log, "--can", bad]) == 2
+    assert "nobody would hear it" in capsys.readouterr().err
+
+
+def test_a_wrong_speed_is_a_sentence(log, capsys):
+    with pytest.raises(SystemExit) as exit_:
+        main(["replay", log, "--speed", "0"])
+    assert exit_.value.code == 2
+    assert "a speed is 0.001 to 1000" in capsys.readouterr().err
