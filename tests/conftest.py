@@ -5,6 +5,7 @@ CANOPEN_CONTROL_REQUIRE names kinds (`ros,wheel`) or is `all`: then any skip at 
 
 import importlib.util
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -45,7 +46,20 @@ def missing_socketcan():
     )
 
 
-MISSING = {"ros": missing_ros, "wheel": missing_wheel_tools, "socketcan": missing_socketcan}
+def missing_tmux():
+    return None if shutil.which("tmux") else "tmux is not installed: apt install tmux"
+
+
+def missing_browser():
+    for module in ("viser", "playwright"):
+        if importlib.util.find_spec(module) is None:
+            return f"{module} is not installed: pip install canopen-control[dev]"
+    from support.browser import CHROMIUM
+
+    return None if os.access(CHROMIUM, os.X_OK) else f"no {CHROMIUM}: apt-get install chromium, or set CHROMIUM"
+
+
+MISSING = {"ros": missing_ros, "wheel": missing_wheel_tools, "browser": missing_browser, "socketcan": missing_socketcan, "tmux": missing_tmux}
 
 
 def pytest_collection_modifyitems(items):

@@ -177,9 +177,9 @@ class BusTable:
             state_cell(state),
             plain("-" if axis.mode is None else mode_name(axis.mode)),
             age_cell((now - node.last_ns) / _SECOND, stale=2 * pace, dead=5 * pace),
-            Cell(f"{node.reads}/{node.writes}/{node.failed}", Tone.WARN if node.failed else Tone.PLAIN),
-            plain(_flags(axis)),
             Cell(node.error, Tone.BAD if node.error else Tone.PLAIN),
+            plain(_flags(axis)),
+            Cell(f"{node.reads}/{node.writes}/{node.failed}", Tone.WARN if node.failed else Tone.PLAIN),
         )
 
     def _joint(self, node_id: int, number: int, axis: _Axis) -> tuple[Cell, ...]:

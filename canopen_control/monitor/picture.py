@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 __all__ = ["DRIVE_COLUMNS", "JOINT_COLUMNS", "Cell", "LogLine", "Picture", "Tone", "age_cell", "plain", "state_cell"]
 
-DRIVE_COLUMNS: Final = ("drive", "NMT", "CiA 402", "mode", "heard", "SDO r/w/failed", "statusword", "error")
+DRIVE_COLUMNS: Final = ("drive", "NMT", "CiA 402", "mode", "heard", "error", "statusword", "SDO r/w/failed")
 JOINT_COLUMNS: Final = ("joint", "command", "velocity", "position", "effort")
 
 

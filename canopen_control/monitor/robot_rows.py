@@ -84,9 +84,9 @@ def _drive(name: str, node: Mapping[str, Any], axis: Mapping[str, Any], *, sever
         state_cell(None if state is None else State[state]),
         plain(str(axis.get("mode") or "-")),
         age_cell(node["age_s"], stale=STALE_S, dead=dead),
-        Cell(f"{sdo['reads']}/{sdo['writes']}/{sdo['failed']}", Tone.WARN if sdo["failed"] else Tone.PLAIN),
-        plain(_statusword(axis)),
         Cell(error, Tone.BAD if error else Tone.PLAIN),
+        plain(_statusword(axis)),
+        Cell(f"{sdo['reads']}/{sdo['writes']}/{sdo['failed']}", Tone.WARN if sdo["failed"] else Tone.PLAIN),
     )
 
 

@@ -5,13 +5,10 @@ from __future__ import annotations
 import contextlib
 import os
 import pty
-import shutil
 import subprocess
 import sys
 import threading
 import time
-
-import pytest
 
 
 @contextlib.contextmanager
@@ -43,17 +40,10 @@ def in_background(work):
         raise failed[0]
 
 
-def missing_tmux():
-    return None if shutil.which("tmux") else "tmux is not installed: apt install tmux"
-
-
 class Tmux:
     """A tmux server of its own with one window; `keys` types, `screen` is what stands there."""
 
     def __init__(self, folder, width=120, height=40):
-        reason = missing_tmux()
-        if reason is not None:
-            pytest.skip(reason)
         self._socket = str(folder / "tmux")
         size = ["-x", str(width), "-y", str(height)]
         self._run("-f", "/dev/null", "new-session", "-d", "-s", "test", *size, "env", "PS1=$ ", "bash", "--norc")
