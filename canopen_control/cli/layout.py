@@ -24,6 +24,9 @@ if TYPE_CHECKING:
 __all__ = ["Heard", "add_network_arguments", "config_layout", "described", "heard_bus"]
 
 
+_NO_NAMES = "canopen-control: no names: give the robot (CONFIG, --name) or --eds"
+
+
 @dataclass(frozen=True, slots=True)
 class Heard:
     """A bus to listen to; `owner` is the robot that runs on it, or empty."""
@@ -58,6 +61,8 @@ def heard_bus(args: argparse.Namespace, channel: str | None) -> Heard:
         channel = str(parse_channel(channel))
         owner, layout = _robot_there(channel)
     network = _described(args, channel)
+    if network is None and layout is None:
+        print(_NO_NAMES, file=sys.stderr)
     if network is None:
         network = NetworkDescription(channel) if layout is None else network_of_layout(layout)
     _tell(network)
@@ -71,7 +76,7 @@ def described(args: argparse.Namespace) -> NetworkDescription:
         with RobotClient.connect(args.name) as robot:
             network = network_of_layout(_chosen(robot.call("layout")["buses"], args.bus, f"robot {args.name}"))
     if network is None:
-        print("canopen-control: no names: give the robot (CONFIG, --name) or --eds", file=sys.stderr)
+        print(_NO_NAMES, file=sys.stderr)
         network = NetworkDescription()
     _tell(network)
     return network

@@ -150,7 +150,9 @@ def entry_name(od: ObjectDictionary | None, index: int, subindex: int) -> str:
     entry, info = od.get(index, subindex), od.objects.get(index)
     if entry is None:
         return info.name if info is not None else ""
-    if info is None or info.code in (ObjectCode.VAR, ObjectCode.DOMAIN) or info.name == entry.name:
+    if info is None or info.code in (ObjectCode.VAR, ObjectCode.DOMAIN):
+        return entry.name
+    if entry.name.casefold().startswith(info.name.casefold()):  # "Consumer heartbeat time 1": it says it all
         return entry.name
     return f"{info.name}: {entry.name}"
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from canopen_control.cia301.emcy_codes import error_text, register_text
 from canopen_control.cia301.pdo import DUMMY_TYPES, INVALID_BIT, parse_mapping_entry
 from canopen_control.cia402 import objects
-from canopen_control.cia402.modes import MODE_BITS, mode_name
+from canopen_control.cia402.modes import MODE_BITS, mode_name, supported_modes
 from canopen_control.cia402.state import (
     HALT_BIT,
     INTERNAL_LIMIT,
@@ -48,6 +48,7 @@ __all__ = [
 
 _SHOWN_BYTES = 16
 _NUMBER_SIZES = (1, 2, 4, 8)
+_ERROR_BEHAVIOUR = {0: "to PRE-OPERATIONAL", 1: "no change of state", 2: "to STOPPED"}
 _SIGNATURES = {0x65766173: "save", 0x64616F6C: "load"}
 
 
@@ -82,6 +83,8 @@ def _status_flags(statusword: int, state: State | None, mode: int | None) -> Ite
         yield "not remote"
     if statusword & INTERNAL_LIMIT:
         yield "internal limit"
+    if state not in POWERED_STATES:
+        return  # what a mode says of a motor without torque means nothing
     known = MODE_BITS.get(mode) if mode is not None else None
     if known is None:
         if statusword & TARGET_REACHED:
@@ -146,6 +149,7 @@ class NodeWords:
             objects.MODES_OF_OPERATION: lambda _axis, mode: f"{mode} {mode_name(mode)}" if mode >= 0 else f"{mode}",
             objects.MODES_OF_OPERATION_DISPLAY: _mode_display,
             objects.ERROR_CODE: lambda _axis, code: f"0x{code:04X} {error_text(code)}",
+            objects.SUPPORTED_DRIVE_MODES: _supported,
         }
 
     def name(self, index: int, subindex: int) -> str:
@@ -203,6 +207,11 @@ def _mode_display(axis: AxisWords, value: int) -> str:
     return f"{value} {mode_name(value)}" if value >= 0 else f"{value}"
 
 
+def _supported(axis: AxisWords, value: int) -> str:  # noqa: ARG001 - one shape for all
+    names = ", ".join(mode.name for mode in supported_modes(value))
+    return f"0x{value:08X} ({names or 'no mode'})"
+
+
 def _communication_record(words: NodeWords, subindex: int, value: int) -> str:  # noqa: ARG001 - one shape for all
     if subindex == 1:
         where = f"0x{value & 0x1FFFFFFF:03X}"
@@ -243,6 +252,10 @@ def _history(words: NodeWords, subindex: int, value: int) -> str:  # noqa: ARG00
     return f"0x{value:08X} ({error_text(value & 0xFFFF)})"
 
 
+def _error_behaviour(words: NodeWords, subindex: int, value: int) -> str:  # noqa: ARG001
+    return f"{value} ({_ERROR_BEHAVIOUR[value]})" if value in _ERROR_BEHAVIOUR else str(value)
+
+
 def _milliseconds(words: NodeWords, subindex: int, value: int) -> str:  # noqa: ARG001
     return f"{value} ms"
 
@@ -264,6 +277,7 @@ _COMMUNICATION: tuple[tuple[int, int, int, Callable[[NodeWords, int, int], str]]
     (0x1016, 0x1016, 1, _consumer),
     (0x1017, 0x1017, 0, _milliseconds),
     (0x1018, 0x1018, 1, _hex),
+    (0x1029, 0x1029, 1, _error_behaviour),
     (0x1200, 0x12FF, 1, _hex),
     (0x1400, 0x15FF, 1, _communication_record),
     (0x1600, 0x17FF, 1, NodeWords.mapping),

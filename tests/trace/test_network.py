@@ -89,7 +89,11 @@ def test_an_object_the_eds_lacks_is_still_read_by_its_width():
         (0x1A00, 1, "map", DataType.UNSIGNED32, 0x20050018),
     )
     (pdo,) = pdos_by_default(od)
-    assert (pdo.objects[0].data_type, pdo.objects[0].name, pdo.transmission_type) == (DataType.UNSIGNED24, "0x2005:00", 255)
+    assert (pdo.objects[0].data_type, pdo.objects[0].name, pdo.transmission_type) == (
+        DataType.UNSIGNED24,
+        "0x2005:00",
+        255,
+    )
 
 
 def test_a_part_is_named_with_its_object():
@@ -97,6 +101,8 @@ def test_a_part_is_named_with_its_object():
     od.objects[0x1018] = ObjectInfo(0x1018, "Identity", ObjectCode.RECORD)
     assert entry_name(od, 0x1018, 1) == "Identity: Vendor Id"
     assert entry_name(od, 0x1018, 9) == "Identity"
+    od.objects[0x1018] = ObjectInfo(0x1018, "Vendor", ObjectCode.RECORD)
+    assert entry_name(od, 0x1018, 1) == "Vendor Id"
     assert entry_name(od, 0x2000, 0) == entry_name(None, 0x1018, 1) == ""
 
 
