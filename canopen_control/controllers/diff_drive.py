@@ -163,11 +163,14 @@ class DiffDriveController(Controller):
     # ------------------------------------------------------------------------------------------------------- command
 
     def set_command(self, values: Sequence[float], now: int, stamp: int | None = None) -> None:
-        """Take a twist (m/s, rad/s); one as old as the timeout, by its `stamp` (ns; 0 or None: now), is refused."""
+        """Take a twist (m/s, rad/s); one as old as the timeout, by its `stamp` (ns; 0 or None: now), is refused.
+
+        A stamp from the future, of a clock that is ahead, is now: it must not put the timeout off.
+        """
         self.checked(values, _TWIST)
         if self.chained:
             raise self.refusal(f"is commanded by {self._references[0].owner}; deactivate that controller first")
-        made = stamp or now
+        made = min(stamp or now, now)
         if self._timeout_ns and now - made >= self._timeout_ns:
             age, timeout = (now - made) / NS, self._timeout_ns / NS
             raise self.refusal(

@@ -269,14 +269,14 @@ class Session:
         if self._ended:
             return
         commands, later = self._mailbox.take(self._reactor.now())
-        try:
-            for method, params in commands.values():
-                self._client.notify(method, **params)
-        except RemoteError as error:
-            self._end(error)
-            return
+        for controller, (method, params) in commands.items():
+            self._asker.ask(method, params, partial(self._on_command_answered, controller))
         if later is not None:
             self._reactor.call_at(later, self._deliver)
+
+    def _on_command_answered(self, controller: str, _result: object, error: str | None) -> None:
+        if error is not None and not self._ended:
+            self.warn(f"{controller}/refused", error)
 
     def _on_callback_error(self, error: Exception) -> None:
         self.warn("callback", f"a callback failed: {type(error).__name__}: {error}")

@@ -162,6 +162,16 @@ def test_a_timeout_is_told_once_and_the_next_twist_drives_on():
     assert hardware.values() == [pytest.approx(10.0), pytest.approx(10.0)]
 
 
+def test_a_stamp_from_the_future_does_not_put_the_timeout_off():
+    hardware, control, _ = robot()
+    control.switch(["base"], now=0)
+    control.command("base", [0.35, 0.0], 0, 3600 * S)
+    control.update(S // 100, 0.01)
+    assert hardware.values() == [pytest.approx(10.0), pytest.approx(10.0)]
+    control.update(S, 0.01)
+    assert hardware.values() == [0.0, 0.0]
+
+
 @pytest.mark.parametrize("values", [[1.0], [1.0, 2.0, 3.0], [math.nan, 0.0], [0.0, -math.inf], [True, 0.0], []])
 def test_a_bad_twist_is_refused_and_counted(values):
     _, control, base = robot()

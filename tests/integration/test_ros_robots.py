@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import time
 from types import SimpleNamespace
 
 import pytest
@@ -47,7 +48,7 @@ def scene(tmp_path_factory):
         drives = {name: DriveProbe(name, 3) for name in ("one", "two")}
         try:
             with ros.Peer(number, "--interfaces") as peer:
-                yield SimpleNamespace(peer=peer, one=one, two=two, drives=drives)
+                yield SimpleNamespace(peer=peer, one=one, two=two, drives=drives, domain=number)
         finally:
             for drive in drives.values():
                 drive.close()
@@ -81,6 +82,57 @@ def test_a_command_on_a_topic_moves_the_robot_of_that_namespace_alone(scene):
     assert scene.peer.message("/two/wheels")["velocity"] == [0.0, 0.0]
     scene.peer.order("silence", topic=topic)
     assert ros.eventually(lambda: scene.drives["one"].speed == 0.0)
+
+
+def test_a_publisher_at_ten_kilohertz_does_no_harm_and_its_newest_value_counts(scene):
+    topic = "/one/robby_forward_controller/commands"
+    flood = {"topic": topic, "of": ARRAY, "count": 10_000, "rate": 10_000}
+    assert scene.peer.order("flood", data=[5.0, 5.0], **flood)["hz"] > 5_000
+    scene.peer.order("publish", topic=topic, of=ARRAY, data={"data": [2.0, 2.0]}, rate=10)
+    scene.peer.message("/one/joint_states", lambda message: all(abs(2.0 - each) < 0.1 for each in message["velocity"]))
+    assert scene.drives["one"].power == "OPERATION_ENABLED"
+    scene.peer.order("silence", topic=topic)
+
+
+def test_what_is_no_command_stops_nobody_and_keeps_nobody_going(scene):
+    topic, nan = "/one/robby_forward_controller/commands", float("nan")
+    scene.peer.order("publish", topic=topic, of=ARRAY, data={"data": [2.0, 2.0]}, rate=10)
+    assert ros.eventually(lambda: scene.drives["one"].speed < -400)
+    scene.peer.order("silence", topic=topic)
+    for number, bad in enumerate(([nan, 1.0], [float("inf")] * 2, [9.0], [9.0] * 3, [])):
+        scene.peer.order("renew", topic=topic)
+        scene.peer.order("publish", topic=topic, of=ARRAY, data={"data": bad}, rate=50)
+        assert number or scene.drives["one"].speed < -400, "the command before still holds"
+    assert ros.eventually(lambda: scene.drives["one"].speed == 0.0), "the timeout, though messages come"
+    scene.peer.order("silence", topic=topic)
+
+
+def test_a_publisher_that_dies_stops_the_robot_by_the_timeout(scene):
+    with ros.Peer(scene.domain) as other:
+        topic = "/one/robby_forward_controller/commands"
+        other.order("publish", topic=topic, of=ARRAY, data={"data": [10.0, 10.0]}, rate=10)
+        assert ros.eventually(lambda: scene.drives["one"].speed < -2000)
+        other.kill()
+        assert ros.eventually(lambda: scene.drives["one"].speed == 0.0)
+    assert "no command for 2.0" in scene.one.out
+
+
+def test_an_old_stamp_is_refused_a_future_one_is_now_and_any_frame_will_do(scene):
+    topic, odom = "/two/robby_base_controller/cmd_vel", "/two/robby_base_controller/odom"
+
+    def drive(seconds):
+        twist = {"header": {"stamp": {"sec": seconds}, "frame_id": "nowhere"}, "twist": {"linear": {"x": 0.2}}}
+        scene.peer.order("publish", topic=topic, of="geometry_msgs/msg/TwistStamped", data=twist, rate=20)
+
+    scene.peer.order("subscribe", topic=odom, of=ODOMETRY)
+    scene.peer.order("subscribe", topic="/rosout", of="rcl_interfaces/msg/Log", qos="latched")
+    drive(1_000_000_000)
+    scene.peer.message("/rosout", lambda message: "check the clocks" in message["msg"])
+    assert all(each["twist"]["twist"]["linear"]["x"] == 0.0 for each in scene.peer.waiting(odom))
+    drive(int(time.time()) + 3600)
+    scene.peer.message(odom, lambda message: message["twist"]["twist"]["linear"]["x"] > 0.1)
+    scene.peer.order("silence", topic=topic)
+    assert ros.eventually(lambda: scene.drives["two"].speed == 0.0), "the timeout holds, whatever the stamp said"
 
 
 def test_the_frames_of_the_two_never_mix(scene):

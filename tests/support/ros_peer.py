@@ -101,14 +101,17 @@ class Peer:
         self.node.destroy_publisher(self.publishers.pop(topic))
         self.say(done="renew")
 
-    def flood(self, topic, of, count):
-        """Publish as fast as it goes; the first number counts."""
+    def flood(self, topic, of, count, data=None, rate=None):
+        """Publish so many at a rate, else as fast as it goes; without data the first number counts."""
         publisher = self.publishers.setdefault(topic, self.node.create_publisher(kind(of), topic, QOS["reliable"]))
         while not publisher.get_subscription_count():
             time.sleep(0.001)
+        begin = time.monotonic()
         for number in range(count):
-            publisher.publish(kind(of)(data=[float(number), 0.0]))
-        self.say(done="flood")
+            publisher.publish(kind(of)(data=data or [float(number), 0.0]))
+            while rate is not None and time.monotonic() < begin + number / rate:
+                pass
+        self.say(done="flood", hz=count / (time.monotonic() - begin))
 
     def call(self, service, of, data, timeout=10.0):
         cls = kind(of)
