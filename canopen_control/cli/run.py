@@ -213,7 +213,7 @@ def _teller(announcer: Announcer, table: bool) -> Callable[[Event], None]:
     return tell
 
 
-_ALWAYS = ("demo", "view", "stopping", "stopped")
+_ALWAYS = ("demo", "flight", "view", "stopping", "stopped")
 _CHATTER = ("note", "mode", "state", "failed")  # the last is what the run ends with, on standard error
 
 

@@ -2,7 +2,8 @@
 
 The law of this file: `facts_of` is all that a report says; the page only shows it, and `--json` prints it. Times `at`
 and in series are seconds from `begin` (Unix), values are SI units. Where samples and frames both tell a state, the
-frame does: it is there at once, a sample only at the next of its rate.
+frame does: it is there at once, a sample only at the next of its rate. Where nobody told events, the frames that are
+remarkable stand for them: EMCY, aborts, faults, NMT.
 """
 
 from __future__ import annotations
@@ -50,7 +51,8 @@ def facts_of(file: FlightFile, networks: Mapping[str, NetworkDescription] | None
     networks = networks_of(file) if networks is None else networks
     meta, states = file.meta, file.states
     begin, end = _bounds(file)
-    events = [{**event, "at": round(event["time"] - begin, 6)} for event in file.events]
+    told = file.events or read_frames(file.frames, networks, begin, None).notable
+    events = [{**event, "at": round(event["time"] - begin, 6)} for event in told]
     fault = _first_fault(events, meta.get("reason"), begin)
     frames = read_frames(file.frames, networks, begin, None if fault is None else fault["at"])
     joints, status = joints_of(states, begin), meta.get("status") or {}

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 from canopen_control.cia301.nmt import state_of_byte
 from canopen_control.cia402 import objects
 from canopen_control.cia402.state import decode_statusword
-from canopen_control.trace.decoder import DecodedFrame, Decoder
+from canopen_control.trace.decoder import DecodedFrame, Decoder, Mark
 from canopen_control.trace.network import NetworkDescription
 from canopen_control.trace.report_samples import Spans
 
@@ -30,6 +30,8 @@ _BIN_S: Final = 0.5  # of the bus load
 _FRAME_BITS: Final = 47  # of a frame without data, intermission included, without stuff bits
 _BEFORE, _AFTER = 40, 15  # frames around the fault that are shown
 _SILENT_S: Final = 0.5
+_MOST_NOTABLE: Final = 1000
+_LEVELS: Final = {Mark.NOTABLE: "info", Mark.WARNING: "warning", Mark.ERROR: "error"}
 
 
 class _Heard(NamedTuple):
@@ -41,7 +43,7 @@ class _Heard(NamedTuple):
 
 
 class FrameFacts:
-    """Reads frames in order; then `buses`, `nodes`, `around` and `last_words` have what they told."""
+    """Reads frames in order; then `buses`, `nodes`, `around`, `last_words` and `notable` have what they told."""
 
     def __init__(self, networks: Mapping[str, NetworkDescription], begin: float, fault: float | None) -> None:
         self._networks, self._begin, self._fault = networks, begin, fault
@@ -55,6 +57,8 @@ class FrameFacts:
         self._last: dict[tuple[str, int], _Heard] = {}
         self._heard: dict[tuple[str, int], float] = {}  # when each node spoke last
         self._end = 0.0
+        self._told: set[tuple[int, str]] = set()
+        self.notable: list[Json] = []  # frames that change or break something, as events of the API's shape
 
     def read(self, time_ns: int, bus: str, frame: CanFrame) -> None:
         """Take the next frame."""
@@ -69,6 +73,8 @@ class FrameFacts:
         self._services[bus][decoded.service] += 1
         self._follow(bus, time, decoded)
         self._remember(bus, time, decoded)
+        if decoded.mark is not Mark.PLAIN and len(self.notable) < _MOST_NOTABLE:
+            self._note(time_ns, decoded)
 
     def _follow(self, bus: str, time: float, decoded: DecodedFrame) -> None:
         """See the states of a node: by its heartbeats, and its statuswords, each only when it says something else."""
@@ -86,6 +92,17 @@ class FrameFacts:
                     drive_state = decode_statusword(value.value)
                     name = drive_state.name if drive_state is not None else None
                     node["axes"].setdefault(f"axis {axis}", Spans()).see(time, name)
+
+    def _note(self, time_ns: int, decoded: DecodedFrame) -> None:
+        """Take a frame for an event, a repeated one only once: a drive in fault says so in every statusword."""
+        said = (decoded.can_id, decoded.text)
+        if said in self._told:
+            return
+        self._told.add(said)
+        node = decoded.node or (f"node {decoded.node_id}" if decoded.node_id is not None else None)
+        text = f"{node or 'bus'}: {decoded.subject or decoded.service} {decoded.text}".rstrip()
+        event = {"time": time_ns / _NS, "kind": decoded.service, "node": node, "level": _LEVELS[decoded.mark]}
+        self.notable.append({**event, "text": text})
 
     def _remember(self, bus: str, time: float, decoded: DecodedFrame) -> None:
         heard = _Heard(bus, time, decoded)

@@ -174,3 +174,15 @@ def test_the_arguments_are_checked(capsys):
     with pytest.raises(SystemExit):
         main([])
     assert "--name" in capsys.readouterr().err
+
+
+def test_a_storm_of_faults_costs_bounded_memory_and_one_file(reactor):
+    recorder = FlightRecorder(reactor, "nobody", {})
+    event = {"kind": "fault", "level": "error", "node": "left_drive"}
+    for number in range(20_000):
+        recorder._on_event({**event, "text": f"storm {number} " + "x" * 80})
+    assert recorder._events.size <= flight.EVENT_BYTES
+    recorder.finish()
+    (file,) = (read_flight(path) for path in flight_folder("nobody").iterdir())
+    assert file.meta["reason"]["text"].startswith("storm 0 ")
+    assert file.events[-1]["text"].startswith("storm 19999 ")

@@ -4,6 +4,7 @@ import json
 
 import pytest
 
+from canopen_control.frame import CanFrame
 from canopen_control.trace.flight_file import FlightFile
 from canopen_control.trace.network import NetworkDescription
 from canopen_control.trace.report import facts_of, networks_of
@@ -79,3 +80,14 @@ def test_an_empty_recording_makes_an_empty_report(file):
     facts = facts_of(file)
     assert facts["seconds"] == 0
     assert "no node was seen" in facts["summary"][0]
+
+
+def test_where_nobody_told_events_the_first_emcy_is_the_fault(lost_drive):
+    times = [time for time, _, _ in lost_drive.frames]
+    emcy = (times[500], "can", CanFrame(0x83, bytes.fromhex("3081110000000000")))
+    frames = [*lost_drive.frames[:501], emcy, (times[501], "can", emcy[2]), *lost_drive.frames[501:]]
+    facts = facts_of(FlightFile({}, frames=frames), networks_of(lost_drive))
+    assert facts["fault"]["kind"] == "emcy"
+    assert facts["fault"]["node"] == "left_drive"
+    assert "0x8130" in facts["summary"][1]
+    assert sum("0x8130" in event["text"] for event in facts["events"]) == 1
