@@ -4,7 +4,7 @@ import math
 import re
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.ros import CONTROLLERS
 
@@ -43,6 +43,7 @@ def test_what_is_not_known_is_nan_and_all_arrays_have_one_length():
     assert all(isinstance(value, float) for value in arrays.velocity)
 
 
+@settings(deadline=None)
 @given(st.floats(0, 4e9))
 def test_a_stamp_is_the_time_in_valid_parts(time):
     seconds, nanoseconds = stamp_of(time)

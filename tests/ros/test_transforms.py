@@ -3,7 +3,7 @@ from __future__ import annotations
 import math
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from canopen_control.ros.transforms import about, multiply, of_rpy, read_joints, rotate
@@ -65,6 +65,7 @@ def test_roll_pitch_yaw_are_about_fixed_axes_in_that_order():
     assert turned == pytest.approx((0, 0, 1), abs=1e-9), "roll first: y becomes z, which yaw leaves alone"
 
 
+@settings(deadline=None)
 @given(angles, angles, angles, vectors)
 def test_a_rotation_keeps_lengths_and_its_quaternion_has_length_one(roll, pitch, yaw, vector):
     rotation = of_rpy(roll, pitch, yaw)
@@ -72,6 +73,7 @@ def test_a_rotation_keeps_lengths_and_its_quaternion_has_length_one(roll, pitch,
     assert math.hypot(*rotate(rotation, vector)) == pytest.approx(math.hypot(*vector), abs=1e-9)
 
 
+@settings(deadline=None)
 @given(angles, angles, angles, vectors)
 def test_roll_pitch_yaw_equal_the_matrix_of_the_urdf_specification(roll, pitch, yaw, vector):
     x, y, z = vector
@@ -81,6 +83,7 @@ def test_roll_pitch_yaw_equal_the_matrix_of_the_urdf_specification(roll, pitch, 
     assert rotate(of_rpy(roll, pitch, yaw), vector) == pytest.approx((x, y, z), abs=1e-6)
 
 
+@settings(deadline=None)
 @given(angles, angles)
 def test_two_turns_about_one_axis_are_their_sum(one, other):
     axis = (0.6, 0.0, 0.8)
