@@ -18,7 +18,7 @@ from canopen_control.errors import CanopenError, ConfigError
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-__all__ = ["main"]
+__all__ = ["VERBS", "main", "parser_of"]
 
 VERBS = {
     "run": "boot a robot and run its controllers",
@@ -33,6 +33,7 @@ VERBS = {
     "teleop": "drive a base by keyboard",
     "stop": "ramp all wheels to zero and disable the drives",
     "shutdown": "stop, then end the runtime",
+    "controller": "list, load, configure, activate, deactivate, switch, unload controllers",
     "axis": "enable, disable, halt, quick-stop or fault-reset drives",
     "sdo": "read and write objects of a node, transfer files",
     "nmt": "start, stop or reset nodes",
@@ -79,16 +80,21 @@ def _dispatch(arguments: list[str]) -> int:
         parser.parse_args(arguments)  # --help, --version, or the error that names the verbs
         parser.print_help()
         return 2
+    args = parser_of(verb).parse_args(arguments[1:])
+    return int(importlib.import_module(f"canopen_control.cli.{verb}").run(args))
+
+
+def parser_of(verb: str) -> argparse.ArgumentParser:
+    """Return the parser of one of VERBS; its module is imported for that."""
     module = importlib.import_module(f"canopen_control.cli.{verb}")
-    example = getattr(module, "EXAMPLE", "")
     parser = argparse.ArgumentParser(
         prog=f"canopen-control {verb}",
         description=(module.__doc__ or "").strip(),
-        epilog=f"example: {example}" if example else None,
+        epilog=f"example: {module.EXAMPLE}",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     module.add_arguments(parser)
-    return int(module.run(parser.parse_args(arguments[1:])))
+    return parser
 
 
 def _top_parser() -> argparse.ArgumentParser:

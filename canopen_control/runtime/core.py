@@ -248,7 +248,8 @@ class RobotCore:
         """Tell, at most once a second, that cycles and their SYNCs were left out because this process came late."""
         missed, self._missed = self.pacer.missed - self._missed, self.pacer.missed
         self._tell_missed_at = now + 1_000_000_000
-        text = f"{missed} cycles left out, {self.pacer.late_max / 1e6:.0f} ms late at worst; is the machine busy?"
+        cycles = "1 cycle" if missed == 1 else f"{missed} cycles"
+        text = f"{cycles} left out, {self.pacer.late_max / 1e6:.0f} ms late at worst; is the machine busy?"
         self.report(Event(now, "sync_overrun", "", text, Level.WARNING))
 
     def _advance(self, now: int) -> None:

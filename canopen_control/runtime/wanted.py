@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from canopen_control.controllers.base import ALL_STATES
 from canopen_control.errors import ControlError, InterfaceConflict, RobotConfigError
+from canopen_control.yamltree import nearest
 
 if TYPE_CHECKING:
     from canopen_control.controllers.manager import ControllerManager
@@ -23,7 +24,8 @@ def load_controller(setup: RobotSetup, manager: ControllerManager, name: str) ->
     """Load and configure a controller of the file, and its fallbacks; raises ControlError or ConfigError."""
     config = setup.controllers.controllers.get(name)
     if config is None:
-        raise ControlError(f"no controller {name!r} in {setup.files.controllers}")
+        known = setup.controllers.controllers
+        raise ControlError(f"no controller {name!r} in {setup.files.controllers}{nearest(name, known)}")
     loaded = {info.name for info in manager.list()}
     manager.load(name, config.type, config.params, config.fallbacks)
     manager.configure(name)

@@ -1,7 +1,10 @@
+import importlib
+import shlex
+
 import pytest
 
 from canopen_control import __version__
-from canopen_control.cli.main import VERBS, main
+from canopen_control.cli.main import VERBS, main, parser_of
 
 
 def test_help_names_every_verb(capsys):
@@ -18,6 +21,15 @@ def test_every_verb_has_a_help_with_an_example(verb, capsys):
         main([verb, "--help"])
     assert caught.value.code == 0
     assert f"example: canopen-control {verb}" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_the_examples_are_right_by_the_verbs_own_parser(verb):
+    examples = importlib.import_module(f"canopen_control.cli.{verb}").EXAMPLE.splitlines()
+    for example in examples:
+        program, first, *arguments = shlex.split(example, comments=True)
+        assert (program, first) == ("canopen-control", verb), example
+        parser_of(verb).parse_args(arguments)  # exits where it is wrong
 
 
 def test_an_unknown_verb_is_a_usage_error(capsys):

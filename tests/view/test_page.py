@@ -126,12 +126,12 @@ def test_events_are_shown_with_the_next_update(make, state):
 def test_what_repeats_itself_stands_there_once(make, state):
     page = make()
     for _ in range(3):
-        page.event({"time": 1.0, "kind": "sync_overrun", "node": None, "level": "warning", "text": "1 cycles left out"})
+        page.event({"time": 1.0, "kind": "sync_overrun", "node": None, "level": "warning", "text": "1 cycle left out"})
     page.event({"time": 2.0, "kind": "state", "node": None, "level": "info", "text": "one"})
     page.event({"time": 2.0, "kind": "state", "node": None, "level": "info", "text": "two"})
     page.state(state, seen=True)
     html = page._log._handle.content
-    assert html.count("1 cycles left out") == 1
+    assert html.count("1 cycle left out") == 1
     assert "(3 times)" in html
     assert "one" in html
 
