@@ -1,9 +1,18 @@
-"""Tests of whole processes on `local:` buses: what starts here ends here."""
+"""Tests of whole processes, on `local:` buses or on that of a kernel: what starts here ends here."""
 
 import contextlib
 
 import pytest
+from support.channel import CHANNEL
 from support.processes import DriveProbe, Stage
+
+
+def pytest_collection_modifyitems(config, items):
+    if not CHANNEL:
+        return
+    left = [item for item in items if item.get_closest_marker("embedded") is not None]
+    config.hook.pytest_deselected(items=left)
+    items[:] = [item for item in items if item not in left]
 
 
 @pytest.fixture

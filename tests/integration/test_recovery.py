@@ -5,6 +5,7 @@ import signal
 import time
 
 import pytest
+from support.guest import scaled
 from support.host import eventually
 from support.localbus import PATIENCE_S, hub_status
 from support.processes import seconds_until
@@ -16,9 +17,9 @@ from canopen_control.host.sockets import socket_path
 LEFT, RIGHT = 3, 2
 SPEED = 10 / 0.003926990816987242  # microsteps/s at 10 rad/s
 RAMP_S = SPEED / 16000  # by 0x6084 and 0x6085
-HEARTBEAT_S = 0.5  # five of 100 ms
-CYCLE_S = 0.02
-SLACK_S = 0.15  # of a busy machine
+HEARTBEAT_S = scaled(0.5)  # five of 100 ms
+CYCLE_S = scaled(0.02)
+SLACK_S = scaled(0.15)  # of a busy machine
 CONTROLLERS = {"joint_state_broadcaster": "active", "robby_forward_controller": "active"}
 
 
@@ -42,8 +43,7 @@ class Turning:
     def __init__(self, stage, probe, name):
         self.stage, self.name, self._probe = stage, name, probe
         self.drives = {node: stage.drive(name, node) for node in (LEFT, RIGHT)}
-        self.robot = stage.start("run", "robby", "--name", name, "--can", f"local:{name}", "--no-drives")
-        self.robot.until(f"{name} runs")
+        self.robot = stage.robby(name, "--no-drives")
         stage.start("command", "robby_forward_controller", 10, 10, "--name", name)
         self.probes = {node: probe(name, node) for node in (LEFT, RIGHT)}
         self.client = RobotClient.connect(name)
@@ -115,6 +115,7 @@ def test_a_drive_that_is_killed_and_started_again(turning):
     robby.goes_on()
 
 
+@pytest.mark.embedded
 @pytest.mark.parametrize("seconds", [0.5, 5.0])
 def test_a_cable_that_is_cut_for_a_while(turning, seconds):
     robby = turning(f"cut{round(seconds * 10)}")

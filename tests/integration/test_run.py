@@ -5,6 +5,8 @@ import struct
 import threading
 
 import pytest
+from support.channel import channel_of, robby_of
+from support.guest import scaled
 from support.host import eventually
 from support.listener import SYNC, Witness, missing
 
@@ -47,33 +49,34 @@ def controlwords(frames, node_id):
 
 def test_a_witness_sees_both_wheels_at_ten_rad_per_second_and_no_frame_missing(stage, witness):
     sees = witness("wheels")
-    robot = stage.robby("wheels", "--duration", 5)
+    robot = stage.robby("wheels", "--duration", scaled(5))
     for node_id in (LEFT, RIGHT):
         sees.join(node_id)
-    command = stage.start("command", "robby_forward_controller", 10, 10, "--for", 2.5, "--name", "wheels")
+    command = stage.start("command", "robby_forward_controller", 10, 10, "--for", scaled(2.5), "--name", "wheels")
     for node_id in (LEFT, RIGHT):
         assert eventually(lambda node_id=node_id: any(value for _, value in sees.series(node_id, VELOCITY)))
         node = sees.nodes[node_id]
         assert sees.patiently(lambda node=node: node.sdo[0x1018][1].raw) == 0x286
         assert sees.patiently(lambda node=node: node.sdo[0x1008].raw).startswith("TMCM-1270")
-    assert command.wait() == 0, command
-    assert robot.wait() == 0, robot
+    assert command.wait(scaled(20)) == 0, command
+    assert robot.wait(scaled(20)) == 0, robot
     assert robot.err == ""
 
     for node_id in (LEFT, RIGHT):
         speeds = [(time, RAD[node_id] * value) for time, value in sees.series(node_id, VELOCITY)]
         begin = next(time for time, speed in speeds if speed)
-        steady = [(time, speed) for time, speed in speeds if begin + RAMP_S + 0.04 <= time <= begin + 2.4]
+        fast, end = begin + RAMP_S + scaled(0.04), begin + scaled(2.4)
+        steady = [(time, speed) for time, speed in speeds if fast <= time <= end]
         assert len(steady) > 90
         assert all(abs(speed - 10.0) <= 0.1 for _, speed in steady), steady
-        assert all(speed < 9.9 for time, speed in speeds if time < begin + RAMP_S - 0.06), "it did not ramp"
+        assert all(speed < 9.9 for time, speed in speeds if time < begin + RAMP_S - scaled(0.06)), "it did not ramp"
         positions = [(time, RAD[node_id] * value) for time, value in sees.series(node_id, POSITION)]
-        held = [each for each in positions if begin + RAMP_S + 0.04 <= each[0] <= begin + 2.4]
+        held = [each for each in positions if fast <= each[0] <= end]
         cycles = sum(held[0][0] < time <= held[-1][0] for time, identifier, _ in sees.frames if identifier == SYNC)
-        assert (held[-1][1] - held[0][1]) / (0.02 * cycles) == pytest.approx(10.0, rel=0.01)
+        assert (held[-1][1] - held[0][1]) / (scaled(0.02) * cycles) == pytest.approx(10.0, rel=0.01)
         assert speeds[-1][1] == 0.0
 
-    ready = [time for time, identifier, data in sees.frames if identifier == 0x000 and data[0] == 1][-1] + 0.1
+    ready = [time for time, identifier, data in sees.frames if identifier == 0x000 and data[0] == 1][-1] + scaled(0.1)
     stop = next(
         time for time, identifier, data in sees.frames if identifier == 0x000 and data[0] == 0x82 and time > ready
     )
@@ -87,12 +90,13 @@ def test_a_witness_sees_both_wheels_at_ten_rad_per_second_and_no_frame_missing(s
 def test_drives_are_enabled_only_once_the_controller_is_active_and_disabled_before_the_bus_is_left(stage, witness):
     sees = witness("order")
     robot = stage.start(
-        "run", "robby", "--name", "order", "--can", "local:order", "--controller", "joint_state_broadcaster"
+        *("run", robby_of(stage.place), "--name", "order", "--can", channel_of("order")),
+        *("--controller", "joint_state_broadcaster"),
     )
     robot.until("order runs")
     with RobotClient.connect("order") as client:
         idle = client.call("status")["cycle"]["count"]
-        assert eventually(lambda: client.call("status")["cycle"]["count"] > idle + 25)
+        assert eventually(lambda: client.call("status")["cycle"]["count"] > idle + 25, scaled(10))
         assert not any(enabled(word) for node in (LEFT, RIGHT) for _, word in statuswords(sees.frames, node))
         assert not any(word & 0x08 for node in (LEFT, RIGHT) for _, word in controlwords(sees.frames, node))
         client.call("switch", activate=["robby_forward_controller"], deactivate=[])

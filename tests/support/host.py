@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
 ROOT = Path(__file__).parents[2]
 SECOND_NS = 1_000_000_000
+TIME_SCALE = float(os.environ.get("CANOPEN_CONTROL_TIME_SCALE", "1"))  # of a slow machine
 
 
 def use_private_folders(monkeypatch: pytest.MonkeyPatch, folder: Path) -> Path:
@@ -33,13 +34,13 @@ def python(code: str) -> list[str]:
     return [sys.executable, "-S", "-c", code]
 
 
-def eventually(condition: Callable[[], bool], seconds: float = 10.0) -> bool:
-    """Wait for another process; returns at once when the condition holds."""
+def eventually(condition: Callable[[], bool], seconds: float = 10.0 * TIME_SCALE) -> bool:
+    """Wait for another process; returns soon when the condition holds."""
     deadline = time.monotonic() + seconds
     while not condition():
         if time.monotonic() > deadline:
             return False
-        time.sleep(0.005)
+        time.sleep(0.005 * TIME_SCALE)  # to look is work too, for a slow machine
     return True
 
 

@@ -1,4 +1,4 @@
-"""An independent witness on a `local:` bus: the `canopen` package, joined through the python-can plugin.
+"""An independent witness on a bus: the `canopen` package, joined through python-can and, on `local:`, our plugin.
 
 It shares no code with the master and none with the virtual drives, the hub's port apart: frames are decoded by the
 `canopen` package, with the EDS as it reads it and the PDO mapping as it reads it out of the drives.
@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 import can
 import canopen
+from support.channel import python_can_of
+from support.guest import scaled
 
 from canopen_control.data_files import data_path
 
@@ -31,13 +33,14 @@ class Witness(can.Listener):
         self._lock = threading.Lock()
         self.network = canopen.Network()
         self.network.listeners.append(self)
-        self.network.connect(interface="canopen_control", channel=name, label="witness")
+        self.network.connect(**python_can_of(name))
         self.clashes = 0
 
     @property
     def lost(self) -> int:
-        """How many frames this end has lost."""
-        return self.network.bus._port.stats.lost
+        """How many frames this end has lost, as far as it knows."""
+        port = getattr(self.network.bus, "_port", None)
+        return 0 if port is None else port.stats.lost
 
     def on_message_received(self, msg: can.Message) -> None:
         assert not msg.is_error_frame
@@ -46,7 +49,7 @@ class Witness(can.Listener):
     def join(self, node_id: int) -> canopen.RemoteNode:
         """Make a node known, read its PDO mapping out of it, and keep what its TPDOs say in `values`."""
         node = self.network.add_node(node_id, str(data_path("eds", "TMCM-1270.eds")))
-        node.sdo.RESPONSE_TIMEOUT = 0.5
+        node.sdo.RESPONSE_TIMEOUT = scaled(0.5)
         self.nodes[node_id] = node
         self.values[node_id] = []
         self.patiently(node.tpdo.read)

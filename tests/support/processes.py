@@ -15,6 +15,7 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from support.channel import channel_of, robby_of
 from support.host import eventually
 from support.localbus import end_hubs
 
@@ -111,14 +112,14 @@ class Stage:
 
     def robby(self, name: str, *options: object) -> Program:
         """Start robby on a bus of its own, and wait until it runs."""
-        program = self.start("run", "robby", "--name", name, "--can", f"local:{name}", *options)
+        program = self.start("run", robby_of(self.place), "--name", name, "--can", channel_of(name), *options)
         program.until(f"{name} runs")
         return program
 
     def drive(self, name: str, node_id: int, *options: object) -> Program:
         """Start one virtual drive on its own, without the lifeline of a robot."""
         program = self.start(
-            "drive", "--node-id", node_id, "--eds", "TMCM-1270.eds", "--can", f"local:{name}", *options
+            "drive", "--node-id", node_id, "--eds", "TMCM-1270.eds", "--can", channel_of(name), *options
         )
         program.until("ready on")
         return program
@@ -177,7 +178,7 @@ class DriveProbe:
     """A drive as it is, through its control socket: past the bus and past any master."""
 
     def __init__(self, bus: str, node_id: int) -> None:
-        self._line = LineClient(control_path(f"local:{bus}", node_id))
+        self._line = LineClient(control_path(channel_of(bus), node_id))
         self.hello = (self._line.receive(PATIENCE_S) or {})["hello"]
         self._number = 0
 
