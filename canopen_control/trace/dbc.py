@@ -140,6 +140,7 @@ def _senders(network: NetworkDescription) -> dict[int, str]:
 
 def _messages(network: NetworkDescription, senders: Mapping[int, str]) -> Iterator[_Message]:
     yield _nmt(network, senders)
+    yield _Message(network.sync_cob_id, "SYNC", 0, _MASTER, _MASTER, "CiA 301, 7.2.5; perhaps with a counter")
     if network.master_node_id is not None:
         yield _heartbeat(network.master_node_id, _MASTER, _MASTER)
     for node_id, node in sorted(network.nodes.items()):

@@ -38,6 +38,8 @@ __all__ = ["SERVICES", "DecodedFrame", "Decoder", "Mark"]
 SERVICES: Final = ("nmt", "sync", "emcy", "time", "pdo", "sdo", "hb", "lss", "error", "raw")
 _LENGTH_OF_FULL_ERROR_FRAME = 8
 _LONGEST = 8  # bytes of a classic CAN frame
+_SILENT_GAPS = 3  # usual gaps between heartbeats that are a silence
+_SHORTEST_SILENCE_NS = 200_000_000
 
 
 class Mark(enum.IntEnum):
@@ -93,12 +95,26 @@ class _Route:
 class _Node:
     """What is remembered of one node."""
 
-    __slots__ = ("nmt_state", "sdo", "words")
+    __slots__ = ("beat", "nmt_state", "sdo", "usual_gap", "words")
 
     def __init__(self, description: NodeDescription) -> None:
         self.words = NodeWords(description)
         self.sdo = SdoConversation(description.od, self.words)
         self.nmt_state: NmtState | None = None
+        self.beat: int | None = None  # when the last heartbeat came
+        self.usual_gap = 0  # ns between two of them, of the slower ones; 0: unknown
+
+    def silence(self, time: int) -> int:
+        """Note a heartbeat; return for how many ns there was none if that is far more than usual, else 0."""
+        gap, self.beat = (0 if self.beat is None else time - self.beat), time
+        if self.usual_gap and gap > max(_SILENT_GAPS * self.usual_gap, _SHORTEST_SILENCE_NS):
+            return gap
+        self.usual_gap = max(gap, self.usual_gap * 7 // 8)
+        return 0
+
+    def booted(self, time: int) -> None:
+        """Note a boot-up: what was usual before says nothing about what comes."""
+        self.beat, self.usual_gap = time, 0
 
 
 class Decoder:
@@ -107,6 +123,7 @@ class Decoder:
     def __init__(self, network: NetworkDescription) -> None:
         self.network = network
         self._nodes: dict[int, _Node] = {}
+        self._time = 0  # of the frame in hand
         self._routes: dict[int, _Route] = {}
         self._add(network.sync_cob_id, "sync", None, "SYNC", _sync)
         for node in network.nodes.values():
@@ -122,6 +139,7 @@ class Decoder:
     def decode(self, frame: CanFrame, time: int = 0) -> DecodedFrame:
         """Return `frame` in words; `time` in ns is passed on. Never raises, whatever the frame holds."""
         frame = frame if len(frame.data) <= _LONGEST else CanFrame(frame.can_id, bytes(frame.data[:_LONGEST]))
+        self._time = time
         route, said = self._answer(frame)
         node_id = route.node_id if said.node_id is None else said.node_id
         return DecodedFrame(
@@ -214,9 +232,12 @@ class Decoder:
                 return _Said(f"malformed: {frame.data.hex(' ') or 'no data'}", mark=Mark.WARNING)
             before, node.nmt_state = node.nmt_state, state
             if state is NmtState.INITIALISING:
+                node.booted(self._time)
                 return _Said("boot-up", mark=Mark.NOTABLE)
             name = state.name.replace("_", "-")
             toggle = ", toggle 1" if frame.data[0] & 0x80 else ""
+            if silence := node.silence(self._time):
+                return _Said(f"{name}{toggle} (after {silence / 1e9:.2f} s of silence)", mark=Mark.WARNING)
             if before in (None, state):
                 return _Said(f"{name}{toggle}")
             was = "after boot-up" if before is NmtState.INITIALISING else f"was {before.name.replace('_', '-')}"

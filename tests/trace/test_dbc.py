@@ -56,6 +56,7 @@ def test_words_and_modes_are_named():
     assert str(control["Controlword_command"]) == "FAULT RESET"
     assert str(db.decode_message(0x703, b"\x05")["NMT_state"]) == "OPERATIONAL"
     assert str(db.decode_message(0x083, bytes.fromhex("1186210000000000"))["error_code"]) == "following error"
+    assert db.get_message_by_frame_id(0x080).name == "SYNC"
     assert str(db.decode_message(0x000, b"\x01\x03")["NMT_node_id"]) == "left_drive"
 
 

@@ -106,6 +106,35 @@ def test_a_heartbeat_says_what_was_before_when_it_changes():
     ]
 
 
+def beats(*times_ms):
+    decoder = robby_decoder()
+    return [decoder.decode(frame(0x703, "05"), round(ms * 1_000_000)) for ms in times_ms]
+
+
+def test_a_heartbeat_after_a_silence_says_how_long_it_was():
+    told = beats(0, 100, 200, 301, 3301, 3400)
+    assert [each.text for each in told[3:]] == [
+        "OPERATIONAL",
+        "OPERATIONAL (after 3.00 s of silence)",
+        "OPERATIONAL",
+    ]
+    assert told[4].mark is Mark.WARNING
+
+
+def test_heartbeats_that_were_read_late_together_are_no_silence():
+    assert {each.text for each in beats(0, 100, 100.1, 200, 200.1, 380, 400, 2000, 3600)[:7]} == {"OPERATIONAL"}
+    assert {each.text for each in beats(0, 0.5, 190, 191, 380)} == {"OPERATIONAL"}
+
+
+def test_what_a_node_did_before_its_boot_up_says_nothing_about_its_heartbeat():
+    decoder = robby_decoder()
+    texts = [
+        decoder.decode(frame(0x703, data), ms * 1_000_000).text
+        for data, ms in (("05", 0), ("05", 100), ("00", 200), ("7F", 2200), ("7F", 4200))
+    ]
+    assert texts[2:] == ["boot-up", "PRE-OPERATIONAL (after boot-up)", "PRE-OPERATIONAL"]
+
+
 def test_a_pdo_may_lie_on_any_identifier_even_one_of_29_bits():
     objects = (
         PdoObject(0x2000, 0, 4, DataType.INTEGER8, "nibble"),
