@@ -35,14 +35,15 @@ def networks_of(file: FlightFile) -> dict[str, NetworkDescription]:
     with tempfile.TemporaryDirectory() as folder:
         for name, text in file.eds.items():
             (Path(folder) / Path(name).name).write_bytes(text)
-        return {bus: network_of_layout(_with_eds(layout, Path(folder))) for bus, layout in buses.items()}
+        return {bus: network_of_layout(_with_eds(layout, Path(folder), file)) for bus, layout in buses.items()}
 
 
-def _with_eds(layout: Json, folder: Path) -> Json:
-    """Point a layout to the EDS files of the recording; what was on the machine it comes from is not asked."""
-    nodes = [
-        {**node, "eds": str(folder / Path(node["eds"]).name) if node.get("eds") else ""} for node in layout["nodes"]
-    ]
+def _with_eds(layout: Json, folder: Path, file: FlightFile) -> Json:
+    """Point a layout to the EDS files of the recording, where it has them; a robot that runs here has its own."""
+    nodes = []
+    for node in layout["nodes"]:
+        name = Path(node.get("eds") or "").name
+        nodes.append({**node, "eds": str(folder / name)} if name in file.eds else node)
     return {**layout, "nodes": nodes}
 
 

@@ -56,7 +56,7 @@ tr.error{background:var(--badbg)}tr.warning{background:var(--warnbg)}tr.here td{
 def page_of(facts: Json) -> str:
     """Return the page of `facts_of` a recording."""
     title = f"{facts['robot'] or 'CAN recording'}, {clock(facts['end'], date=True)}"
-    sections = (_summary, _timeline, _joints, _events, _frames, _last_words, _boot, _cycle, _buses)
+    sections = (_summary, _timeline, _joints, _events, _boot, _cycle, _buses, _last_words, _frames)
     body = "\n".join(part for section in sections for part in section(facts))
     return (
         '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
@@ -144,7 +144,8 @@ def _frames(facts: Json) -> Iterator[str]:
         told = told or here
         rows.append((f"{frame['mark']}{' here' if here else ''}", _frame_cells(frame, fault)))
     title = "Frames around the fault" if fault is not None else "The last frames"
-    yield _section(title, _table(_FRAME_HEADINGS, rows), kind="long")
+    headings = _FRAME_HEADINGS if fault is not None else ("time", *_FRAME_HEADINGS[1:])
+    yield _section(title, _table(headings, rows), kind="long")
 
 
 def _last_words(facts: Json) -> Iterator[str]:

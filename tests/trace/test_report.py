@@ -91,3 +91,8 @@ def test_where_nobody_told_events_the_first_emcy_is_the_fault(lost_drive):
     assert facts["fault"]["node"] == "left_drive"
     assert "0x8130" in facts["summary"][1]
     assert sum("0x8130" in event["text"] for event in facts["events"]) == 1
+
+
+def test_without_eds_files_in_it_those_of_this_machine_are_read(calm_run):
+    calm_run.eds = {}
+    assert networks_of(calm_run)["can"].notes == ()
