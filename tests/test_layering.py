@@ -58,7 +58,7 @@ MAY_IMPORT = {
     "monitor": ({"client", "host", "bus", "od", "cia301", "cia402", "trace"}, STDLIB | {"textual", "rich"}),
     "view": ({"client", "host"}, STDLIB | {"viser", "trimesh", "numpy", "websockets", "rich"}),
     "interop": ({"od", "bus", "client"}, STDLIB | {"canopen"}),
-    "bench": (None, STDLIB | {"can", "canopen", "rclpy"}),  # its peers are other packages
+    "bench": (None, None),  # its peers are other packages
     "cli": (None, STDLIB),
 }
 #: the packages that only one room may touch

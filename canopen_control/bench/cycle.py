@@ -11,11 +11,12 @@ import contextlib
 import functools
 import threading
 import time
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from canopen_control.bench.figure import Figure, compared, percentiles
+from canopen_control.bench.figure import Figure, compared, limited, percentiles
 from canopen_control.bench.fleet import CONTROLLER, FIRST_NODE, RADIUS_M, SCALE, write_fleet
 from canopen_control.bench.listener import cycles_of, judge, listening
+from canopen_control.bench.machine import may_be_realtime
 from canopen_control.bench.peers.pattern import target
 from canopen_control.bench.stage import EDS, Contender, Stage, ask_hub, stage
 from canopen_control.client.robot import RobotClient
@@ -23,21 +24,23 @@ from canopen_control.errors import CanopenError, RemoteError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
+    from pathlib import Path
 
     from canopen_control.bench.runner import Options
     from canopen_control.bench.turns import Turn
 
-__all__ = ["CANOPEN", "NAMES", "OURS", "PYTHON_CAN", "Arena", "absolutes_of", "measure", "rounds_of"]
+__all__ = ["CANOPEN", "NAMES", "OURS", "PYTHON_CAN", "Arena", "absolutes_of", "ask_robot", "measure", "rounds_of"]
 
 OURS, PYTHON_CAN = "runtime", "python-can"
 CANOPEN = "canopen"  # its own thread left out: the faster of its two idioms
 CANOPEN_THREADED = "canopen, its thread"
 NAMES = (OURS, CANOPEN, CANOPEN_THREADED, PYTHON_CAN)
 ROUNDS = 5
-CPU_LIMIT, WAKE_LIMIT = 0.25, 0.4
+CPU_LIMIT, WAKE_LIMIT, LATE_LIMIT_US = 0.25, 0.4, 250.0
+REALTIME_S = 60.0
 #: label -> period in us, cycles of a quick turn (0: left out), cycles of a turn
 PACES = {"100 Hz": (10_000, 0, 300), "500 Hz": (2000, 0, 1000), "1 kHz": (1000, 1000, 3000)}
-_BUS = "bench"
+_BUS = ROBOT = "bench"
 _CHECKED_CYCLES = 150
 _SETTLE_S = 1.5  # 0.5 m/s at 1 m/s^2, and the drives' own ramps
 _SPEED = 0.5  # m/s
@@ -46,44 +49,70 @@ _SPEED = 0.5  # m/s
 class Arena:
     """A bus with drives on it, and the contenders that take turns there."""
 
-    def __init__(self, played: Stage, count: int, period_us: int, *, base: bool = True, realtime: bool = False) -> None:
+    def __init__(
+        self,
+        played: Stage,
+        count: int,
+        period_us: int,
+        *,
+        base: bool = True,
+        realtime: bool = False,
+        buses: Sequence[str] = (_BUS,),
+    ) -> None:
         self.stage, self.count, self.period_us = played, count, period_us
-        self.base, self.realtime = base, realtime
-        self.channel = f"local:{_BUS}"
-        self.nodes = range(FIRST_NODE, FIRST_NODE + count)
-        self.drives = played.drives(self.channel, f"{self.nodes[0]}-{self.nodes[-1]}")
-        self.robot = write_fleet(played.folder, count, period_us, base=base)
-        self.others = {"drives": self.drives.pid, "hub": ask_hub(_BUS, "status")["pid"]}
+        self.base, self.realtime, self.buses = base, realtime, buses
+        self.channel = f"local:{buses[0]}"
+        self.nodes = range(FIRST_NODE, FIRST_NODE + count // len(buses))
+        self.others: dict[str, int] = {}
+        for bus in buses:
+            drives = played.drives(f"local:{bus}", f"{self.nodes[0]}-{self.nodes[-1]}")
+            more = "" if bus == buses[0] else f" of {bus}"
+            self.others |= {f"drives{more}": drives.pid, f"hub{more}": ask_hub(bus, "status")["pid"]}
+        self.robot = self._write()
+
+    def _write(self) -> Path:
+        return write_fleet(self.stage.folder, self.count, self.period_us, base=self.base, buses=len(self.buses))
+
+    @property
+    def _channels(self) -> str:
+        names = ["", *(f"b{number}=" for number in range(1, len(self.buses)))]
+        return ",".join(f"{name}local:{bus}" for name, bus in zip(names, self.buses, strict=True))
 
     def pace(self, period_us: int) -> None:
         """Have our robot cycle at another period."""
         if period_us != self.period_us:
             self.period_us = period_us
-            self.robot = write_fleet(self.stage.folder, self.count, period_us, base=self.base)
+            self.robot = self._write()
 
     @contextlib.contextmanager
     def contender(self, name: str, *, check: bool = True) -> Iterator[Contender]:
-        """Have a contender take the bus; its bytes are looked at first."""
-        words = [EDS, str(FIRST_NODE), str(self.count)]
-        if name == OURS:
-            options = ["--realtime"] if self.realtime else []
-            ours = ["canopen_control.bench.subject", str(self.robot), "bench", self.channel, *options]
-            contender = self.stage.contender(*ours, others=self.others)
-            with commanding(self, moving=False) as move:
-                if check:
-                    time.sleep(_SETTLE_S)
-                    self.check(contender, self._expected_of_ours)
-                move()
-                yield contender
-        else:
-            module = "pythoncan_pdo" if name == PYTHON_CAN else "canopen_pdo"
-            inline = ["--inline"] if name == CANOPEN else []
-            peer = [f"canopen_control.bench.peers.{module}", self.channel, *words, *inline]
-            contender = self.stage.contender(*peer, others=self.others)
+        """Have a contender take the bus; its bytes are looked at first. Ours is commanded meanwhile."""
+        if name != OURS:
+            contender = self._peer(name)
             if check:
                 self.check(contender, lambda number, position: (target(number, position),))
             yield contender
+            contender.leave()
+            return
+        contender = self.ours()
+        with commanding(self) as move:
+            if check:
+                time.sleep(_SETTLE_S)
+                self.check(contender, self._expected_of_ours)
+            move()
+            yield contender
         contender.leave()
+
+    def ours(self) -> Contender:
+        """Start our runtime, and return it when it runs; nobody commands it."""
+        options = ["--realtime"] if self.realtime else []
+        ours = ["canopen_control.bench.subject", str(self.robot), ROBOT, self._channels, *options]
+        return self.stage.contender(*ours, others=self.others)
+
+    def _peer(self, name: str) -> Contender:
+        module = "pythoncan_pdo" if name == PYTHON_CAN else "canopen_pdo"
+        words = [self.channel, EDS, str(FIRST_NODE), str(self.count), *(["--inline"] if name == CANOPEN else [])]
+        return self.stage.contender(f"canopen_control.bench.peers.{module}", *words, others=self.others)
 
     def check(self, contender: Contender, expected: Callable[[int, int], Sequence[int]]) -> None:
         """Look at the bytes of some cycles; raises CanopenError with what is wrong."""
@@ -109,11 +138,9 @@ class Arena:
 
 
 @contextlib.contextmanager
-def commanding(arena: Arena, *, moving: bool) -> Iterator[Callable[[], None]]:
+def commanding(arena: Arena) -> Iterator[Callable[[], None]]:
     """Command our robot by its API at 20 Hz: straight on, and, once the function was called, faster and slower."""
     ended, moves = threading.Event(), threading.Event()
-    if moving:
-        moves.set()
 
     def command(client: RobotClient) -> None:
         number = 0
@@ -127,7 +154,7 @@ def commanding(arena: Arena, *, moving: bool) -> Iterator[Callable[[], None]]:
                     values = [speed / RADIUS_M] * arena.count
                     client.notify("command", controller=CONTROLLER, values=values, source="bench")
 
-    client = RobotClient.connect("bench")
+    client = RobotClient.connect(ROBOT)
     thread = threading.Thread(target=command, args=(client,), daemon=True)
     thread.start()
     try:
@@ -138,14 +165,23 @@ def commanding(arena: Arena, *, moving: bool) -> Iterator[Callable[[], None]]:
         client.close()
 
 
+def ask_robot(method: str, **params: object) -> Any:  # noqa: ANN401 - as the robot's JSON has it
+    """Ask our robot by its API."""
+    client = RobotClient.connect(ROBOT)
+    try:
+        return client.call(method, **params)
+    finally:
+        client.close()
+
+
 def rounds_of(
-    arena: Arena, names: Sequence[str], count: int, run: Callable[[Contender], Turn]
+    arena: Arena, names: Sequence[str], count: int, run: Callable[[Contender], Turn], *, check: bool = True
 ) -> dict[str, list[Turn]]:
-    """Have the contenders take turns, `count` times each, one right after another; only first turns are checked."""
+    """Have the contenders take turns, `count` times each, one right after another; first turns' bytes are looked at."""
     turns: dict[str, list[Turn]] = {name: [] for name in names}
     for number in range(count):
         for name in names:
-            with arena.contender(name, check=number == 0) as contender:
+            with arena.contender(name, check=check and number == 0) as contender:
                 turns[name].append(run(contender))
     return turns
 
@@ -168,7 +204,23 @@ def measure(options: Options) -> list[Figure]:
             turns = rounds_of(arena, names, ROUNDS, run)
             figures += cpu_figures(label, turns)
             figures.append(wake_figure(label, turns))
-    return figures
+    return figures if options.quick else [*figures, *_realtime(options.seconds or REALTIME_S)]
+
+
+def _realtime(seconds: float) -> list[Figure]:
+    """Run at 1 kHz with --realtime: no cycle may be left out, and hardly one be late."""
+    if not may_be_realtime():
+        return []
+    period_us = 1000
+    with stage() as played:
+        arena = Arena(played, 2, period_us, realtime=True)
+        with arena.contender(OURS) as contender:
+            turn = contender.turn(round(seconds * 1e6 / period_us), period_us * 1000)
+    late = percentiles(turn.late_ns, 1e-3)["p99.9"]
+    return [
+        limited("1 kHz --realtime: cycles left out", "", [turn.missed], limit=0.0, absolutes=absolutes_of([turn])),
+        limited("1 kHz --realtime: lateness, p99.9", "us", [late], limit=LATE_LIMIT_US),
+    ]
 
 
 def cpu_figures(label: str, turns: dict[str, list[Turn]]) -> list[Figure]:

@@ -20,6 +20,7 @@ SCALE = 254.64790894703253  # microsteps for each rad: 1600 a revolution
 RADIUS_M, SEPARATION_M = 0.035, 0.24
 FIRST_NODE = 2
 CONTROLLER = "commands"
+EVERY_CYCLE = 10_000  # Hz: faster than any cycle
 _STALE_US = (
     200_000  # feedback is stale after this time, as on robby: the drives of a bench share two processors with it
 )
@@ -65,7 +66,7 @@ def write_fleet(
     """Write a robot of `count` drives, node ids from 2 on each bus, and return its folder.
 
     `base` has a diff drive controller on all of them, the first half left, the others a forward controller; `rate` is
-    the controllers' (default: the cycle's); the drives are shared out among `buses`.
+    the controllers' (default: they run in every cycle, however fast it is); the drives are shared out among `buses`.
     """
     robot = folder / f"fleet{count}_{buses}_{period_us}"
     robot.mkdir(parents=True)
@@ -74,7 +75,7 @@ def write_fleet(
         name = "bus.yml" if bus == 0 else f"bus_b{bus}.yml"
         (robot / name).write_text(_bus(names[bus::buses], period_us))
     joints = [f"joint_{name}" for name in names]
-    (robot / "ros2_controllers.yaml").write_text(_controllers(joints, rate or 1_000_000 // period_us, base=base))
+    (robot / "ros2_controllers.yaml").write_text(_controllers(joints, rate or EVERY_CYCLE, base=base))
     (robot / "fleet.urdf").write_text(_description(robot.name, names, joints))
     return robot
 

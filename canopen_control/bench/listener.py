@@ -87,7 +87,7 @@ def judge(
     Drives that come late answer within the next cycles: those are then looked at together.
     """
     verdict = Verdict(len(cycles))
-    number = 0
+    number = _first_whole(cycles, nodes)
     while number < len(cycles):
         span = _span(cycles[number:], nodes)
         if span == 0:
@@ -99,6 +99,14 @@ def judge(
             _judge_values(verdict, number, frame, nodes, targets)
         number += span
     return verdict
+
+
+def _first_whole(cycles: Sequence[list[CanFrame]], nodes: Sequence[int]) -> int:
+    """Return the first cycle that is whole: before it may be answers to a SYNC from before the listener came."""
+    for number, cycle in enumerate(cycles[:_LATEST]):
+        if _in_order([frame.can_id for frame in cycle], nodes):
+            return number
+    return 0
 
 
 def _span(cycles: Sequence[list[CanFrame]], nodes: Sequence[int]) -> int:

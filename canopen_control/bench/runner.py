@@ -12,15 +12,27 @@ from canopen_control.bench.machine import describe
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
     from pathlib import Path
+    from types import ModuleType
 
     from canopen_control.bench.figure import Figure
 
-__all__ = ["FAMILIES", "Options", "Report", "run_families", "table"]
+__all__ = ["FAMILIES", "Options", "Report", "module_of", "run_families", "table"]
 
 #: family -> what it measures; each is a module of this room with `measure(options) -> list[Figure]`
 FAMILIES = {
     "cycle": "two drives: CPU, lateness and wake-to-RPDO beside the canopen package and python-can",
+    "scale": "from 2 to 126 drives, at the shortest period that a bus has room for, and on several buses",
+    "latency": "from a command to the wire, by API and ROS topic; from the wire to /joint_states",
+    "clients": "what the ROS bridge costs; what bridge, view and monitor do to the cycle",
+    "load": "a full bus of 1 Mbit/s, received, decoded and supervised",
+    "memory": "what a million cycles leave behind; a cycle without a wire",
+    "soak": "random commands and breaking drives, for a minute (--seconds 3600: an hour)",
+    "boot": "from nothing to all drives operational, 2 and 64 of them",
+    "services": "SDO and EDS beside the canopen package",
+    "bridge": "CPU of the ROS bridge beside a node that publishes alone; from a topic to the runtime",
+    "import": "how long --help and status take, beside a bare interpreter",
 }
+_MODULES = {"import": "imports"}
 IDLE_ENOUGH = 0.9  # of all processors, before anything was started
 
 
@@ -72,9 +84,13 @@ def run_families(names: Sequence[str], options: Options) -> Report:
     report = Report(describe(), {}, options.quick)
     for name in names:
         options.say(f"{name}: {FAMILIES[name]}")
-        module = importlib.import_module(f"canopen_control.bench.{name}")
-        report.figures[name] = module.measure(options)
+        report.figures[name] = module_of(name).measure(options)
     return report
+
+
+def module_of(name: str) -> ModuleType:
+    """Return the module of a family."""
+    return importlib.import_module(f"canopen_control.bench.{_MODULES.get(name, name)}")
 
 
 def table(figures: Sequence[Figure]) -> str:

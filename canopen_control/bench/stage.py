@@ -13,6 +13,7 @@ import signal
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -53,6 +54,7 @@ class Program:
                 env=environment,
             )
         self.pid = self.process.pid
+        self._drain: threading.Thread | None = None
 
     def line(self) -> str:
         """Return its next line; raises CanopenError with its complaint where it ends instead."""
@@ -64,12 +66,17 @@ class Program:
             raise CanopenError(f"{self.words[0]} ended with {self.process.returncode}: {' | '.join(said)}")
         return line
 
+    def drain(self) -> None:
+        """Let it talk from now on, unheard: a full pipe would hold it up."""
+        assert self.process.stdout is not None
+        self._drain = threading.Thread(target=self.process.stdout.read, daemon=True)
+        self._drain.start()
+
     def end(self) -> None:
         """End it, if it does not end by itself within a few seconds of its standard input's end."""
-        for stream in (self.process.stdin, self.process.stdout):
-            with contextlib.suppress(OSError):
-                if stream is not None:
-                    stream.close()
+        with contextlib.suppress(OSError):
+            if self.process.stdin is not None:
+                self.process.stdin.close()
         if self.process.poll() is None:
             self.process.terminate()
         try:
@@ -77,6 +84,10 @@ class Program:
         except subprocess.TimeoutExpired:
             self.process.kill()
             self.process.wait()
+        if self._drain is not None:
+            self._drain.join()
+        if self.process.stdout is not None:
+            self.process.stdout.close()
 
 
 class Contender(Program):
@@ -84,24 +95,25 @@ class Contender(Program):
 
     def __init__(self, folder: Path, words: Sequence[str], others: dict[str, int]) -> None:
         super().__init__(folder, words)
-        self.others = others
+        self.others = dict(others)
+        self._before: dict[str, int] = {}
         assert "ready" in json.loads(self.line())
 
     def order(self, cycles: int, period_ns: int) -> None:
         """Have it begin."""
+        self._before = {name: cpu_ns(pid) for name, pid in self.others.items()}
         self._write({"cycles": cycles, "period_ns": period_ns})
 
     def answer(self) -> Turn:
-        """Wait for what it has measured."""
-        return Turn(**json.loads(self.line()))
+        """Wait for what it has measured; also tells what the others used meanwhile, in ns by name."""
+        turn = Turn(**json.loads(self.line()))
+        turn.others_ns = {name: cpu_ns(self.others[name]) - before for name, before in self._before.items()}
+        return turn
 
     def turn(self, cycles: int, period_ns: int) -> Turn:
-        """Have it run so many cycles; also tells what the others used meanwhile, in ns by name."""
-        before = {name: cpu_ns(pid) for name, pid in self.others.items()}
+        """Have it run so many cycles, and return what it has measured."""
         self.order(cycles, period_ns)
-        turn = self.answer()
-        turn.others_ns = {name: cpu_ns(pid) - before[name] for name, pid in self.others.items()}
-        return turn
+        return self.answer()
 
     def leave(self) -> None:
         """Have it end, and wait for that."""
@@ -126,6 +138,7 @@ class Stage:
         """Run virtual drives in one process, and return it when they are there."""
         drives = self.start("canopen_control", "drive", "--node-id", node_ids, "--eds", EDS, "--can", channel, *options)
         drives.line()
+        drives.drain()
         return drives
 
     def start(self, *words: str, ros: bool = False) -> Program:

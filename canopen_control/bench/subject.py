@@ -2,6 +2,7 @@
 
 Paced turns leave the runtime as it is; a hook at the end of each cycle keeps two numbers. Free-running turns stop the
 pacer and begin each cycle when the last TPDO of the one before has come, through the same reactor and the same ports.
+Drives are there already; the flight recorder, a process of its own, is off.
 
     python -m canopen_control.bench.subject FOLDER NAME CHANNEL[,BUS=CHANNEL...] [--realtime]
 """
@@ -12,11 +13,12 @@ import json
 import os
 import sys
 import time
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from canopen_control.bench.turns import Turn, say
 from canopen_control.errors import CanopenError
 from canopen_control.runtime.files import find_robot
+from canopen_control.runtime.realtime import DEFAULT_PRIORITY
 from canopen_control.runtime.session import RunOptions, Session
 from canopen_control.runtime.setup import read_robot
 
@@ -34,11 +36,11 @@ class Subject:
         self._turn: Turn | None = None
         self._left = 0
         self._free = False
-        self._missed = 0
+        self._missed = self._tpdos = 0
         self._began = self._cpu = 0
         self._last: list[ReceivedPdo] = []
         self._buffer = b""
-        self.robot.after_cycle.append(self._after_cycle)
+        self.robot.after_cycle.insert(0, self._after_cycle)  # before what is pushed to clients
 
     def run(self) -> str | None:
         """Serve until the robot has stopped; returns why it failed, or None."""
@@ -74,7 +76,7 @@ class Subject:
             for bus in self.robot.buses.values():
                 assert bus.port is not None
                 self.reactor.add_reader(bus.port.fileno(), self._on_answer)
-        self._missed = self.robot.pacer.missed
+        self._missed, self._tpdos = self.robot.pacer.missed, self._count_tpdos()
         self.robot.pacer.late_max = 0
         self._turn, self._cpu, self._began = Turn(cycles=cycles), time.process_time_ns(), time.monotonic_ns()
         if free:
@@ -106,9 +108,12 @@ class Subject:
         self._edge = self.reactor.now()
         self.robot._cycle(self._edge)  # noqa: SLF001 - the cycle itself is what is measured, without its clock
 
+    def _count_tpdos(self) -> int:
+        return sum(pdo.count for node in self.robot.nodes.values() for pdo in node.received)
+
     def _end(self, turn: Turn) -> None:
         turn.cpu_ns, turn.wall_ns = time.process_time_ns() - self._cpu, time.monotonic_ns() - self._began
-        turn.missed = self.robot.pacer.missed - self._missed
+        turn.missed, turn.tpdos = self.robot.pacer.missed - self._missed, self._count_tpdos() - self._tpdos
         self._turn = None
         if self._free:
             for bus in self.robot.buses.values():
@@ -120,10 +125,7 @@ class Subject:
 
 def options(*, realtime: bool) -> RunOptions:
     """Return how it runs: on drives that are there already."""
-    chosen: dict[str, Any] = {"drives": False}
-    if realtime:
-        chosen["realtime"] = True
-    return RunOptions(**chosen)
+    return RunOptions(drives=False, realtime=DEFAULT_PRIORITY if realtime else None)
 
 
 def main(arguments: list[str]) -> int:

@@ -1,10 +1,11 @@
 """How a program that is measured is told what to do: a line of JSON in, a line of JSON out.
 
     {"cycles": 2000, "period_ns": 1000000}        on absolute deadlines; 0: as fast as the answers come
-    -> {"cycles", "missed", "wall_ns", "cpu_ns", "late_ns": [...], "work_ns": [...]}
+    -> {"cycles", "missed", "tpdos", "wall_ns", "cpu_ns", "late_ns": [...], "work_ns": [...]}
 
 `late_ns` is from the deadline to the program's first own instruction, `work_ns` from there until all frames of the
-cycle are handed to the bus, `cpu_ns` the process', all threads. "end" ends it. Lists are empty where nothing is paced.
+cycle are handed to the bus, `cpu_ns` the process', all threads, `tpdos` how many came, where the program counts them.
+"end" ends it. Lists are empty where nothing is paced.
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ class Turn:
 
     cycles: int = 0
     missed: int = 0
+    tpdos: int = 0
     wall_ns: int = 0
     cpu_ns: int = 0
     late_ns: list[int] = field(default_factory=list)

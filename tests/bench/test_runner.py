@@ -41,5 +41,4 @@ def test_json_has_everything(tmp_path):
 
 @pytest.mark.parametrize("name", runner.FAMILIES)
 def test_every_family_is_a_module_that_measures(name):
-    module = __import__(f"canopen_control.bench.{name}", fromlist=["measure"])
-    assert callable(module.measure)
+    assert callable(runner.module_of(name).measure)

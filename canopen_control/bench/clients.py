@@ -1,0 +1,170 @@
+"""`clients`: what the ROS bridge costs, and what bridge, view and monitor do to the cycle of the robot they look at.
+
+They are processes of their own, so that all they can take from the cycle is the machine. Runs with and without them
+are paired, one right after the other.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import importlib.util
+import json
+import os
+import subprocess
+import sys
+import threading
+import time
+from typing import TYPE_CHECKING
+
+from canopen_control.bench.cycle import OURS, ROBOT, Arena, absolutes_of
+from canopen_control.bench.figure import Figure, compared, limited, percentiles
+from canopen_control.bench.machine import cpu_ns
+from canopen_control.bench.stage import stage
+from canopen_control.errors import CanopenError
+from canopen_control.ros.available import require_ros
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from canopen_control.bench.runner import Options
+    from canopen_control.bench.stage import Contender
+
+__all__ = ["has_ros", "measure", "on_a_terminal"]
+
+INFLUENCE_LIMIT = 1.05
+PERIOD_US = 10_000
+ROUNDS = 5
+SECONDS, PAIRED_SECONDS, COUNTED_SECONDS = 60.0, 3.0, 5.0
+_SETTLE_S = 3.0
+
+
+def measure(options: Options) -> list[Figure]:
+    """Measure with what is installed; each needs an extra of its own. A quick run has no ratio to look at here."""
+    if options.quick:
+        return []
+    figures = []
+    with stage() as played:
+        arena = Arena(played, 2, PERIOD_US)
+        with arena.contender(OURS, check=False) as contender:
+            figures += _bridge(arena) if has_ros() else []
+            figures += _influence(contender)
+            figures.append(_together(contender, arena, options.seconds or SECONDS))
+    return figures
+
+
+def has_ros() -> bool:
+    """Whether the bridge can run here."""
+    try:
+        require_ros()
+    except CanopenError:
+        return False
+    return True
+
+
+def _bridge(arena: Arena) -> list[Figure]:
+    """Count what arrives of the bridge while its CPU is measured; the counter is an rclpy program of its own."""
+    bridge = arena.stage.start("canopen_control.ros.bridge", "--name", ROBOT, ros=True)
+    counter = arena.stage.start("canopen_control.bench.peers.ros_count", str(COUNTED_SECONDS), str(ROUNDS), ros=True)
+    rounds, counts = [], dict[str, int]()
+    for _ in range(ROUNDS):
+        counter.line()  # it begins to count
+        before = cpu_ns(bridge.pid)
+        counts = json.loads(counter.line())
+        rounds.append((cpu_ns(bridge.pid) - before) / 1000 / max(1, min(counts.values())))
+    counter.end()
+    bridge.end()
+    return [
+        limited(
+            "ROS bridge: CPU for each JointState, Odometry and TF",
+            "us",
+            rounds,
+            absolutes={f"{topic} 1/s": count / COUNTED_SECONDS for topic, count in counts.items()},
+        )
+    ]
+
+
+def _influence(contender: Contender) -> list[Figure]:
+    """Pair turns with and without the view, and the monitor; the p99 of the cycle's work is compared."""
+    figures = []
+    cycles = round(PAIRED_SECONDS * 1e6 / PERIOD_US)
+    for name, verb in (("view", ("view", "--port", "0")), ("monitor", ("monitor",))):
+        if importlib.util.find_spec(f"canopen_control.cli.{name}") is None or not _has_extra(name):
+            continue
+        rounds, watched = [], []
+        for _ in range(ROUNDS):
+            alone = contender.turn(cycles, PERIOD_US * 1000)
+            with on_a_terminal(*verb, "--name", ROBOT) as pid:
+                time.sleep(_SETTLE_S)
+                contender.others[name] = pid
+                watched.append(contender.turn(cycles, PERIOD_US * 1000))
+                del contender.others[name]
+            rounds.append(tuple(percentiles(turn.work_ns, 1e-3)["p99"] for turn in (watched[-1], alone)))
+        figures.append(
+            compared(
+                f"with the {name}: wake to RPDO, p99",
+                "us",
+                [(with_it, without) for with_it, without in rounds],
+                peer_name="without",
+                limit=INFLUENCE_LIMIT,
+                absolutes=absolutes_of(watched),
+            )
+        )
+    return figures
+
+
+def _has_extra(name: str) -> bool:
+    return importlib.util.find_spec({"view": "viser", "monitor": "textual"}[name]) is not None
+
+
+def _together(contender: Contender, arena: Arena, seconds: float) -> Figure:
+    """Run at 100 Hz with the bridge and the view; no cycle may be left out."""
+    with contextlib.ExitStack() as company:
+        if has_ros():
+            bridge = arena.stage.start("canopen_control.ros.bridge", "--name", ROBOT, ros=True)
+            company.callback(bridge.end)
+            contender.others["bridge"] = bridge.pid
+        if _has_extra("view"):
+            contender.others["view"] = company.enter_context(on_a_terminal("view", "--port", "0", "--name", ROBOT))
+        time.sleep(_SETTLE_S)
+        turn = contender.turn(round(seconds * 1e6 / PERIOD_US), PERIOD_US * 1000)
+    absolutes = absolutes_of([turn])
+    return limited("100 Hz with bridge and view: cycles left out", "", [turn.missed], limit=0.0, absolutes=absolutes)
+
+
+@contextlib.contextmanager
+def on_a_terminal(*words: str) -> Iterator[int]:
+    """Run a verb on a terminal that nobody looks at; its process id."""
+    ours, theirs = os.openpty()
+    process = subprocess.Popen(
+        [sys.executable, "-m", "canopen_control", *words],
+        stdin=theirs,
+        stdout=theirs,
+        stderr=theirs,
+        env={**os.environ, "TERM": "xterm-256color", "_ROS_WHEELS_BOOTSTRAP_COMPLETE": "1"},
+        start_new_session=True,
+    )
+    os.close(theirs)
+    said = bytearray()
+    drain = threading.Thread(target=_drain, args=(ours, said), daemon=True)
+    drain.start()
+    try:
+        yield process.pid
+        if process.poll() is not None:
+            raise CanopenError(f"{words[0]} ended with {process.returncode}: {bytes(said)[-300:]!r}")
+    finally:
+        process.terminate()
+        try:
+            process.wait(10)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+        drain.join()
+        os.close(ours)
+
+
+def _drain(terminal: int, said: bytearray) -> None:
+    """Take what is written until nobody writes any more; the end of what was said is kept."""
+    with contextlib.suppress(OSError):
+        while data := os.read(terminal, 65536):
+            said += data
+            del said[:-4096]

@@ -1,0 +1,181 @@
+"""`soak`: an hour (CI: a minute) at 100 Hz with random commands, and drives that break at random.
+
+Every few seconds one of the drives shows a fault of the table of `canopen_control.virtual.faults`; the whole robot has
+to stand still within `STOP_LIMIT_S`, and to run again after the fault is taken away, reset and enabled. Nothing may
+grow and no frame may be lost by anybody but the fault. Whether the wheels stand still is read from the drives' plants
+themselves, past the bus and past the runtime.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import random
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from canopen_control.bench.cycle import ROBOT, Arena, ask_robot
+from canopen_control.bench.figure import Figure, limited
+from canopen_control.bench.fleet import CONTROLLER
+from canopen_control.bench.stage import ask_hub, stage
+from canopen_control.client.robot import RobotClient
+from canopen_control.errors import CanopenError, RemoteError
+from canopen_control.host.lineclient import LineClient
+from canopen_control.virtual.control import control_path
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from canopen_control.bench.runner import Options
+
+__all__ = ["FAULTS", "Soak", "measure"]
+
+PERIOD_US = 10_000
+DRIVES = 2
+SECONDS, QUICK_SECONDS = 60.0, 15.0
+STOP_LIMIT_S = 1.5  # the wheels' ramp from full speed takes 0.3 s, a lost heartbeat is noticed after 0.5 s
+GROWTH_LIMIT_MB = 1.0
+#: what stops the robot and can be taken away again
+FAULTS = (
+    "drive_fault",
+    "undervoltage",
+    "heartbeat_lost",
+    "silent",
+    "tpdo_missing",
+    "leaves_operational",
+    "following_error",
+)
+_COMMAND_S, _FAULT_S = 0.05, (2.0, 5.0)
+_STANDING = 1.0  # microsteps/s
+_RECOVERY_S = 20.0
+_MOST_RADIANS = 12.0
+_SEED = 402
+
+
+@dataclass(slots=True)
+class Seen:
+    """What happened so far."""
+
+    faults: int = 0
+    commands: int = 0
+    stops_s: list[float] = field(default_factory=list)
+    recoveries_s: list[float] = field(default_factory=list)
+
+
+class Soak:
+    """Commands a robot and breaks its drives."""
+
+    def __init__(self, arena: Arena, pid: int) -> None:
+        self.arena, self.pid, self.seen = arena, pid, Seen()
+        self.random = random.Random(_SEED)
+        self.client = RobotClient.connect(ROBOT)
+        self.drives = [LineClient(control_path(arena.channel, node)) for node in arena.nodes]
+        for drive in self.drives:
+            drive.receive(5.0)
+
+    def close(self) -> None:
+        """Leave the robot."""
+        self.client.close()
+        for drive in self.drives:
+            drive.close()
+
+    def run(self, seconds: float) -> None:
+        """Command and break for so long; raises CanopenError when the robot does not come back."""
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            self._drive_for(self.random.uniform(*_FAULT_S))
+            self._break()
+
+    def _drive_for(self, seconds: float) -> None:
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            values = [self.random.uniform(-_MOST_RADIANS, _MOST_RADIANS) for _ in range(self.arena.count)]
+            self.client.notify("command", controller=CONTROLLER, values=values, source="soak")
+            self.seen.commands += 1
+            time.sleep(_COMMAND_S)
+
+    def _break(self) -> None:
+        """Break a drive, wait for the stop of all, mend it, and wait until the robot runs and turns again."""
+        place, fault = self.random.randrange(self.arena.count), self.random.choice(FAULTS)
+        begin = time.monotonic()
+        self._ask(place, "fault", name=fault, on=True)
+        self.seen.faults += 1
+        what = f"{fault} of node {self.arena.nodes[place]}"
+        self.seen.stops_s.append(self._until(self._stands_still, f"all wheels to stand after {what}") - begin)
+        with contextlib.suppress(CanopenError):
+            self._ask(place, "fault", name=fault, on=False)
+        begin = time.monotonic()
+        self.seen.recoveries_s.append(self._until(self._runs_again, f"the robot to run after {what}") - begin)
+
+    def _stands_still(self) -> bool:
+        """Whether the wheels stand, and keep standing while they are commanded."""
+        values = [_MOST_RADIANS] * self.arena.count
+        self.client.notify("command", controller=CONTROLLER, values=values, source="soak")
+        return all(abs(self._speed(place)) < _STANDING for place in range(len(self.drives)))
+
+    def _runs_again(self) -> bool:
+        with contextlib.suppress(RemoteError):
+            self.client.call("axis", action="fault-reset", node="all")
+            self.client.call("axis", action="enable", node="all")
+        values = [_MOST_RADIANS] * self.arena.count
+        self.client.notify("command", controller=CONTROLLER, values=values, source="soak")
+        time.sleep(_COMMAND_S)
+        return all(abs(self._speed(place)) > _STANDING for place in range(len(self.drives)))
+
+    def _speed(self, place: int) -> float:
+        return float(self._ask(place, "state")["axes"][0]["plant"]["velocity"])
+
+    def _ask(self, place: int, method: str, **params: object) -> Any:  # noqa: ANN401 - as the drive's JSON has it
+        drive = self.drives[place]
+        drive.send({"id": 1, "method": method, "params": params})
+        while (answer := drive.receive(5.0)) is not None:
+            if "result" in answer:
+                return answer["result"]
+            if "error" in answer:
+                raise CanopenError(f"node {self.arena.nodes[place]}: {answer['error']['message']}")
+        raise CanopenError(f"node {self.arena.nodes[place]} does not answer {method}")
+
+    def _until(self, condition: Callable[[], bool], what: str) -> float:
+        end = time.monotonic() + _RECOVERY_S
+        while not condition():
+            if time.monotonic() > end:
+                events = [event["text"] for event in ask_robot("status")["events"]][-4:]
+                raise CanopenError(f"waited {_RECOVERY_S:g} s for {what}: {'; '.join(events)}")
+            time.sleep(0.01)
+        return time.monotonic()
+
+
+def measure(options: Options) -> list[Figure]:
+    """Soak for as long as wanted, after a warm-up that brings everything in that will be needed."""
+    seconds = options.seconds or (QUICK_SECONDS if options.quick else SECONDS)
+    with stage() as played:
+        arena = Arena(played, DRIVES, PERIOD_US, base=False)
+        ours = arena.ours()
+        soak = Soak(arena, ours.pid)
+        soak.run(min(10.0, seconds / 3))
+        soak.seen, before = Seen(), _resident_mb(ours.pid)
+        soak.run(seconds)
+        after, status = _resident_mb(ours.pid), ask_robot("status")
+        lost = ask_hub(arena.buses[0], "status")["dropped"] + status["buses"]["can"]["lost"]
+        soak.close()
+        ours.leave()
+    seen = soak.seen
+    absolutes = {
+        "seconds": seconds,
+        "faults": seen.faults,
+        "commands": seen.commands,
+        "slowest recovery s": round(max(seen.recoveries_s), 2),
+        "cycles left out": status["cycle"]["missed"],
+        "resident MB": round(after, 1),
+    }
+    return [
+        limited("soak: growth", "MB", [after - before], limit=GROWTH_LIMIT_MB, absolutes=absolutes),
+        limited("soak: frames lost", "", [float(lost)], limit=0.0),
+        limited("soak: latest stop after a fault", "s", [max(seen.stops_s)], limit=STOP_LIMIT_S),
+    ]
+
+
+def _resident_mb(pid: int) -> float:
+    lines = Path(f"/proc/{pid}/status").read_text().splitlines()
+    return float(next(line for line in lines if line.startswith("VmRSS")).split()[1]) * 1024 / 1e6

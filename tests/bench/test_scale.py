@@ -1,0 +1,23 @@
+"""The scale bench: periods by arithmetic; a fleet on a bus that is as slow as its wire loses nothing."""
+
+import pytest
+
+from canopen_control.bench import scale
+from canopen_control.bench.cycle import Arena
+from canopen_control.bench.stage import stage
+
+
+@pytest.mark.parametrize(
+    ("count", "bitrate", "least_ms"), [(2, 1_000_000, 0.935), (64, 1_000_000, 28.2), (2, 125_000, 7.4)]
+)
+def test_the_shortest_period_has_room_for_the_worst_frames_and_little_more(count, bitrate, least_ms):
+    with stage() as played:
+        period_ms = scale.shortest_period_us(played, count, bitrate) / 1000
+    assert least_ms < period_ms < 1.35 * least_ms + 1.0
+
+
+def test_two_drives_on_a_bus_of_one_megabit_lose_no_tpdo():
+    with stage() as played:
+        figure = scale._on_the_wire(Arena(played, 2, 10_000, base=False), 1.0)
+    assert figure.good, figure
+    assert figure.absolutes["dropped"] == 0
