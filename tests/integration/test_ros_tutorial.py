@@ -77,5 +77,5 @@ def test_diff_drive_drives_by_the_remapped_keys_of_teleop(launch, probe):
         rviz.message(
             "/tf", lambda message: "base_footprint" in [each["child_frame_id"] for each in message["transforms"]]
         )
-        teleop.order("silence", topic=topic)
+        teleop.kill()
         assert ros.eventually(lambda: left.speed == right.speed == 0.0)

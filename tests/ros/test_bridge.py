@@ -12,6 +12,7 @@ import sys
 import pytest
 from support import ros
 
+from canopen_control.client import find_robots
 from canopen_control.host.environment import clean_environment
 from canopen_control.host.spawn import spawn
 
@@ -150,10 +151,11 @@ def test_the_frames_of_two_robots_in_one_graph_have_their_namespaces(number):
 class Robby:
     """`canopen-control run robby --mock --ros` in a process of its own."""
 
-    def __init__(self, number, *arguments):
+    def __init__(self, number, *arguments, with_ros=True):
         environment = ros.ros_environment(number)
         environment["_ROS_WHEELS_BOOTSTRAP_COMPLETE"] = "1"
-        command = [sys.executable, "-m", "canopen_control", "run", "robby", "--mock", "--ros", *arguments]
+        arguments = ["--ros", *arguments] if with_ros else arguments
+        command = [sys.executable, "-m", "canopen_control", "run", "robby", "--mock", *arguments]
         self.process = subprocess.Popen(
             command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
         )
@@ -218,6 +220,36 @@ def test_the_death_of_the_bridge_is_told_and_the_robot_goes_on(number):
 
         assert ros.eventually(seen)
     assert robby.process.returncode == 0
+
+
+def test_another_bridge_goes_on_where_the_dead_one_was(number):
+    with Robby(number) as robby, ros.Peer(number) as peer:
+        peer.order("subscribe", topic="/joint_states", of="sensor_msgs/msg/JointState")
+        peer.order("publish", topic=COMMANDS, of=TYPE, data={"data": [10.0, 10.0]}, rate=10)
+        turning = peer.message("/joint_states", lambda message: message["velocity"] == [10.0, 10.0])
+        os.kill(robby.bridge_pid(), signal.SIGKILL)
+        with ros.bridge(number, name="robby"):
+            farther = turning["position"][0] + 10.0
+            later = peer.message("/joint_states", lambda message: message["position"][0] > farther)
+            assert later["header"]["stamp"]["sec"] >= turning["header"]["stamp"]["sec"] + 1
+            peer.message("/joint_states", lambda message: message["velocity"] == [10.0, 10.0])
+
+
+def test_a_bridge_outlives_the_runtime_and_shows_the_next_one(number):
+    with ros.Peer(number) as peer:
+        peer.order("subscribe", topic="/joint_states", of="sensor_msgs/msg/JointState")
+        peer.order("publish", topic=COMMANDS, of=TYPE, data={"data": [10.0, 10.0]}, rate=10)
+        with Robby(number, with_ros=False) as first:
+            assert ros.eventually(lambda: "robby" in find_robots())
+            with ros.bridge(number, name="robby") as process:
+                before = peer.message("/joint_states", lambda message: message["position"][0] > 5.0)
+                first.process.kill()
+                first.process.wait()
+                with Robby(number, with_ros=False):
+                    after = peer.message("/joint_states", lambda message: message["position"][0] < 5.0)
+                    peer.message("/joint_states", lambda message: message["velocity"] == [10.0, 10.0])
+                    assert after["header"]["stamp"]["sec"] >= before["header"]["stamp"]["sec"]
+                    assert process.poll() is None
 
 
 def test_the_death_of_the_runtime_ends_the_bridge(number):
