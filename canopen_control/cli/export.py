@@ -30,7 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     kinds = parser.add_subparsers(dest="kind", metavar="WHAT", required=True)
     dbc = kinds.add_parser("dbc", help="the PDO layout as a DBC file, for SavvyCAN, cantools and others")
     table = kinds.add_parser("csv", help="a recording, decoded: time, id, node, service, signal, value")
-    table.add_argument("file", metavar="FILE", help="a recording: .log, .asc, .blf or .trc")
+    table.add_argument("file", metavar="FILE", help="a recording: .log, .asc, .blf, .trc, or a flight recording")
     table.add_argument("--wide", action="store_true", help="a row for each PDO, a column for each signal")
     for each in (dbc, table):
         add_network_arguments(each)
@@ -56,10 +56,11 @@ def _dbc(args: argparse.Namespace) -> int:
 
 
 def _csv(args: argparse.Namespace) -> int:
-    from canopen_control.bus.record import Recording
+    from canopen_control.cli.source import network_for, open_frames
     from canopen_control.trace.csv_export import write_long, write_wide
 
-    recording, network = Recording(args.file), described(args)
+    recording = open_frames(args.file, args.bus)
+    network = network_for(args, recording)
     with _output(args.output) as out:
         if args.wide:
             rows = write_wide(_decoded(recording, network), _signals(network), out)

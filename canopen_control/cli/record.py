@@ -1,4 +1,4 @@
-"""Record every frame of a bus, until Ctrl-C or for --duration seconds; a process of its own that only listens.
+"""Record every frame of a bus, or a robot as a ROS 2 bag, until Ctrl-C or for --duration seconds; it only listens.
 
 The end of the file's name says the format: .log (candump), .asc or .blf (Vector), .trc (PEAK).
 """
@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from canopen_control.bus.channel import parse_channel
 from canopen_control.bus.record import RecordingWriter, format_of
+from canopen_control.cli.record_bag import RATE, record_bag, sentence
 from canopen_control.cli.target import robot_on
 from canopen_control.cli.trace import positive_seconds
 from canopen_control.client import RobotClient, find_robots
@@ -29,7 +30,8 @@ if TYPE_CHECKING:
 __all__ = ["EXAMPLE", "Recorded", "add_arguments", "record_frames", "run"]
 
 EXAMPLE = """canopen-control record --can run.log
-         canopen-control record can0 --can run.blf --duration 60"""
+         canopen-control record can0 --can run.blf --duration 60
+         canopen-control record --bag run --duration 60"""
 LABEL = "record"
 _PROGRESS_S = 0.5
 _ENDS = (signal.SIGINT, signal.SIGTERM)  # noted, so that no frame is cut in the middle
@@ -69,6 +71,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     parser.add_argument("channel", nargs="?", metavar="CHANNEL", help="this bus (default: that of the running robot)")
     parser.add_argument("--can", metavar="FILE", help="write the frames to this file: .log, .asc, .blf or .trc")
+    parser.add_argument("--bag", metavar="DIR", help="write a ROS 2 bag (MCAP) of the running robot to this new folder")
+    parser.add_argument(
+        "--rate", type=float, default=RATE, metavar="HZ", help=f"with --bag: samples (default: {RATE:g})"
+    )
     parser.add_argument("--name", help="the running robot (default: the only one)")
     parser.add_argument("--bus", metavar="NAME", help="which one, of a robot with several buses")
     parser.add_argument("--duration", type=positive_seconds, metavar="S", help="end after so many seconds")
@@ -77,8 +83,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the verb; 1 when the bus went away meanwhile."""
-    if args.can is None:
-        raise ConfigError("say where to record to, as in: canopen-control record --can run.log")
+    if (args.can is None) is (args.bag is None):
+        raise ConfigError("say where to record to, as in: canopen-control record --can run.log, or record --bag run")
+    if args.bag is not None:
+        return _bag(args)
     format_of(args.can)  # a wrong name before a bus is opened
     channel, owner = _bus_of(args)
     recorded = record_frames(open_listener(channel, LABEL, owner=owner), args.can, args.duration)
@@ -86,6 +94,14 @@ def run(args: argparse.Namespace) -> int:
     if recorded.problem:
         print(f"canopen-control: {recorded.problem}", file=sys.stderr)
     return 1 if recorded.problem else 0
+
+
+def _bag(args: argparse.Namespace) -> int:
+    if args.channel is not None:
+        raise ConfigError("--bag is of a robot, not of a bus: choose it with --name, without CHANNEL")
+    recorded = record_bag(args.name, args.bag, args.duration, args.rate)
+    print(json.dumps(recorded) if args.json else sentence(recorded))
+    return 0
 
 
 def _bus_of(args: argparse.Namespace) -> tuple[str, str]:

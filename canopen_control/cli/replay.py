@@ -20,7 +20,8 @@ from canopen_control.frame import Service, service_of
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from canopen_control.bus.record import RecordedFrame, Recording
+    from canopen_control.bus.record import RecordedFrame
+    from canopen_control.cli.source import Source
 
 __all__ = ["EXAMPLE", "add_arguments", "node_ids_in", "run"]
 
@@ -38,7 +39,7 @@ _NOBODYS = frozenset((None, Service.NMT, Service.SYNC, Service.TIME, Service.LSS
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    parser.add_argument("file", metavar="FILE", help="a recording: .log, .asc, .blf or .trc")
+    parser.add_argument("file", metavar="FILE", help="a recording: .log, .asc, .blf, .trc, or a flight recording")
     parser.add_argument("--can", metavar="CHANNEL", help="play it into this bus (local:NAME, vcan0, can0, ...)")
     parser.add_argument("--speed", type=_speed, default=1.0, metavar="X", help="so many times as fast (default: 1)")
     parser.add_argument("--force", action="store_true", help="play even where a master or its nodes are alive")
@@ -61,9 +62,9 @@ def run(args: argparse.Namespace) -> int:
     if args.can is None:
         return show_file(args, args.file)
     from canopen_control.bus.play import play
-    from canopen_control.bus.record import Recording
+    from canopen_control.cli.source import open_frames
 
-    recording = Recording(args.file)
+    recording = open_frames(args.file, args.bus)
     channel = str(parse_channel(args.can))
     if parse_channel(channel).kind in (ChannelKind.MEMORY, ChannelKind.VIRTUAL):
         raise ConfigError(f"{channel} is inside one process, nobody would hear it; use local:NAME instead")
@@ -96,7 +97,7 @@ def node_ids_in(frames: Iterable[RecordedFrame]) -> set[int]:
     return found
 
 
-def _refuse_where_somebody_is(recording: Recording, channel: str) -> None:
+def _refuse_where_somebody_is(recording: Source, channel: str) -> None:
     """Raise ConfigError where a robot runs, a master is heard, or a node of the recording is alive."""
     from canopen_control.cli.target import robot_on
 

@@ -13,7 +13,8 @@ import os
 import sys
 from typing import TYPE_CHECKING
 
-from canopen_control.cli.layout import add_network_arguments, described, heard_bus
+from canopen_control.cli.layout import add_network_arguments, heard_bus
+from canopen_control.cli.source import network_for, open_frames
 from canopen_control.trace.decoder import Decoder
 from canopen_control.trace.filters import Filter, node_ids_of, parse_ids, parse_services
 from canopen_control.trace.lines import LineWriter, as_dict
@@ -38,7 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     where = parser.add_mutually_exclusive_group()
     where.add_argument("--can", metavar="CHANNEL", help="this bus (default: that of the running robot)")
-    where.add_argument("--file", metavar="FILE", help="a recording: .log, .asc, .blf or .trc")
+    where.add_argument("--file", metavar="FILE", help="a recording: .log, .asc, .blf, .trc, or a flight recording")
     parser.add_argument("--duration", type=positive_seconds, metavar="S", help="end after so many seconds")
     add_network_arguments(parser)
     add_view_arguments(parser)
@@ -123,10 +124,8 @@ def run(args: argparse.Namespace) -> int:
 
 def show_file(args: argparse.Namespace, path: str) -> int:
     """Show a recording; 1 if it could not be read to its end."""
-    from canopen_control.bus.record import Recording
-
-    recording = Recording(path)
-    show(args, described(args), _chunks(recording))
+    recording = open_frames(path, args.bus)
+    show(args, network_for(args, recording), _chunks(recording))
     if recording.skipped:
         print(f"canopen-control: {recording.skipped} lines of {path} are no frames of classic CAN", file=sys.stderr)
     if recording.problem:

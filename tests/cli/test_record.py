@@ -110,3 +110,17 @@ def test_a_robot_without_a_bus_has_nothing_to_record(folders, capsys):
     with running("record-mock"):
         assert main(["record", "--name", "record-mock", "--can", "run.log"]) == 2
     assert "has no bus: it runs on mock hardware" in capsys.readouterr().err
+
+
+def test_a_bag_of_the_running_robot(tmp_path, capsys):
+    pytest.importorskip("rosbags", reason="rosbags is not installed: pip install canopen-control[bag]")
+    with running("bagverb"):
+        assert main(["record", "--bag", str(tmp_path / "run"), "--duration", "0.3"]) == 0
+    assert "messages of bagverb" in capsys.readouterr().out
+    assert (tmp_path / "run" / "metadata.yaml").exists()
+
+
+@pytest.mark.parametrize("arguments", [["--bag", "x", "--can", "x.log"], ["can0", "--bag", "x"]])
+def test_a_bag_is_of_a_robot_and_alone(arguments, capsys):
+    assert main(["record", *arguments]) == 2
+    assert "--bag" in capsys.readouterr().err

@@ -3,28 +3,18 @@
 import json
 
 import pytest
-from support.flightstory import record
+from support.flightstory import record, saved
 from support.mockrobot import running
 
 from canopen_control.bus.record import RecordingWriter
 from canopen_control.cli.main import main
 from canopen_control.host.logfile import state_dir
-from canopen_control.trace.flight_file import save
-from canopen_control.trace.flight_ring import Batch
 
 
 @pytest.fixture
 def flight():
     """Write a flight recording of robby where the recorder would."""
-    file = record("clireport", seconds=3, power_off_after=1.0)
-    reason = next(event for event in file.events if event["level"] == "error")
-    from canopen_control.frame import pack_records
-    from canopen_control.trace.flight_file import candump_lines
-
-    batches = (Batch(time, 0, pack_records([frame])) for time, _, frame in file.frames)
-    lines = [[json.dumps(each).encode() for each in part] for part in (file.events, file.states)]
-    meta = {**file.meta, "reason": reason, "written": file.states[-1]["time"]}
-    return save(state_dir("robby") / "flight", meta, candump_lines(batches, ["can"], 0), *lines)
+    return saved(record("clireport", seconds=3, power_off_after=1.0), state_dir("robby") / "flight")
 
 
 def test_without_a_file_it_is_the_newest_flight_recording(flight, capsys):

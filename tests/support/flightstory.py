@@ -6,9 +6,10 @@ from support.apiclient import Client
 from support.robots import FORWARD, LEFT, RIGHT, Bench
 
 from canopen_control.bus.channel import open_port
-from canopen_control.frame import frames_of
+from canopen_control.frame import frames_of, pack_records
 from canopen_control.runtime.api import ApiServer
-from canopen_control.trace.flight_file import FlightFile
+from canopen_control.trace.flight_file import FlightFile, candump_lines, save
+from canopen_control.trace.flight_ring import Batch
 
 FAULT = "node 3 (left_drive)"
 
@@ -47,3 +48,12 @@ def record(name="story", seconds=4, power_off_after=2.0, velocity=(4.0, 4.0)):
 def json_clean(file):
     """Return it as it would come from a file."""
     return FlightFile(*json.loads(json.dumps([file.meta, file.events, file.states])), file.frames, file.eds)
+
+
+def saved(file, folder):
+    """Write it as the recorder would; return the path."""
+    batches = (Batch(time, 0, pack_records([frame])) for time, _, frame in file.frames)
+    lines = [[json.dumps(each).encode() for each in part] for part in (file.events, file.states)]
+    reason = next(event for event in file.events if event["level"] == "error")
+    meta = {**file.meta, "reason": reason, "written": file.states[-1]["time"]}
+    return save(folder, meta, candump_lines(batches, ["can"], 0), *lines)
