@@ -51,6 +51,7 @@ VERBS = {
     "export": "the PDO layout as DBC, a recording as CSV",
     "ros": "topics and services of ROS 2 without ros2cli; the bridge by hand",
     "bench": "how fast this is here, beside its peers in the same run",
+    "completion": "completion of verbs, options and names in bash, zsh and fish",
 }
 
 
