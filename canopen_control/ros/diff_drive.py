@@ -1,6 +1,7 @@
-"""The topics of a diff drive controller: `~/cmd_vel` (stamped), `~/cmd_vel_unstamped`, `~/odom` and `~/cmd_vel_out`.
+"""The topics of a diff drive controller: `~/cmd_vel`, `~/cmd_vel_unstamped`, `~/odom` and `~/cmd_vel_out`.
 
-The law of the file (diff_drive_controller, Jazzy): only linear.x and angular.z count, the frame of a command is not
+The law of the file (diff_drive_controller, Jazzy): `~/cmd_vel` is a TwistStamped; where Twist alone is published on it,
+as for the controller of ROS 1, it is that. Only linear.x and angular.z count, the frame of a command is not
 looked at, a stamp of zero means now; how old a stamp may be is the controller's `cmd_vel_timeout`, so the stamp goes to
 the runtime with the command. A twist that is not finite is dropped, and does not refresh the timeout. Odometry is
 planar: z is 0, the covariances are diagonals, and only linear.x and angular.z are measured.
@@ -18,6 +19,7 @@ from canopen_control.ros.conversions import diagonal, quaternion_of_yaw, seconds
 from canopen_control.ros.endpoint import Endpoint
 from canopen_control.ros.joint_states import time_message
 from canopen_control.ros.qos import SYSTEM_DEFAULT
+from canopen_control.ros.twist_subscription import TwistSubscription
 
 if TYPE_CHECKING:
     from canopen_control.ros.conversions import ControllerView
@@ -27,24 +29,26 @@ __all__ = ["BaseOdometry", "TwistCommands", "send_twist"]
 
 
 class TwistCommands(Endpoint):
-    """The two subscriptions of one base controller."""
+    """The two topics of one base controller."""
 
     def __init__(self, ros: Ros, controller: ControllerView) -> None:
         self._ros, self._controller = ros, controller
         name = controller.name
-        self._subscriptions = [
-            ros.subscribe(TwistStamped, f"{name}/cmd_vel", self._on_message, SYSTEM_DEFAULT),
-            ros.subscribe(Twist, f"{name}/cmd_vel_unstamped", self._on_message, SYSTEM_DEFAULT),
-        ]
+        self._either = TwistSubscription(ros, f"{name}/cmd_vel", self._on_message, first="TwistStamped")
+        self._plain = ros.subscribe(Twist, f"{name}/cmd_vel_unstamped", self._on_message, SYSTEM_DEFAULT)
 
     def on_controller(self, controller: ControllerView) -> None:
         """Know whether it is active."""
         self._controller = controller
 
+    def on_state(self, state: dict[str, Any]) -> None:
+        """Follow who publishes."""
+        self._either.look(state)
+
     def close(self) -> None:
         """Leave the topics."""
-        for subscription in self._subscriptions:
-            self._ros.unsubscribe(subscription)
+        self._either.close()
+        self._ros.unsubscribe(self._plain)
 
     def _on_message(self, message: Twist | TwistStamped) -> None:
         send_twist(self._ros, self._controller, message)

@@ -3,6 +3,7 @@ from __future__ import annotations
 import math
 
 import pytest
+from support import ros
 from support.ros import eventually
 
 pytestmark = pytest.mark.ros
@@ -56,6 +57,27 @@ def test_a_plain_twist_has_its_own_topic(driving):
     driving.peer.order("publish", topic="/base/cmd_vel_unstamped", of=PLAIN, data=twist(0.1, 0.2), rate=20)
     assert eventually(lambda: {"controller": "base", "linear": 0.1, "angular": 0.2, "source": "ros"} in twists(driving))
     driving.peer.order("silence", topic="/base/cmd_vel_unstamped")
+
+
+def test_a_plain_twist_on_the_stamped_topic_is_taken_as_in_ros_1_and_a_stamped_one_after_it(driving):
+    topic = "/base/cmd_vel"
+    driving.peer.order("renew", topic=topic)
+    with ros.Peer(driving.domain) as old:
+        old.order("publish", topic=topic, of=PLAIN, data=twist(0.4, 0.0), rate=20)
+
+        def taken():
+            driving.robot.time += 0.1  # of the looks
+            return any(each["linear"] == 0.4 for each in twists(driving))
+
+        assert eventually(taken)
+    driving.peer.order("publish", topic=topic, of=STAMPED, data={"twist": twist(0.6, 0.0)}, rate=20)
+
+    def taken_again():
+        driving.robot.time += 0.1
+        return any(each["linear"] == 0.6 for each in twists(driving))
+
+    assert eventually(taken_again)
+    driving.peer.order("silence", topic=topic)
 
 
 def test_a_twist_that_is_not_finite_is_dropped(driving):

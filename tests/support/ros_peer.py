@@ -98,7 +98,8 @@ class Peer:
 
     def renew(self, topic):
         """Let the next publication be a new publisher's."""
-        self.node.destroy_publisher(self.publishers.pop(topic))
+        if topic in self.publishers:
+            self.node.destroy_publisher(self.publishers.pop(topic))
         self.say(done="renew")
 
     def flood(self, topic, of, count, data=None, rate=None):
