@@ -2,8 +2,9 @@
 
 The law of this file: pure and without a clock, and whatever is on the wire gets a line. One table says what an
 identifier carries: the PDOs of the network first, because a mapping may lie anywhere, then the predefined connection
-set. What needs history (an SDO transfer, the NMT state before, the mode that a statusword's bits depend on) is kept per
-node and bounded; a frame that makes no sense is said to make none.
+set. PDOs that are configured while somebody listens are learned from their SDO transfers: the wire is right where a
+file is old. What needs history (an SDO transfer, the NMT state before, the mode that a statusword's bits depend on) is
+kept per node and bounded; a frame that makes no sense is said to make none.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from canopen_control.cia402 import objects
 from canopen_control.cia402.state import decode_statusword
 from canopen_control.errors import LocalProtocolError
 from canopen_control.frame import BROADCAST, EXTENDED_FLAG, CanFrame, Service, service_of
+from canopen_control.trace.learn import LearnedPdos
 from canopen_control.trace.lss import lss_text
 from canopen_control.trace.network import NodeDescription
 from canopen_control.trace.sdo import SdoConversation
@@ -95,11 +97,12 @@ class _Route:
 class _Node:
     """What is remembered of one node."""
 
-    __slots__ = ("beat", "nmt_state", "sdo", "usual_gap", "words")
+    __slots__ = ("beat", "nmt_state", "pdos", "sdo", "usual_gap", "words")
 
     def __init__(self, description: NodeDescription) -> None:
         self.words = NodeWords(description)
         self.sdo = SdoConversation(description.od, self.words)
+        self.pdos = LearnedPdos(description, self.words)
         self.nmt_state: NmtState | None = None
         self.beat: int | None = None  # when the last heartbeat came
         self.usual_gap = 0  # ns between two of them, of the slower ones; 0: unknown
@@ -129,12 +132,15 @@ class Decoder:
         for node in network.nodes.values():
             self._add(node.emcy_cob_id, "emcy", node.node_id, "EMCY", self._emcy(node.node_id))
             for pdo in node.pdos:
-                self._add(pdo.cob_id, "pdo", node.node_id, pdo.name, self._pdo(node, pdo))
+                self._add_pdo(node.node_id, pdo)
 
     def _add(
         self, can_id: int, service: str, node_id: int | None, subject: str, handler: Callable[[CanFrame], _Said]
     ) -> None:
         self._routes[can_id] = _Route(service, node_id, subject, handler)
+
+    def _add_pdo(self, node_id: int, pdo: PdoDescription) -> None:
+        self._add(pdo.cob_id, "pdo", node_id, pdo.name, self._pdo(node_id, pdo))
 
     def decode(self, frame: CanFrame, time: int = 0) -> DecodedFrame:
         """Return `frame` in words; `time` in ns is passed on. Never raises, whatever the frame holds."""
@@ -246,21 +252,30 @@ class Decoder:
         return said
 
     def _sdo(self, node_id: int, from_client: bool) -> Callable[[CanFrame], _Said]:
-        conversation = self._node(node_id).sdo
+        node = self._node(node_id)
 
         def said(frame: CanFrame) -> _Said:
-            text, value, is_abort = conversation.receive(frame.data, from_client=from_client)
+            text, value, is_abort, held = node.sdo.receive(frame.data, from_client=from_client)
+            if held is not None and (learned := node.pdos.learn(held)) is not None:
+                self._relearn(node_id, *learned)
             return _Said(text, () if value is None else (value,), Mark.ERROR if is_abort else Mark.PLAIN)
 
         return said
 
-    def _pdo(self, node: NodeDescription, pdo: PdoDescription) -> Callable[[CanFrame], _Said]:
+    def _relearn(self, node_id: int, pdo: PdoDescription, before: int | None) -> None:
+        """Take a PDO as the node has it now; what was heard on the wire wins over any description."""
+        old = self._routes.get(before) if before is not None else None
+        if before is not None and old is not None and (old.node_id, old.subject) == (node_id, pdo.name):
+            del self._routes[before]
+        self._add_pdo(node_id, pdo)
+
+    def _pdo(self, node_id: int, pdo: PdoDescription) -> Callable[[CanFrame], _Said]:
         try:
             codec = PdoCodec([each.mapped for each in pdo.objects])
         except LocalProtocolError as error:
             reason = f"its mapping cannot be read: {error}"
             return lambda frame: _Said(f"{frame.data.hex(' ')}; {reason}", mark=Mark.WARNING)
-        words = self._node(node.node_id).words
+        words = self._node(node_id).words
 
         def said(frame: CanFrame) -> _Said:
             if len(frame.data) < codec.length:

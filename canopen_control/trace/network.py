@@ -29,10 +29,13 @@ __all__ = [
     "NodeDescription",
     "PdoDescription",
     "PdoObject",
+    "address_text",
+    "can_id_of",
     "entry_name",
     "network_of_layout",
     "node_of_eds",
     "pdos_by_default",
+    "type_of",
 ]
 
 DEFAULT_BITRATE = 1_000_000
@@ -118,7 +121,7 @@ class NodeDescription:
         """Where it sends EMCY: 0x1014 as its EDS has it, else the predefined one."""
         entry = self.od.get(_EMCY_COB_ID) if self.od is not None else None
         value = entry.value if entry is not None else None
-        return _can_id(value) if isinstance(value, int) and value & 0x7FF else SYNC_COB_ID + self.node_id
+        return can_id_of(value) if isinstance(value, int) and value & 0x7FF else SYNC_COB_ID + self.node_id
 
 
 @dataclass(frozen=True, slots=True)
@@ -192,24 +195,25 @@ def _pdo_by_default(od: ObjectDictionary, pdo: Pdo) -> PdoDescription:
             mapped.index,
             mapped.subindex,
             mapped.bits,
-            _type_of(od, mapped.index, mapped.subindex, mapped.bits),
-            entry_name(od, mapped.index, mapped.subindex) or _address(mapped.index, mapped.subindex),
+            type_of(od, mapped.index, mapped.subindex, mapped.bits),
+            entry_name(od, mapped.index, mapped.subindex) or address_text(mapped.index, mapped.subindex),
         )
         for mapped in pdo.mapped
     )
     kind = "rpdo" if pdo.is_rpdo else "tpdo"
     transmission = 255 if pdo.transmission_type is None else pdo.transmission_type
-    return PdoDescription(_can_id(pdo.cob_id or 0), kind, pdo.number, tuple(objects), transmission)
+    return PdoDescription(can_id_of(pdo.cob_id or 0), kind, pdo.number, tuple(objects), transmission)
 
 
-def _type_of(od: ObjectDictionary, index: int, subindex: int, bits: int) -> DataType:
-    entry = od.get(index, subindex)
+def type_of(od: ObjectDictionary | None, index: int, subindex: int, bits: int) -> DataType:
+    """Return the type of an object in a PDO: its EDS's, else an unsigned one of its width."""
+    entry = od.get(index, subindex) if od is not None else None
     if entry is not None:
         return entry.data_type
     return _RAW_TYPES.get(bits, DataType.UNSIGNED64 if bits % 8 else DataType.OCTET_STRING)
 
 
-def _can_id(entry: int) -> int:
+def can_id_of(entry: int) -> int:
     """Return the can_id of a COB-ID entry: bit 29 says that the identifier has 29 bits."""
     entry &= ~INVALID_BIT
     return entry & 0x1FFFFFFF | EXTENDED_FLAG if entry & EXTENDED_BIT else entry & 0x7FF
@@ -228,11 +232,12 @@ def _pdo_of_layout(pdo: Mapping[str, Any]) -> PdoDescription:
 def _object_of_layout(objects: Iterable[Mapping[str, Any]]) -> Iterable[PdoObject]:
     for each in objects:
         index, subindex, data_type = int(each["index"]), int(each["subindex"]), DataType[str(each["data_type"])]
-        name = str(each["name"]) or _address(index, subindex)
+        name = str(each["name"]) or address_text(index, subindex)
         yield PdoObject(index, subindex, int(each["bits"]), data_type, name)
 
 
-def _address(index: int, subindex: int) -> str:
+def address_text(index: int, subindex: int) -> str:
+    """Return ``0x6041:00``."""
     return f"0x{index:04X}:{subindex:02X}"
 
 

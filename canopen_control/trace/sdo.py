@@ -45,11 +45,15 @@ _EXPEDITED, _SIZED = 0x02, 0x01
 
 
 class SdoText(NamedTuple):
-    """What a frame says, the value where it completes one, and whether it is an abort."""
+    """What a frame says, the value where it completes one, and whether it is an abort.
+
+    `held` is a short value that the node is now known to hold: it answered with it, or confirmed that it is written.
+    """
 
     text: str
     value: SignalValue | None = None
     is_abort: bool = False
+    held: SignalValue | None = None
 
 
 class SdoConversation:
@@ -83,6 +87,7 @@ class SdoConversation:
         self._data = bytearray()
         self._length = 0
         self._size = 0
+        self._asked: SignalValue | None = None  # the short value of a download that is not confirmed yet
         self._open = False  # a segmented download that waits for more
         self._streams = False  # the next frames of the sender are a block's segments
         self._block: dict[int, bytes] = {}
@@ -145,7 +150,7 @@ class SdoConversation:
     def _download(self, data: bytes) -> SdoText:
         where = self._begin(data, "write")
         if data[0] & _EXPEDITED:
-            value = self._value(self._carried(data))
+            value = self._asked = self._value(self._carried(data))
             return SdoText(f"write {where} = {value.text if value else ''}", value)
         self._open = True
         size = f", {self._announced(data)}" if data[0] & _SIZED else ""
@@ -155,7 +160,8 @@ class SdoConversation:
         address = data[1] | data[2] << 8, data[3]
         if address != self._address:
             self._begin(data, "write")
-        return SdoText(f"{'go on with' if self._open else 'written'} {self._where()}")
+        held, self._asked = self._asked, None
+        return SdoText(f"{'go on with' if self._open else 'written'} {self._where()}", held=held)
 
     def _segment_answer(self, data: bytes) -> SdoText:  # noqa: ARG002 - one shape for all
         where = self._where()
@@ -172,7 +178,8 @@ class SdoConversation:
         if address != self._address or self._kind != "read":
             self._begin(data, "read")
         if data[0] & _EXPEDITED:
-            return self._completed(self._carried(data))
+            said = self._completed(self._carried(data))
+            return said._replace(held=said.value)
         size = self._announced(data) if data[0] & _SIZED else "length unsaid"
         return SdoText(f"{self._where()}: {size}, in segments")
 
