@@ -74,9 +74,9 @@ class Page:
         gui.main_panel.dock_left()
         gui.main_panel.set_width(_LEFT_PX)
         gui.add_html(STYLE)
-        self._head = _Html(gui, head(self._robot, None))
+        self._head = _Html(gui, head(self._robot, welcome.status))
         self._stop = StopControls(gui, robot)
-        self._alarm = _Html(gui, alarm(None))
+        self._alarm = _Html(gui, alarm(welcome.status))
         follow = gui.add_checkbox("Camera follows", initial_value=True, hint="keep the robot in the middle")
         follow.on_update(lambda _event: self._scene.follow_robot(follow.value))
         DriveControls(gui, robot, list(welcome.status["nodes"]))
@@ -85,8 +85,8 @@ class Page:
         gui = self._server.gui
         top, plots = gui.add_panel(), gui.add_panel()
         with top.add_tab("Drives and events", ICONS["drives"]):
-            self._table = _Html(gui, "")
-            self._log = _Html(gui, "")
+            self._table = _Html(gui, drive_table(axis_rows(welcome.status)))
+            self._log = _Html(gui, event_log(self._events))
         self._plots = Plots(self._server, plots, list(welcome.status["joints"]), list(welcome.status["buses"]), linear)
         top.dock_right()
         top.set_width(_RIGHT_PX)
@@ -127,6 +127,7 @@ class Page:
         """Say that there is no connection."""
         self._head.show(head(self._robot, None))
         self._alarm.show(alarm(None, why))
+        self._table.show("<p class='cc-note'>No connection: nobody knows what the drives do.</p>")
 
     def _slowly(self, state: Mapping[str, Any]) -> None:
         rows = axis_rows(state)

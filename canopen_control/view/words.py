@@ -110,6 +110,8 @@ def _table_lines(rows: Iterable[AxisRow]) -> Iterator[str]:
 def head(robot: str, state: Mapping[str, Any] | None) -> str:
     """Return the first line of the page: who it is and how it is; `state` None while there is no connection."""
     words, tone = ("not connected", BAD) if state is None else _ROBOT.get(state["state"], (state["state"], IDLE))
+    if state is not None and state.get("latched"):
+        words, tone = "STOP is latched", BAD
     return f"<div class='cc-head'><span class='cc-name'>{escape(robot)}</span>{_chip(words, tone)}</div>"
 
 
@@ -122,7 +124,7 @@ def alarm(state: Mapping[str, Any] | None, why: str = "") -> str:
     if not state.get("latched"):
         return facts
     by = escape(str(state["latched_by"]))
-    return f"<div class='cc-alarm'>STOP is latched by {by}.<br>Nothing moves before it is released.</div>{facts}"
+    return f"<div class='cc-alarm'>Latched by {by}: nothing moves before it is released.</div>{facts}"
 
 
 def _facts(state: Mapping[str, Any]) -> Iterator[str]:

@@ -80,7 +80,7 @@ def test_stop_goes_out_from_any_thread_and_is_an_error_where_it_cannot(robot, ma
     until(app, lambda: app._link is not None)
     app.stop()
     until(app, lambda: robot.status()["latched"])
-    until(app, lambda: "STOP is latched" in app._page._alarm._html or app._page_opened(1))
+    until(app, lambda: "Latched by view" in app._page._alarm._html or app._page_opened(1))
     assert app.ask("release", {}) is None
 
 

@@ -103,7 +103,7 @@ def test_while_nobody_looks_only_the_plots_remember(server, make, state):
 def test_a_latched_stop_and_its_way_out_are_shown(make, parts, state):
     page = make()
     page.state(state | {"latched": True, "latched_by": "view"}, seen=True)
-    assert "STOP is latched by view" in page._alarm._handle.content
+    assert "Latched by view" in page._alarm._handle.content
     assert parts()["Release STOP"].visible
 
 
@@ -138,6 +138,8 @@ def test_what_repeats_itself_stands_there_once(make, state):
 
 def test_a_lost_connection_is_said(make):
     page = make()
+    assert "enabled" in page._table._handle.content
     page.lost("it has died")
+    assert "enabled" not in page._table._handle.content  # what was is not what is
     assert "No connection" in page._alarm._handle.content
     assert "it has died" in page._alarm._handle.content

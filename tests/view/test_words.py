@@ -72,9 +72,10 @@ def test_below_stop_stands_what_counts():
     html = alarm(state())
     assert "bus can 2.1 %" in html
     assert "active: forward" in html
-    assert "is latched" not in html
+    assert "atched by" not in html
+    assert "STOP is latched" in head("robby", state(latched=True))
     assert "No safety function" in html
-    assert "STOP is latched by view" in alarm(state(latched=True, latched_by="view"))
+    assert "Latched by view" in alarm(state(latched=True, latched_by="view"))
     assert "STOP does not reach it" in alarm(None, "it has died")
 
 

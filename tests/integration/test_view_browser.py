@@ -1,0 +1,255 @@
+"""The page as a user has it: robby on virtual drives, the view as a process of its own, and a real browser.
+
+What is said of the robot is confirmed past the page and past the runtime: by a bare listener on the bus (the `canopen`
+package) and by what three.js draws. Pictures of every test are kept in CANOPEN_CONTROL_ARTEFACTS (build/pictures).
+"""
+
+import functools
+import http.server
+import math
+import os
+import signal
+import threading
+import time
+from pathlib import Path
+
+import pytest
+from support.browser import BASE, LEFT_WHEEL, RIGHT_WHEEL, RobotPage, browser
+from support.host import eventually
+from support.listener import Witness
+
+pytestmark = pytest.mark.browser
+
+ARTEFACTS = Path(os.environ.get("CANOPEN_CONTROL_ARTEFACTS") or Path(__file__).parents[2] / "build" / "pictures")
+STATUSWORD, VELOCITY = 0x6041, 0x606C
+LEFT, RIGHT = 3, 2
+STANDING = 20  # microsteps/s; 2546 are 10 rad/s
+FORWARD, DIFF_DRIVE = "robby_forward_controller", "robby_base_controller"
+
+
+@pytest.fixture(scope="module")
+def chromium():
+    with browser() as running:
+        yield running
+
+
+class Show:
+    """Robby, its page, and a witness on its bus."""
+
+    def __init__(self, stage, chromium, name, *options, teleop=False, size=(1440, 900)):
+        self.stage, self.name = stage, name
+        self.run = stage.robby(name, *options)
+        self.view = stage.start("view", "--name", name, "--port", "0", *(["--teleop"] if teleop else []))
+        self.url = self.view.until("view: http").split()[-1]
+        self.witness = Witness(name)
+        for node_id in (LEFT, RIGHT):
+            self.witness.join(node_id)
+        self.chromium, self.size = chromium, size
+
+    def page(self):
+        return RobotPage(self.chromium, self.url, self.size).open()
+
+    def drive(self, *speeds):
+        """Command the wheels, in rad/s, until the test ends; returns when both turn so fast."""
+        self.stage.start("command", FORWARD, *speeds, "--name", self.name)
+        self.turning(speeds[0] * 0.9)
+
+    def turning(self, speed):
+        steps = speed * 1600 / math.tau
+        assert eventually(lambda: min(abs(self.velocity(each)) for each in (LEFT, RIGHT)) > steps, 20)
+
+    def velocity(self, node_id):
+        series = self.witness.series(node_id, VELOCITY)
+        return series[-1][1] if series else 0
+
+    def stood_after(self, begin):
+        """Wait until both drives stand, by what they say on the bus; return how many seconds after `begin` they did."""
+        assert eventually(lambda: max(abs(self.velocity(each)) for each in (LEFT, RIGHT)) <= STANDING, 10)
+        last = [
+            max(time for time, value in self.witness.series(node_id, VELOCITY) if abs(value) > STANDING)
+            for node_id in (LEFT, RIGHT)
+        ]
+        return max(last) - begin
+
+
+@pytest.fixture
+def show(stage, chromium, request):
+    shows = []
+
+    def show(name, *options, **how):
+        shows.append(Show(stage, chromium, name, *options, **how))
+        return shows[-1]
+
+    yield show
+    for each in shows:
+        each.witness.close()
+    for context in list(chromium.contexts):
+        context.close()
+
+
+@pytest.fixture
+def keep(request, record_property):
+    """Take a picture that is kept."""
+
+    def keep(page, name):
+        path = page.picture(ARTEFACTS / f"{name}.png")
+        record_property("picture", str(path))
+        print(f"picture: {path}")
+
+    return keep
+
+
+def turned(before, after):
+    """Return by how many radians a world matrix has turned against another."""
+    trace = sum(before[4 * row + column] * after[4 * row + column] for row in range(3) for column in range(3))
+    return math.acos(max(-1.0, min(1.0, (trace - 1) / 2)))
+
+
+def test_the_wheels_turn_in_what_is_drawn_and_nobody_else_is_asked(show, keep):
+    show = show("vturn")
+    page = show.page()
+    page.tidy()
+    still = [page.transform(wheel) for wheel in (LEFT_WHEEL, RIGHT_WHEEL)]
+    time.sleep(1.0)
+    assert [page.transform(wheel) for wheel in (LEFT_WHEEL, RIGHT_WHEEL)] == still  # what stands is drawn standing
+    show.drive(1.0, 1.0)
+    before = [page.transform(wheel) for wheel in (LEFT_WHEEL, RIGHT_WHEEL)]
+    assert eventually(
+        lambda: all(
+            turned(was, page.transform(wheel)) > 0.3
+            for was, wheel in zip(before, (LEFT_WHEEL, RIGHT_WHEEL), strict=True)
+        ),
+        10,
+    )
+    assert [row[12:15] for row in before] == [row[12:15] for row in still]  # about their axles, in their places
+    keep(page, "wheels_turn")
+    assert "enabled, follows commands" in page.text()
+    # Nobody else was asked; and the check would see it, were it otherwise.
+    assert page.foreign() == []
+    assert any(url.startswith("ws://127.0.0.1") for url in page.requests)
+    plain = RobotPage(show.chromium, "http://127.0.0.1/")
+    plain.page.set_content("<img src='http://192.0.2.1/pixel.png'>", wait_until="commit")
+    assert eventually(lambda: plain.page.wait_for_timeout(20) or plain.foreign() == ["http://192.0.2.1/pixel.png"], 5)
+    plain.page.close()
+    # Our page could not even if it wanted to: what it may ask is written on it.
+    asked = page.page.evaluate("fetch('http://192.0.2.1/').then(() => 'sent', error => String(error))")
+    assert "Failed to fetch" in asked
+    assert page.foreign() == []
+
+
+def test_the_stop_click_stops_both_drives_within_300_ms_and_lasts_until_the_release(show, keep, record_property):
+    show = show("vstop", size=(1000, 700))
+    page = show.page()
+    page.tidy()
+    show.drive(10.0, 10.0)
+    page.page.evaluate(
+        "() => addEventListener('click', event => { "
+        "window.clicked = (performance.timeOrigin + event.timeStamp) / 1000; }, {capture: true, once: true})"
+    )
+    page.click("STOP")
+    took = show.stood_after(page.page.evaluate("window.clicked"))
+    record_property("stop_s", took)
+    print(f"STOP: both drives stand {took:.3f} s after the click")
+    assert took < 0.3
+    page.page.get_by_text("Latched by view").wait_for()
+    keep(page, "stop_is_latched")
+    # the command goes on being sent, and is refused
+    refused = show.stage.call("command", FORWARD, 5, 5, "--once", "--name", "vstop")
+    assert "STOP is latched (by view)" in refused.err
+    assert max(abs(show.velocity(each)) for each in (LEFT, RIGHT)) <= STANDING
+    page.click("Release STOP")
+    page.page.get_by_text("Latched by view").wait_for(state="hidden")
+    page.page.get_by_role("button", name="Enable").first.click()
+    page.page.get_by_text("enabled, follows commands").first.wait_for()
+
+
+def test_closing_the_page_while_driving_stops_the_robot(show, keep):
+    show = show("vdrive", "--controller", DIFF_DRIVE, teleop=True)
+    page = show.page()
+    page.tidy()
+    start = page.transform(BASE)
+    page.press("Forward")
+    show.turning(3.0)
+    time.sleep(1.5)
+    keep(page, "driving")
+    assert math.dist(start[12:15], page.transform("/world")[12:15]) > 0.02  # the world moves under the robot
+    begin = time.time()
+    page.page.close()
+    assert show.stood_after(begin) < 1.5  # the closing of a browser tab itself takes its time
+    time.sleep(1.0)
+    assert max(abs(show.velocity(each)) for each in (LEFT, RIGHT)) <= STANDING
+
+
+def test_letting_go_of_the_button_stops_the_robot(show):
+    show = show("vlet", "--controller", DIFF_DRIVE, teleop=True, size=(1000, 800))
+    page = show.page()
+    page.press("Forward")
+    show.turning(3.0)
+    begin = time.time()
+    page.page.mouse.up()
+    assert show.stood_after(begin) < 1.5
+
+
+def test_a_foreign_page_may_not_come_in(show, tmp_path):
+    show = show("vdoor")
+    page = show.page()
+    (tmp_path / "evil.html").write_text(
+        f"<script>const socket = new WebSocket('{show.url.replace('http', 'ws')}', 'viser-v1.1.1');"
+        "socket.onopen = () => { document.title = 'open'; }; socket.onclose = () => { document.title = 'refused'; };"
+        "</script>"
+    )
+    handler = functools.partial(QuietHandler, directory=str(tmp_path))
+    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
+        thread = threading.Thread(target=server.serve_forever)
+        thread.start()
+        try:
+            evil = show.chromium.new_page()
+            answers = []
+            evil.on("response", lambda response: answers.append((response.url, response.status)))
+            evil.goto(f"http://127.0.0.1:{server.server_port}/evil.html")
+            evil.wait_for_function("document.title !== ''")
+            assert evil.title() == "refused"
+            status = evil.evaluate(
+                "url => fetch(url, {mode: 'no-cors'}).then(answer => answer.type, error => 'failed')", show.url
+            )
+            assert status in ("opaque", "failed")  # nothing of it can be read
+        finally:
+            server.shutdown()
+            thread.join()
+    import urllib.error
+    import urllib.request
+
+    for headers in ({"Origin": "http://evil.example"}, {"Host": "evil.example"}):
+        with pytest.raises(urllib.error.HTTPError, match="403"):
+            urllib.request.urlopen(urllib.request.Request(show.url, headers=headers), timeout=5)
+    assert "enabled, follows commands" in page.text()  # our own page is in
+
+
+class QuietHandler(http.server.SimpleHTTPRequestHandler):
+    def log_message(self, *_):
+        pass
+
+
+def test_a_robot_that_is_started_again_is_on_the_same_page(show):
+    show = show("vagain")
+    page = show.page()
+    show.run.send(signal.SIGINT)
+    assert show.run.wait() == 0
+    page.page.get_by_text("No connection to the robot").wait_for()
+    assert "enabled, follows commands" not in page.text()
+    show.stage.robby("vagain")
+    page.page.get_by_text("No connection to the robot").wait_for(state="hidden")
+    page.page.get_by_text("enabled, follows commands").first.wait_for()
+
+
+def test_run_shows_the_page_and_a_dead_page_hurts_nobody(stage, chromium):
+    run = stage.robby("vrun", "--view", "--controller", DIFF_DRIVE)
+    url = run.until("view: http").split()[-1]
+    page = RobotPage(chromium, url).open()
+    os.kill(stage.pid_of("canopen_control view"), signal.SIGKILL)
+    run.until("process view")
+    assert "was ended by signal 9" in run.out
+    status = stage.call("status", "--name", "vrun")
+    assert "running" in status.out
+    page.page.close()
+    assert run.end(signal.SIGINT) == 0

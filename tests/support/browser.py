@@ -1,0 +1,114 @@
+"""A headless browser for tests and pictures: Debian's chromium, driven by playwright, on a software renderer."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from typing import TYPE_CHECKING, Any
+from urllib.parse import urlsplit
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+    from playwright.sync_api import Browser, Page
+
+CHROMIUM = os.environ.get("CHROMIUM", "/usr/bin/chromium")
+_ARGUMENTS = (
+    "--use-gl=angle",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--no-sandbox",  # tests run as root in containers; the only pages are our own
+    "--disable-background-networking",
+    "--disable-component-update",
+)
+_NODE = "path => window.__viserMutable.nodeRefFromName[path]"
+PATIENCE_MS = 30_000
+LEFT_WHEEL = "/world/robot/base_footprint/base_link/left_wheel"
+RIGHT_WHEEL = "/world/robot/base_footprint/base_link/right_wheel"
+BASE = "/world/robot"
+
+
+@contextlib.contextmanager
+def browser() -> Iterator[Browser]:
+    """Run chromium as long as the `with` block lasts."""
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as playwright:
+        with _priority(-5):
+            running = playwright.chromium.launch(executable_path=CHROMIUM, args=list(_ARGUMENTS))
+        try:
+            yield running
+        finally:
+            running.close()
+
+
+@contextlib.contextmanager
+def _priority(nice: int) -> Iterator[None]:
+    """Start what is started here before others, where the user may: it draws without a graphics card."""
+    before = os.getpriority(os.PRIO_PROCESS, 0)
+    with contextlib.suppress(PermissionError):
+        os.setpriority(os.PRIO_PROCESS, 0, nice)
+    try:
+        yield
+    finally:
+        with contextlib.suppress(PermissionError):
+            os.setpriority(os.PRIO_PROCESS, 0, before)
+
+
+class RobotPage:
+    """The page of the view as a user has it, with every request that it has made in `requests`."""
+
+    def __init__(self, browser: Browser, url: str, size: tuple[int, int] = (1440, 900)) -> None:
+        self.url = url
+        self.page: Page = browser.new_page(viewport={"width": size[0], "height": size[1]})
+        self.page.set_default_timeout(PATIENCE_MS)
+        self.requests: list[str] = []
+        self.page.on("request", lambda request: self.requests.append(request.url))
+        self.page.on("websocket", lambda websocket: self.requests.append(websocket.url))
+
+    def open(self) -> RobotPage:
+        """Open it and wait until the robot is there."""
+        self.page.goto(self.url)
+        self.page.get_by_role("button", name="STOP", exact=True).wait_for()
+        self.page.wait_for_function(f"path => !!({_NODE})(path)", arg=LEFT_WHEEL)
+        return self
+
+    def tidy(self) -> None:
+        """Take away what viser says of a renderer without a graphics card."""
+        self.page.add_style_tag(content=".mantine-Notifications-root { display: none !important; }")
+
+    def transform(self, node: str) -> list[float]:
+        """Return the sixteen numbers of a node's world matrix in the scene that three.js draws, column by column."""
+        matrix: list[float] = self.page.evaluate(
+            f"path => {{ const node = ({_NODE})(path); node.updateWorldMatrix(true, false); "
+            "return node.matrixWorld.elements.slice(); }",
+            node,
+        )
+        return matrix
+
+    def press(self, label: str) -> None:
+        """Press a button down, and keep it."""
+        button: Any = self.page.get_by_role("button", name=label, exact=True)
+        button.hover()
+        self.page.mouse.down()
+
+    def click(self, label: str) -> None:
+        self.page.get_by_role("button", name=label, exact=True).click()
+
+    def text(self) -> str:
+        """Return what can be read on it."""
+        return str(self.page.inner_text("body"))
+
+    def foreign(self) -> list[str]:
+        """Return the requests that went anywhere but to where the page came from; data: and blob: go nowhere."""
+        own = urlsplit(self.url).netloc
+        return [
+            url for url in self.requests if urlsplit(url).scheme not in ("data", "blob") and urlsplit(url).netloc != own
+        ]
+
+    def picture(self, path: Path) -> Path:
+        """Take a picture of what is shown."""
+        path.parent.mkdir(parents=True, exist_ok=True)
+        self.page.screenshot(path=path)
+        return path
