@@ -1,4 +1,4 @@
-"""The `canopen` package, an independent master, drives our virtual drive over python-can's virtual bus."""
+"""The `canopen` package, an independent master, drives our virtual drive, each on a python-can bus of its own kind."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import time
 
 import canopen
 import pytest
+from support.channel import CHANNEL, python_can_of
 from support.host import eventually
 
 from canopen_control.bus.channel import open_port
@@ -29,7 +30,7 @@ def running(eds, channel):
     device = make_device(eds, NODE)
 
     def serve():
-        with reactor, contextlib.closing(open_port(f"virtual:{channel}")) as port:
+        with reactor, contextlib.closing(open_port(CHANNEL or f"virtual:{channel}")) as port:
             host = NodeHost(reactor, port, [device])
             reactor.call_soon(ready.set)
             reactor.run()
@@ -38,7 +39,7 @@ def running(eds, channel):
 
     thread = threading.Thread(target=serve)
     network = canopen.Network()
-    network.connect(interface="virtual", channel=channel)
+    network.connect(**(python_can_of(channel) if CHANNEL else {"interface": "virtual", "channel": channel}))
     thread.start()
     try:
         assert ready.wait(10)
