@@ -166,12 +166,13 @@ class InterfaceRegistry:
         self._states: dict[str, StateInterface] = {}
         self._commands: dict[str, CommandInterface] = {}
         self._components: dict[str, HardwareComponent] = {}
+        self._in_order: tuple[HardwareComponent, ...] = ()
         self._exporters: dict[str, str] = {}
 
     @property
     def components(self) -> tuple[HardwareComponent, ...]:
         """The registered components, in the order they came."""
-        return tuple(self._components.values())
+        return self._in_order
 
     @property
     def state_interfaces(self) -> tuple[StateInterface, ...]:
@@ -190,6 +191,7 @@ class InterfaceRegistry:
         _refuse_doubles("state", component.name, component.state_interfaces, self._states)
         _refuse_doubles("command", component.name, component.command_interfaces, self._commands)
         self._components[component.name] = component
+        self._in_order = tuple(self._components.values())
         self._states.update({each.name: each for each in component.state_interfaces})
         self._commands.update({each.name: each for each in component.command_interfaces})
         self._exporters.update({each.name: component.name for each in component.command_interfaces})

@@ -35,14 +35,13 @@ class ReceivedPdo:
     """
 
     __slots__ = (
-        "_length",
-        "_unpack",
         "checked",
         "cob_id",
         "codec",
         "count",
         "every",
         "expected",
+        "length",
         "long",
         "missed",
         "overdue",
@@ -51,6 +50,7 @@ class ReceivedPdo:
         "silent",
         "stamp",
         "told",
+        "unpack",
         "values",
     )
 
@@ -58,10 +58,10 @@ class ReceivedPdo:
         self.cob_id = cob_id
         self.codec = PdoCodec(objects)
         compiled = self.codec.struct
-        self._unpack: Callable[[bytes], tuple[Value, ...]] = (
+        self.unpack: Callable[[bytes], tuple[Value, ...]] = (
             self.codec.unpack if compiled is None else compiled.unpack_from
         )
-        self._length = self.codec.length
+        self.length = self.codec.length
         self.every = transmission_type if transmission_type in CYCLIC_SYNCHRONOUS else 0
         self.allow(MISSED_SYNCS)
         self.expected = self.overdue = self.told = False
@@ -72,12 +72,12 @@ class ReceivedPdo:
 
     def receive(self, data: bytes, length: int, now: int) -> None:
         """Take the data of a frame (eight bytes, `length` of them real); a short one changes nothing but a counter."""
-        if length != self._length:
-            if length < self._length:
+        if length != self.length:
+            if length < self.length:
                 self.short += 1
                 return
             self.long += 1
-        self.values = self._unpack(data)
+        self.values = self.unpack(data)
         self.stamp = now
         self.count += 1
 
@@ -87,16 +87,16 @@ class ReceivedPdo:
         `planned` and the layout's objects differ only where a node keeps a mapping of its own.
         """
         self.cob_id, self.codec = layout.cob_id, PdoCodec(layout.objects)
-        self._length = self.codec.length
+        self.length = self.codec.length
         self.every = layout.transmission_type if layout.transmission_type in CYCLIC_SYNCHRONOUS else 0
         self.allow(self.missed)
         unpack = self.codec.unpack if self.codec.struct is None else self.codec.struct.unpack_from
         addresses = [mapped[:2] for mapped in layout.objects]
         order = [addresses.index(mapped[:2]) for mapped in planned]
         if order == list(range(len(addresses))):
-            self._unpack = unpack
+            self.unpack = unpack
         else:
-            self._unpack = lambda data: tuple([found[position] for found in (unpack(data),) for position in order])
+            self.unpack = lambda data: tuple([found[position] for found in (unpack(data),) for position in order])
 
     def allow(self, missed: int) -> None:
         """Let so many of its frames stay away before it is overdue."""
@@ -157,7 +157,7 @@ class Output:
 class SentPdo:
     """One RPDO of a node, its record ready to be sent; `enabled` only while the node is operational."""
 
-    __slots__ = ("_idle", "changed", "cob_id", "codec", "count", "cyclic", "enabled", "outputs", "record")
+    __slots__ = ("changed", "cob_id", "codec", "count", "cyclic", "enabled", "idle", "outputs", "record")
 
     def __init__(
         self, cob_id: int, objects: Sequence[MappedObject], outputs: Sequence[Output], *, cyclic: bool
@@ -166,7 +166,7 @@ class SentPdo:
         self.codec = PdoCodec(objects)
         self.record = bytearray(RECORD.pack(cob_id, self.codec.length, b""))
         self.enabled, self.changed, self.count = False, True, 0
-        self._idle = 0
+        self.idle = 0  # cycles since it was sent
         for output in outputs:
             output.pdos.append(self)
 
@@ -180,17 +180,10 @@ class SentPdo:
             if self not in output.pdos:
                 output.pdos.append(self)
 
-    def collect(self, records: list[bytearray], refresh: int) -> None:
-        """Append the record if it changed, is cyclic, or was not sent for `refresh` cycles."""
-        self._idle += 1
-        if not self.enabled or not (self.changed or self.cyclic or self._idle >= refresh):
-            return
-        if self.changed:
-            self.codec.pack_into(self.record, 8, [output.value for output in self.outputs])
-            self.changed = False
-        self._idle = 0
-        self.count += 1
-        records.append(self.record)
+    def pack(self) -> None:
+        """Write the outputs' values into the record."""
+        self.codec.pack_into(self.record, 8, [output.value for output in self.outputs])
+        self.changed = False
 
 
 class ProcessImage:
@@ -249,9 +242,15 @@ class ProcessImage:
 
     def collect(self, also: Iterable[bytes | bytearray] = ()) -> bytes:
         """Return the records of one cycle: the RPDOs that are due, then `also` (the SYNC)."""
-        records = self._records
+        records, refresh = self._records, self.refresh
         records.clear()
         for pdo in self.outputs:
-            pdo.collect(records, self.refresh)
+            pdo.idle += 1
+            if pdo.enabled and (pdo.changed or pdo.cyclic or pdo.idle >= refresh):
+                if pdo.changed:
+                    pdo.pack()
+                pdo.idle = 0
+                pdo.count += 1
+                records.append(pdo.record)
         records.extend(also)  # type: ignore[arg-type]  # bytes and bytearrays join alike
         return b"".join(records)

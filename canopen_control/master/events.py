@@ -58,6 +58,11 @@ class EventLog:
             self.dropped += 1
         self._fresh.append(event)
 
+    @property
+    def waiting(self) -> bool:
+        """Whether `take` would return any."""
+        return bool(self._fresh)
+
     def take(self) -> list[Event]:
         """Return the events since the last call."""
         fresh = list(self._fresh)

@@ -156,7 +156,10 @@ class ApiServer:
 
     def _push(self, _now: int) -> None:
         """Send what is new to those who watch; each rate's sample is encoded once."""
-        self._flush_events()
+        if self._robot.events.waiting:
+            self._flush_events()
+        if not self._subscriptions:
+            return
         count, sample = self._robot.pacer.count, b""
         for connection, subscription in list(self._subscriptions.items()):
             if subscription.every and count % subscription.every == 0:

@@ -89,7 +89,8 @@ class RobotBus:
             if records:
                 self._bits += _bits_of(records)
                 self.network.receive(records, self._reactor.now())
-                self._send(self.network.take())
+                if waiting := self.network.take():
+                    self._send(waiting)
             for event in self.port.events():
                 self._on_bus_event(event)
         except BusError as error:
@@ -106,7 +107,8 @@ class RobotBus:
 
     def send_cycle(self, now: int) -> None:
         """Send what waits, the RPDOs that are due, and SYNC."""
-        self._guarded(self.network.take() + self.network.cycle(sync=self._synchronous, now=now))
+        waiting, records = self.network.take(), self.network.cycle(sync=self._synchronous, now=now)
+        self._guarded(waiting + records if waiting else records)
 
     def send_waiting(self) -> None:
         """Send what waits, process data apart."""

@@ -72,7 +72,8 @@ class RobotCore:
         self.wall_offset_ns = time.time_ns() - reactor.now()
         self.commander: str | None = None
         self.latch = StopLatch(self.report)
-        self.pacer = Pacer(reactor, setup.cycle_ns, self._cycle)
+        self.pacer = Pacer(reactor, setup.cycle_ns, self._step)
+        self._period = setup.cycle_ns / 1e9
         self.registry = InterfaceRegistry()
         self.buses: dict[str, RobotBus] = {}
         self.nodes: dict[str, RemoteNode] = {}
@@ -222,21 +223,30 @@ class RobotCore:
     # ------------------------------------------------------------------------------------------- cycle
 
     def _cycle(self, now: int) -> None:
-        period = self.pacer.period_ns / 1e9
+        """Do a cycle with all that has come; for those who do not leave the ports to the reactor."""
         for bus in self.buses.values():
             bus.receive()
+        self._step(now)
+
+    def _step(self, now: int) -> None:
+        """Do a cycle: the reactor serves the ports in every turn, and before the timers, so all that has come is read."""
+        period = self._period
+        components = self.registry.components
+        for bus in self.buses.values():
             bus.tick(now)
-        for component in self.registry.components:
+        for component in components:
             if component.read(now, period) is ReturnType.ERROR:
                 self.manager.deactivate_using(component, f"{component.name} reported an error on read", now)
-        self._advance(now)
+        if self._phase is not RobotState.RUNNING:
+            self._advance(now)
         self.manager.update(now, period)
-        for component in self.registry.components:
+        for component in components:
             if component.write(now, period) is not ReturnType.OK:
                 self.manager.deactivate_using(component, f"{component.name} reported an error on write", now)
         for bus in self.buses.values():
             bus.send_cycle(now)
-        self._settle_requests(now)
+        if self._requests:
+            self._requests = [request for request in self._requests if not request.settle(now)]
         if self.pacer.missed != self._missed and now >= self._tell_missed_at:
             self._tell_missed(now)
         for event in self.manager.events():
@@ -330,10 +340,6 @@ class RobotCore:
             self.report(Event(now, "error", "", str(error), Level.ERROR))
         for system in self.systems:
             system.stop(now)
-
-    def _settle_requests(self, now: int) -> None:
-        if self._requests:
-            self._requests = [request for request in self._requests if not request.settle(now)]
 
     def _settled(self) -> bool:
         """Whether no drive is on its way to be enabled any more: it is, or it has a reason not to be."""
