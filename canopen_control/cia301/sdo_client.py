@@ -133,6 +133,14 @@ class SdoClient:
         return self._exchange.retried
 
     @property
+    def progress(self) -> tuple[int, int | None]:
+        """Bytes of the transfer under way that are over, and how many there are; (0, None) while nobody knows.
+
+        Made for who watches from another thread: a number that is a moment old.
+        """
+        return self._exchange.progress
+
+    @property
     def block_supported(self) -> bool | None:
         """Whether the server knows block transfer; None if it has not been asked yet."""
         return self._exchange.block_supported

@@ -73,6 +73,11 @@ class BlockUpload:
         """The object's bytes."""
         return bytes(self._buffer)
 
+    @property
+    def progress(self) -> tuple[int, int | None]:
+        """Bytes that are over, and how many there are, None where the server has not said."""
+        return len(self._buffer), self._size
+
     def receive(self, data: bytes, out: list[CanFrame]) -> int:
         """Take one frame of the server."""
         if out:  # our acknowledgement has not left: a copy of what it acknowledges
@@ -176,6 +181,11 @@ class BlockDownload:
         self._ending = False
         self._stuck = 0
         self._send(out)
+
+    @property
+    def progress(self) -> tuple[int, int | None]:
+        """Bytes that are over, and how many there are, None where the server has not said."""
+        return min(self._done * SEGMENT_DATA, len(self._data)), len(self._data)
 
     def receive(self, data: bytes, out: list[CanFrame]) -> int:
         """Take one answer of the server."""

@@ -45,6 +45,11 @@ class SegmentedUpload:
         """The object's bytes, as far as they came."""
         return bytes(self._buffer)
 
+    @property
+    def progress(self) -> tuple[int, int | None]:
+        """Bytes that are over, and how many there are, None where the server has not said."""
+        return len(self._buffer), self._size
+
     def receive(self, data: bytes, out: list[CanFrame]) -> int:
         """Take one answer of the server."""
         command = data[0]
@@ -99,6 +104,11 @@ class SegmentedDownload:
         self._toggle = 0
         self.suspect = False
         self._send(out)
+
+    @property
+    def progress(self) -> tuple[int, int | None]:
+        """Bytes that are over, and how many there are, None where the server has not said."""
+        return min(self._offset, len(self._data)), len(self._data)
 
     def receive(self, data: bytes, out: list[CanFrame]) -> int:
         """Take one answer of the server."""

@@ -70,6 +70,8 @@ class _Transfer(Protocol):
 
     @property
     def result(self) -> bytes: ...
+    @property
+    def progress(self) -> tuple[int, int | None]: ...
     def receive(self, data: bytes, out: list[CanFrame]) -> int: ...
     def nudge(self, out: list[CanFrame]) -> bool: ...
 
@@ -97,6 +99,12 @@ class SdoExchange:
         self._mux = b""  # its multiplexer
         self._started: int | None = None  # None: the first frame has not been seen to leave
         self._patience: Patience | None = None  # None: the request has had no trouble yet
+
+    @property
+    def progress(self) -> tuple[int, int | None]:
+        """How far the transfer under way is, in bytes; see `SdoClient.progress`."""
+        transfer = self._transfer
+        return (0, None) if transfer is None else transfer.progress
 
     def start(self, request: SdoRequest, now: int | None) -> None:
         """Begin a request; with `now` None its timeout starts with the next tick."""

@@ -178,3 +178,19 @@ def test_a_lost_confirmation_of_the_end_is_a_timeout():
 def test_no_segment_can_be_mistaken_for_an_abort():
     client, _ = writing(data=bytes(7 * 127))
     assert 0x80 not in [one.data[0] for one in client.frames()]
+
+
+def test_the_progress_of_an_upload_is_what_has_come():
+    client, _ = reading()
+    assert client.progress == (0, 20)
+    client, _ = reading(*SEGMENTS[:2])
+    assert client.progress == (14, 20)
+    client, _ = reading(*SEGMENTS, "583#C5FFFF0000000000", crc=False)
+    assert client.progress == (0, None)
+
+
+def test_the_progress_of_a_download_is_what_was_acknowledged():
+    client, _ = writing()
+    assert client.progress == (0, 20)
+    client, _ = writing("583#A2037F0000000000")
+    assert client.progress == (20, 20)

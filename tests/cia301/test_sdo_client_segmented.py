@@ -142,3 +142,19 @@ def test_a_second_copy_of_an_acknowledgement_is_an_error():
 def test_a_doubled_initiate_answer_is_ignored():
     client, request = reading("583#4108100009000000", "583#4108100009000000")
     assert (client.ignored, request.done) == (1, False)
+
+
+def test_progress_counts_the_segments_that_are_over():
+    reader = SdoClient(NODE)
+    reader.read(0x1008, now=0)
+    for answer in ("583#410810000A000000", "583#0041424344454647"):
+        reader.frames()
+        reader.receive(frame(answer), 0)
+    assert reader.progress == (7, 10)
+    writer = SdoClient(NODE)
+    writer.write(0x1008, 0, bytes(10), now=0)
+    assert writer.progress == (0, None)
+    for answer in ("583#6008100000000000", "583#2000000000000000"):
+        writer.frames()
+        writer.receive(frame(answer), 0)
+    assert writer.progress == (7, 10)
