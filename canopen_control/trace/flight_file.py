@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import itertools
 import json
 import os
 import re
@@ -37,6 +38,7 @@ __all__ = ["MAX_FILES", "FlightFile", "FlightFrame", "candump_lines", "is_flight
 FORMAT: Final = "canopen_control flight recording"
 VERSION: Final = 1
 MAX_FILES: Final = 20
+_CHUNK: Final = 10_000  # lines of the log that are made at once
 _META, _CAN, _EVENTS, _STATES, _EDS = "meta.json", "can.log", "events.jsonl", "states.jsonl", "eds/"
 FlightFrame = tuple[int, str, CanFrame]  # Unix ns, name of the bus, frame
 
@@ -63,7 +65,7 @@ def candump_lines(batches: Iterable[Batch], buses: Iterable[str], wall_offset_ns
 def save(
     folder: Path,
     meta: dict[str, Any],
-    can: Iterable[str],
+    can: Iterator[str],
     events: Iterable[bytes],
     states: Iterable[bytes],
 ) -> Path:
@@ -72,11 +74,13 @@ def save(
     path = _free_path(folder, meta)
     part = path.with_suffix(".part")
     try:
-        with zipfile.ZipFile(part, "w", zipfile.ZIP_DEFLATED) as archive:
+        with zipfile.ZipFile(part, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
             archive.writestr(_META, json.dumps({"format": FORMAT, "version": VERSION, **meta}, indent=1))
             for name, lines in ((_EVENTS, events), (_STATES, states)):
                 archive.writestr(name, b"".join(line.rstrip(b"\n") + b"\n" for line in lines))
-            archive.writestr(_CAN, "".join(can))
+            with archive.open(_CAN, "w", force_zip64=True) as log:
+                while chunk := "".join(itertools.islice(can, _CHUNK)):
+                    log.write(chunk.encode("ascii"))
             for path_of_eds in _eds_paths(meta):
                 with contextlib.suppress(OSError):
                     archive.write(path_of_eds, _EDS + Path(path_of_eds).name)

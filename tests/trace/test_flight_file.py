@@ -102,6 +102,6 @@ def test_what_is_no_recording_is_refused_in_a_sentence(tmp_path, content):
 
 def test_lines_that_are_no_frames_are_counted(tmp_path):
     lines = ["(1.0) can 080#\n", "nonsense\n", "(1.5) can 1FFFFFFFF#00\n", "(2.5) can 181#0102\n"]
-    file = read_flight(save(tmp_path, META, lines, [], []))
+    file = read_flight(save(tmp_path, META, iter(lines), [], []))
     assert [frame.can_id for _, _, frame in file.frames] == [0x80, 0x181]
     assert file.meta["unread_lines"] == 2
