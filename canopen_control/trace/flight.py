@@ -20,8 +20,10 @@ import time
 from typing import TYPE_CHECKING, Any, Final
 
 from canopen_control.bus.channel import ChannelKind, open_port, parse_channel
+from canopen_control.bus.stamps import Stamping, receive_stamped
 from canopen_control.client.robot import RobotClient
 from canopen_control.errors import BusError, CanopenError
+from canopen_control.frame import RECORD_SIZE
 from canopen_control.host.lifeline import lifeline_fd
 from canopen_control.host.lines import encode
 from canopen_control.host.logfile import state_dir
@@ -93,19 +95,28 @@ class FlightRecorder:
             print(error, flush=True)  # noqa: T201 - the log of this process
             return
         self._ports[bus] = port
-        add, now = self._frames.add, self._reactor.now
+        take = self._take_stamped if isinstance(port, Stamping) else self._take_records
 
         def receive() -> None:
             try:
-                records = port.receive()
+                take(number, port)
             except BusError:
                 self._reactor.remove_reader(port.fileno())
                 port.close()
-                return
-            if records:
-                add(number, records, now())
 
         self._reactor.add_reader(port.fileno(), receive)
+
+    def _take_records(self, number: int, port: Port) -> None:
+        records = port.receive()
+        if records:
+            self._frames.add(number, records, self._reactor.now())
+
+    def _take_stamped(self, number: int, port: Port) -> None:
+        """Take frames with the kernel's times: a busy machine may read them late, and many at once."""
+        records, stamps = receive_stamped(port)
+        for position, stamp in enumerate(stamps):
+            record = records[position * RECORD_SIZE : (position + 1) * RECORD_SIZE]
+            self._frames.add(number, record, stamp - self._wall_offset_ns)
 
     def _connect(self) -> None:
         if self._finished:

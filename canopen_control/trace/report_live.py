@@ -7,10 +7,10 @@ A bus that only its own process can hear is left out and named.
 from __future__ import annotations
 
 import contextlib
-import time
 from typing import TYPE_CHECKING, Any, Final
 
 from canopen_control.bus.channel import ChannelKind, open_port, parse_channel
+from canopen_control.bus.stamps import receive_stamped
 from canopen_control.client.robot import RobotClient
 from canopen_control.errors import BusError, CanopenError
 from canopen_control.frame import frames_of
@@ -62,7 +62,7 @@ def _read(reactor: Reactor, robot: RobotClient, file: FlightFile) -> None:
 
 
 def _listen(reactor: Reactor, channels: dict[str, str], file: FlightFile) -> dict[str, Port]:
-    offset, ports = time.time_ns() - reactor.now(), {}
+    ports: dict[str, Port] = {}
     for bus, channel in channels.items():
         if parse_channel(channel).kind not in _HEARD:
             continue
@@ -70,12 +70,11 @@ def _listen(reactor: Reactor, channels: dict[str, str], file: FlightFile) -> dic
 
         def receive(bus: str = bus, port: Port = port) -> None:
             try:
-                records = port.receive()
+                records, stamps = receive_stamped(port)
             except BusError:
                 reactor.remove_reader(port.fileno())
                 return
-            now = reactor.now() + offset
-            file.frames.extend((now, bus, frame) for frame in frames_of(records))
+            file.frames.extend((at, bus, frame) for at, frame in zip(stamps, frames_of(records), strict=True))
 
         reactor.add_reader(port.fileno(), receive)
     return ports

@@ -186,3 +186,20 @@ def test_a_storm_of_faults_costs_bounded_memory_and_one_file(reactor):
     (file,) = (read_flight(path) for path in flight_folder("nobody").iterdir())
     assert file.meta["reason"]["text"].startswith("storm 0 ")
     assert file.events[-1]["text"].startswith("storm 19999 ")
+
+
+def test_where_the_kernel_knows_when_a_frame_came_that_is_its_time(reactor):
+    class Stamped:
+        stats = type("Stats", (), {"lost": 0})
+
+        def receive_stamped(self):
+            return pack_records([CanFrame(0x181), CanFrame(0x182)]), [base + 1_000_000, base + 2_500_000]
+
+    recorder = FlightRecorder(reactor, "nobody", {"can": "can0"})
+    base = reactor.now() + recorder._wall_offset_ns - SECOND
+    recorder._take_stamped(0, Stamped())
+    recorder._on_event({"kind": "fault", "level": "error", "text": "x"})
+    recorder.finish()
+    times = [time for time, _, _ in read_flight(newest(flight_folder("nobody"))).frames]
+    assert times[1] - times[0] in (1_500_000, 1_499_000, 1_501_000)  # the file has microseconds
+    assert abs(times[0] - base - 1_000_000) <= 1000
