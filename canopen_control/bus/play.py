@@ -38,16 +38,17 @@ class Played:
 def play(
     frames: Iterable[RecordedFrame],
     port: Port,
+    played: Played,
     *,
     speed: float = 1.0,
     clock: Callable[[], int] = time.monotonic_ns,
     sleep: Callable[[float], None] = time.sleep,
-) -> Played:
-    """Send `frames` as they were heard, `speed` times as fast; raises `BusClosed` when the bus is gone.
+) -> None:
+    """Send `frames` as they were heard, `speed` times as fast, and count in `played`, also when it is broken off.
 
-    Times that go back (a clock that was set) count as no time.
+    Times that go back (a clock that was set) count as no time. Raises `BusClosed` when the bus is gone.
     """
-    played, begin, newest = Played(), clock(), 0
+    begin, newest = clock(), 0
     first: int | None = None
     for each in frames:
         if each.frame.is_error:
@@ -66,7 +67,6 @@ def play(
         _flush(port, 0.0)
         played.frames += 1
     _flush(port, _LAST_FRAMES_S)
-    return played
 
 
 def _flush(port: Port, seconds: float) -> None:

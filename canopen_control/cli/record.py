@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from canopen_control.bus.channel import parse_channel
 from canopen_control.bus.record import RecordingWriter, format_of
+from canopen_control.cli.progress import Progress
 from canopen_control.cli.record_bag import RATE, record_bag, sentence
 from canopen_control.cli.target import robot_on
 from canopen_control.cli.trace import positive_seconds
@@ -33,7 +34,6 @@ EXAMPLE = """canopen-control record --can run.log
          canopen-control record can0 --can run.blf --duration 60
          canopen-control record --bag run --duration 60"""
 LABEL = "record"
-_PROGRESS_S = 0.5
 _ENDS = (signal.SIGINT, signal.SIGTERM)  # noted, so that no frame is cut in the middle
 
 
@@ -124,7 +124,7 @@ def _bus_of(args: argparse.Namespace) -> tuple[str, str]:
 def record_frames(port: Port, path: str, seconds: float | None) -> Recorded:
     """Write what `port` hears until Ctrl-C, SIGTERM, the end of `seconds` or of the bus; the port is closed."""
     recorded, begin = Recorded(path, port.channel), time.monotonic()
-    progress, stopping = _Progress(), threading.Event()
+    progress, stopping = Progress(), threading.Event()
     before = {number: signal.signal(number, lambda *_: stopping.set()) for number in _ENDS}
     try:
         with RecordingWriter(path, port.channel) as writer:
@@ -134,7 +134,7 @@ def record_frames(port: Port, path: str, seconds: float | None) -> Recorded:
                         writer.write(*each)
                     if progress.is_due(time.monotonic()):
                         writer.flush()
-                        progress.tell(writer.written, port.stats.lost)
+                        progress.tell(f"{writer.written} frames, {port.stats.lost} lost; Ctrl-C ends it")
                     if stopping.is_set():
                         break
             except BusClosed as error:
@@ -147,27 +147,3 @@ def record_frames(port: Port, path: str, seconds: float | None) -> Recorded:
         progress.end()
     recorded.lost, recorded.seconds = port.stats.lost, time.monotonic() - begin
     return recorded
-
-
-class _Progress:
-    """A line on a terminal that says how far it is; silent elsewhere."""
-
-    def __init__(self) -> None:
-        self._live, self._due = sys.stderr.isatty(), 0.0
-
-    def is_due(self, now: float) -> bool:
-        """Whether it is time again."""
-        if now < self._due:
-            return False
-        self._due = now + _PROGRESS_S
-        return True
-
-    def tell(self, frames: int, lost: int) -> None:
-        """Show the counts."""
-        if self._live:
-            print(f"\r{frames} frames, {lost} lost; Ctrl-C ends it\x1b[K", end="", file=sys.stderr, flush=True)
-
-    def end(self) -> None:
-        """Wipe the line."""
-        if self._live:
-            print("\r\x1b[K", end="", file=sys.stderr, flush=True)

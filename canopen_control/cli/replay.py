@@ -9,17 +9,20 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+import time
 from typing import TYPE_CHECKING
 
 from canopen_control.bus.channel import ChannelKind, open_port, parse_channel
 from canopen_control.cli.layout import add_network_arguments
+from canopen_control.cli.progress import Progress
 from canopen_control.cli.trace import add_view_arguments, show_file
 from canopen_control.errors import ConfigError, SdoTimeout
 from canopen_control.frame import Service, service_of
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Iterator
 
+    from canopen_control.bus.play import Played
     from canopen_control.bus.record import RecordedFrame
     from canopen_control.cli.source import Source
 
@@ -31,6 +34,7 @@ EXAMPLE = """canopen-control replay run.log robby
 LABEL = "replay"
 LISTEN_S = 1.2  # longer than a slow heartbeat, or ten cycles of a slow SYNC
 ANSWER_S = 0.1
+_INTERRUPTED = 130
 _FROM_NODES = frozenset(
     (Service.EMCY, Service.HEARTBEAT, Service.SDO_SERVER, Service.TPDO1, Service.TPDO2, Service.TPDO3, Service.TPDO4)
 )
@@ -61,7 +65,6 @@ def run(args: argparse.Namespace) -> int:
     """Run the verb; 1 when the recording could not be read to its end."""
     if args.can is None:
         return show_file(args, args.file)
-    from canopen_control.bus.play import play
     from canopen_control.cli.source import open_frames
 
     recording = open_frames(args.file, args.bus)
@@ -70,21 +73,45 @@ def run(args: argparse.Namespace) -> int:
         raise ConfigError(f"{channel} is inside one process, nobody would hear it; use local:NAME instead")
     if not args.force:
         _refuse_where_somebody_is(recording, channel)
-    port = open_port(channel, label=LABEL)
+    return _play(args, recording, channel)
+
+
+def _play(args: argparse.Namespace, recording: Source, channel: str) -> int:
+    """Play it and say what was played, also when Ctrl-C ends it."""
+    from canopen_control.bus.play import Played, play
+
+    port, played, progress, ended = open_port(channel, label=LABEL), Played(), Progress(), False
     try:
-        played = play(recording, port, speed=args.speed)
+        play(_told(recording, played, progress), port, played, speed=args.speed)
+    except KeyboardInterrupt:
+        ended = True
     finally:
         port.close()
+        progress.end()
     result = {"file": args.file, "channel": channel, "frames": played.frames, "late_max_s": round(played.late_max, 6)}
     result |= {"left_out": played.errors, "lost": port.stats.lost}
-    print(json.dumps(result) if args.json else _sentence(channel, played.frames, played.late_max, port.stats.lost))
+    print(json.dumps(result) if args.json else _sentence(channel, played, port.stats.lost))
     if recording.problem:
         print(f"canopen-control: {recording.problem}", file=sys.stderr)
-    return 1 if recording.problem else 0
+    return _INTERRUPTED if ended else 1 if recording.problem else 0
 
 
-def _sentence(channel: str, frames: int, late: float, lost: int) -> str:
-    return f"{frames} frames into {channel}, none later than {1e3 * late:.1f} ms" + (f", {lost} lost" if lost else "")
+def _told(recording: Source, played: Played, progress: Progress) -> Iterator[RecordedFrame]:
+    """Yield the frames and say from time to time how far it is."""
+    first: int | None = None
+    for each in recording:
+        first = each.time_ns if first is None else first
+        if progress.is_due(time.monotonic()):
+            progress.tell(
+                f"{played.frames} frames, {(each.time_ns - first) / 1e9:.1f} s of the recording; Ctrl-C ends it"
+            )
+        yield each
+
+
+def _sentence(channel: str, played: Played, lost: int) -> str:
+    text = f"{played.frames} frames into {channel}, none later than {1e3 * played.late_max:.1f} ms"
+    text += f", {played.errors} error frames left out" if played.errors else ""
+    return text + (f", {lost} lost" if lost else "")
 
 
 def node_ids_in(frames: Iterable[RecordedFrame]) -> set[int]:

@@ -93,6 +93,17 @@ def test_where_a_master_is_alive_nothing_is_played(folders, log, capsys):
     ear.close()
 
 
+def test_ctrl_c_ends_it_and_it_says_how_far_it_came(folders, log, capsys, monkeypatch):
+    def interrupted(frames, port, played, *, speed):
+        next(iter(frames))
+        played.frames = 1
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("canopen_control.bus.play.play", interrupted)
+    assert main(["replay", log, "--can", "local:bench", "--force"]) == 130
+    assert capsys.readouterr().out == "1 frames into local:bench, none later than 0.0 ms\n"
+
+
 @pytest.mark.parametrize("bad", ["memory:x", "virtual:x"])
 def test_a_bus_nobody_would_hear_is_refused(bad, log, capsys):
     assert main(["replay", log, "--can", bad]) == 2
