@@ -1,4 +1,4 @@
-"""`clients`: what the ROS bridge costs, and what bridge, view and monitor do to the cycle of the robot they look at.
+"""`clients`: what the ROS bridge, the view and the monitor do to the cycle of the robot they look at.
 
 They are processes of their own, so that all they can take from the cycle is the machine. Runs with and without them
 are paired, one right after the other.
@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import contextlib
 import importlib.util
-import json
 import os
 import subprocess
 import sys
@@ -18,7 +17,6 @@ from typing import TYPE_CHECKING
 
 from canopen_control.bench.cycle import OURS, ROBOT, Arena, absolutes_of
 from canopen_control.bench.figure import Figure, compared, limited, percentiles
-from canopen_control.bench.machine import cpu_ns
 from canopen_control.bench.stage import stage
 from canopen_control.errors import CanopenError
 from canopen_control.ros.available import require_ros
@@ -34,7 +32,7 @@ __all__ = ["has_ros", "measure", "on_a_terminal"]
 INFLUENCE_LIMIT = 1.05
 PERIOD_US = 10_000
 ROUNDS = 5
-SECONDS, PAIRED_SECONDS, COUNTED_SECONDS = 60.0, 3.0, 5.0
+SECONDS, PAIRED_SECONDS = 60.0, 3.0
 _SETTLE_S = 3.0
 
 
@@ -46,7 +44,6 @@ def measure(options: Options) -> list[Figure]:
     with stage() as played:
         arena = Arena(played, 2, PERIOD_US)
         with arena.contender(OURS, check=False) as contender:
-            figures += _bridge(arena) if has_ros() else []
             figures += _influence(contender)
             figures.append(_together(contender, arena, options.seconds or SECONDS))
     return figures
@@ -61,30 +58,8 @@ def has_ros() -> bool:
     return True
 
 
-def _bridge(arena: Arena) -> list[Figure]:
-    """Count what arrives of the bridge while its CPU is measured; the counter is an rclpy program of its own."""
-    bridge = arena.stage.start("canopen_control.ros.bridge", "--name", ROBOT, ros=True)
-    counter = arena.stage.start("canopen_control.bench.peers.ros_count", str(COUNTED_SECONDS), str(ROUNDS), ros=True)
-    rounds, counts = [], dict[str, int]()
-    for _ in range(ROUNDS):
-        counter.line()  # it begins to count
-        before = cpu_ns(bridge.pid)
-        counts = json.loads(counter.line())
-        rounds.append((cpu_ns(bridge.pid) - before) / 1000 / max(1, min(counts.values())))
-    counter.end()
-    bridge.end()
-    return [
-        limited(
-            "ROS bridge: CPU for each JointState, Odometry and TF",
-            "us",
-            rounds,
-            absolutes={f"{topic} 1/s": count / COUNTED_SECONDS for topic, count in counts.items()},
-        )
-    ]
-
-
 def _influence(contender: Contender) -> list[Figure]:
-    """Pair turns with and without the view, and the monitor; the p99 of the cycle's work is compared."""
+    """Pair turns with and without the view, and the monitor; the p99 from waking up to the last RPDO is compared."""
     figures = []
     cycles = round(PAIRED_SECONDS * 1e6 / PERIOD_US)
     for name, verb in (("view", ("view", "--port", "0")), ("monitor", ("monitor",))):

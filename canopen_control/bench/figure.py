@@ -1,8 +1,8 @@
 """One measured quantity: ours, a peer's or a limit, and whether that is good enough.
 
 The law of this file: a figure that is checked is checked by one number alone, the median of its rounds, and a round
-compares what was measured right after another. A ratio is robust on a loaded machine; an absolute limit is not, so
-that `quick` runs look at ratios only.
+compares what was measured right after another. A ratio is robust on a loaded machine, and so is a count of what may
+not happen at all; a time is not, so that `quick` runs look at what is `steady` only.
 """
 
 from __future__ import annotations
@@ -38,6 +38,12 @@ class Figure:
     direction: str = AT_MOST
     peer_name: str = ""
     absolutes: Mapping[str, float | str] = field(default_factory=dict)
+    counted: bool = False
+
+    @property
+    def steady(self) -> bool:
+        """Whether a busy machine leaves it as it is: a ratio, or something counted instead of timed."""
+        return self.ratio is not None or self.counted
 
     @property
     def judged(self) -> float:
@@ -80,11 +86,11 @@ def limited(
     limit: float | None = None,
     direction: str = AT_MOST,
     absolutes: Mapping[str, float | str] | None = None,
+    counted: bool = False,
 ) -> Figure:
     """Return the figure of rounds of one quantity that is held against a limit."""
-    return Figure(
-        name, unit, statistics.median(rounds), limit=limit, direction=direction, absolutes=dict(absolutes or {})
-    )
+    ours, told = statistics.median(rounds), dict(absolutes or {})
+    return Figure(name, unit, ours, limit=limit, direction=direction, absolutes=told, counted=counted)
 
 
 def percentile(values: Sequence[float], part: float) -> float:

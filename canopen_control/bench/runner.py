@@ -23,7 +23,7 @@ FAMILIES = {
     "cycle": "two drives: CPU, lateness and wake-to-RPDO beside the canopen package and python-can",
     "scale": "from 2 to 126 drives, at the shortest period that a bus has room for, and on several buses",
     "latency": "from a command to the wire, by API and ROS topic; from the wire to /joint_states",
-    "clients": "what the ROS bridge costs; what bridge, view and monitor do to the cycle",
+    "clients": "what ROS bridge, view and monitor do to the cycle",
     "load": "a full bus of 1 Mbit/s, received, decoded and supervised",
     "memory": "what a million cycles leave behind; a cycle without a wire",
     "soak": "random commands and breaking drives, for a minute (--seconds 3600: an hour)",
@@ -54,8 +54,8 @@ class Report:
     quick: bool = False
 
     def short(self) -> list[Figure]:
-        """Return the figures that are not what they must be; of a quick run ratios only."""
-        return [each for each in self._all() if not each.good and not (self.quick and each.ratio is None)]
+        """Return the figures that are not what they must be; of a quick run what no busy machine changes."""
+        return [each for each in self._all() if not each.good and (each.steady or not self.quick)]
 
     def _all(self) -> Iterator[Figure]:
         for figures in self.figures.values():
@@ -74,7 +74,7 @@ class Report:
             [
                 f"{machine['machine']}, {machine['kernel']}, {machine['python']}, {machine['date']}",
                 f"load {machine['load']} and {'?' if idle is None else f'{idle:.0%}'} idle before the run{busy}",
-                *(f"\n{name}\n{table(figures)}" for name, figures in self.figures.items()),
+                *(f"\n{name}\n{table(figures)}" for name, figures in self.figures.items() if figures),
             ]
         )
 

@@ -170,8 +170,8 @@ def measure(options: Options) -> list[Figure]:
         "resident MB": round(after, 1),
     }
     return [
-        limited("soak: growth", "MB", [after - before], limit=GROWTH_LIMIT_MB, absolutes=absolutes),
-        limited("soak: frames lost", "", [float(lost)], limit=0.0),
+        limited("soak: growth", "MB", [after - before], limit=GROWTH_LIMIT_MB, absolutes=absolutes, counted=True),
+        limited("soak: frames lost", "", [float(lost)], limit=0.0, counted=True),
         limited("soak: latest stop after a fault", "s", [max(seen.stops_s)], limit=STOP_LIMIT_S),
     ]
 

@@ -27,6 +27,12 @@ def test_what_is_no_number_is_never_good_and_what_has_no_limit_always():
     assert Figure("x", "us", math.nan).good
 
 
+def test_ratios_and_counts_are_steady_and_times_are_not():
+    assert compared("x", "us", [(1, 2)], peer_name="p").steady
+    assert limited("x", "", [0], counted=True).steady
+    assert not limited("x", "s", [0]).steady
+
+
 def test_json_has_the_verdict():
     assert limited("x", "us", [2], limit=1).as_dict()["good"] is False
 
