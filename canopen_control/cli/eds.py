@@ -11,6 +11,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from canopen_control.cli.progress import Progress
 from canopen_control.data_files import data_path
 from canopen_control.errors import EdsError
 from canopen_control.od.eds import EdsFile, Severity, read_eds
@@ -97,7 +98,11 @@ def _print_json(document: object) -> None:
 
 
 def _check(args: argparse.Namespace) -> int:
-    reports = [_checked(name, args) for name in args.files]
+    reports: list[dict[str, Any]] = []
+    with Progress("checking", "files") as progress:
+        for name in args.files:
+            progress.at(len(reports), len(args.files))
+            reports.append(_checked(name, args))
     if args.json:
         _print_json(reports)
     else:

@@ -17,12 +17,13 @@ from typing import TYPE_CHECKING, Any
 
 from canopen_control.bus.channel import ChannelKind, parse_channel
 from canopen_control.cli.identity import FIELDS, NAME, NodeIdentity, differences, identity_of, match_eds, read_known
+from canopen_control.cli.progress import Progress
 from canopen_control.cli.table import Table
 from canopen_control.cli.target import LABEL, MAX_NODE_ID, RobotTarget, find_eds, robot_on, seconds
 from canopen_control.client import RobotClient
 from canopen_control.data_files import data_names, data_path
 from canopen_control.errors import CanopenError, ConfigError, RemoteError, SdoTimeout
-from canopen_control.master.direct import DirectBus
+from canopen_control.master.direct import PARALLEL, DirectBus
 
 if TYPE_CHECKING:
     import argparse
@@ -149,7 +150,12 @@ def _survey_bus(channel: str, timeout: float) -> Survey:
 
 def _ask(bus: DirectBus, node_ids: Iterable[int]) -> dict[int, Found]:
     """Ask for the one object that every node has, and those that answer for the rest."""
-    there = bus.read_many((node_id, *_OBJECTS[0]) for node_id in node_ids)
+    wanted = [(node_id, *_OBJECTS[0]) for node_id in node_ids]
+    there: dict[tuple[int, int, int], bytes | CanopenError] = {}
+    with Progress(f"asking on {bus.port.channel}", "node ids") as progress:
+        for start in range(0, len(wanted), PARALLEL):
+            progress.at(start, len(wanted))
+            there |= bus.read_many(wanted[start : start + PARALLEL])
     answering = [node_id for (node_id, _, _), answer in there.items() if not _is_silent(answer)]
     rest = bus.read_many((node_id, *address) for node_id in answering for address in _OBJECTS[1:])
     answers = {**there, **rest}

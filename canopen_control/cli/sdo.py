@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from canopen_control.cli.objects import find_object
+from canopen_control.cli.progress import Progress, watched
 from canopen_control.cli.target import add_target_arguments, open_target, seconds
 from canopen_control.cli.values import TYPE_NAMES, parse_type, parse_value, show
 from canopen_control.errors import ConfigError
@@ -23,6 +24,7 @@ from canopen_control.od.codec import decode
 if TYPE_CHECKING:
     import argparse
     from collections.abc import Callable
+    from contextlib import AbstractContextManager
 
     from canopen_control.cli.objects import ObjectAddress
     from canopen_control.cli.target import Place, Target
@@ -127,7 +129,8 @@ def _upload(args: argparse.Namespace, target: Target, place: Place, address: Obj
     path = None if args.file == STREAM else Path(args.file).expanduser()
     if path is not None and not path.parent.is_dir():
         raise ConfigError(f"no folder {path.parent} for {args.file}")
-    data = target.read(place, address.index, address.subindex, block=True)
+    with _told(f"reading {place}: {address.label}", target, place):
+        data = target.read(place, address.index, address.subindex, block=True)
     if path is None:
         sys.stdout.buffer.write(data)
         sys.stdout.buffer.flush()
@@ -144,8 +147,14 @@ def _download(args: argparse.Namespace, target: Target, place: Place, address: O
         data = sys.stdin.buffer.read() if args.file == STREAM else Path(args.file).expanduser().read_bytes()
     except OSError as error:
         raise ConfigError(f"{args.file} cannot be read: {error.strerror}") from None
-    target.write(place, address.index, address.subindex, data)
+    with _told(f"writing {place}: {address.label}", target, place):
+        target.write(place, address.index, address.subindex, data)
     print(f"{place}: {address.label}: {len(data)} bytes from {args.file}")
+
+
+def _told(what: str, target: Target, place: Place) -> AbstractContextManager[None]:
+    """Tell how far a transfer is, while it takes long."""
+    return watched(Progress(what, "bytes"), lambda: target.progress(place))
 
 
 _ACTIONS: dict[str, Callable[[argparse.Namespace, Target, Place, ObjectAddress], None]] = {

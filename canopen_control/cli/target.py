@@ -74,6 +74,9 @@ class Target(Protocol):
     def write(self, place: Place, index: int, subindex: int, data: bytes) -> None:
         """Download an object; raises RemoteError or RemoteProtocolError."""
 
+    def progress(self, place: Place) -> tuple[int, int | None]:
+        """Return how many bytes of the transfer under way are over, and of how many; from another thread."""
+
     def close(self) -> None:
         """Let go."""
 
@@ -193,6 +196,10 @@ class RobotTarget:
         patience = PATIENCE_S + len(data) / _BYTES_PER_S + (self._timeout or 0)
         self.robot.request("sdo_write", {**params, "timeout": self._timeout}, patience)
 
+    def progress(self, place: Place) -> tuple[int, int | None]:  # noqa: ARG002 - as every target has it
+        """Return nothing: the robot does not tell how far a transfer is."""
+        return 0, None
+
 
 class BusTarget:
     """All nodes of a bus, but those of a robot that runs on it."""
@@ -230,6 +237,10 @@ class BusTarget:
     def write(self, place: Place, index: int, subindex: int, data: bytes) -> None:
         """Download an object."""
         self.bus.write(place.node_id, index, subindex, data)
+
+    def progress(self, place: Place) -> tuple[int, int | None]:
+        """Return how far the transfer under way is."""
+        return self.bus.client(place.node_id).progress
 
 
 def parse_node_id(text: str) -> int:

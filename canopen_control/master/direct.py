@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from canopen_control.cia301.nmt import NmtCommand, NmtConfirmed, NmtState
     from canopen_control.cia301.sdo_client import SdoRequest
 
-__all__ = ["Core", "DirectBus"]
+__all__ = ["PARALLEL", "Core", "DirectBus"]
 
 FLUSH_S = 1.0  # what the last frames have to leave before the port is closed
 _FIRST_HEARTBEAT, _LAST_HEARTBEAT = ERROR_CONTROL_COB_ID + 1, ERROR_CONTROL_COB_ID + MAX_NODE_ID

@@ -54,8 +54,8 @@ def test_elsewhere_there_are_plain_lines_now_and_then(clock):
     with Progress("asking nodes", stream=stream, clock=clock) as progress:
         for done in range(120):
             progress.at(done, 127)
-            clock.now += 0.1
-    assert stream.getvalue() == "asking nodes: 50 of 127 (39 %), 5 s\nasking nodes: 100 of 127 (78 %), 10 s\n"
+            clock.now += 0.125
+    assert stream.getvalue() == "asking nodes: 40 of 127 (31 %), 5 s\nasking nodes: 80 of 127 (62 %), 10 s\n"
 
 
 def test_an_unknown_total_or_nothing_known_at_all(clock):
