@@ -64,7 +64,11 @@ class RateLimiter:
 
     def limit(self, v: float, v0: float, v1: float, dt: float) -> float:
         """Return v limited against the previous two limited values v0 (last) and v1; `dt` in s."""
-        return self.limit_velocity(self.limit_acceleration(self.limit_jerk(v, v0, v1, dt), v0, dt))
+        if self._has_j:
+            v = self.limit_jerk(v, v0, v1, dt)
+        if self._has_a:
+            v = self.limit_acceleration(v, v0, dt)
+        return self.limit_velocity(v) if self._has_v else v
 
     def limit_velocity(self, v: float) -> float:
         """Clamp the value itself."""

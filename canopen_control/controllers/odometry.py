@@ -37,10 +37,13 @@ class _Mean:
 
     def add(self, value: float) -> float:
         """Add a value and return the mean."""
-        self._values[self._at] = value
-        self._at = (self._at + 1) % len(self._values)
-        self._count = min(self._count + 1, len(self._values))
-        return sum(self._values) / self._count
+        values, at = self._values, self._at
+        values[at] = value
+        at += 1
+        if at > self._count:
+            self._count = at
+        self._at = 0 if at == len(values) else at
+        return sum(values) / self._count
 
 
 class Odometry:

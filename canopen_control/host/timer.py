@@ -111,7 +111,7 @@ class TimerQueue:
         heap = self._heap
         while heap:
             deadline_ns, _, timer = heap[0]
-            if timer.active:
+            if timer._callback is not None:  # noqa: SLF001 - `active`, without the call
                 return deadline_ns
             heapq.heappop(heap)
             self._dead -= 1

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 
     from canopen_control.hardware.description import Ros2ControlSystem
     from canopen_control.hardware.groups import StopGroup
+    from canopen_control.hardware.interfaces import HardwareComponent
     from canopen_control.hardware.joint import JointDrive
     from canopen_control.host.reactor import Reactor
     from canopen_control.master.cycle import ProcessImage
@@ -229,22 +230,28 @@ class RobotCore:
         self._step(now)
 
     def _step(self, now: int) -> None:
-        """Do a cycle: the reactor serves the ports in every turn, and before the timers, so all that has come is read."""
-        period = self._period
-        components = self.registry.components
+        """Do a cycle; the reactor serves the ports in every turn and before its timers, so all that came is read."""
+        period, components = self._period, self.registry.components
         for bus in self.buses.values():
             bus.tick(now)
         for component in components:
             if component.read(now, period) is ReturnType.ERROR:
-                self.manager.deactivate_using(component, f"{component.name} reported an error on read", now)
+                self._component_failed(component, "read", now)
         if self._phase is not RobotState.RUNNING:
             self._advance(now)
         self.manager.update(now, period)
         for component in components:
             if component.write(now, period) is not ReturnType.OK:
-                self.manager.deactivate_using(component, f"{component.name} reported an error on write", now)
+                self._component_failed(component, "write", now)
         for bus in self.buses.values():
             bus.send_cycle(now)
+        self._after(now)
+
+    def _component_failed(self, component: HardwareComponent, verb: str, now: int) -> None:
+        self.manager.deactivate_using(component, f"{component.name} reported an error on {verb}", now)
+
+    def _after(self, now: int) -> None:
+        """Tell what the cycle, whose frames are on their way, has brought."""
         if self._requests:
             self._requests = [request for request in self._requests if not request.settle(now)]
         if self.pacer.missed != self._missed and now >= self._tell_missed_at:
