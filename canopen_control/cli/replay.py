@@ -9,7 +9,6 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-import time
 from typing import TYPE_CHECKING
 
 from canopen_control.bus.channel import ChannelKind, open_port, parse_channel
@@ -80,7 +79,8 @@ def _play(args: argparse.Namespace, recording: Source, channel: str) -> int:
     """Play it and say what was played, also when Ctrl-C ends it."""
     from canopen_control.bus.play import Played, play
 
-    port, played, progress, ended = open_port(channel, label=LABEL), Played(), Progress(), False
+    port, played, ended = open_port(channel, label=LABEL), Played(), False
+    progress = Progress(f"playing into {channel}, Ctrl-C ends it", "frames")
     try:
         play(_told(recording, played, progress), port, played, speed=args.speed)
     except KeyboardInterrupt:
@@ -98,13 +98,8 @@ def _play(args: argparse.Namespace, recording: Source, channel: str) -> int:
 
 def _told(recording: Source, played: Played, progress: Progress) -> Iterator[RecordedFrame]:
     """Yield the frames and say from time to time how far it is."""
-    first: int | None = None
     for each in recording:
-        first = each.time_ns if first is None else first
-        if progress.is_due(time.monotonic()):
-            progress.tell(
-                f"{played.frames} frames, {(each.time_ns - first) / 1e9:.1f} s of the recording; Ctrl-C ends it"
-            )
+        progress.at(played.frames)
         yield each
 
 
