@@ -24,10 +24,10 @@ _MOST_EVENTS: Final = 500
 _STYLE: Final = """
 :root{--bg:#fff;--fg:#1b1f24;--soft:#57606a;--grid:#d8dee4;--card:#f6f8fa;--cmd:#b35900;--act:#0a5fd0;--err:#a626a4;
 --ok:#2da44e;--mid:#8fb8ff;--off:#c9d1d9;--bad:#e5484d;--badbg:#ffebe9;--warnbg:#fff8c5;--in:#111}
-@media (prefers-color-scheme:dark){:root{--bg:#0d1117;--fg:#e6edf3;--soft:#9aa5b1;--grid:#2b323b;--card:#161b22;
---cmd:#ffb057;--act:#6cb0ff;--err:#dd8bff;--ok:#2c8f4a;--mid:#3564a8;--off:#39424d;--bad:#d1383d;--badbg:#3a1418;
+@media screen and (prefers-color-scheme:dark){:root{--bg:#0d1117;--fg:#e6edf3;--soft:#9aa5b1;--grid:#2b323b;
+--card:#161b22;--cmd:#ffb057;--act:#6cb0ff;--err:#dd8bff;--ok:#2c8f4a;--mid:#3564a8;--off:#39424d;--bad:#d1383d;--badbg:#3a1418;
 --warnbg:#33290a;--in:#fff}}
-@media print{:root{--bg:#fff;--fg:#000;--soft:#444;--grid:#ccc;--card:#fff;--in:#000}section{break-inside:avoid}
+@media print{:root{--fg:#000;--soft:#444;--card:#fff}body{padding:0}section{break-inside:avoid}
 .long{break-inside:auto}}
 *{box-sizing:border-box;print-color-adjust:exact;-webkit-print-color-adjust:exact}
 body{margin:0 auto;padding:1.2rem;max-width:1100px;background:var(--bg);color:var(--fg);

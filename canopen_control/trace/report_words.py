@@ -82,4 +82,5 @@ def _gaps(facts: Json) -> Iterator[str]:
 
 
 def _sentence(text: str) -> str:
+    text = " ".join(text.split())
     return text if text.endswith((".", "?", "!")) else f"{text}."
