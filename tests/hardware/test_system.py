@@ -1,13 +1,10 @@
 """The component: who may claim what, and what one joint's trouble means for the others."""
 
-import re
-
 import pytest
-from support.generic import write_generic
+from support.generic import write_generic, write_two_axes
 from support.robots import LEFT, RIGHT, Bench, copy_robby
 
 from canopen_control.cia402.state import State
-from canopen_control.data_files import data_path
 from canopen_control.errors import ControlError, RobotConfigError, UnknownInterface
 from canopen_control.hardware.interfaces import LifecycleState, ReturnType
 from canopen_control.hardware.joint import Action, Wish
@@ -98,57 +95,8 @@ def test_a_joint_may_name_its_drive_by_node_id(tmp_path):
     bench.close()
 
 
-MAPPING = """
-  tpdo:
-    1:
-      enabled: true
-      cob_id: auto
-      transmission: 1
-      mapping: [{index: 0x6041}, {index: 0x6061}, {index: 0x6841}, {index: 0x6861}]
-    2: {enabled: true, cob_id: auto, transmission: 1, mapping: [{index: 0x6064}, {index: 0x606C}]}
-    3: {enabled: true, cob_id: auto, transmission: 1, mapping: [{index: 0x6864}, {index: 0x686C}]}
-    4: {enabled: false}
-  rpdo:
-    1: {enabled: true, cob_id: auto, mapping: [{index: 0x6040}, {index: 0x6060}]}
-    2: {enabled: true, cob_id: auto, mapping: [{index: 0x607A}, {index: 0x60FF}]}
-    3: {enabled: true, cob_id: auto, mapping: [{index: 0x6840}, {index: 0x6860}]}
-    4: {enabled: true, cob_id: auto, mapping: [{index: 0x687A}, {index: 0x68FF}]}
-nodes:
-  drive_one: {node_id: 2}
-"""
-
-
-def two_axes(folder):
-    """Write a robot whose one device has two axes: the generic drive, its profile again 0x800 higher."""
-    config = write_generic(folder)
-    text = data_path("eds", "generic_cia402.eds").read_text()
-    sections = re.split(r"(?m)^(?=\[)", text)
-    profile = [each for each in sections if re.match(r"\[6[0-7]", each)]
-    second = [re.sub(r"^\[6(.)", lambda found: f"[6{int(found[1], 16) + 8:X}", each) for each in profile]
-    count = int(re.search(r"\[OptionalObjects\]\s+SupportedObjects=(\d+)", text)[1])
-    indices = sorted({int(each[1:5], 16) for each in second})
-    listed = "".join(f"{count + number}=0x{index:04X}\n" for number, index in enumerate(indices, 1))
-    text = re.sub(
-        r"(\[OptionalObjects\]\s+)SupportedObjects=\d+\n",
-        rf"\g<1>SupportedObjects={count + len(indices)}\n{listed}",
-        text,
-    )
-    (config / "two.eds").write_text(text + "".join(second))
-    bus = (config / "bus.yml").read_text().replace("generic_cia402.eds", "two.eds")
-    (config / "bus.yml").write_text(bus.partition("  tpdo:\n")[0] + MAPPING.lstrip("\n"))
-    urdf = (
-        (config / "generic.urdf")
-        .read_text()
-        .replace("drive_two</param>", "drive_one</param><param name='axis'>1</param>")
-    )
-    for kind in ("effort", "digital_outputs"):
-        urdf = urdf.replace(f"<command_interface name='{kind}'/>", "")
-    (config / "generic.urdf").write_text(urdf)
-    return config
-
-
 def test_the_axes_of_one_device_are_joints_of_their_own(tmp_path):
-    bench = Bench("twoaxes", config=two_axes(tmp_path), drives=(2,), controllers=["velocity"])
+    bench = Bench("twoaxes", config=write_two_axes(tmp_path), drives=(2,), controllers=["velocity"])
     bench.start()
     for _ in range(100):
         bench.robot.command("velocity", [1.0, -2.0], "test")
@@ -165,7 +113,7 @@ def test_the_axes_of_one_device_are_joints_of_their_own(tmp_path):
 
 
 def test_one_axis_of_a_device_is_disabled_and_the_other_goes_on(tmp_path):
-    bench = Bench("oneaxis", config=two_axes(tmp_path), drives=(2,), controllers=["velocity"])
+    bench = Bench("oneaxis", config=write_two_axes(tmp_path), drives=(2,), controllers=["velocity"])
     bench.start()
     answers, (one, two) = [], bench.robot.joints.values()
     bench.robot.axis(Action.DISABLE, "drive_one", answers.append, joint="two")

@@ -132,3 +132,14 @@ def test_an_answer_of_another_shape_is_no_answer_and_the_bridge_goes_on(scene, c
     assert call("list_hardware_components", "ListHardwareComponents") == {"component": []}
     robot.answers = before
     assert call("list_controllers", "ListControllers")["controller"]
+
+
+def test_a_spawners_param_file_is_refused_with_the_reason_at_once(scene):
+    parameter = {"name": "base.params_file", "value": {"type": 4, "string_value": "/tmp/base.yaml"}}
+    answer = scene[1].order(
+        "call", service="/controller_manager/set_parameters", of="rcl_interfaces/srv/SetParameters",
+        data={"parameters": [parameter]},
+    )  # fmt: skip
+    (result,) = answer["response"]["results"]
+    assert result["successful"] is False
+    assert "leave --param-file away" in result["reason"]

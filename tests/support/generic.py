@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
-__all__ = ["JOINTS", "MODES", "write_generic"]
+import re
+
+from canopen_control.data_files import data_path
+
+__all__ = ["JOINTS", "MODES", "write_generic", "write_two_axes"]
 
 JOINTS = ("one", "two")
 MODES = {"PP": 1, "VL": 2, "PV": 3, "TQ": 4, "HM": 6, "IP": 7, "CSP": 8, "CSV": 9, "CST": 10}
@@ -40,6 +44,24 @@ defaults:
     4: {{enabled: true, cob_id: auto, mapping: [{{index: 0x60FE, sub_index: 1}}]}}
 nodes:
 {nodes}
+"""
+_TWO_AXES = """
+  tpdo:
+    1:
+      enabled: true
+      cob_id: auto
+      transmission: 1
+      mapping: [{index: 0x6041}, {index: 0x6061}, {index: 0x6841}, {index: 0x6861}]
+    2: {enabled: true, cob_id: auto, transmission: 1, mapping: [{index: 0x6064}, {index: 0x606C}]}
+    3: {enabled: true, cob_id: auto, transmission: 1, mapping: [{index: 0x6864}, {index: 0x686C}]}
+    4: {enabled: false}
+  rpdo:
+    1: {enabled: true, cob_id: auto, mapping: [{index: 0x6040}, {index: 0x6060}, {index: 0x60FE, sub_index: 1}]}
+    2: {enabled: true, cob_id: auto, mapping: [{index: 0x607A}, {index: 0x60FF}]}
+    3: {enabled: true, cob_id: auto, mapping: [{index: 0x6840}, {index: 0x6860}]}
+    4: {enabled: true, cob_id: auto, mapping: [{index: 0x687A}, {index: 0x68FF}]}
+nodes:
+  drive_one: {node_id: 2}
 """
 _EXTRAS = ("nmt_state", "statusword", "error_code", "age", "digital_inputs")
 
@@ -92,3 +114,32 @@ def _urdf(joints, *, groups):
     plugin = "<hardware><plugin>canopen_control/CanopenSystem</plugin></hardware>"
     system = f"<ros2_control name='generic' type='system'>{plugin}{control}</ros2_control>"
     return f"<robot name='generic'>{links}{tree}{system}</robot>"
+
+
+def write_two_axes(folder):
+    """Write a robot whose one device has two axes: the generic drive, its profile again 0x800 higher."""
+    config = write_generic(folder)
+    text = data_path("eds", "generic_cia402.eds").read_text()
+    sections = re.split(r"(?m)^(?=\[)", text)
+    profile = [each for each in sections if re.match(r"\[6[0-7]", each)]
+    second = [re.sub(r"^\[6(.)", lambda found: f"[6{int(found[1], 16) + 8:X}", each) for each in profile]
+    count = int(re.search(r"\[OptionalObjects\]\s+SupportedObjects=(\d+)", text)[1])
+    indices = sorted({int(each[1:5], 16) for each in second})
+    listed = "".join(f"{count + number}=0x{index:04X}\n" for number, index in enumerate(indices, 1))
+    text = re.sub(
+        r"(\[OptionalObjects\]\s+)SupportedObjects=\d+\n",
+        rf"\g<1>SupportedObjects={count + len(indices)}\n{listed}",
+        text,
+    )
+    (config / "two.eds").write_text(text + "".join(second))
+    bus = (config / "bus.yml").read_text().replace("generic_cia402.eds", "two.eds")
+    (config / "bus.yml").write_text(bus.partition("  tpdo:\n")[0] + _TWO_AXES.lstrip("\n"))
+    urdf = (
+        (config / "generic.urdf")
+        .read_text()
+        .replace("drive_two</param>", "drive_one</param><param name='axis'>1</param>")
+    )
+    for kind in ("effort", "digital_outputs"):
+        urdf = urdf.replace(f"<command_interface name='{kind}'/>", "")
+    (config / "generic.urdf").write_text(urdf)
+    return config
