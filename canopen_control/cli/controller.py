@@ -1,8 +1,8 @@
 """`controller`: the controllers of a running robot, as `ros2 control` has them: list, load, configure, switch, unload.
 
 A controller of ros2_controllers.yaml is loaded and configured (then it is inactive), then activated: `activate` does
-what is missing of that. Two controllers cannot command one interface: `switch` deactivates one and activates the other in the
-same cycle. Activating enables drives; nothing moves before a command comes.
+what is missing of that. Two controllers cannot command one interface: `switch` deactivates one and activates the other
+in the same cycle. Activating enables drives; nothing moves before a command comes.
 
 Exit codes: 0 good; 1 the robot refused, and nothing was changed; 2 wrong usage, or no robot runs.
 """

@@ -9,8 +9,10 @@ Exit codes: 0 confirmed, or sent to nodes without heartbeat; 1 a node shows anot
 
 from __future__ import annotations
 
+import json
 import sys
 import time
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from canopen_control.cia301.nmt import EXPECTED_STATE, RESETS, NmtCommand, NmtConfirmed, NmtState
@@ -46,6 +48,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("command", choices=COMMANDS)
     parser.add_argument("node", metavar="NODE", help="name or node id, on a bare bus the node id; or all")
     parser.add_argument("--wait", type=seconds, metavar="S", help="for the confirmation (default: 1.5, resets 5)")
+    parser.add_argument("--json", action="store_true", help="print JSON")
     add_target_arguments(parser)
 
 
@@ -60,23 +63,30 @@ def run(args: argparse.Namespace) -> int:
         return _through_robot(args, robot, command)
 
 
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What a node shows; `confirmed` is None where it has no heartbeat that could."""
+
+    node_id: int
+    who: str
+    state: str | None
+    confirmed: bool | None
+    error: str | None = None
+
+
 def _on_bus(args: argparse.Namespace, bus: DirectBus, command: NmtCommand, node_id: int) -> int:
     patience = args.wait or (RESET_PATIENCE_S if command in RESETS and node_id else PATIENCE_S)
-    results = bus.command(command, node_id, patience)
-    failed = False
-    for result in results:
+    outcomes = []
+    for result in bus.command(command, node_id, patience):
+        who = f"node {result.node_id}"
         if isinstance(result, NmtConfirmed):
-            print(f"node {result.node_id}: {_words(EXPECTED_STATE[command])}")
-        elif result.state is None:
-            print(
-                f"node {result.node_id}: {args.command} was sent; no heartbeat has confirmed it within {patience:g} s"
-            )
+            outcomes.append(Outcome(result.node_id, who, EXPECTED_STATE[command].name, True))
         else:
-            failed = True
-            _complain(f"node {result.node_id}", result.state.name, args.command, patience)
-    if not results:
+            state = None if result.state is None else result.state.name
+            outcomes.append(Outcome(result.node_id, who, state, None if state is None else False))
+    if not outcomes and not args.json:
         print(f"{args.command} was sent to all; no heartbeat was heard within {patience:g} s")
-    return 1 if failed else 0
+    return _tell(args, outcomes, patience)
 
 
 def _through_robot(args: argparse.Namespace, target: RobotTarget, command: NmtCommand) -> int:
@@ -90,12 +100,28 @@ def _through_robot(args: argparse.Namespace, target: RobotTarget, command: NmtCo
         nodes = target.robot.call("status")["nodes"]
         elapsed = time.monotonic() - begin
         waiting = [place for place in waiting if not _shows(nodes[place.name], command, elapsed)]
+    outcomes = []
     for place in places:
-        if place in waiting:
-            _complain(str(place), nodes[place.name]["nmt_state"], args.command, patience, nodes[place.name]["error"])
+        node = nodes[place.name]
+        confirmed = place not in waiting
+        state = EXPECTED_STATE[command].name if confirmed else node["nmt_state"]
+        outcomes.append(Outcome(place.node_id, str(place), state, confirmed, node["error"]))
+    return _tell(args, outcomes, patience)
+
+
+def _tell(args: argparse.Namespace, outcomes: list[Outcome], patience: float) -> int:
+    """Print what became of it; 1 if a node shows another state, or a robot's node none."""
+    if args.json:
+        keys = ("node_id", "state", "confirmed", "error")
+        print(json.dumps([{key: getattr(each, key) for key in keys} for each in outcomes], indent=2))
+    for each in outcomes if not args.json else ():
+        if each.confirmed:
+            print(f"{each.who}: {_words(each.state or '')}")
+        elif each.confirmed is None:
+            print(f"{each.who}: {args.command} was sent; no heartbeat has confirmed it within {patience:g} s")
         else:
-            print(f"{place}: {_words(EXPECTED_STATE[command])}")
-    return 1 if waiting else 0
+            _complain(each.who, each.state, args.command, patience, each.error)
+    return 1 if any(each.confirmed is False for each in outcomes) else 0
 
 
 _ROBOT_PATIENCE = {
@@ -114,8 +140,8 @@ def _shows(node: dict[str, Any], command: NmtCommand, elapsed: float) -> bool:
     return node["nmt_state"] == wanted.name and node["age_s"] is not None and node["age_s"] <= elapsed
 
 
-def _words(state: NmtState) -> str:
-    return "has booted" if state is NmtState.INITIALISING else state.name.replace("_", " ")
+def _words(name: str) -> str:
+    return "has booted" if name == NmtState.INITIALISING.name else name.replace("_", " ")
 
 
 def _complain(who: str, state: str | None, command: str, patience: float, error: str | None = None) -> None:

@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import collections
 import itertools
+import json
 import os
 import statistics
 import sys
@@ -73,6 +74,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def _add_list(actions: Any, what: str) -> None:  # noqa: ANN401 - argparse's private class
     listing = actions.add_parser("list", help=f"names of all {what}")
     listing.add_argument("-t", "--types", action="store_true", help="and their types")
+    listing.add_argument("--json", action="store_true", help="print JSON: the types by name")
 
 
 def _add_data(action: argparse.ArgumentParser, what: str) -> None:
@@ -122,7 +124,11 @@ def begin_ros() -> None:
 
 
 def _list(names: Callable[[], list[tuple[str, list[str]]]], args: argparse.Namespace) -> int:
-    for name, types in names():
+    found = names()
+    if args.json:
+        print(json.dumps(dict(found), indent=2))
+        return 0
+    for name, types in found:
         print(f"{name} [{', '.join(types)}]" if args.types else name)
     return 0
 

@@ -1,5 +1,7 @@
 """The verb nmt, as its user sees it: through a running robot and straight on a bus."""
 
+import json
+
 import pytest
 from support.host import eventually
 from support.liverobot import live_robot
@@ -43,6 +45,17 @@ def test_a_heartbeat_or_boot_up_confirms(bus, command, shown, capsys):
     capsys.readouterr()
     assert main(["nmt", command, "5", *ON_BUS]) == 0
     assert capsys.readouterr().out == f"node 5: {shown}\n"
+
+
+def test_a_script_reads_json(bus, capsys):
+    assert main(["nmt", "start", "3", *ON_BUS, "--wait", "0.05", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out) == [{"node_id": 3, "state": None, "confirmed": None, "error": None}]
+    assert main(["nmt", "reset-node", "all", *ON_BUS, "--wait", "0.3", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert [(each["node_id"], each["state"], each["confirmed"]) for each in found] == [
+        (3, "INITIALISING", True),
+        (5, "INITIALISING", True),
+    ]
 
 
 def test_all_nodes_of_a_bus(bus, capsys):

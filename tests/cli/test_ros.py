@@ -40,6 +40,7 @@ def test_topics_and_services_are_listed_with_their_types(scene, program):
     topics = program("topic", "list", "--types").splitlines()
     assert f"{TOPIC} [{TYPE}]" in topics
     assert "/peer/get_parameters" in program("service", "list").splitlines()
+    assert json.loads(program("topic", "list", "--json"))[TOPIC] == [TYPE]
 
 
 @pytest.mark.ros
