@@ -163,6 +163,8 @@ def _up_real(link: Link, bitrate: int | None, restart_ms: int | None, sample_poi
     if rate is not None and "sample-point" in changed:
         changed["bitrate"] = rate  # the kernel computes the timing from both
     commands = []
+    if link.is_up and link.state == "BUS-OFF" and not changed and not link.restart_ms:  # else the kernel does it
+        commands.append(_ip("restart it after bus-off", "set", link.name, "type", "can", "restart"))
     if changed and link.is_up:
         commands.append(_ip("take it down to change it", "set", link.name, "down"))
     if changed:

@@ -145,9 +145,7 @@ class SocketCanPort:
     def _taken(self, records: bytes) -> bytes:
         self.stats.rx += len(records) // RECORD_SIZE
         if has_error_frames(records):
-            events = note_errors(records, self.stats)
-            self._events.extend(events)
-            self._follow(events)
+            self._follow(note_errors(records, self.stats))
         elif self._bus_off:  # an adapter that restarted by itself may tell it by nothing but frames
             self._bus_off = False
             self._events.add(BusEventKind.ERROR_ACTIVE, f"bus {self.channel}: frames come again after bus-off")
@@ -159,11 +157,14 @@ class SocketCanPort:
     def _follow(self, events: list[BusEvent]) -> None:
         """Note what error frames say of the controller: while it is off the bus nothing may wait for it."""
         for event in events:
+            text = event.text
             if event.kind is BusEventKind.BUS_OFF:
                 self._bus_off = True
                 self._drop_queue()
+                text += f". Without --restart-ms it is restarted by: canopen-control bus up {self.channel}"
             elif event.kind is BusEventKind.ERROR_ACTIVE:
                 self._bus_off = False
+            self._events.add(event.kind, text)
 
     # Sending -------------------------------------------------------------------------------------------------------
 

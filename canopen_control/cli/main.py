@@ -13,7 +13,7 @@ import sys
 from typing import TYPE_CHECKING
 
 from canopen_control import __version__
-from canopen_control.errors import CanopenError, ConfigError
+from canopen_control.errors import CanopenError, ConfigError, InterfaceDown, InterfaceNotFound
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -60,7 +60,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = list(sys.argv[1:] if argv is None else argv)
     try:
         return _dispatch(arguments)
-    except ConfigError as error:
+    except (ConfigError, InterfaceNotFound, InterfaceDown) as error:  # nothing has begun, and there is what to type
         return _complain(error, 2)
     except CanopenError as error:
         return _complain(error, 1)

@@ -98,6 +98,23 @@ def test_can_interfaces_are_read_and_others_left_out():
     ]
 
 
+@pytest.mark.parametrize(
+    ("restart_ms", "wanted", "commands"),
+    [
+        (0, {}, ["ip link set can3 type can restart"]),
+        (100, {}, []),
+        (0, {"restart_ms": 100}, ["down", "type can restart-ms 100", "up"]),
+    ],
+    ids=["by hand", "by itself", "from now on by itself"],
+)
+def test_an_interface_that_is_off_the_bus_is_restarted(restart_ms, wanted, commands):
+    off = Link("can3", "can", True, 1000, state="BUS-OFF", bitrate=500_000, restart_ms=restart_ms)
+    made = [str(command) for command in link_module.up_commands("can3", off, **wanted)]
+    assert [each.removeprefix("ip link set can3 ") for each in made] == [
+        each.removeprefix("ip link set can3 ") for each in commands
+    ]
+
+
 def test_no_output_is_no_interfaces():
     assert parse_links("") == []
 

@@ -363,6 +363,13 @@ def test_nothing_is_kept_for_a_controller_that_is_off_the_bus(bench):
     assert bench.kinds() == [BusEventKind.BUS_OFF, BusEventKind.ERROR_ACTIVE]
 
 
+def test_bus_off_says_what_restarts_the_controller(bench):
+    bench.socket.put(BUS_OFF)
+    bench.received()
+    (event,) = bench.port.events()
+    assert event.text.endswith("Without --restart-ms it is restarted by: canopen-control bus up can0")
+
+
 def test_a_controller_that_restarts_without_a_word_is_back_with_the_first_frame(bench):
     bench.socket.put(ONE, BUS_OFF)
     bench.received()

@@ -118,7 +118,7 @@ def test_the_bit_rate_and_its_load(ports, capsys):
     [
         (["status", "local:none"], 1, "bus local:none: nobody has it open"),
         (["status", "virtual:x"], 2, "only local: buses and CAN interfaces can be looked at"),
-        (["status", "can7"], 1, "no CAN interface 'can7'"),
+        (["status", "can7"], 2, "no CAN interface 'can7'"),
         (["fault", "vcan0", "clear"], 2, "local: buses only"),
         (["fault", "local:none", "bitrate", "fast"], 2, "'fast' is no bit rate"),
         (["up", "can0", "--bitrate", "x"], 2, "invalid int value"),

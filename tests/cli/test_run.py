@@ -54,8 +54,8 @@ def test_a_mistake_of_the_user_is_one_sentence_and_exit_code_2(capsys, arguments
     assert find_robots() == []
 
 
-def test_a_channel_that_is_not_there_is_exit_code_1_and_says_what_to_type(capsys):
-    assert main(["run", "robby", "--can", "can7", "--real"]) == 1
+def test_a_channel_that_is_not_there_is_exit_code_2_and_says_what_to_type(capsys):
+    assert main(["run", "robby", "--can", "can7", "--real"]) == 2
     assert "can7" in capsys.readouterr().err
 
 

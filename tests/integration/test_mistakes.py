@@ -151,8 +151,8 @@ def test_a_node_id_that_is_taken(stage):
 
 
 def test_a_channel_without_an_adapter(stage):
-    check(stage.call("run", "robby", "--can", "can77", "--real"), 1, "can77")
-    check(stage.call("run", "robby", "--can", "nonsense:1", "--real"), 1, "no CAN interface 'nonsense:1'")
+    check(stage.call("run", "robby", "--can", "can77", "--real"), 2, "can77")
+    check(stage.call("run", "robby", "--can", "nonsense:1", "--real"), 2, "no CAN interface 'nonsense:1'")
 
 
 def test_requests_that_a_robot_refuses(stage):

@@ -182,7 +182,7 @@ def test_an_interface_that_is_removed_and_made_again_is_found_again(stage, robby
 
 def test_a_missing_and_a_down_interface_are_named_with_what_to_type(stage, robby, vcan):
     missing = stage.call("run", robby, "--can", "vcan99")
-    assert (missing.wait(), "make it: canopen-control bus up vcan99" in missing.err) == (1, True), missing
+    assert (missing.wait(), "make it: canopen-control bus up vcan99" in missing.err) == (2, True), missing
     ip("link", "set", vcan, "down")
     down = stage.call("run", robby, "--can", vcan)
-    assert (down.wait(), f"bring it up: canopen-control bus up {vcan}" in down.err) == (1, True), down
+    assert (down.wait(), f"bring it up: canopen-control bus up {vcan}" in down.err) == (2, True), down
