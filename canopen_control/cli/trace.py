@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 __all__ = ["EXAMPLE", "add_arguments", "add_view_arguments", "positive_seconds", "run", "show", "show_file"]
 
 EXAMPLE = """canopen-control trace
+         canopen-control trace --events
          canopen-control trace --node left_drive --service sdo,emcy
          canopen-control trace robby --can can0 --changes
          canopen-control trace robby --file run.log --json"""
@@ -66,6 +67,11 @@ def add_view_arguments(parser: argparse.ArgumentParser) -> None:
         help="only this identifier or range, in hex: 181, 180-1FF (repeatable)",
     )
     parser.add_argument("--changes", action="store_true", help="cyclic frames only when their data changed")
+    parser.add_argument(
+        "--events",
+        action="store_true",
+        help="only news: states, commands, modes, boot-ups, EMCY, aborts, what is wrong",
+    )
     parser.add_argument("--count", type=_number, metavar="N", help="end after N lines")
     parser.add_argument("--absolute", action="store_true", help="times of day instead of seconds since the first frame")
     parser.add_argument("--json", action="store_true", help="one JSON object for each frame")
@@ -168,7 +174,7 @@ def _print(lines: list[str]) -> None:
 
 
 def _filter(args: argparse.Namespace, network: NetworkDescription) -> Filter:
-    return Filter(node_ids_of(network, args.node), args.service, tuple(args.id), args.changes)
+    return Filter(node_ids_of(network, args.node), args.service, tuple(args.id), args.changes, args.events)
 
 
 def _line_of(args: argparse.Namespace, network: NetworkDescription) -> Callable[..., str]:

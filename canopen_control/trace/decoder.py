@@ -21,14 +21,13 @@ from canopen_control.cia301.nmt import NmtState, parse_nmt, state_of_byte
 from canopen_control.cia301.pdo import PdoCodec
 from canopen_control.cia301.time_of_day import parse_time
 from canopen_control.cia402 import objects
-from canopen_control.cia402.state import decode_statusword
 from canopen_control.errors import LocalProtocolError
 from canopen_control.frame import BROADCAST, EXTENDED_FLAG, CanFrame, Service, service_of
 from canopen_control.trace.learn import LearnedPdos
 from canopen_control.trace.lss import lss_text
 from canopen_control.trace.network import NodeDescription
 from canopen_control.trace.sdo import SdoConversation
-from canopen_control.trace.values import NodeWords, SignalValue, is_faulty
+from canopen_control.trace.values import News, NodeWords, SignalValue
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -48,9 +47,12 @@ class Mark(enum.IntEnum):
     """How much a line deserves a look."""
 
     PLAIN = 0
-    NOTABLE = 1  # something changed: NMT commands, boot-up, a new NMT state
-    WARNING = 2  # malformed, too short
-    ERROR = 3  # EMCY, abort, fault
+    NOTABLE = 1  # something changed: NMT command, boot-up, another NMT state, CiA 402 state, command or mode
+    WARNING = 2  # malformed, too short, late
+    ERROR = 3  # EMCY, abort, a drive that goes into fault
+
+
+_MARKS: Final = {News.NOTHING: Mark.PLAIN, News.CHANGE: Mark.NOTABLE, News.FAULT: Mark.ERROR}
 
 
 @dataclass(frozen=True, slots=True)
@@ -258,7 +260,8 @@ class Decoder:
             text, value, is_abort, held = node.sdo.receive(frame.data, from_client=from_client)
             if held is not None and (learned := node.pdos.learn(held)) is not None:
                 self._relearn(node_id, *learned)
-            return _Said(text, () if value is None else (value,), Mark.ERROR if is_abort else Mark.PLAIN)
+            mark = Mark.ERROR if is_abort else _MARKS[node.words.take_news()]
+            return _Said(text, () if value is None else (value,), mark)
 
         return said
 
@@ -292,18 +295,14 @@ def _mapped(words: NodeWords, pdo: PdoDescription, codec: PdoCodec, data: bytes)
     for each, value in pairs:
         if objects.axis_of(each.index)[0] == objects.MODES_OF_OPERATION_DISPLAY:
             words.text(each.index, each.subindex, value)
-    mark, values = Mark.PLAIN, []
-    for each, value in pairs:
-        text = words.text(each.index, each.subindex, value)
-        values.append(SignalValue(each.index, each.subindex, each.name, value, text))
-        axis = words.axis(each.index)
-        is_state = axis is not None and objects.axis_of(each.index)[0] == objects.STATUSWORD
-        if is_state and isinstance(value, int) and is_faulty(decode_statusword(value)):
-            mark = Mark.ERROR
+    values = tuple(
+        SignalValue(each.index, each.subindex, each.name, value, words.text(each.index, each.subindex, value))
+        for each, value in pairs
+    )
     text = "; ".join(f"{value.name} {value.text}" for value in values)
     if len(data) > codec.length:
         text += f"; {len(data)} bytes, {codec.length} are mapped"
-    return _Said(text or "nothing is mapped", tuple(values), mark)
+    return _Said(text or "nothing is mapped", values, _MARKS[words.take_news()])
 
 
 def _sync(frame: CanFrame) -> _Said:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from canopen_control.errors import ConfigError
 from canopen_control.frame import EXTENDED_FLAG
-from canopen_control.trace.decoder import SERVICES
+from canopen_control.trace.decoder import SERVICES, Mark
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -29,12 +29,16 @@ _FLAGS = EXTENDED_FLAG
 
 @dataclass(slots=True)
 class Filter:
-    """What to show; empty means all. `changes` leaves out a repeated frame with the data of the one before."""
+    """What to show; empty means all.
+
+    `changes` leaves out a repeated frame with the data of the one before, `events` everything that is no news.
+    """
 
     nodes: frozenset[int] = frozenset()
     services: frozenset[str] = frozenset()
     ids: tuple[range, ...] = ()
     changes: bool = False
+    events: bool = False
     _last: dict[int, bytes] = field(default_factory=dict)
 
     def wants(self, decoded: DecodedFrame) -> bool:
@@ -45,7 +49,9 @@ class Filter:
             return False
         if self.ids and not any(decoded.can_id & 0x9FFFFFFF in each for each in self.ids):
             return False
-        return not self.changes or self._is_new(decoded)
+        if self.events and decoded.mark is Mark.PLAIN:
+            return False
+        return not (self.changes or self.events) or self._is_new(decoded)
 
     def _is_new(self, decoded: DecodedFrame) -> bool:
         if decoded.service not in _REPEATED:

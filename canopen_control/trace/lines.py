@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import datetime
+import math
 from typing import TYPE_CHECKING, Any
 
 from canopen_control.frame import ERROR_FLAG, EXTENDED_FLAG, REMOTE_FLAG
 from canopen_control.trace.decoder import Mark
 
 if TYPE_CHECKING:
+    from canopen_control.od.model import Value
     from canopen_control.trace.decoder import DecodedFrame
     from canopen_control.trace.network import NetworkDescription
 
@@ -64,8 +66,15 @@ def _data(decoded: DecodedFrame) -> str:
     return decoded.data.hex(" ").upper()
 
 
+def _plain(value: Value) -> int | float | str | None:
+    """Return a value as JSON has it: no bytes, no infinity."""
+    if isinstance(value, bytes | bytearray):
+        return value.hex()
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
 def as_dict(decoded: DecodedFrame) -> dict[str, Any]:
-    """Return a frame as plain data: `time` in Unix seconds, bytes in hex."""
+    """Return a frame as plain data: `time` in Unix seconds, bytes in hex, None for what is no number."""
     return {
         "time": decoded.time / _NS,
         "id": identifier_text(decoded.can_id),
@@ -83,7 +92,7 @@ def as_dict(decoded: DecodedFrame) -> dict[str, Any]:
                 "index": value.index,
                 "subindex": value.subindex,
                 "name": value.name,
-                "value": value.value.hex() if isinstance(value.value, bytes) else value.value,
+                "value": _plain(value.value),
                 "text": value.text,
             }
             for value in decoded.values

@@ -6,6 +6,7 @@ are CiA 301's (7.5.2), those of 0x6000 and up are CiA 402-2's, and only for a no
 
 from __future__ import annotations
 
+import enum
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "AxisWords",
+    "News",
     "NodeWords",
     "SignalValue",
     "bytes_text",
@@ -127,6 +129,14 @@ def decoded(data: bytes, data_type: DataType | None) -> Value:
         return bytes(data)
 
 
+class News(enum.IntEnum):
+    """What the last values of a node told that was not known before."""
+
+    NOTHING = 0
+    CHANGE = 1  # of state, command or mode
+    FAULT = 2  # it has come into a state of fault
+
+
 @dataclass(slots=True)
 class AxisWords:
     """What was last heard of one axis, which later words depend on."""
@@ -134,6 +144,8 @@ class AxisWords:
     mode: int | None = None
     state: State | None = None
     controlword: int = 0
+    command: Command | None = None
+    news: News = News.NOTHING
 
 
 class NodeWords:
@@ -159,10 +171,12 @@ class NodeWords:
             return name
         return objects.object_name(index) or ""
 
-    def axis(self, index: int) -> AxisWords | None:
-        """Return what is known of the axis a profile object belongs to."""
-        base, number = objects.axis_of(index)
-        return self._axes.get(number) if self._is_drive and base >= objects.ABORT_CONNECTION_OPTION else None
+    def take_news(self) -> News:
+        """Return the greatest news of the values since the last call, of all axes."""
+        greatest = max((axis.news for axis in self._axes.values()), default=News.NOTHING)
+        for axis in self._axes.values():
+            axis.news = News.NOTHING
+        return greatest
 
     def text(self, index: int, subindex: int, value: Value) -> str:
         """Return the value in words."""
@@ -171,7 +185,7 @@ class NodeWords:
         if isinstance(value, bytes | bytearray):
             return bytes_text(bytes(value))
         if isinstance(value, float):
-            return f"{value:g}"
+            return f"{value:.9g}"
         base, number = objects.axis_of(index)
         words = self._drive_words.get(base) if self._is_drive and not subindex else None
         if words is not None:
@@ -192,17 +206,25 @@ class NodeWords:
 
 
 def _statusword(axis: AxisWords, value: int) -> str:
-    axis.state = decode_statusword(value)
+    state = decode_statusword(value)
+    if state is not axis.state:
+        axis.news = max(axis.news, News.FAULT if is_faulty(state) and not is_faulty(axis.state) else News.CHANGE)
+    axis.state = state
     return statusword_text(value, axis.mode)
 
 
 def _controlword(axis: AxisWords, value: int) -> str:
     text = controlword_text(value, axis.controlword, axis.state, axis.mode)
-    axis.controlword = value
+    command, axis.controlword = command_of(value, axis.controlword), value
+    if command is not axis.command:
+        axis.news = max(axis.news, News.CHANGE)
+    axis.command = command
     return text
 
 
 def _mode_display(axis: AxisWords, value: int) -> str:
+    if value != axis.mode:
+        axis.news = max(axis.news, News.CHANGE)
     axis.mode = value
     return f"{value} {mode_name(value)}" if value >= 0 else f"{value}"
 

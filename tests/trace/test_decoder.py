@@ -83,9 +83,18 @@ def test_the_words_of_the_drive_profile_depend_on_what_was_heard_before():
     ]
 
 
-def test_a_drive_in_fault_is_marked():
-    assert one(0x183, "180203").mark is Mark.ERROR
-    assert one(0x183, "370603").mark is Mark.PLAIN
+def test_news_of_a_drive_are_marked_once():
+    decoder = robby_decoder()
+    frames = ["310603", "310603", "370603", "370604", "180604", "180204", "500604"]
+    assert [decoder.decode(frame(0x183, each)).mark for each in frames] == [
+        Mark.NOTABLE,
+        Mark.PLAIN,
+        Mark.NOTABLE,
+        Mark.NOTABLE,  # another mode
+        Mark.ERROR,
+        Mark.PLAIN,
+        Mark.NOTABLE,
+    ]
 
 
 def test_a_short_pdo_is_said_and_a_long_one_is_read():

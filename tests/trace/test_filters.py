@@ -40,6 +40,25 @@ def test_changes_leave_out_repetitions_but_never_an_event():
     assert shown(changes=True) == [0x183, 0x080, 0x083, 0x083, 0x182, 0x183, 0x703, REMOTE_FLAG | 0x703]
 
 
+def test_events_are_what_is_news_and_nothing_else():
+    decoder, wanted = robby_decoder(), Filter(events=True)
+    stream = [
+        (0x703, "05"),
+        (0x183, "310603"),
+        (0x183, "310203"),  # the same state
+        (0x183, "370603"),
+        (0x203, "0F0003"),
+        (0x203, "1F0003"),  # the same command
+        (0x083, "1186210000000000"),
+        (0x183, "180603"),
+        (0x183, "180203"),
+        (0x603, "4041600000000000"),
+        (0x703, "7F"),
+    ]
+    shown = [each for each in stream if wanted.wants(decoder.decode(frame(*each)))]
+    assert shown == [stream[1], stream[3], stream[4], stream[6], stream[7], stream[10]]
+
+
 def test_what_changes_remembers_has_an_end():
     decoder, wanted = robby_decoder(), Filter(changes=True)
     for number in range(5000):

@@ -3,7 +3,9 @@ import json
 from support.tracing import frame, robby_decoder, robby_network
 
 from canopen_control.frame import ERROR_FLAG, EXTENDED_FLAG, REMOTE_FLAG
+from canopen_control.trace.decoder import DecodedFrame
 from canopen_control.trace.lines import LineWriter, as_dict, identifier_text
+from canopen_control.trace.values import SignalValue
 
 
 def lines(*frames, **how):
@@ -28,7 +30,7 @@ def test_absolute_times_are_those_of_the_day():
 
 
 def test_colours_mark_what_deserves_a_look_and_nothing_else():
-    plain, fault = lines((0x183, "370603"), (0x083, "1186210000000000"), colour=True)
+    _, plain, fault = lines((0x183, "370603"), (0x183, "370603"), (0x083, "1186210000000000"), colour=True)
     assert "\x1b" not in plain
     assert fault.startswith("\x1b[31m")
     assert fault.endswith("\x1b[0m")
@@ -56,3 +58,9 @@ def test_a_frame_is_plain_data_for_scripts():
         "text": "0x0637 OPERATION ENABLED, target reached",
     }
     assert as_dict(decoder.decode(frame(0x080)))["node"] is None
+
+
+def test_a_float_that_is_no_number_is_null_in_json():
+    value = SignalValue(0x2000, 0, "x", float("nan"), "nan")
+    decoded = DecodedFrame(0, 0x183, b"", "pdo", 3, "", "x nan", (value,))
+    assert json.loads(json.dumps(as_dict(decoded), allow_nan=False))["values"][0]["value"] is None
