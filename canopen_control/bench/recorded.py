@@ -47,7 +47,7 @@ class RecordedFleet:
         self.core = RobotCore(setup, self._reactor)
         frames = self._record(name)
         self._feed = open_port(f"memory:{name}", label="recorded")
-        self._records = [pack_records([_moved(frame, 50 * n) for frame in frames]) for n in range(_VARIANTS)]
+        self._records = [pack_records([_moved(frame, 50 * n) for frame in frames]) for n in _there_and_back()]
         if not moving:
             self._records = self._records[:1]
         self._beats = pack_records([CanFrame(0x700 + node.node_id, b"\x05") for node in self.core.nodes.values()])
@@ -105,7 +105,7 @@ class RecordedFleet:
 
     def check(self) -> None:
         """Raise CanopenError if the robot does not run any more, or if a TPDO of a cycle was not taken."""
-        if self.core.state is not RobotState.RUNNING:
+        if self.core.state is not RobotState.RUNNING or not all(joint.enabled for joint in self.core.joints.values()):
             raise CanopenError(f"stopped running: {[event.text for event in self.core.events.recent][-3:]}")
 
     def close(self) -> None:
@@ -113,6 +113,11 @@ class RecordedFleet:
         self.core.close()
         self._feed.close()
         self._reactor.close()
+
+
+def _there_and_back() -> list[int]:
+    """Return the steps of one round, the last beside the first: a jump of the position would stop the robot."""
+    return [min(n, _VARIANTS - n) for n in range(_VARIANTS)]
 
 
 def _moved(frame: CanFrame, counts: int) -> CanFrame:
