@@ -48,6 +48,18 @@ def test_status_has_the_documented_shape(client):
     assert status["events"]
 
 
+def test_listeners_learn_what_the_pdos_carry(client):
+    layout = client.ask("layout")["result"]["buses"]["can"]
+    assert layout["channel"] == "memory:api"
+    left = next(node for node in layout["nodes"] if node["name"] == "left_drive")
+    assert [(pdo["direction"], pdo["cob_id"]) for pdo in left["pdos"]] == [
+        ("rpdo", 0x203),
+        ("rpdo", 0x303),
+        ("tpdo", 0x183),
+        ("tpdo", 0x283),
+    ]
+
+
 def test_a_command_moves_the_wheels(robby, client):
     assert client.ask("command", controller=FORWARD, values=[10, 10], source="test") == {"id": 1, "result": {}}
     robby.run(500)
