@@ -43,10 +43,14 @@ class Diagnosis(NamedTuple):
 def diagnose(
     robot: str, state: Mapping[str, Any], controllers: Mapping[str, ControllerView], missed_before: int = 0
 ) -> list[Diagnosis]:
-    """Return a status of every node, every controller and the cycle; `missed_before` is what was told last time."""
+    """Return a status of every node, every controller, what diagnostics broadcasters tell, and the cycle.
+
+    `missed_before` is what was told last time.
+    """
     nodes = [_node(robot, name, node) for name, node in state["nodes"].items()]
     loaded = [_controller(robot, each) for each in controllers.values()]
-    return [*nodes, *loaded, _cycle(robot, state, missed_before)]
+    judged = [_told(robot, name, each) for name, told in (state.get("diagnostics") or {}).items() for each in told]
+    return [*nodes, *loaded, *judged, _cycle(robot, state, missed_before)]
 
 
 def _node(robot: str, name: str, node: Mapping[str, Any]) -> Diagnosis:
@@ -87,6 +91,12 @@ def _controller(robot: str, controller: ControllerView) -> Diagnosis:
     level = Severity.OK if controller.active else Severity.WARN
     values = {"type": controller.type, "joints": ", ".join(controller.joints)}
     return Diagnosis(f"{robot}: {controller.name}", robot, level, controller.state, values)
+
+
+def _told(robot: str, broadcaster: str, status: Mapping[str, Any]) -> Diagnosis:
+    values = {key: "unknown" if value is None else f"{value:g}" for key, value in status["values"].items()}
+    name = f"{robot}: {broadcaster}: {status['name']}"
+    return Diagnosis(name, robot, Severity(status["level"]), str(status["message"]), values)
 
 
 def _cycle(robot: str, state: Mapping[str, Any], missed_before: int) -> Diagnosis:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Final
 from canopen_control.ros.diff_drive import BaseOdometry, TwistCommands
 from canopen_control.ros.dynamic_joint_states import DynamicJointStates
 from canopen_control.ros.forward import ForwardCommands
+from canopen_control.ros.gpio_states import GpioStates
 from canopen_control.ros.joint_states import JointStates
 
 if TYPE_CHECKING:
@@ -30,6 +31,8 @@ BY_TOPIC: Final[dict[str | None, tuple[Factory, ...]]] = {
 #: by its type
 BY_TYPE: Final[dict[str, tuple[Factory, ...]]] = {
     "joint_state_broadcaster/JointStateBroadcaster": (JointStates, DynamicJointStates),
+    "joint_state_controller/JointStateController": (JointStates, DynamicJointStates),  # ROS 1's name of it
+    "canopen_control/GpioBroadcaster": (GpioStates,),
 }
 
 

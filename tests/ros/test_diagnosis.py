@@ -65,3 +65,13 @@ def test_missed_cycles_are_told_once():
 
 def test_a_robot_in_fault_is_an_error():
     assert told("cycle", robot="fault").level is Severity.ERROR
+
+
+def test_what_a_diagnostics_broadcaster_tells_is_among_them():
+    sample = state()
+    sample["diagnostics"] = {
+        "drives": [{"name": "left", "level": 3, "message": "no news for 0.75 s", "values": {"age": 0.75, "x": None}}]
+    }
+    (status,) = (each for each in diagnose("robby", sample, {}) if each.name == "robby: drives: left")
+    assert (status.level, status.message) == (Severity.STALE, "no news for 0.75 s")
+    assert status.values == {"age": "0.75", "x": "unknown"}

@@ -23,6 +23,8 @@ assert names("velocity_controllers/JointGroupVelocityController", "commands") ==
 assert names("diff_drive_controller/DiffDriveController", "cmd_vel") == ["TwistCommands", "BaseOdometry"]
 assert names("joint_state_broadcaster/JointStateBroadcaster", None) == [
     "JointStates", "DynamicJointStates"]
+assert names("joint_state_controller/JointStateController", None) == ["JointStates", "DynamicJointStates"]
+assert names("canopen_control/GpioBroadcaster", None) == ["GpioStates"]
 assert names("somebody/Else", None) == []
 assert names("somebody/Else", "dance") == []
 """

@@ -1,0 +1,27 @@
+from __future__ import annotations
+
+import math
+
+import pytest
+
+pytestmark = pytest.mark.ros
+BROADCASTER = {"name": "gpio", "type": "canopen_control/GpioBroadcaster", "state": "active", "topic": None,
+               "joints": [], "is_broadcaster": True}  # fmt: skip
+TOPIC = "/gpio/gpio_states"
+
+
+def test_inputs_and_outputs_are_told_by_part_and_name(fresh, maker):
+    fresh.robot.controllers.append(BROADCASTER)
+    fresh.robot.more = {"gpio": {"gpio": {"left": {"digital_inputs": 5.0}, "lamp": {"on": None, "dim": 0.5}}}}
+    try:
+        maker.order("subscribe", topic=TOPIC, of="control_msgs/msg/DynamicJointState", qos="latched")
+        message = maker.message(TOPIC)
+    finally:
+        fresh.robot.controllers.remove(BROADCASTER)
+    assert message["joint_names"] == ["left", "lamp"]
+    assert message["header"]["stamp"] == {"sec": 1_700_000_000, "nanosec": 250_000_000}
+    left, lamp = message["interface_values"]
+    assert left == {"interface_names": ["digital_inputs"], "values": [5.0]}
+    assert lamp["interface_names"] == ["on", "dim"]
+    assert math.isnan(lamp["values"][0])
+    assert lamp["values"][1] == 0.5
