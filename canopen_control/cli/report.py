@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 __all__ = ["EXAMPLE", "add_arguments", "run"]
 
 EXAMPLE = """canopen-control report
+         canopen-control report --list
          canopen-control report --duration 10 -o run.html
          canopen-control report run.log --config robby --json"""
 
@@ -33,6 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "-o", "--output", metavar="FILE.html", help="the page (default: beside FILE, or ROBOT.html here)"
     )
+    parser.add_argument("--list", action="store_true", help="list the flight recordings, the newest last")
     parser.add_argument("--json", action="store_true", help="print the same facts as JSON, write no page")
     parser.add_argument("--duration", type=_seconds, metavar="S", help="watch the running robot for S seconds")
     parser.add_argument("--name", help="the robot (default: the only one)")
@@ -48,6 +50,8 @@ def run(args: argparse.Namespace) -> int:
     from canopen_control.trace.report import facts_of
     from canopen_control.trace.report_page import page_of
 
+    if args.list:
+        return _list(args)
     path, file, networks = _recording(args)
     facts = facts_of(file, networks)
     if args.json:
@@ -79,17 +83,48 @@ def _recording(
     return path, *_frames_only(args, path)
 
 
-def _newest(name: str | None) -> Path:
-    """Return the newest flight recording, of the robot `name` or of any."""
+def _list(args: argparse.Namespace) -> int:
+    """Print when, which robot, and what went wrong first, of every flight recording; one that is damaged is named."""
+    from canopen_control.trace.flight_file import read_meta
+    from canopen_control.trace.report_words import clock
+
+    listed = []
+    for path in _flights(args.name):
+        try:
+            meta = read_meta(path)
+        except ConfigError as error:
+            print(f"canopen-control: {error}", file=sys.stderr)
+            continue
+        listed.append({"file": str(path), "robot": meta["robot"], "reason": meta["reason"]})
+    if args.json:
+        print(json.dumps(listed))
+        return 0
+    for each in listed:
+        text = " ".join(each["reason"]["text"].split())
+        print(f"{clock(each['reason']['time'], date=True)}  {each['robot']}: {text}\n    {each['file']}")
+    return 0
+
+
+def _flights(name: str | None) -> list[Path]:
+    """Return the flight recordings of the robot `name`, or of all; ConfigError when there is none."""
     from canopen_control.host.logfile import state_dir
 
-    paths = sorted(state_dir().glob(f"{name or '*'}/flight/*.zip"), key=lambda path: path.name)
+    # the first 19 characters of a name are its time
+    paths = sorted(
+        state_dir().glob(f"{name or '*'}/flight/*.zip"), key=lambda path: (path.name[:19], path.stat().st_mtime)
+    )
     if not paths:
         whose = f"of {name} " if name else ""
         raise ConfigError(
             f"there is no flight recording {whose}in {state_dir()}: nothing went wrong yet; "
             "a robot that runs is watched with --duration 10"
         )
+    return paths
+
+
+def _newest(name: str | None) -> Path:
+    """Return the newest flight recording, of the robot `name` or of any."""
+    paths = _flights(name)
     if sys.stderr.isatty():
         print(f"canopen-control: the newest flight recording: {paths[-1]}", file=sys.stderr)
     return paths[-1]

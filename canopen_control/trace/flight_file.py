@@ -22,19 +22,30 @@ import time
 import zipfile
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 from canopen_control.bus.candump import interface_name, line_of, parse_line
 from canopen_control.errors import ConfigError
 from canopen_control.frame import CanFrame, frames_of
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Callable, Iterable, Iterator
 
     from canopen_control.trace.flight_ring import Batch
 
-__all__ = ["MAX_FILES", "FlightFile", "FlightFrame", "candump_lines", "is_flight_file", "newest", "read_flight", "save"]
+__all__ = [
+    "MAX_FILES",
+    "FlightFile",
+    "FlightFrame",
+    "candump_lines",
+    "is_flight_file",
+    "newest",
+    "read_flight",
+    "read_meta",
+    "save",
+]
 
+T = TypeVar("T")
 FORMAT: Final = "canopen_control flight recording"
 VERSION: Final = 1
 MAX_FILES: Final = 20
@@ -129,12 +140,21 @@ def is_flight_file(path: Path) -> bool:
 
 def read_flight(path: Path) -> FlightFile:
     """Read a file; ConfigError in a sentence when it is none. Lines that cannot be read are counted in `meta`."""
+    return _opened(path, _read)
+
+
+def read_meta(path: Path) -> dict[str, Any]:
+    """Read only what a file says of itself; ConfigError as above."""
+    return _opened(path, lambda _archive, meta: meta)
+
+
+def _opened(path: Path, read: Callable[[zipfile.ZipFile, dict[str, Any]], T]) -> T:
     try:
         with zipfile.ZipFile(path) as archive:
             meta = json.loads(archive.read(_META))
             if not isinstance(meta, dict) or meta.get("format") != FORMAT or meta.get("version") != VERSION:
                 raise ConfigError(f"{path}: this is no flight recording that this version can read")
-            return _read(archive, meta)
+            return read(archive, meta)
     except OSError as error:
         raise ConfigError(f"{path}: {error.strerror or error}") from error
     except (zipfile.BadZipFile, KeyError, ValueError, NotImplementedError) as error:

@@ -26,6 +26,25 @@ def test_without_a_file_it_is_the_newest_flight_recording(flight, capsys):
     assert "left_drive" in page.read_text()
 
 
+def test_the_recordings_are_listed(flight, capsys):
+    assert main(["report", "--list"]) == 0
+    said = capsys.readouterr().out
+    assert "robby: node 3 (left_drive)" in said
+    assert str(flight) in said
+    assert main(["report", "--list", "--json", "--name", "robby"]) == 0
+    (listed,) = json.loads(capsys.readouterr().out)
+    assert listed["file"] == str(flight)
+    assert listed["reason"]["node"] == "left_drive"
+
+
+def test_a_damaged_recording_hides_no_other(flight, capsys):
+    flight.with_name("2000-01-01T00-00-00-x.zip").write_bytes(b"cut")
+    assert main(["report", "--list"]) == 0
+    said = capsys.readouterr()
+    assert str(flight) in said.out
+    assert "2000-01-01" in said.err
+
+
 def test_the_facts_as_json_write_no_page(flight, capsys):
     assert main(["report", str(flight), "--json"]) == 0
     facts = json.loads(capsys.readouterr().out)
