@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import re
 import threading
 import time
 from typing import TYPE_CHECKING, Any, ClassVar, Final
@@ -41,6 +42,8 @@ TRACE_LINES: Final = 60  # new ones at a time; a busy bus has more than anybody 
 KEPT_LINES: Final = 1000
 _COMMANDS: Final = ("release", "axis")
 _WORDS: Final = "pdo, sdo, a node's name, 0x181, 0x180-0x1FF, changes; empty: everything"
+_FONT_FACES: Final = re.compile(r"@font-face\s*\{[^}]*\}\s*")
+_SCROLLBAR: Final = 2
 _TABS: Final = ("events", "emergencies", "identifiers", "trace")
 
 
@@ -139,7 +142,8 @@ class MonitorApp(App[None]):
         for line in lines:
             clock = time.strftime("%H:%M:%S", time.localtime(line.time)) + f".{int(line.time * 1000) % 1000:03d}"
             sign = f"{line.tone.value or ' '} "
-            self._logs[name].write(Text(f"{clock} {sign}{line.text}", style=TONE_STYLES[line.tone]))
+            text = Text(f"{clock} {sign}{line.text}", style=TONE_STYLES[line.tone])
+            self._logs[name].write(text, width=max(self.size.width - _SCROLLBAR, 1))  # a hidden tab has no width yet
 
     def _show_frames(self) -> None:
         active = self.query_one("#tabs", TabbedContent).active
@@ -164,6 +168,10 @@ class MonitorApp(App[None]):
             if not any(tap is each for each in self._watched):
                 tap.watch(_Reader(tap))
         self._watched = list(taps)
+
+    def picture_svg(self) -> str:
+        """Return the screen as a picture that stands alone: without the fonts that textual would have fetched."""
+        return _FONT_FACES.sub("", self.export_screenshot())
 
     # -- keys
 

@@ -330,3 +330,14 @@ def test_a_small_terminal_still_shows_drives_and_keys():
         assert app.query_one("Footer").region.bottom == 24
 
     on_screen(check, size=(80, 24))
+
+
+def test_its_picture_asks_nobody_for_anything():
+    async def check(app, pilot, source):
+        assert "url(" in app.export_screenshot()  # what is taken out was there
+        picture = app.picture_svg()
+        assert "url(" not in picture.replace("url(#", "")
+        assert "@font-face" not in picture
+        assert "OPERATIONAL" in picture
+
+    on_screen(check)
