@@ -8,8 +8,9 @@ The whole protocol. The server speaks first: `{"hello": {"robot", "version", "pr
   subscribe    state_rate (Hz or null), events, pdos   then pushes `{"state": {...}}`, `{"event": {...}}` and `{"pdos":
                                                     {"time", "nodes": {node: [[index, subindex, hex], ...]}}}`: what
                                                     TPDOs carry, first everything, then per cycle what has changed
-  command      controller, values, source           a controller's command; SI units
-  twist        controller, linear, angular, source  the same as velocities of a base, m/s and rad/s
+  command      controller, values, source, dead_man a controller's command; SI units
+  twist        controller, linear, angular, source, dead_man   the same as velocities of a base, m/s and rad/s;
+                                                    dead_man true: it ends with this connection, whatever ends that
   stop         latch, source                        ramps to zero and disables; answered when no drive moves any more;
                                                     latch true: nothing moves before `release`, whoever asks for it
   release      source                               lets go of a latched stop; the drives stay disabled
@@ -55,6 +56,7 @@ from canopen_control.host.sockets import socket_path
 from canopen_control.master.events import Event, Level
 from canopen_control.runtime.api_control import control_methods
 from canopen_control.runtime.call import Call
+from canopen_control.runtime.latch import forget_commands
 from canopen_control.runtime.process_data import ProcessDataFeed, write_mapped
 from canopen_control.runtime.status import event_dict, layout_dict, nodes_dict, state_dict, status_dict
 
@@ -94,6 +96,7 @@ class ApiServer:
     def __init__(self, robot: RobotCore) -> None:
         self._robot = robot
         self._subscriptions: dict[Connection, _Subscription] = {}
+        self._dead_men: dict[Connection, tuple[str, str]] = {}  # controller and source of what ends with its connection
         self._process_data = ProcessDataFeed(robot.nodes.values())
         self._server = LineServer(
             robot.reactor, socket_path("robot", robot.setup.name), self._greet, self._on_message, self._on_close
@@ -133,6 +136,8 @@ class ApiServer:
         connection.send({"hello": hello})
 
     def _on_close(self, connection: Connection) -> None:
+        if (held := self._dead_men.pop(connection, None)) is not None:
+            self._let_go(*held)
         subscription = self._subscriptions.pop(connection, None)
         if connection.reason == "slow" and subscription is not None:
             text = f"client {connection.name} (pid {connection.pid}) read too slowly and was dropped"
@@ -205,6 +210,7 @@ class ApiServer:
     def _command(self, call: Call) -> None:
         values = [float(value) for value in call.params["values"]]
         self._robot.command(str(call.params["controller"]), values, call.source)
+        self._hold(call)
         call.reply({})
 
     def _twist(self, call: Call) -> None:
@@ -214,7 +220,18 @@ class ApiServer:
         values = [float(call.params["linear"]), float(call.params["angular"])]
         stamp = call.params.get("stamp")
         self._robot.command(name, values, call.source, None if stamp is None else float(stamp))
+        self._hold(call)
         call.reply({})
+
+    def _hold(self, call: Call) -> None:
+        if call.params.get("dead_man"):
+            self._dead_men[call.connection] = (str(call.params["controller"]), call.source)
+
+    def _let_go(self, controller: str, source: str) -> None:
+        """End what a client has commanded that is gone, unless somebody else commands by now."""
+        if self._robot.commander == source:
+            running = [each for each in self._robot.manager.running if each.name == controller]
+            forget_commands(running, self._robot.reactor.now())
 
     def _set_odometry(self, call: Call) -> None:
         name = str(call.params["controller"])

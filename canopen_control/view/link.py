@@ -70,9 +70,12 @@ class Link:
         self._client.notify("stop", latch=True, source=SOURCE)
 
     def send(self, method: str, params: Message) -> None:
-        """Send a command that nobody waits for; a robot that is gone is told by `messages`."""
+        """Send a command that nobody waits for; the robot forgets it when this process dies.
+
+        A robot that is gone is told by `messages`.
+        """
         with contextlib.suppress(RemoteError):
-            self._client.notify(method, source=SOURCE, **params)
+            self._client.notify(method, source=SOURCE, dead_man=True, **params)
 
     def ask(self, method: str, params: Message) -> str | None:
         """Ask on a connection of its own; returns the reason if it was not done. From a thread that may wait."""

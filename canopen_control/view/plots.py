@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
     from viser import PanelHandle
+    from viser.uplot import Axis
 
     from canopen_control.view.server import PageServer
 
@@ -27,7 +28,7 @@ _ACTUAL: Final = "#2563eb"
 _COLORS: Final = ("#2563eb", "#e07a00", "#16803c", "#b0188f", "#6b4fbb", "#0f8b8d", "#b01818", "#5b6673")
 _UNITS: Final = {"velocity": "rad/s", "position": "rad", "effort": "Nm"}
 _LINEAR_UNITS: Final = {"velocity": "m/s", "position": "m", "effort": "N"}
-_HEIGHT: Final = 118
+_HEIGHT: Final = 104
 _LEGEND: Final = (
     f"<div class='cc-box'><p class='cc-note'><b style='color:{_COMMAND}'>&#9473; command</b> &nbsp; "
     f"<b style='color:{_ACTUAL}'>&#9473; actual</b> &nbsp; of the last 30 s</p></div>"
@@ -146,11 +147,22 @@ class Plots:
             tuple(series),  # type: ignore[arg-type] # TypedDicts of viser
             title=title,
             scales={"x": {"time": False, "range": (-SPAN_S, 0.0)}},
+            axes=(_axis(26), _axis(46)),
             legend={"show": False},
             height=_HEIGHT,
         )
         self._charts.append(_Chart(handle, tuple(rows)))
         return handle
+
+
+def _axis(size: int) -> Axis:
+    """Return an axis that takes `size` pixels and stays in the background."""
+    return {
+        "size": size,
+        "stroke": "#5b6673",
+        "grid": {"stroke": "#e6e9ee", "width": 1},
+        "ticks": {"stroke": "#d5dae0", "width": 1, "size": 4},
+    }
 
 
 def _named(lines: Sequence[tuple[str, str]]) -> str:

@@ -31,6 +31,7 @@ _FAULT: Final = (214, 40, 40)
 _TRAIL: Final = (38, 110, 200)
 _TRAIL_POINTS: Final = 1500
 _TRAIL_STEP: Final = 0.01  # m
+_TRAIL_Z: Final = 0.002  # m
 _GRID_Z: Final = -0.001  # m; wheels stand on it, not in it
 
 
@@ -48,7 +49,6 @@ class RobotScene:
         self._tinted: set[str] = set()
         self._pose: tuple[float, float, float] | None = None
         self._trail: deque[tuple[float, float]] = deque(maxlen=_TRAIL_POINTS)
-        self._trail_drawn = 0
         self._trail_handle: Any = None
         self._trail_news = 0
         self._draw()
@@ -108,7 +108,7 @@ class RobotScene:
         """Look at the whole robot from behind its left side, so that left and forward are the driver's own."""
         extent = extent_of(self._model)
         server.initial_camera.look_at = (0.0, 0.0, 0.3 * extent)
-        server.initial_camera.position = (-2.1 * extent, 1.5 * extent, 1.7 * extent)
+        server.initial_camera.position = (-2.7 * extent, 1.9 * extent, 2.2 * extent)
         server.initial_camera.near = 0.01
 
     # ------------------------------------------------------------------------------------------------- what moves
@@ -152,15 +152,18 @@ class RobotScene:
 
     def draw_trail(self) -> None:
         """Send what was added to the trail; a few times a second is enough."""
-        if self._trail_news == 0 or len(self._trail) < 2:
+        if self._trail_news == 0 or len(self._trail) < 2 or self._pose is None:
             return
         self._trail_news = 0
-        points = np.array(self._trail, dtype=np.float32)
-        points = np.column_stack((points, np.full(len(points), 0.002, dtype=np.float32)))
+        way = np.array([*self._trail, self._pose[:2]], dtype=np.float32)
+        points = np.column_stack((way, np.full(len(way), _TRAIL_Z, dtype=np.float32)))
         segments = np.stack((points[:-1], points[1:]), axis=1)
-        self._trail_handle = self._scene.add_line_segments(
-            "/world/trail", segments, _TRAIL, thickness=3.0, thickness_units="screen"
-        )
+        if self._trail_handle is None:
+            self._trail_handle = self._scene.add_line_segments(
+                "/world/trail", segments, _TRAIL, thickness=3.0, thickness_units="screen"
+            )
+        else:
+            self._trail_handle.points = segments
 
     def clear_trail(self) -> None:
         """Forget the way so far."""

@@ -30,7 +30,8 @@ ICONS: Final = {
 STYLE: Final = """<style>
 button:has(.icon-tabler-hand-stop) { height: 5.6em !important; border-radius: 10px !important;
   box-shadow: 0 3px 0 #7d0a1d; letter-spacing: .12em; }
-button:has(.icon-tabler-hand-stop) .mantine-Button-label { font-size: 2.1em; font-weight: 800 !important; }
+button:has(.icon-tabler-hand-stop) .mantine-Button-label { margin-inline-start: .45em;
+  font-size: 2.1em; font-weight: 800 !important; }
 button:has(.icon-tabler-hand-stop) .mantine-Button-section > div { width: 2.1em; height: 2.1em; }
 button:has(.icon-tabler-hand-stop) svg { width: 2.1em !important; height: 2.1em !important; }
 button:has(.icon-tabler-hand-stop):active { transform: translateY(2px); box-shadow: 0 1px 0 #7d0a1d; }

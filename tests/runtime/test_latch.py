@@ -177,3 +177,37 @@ def test_the_api_latches_refuses_and_releases(bench):
     finally:
         client.close()
         api.close()
+
+
+def hold(bench, **params):
+    """Let a client command 10 rad/s on a controller without timeout, and die; return what the wheels do then."""
+    robby = bench(controllers=NO_TIMEOUT)
+    api = ApiServer(robby.robot)
+    robby.start()
+    client = Client(robby)
+    assert client.ask("command", controller=FORWARD, values=[10, 10], source="page", **params)["result"] == {}
+    robby.run(500)
+    assert robby.velocity(LEFT) == pytest.approx(10.0, rel=0.02)
+    return robby, api, client
+
+
+def test_what_a_dead_man_commands_ends_with_his_connection(bench):
+    robby, api, client = hold(bench, dead_man=True)
+    client.close()
+    robby.run(500)
+    assert (robby.speed(LEFT), robby.speed(RIGHT)) == (0, 0)
+    api.close()
+
+
+def test_who_is_no_dead_man_or_commands_no_more_ends_nothing(bench):
+    robby, api, client = hold(bench)
+    client.close()
+    robby.run(500)
+    assert robby.velocity(LEFT) == pytest.approx(10.0, rel=0.02)
+    client = Client(robby)
+    assert client.ask("command", controller=FORWARD, values=[8, 8], source="page", dead_man=True)["result"] == {}
+    robby.command(5, 5, source="somebody else")
+    client.close()
+    robby.run(500)
+    assert robby.velocity(LEFT) == pytest.approx(5.0, rel=0.02)
+    api.close()

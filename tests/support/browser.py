@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 from urllib.parse import urlsplit
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ _ARGUMENTS = (
     "--disable-component-update",
 )
 _NODE = "path => window.__viserMutable.nodeRefFromName[path]"
-PATIENCE_MS = 30_000
+PATIENCE_MS = 60_000
 LEFT_WHEEL = "/world/robot/base_footprint/base_link/left_wheel"
 RIGHT_WHEEL = "/world/robot/base_footprint/base_link/right_wheel"
 BASE = "/world/robot"
@@ -72,6 +72,8 @@ class RobotPage:
         self.page.goto(self.url)
         self.page.get_by_role("button", name="STOP", exact=True).wait_for()
         self.page.wait_for_function(f"path => !!({_NODE})(path)", arg=LEFT_WHEEL)
+        # Without a graphics card the first picture takes a busy machine many seconds, and nothing else is done then.
+        self.page.evaluate("() => new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
         return self
 
     def tidy(self) -> None:
@@ -89,8 +91,11 @@ class RobotPage:
 
     def press(self, label: str) -> None:
         """Press a button down, and keep it."""
-        button: Any = self.page.get_by_role("button", name=label, exact=True)
-        button.hover()
+        button = self.page.get_by_role("button", name=label, exact=True)
+        button.wait_for()
+        box = button.bounding_box()
+        assert box is not None
+        self.page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
         self.page.mouse.down()
 
     def click(self, label: str) -> None:

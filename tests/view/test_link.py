@@ -52,6 +52,8 @@ def test_a_command_is_sent_without_an_answer(robot, link):
     link.send("command", {"controller": FORWARD, "values": [1.0, 2.0]})
     eventually(lambda: robot.status()["joints"]["right_wheel_joint"]["command"] == 2.0)
     assert robot.status()["commander"] == "view"
+    link.close()  # as when this process dies
+    eventually(lambda: robot.status()["joints"]["right_wheel_joint"]["command"] == 0.0)
 
 
 def test_a_robot_that_has_gone_is_an_error_for_stop_and_a_sentence_for_questions(robot, link):

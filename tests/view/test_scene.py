@@ -50,8 +50,14 @@ def test_the_trail_grows_with_the_way_and_begins_anew_after_a_jump(server, scene
         scene.move({}, (step / 100, 0.0, 0.0))
     scene.draw_trail()
     points = node(server, "/world/trail").points
-    assert points.shape == (10, 2, 3)
+    assert points.shape == (11, 2, 3)
     assert points[-1][1][0] == pytest.approx(0.1)
+    handle = node(server, "/world/trail")
+    for step in range(11, 15):
+        scene.move({}, (step / 100, 0.0, 0.0))
+    scene.draw_trail()
+    assert node(server, "/world/trail") is handle  # it grows, and is not made anew
+    assert handle.points.shape == (15, 2, 3)
     scene.move({}, (50.0, 0.0, 0.0))
     assert node(server, "/world/trail") is None
 
