@@ -22,6 +22,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("action", choices=ACTIONS)
     parser.add_argument("node", help="name or node id in bus.yml, or all")
     parser.add_argument("mode", nargs="?", help="with mode: PP, VL, PV, TQ, HM, IP, CSP, CSV, CST or its number")
+    parser.add_argument("--joint", metavar="NAME", help="of a node with several axes, the one that moves this joint")
     parser.add_argument("--method", type=int, help="with home: the homing method (default: what 0x6098 holds)")
     parser.add_argument("--name", help="the robot (default: the only one that runs)")
     parser.set_defaults(usage=parser.error)
@@ -38,6 +39,8 @@ def run(args: argparse.Namespace) -> int:
         params["mode"] = args.mode
     if args.method is not None:
         params["method"] = args.method
+    if args.joint is not None:
+        params["joint"] = args.joint
     with RobotClient.connect(args.name) as robot:
         robot.request("axis", params, HOMING_S if args.action == "home" else PATIENCE_S)
     print(f"{args.action} {args.node}{f' {args.mode}' if args.mode else ''}: done")

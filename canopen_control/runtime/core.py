@@ -371,7 +371,8 @@ class RobotCore:
             return joints
         meant = tuple(joint for joint in joints if joint.joint == only)
         if not meant:
-            raise ControlError(f"{name} has no joint {only!r}; there are: {', '.join(joint.joint for joint in joints)}")
+            known = ", ".join(joint.joint for joint in joints) or "none"
+            raise ControlError(f"{name} has no joint {only!r}; there are: {known}")
         return meant
 
     # ------------------------------------------------------------------------------------------- building

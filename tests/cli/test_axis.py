@@ -13,6 +13,11 @@ def test_an_unknown_node_is_one_sentence(mock_robot, capsys):
     assert "nobody" in capsys.readouterr().err
 
 
+def test_a_joint_that_the_node_does_not_move_is_one_sentence(mock_robot, capsys):
+    assert main(["axis", "enable", "all", "--joint", "elbow"]) == 1
+    assert "all has no joint 'elbow'; there are: none" in capsys.readouterr().err
+
+
 def test_an_unknown_action_is_a_usage_error():
     with pytest.raises(SystemExit) as caught:
         main(["axis", "explode", "all"])
