@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
     from canopen_control.bench.runner import Options
     from canopen_control.bench.turns import Turn
+    from canopen_control.frame import CanFrame
 
 __all__ = ["CANOPEN", "NAMES", "OURS", "PYTHON_CAN", "Arena", "absolutes_of", "ask_robot", "measure", "rounds_of"]
 
@@ -39,9 +40,9 @@ ROUNDS = 5
 CPU_LIMIT, WAKE_LIMIT, LATE_LIMIT_US = 0.25, 0.4, 250.0
 REALTIME_S = 60.0
 #: label -> period in us, cycles of a quick turn (0: left out), cycles of a turn
-PACES = {"100 Hz": (10_000, 0, 300), "500 Hz": (2000, 0, 1000), "1 kHz": (1000, 1000, 3000)}
+PACES = {"100 Hz": (10_000, 0, 200), "500 Hz": (2000, 0, 1000), "1 kHz": (1000, 1000, 2000)}
 _BUS = ROBOT = "bench"
-_CHECKED_CYCLES = 150
+_CHECKED_CYCLES, _ATTEMPTS = 150, 5
 _SETTLE_S = 1.5  # 0.5 m/s at 1 m/s^2, and the drives' own ramps
 _SPEED = 0.5  # m/s
 
@@ -115,21 +116,29 @@ class Arena:
         return self.stage.contender(f"canopen_control.bench.peers.{module}", *words, others=self.others)
 
     def check(self, contender: Contender, expected: Callable[[int, int], Sequence[int]]) -> None:
-        """Look at the bytes of some cycles; raises CanopenError with what is wrong."""
+        """Look at the bytes of some cycles; raises CanopenError with what is wrong.
+
+        Where it is only that the drives had no processor for long, on a busy machine, it is looked at again.
+        """
+        offset = 0 if contender.words[0].endswith("subject") else 1
+        for attempt in range(_ATTEMPTS):
+            cycles = cycles_of(self._listen(contender))
+            verdict = judge(cycles, self.nodes, lambda number, position: expected(number + offset, position))
+            if not verdict.count and verdict.cycles >= _CHECKED_CYCLES // 2:
+                return
+            if verdict.count > verdict.starved or attempt == _ATTEMPTS - 1:
+                raise CanopenError(
+                    f"{contender.words[0]}: {verdict.count} mistakes in the bytes of {verdict.cycles} cycles, "
+                    f"{verdict.late} of them late: {'; '.join(verdict.wrong)}"
+                )
+
+    def _listen(self, contender: Contender) -> list[CanFrame]:
         period_ns = max(self.period_us, 1000) * 1000
         with listening(self.channel) as hear:
             contender.order(_CHECKED_CYCLES, period_ns)
             frames = hear(_CHECKED_CYCLES * period_ns / 1e9 + 0.3)
             contender.answer()
-        cycles = cycles_of(frames)
-        offset = 1 if not self.base or contender.words[0].endswith("_pdo") else 0
-        verdict = judge(cycles, self.nodes, lambda number, position: expected(number + offset, position))
-        if verdict.count or verdict.cycles < _CHECKED_CYCLES // 2:
-            found = "; ".join(verdict.wrong)
-            raise CanopenError(
-                f"{contender.words[0]}: {verdict.count} mistakes in the bytes of {verdict.cycles} cycles, "
-                f"{verdict.late} of them late: {found}"
-            )
+        return frames
 
     def _expected_of_ours(self, _number: int, _position: int) -> Sequence[int]:
         """Return what a base that drives straight on sends: every wheel turns alike; a forward controller too."""
@@ -201,7 +210,7 @@ def measure(options: Options) -> list[Figure]:
             count = quick_cycles if options.quick else cycles
             arena.pace(period_us)
             run = functools.partial(Contender.turn, cycles=count, period_ns=period_us * 1000)
-            turns = rounds_of(arena, names, ROUNDS, run)
+            turns = rounds_of(arena, [name for name in names if name != CANOPEN_THREADED], ROUNDS, run)
             figures += cpu_figures(label, turns)
             figures.append(wake_figure(label, turns))
     return figures if options.quick else [*figures, *_realtime(options.seconds or REALTIME_S)]

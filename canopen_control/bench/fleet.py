@@ -69,7 +69,7 @@ def write_fleet(
     the controllers' (default: they run in every cycle, however fast it is); the drives are shared out among `buses`.
     """
     robot = folder / f"fleet{count}_{buses}_{period_us}"
-    robot.mkdir(parents=True)
+    robot.mkdir(parents=True, exist_ok=True)
     names = [f"drive_{number}" for number in range(1, count + 1)]
     for bus in range(buses):
         name = "bus.yml" if bus == 0 else f"bus_b{bus}.yml"

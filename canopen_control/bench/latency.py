@@ -23,7 +23,7 @@ from canopen_control.errors import CanopenError
 from canopen_control.frame import frames_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from canopen_control.bench.runner import Options
     from canopen_control.bus.port import Port
@@ -53,15 +53,16 @@ def measure(options: Options) -> list[Figure]:
             client.notify("command", controller=CONTROLLER, values=[value, value], source="bench")
 
         rounds = [command_latencies(arena.channel, command, count) for _ in range(_ROUNDS)]
-        figures.append(_figure("API command to RPDO", rounds))
+        figures.append(_figure("API command to RPDO", rounds, played.cpu_s()))
         client.close()
         if has_ros():
             bridge = played.start("canopen_control.ros.bridge", "--name", ROBOT, ros=True)
             words = ("canopen_control.bench.peers.ros_latency", arena.channel, str(count), str(_ROUNDS))
             found = json.loads(played.start(*words, ros=True).line())
+            used = played.cpu_s()
             bridge.end()
-            figures.append(_figure("ROS topic to RPDO", found["commands"], TOPIC_LIMIT_MS))
-            figures.append(_figure("TPDO to /joint_states", [found["states"]]))
+            figures.append(_figure("ROS topic to RPDO", found["commands"], used, TOPIC_LIMIT_MS))
+            figures.append(_figure("TPDO to /joint_states", [found["states"]], used))
         ours.leave()
     return figures
 
@@ -97,7 +98,9 @@ def rpdo_with(port: Port, value: float) -> int:
     raise CanopenError(f"no RPDO with {value:g} rad/s ({wanted[0]}) within {_PATIENCE_S:g} s of its command")
 
 
-def _figure(name: str, rounds: Sequence[Sequence[float]], limit: float | None = None) -> Figure:
+def _figure(
+    name: str, rounds: Sequence[Sequence[float]], used: Mapping[str, float], limit: float | None = None
+) -> Figure:
     everything = [each for one in rounds for each in one]
-    absolutes = {f"{key} ms": round(value, 3) for key, value in percentiles(everything).items()}
+    absolutes = {f"{key} ms": round(value, 3) for key, value in percentiles(everything).items()} | dict(used)
     return limited(f"{name}: p99", "ms", [percentiles(one)["p99"] for one in rounds], limit=limit, absolutes=absolutes)

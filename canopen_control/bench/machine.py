@@ -72,6 +72,7 @@ def describe() -> dict[str, str | int | float | None]:
         "kernel": f"{platform.system()} {platform.release()}",
         "python": f"{platform.python_implementation()} {platform.python_version()}",
         "executable": sys.executable,
+        "nice": os.getpriority(os.PRIO_PROCESS, 0),
         "load": round(os.getloadavg()[0], 2),
         "idle": None if idle is None else round(idle, 2),
     }

@@ -73,7 +73,8 @@ class Report:
         return "\n".join(
             [
                 f"{machine['machine']}, {machine['kernel']}, {machine['python']}, {machine['date']}",
-                f"load {machine['load']} and {'?' if idle is None else f'{idle:.0%}'} idle before the run{busy}",
+                f"before the run: load {machine['load']}, {'?' if idle is None else f'{idle:.0%}'} idle{busy}; "
+                f"niceness {machine['nice']}",
                 *(f"\n{name}\n{table(figures)}" for name, figures in self.figures.items() if figures),
             ]
         )

@@ -158,6 +158,7 @@ def measure(options: Options) -> list[Figure]:
         soak.run(seconds)
         after, status = _resident_mb(ours.pid), ask_robot("status")
         lost = ask_hub(arena.buses[0], "status")["dropped"] + status["buses"]["can"]["lost"]
+        used = played.cpu_s()
         soak.close()
         ours.leave()
     seen = soak.seen
@@ -168,6 +169,7 @@ def measure(options: Options) -> list[Figure]:
         "slowest recovery s": round(max(seen.recoveries_s), 2),
         "cycles left out": status["cycle"]["missed"],
         "resident MB": round(after, 1),
+        **used,
     }
     return [
         limited("soak: growth", "MB", [after - before], limit=GROWTH_LIMIT_MB, absolutes=absolutes, counted=True),

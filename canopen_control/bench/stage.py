@@ -153,6 +153,15 @@ class Stage:
         self.programs.append(contender)
         return contender
 
+    def cpu_s(self) -> dict[str, float]:
+        """Return the CPU seconds of each kind of program that runs, since its start, and of the hubs."""
+        used: dict[str, float] = {}
+        for program in self.programs:
+            kind = program.words[1 if program.words[0] == "canopen_control" else 0].rpartition(".")[2]
+            used[kind] = used.get(kind, 0.0) + cpu_ns(program.pid) / 1e9
+        used["hub"] = sum(cpu_ns(ask_hub(name, "status")["pid"]) for name in list_sockets("busctl")) / 1e9
+        return {f"{kind} CPU s": round(seconds, 2) for kind, seconds in used.items() if seconds}
+
     def close(self) -> None:
         """End everything."""
         for program in reversed(self.programs):

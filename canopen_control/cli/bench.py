@@ -12,10 +12,12 @@ table says whether it was. --quick judges ratios, and counts of what may not hap
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 from pathlib import Path
 
 from canopen_control.bench.runner import FAMILIES, Options, run_families
+from canopen_control.errors import ConfigError
 
 __all__ = ["EXAMPLE", "add_arguments", "run"]
 
@@ -31,11 +33,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--check", action="store_true", help="exit code 1 when a figure is not what it must be")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write everything to a file as well")
+    parser.add_argument(
+        "--nice", type=int, metavar="N", help="niceness of all that runs here; negative: before others (needs root)"
+    )
     parser.add_argument("--seconds", type=float, metavar="S", help="how long the long runs take, such as the soak")
 
 
 def run(args: argparse.Namespace) -> int:
     """Measure and print; 1 with --check when something is short."""
+    if args.nice is not None:
+        _be_nice(args.nice)
     names = list(FAMILIES) if "all" in args.family or (args.quick and not args.family) else args.family or ["cycle"]
     report = run_families(names, Options(args.quick, args.seconds, lambda text: print(text, file=sys.stderr)))
     print(report)
@@ -45,6 +52,14 @@ def run(args: argparse.Namespace) -> int:
     for each in short if args.check else ():
         print(f"short: {each.name}: {each.judged:.3g}, must be {each.direction} {each.limit:g}", file=sys.stderr)
     return 1 if args.check and short else 0
+
+
+def _be_nice(niceness: int) -> None:
+    """Take a niceness, which all that is started here inherits; the table says it."""
+    try:
+        os.setpriority(os.PRIO_PROCESS, 0, niceness)
+    except PermissionError as error:
+        raise ConfigError(f"--nice {niceness}: only root may go before others; leave it out") from error
 
 
 def _family(text: str) -> str:

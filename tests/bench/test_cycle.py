@@ -26,14 +26,18 @@ def test_a_paced_turn_of_ours_tells_lateness_and_work_of_every_cycle():
     assert min(turn.work_ns) > 0
 
 
-@pytest.mark.parametrize("drop", [1, 3])
-def test_a_bus_that_loses_frames_is_seen_by_the_listener(drop):
+@pytest.mark.parametrize("can_id", [0x182, 0x302, None])
+def test_a_bus_that_loses_frames_is_seen_by_the_listener_and_one_that_does_not_passes(can_id):
+    anything = range(-4000, 4001)
     with stage() as played:
         arena = Arena(played, 2, 5000)
         with arena.contender(OURS, check=False) as contender:
-            ask_hub("bench", "drop", can_id=0x182 if drop == 1 else 0x302, count=drop)
+            if can_id is None:
+                arena.check(contender, lambda number, position: anything)
+                return
+            ask_hub("bench", "drop", can_id=can_id, every=20)
             with pytest.raises(CanopenError, match="mistakes"):
-                arena.check(contender, lambda number, position: ())
+                arena.check(contender, lambda number, position: anything)
 
 
 def test_absolutes_have_percentiles_of_all_turns():

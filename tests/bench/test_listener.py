@@ -92,6 +92,16 @@ def test_answers_that_come_in_the_next_cycle_are_late_and_not_wrong():
     assert (found.count, found.late) == (0, 1)
 
 
+def test_drives_without_a_processor_are_told_apart_from_wrong_bytes():
+    starved, mute = good(), good()
+    for cycle_ in starved[7:]:
+        del cycle_[:4]
+    for cycle_ in mute[7:]:
+        del cycle_[-1:]
+    assert verdict(starved).count == verdict(starved).starved > 0
+    assert verdict(mute).count > 0 == verdict(mute).starved
+
+
 def test_only_the_first_mistakes_are_kept():
     found = verdict([[]] * 100)
     assert found.count > len(found.wrong) > 0

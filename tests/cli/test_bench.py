@@ -8,8 +8,9 @@ import pytest
 from canopen_control.bench.figure import compared, limited
 from canopen_control.bench.runner import FAMILIES, Report
 from canopen_control.cli import bench
+from canopen_control.errors import ConfigError
 
-MACHINE = {"machine": "2 x M", "kernel": "K", "python": "P", "date": "D", "load": 0.1, "idle": 0.99}
+MACHINE = {"machine": "2 x M", "kernel": "K", "python": "P", "date": "D", "nice": 0, "load": 0.1, "idle": 0.99}
 
 
 def parse(*words):
@@ -63,3 +64,12 @@ def test_json_goes_to_a_file(measured, tmp_path):
 def test_an_unknown_family_is_a_usage_error():
     with pytest.raises(SystemExit):
         parse("speed")
+
+
+def test_without_root_going_before_others_is_refused_in_a_sentence(measured, monkeypatch):
+    def refuse(*_):
+        raise PermissionError
+
+    monkeypatch.setattr(bench.os, "setpriority", refuse)
+    with pytest.raises(ConfigError, match="only root may go before others"):
+        bench.run(parse("--nice", "-5"))
