@@ -68,3 +68,4 @@ def test_error_frames_are_never_sent_and_a_clock_that_goes_back_waits_for_nothin
     result, sent_at, heard = played([0, 10, 20, -500], "play-odd", frames=frames)
     assert (result.frames, result.errors, heard) == (3, 1, 3)
     assert sent_at == [0, 20, 20]
+    assert result.late_max == 0.0

@@ -24,6 +24,7 @@ from canopen_control.trace.values import (
         (0x0227, None, "0x0227 OPERATION ENABLED, no voltage"),
         (0x0AB1, None, "0x0AB1 READY TO SWITCH ON, warning, internal limit"),
         (0x0008, None, "0x0008 FAULT, not remote"),
+        (0x0650, None, "0x0650 SWITCH ON DISABLED"),  # nothing is reached without torque
         (0x0203, None, "0x0203 undefined state"),
     ],
 )
