@@ -97,7 +97,7 @@ def test_the_base_goes_where_the_twist_says(robot):
     bench = robot(BASE)
     drive(bench, [0.2, 0.0], 3.0)
     assert wheels(bench, "velocity") == pytest.approx([0.2 / 0.035] * 2, rel=0.01)
-    assert pose(bench)[3] == pytest.approx(0.2, rel=0.01)
+    assert pose(bench)[3] == pytest.approx(0.2, rel=0.01 + bench.jitter)
     bench.run(1500)  # cmd_vel_timeout, and the ramp of the limiter
     x, y, heading, linear, _ = pose(bench)
     # 2.9 s to the last command, half a second until the timeout, and what the brake makes up for what the start lost

@@ -21,6 +21,8 @@ SCALE = max(1.0, TIME_SCALE / 2.5)  # one process needs less time than many
 class KernelBench(Bench):
     """A `Bench` whose clock and bus are real; its times, and robby's, are those of the test multiplied by `scale`."""
 
+    jitter = 0.25
+
     def __init__(self, folder, *, config=None, drives=(LEFT, RIGHT), **how):
         self.scale, self.channel = SCALE, CHANNEL
         self.reactor, self.errors, self.events = Reactor(), [], []

@@ -22,6 +22,7 @@ class Bench:
     """Robby, its drives and its bus under a manual clock; `robot` is the core, `drives` the devices by node id."""
 
     scale = 1.0  # by how much its times are longer than those of the test
+    jitter = 0.0  # by what share a cycle may be longer or shorter than the others
 
     def __init__(self, name, *, config="robby", drives=(LEFT, RIGHT), faults=(), **how):
         self.channel = f"memory:{name}"

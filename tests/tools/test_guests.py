@@ -1,8 +1,10 @@
 """The launchers of the guests: what they say where there is none, and that exit codes, limits and files hold."""
 
 import os
+import re
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -104,3 +106,14 @@ def test_its_memory_is_in_the_folder_that_was_named_if_that_has_room(guest, tmp_
     done = guest("sh", "-c", "echo $TMPDIR", TMPDIR=str(tmp_path))
     assert (done.returncode, done.stdout) == (0, "/tmp\n"), "the guest's own is another"
     assert list(tmp_path.iterdir()) == []
+
+
+def test_the_readmes_command_for_this_guest_runs(guest):
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    (line,) = re.findall(r"^ {4}(tools/socketcan_guest .*?)  +#", readme, re.MULTILINE)
+    words = [
+        str(Path(sys.executable).parent / word[10:]) if word.startswith(".venv/bin/") else word for word in line.split()
+    ]
+    done = guest(*words[1:], cwd=ROOT)
+    assert done.returncode == 0, done
+    assert "robby runs" in done.stdout
