@@ -88,7 +88,7 @@ def run(args: argparse.Namespace) -> int:
         raise ConfigError("say where to record to, as in: canopen-control record --can run.log, or record --bag run")
     if args.bag is not None:
         return _bag(args)
-    format_of(args.can)  # a wrong name before a bus is opened
+    _check_file(args.can)
     channel, owner = _bus_of(args)
     recorded = record_frames(open_listener(channel, LABEL, owner=owner), args.can, args.duration)
     print(json.dumps(recorded.as_dict()) if args.json else recorded.sentence())
@@ -103,6 +103,26 @@ def _bag(args: argparse.Namespace) -> int:
     recorded = record_bag(args.name, args.bag, args.duration, args.rate)
     print(json.dumps(recorded) if args.json else sentence(recorded))
     return 0
+
+
+def _check_file(path: str) -> None:
+    """Refuse a wrong name before a bus is opened; ConfigError, also for a bus in the place of the file."""
+    try:
+        format_of(path)
+    except ConfigError:
+        if not _is_channel(path):
+            raise
+        raise ConfigError(
+            f"--can names the file to write, and the bus goes before it: canopen-control record {path} --can run.log"
+        ) from None
+
+
+def _is_channel(text: str) -> bool:
+    try:
+        parse_channel(text)
+    except ConfigError:
+        return False
+    return True
 
 
 def _bus_of(args: argparse.Namespace) -> tuple[str, str]:

@@ -12,6 +12,7 @@ from support.tracing import robby_decoder
 
 from canopen_control.bus.record import FORMATS, Recording, RecordingWriter
 from canopen_control.cli.main import main
+from canopen_control.cli.record import Recorded
 from canopen_control.frame import CanFrame, pack_records
 
 
@@ -95,6 +96,7 @@ def test_a_duration_ends_it(folders, tmp_path, capsys):
     ("options", "words"),
     [
         (["local:x"], "say where to record to"),
+        (["--can", "can0"], "the bus goes before it: canopen-control record can0 --can run.log"),
         (["local:x", "--can", "run.db"], ".log, .asc, .blf, .trc"),
         (["local:x", "--can", "/nowhere/run.log", "--duration", "0.1"], "/nowhere/run.log cannot be written"),
         (["memory:x", "--can", "run.log"], "inside one process"),
@@ -124,3 +126,12 @@ def test_a_bag_of_the_running_robot(tmp_path, capsys):
 def test_a_bag_is_of_a_robot_and_alone(arguments, capsys):
     assert main(["record", *arguments]) == 2
     assert "--bag" in capsys.readouterr().err
+
+
+def test_what_is_not_in_the_file_is_said():
+    whole = Recorded("x.trc", "can0", 10, lost=2, left_out=3, seconds=1.5)
+    assert whole.sentence() == (
+        "x.trc: 10 frames of can0 in 1.5 s, 2 lost: they came faster than they were read, "
+        "3 left out: the format cannot hold them"
+    )
+    assert whole.as_dict()["lost"] == 2
