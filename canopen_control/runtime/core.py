@@ -78,6 +78,7 @@ class RobotCore:
         self.registry = InterfaceRegistry()
         self.buses: dict[str, RobotBus] = {}
         self.nodes: dict[str, RemoteNode] = {}
+        self._bus_by_node: dict[str, RobotBus] = {}
         self.joints: dict[str, JointDrive] = {}
         self.systems: list[CanopenSystem] = []
         self._groups: dict[str, StopGroup] = {}
@@ -219,7 +220,7 @@ class RobotCore:
 
     def bus_of(self, node: RemoteNode) -> RobotBus:
         """Return the bus a node is on."""
-        return next(bus for bus in self.buses.values() if node in bus.network.nodes.values())
+        return self._bus_by_node[node.name]
 
     # ------------------------------------------------------------------------------------------- cycle
 
@@ -418,6 +419,7 @@ class RobotCore:
                 bus.leave_sync_to_kernel(None if self.buses else self.pacer.lead)
             self.buses[name] = bus
             self.nodes.update(bus.network.nodes)
+            self._bus_by_node.update(dict.fromkeys(bus.network.nodes, bus))
 
     def _nodes_with_image(self) -> dict[str, tuple[RemoteNode, ProcessImage]]:
         return {

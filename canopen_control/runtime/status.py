@@ -135,6 +135,9 @@ def event_dict(robot: RobotCore, event: Event) -> dict[str, Any]:
 
 def _common(robot: RobotCore) -> dict[str, Any]:
     now, pacer = robot.reactor.now(), robot.pacer
+    axes: dict[RemoteNode, list[dict[str, Any]]] = {}
+    for joint in robot.joints.values():
+        axes.setdefault(joint.node, []).append(_axis(joint))
     return {
         "state": robot.state.value,
         "latched": robot.latch.held,
@@ -148,13 +151,13 @@ def _common(robot: RobotCore) -> dict[str, Any]:
             "work_max_s": pacer.work_max / 1e9,
             "late_counts": pacer.late_counts,
         },
-        "nodes": {name: _node(robot, node, now) for name, node in robot.nodes.items()},
+        "nodes": {name: _node(robot, node, now, axes.get(node, [])) for name, node in robot.nodes.items()},
         "joints": _joints(robot),
         "controllers": {info.name: info.state for info in robot.manager.list()},
     }
 
 
-def _node(robot: RobotCore, node: RemoteNode, now: int) -> dict[str, Any]:
+def _node(robot: RobotCore, node: RemoteNode, now: int, axes: list[dict[str, Any]]) -> dict[str, Any]:
     age = node.age_ns(now)
     return {
         "bus": robot.bus_of(node).name,
@@ -164,7 +167,7 @@ def _node(robot: RobotCore, node: RemoteNode, now: int) -> dict[str, Any]:
         "age_s": age / 1e9 if age is not None else None,
         "error": node.error,
         "sdo": {"reads": node.sdo_reads, "writes": node.sdo_writes, "failed": node.sdo_failed},
-        "axes": [_axis(joint) for joint in robot.joints.values() if joint.node is node],
+        "axes": axes,
     }
 
 
