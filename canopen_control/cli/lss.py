@@ -71,7 +71,10 @@ def run(args: argparse.Namespace) -> int:
     """Run the verb."""
     owner = robot_on(args.can)
     if owner is not None:
-        raise ConfigError(f"robot {owner[0]} runs on {args.can}; LSS would take its nodes away: shutdown it first")
+        raise ConfigError(
+            f"robot {owner[0]} runs on {args.can}; LSS would take its nodes away; end it first: "
+            f"canopen-control shutdown --name {owner[0]}"
+        )
     with DirectBus.open(args.can, label=LABEL) as bus:
         return _ACTIONS[args.action](args, bus)
 

@@ -77,12 +77,22 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _dispatch(arguments: list[str]) -> int:
     verb = arguments[0] if arguments else ""
     if verb not in VERBS:
+        if verb and not verb.startswith("-"):
+            raise ConfigError(_no_verb(verb))
         parser = _top_parser()
         parser.parse_args(arguments)  # --help, --version, or the error that names the verbs
         parser.print_help()
         return 2
     args = parser_of(verb).parse_args(arguments[1:])
     return int(importlib.import_module(f"canopen_control.cli.{verb}").run(args))
+
+
+def _no_verb(word: str) -> str:
+    import difflib
+
+    near = difflib.get_close_matches(word, VERBS, 2)
+    hint = f"did you mean {' or '.join(near)}?" if near else "canopen-control --help lists those there are"
+    return f"no verb {word!r}; {hint}"
 
 
 def parser_of(verb: str) -> argparse.ArgumentParser:
@@ -99,7 +109,7 @@ def parser_of(verb: str) -> argparse.ArgumentParser:
 
 
 def _top_parser() -> argparse.ArgumentParser:
-    verbs = "\n".join(f"  {verb:<10} {text}" for verb, text in VERBS.items())
+    verbs = "\n".join(f"  {verb:<11} {text}" for verb, text in VERBS.items())
     parser = argparse.ArgumentParser(
         prog="canopen-control",
         description="CANopen and CiA 402 drives for robots.",

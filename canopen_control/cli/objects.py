@@ -6,6 +6,7 @@ of an entry, ``Object.Entry``, or an object's followed by ``:SUB``; one that fit
 
 from __future__ import annotations
 
+import difflib
 import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -72,8 +73,15 @@ def _why_not(text: str, name: str, od: ObjectDictionary) -> str:
     if same:
         return f"object {text!r} has that name {len(same)} times: {_listed(same)}; choose one by its number"
     near = [entry for entry in od if folded in entry.name.casefold() or folded in _parent(entry, od)]
+    near = near or _alike(folded, od)
     hint = f"; did you mean {_listed(near)}?" if near else "; numbers are hexadecimal, as in 0x6041:00"
     return f"no object {text!r} in the EDS{hint}"
+
+
+def _alike(folded: str, od: ObjectDictionary) -> list[Entry]:
+    """Return the entries whose names are nearly that."""
+    by_name = {entry.name.casefold(): entry for entry in od}
+    return [by_name[name] for name in difflib.get_close_matches(folded, by_name, _SHOWN, 0.8)]
 
 
 def _parent(entry: Entry, od: ObjectDictionary) -> str:

@@ -117,7 +117,7 @@ def find_fault(name: str) -> Fault:
     fault = FAULTS.get(name)
     if fault is None:
         near = difflib.get_close_matches(name, FAULTS, 1)
-        hint = f"did you mean {near[0]}?" if near else f"there are: {', '.join(FAULTS)}"
+        hint = f"did you mean {near[0]}?" if near else "canopen-control fault list explains those there are"
         raise ConfigError(f"no fault {name!r}; {hint}")
     return fault
 

@@ -51,6 +51,7 @@ def test_labels_name_object_and_entry():
     [
         ("Vendor", "did you mean 0x1018:01 Vendor-ID?"),
         ("nonsense", "no object 'nonsense' in the EDS; numbers are hexadecimal"),
+        ("statusvord", "no object 'statusvord' in the EDS; did you mean 0x6041:00 Statusword?"),
         ("1234567", "numbers are hexadecimal"),
         ("0x1018:100", "numbers are hexadecimal"),
         ("", "did you mean"),
