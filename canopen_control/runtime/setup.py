@@ -98,7 +98,12 @@ def read_robot(
         control,
         _wanted(files, control, controllers),
         mock,
-        (*(note for bus in buses.values() for note in bus.notes), *control.warnings, *description.notes),
+        (
+            *(note for bus in buses.values() for note in bus.notes),
+            *control.warnings,
+            *description.notes,
+            *(["SYNC is sent by the kernel, and the cycle follows it"] if kernel_sync else []),
+        ),
         real,
         kernel_sync,
     )
