@@ -34,12 +34,13 @@ def record_bag(name: str | None, folder: str, seconds: float | None, rate: float
         raise ConfigError(f"--rate {rate:g} Hz: it must be above 0 and at most {MAX_RATE:g}")
     from canopen_control.trace.bag import BagWriter
 
-    begin, stopping = time.monotonic(), threading.Event()
+    stopping = threading.Event()
     with RobotClient.connect(name) as robot:
         controllers, urdf = robot.call("controllers"), robot.call("description")["urdf"]
         with BagWriter(Path(folder), robot.robot, controllers=controllers, urdf=urdf) as bag, _noted(stopping):
+            begin = time.monotonic()  # importing rosbags takes half a second
             counts = _record(robot, bag, rate, stopping, None if seconds is None else begin + seconds)
-    took = round(time.monotonic() - begin, 3)
+            took = round(time.monotonic() - begin, 3)
     return {"bag": folder, "robot": robot.robot, "messages": bag.messages, **counts, "seconds": took}
 
 
