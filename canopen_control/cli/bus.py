@@ -14,6 +14,7 @@ from canopen_control.bus import link as links
 from canopen_control.bus.channel import ChannelKind, ChannelSpec, parse_channel
 from canopen_control.bus.hubclient import ask_hub
 from canopen_control.cli.bus_interfaces import render_interface, status_of_interfaces
+from canopen_control.cli.numbers import whole
 from canopen_control.cli.table import Table
 from canopen_control.errors import ConfigError, InterfaceNotFound
 from canopen_control.host.sockets import list_sockets
@@ -51,7 +52,7 @@ def _add_faults(parser: argparse.ArgumentParser) -> None:
     for name, text in _ON_ONE.items():
         faults.add_parser(name, help=text).add_argument("label", metavar="LABEL")
     drop = faults.add_parser("drop", help="lose frames that LABEL, or anybody, sends")
-    drop.add_argument("--id", dest="can_id", type=_number, metavar="COB-ID", help="only this identifier")
+    drop.add_argument("--id", dest="can_id", type=whole, metavar="COB-ID", help="only this identifier")
     drop.add_argument("--every", type=int, metavar="N", help="only every Nth of them")
     drop.add_argument("--count", type=int, metavar="N", help="N of them, then no more")
     delay = faults.add_parser("delay", help="deliver late what LABEL, or anybody, sends")
@@ -71,10 +72,6 @@ _ON_ONE = {
     "bus-off": "send the controller of LABEL off the bus",
     "restart": "restart the controller of LABEL after bus-off",
 }
-
-
-def _number(text: str) -> int:
-    return int(text, 0)
 
 
 def run(args: argparse.Namespace) -> int:

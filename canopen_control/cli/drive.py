@@ -27,6 +27,7 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from canopen_control.cli.numbers import whole
 from canopen_control.data_files import data_path
 from canopen_control.errors import ConfigError
 
@@ -65,7 +66,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--store", metavar="FILE", help="keep what is stored with 0x1010 and LSS; made if it is not there"
     )
-    parser.add_argument("--serial", type=_number, metavar="N", help="serial number 0x1018:04; default: the node id")
+    parser.add_argument("--serial", type=whole, metavar="N", help="serial number 0x1018:04; default: the node id")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -93,10 +94,6 @@ def parse_node_ids(text: str) -> list[int]:
     if len(set(node_ids)) != len(node_ids):
         raise ConfigError(f"--node-id {text!r}: a node id is named twice")
     return node_ids
-
-
-def _number(text: str) -> int:
-    return int(text, 0)
 
 
 def _eds(text: str) -> Path:

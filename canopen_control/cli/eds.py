@@ -11,6 +11,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from canopen_control.cli.numbers import node_id
 from canopen_control.cli.progress import Progress
 from canopen_control.data_files import data_path
 from canopen_control.errors import EdsError
@@ -49,7 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     pdos.add_argument("file", metavar="FILE")
     for action in (check, show, diff, pdos):
         action.add_argument("--json", action="store_true", help="print JSON")
-        action.add_argument("--node-id", type=_node_id, metavar="N", help="what $NODEID stands for")
+        action.add_argument("--node-id", type=node_id, metavar="N", help="what $NODEID stands for")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -63,13 +64,6 @@ def run(args: argparse.Namespace) -> int:
     except EdsError as error:
         print(f"canopen-control: {error}", file=sys.stderr)
         return 1
-
-
-def _node_id(text: str) -> int:
-    number = int(text, 0)
-    if not 1 <= number <= 127:
-        raise ValueError(text)
-    return number
 
 
 def _files_of(args: argparse.Namespace) -> list[str]:

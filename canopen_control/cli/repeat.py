@@ -27,7 +27,10 @@ def add_repeat_arguments(parser: argparse.ArgumentParser) -> None:
 
 def finite(text: str) -> float:
     """Read a number that can be commanded: neither nan nor infinite."""
-    value = float(text)
+    try:
+        value = float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is no number") from None
     if not math.isfinite(value):
         raise argparse.ArgumentTypeError(f"{text} is no value that a drive could reach")
     return value

@@ -21,7 +21,7 @@ def check(program, code, *sentences):
 
 
 USAGE = {
-    "no verb of this name": (["runn", "robby"], "invalid choice: 'runn'"),
+    "no verb of this name": (["runn", "robby"], r"no verb 'runn'; did you mean run\?"),
     "an unknown option": (["run", "robby", "--fast"], "unrecognized arguments: --fast"),
     "an unknown robot": (["run", "robbie"], "no robot 'robbie'.*robby"),
     "no robot at all": (["run"], "no robot given.*robby"),
