@@ -2,7 +2,8 @@
 
 All take turns on one `local:` bus with the same virtual drives, in a process of their own: the runtime with diff drive,
 joint states, supervision, 402 machines and API; the `canopen` package; python-can with a codec written by hand. Before
-the clock starts, a listener looks at the bytes of every cycle.
+the clock starts, a listener looks at the bytes of every cycle; while it runs, the drives repeat what they sent last
+(`canopen_control.bench.slaves`), since those of a real robot use no processor of its computer.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from canopen_control.bench.fleet import CONTROLLER, FIRST_NODE, RADIUS_M, SCALE,
 from canopen_control.bench.listener import cycles_of, judge, listening
 from canopen_control.bench.machine import may_be_realtime
 from canopen_control.bench.peers.pattern import target
-from canopen_control.bench.stage import EDS, Contender, Stage, ask_hub, stage
+from canopen_control.bench.stage import EDS, Contender, Slaves, Stage, ask_hub, stage
 from canopen_control.client.robot import RobotClient
 from canopen_control.errors import CanopenError, RemoteError
 
@@ -43,7 +44,7 @@ REALTIME_S = 60.0
 PACES = {"100 Hz": (10_000, 0, 200), "500 Hz": (2000, 0, 1000), "1 kHz": (1000, 1000, 2000)}
 _BUS = ROBOT = "bench"
 _CHECKED_CYCLES, _ATTEMPTS = 150, 5
-_SETTLE_S = 1.5  # 0.5 m/s at 1 m/s^2, and the drives' own ramps
+_SETTLE_S, _SETTLED = 20.0, 0.01  # rad/s
 _SPEED = 0.5  # m/s
 
 
@@ -65,8 +66,10 @@ class Arena:
         self.channel = f"local:{buses[0]}"
         self.nodes = range(FIRST_NODE, FIRST_NODE + count // len(buses))
         self.others: dict[str, int] = {}
+        self.slaves: list[Slaves] = []
         for bus in buses:
-            drives = played.drives(f"local:{bus}", f"{self.nodes[0]}-{self.nodes[-1]}")
+            drives = played.slaves(f"local:{bus}", FIRST_NODE, len(self.nodes))
+            self.slaves.append(drives)
             more = "" if bus == buses[0] else f" of {bus}"
             self.others |= {f"drives{more}": drives.pid, f"hub{more}": ask_hub(bus, "status")["pid"]}
         self.robot = self._write()
@@ -98,11 +101,20 @@ class Arena:
         contender = self.ours()
         with commanding(self) as move:
             if check:
-                time.sleep(_SETTLE_S)
+                _settle()
                 self.check(contender, self._expected_of_ours)
             move()
             yield contender
         contender.leave()
+
+    @contextlib.contextmanager
+    def replayed(self) -> Iterator[None]:
+        """Have the drives answer as iron ones do, without a processor of this machine."""
+        for slaves in self.slaves:
+            slaves.replay(True)
+        yield
+        for slaves in self.slaves:
+            slaves.replay(False)
 
     def ours(self) -> Contender:
         """Start our runtime, and return it when it runs; nobody commands it."""
@@ -174,6 +186,18 @@ def commanding(arena: Arena) -> Iterator[Callable[[], None]]:
         client.close()
 
 
+def _settle() -> None:
+    """Wait until all wheels turn as fast as they are told to, and the limiter has nothing left to do."""
+    end = time.monotonic() + _SETTLE_S
+    wanted = _SPEED / RADIUS_M
+    while time.monotonic() < end:
+        time.sleep(0.2)
+        joints = ask_robot("status")["joints"].values()
+        if all(abs((joint["velocity"] or 0.0) - wanted) < _SETTLED for joint in joints):
+            return
+    raise CanopenError(f"the wheels do not reach {wanted:.1f} rad/s within {_SETTLE_S:g} s")
+
+
 def ask_robot(method: str, **params: object) -> Any:  # noqa: ANN401 - as the robot's JSON has it
     """Ask our robot by its API."""
     client = RobotClient.connect(ROBOT)
@@ -190,7 +214,7 @@ def rounds_of(
     turns: dict[str, list[Turn]] = {name: [] for name in names}
     for number in range(count):
         for name in names:
-            with arena.contender(name, check=check and number == 0) as contender:
+            with arena.contender(name, check=check and number == 0) as contender, arena.replayed():
                 turns[name].append(run(contender))
     return turns
 

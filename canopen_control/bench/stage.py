@@ -127,6 +127,17 @@ class Contender(Program):
         self.process.stdin.flush()
 
 
+class Slaves(Program):
+    """Virtual drives that can answer without work, see `canopen_control.bench.slaves`."""
+
+    def replay(self, on: bool) -> None:
+        """Have them answer without work from now on, or be drives again."""
+        assert self.process.stdin is not None
+        self.process.stdin.write("replay\n" if on else "live\n")
+        self.process.stdin.flush()
+        self.line()
+
+
 class Stage:
     """The folders and processes of one bench."""
 
@@ -140,6 +151,13 @@ class Stage:
         drives.line()
         drives.drain()
         return drives
+
+    def slaves(self, channel: str, first: int, count: int) -> Slaves:
+        """Run the bench's own virtual drives in one process, and return it when they are there."""
+        slaves = Slaves(self.folder, ["canopen_control.bench.slaves", channel, str(first), str(count)])
+        self.programs.append(slaves)
+        slaves.line()
+        return slaves
 
     def start(self, *words: str, ros: bool = False) -> Program:
         """Run `python -m WORDS`."""

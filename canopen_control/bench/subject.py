@@ -106,7 +106,7 @@ class Subject:
 
     def _cycle(self) -> None:
         self._edge = self.reactor.now()
-        self.robot._cycle(self._edge)  # noqa: SLF001 - the cycle itself is what is measured, without its clock
+        self.robot._step(self._edge)  # noqa: SLF001 - the cycle itself is what is measured, without its clock
 
     def _count_tpdos(self) -> int:
         return sum(pdo.count for node in self.robot.nodes.values() for pdo in node.received)
