@@ -130,8 +130,8 @@ class FrameFacts:
         facts = {}
         for bus, bits in self._loads.items():
             bitrate = self._decoders[bus].network.bitrate
-            bins = range(min(bits), max(bits) + 1)
-            load = [bits[each] / _BIN_S / bitrate for each in bins]
+            bins = [each for each in range(min(bits), max(bits) + 1) if self._covered(each) > _BIN_S / 5]
+            load = [bits[each] / self._covered(each) / bitrate for each in bins]
             times = [round((each + 0.5) * _BIN_S, 3) for each in bins]
             services = dict(self._services[bus].most_common())
             facts[bus] = {
@@ -141,6 +141,10 @@ class FrameFacts:
                 "load": {"time": times, "value": load},
             }
         return facts
+
+    def _covered(self, number: int) -> float:
+        """Return how many seconds of a bin the recording covers: the last one is rarely whole."""
+        return min((number + 1) * _BIN_S, self._end) - max(number * _BIN_S, 0.0)
 
     def nodes(self) -> dict[str, Json]:
         """Return what `node_spans` returns, as the frames told it; a node that fell silent is in no known state."""

@@ -45,8 +45,8 @@ rect{fill:var(--mid)}.s-OPERATION_ENABLED,.s-OPERATIONAL{fill:var(--ok)}
 .s-FAULT,.s-FAULT_REACTION_ACTIVE,.s-QUICK_STOP_ACTIVE{fill:var(--bad)}
 .s-unknown,.s-STOPPED,.s-NOT_READY_TO_SWITCH_ON,.s-SWITCH_ON_DISABLED{fill:var(--off)}
 table{border-collapse:collapse;width:100%;font-size:.84rem}
-th{text-align:left;color:var(--soft);font-weight:600;border-bottom:1px solid var(--grid)}
-td,th{padding:.16rem .6rem .16rem 0;vertical-align:top}td.n{text-align:right;white-space:nowrap}
+th{text-align:left;white-space:nowrap;color:var(--soft);font-weight:600;border-bottom:1px solid var(--grid)}
+td,th{padding:.16rem .6rem .16rem 0;vertical-align:top}td.n,th.n{text-align:right;white-space:nowrap}
 td.m{font-family:ui-monospace,Consolas,monospace;white-space:nowrap;font-size:.8rem}
 tr.error{background:var(--badbg)}tr.warning{background:var(--warnbg)}tr.here td{border-top:2px dashed var(--bad)}
 .wide{overflow-x:auto}
@@ -73,8 +73,10 @@ def _section(title: str, content: str, *, kind: str = "") -> str:
 
 
 def _table(headings: Sequence[str], rows: Iterable[tuple[str, Sequence[tuple[str, str]]]]) -> str:
-    """Return a table; a row is its class and its cells as (class, text)."""
-    head = "".join(f"<th>{escape(each)}</th>" for each in headings)
+    """Return a table; a row is its class and its cells as (class, text); a heading stands as the cells below it."""
+    rows = list(rows)
+    shapes = [shape for shape, _ in rows[0][1]] if rows else [""] * len(headings)
+    head = "".join(f'<th class="{shape}">{escape(text)}</th>' for shape, text in zip(shapes, headings, strict=True))
     body = "".join(
         f'<tr class="{kind}">'
         + "".join(f'<td class="{shape}">{escape(text)}</td>' for shape, text in cells)
@@ -216,8 +218,7 @@ def _duration(seconds: float) -> str:
 def _buses(facts: Json) -> Iterator[str]:
     for name, bus in facts["buses"].items():
         percent = [100.0 * value for value in bus["load"]["value"]]
-        drawn = lines(
-            name, bus["load"]["time"], [("load", percent)], _axis(facts), f"% of {bus['bitrate'] / 1e6:g} Mbit/s"
-        )
+        unit = f"% of {bus['bitrate'] / 1e6:g} Mbit/s"
+        drawn = lines(name, bus["load"]["time"], [("load", percent)], _axis(facts), unit, from_zero=True)
         services = ", ".join(f"{count} {service}" for service, count in bus["services"].items())
         yield _section(f"Load of bus {name}", f'{drawn}<p class="soft">{bus["frames"]} frames: {escape(services)}</p>')

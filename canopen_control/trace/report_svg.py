@@ -92,13 +92,19 @@ def timeline(title: str, rows: Sequence[tuple[str, Sequence[dict[str, Any]]]], a
 
 
 def lines(
-    title: str, time: Sequence[float], series: Sequence[tuple[str, Sequence[float | None]]], axis: Axis, unit: str
+    title: str,
+    time: Sequence[float],
+    series: Sequence[tuple[str, Sequence[float | None]]],
+    axis: Axis,
+    unit: str,
+    *,
+    from_zero: bool = False,
 ) -> str:
     """Draw values over time: series of (class, values); "" where there is no value at all."""
     known = [value for _, values in series for value in values if value is not None]
     if not known:
         return ""
-    low, high = _bounds(known)
+    low, high = _bounds([0.0, *known] if from_zero else known)
     height = 130
 
     def y(value: float) -> float:

@@ -16,7 +16,14 @@ def test_the_load_is_bits_by_the_bit_rate():
     assert bus["frames"] == 1000
     assert bus["services"] == {"pdo": 1000}
     assert bus["load"]["time"] == [0.25, 0.75]
-    assert bus["load"]["value"] == pytest.approx([(47 + 64) * 1000 / 500_000] * 2)
+    assert bus["load"]["value"] == pytest.approx([(47 + 64) * 1000 / 500_000] * 2, rel=0.01)
+
+
+def test_a_half_second_that_is_cut_is_not_less_load():
+    frames = [(n * NS // 1000, "can", CanFrame(0x181, bytes(8))) for n in range(760)]
+    load = read_frames(frames, {}, 0.0, None).buses()["can"]["load"]["value"]
+    assert load == pytest.approx([load[0], load[0]], rel=0.01)
+    assert len(read_frames(frames[:510], {}, 0.0, None).buses()["can"]["load"]["value"]) == 1
 
 
 def test_a_quiet_half_second_is_no_load():
