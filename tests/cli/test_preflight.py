@@ -7,7 +7,9 @@ from support.guest import plant_speed
 from support.host import eventually
 from support.processes import Stage
 
+from canopen_control.cli import preflight
 from canopen_control.cli.main import main
+from canopen_control.cli.preflight_steps import Step
 
 NODES = (3, 2)
 
@@ -93,6 +95,50 @@ def test_a_no_ends_it(drives, monkeypatch, capsys):
     assert "Did left_wheel_joint, and nothing else, turn forward? [y/N]" in said
     assert "turned the wrong way" in said
     assert "Turn right_wheel_joint" not in said
+
+
+class FakeJog:
+    """A jog of three joints: one turns, one has no room, one is not turned at all."""
+
+    joints = ("wheel", "lift")
+
+    def __init__(self, setup, speed):
+        self.turned = []
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *error):
+        pass
+
+    def no_room(self, joint):
+        return "it is at its limit" if joint == "lift" else None
+
+    def turn(self, joint):
+        self.turned.append(joint)
+        return Step("jog", True, f"{joint}: turned")
+
+    def stop(self):
+        return Step("STOP", True, "stopped")
+
+
+def test_what_could_not_be_turned_is_said_and_not_covered_by_the_pass(monkeypatch):
+    monkeypatch.setattr(preflight, "Jog", FakeJog)
+    interfaces = {"gripper": None, "wheel": "velocity", "lift": "position"}
+    monkeypatch.setattr(preflight, "jog_interfaces", lambda _setup: interfaces)
+    told, asked = [], []
+    flight = preflight.Flight(None, told.append, lambda question: asked.append(question) or True, 0.5)
+    assert flight.move() is True
+    assert flight.covered == ["wheel"]
+    stays = "; it is not turned, and stays slow with --real"
+    assert f"note  jog       gripper has neither velocity nor position to command{stays}" in told
+    assert f"note  jog       lift: it is at its limit{stays}" in told
+    assert [question for question in asked if "lift" in question or "gripper" in question] == []
+    interfaces.pop("wheel")
+    flight = preflight.Flight(None, told.append, lambda _question: True, 0.5)
+    monkeypatch.setattr(FakeJog, "joints", ("lift",))
+    assert (flight.move(), flight.covered) == (False, [])
+    assert told[-1] == "FAIL  jog       no joint could be turned"
 
 
 @pytest.mark.parametrize(
