@@ -5,6 +5,7 @@ import xml.etree.ElementTree as ET
 from pathlib import Path
 
 import pytest
+from support.ros import run_ros
 
 from canopen_control.errors import ConfigError
 from canopen_control.ros import options
@@ -51,8 +52,27 @@ EXAMPLES = Path(options.__file__).parent / "share/examples"
 
 
 def test_the_example_file_has_every_parameter_with_its_default():
-    told = tree(EXAMPLES / "bridge.yaml").value["canopen_control_bridge"]["ros__parameters"]
-    assert told == dataclasses.asdict(Options())
+    path = EXAMPLES / "bridge.yaml"
+    told = tree(path).value["/**/canopen_control_bridge"]["ros__parameters"]
+    assert '\n    # frame_prefix: ""' in path.read_text(), "its default follows from the namespace"
+    assert {**told, "frame_prefix": ""} == dataclasses.asdict(Options())
+
+
+@pytest.mark.ros
+@pytest.mark.parametrize("namespace", ["", "/two"])
+def test_the_example_file_is_read_in_any_namespace(namespace, tmp_path):
+    path = tmp_path / "bridge.yaml"
+    path.write_text((EXAMPLES / "bridge.yaml").read_text().replace("rate: 50.0", "rate: 33.0"))
+    code = """
+import sys
+from canopen_control.ros import options, rcl
+context, node = rcl.start("canopen_control_bridge", sys.argv[1], ["--ros-args", "--params-file", sys.argv[2]])
+print(options.with_parameters(node, options.Options(frame_prefix="two/")))
+context.shutdown()
+"""
+    said = run_ros(code, arguments=[namespace, str(path)])
+    assert "rate=33.0" in said
+    assert "frame_prefix='two/'" in said
 
 
 def test_the_example_for_another_controller_manager_names_our_topics_and_never_falls_silent():
