@@ -40,6 +40,16 @@ def test_each_event_is_told_once_also_those_from_before(link):
         assert sum(each["kind"] == "stop_latched" for each in found) == 1
 
 
+def test_a_connection_that_broke_is_made_again_and_what_was_told_is_not_told_again(link):
+    with running():
+        eventually(lambda: link.connected)
+        first = link._robot
+        assert link.events()
+        first.close()
+        eventually(lambda: link.connected and link._robot is not first)
+        assert link.events() == []
+
+
 def test_commands_reach_the_robot_or_say_why_not(link):
     eventually(lambda: link.why.startswith("no robot is running"))
     with pytest.raises(RemoteError, match="stop does not reach the robot: no robot is running"):
