@@ -83,3 +83,8 @@ def test_ros_is_off_unless_it_is_asked_for():
 def test_the_setup_is_what_the_options_say():
     setup = read_setup(parse("robby", "--can", "vcan0", "--name", "two", "--controller", "robby_base_controller"))
     assert (setup.name, setup.channels["can"], setup.wanted[-1]) == ("two", "vcan0", "robby_base_controller")
+
+
+def test_the_flight_recorder_is_on_unless_it_is_switched_off():
+    assert parse("robby").flight_recorder
+    assert not parse("robby", "--no-flight-recorder").flight_recorder

@@ -2,7 +2,9 @@ import signal
 
 import pytest
 
+from canopen_control.errors import CanopenError
 from canopen_control.host.reactor import Reactor
+from canopen_control.master.events import Level
 from canopen_control.runtime.files import find_robot
 from canopen_control.runtime.setup import read_robot
 from canopen_control.runtime.supervisor import Supervisor, hosts_virtual_drives
@@ -72,3 +74,25 @@ def test_ending_leaves_no_child_and_tells_nothing(supervisor):
 )
 def test_virtual_drives_are_started_only_where_no_real_one_can_be(channel, hosts):
     assert hosts_virtual_drives(read_robot(find_robot("robby"), can=[channel])) is hosts
+
+
+def test_a_recorder_that_cannot_be_started_is_a_warning_and_no_more(supervisor, monkeypatch):
+    def refuse(*_args, **_options):
+        raise CanopenError("cannot start flight: no")
+
+    monkeypatch.setattr("canopen_control.runtime.supervisor.spawn", refuse)
+    supervisor.start_recorder({"can": "local:x"})
+    assert [(event.kind, event.level) for event in supervisor.events] == [("no_recorder", Level.WARNING)]
+
+
+def test_where_the_recorder_wrote_after_the_robots_end_is_told(supervisor, monkeypatch):
+    script = "import signal; print('a line', flush=True); print('flight recording: x.zip', flush=True); signal.pause()"
+    monkeypatch.setattr("canopen_control.runtime.supervisor._RECORDER", script)
+    supervisor.start_recorder({})
+    child = supervisor._recorder
+    assert supervisor.reactor.run_until(lambda: len(child.last_lines()) == 2, 20 * SECOND)
+    assert "flight" in supervisor.pids
+    supervisor.end()
+    assert [(event.kind, event.text) for event in supervisor.events] == [("flight", "flight recording: x.zip")]
+    supervisor.end()
+    assert len(supervisor.events) == 1
