@@ -220,7 +220,9 @@ class RobotTarget:
             method, values = "twist", {"linear": linear, "angular": angular}
         else:
             method, values = "command", {"values": [linear + sign * angular for sign in self._signs]}
-        self._robot.request(method, {**values, "controller": self._name, "source": "teleop"}, TIMEOUT_S)
+        # dead_man: if this process is killed, the robot stops as soon as the connection is gone
+        params = {**values, "controller": self._name, "source": "teleop", "dead_man": True}
+        self._robot.request(method, params, TIMEOUT_S)
 
     def news(self) -> list[str]:
         """Return what the robot warns of."""

@@ -1,6 +1,8 @@
 """Teleop and monitor with real keys, in a real terminal: tmux types, and the drives say what became of it."""
 
+import os
 import shlex
+import signal
 import sys
 
 import pytest
@@ -38,9 +40,21 @@ def test_a_held_key_drives_letting_go_stops_and_the_terminal_is_itself_again(sta
     assert eventually(lambda: speed(left) > 0, 2.0)
     terminal.keys("C-c")
     terminal.until("stopped")
-    seconds_until(lambda: speed(left) == 0, 1.0)
+    assert eventually(lambda: speed(left) == 0, 1.0)
     terminal.run("stty -a | grep -o '[-]*icanon' | sed s/^/tty:/")
     terminal.until("tty:icanon")
+
+
+def test_a_teleop_that_is_killed_takes_its_motion_along(stage, probe, terminal):
+    stage.robby("killed")
+    left = probe("killed", 3)
+    terminal.run(f"{PROGRAM} teleop --tap 60")
+    terminal.until("speeds 5.00")
+    terminal.keys("i")
+    assert eventually(lambda: speed(left) > 500, 5.0)
+    os.kill(stage.pid_of("canopen_control teleop"), signal.SIGKILL)
+    # the ramp takes 80 ms; without the connection's end it would be the controller's command_timeout of 2 s
+    assert seconds_until(lambda: speed(left) == 0, 1.5) < 1.0
 
 
 def test_the_monitor_stops_the_robot_by_a_key_also_while_a_filter_is_typed(stage, probe, terminal):
