@@ -34,6 +34,7 @@ PERIOD_US = 10_000
 ROUNDS = 5
 SECONDS, PAIRED_SECONDS = 60.0, 3.0
 _SETTLE_S = 3.0
+_LAST_WORDS_S = 2.0
 
 
 def measure(options: Options) -> list[Figure]:
@@ -125,6 +126,7 @@ def on_a_terminal(*words: str) -> Iterator[int]:
     try:
         yield process.pid
         if process.poll() is not None:
+            drain.join(_LAST_WORDS_S)
             raise CanopenError(f"{words[0]} ended with {process.returncode}: {bytes(said)[-300:]!r}")
     finally:
         process.terminate()

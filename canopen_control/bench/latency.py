@@ -16,7 +16,7 @@ from canopen_control.bench.clients import has_ros
 from canopen_control.bench.cycle import ROBOT, Arena
 from canopen_control.bench.figure import Figure, limited, percentiles
 from canopen_control.bench.fleet import CONTROLLER, FIRST_NODE, SCALE
-from canopen_control.bench.stage import stage
+from canopen_control.bench.stage import PATIENCE_S, stage
 from canopen_control.bus.channel import open_port
 from canopen_control.client.robot import RobotClient
 from canopen_control.errors import CanopenError
@@ -58,7 +58,7 @@ def measure(options: Options) -> list[Figure]:
         if has_ros():
             bridge = played.start("canopen_control.ros.bridge", "--name", ROBOT, ros=True)
             words = ("canopen_control.bench.peers.ros_latency", arena.channel, str(count), str(_ROUNDS))
-            found = json.loads(played.start(*words, ros=True).line())
+            found = json.loads(played.start(*words, ros=True).line(5 * PATIENCE_S))
             used = played.cpu_s()
             bridge.end()
             figures.append(_figure("ROS topic to RPDO", found["commands"], used, TOPIC_LIMIT_MS))

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 
 from canopen_control.bench.figure import Figure, limited
 from canopen_control.bench.recorded import RecordedFleet
-from canopen_control.bench.stage import Stage, stage
+from canopen_control.bench.stage import PATIENCE_S, Stage, stage
 
 if TYPE_CHECKING:
     from canopen_control.bench.runner import Options
@@ -53,7 +53,9 @@ def measure(options: Options) -> list[Figure]:
 def run(played: Stage, count: int, cycles: int, leak: int = 0) -> dict[str, float]:
     """Have a process of its own run the cycles."""
     words = (str(played.folder / f"memory{count}_{cycles}"), str(count), str(cycles), str(leak))
-    found: dict[str, float] = json.loads(played.start("canopen_control.bench.memory", *words).line())
+    found: dict[str, float] = json.loads(
+        played.start("canopen_control.bench.memory", *words).line(PATIENCE_S + cycles / 1000)
+    )
     return found
 
 

@@ -32,6 +32,7 @@ __all__ = ["EDS", "Contender", "Stage", "stage"]
 
 EDS = str(data_path("eds", "TMCM-1270.eds"))
 PATIENCE_S = 60.0
+_SLOWEST_NS = 10_000_000  # of a free-running cycle
 
 
 class Program:
@@ -56,10 +57,13 @@ class Program:
         self.pid = self.process.pid
         self._drain: threading.Thread | None = None
 
-    def line(self) -> str:
-        """Return its next line; raises CanopenError with its complaint where it ends instead."""
+    def line(self, seconds: float = PATIENCE_S) -> str:
+        """Return its next line; raises CanopenError with its complaint where it ends instead, or says nothing."""
         assert self.process.stdout is not None
+        watchdog = threading.Timer(seconds, self.process.kill)
+        watchdog.start()
         line = self.process.stdout.readline()
+        watchdog.cancel()
         if not line:
             self.process.wait(PATIENCE_S)
             said = self.errors.read_text().strip().splitlines()[-3:]
@@ -97,16 +101,18 @@ class Contender(Program):
         super().__init__(folder, words)
         self.others = dict(others)
         self._before: dict[str, int] = {}
+        self._due_s = PATIENCE_S
         assert "ready" in json.loads(self.line())
 
     def order(self, cycles: int, period_ns: int) -> None:
         """Have it begin."""
         self._before = {name: cpu_ns(pid) for name, pid in self.others.items()}
+        self._due_s = PATIENCE_S + 2 * cycles * max(period_ns, _SLOWEST_NS) / 1e9
         self._write({"cycles": cycles, "period_ns": period_ns})
 
     def answer(self) -> Turn:
         """Wait for what it has measured; also tells what the others used meanwhile, in ns by name."""
-        turn = Turn(**json.loads(self.line()))
+        turn = Turn(**json.loads(self.line(self._due_s)))
         turn.others_ns = {name: cpu_ns(self.others[name]) - before for name, before in self._before.items()}
         return turn
 

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import signal
 import sys
 from pathlib import Path
 
@@ -41,6 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Measure and print; 1 with --check when something is short."""
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # what was started is ended then, as by Ctrl-C
     if args.nice is not None:
         _be_nice(args.nice)
     names = list(FAMILIES) if "all" in args.family or (args.quick and not args.family) else args.family or ["cycle"]

@@ -18,7 +18,7 @@ def test_two_drives_boot_as_often_as_wanted(monkeypatch):
 
 
 def test_a_drive_that_is_not_there_is_named(monkeypatch):
-    monkeypatch.setattr(boot, "_GIVE_UP_NS", 300_000_000)
+    monkeypatch.setattr(boot, "_GIVE_UP_NS", 3_000_000_000)
     with stage() as played:
         played.drives("local:boot", "2")
         config = read_bus(write_fleet(played.folder, 2, 20_000) / "bus.yml")

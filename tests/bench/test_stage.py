@@ -34,6 +34,13 @@ def test_drives_and_hub_are_gone_afterwards_and_the_environment_is_as_before():
     assert not played.folder.exists()
 
 
+def test_a_program_that_says_nothing_is_ended():
+    with stage() as played:
+        silent = played.slaves("local:stage", 2, 1)
+        with pytest.raises(CanopenError, match=r"canopen_control\.bench\.slaves ended with -9"):
+            silent.line(0.2)
+
+
 def test_a_program_that_ends_says_why():
     with stage() as played, pytest.raises(CanopenError, match="XXX"):
         played.drives("local:stage", "XXX")

@@ -23,6 +23,7 @@ def parse(*words):
 def measured(monkeypatch):
     """Families that measure at once: one ratio, one limit, as many as asked for."""
     asked = []
+    monkeypatch.setattr(bench.signal, "signal", lambda number, handler: None)
 
     def run_families(names, options):
         asked[:] = names
