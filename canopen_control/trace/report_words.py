@@ -31,8 +31,13 @@ def _who(facts: Json) -> Iterator[str]:
     heard = f" on {where}" if where else ""
     yield (
         f"{facts['robot'] or 'A recording'}: {facts['seconds']:.1f} s up to {clock(facts['end'], date=True)}"
-        f"{heard}; {drives or 'no node was seen'}."
+        f"{heard}; {drives or _no_drives(facts)}."
     )
+
+
+def _no_drives(facts: Json) -> str:
+    joints = ", ".join(facts["joints"])
+    return f"no bus, made-up hardware: {joints}" if joints and not facts["channels"] else "no node was seen"
 
 
 def _wrong(facts: Json) -> Iterator[str]:

@@ -33,3 +33,10 @@ def test_cycles_that_were_left_out_are_told(calm_run):
 def test_a_time_of_day_has_milliseconds():
     assert clock(1_700_000_000.1239).endswith(".123")
     assert len(clock(1_700_000_000.0, date=True)) == len("2023-11-14 22:13:20.000")
+
+
+def test_hardware_that_is_made_up_is_called_that(calm_run):
+    for sample in calm_run.states:
+        sample["nodes"] = {}
+    calm_run.frames, calm_run.meta["buses"] = [], {}
+    assert "no bus, made-up hardware: left_wheel_joint, right_wheel_joint" in facts_of(calm_run)["summary"][0]
