@@ -14,6 +14,7 @@ from canopen_control.cia402 import objects
 
 if TYPE_CHECKING:
     from canopen_control.cia301.sdo_client import SdoRequest
+    from canopen_control.cia402.drive import DriveMachine
     from canopen_control.hardware.axis import Axis
 
 __all__ = ["BLIND_STOP_NS", "GRACE_NS", "AxisStatus", "ModeBySdo", "StatuswordBySdo"]
@@ -25,20 +26,23 @@ _QUICK_STOP_WORD: Final = 0x0002
 
 
 class AxisStatus:
-    """The statusword and the mode of an axis, whatever brings them; None for one that is not known."""
+    """The statusword and the mode of an axis, whatever brings them; None for one that is not known.
 
-    def __init__(self, axis: Axis) -> None:
+    `machine` says which mode is wanted, where no PDO carries it.
+    """
+
+    def __init__(self, axis: Axis, machine: DriveMachine) -> None:
         self.word: int | None = None
         self.display: int | None = None
-        self._axis = axis
+        self._axis, self._machine = axis, machine
         self._pdo, self._statusword = axis.statusword.pdo, axis.statusword
         self._shown = axis.display
         self._by_sdo = StatuswordBySdo(axis)
         self._mode = ModeBySdo(axis) if None in (axis.mode, axis.display) else None
         self._blind_since: int | None = None
 
-    def update(self, mode: int | None, now: int) -> None:
-        """Take what is new; `mode` is the one that is wanted."""
+    def update(self, now: int) -> None:
+        """Take what is new."""
         pdo = self._pdo
         word = display = None
         if pdo.stamp >= 0 and self._axis.node.ready:
@@ -49,7 +53,7 @@ class AxisStatus:
             if shown is not None and shown.pdo.stamp >= 0:
                 display = shown.pdo.values[shown.position]
             if self._mode is not None and word is not None:
-                self._mode.step(mode, now)
+                self._mode.step(self._machine.mode, now)
                 display = self._mode.display if shown is None else display
         self.word = word  # type: ignore[assignment]  # a statusword is an integer
         self.display = display  # type: ignore[assignment]  # and so is a mode

@@ -74,7 +74,7 @@ class JointDrive:
         self.states = self.feedback.states
         self.reason = FaultReason(self.axis, lambda text: self._news.append(News("error_code", text, Level.INFO)))
         self._watch = Watch(self.axis, config.following_error_action)
-        self._status = AxisStatus(self.axis)
+        self._status = AxisStatus(self.axis, self.machine)
         self._evaluations = -1
         self._may_move = False
         self._now = 0
@@ -298,7 +298,7 @@ class JointDrive:
         """Advance the state machine by one cycle; `news` tells what came of it."""
         self._now = now
         machine, axis, status = self.machine, self.axis, self._status
-        status.update(machine.mode, now)
+        status.update(now)
         word, before = status.word, machine.statusword
         machine.standstill = self.feedback.standing
         control = machine.update(word, status.display, now)

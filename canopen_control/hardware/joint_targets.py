@@ -126,7 +126,10 @@ class JointTargets:
         value = math.nan
         if command is not None:
             value = command.value
-            value = command.minimum if value < command.minimum else min(value, command.maximum)
+            if value < command.minimum:
+                value = command.minimum
+            elif value > command.maximum:
+                value = command.maximum
         current.follow(value, now, period)
         if current.bits or self.handshakes:
             self._machine.mode_bits = current.bits

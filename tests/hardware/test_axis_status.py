@@ -47,21 +47,29 @@ def make_axis(*, mode=True, display=True):
 
 def test_while_the_tpdo_comes_it_is_the_tpdos():
     axis = make_axis()
-    status = AxisStatus(axis)
-    status.update(9, 0)
+    status = AxisStatus(axis, SimpleNamespace(mode=9))
+    status.update(0)
     assert (status.word, status.display) == (0x27, 9)
     assert axis.node.reads == []
 
 
+def test_a_wanted_mode_that_no_pdo_carries_goes_by_sdo():
+    axis = make_axis(mode=False)
+    status = AxisStatus(axis, SimpleNamespace(mode=8))
+    status.update(0)
+    assert axis.node.writes == [(0x6060, b"\x08")]
+    assert status.display == 9, "the one that the TPDO shows"
+
+
 def test_before_the_first_frame_and_without_the_node_nothing_is_known():
     axis = make_axis()
-    status = AxisStatus(axis)
+    status = AxisStatus(axis, SimpleNamespace(mode=9))
     axis.pdo.stamp = -1
-    status.update(9, 0)
+    status.update(0)
     assert (status.word, status.display) == (None, None)
     assert status.blind_word(0) == 0
     axis.pdo.stamp, axis.node.ready = 5, False
-    status.update(9, 0)
+    status.update(0)
     assert status.word is None
 
 
@@ -82,7 +90,7 @@ def test_when_it_stays_away_the_last_one_holds_for_a_while_then_the_sdos_then_no
 
 def test_a_drive_that_nobody_sees_is_told_to_quick_stop_and_then_to_take_its_power_away():
     axis = make_axis()
-    status = AxisStatus(axis)
+    status = AxisStatus(axis, SimpleNamespace(mode=9))
     axis.pdo.overdue = True
     assert status.blind_word(0) == 0x02
     assert status.blind_word(BLIND_STOP_NS - 1) == 0x02
