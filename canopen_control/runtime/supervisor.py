@@ -31,7 +31,7 @@ __all__ = ["Supervisor"]
 _GRACE_S = 5.0  # for a child to end by itself after SIGTERM
 _IN_PROCESS = (ChannelKind.MEMORY, ChannelKind.VIRTUAL)
 #: a Python that needs nothing but the package's own folder starts in half the time
-_LEAN = ("nice", "-n", "5", sys.executable, "-I", "-S", "-c")
+_LEAN = (sys.executable, "-I", "-S", "-c")
 _RECORDER = (
     f"import sys; sys.path.insert(0, {str(Path(__file__).parents[2])!r}); "
     "from canopen_control.trace.flight import main; sys.exit(main())"

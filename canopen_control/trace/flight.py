@@ -203,7 +203,7 @@ class FlightRecorder:
         child = os.fork()
         if child == 0:
             try:
-                os.nice(_NICENESS)
+                os.nice(_NICENESS)  # once more: whoever listens goes before whoever writes
                 os.write(theirs, self.write(reason).encode())
             finally:
                 os._exit(0)  # whatever happened: this is not the recorder
@@ -287,6 +287,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--name", required=True, help="the robot")
     parser.add_argument("--bus", action="append", default=[], metavar="NAME=CHANNEL", help="a bus to listen to")
     args = parser.parse_args(arguments)
+    os.nice(_NICENESS)
     with Reactor() as reactor:
         recorder = FlightRecorder(reactor, args.name, dict(bus.split("=", 1) for bus in args.bus))
         reactor.handle_signals({signal.SIGTERM: reactor.stop, signal.SIGINT: reactor.stop})
