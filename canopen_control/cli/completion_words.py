@@ -167,6 +167,12 @@ def _faults(_line: _Line) -> Found:
     return [(fault.name, fault.does) for fault in FAULTS.values()]
 
 
+def _services(_line: _Line) -> Found:
+    from canopen_control.trace.decoder import SERVICES
+
+    return [(service, "") for service in SERVICES]
+
+
 def _modes(_line: _Line) -> Found:
     from canopen_control.cia402.modes import OperationMode
 
@@ -183,6 +189,7 @@ _KINDS: Final[dict[tuple[str, str] | str, Callable[[_Line], Found]]] = {
     ("axis", "mode"): _modes,
     ("axis", "node"): _nodes_or_all,
     ("nmt", "node"): _nodes_or_all,
+    "--service": _services,
     ("record", "--can"): lambda _line: [(FILES, "")],
     **{("eds", name): _eds for name in ("file", "files", "a", "b")},
     "--name": _robots,

@@ -105,7 +105,19 @@ def parser_of(verb: str) -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     module.add_arguments(parser)
+    _give_examples(parser, module.EXAMPLE.splitlines())
     return parser
+
+
+def _give_examples(parser: argparse.ArgumentParser, examples: Sequence[str]) -> None:
+    """Show the examples of an action in the help of that action too."""
+    for group in (each for each in parser._actions if isinstance(each, argparse._SubParsersAction)):  # noqa: SLF001 - no public way
+        for action in group.choices.values():
+            own = [line.strip() for line in examples if line.strip().startswith(f"{action.prog} ")]
+            if own:
+                action.epilog = "example: " + "\n         ".join(own)
+                action.formatter_class = argparse.RawDescriptionHelpFormatter
+            _give_examples(action, examples)
 
 
 def _top_parser() -> argparse.ArgumentParser:

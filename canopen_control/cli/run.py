@@ -134,7 +134,7 @@ def run_robot(args: argparse.Namespace, *, motion: bool = False, table: bool = F
     session = Session(setup, options)
     announcer = Announcer(sys.stderr if table else sys.stdout)
     try:
-        session.robot.on_event = _teller(announcer, table)
+        session.robot.on_event = _teller(announcer, table, len(session.robot.nodes))
         if unclear is not None:
             _slow_down(session, unclear)
         if table:
@@ -200,19 +200,26 @@ def read_setup(args: argparse.Namespace) -> RobotSetup:
     )
 
 
-def _teller(announcer: Announcer, table: bool) -> Callable[[Event], None]:
-    """Print events as lines; beside a live table only what is bad."""
+def _teller(announcer: Announcer, table: bool, nodes: int = 0) -> Callable[[Event], None]:
+    """Print events as lines; beside a live table only what is bad. Of many `nodes` it tells how many have booted."""
     from canopen_control.master.events import Level
 
     lowest = Level.WARNING if table else Level.INFO
 
+    booted = set[str]()
+
     def tell(event: Event) -> None:
+        text = event.text
+        if event.kind == _BOOTED and nodes >= _MANY:
+            booted.add(event.node)
+            text = f"{text} ({len(booted)} of {nodes} nodes)"
         if event.kind in _ALWAYS or (event.level >= lowest and event.kind not in _CHATTER):
-            announcer.say(event.text)
+            announcer.say(text)
 
     return tell
 
 
+_BOOTED, _MANY = "ready", 4  # nodes whose boot is worth counting
 _ALWAYS = ("demo", "flight", "view", "stopping", "stopped")
 _CHATTER = ("note", "mode", "state", "failed")  # the last is what the run ends with, on standard error
 

@@ -36,6 +36,7 @@ def test_every_verb_offers_its_options_or_actions(verb):
         (["ros", "topic", "pub", "/x", ""], []),
         (["lss", "switch", "w"], ["waiting"]),
         (["lss", "switch", "--ve"], ["--vendor"]),
+        (["trace", "--service", "em"], ["emcy"]),
         (["eds", "check", "TMCM"], ["TMCM-1270.eds", FILES]),
         (["eds", "check", "a.eds", "TMCM"], ["TMCM-1270.eds", FILES]),
         (["nonsense", ""], []),

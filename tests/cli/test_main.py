@@ -32,6 +32,17 @@ def test_the_examples_are_right_by_the_verbs_own_parser(verb):
         parser_of(verb).parse_args(arguments)  # exits where it is wrong
 
 
+def test_the_help_of_an_action_shows_the_examples_of_that_action(capsys):
+    with pytest.raises(SystemExit):
+        main(["sdo", "upload", "--help"])
+    said = capsys.readouterr().out
+    assert "example: canopen-control sdo upload 5" in said
+    assert "sdo read" not in said
+    with pytest.raises(SystemExit):
+        main(["ros", "service", "call", "--help"])
+    assert "example: canopen-control ros service call" in capsys.readouterr().out
+
+
 def test_an_unknown_verb_is_a_usage_error(capsys):
     assert main(["xyzzy"]) == 2
     assert capsys.readouterr().err == "canopen-control: no verb 'xyzzy'; canopen-control --help lists those there are\n"

@@ -6,6 +6,7 @@ from canopen_control.cli import demo, run
 from canopen_control.cli.main import main
 from canopen_control.cli.run import add_arguments, read_setup
 from canopen_control.client import find_robots
+from canopen_control.master.events import Event
 
 
 def parse(*arguments):
@@ -88,3 +89,27 @@ def test_the_setup_is_what_the_options_say():
 def test_the_flight_recorder_is_on_unless_it_is_switched_off():
     assert parse("robby").flight_recorder
     assert not parse("robby", "--no-flight-recorder").flight_recorder
+
+
+class Listener:
+    def __init__(self):
+        self.lines = []
+
+    def say(self, line):
+        self.lines.append(line)
+
+
+def test_of_many_nodes_it_is_told_how_many_have_booted():
+    many, few = Listener(), Listener()
+    for listener, nodes in ((many, 5), (few, 2)):
+        tell = run._teller(listener, False, nodes)
+        for name in ("a", "b", "a"):
+            tell(Event(0, "ready", name, f"{name} is operational"))
+        tell(Event(0, "active", "", "x is active"))
+    assert many.lines == [
+        "a is operational (1 of 5 nodes)",
+        "b is operational (2 of 5 nodes)",
+        "a is operational (2 of 5 nodes)",
+        "x is active",
+    ]
+    assert few.lines == ["a is operational", "b is operational", "a is operational", "x is active"]
