@@ -16,7 +16,7 @@ from canopen_control.view.style import ICONS
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
-    from viser import PanelHandle
+    from viser import GuiUplotHandle, PanelHandle
     from viser.uplot import Axis
 
     from canopen_control.view.server import PageServer
@@ -113,11 +113,11 @@ class Plots:
                 self._gui.add_html(_named(colored))
             self._error = self._chart("Following error", colored, [f"{joint} error" for joint in shown])
         with panel.add_tab("Cycle and bus", ICONS["cycle"]):
-            self._chart("Cycle time, ms", (("between cycles", _ACTUAL),), ["cycle"])
-            self._chart("Work in a cycle, ms", (("work", _COLORS[1]),), ["work"])
+            self._chart("Cycle time, ms", (("between cycles", _ACTUAL),), ["cycle"], 0.0)
+            self._chart("Work in a cycle, ms", (("work", _COLORS[1]),), ["work"], 0.0)
             if loads:
                 named = [(bus, _COLORS[2 + number % 5]) for number, bus in enumerate(buses)]
-                self._chart("Bus load, %", named, loads)
+                self._chart("Bus load, %", named, loads, 0.0)
 
     def name(self, interfaces: Mapping[str, str]) -> None:
         """Say in the titles what is plotted; a joint that is commanded otherwise begins anew."""
@@ -139,20 +139,30 @@ class Plots:
         for chart in self._charts:
             chart.handle.data = self.history.columns(chart.rows)
 
-    def _chart(self, title: str, lines: Sequence[tuple[str, str]], rows: Sequence[str]) -> Any:  # noqa: ANN401
+    def _chart(
+        self, title: str, lines: Sequence[tuple[str, str]], rows: Sequence[str], low: float = -1.0
+    ) -> GuiUplotHandle:
         series: list[dict[str, Any]] = [{"label": "s"}]
         series += [{"label": label, "stroke": color, "width": 2, "points": {"show": False}} for label, color in lines]
         handle = self._gui.add_uplot(
             self.history.columns(rows),
             tuple(series),  # type: ignore[arg-type] # TypedDicts of viser
             title=title,
-            scales={"x": {"time": False, "range": (-SPAN_S, 0.0)}},
+            scales={"x": {"time": False, "range": (-SPAN_S, 0.0)}, "y": {"range": _at_least(low, 1.0)}},
             axes=(_axis(26), _axis(46)),
             legend={"show": False},
             height=_HEIGHT,
         )
         self._charts.append(_Chart(handle, tuple(rows)))
         return handle
+
+
+def _at_least(low: float, high: float) -> dict[str, dict[str, float]]:
+    """Return uPlot's range that shows `low` to `high` even if nothing happens, and more when there is more."""
+    return {
+        "min": {"pad": 0.1 if low else 0.0, "soft": low, "mode": 1},
+        "max": {"pad": 0.1, "soft": high, "mode": 1},
+    }
 
 
 def _axis(size: int) -> Axis:

@@ -159,7 +159,7 @@ def test_the_stop_click_stops_both_drives_within_300_ms_and_lasts_until_the_rele
     assert max(abs(show.velocity(each)) for each in (LEFT, RIGHT)) <= STANDING
     page.click("Release STOP")
     page.page.get_by_text("Latched by view").wait_for(state="hidden")
-    page.page.get_by_role("button", name="Enable").first.click()
+    page.click("Enable")
     page.page.get_by_text("enabled, follows commands").first.wait_for()
 
 

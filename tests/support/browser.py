@@ -90,8 +90,11 @@ class RobotPage:
         return matrix
 
     def press(self, label: str) -> None:
-        """Press a button down, and keep it."""
-        button = self.page.get_by_role("button", name=label, exact=True)
+        """Press a button down, the first of its name, and keep it; it has to be in sight.
+
+        Not by playwright's own way, which waits for drawn pictures: without a graphics card there are few.
+        """
+        button = self.page.get_by_role("button", name=label, exact=True).first
         button.wait_for()
         box = button.bounding_box()
         assert box is not None
@@ -99,7 +102,9 @@ class RobotPage:
         self.page.mouse.down()
 
     def click(self, label: str) -> None:
-        self.page.get_by_role("button", name=label, exact=True).click()
+        """Press a button and let it go."""
+        self.press(label)
+        self.page.mouse.up()
 
     def text(self) -> str:
         """Return what can be read on it."""
