@@ -1,10 +1,12 @@
 """The swap from virtual to real: two CAN controllers on one bus, the master on can0, the drives on can1."""
 
+import itertools
 import json
+import statistics
 from pathlib import Path
 
 import pytest
-from support.guest import LEFT, RIGHT, eventually, ip, plant_speed, scaled, seconds_until
+from support.guest import LEFT, RIGHT, SYNC, eventually, ip, plant_speed, scaled, seconds_until
 
 from canopen_control.client import RobotClient
 
@@ -93,7 +95,9 @@ def test_up_sets_the_bit_rate_and_says_what_a_card_cannot_do(stage):
     again = stage.call("bus", "up", "can0", "--bitrate", 1_000_000, "--restart-ms", 100, seconds=60)
     assert again.out == "can0 is up already\n"
     status = stage.call("bus", "status", "can0", seconds=60)
-    assert status.out.startswith("can0: can, up, ERROR-ACTIVE, 1000000 bit/s, transmit errors 0, receive errors 0\n")
+    assert status.out.splitlines()[0] == (
+        "can0: can, up, ERROR-ACTIVE, 1000000 bit/s, transmit errors 0, receive errors 0, 0 frames/s, load 0 %"
+    )
 
 
 def test_a_preflight_then_the_wheels_turn_on_real_cards_at_one_megabit(stage, robby, drives, listen):
@@ -141,3 +145,19 @@ def test_an_unplugged_card_is_named_stops_the_robot_and_is_found_again(stage, ro
     assert eventually(lambda: at(hears, 10.0), PATIENCE_S)
     assert robby.commander.running
     robby.end()
+
+
+def test_the_kernels_sync_goes_over_the_wire_comes_back_and_leads_the_cycle(stage, robby, drives, listen):
+    hears = listen("can1", SYNC, 0x280 + LEFT, 0x280 + RIGHT)
+    robby = Robot(stage, robby, "led", "--full-speed", "--kernel-sync")
+    assert eventually(lambda: at(hears, 10.0), PATIENCE_S)
+    since = len(hears.of(SYNC))
+    assert eventually(lambda: len(hears.of(SYNC)) > since + 20, PATIENCE_S)
+    times = [when for when, _ in hears.of(SYNC)][since:]
+    gaps = [after - before for before, after in itertools.pairwise(times)]
+    assert statistics.median(gaps) == pytest.approx(scaled(0.02), rel=0.02)
+    assert not robby.told("no SYNC comes from the kernel")
+    assert robby.status()["state"] == "running"
+    robby.end()
+    count = len(hears.of(SYNC))
+    assert not eventually(lambda: len(hears.of(SYNC)) > count + 1, scaled(0.1)), "it ends with the run"
