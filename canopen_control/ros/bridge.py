@@ -87,11 +87,13 @@ class Bridge:
 
     def _start_ros(self, namespace: str, ros_arguments: list[str]) -> None:
         try:
-            from canopen_control.ros.rcl import start
-
-            self._context, self._node = start(NODE_NAME, namespace, ros_arguments)
+            from canopen_control.ros.rcl import in_words, start
         except Exception as error:
             raise CanopenError(f"ROS 2 could not be started: {error}") from error
+        try:
+            self._context, self._node = start(NODE_NAME, namespace, ros_arguments)
+        except Exception as error:
+            raise CanopenError(f"ROS 2 could not be started: {in_words(error)}") from error
         given = Options(self._arguments.rate, self._arguments.tf, self._frame_prefix())
         self._options = with_parameters(self._node, given)
 

@@ -17,6 +17,7 @@ __all__ = [
     "Node",
     "QoSProfile",
     "ReliabilityPolicy",
+    "in_words",
     "make_executor",
     "qos_profile_system_default",
     "single_threaded_executor",
@@ -37,10 +38,18 @@ ReliabilityPolicy = _qos.ReliabilityPolicy
 qos_profile_system_default = _qos.qos_profile_system_default
 
 
+def in_words(error: Exception) -> str:
+    """Return what rclpy raised as one line; the list of arguments that it did not know says what it is."""
+    text = " ".join(str(error).split())
+    return f"it knows no arguments {text}" if type(error).__name__ == "UnknownROSArgsError" else text
+
+
 def start(name: str, namespace: str, arguments: list[str]) -> tuple[Context, Node]:
     """Make a context that leaves signals alone, and a node; whatever rclpy raises."""
     rclpy = importlib.import_module("rclpy")
     context = importlib.import_module("rclpy.context").Context()
+    if namespace.strip("/"):  # what is wrong with it is told before a node is half made
+        importlib.import_module("rclpy.validate_namespace").validate_namespace(f"/{namespace.strip('/')}")
     signals = importlib.import_module("rclpy.signals").SignalHandlerOptions
     rclpy.init(args=arguments, context=context, signal_handler_options=signals.NO)
     return context, rclpy.create_node(name, context=context, namespace=namespace)

@@ -125,6 +125,22 @@ def test_a_parameter_that_does_not_fit_is_one_sentence(number):
     assert output.startswith("canopen-control: parameter cmd_vel_type is 'Quaternion'; there are: auto, Twist")
 
 
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--ros-args", "--bogus"], "it knows no arguments ['--bogus']"),
+        (["--namespace", "9x"], "namespace must not have a token that starts with a number"),
+    ],
+)
+def test_what_ros_does_not_take_is_one_line(number, arguments, words):
+    with ros.FakeRobot(), ros.bridge(number, *arguments) as process:
+        output, _ = process.communicate(timeout=ros.PATIENCE)
+    assert process.returncode == 1
+    assert output.startswith("canopen-control: ROS 2 could not be started: ")
+    assert words in output
+    assert output.count("\n") == 1
+
+
 def test_the_frames_of_two_robots_in_one_graph_have_their_namespaces(number):
     with (
         ros.FakeRobot("one") as one,
