@@ -9,6 +9,7 @@ names of --config or --eds. STOP is no safety function (ISO 13850).
 from __future__ import annotations
 
 import importlib.util
+import os
 import sys
 from typing import TYPE_CHECKING
 
@@ -24,6 +25,7 @@ __all__ = ["EXAMPLE", "add_arguments", "run"]
 EXAMPLE = """canopen-control monitor
          canopen-control monitor --can can0 --config robby
          canopen-control monitor --can can0 --eds 3=TMCM-1270.eds"""
+NICENESS = 5  # the robot goes first
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -55,6 +57,7 @@ def run(args: argparse.Namespace) -> int:
         raise ConfigError("the monitor needs a terminal; for a script: canopen-control status --json")
     from canopen_control.monitor.app import MonitorApp
 
+    os.nice(NICENESS)
     MonitorApp(source).run()
     return 0
 

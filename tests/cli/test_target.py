@@ -1,11 +1,12 @@
 import argparse
 
 import pytest
-from support.onbus import TMCM, OnBus
+from support.onbus import GENERIC, TMCM, OnBus
 
 from canopen_control.cli import target
-from canopen_control.cli.target import Place, RobotTarget, find_eds, parse_node_id, robot_on, seconds
+from canopen_control.cli.target import BusTarget, Place, RobotTarget, find_eds, parse_node_id, robot_on, seconds
 from canopen_control.errors import ConfigError, RemoteError
+from canopen_control.frame import CanFrame
 
 LISTING = {
     "buses": {"can": {"channel": "local:robby", "node_id": 1}},
@@ -126,3 +127,13 @@ def test_seconds_are_above_0_and_at_most_a_minute(text):
     with pytest.raises(argparse.ArgumentTypeError, match="seconds are wanted"):
         seconds(text)
     assert seconds("0.5") == 0.5
+
+
+def test_the_progress_of_a_transfer_is_what_its_client_knows(private_folders):
+    with OnBus("memory:progress", {5: GENERIC}), BusTarget("memory:progress") as target:
+        place = target.place("5")
+        assert target.progress(place) == (0, None)
+        client = target.bus.client(5)
+        client.read(0x1008, now=0)
+        client.receive(CanFrame(0x585, bytes.fromhex("410810000A000000")), 0)
+        assert target.progress(place) == (0, 10)
