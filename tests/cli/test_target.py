@@ -135,5 +135,6 @@ def test_the_progress_of_a_transfer_is_what_its_client_knows(private_folders):
         assert target.progress(place) == (0, None)
         client = target.bus.client(5)
         client.read(0x1008, now=0)
+        client.frames()  # the request has left
         client.receive(CanFrame(0x585, bytes.fromhex("410810000A000000")), 0)
         assert target.progress(place) == (0, 10)
