@@ -40,6 +40,7 @@ def test_a_run_on_virtual_drives_in_this_process(capsys):
         (["robby", "--kernel-sync"], "--kernel-sync: the kernel cannot send SYNC on local:robby"),
         (["robby", "--kernel-sync", "--can", "pcan:PCAN_USBBUS1"], "a SocketCAN interface such as --can vcan0"),
         (["robby", "--kernel-sync", "--mock"], "--kernel-sync: there is no bus"),
+        (["robby", "--mock", "--cpu", "4000"], "--cpu 4000: this process may run on the processors"),
         (["robby", "--can", "nonsense"], "nonsense"),
         (["robby", "--can", "left=can0"], "left"),
         (["robby", "--mock", "--namespace", "two"], "start it with --ros"),
@@ -73,6 +74,17 @@ def test_a_duration_must_be_a_time():
     with pytest.raises(SystemExit) as caught:
         parse("robby", "--duration", "0")
     assert caught.value.code == 2
+
+
+def test_real_time_is_off_or_has_a_priority_below_that_of_interrupts(capsys):
+    assert parse("robby").realtime is None
+    assert parse("robby", "--realtime").realtime == 40
+    assert parse("robby", "--realtime", "70").realtime == 70
+    for wrong in ("0", "100", "high"):
+        with pytest.raises(SystemExit) as ended:
+            parse("--realtime", wrong)
+        assert ended.value.code == 2
+        assert "1 to 99" in capsys.readouterr().err
 
 
 def test_ros_is_off_unless_it_is_asked_for():
