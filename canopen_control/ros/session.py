@@ -103,8 +103,8 @@ class Session:
         """Return what each node has, stop verbs and all."""
         targets, lifecycles = Targets(), list[Lifecycle]()
 
-        def lifecycle(node: NodeView) -> Endpoint:
-            lifecycles.append(Lifecycle(self, node.path(""), node.name))
+        def lifecycle(path: str, node: str | None = None) -> Endpoint:
+            lifecycles.append(Lifecycle(self, path, node))
             return lifecycles[-1]
 
         wanted: list[Callable[[], Endpoint]] = [lambda: MasterServices(self)] if nodes else []
@@ -112,8 +112,9 @@ class Session:
             wanted.append(partial(DriveTopics, self, node))
             wanted.append(partial(DriveServices, self, node, targets))
             if node.lifecycle:
-                wanted.append(partial(lifecycle, node))
+                wanted.append(partial(lifecycle, node.path(""), node.name))
         if self._options.lifecycle or any(node.lifecycle for node in nodes):
+            wanted.append(partial(lifecycle, "master"))
             wanted.append(lambda: Lifecycle(self, "/lifecycle_manager", members=lifecycles))
         return wanted
 

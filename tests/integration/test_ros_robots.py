@@ -9,13 +9,14 @@ from types import SimpleNamespace
 import pytest
 from support import ros
 from support.processes import DriveProbe, Stage
-from support.robots import copy_robby
+from support.robots import PATIENT_ROBBY, copy_robby
 
 pytestmark = pytest.mark.ros
 TRIGGER, TWIST, TF = "std_srvs/srv/Trigger", "geometry_msgs/msg/Twist", "tf2_msgs/msg/TFMessage"
 ARRAY, JOINTS, ODOMETRY = "std_msgs/msg/Float64MultiArray", "sensor_msgs/msg/JointState", "nav_msgs/msg/Odometry"
 DONE = {"success": True, "message": ""}
 BUS = {
+    **PATIENT_ROBBY,
     'driver: "ros2_canopen::Cia402Driver"': 'driver: "ros2_canopen::LifecycleCia402Driver"',
     "  right_drive:\n    node_id: 2\n": "  right_drive:\n    node_id: 2\n    namespace: /arm\n"
     '    remappings: {"~/init": "/arm/begin", "~/nmt_state": "nmt"}\n',
@@ -29,7 +30,8 @@ def scene(tmp_path_factory):
     folder = tmp_path_factory.mktemp("two")
     folder.chmod(0o700)
     (folder / "bridge.yaml").write_text(PARAMETERS)
-    (folder / "second").mkdir()  # `robby` beside the programs would be the one that is meant
+    first = copy_robby(folder, bus=PATIENT_ROBBY)
+    (folder / "second").mkdir()
     second = copy_robby(folder / "second", bus=BUS)
     theirs = ["-p", "rate:=20.0", "-r", "joint_states:=wheels", "--params-file", folder / "bridge.yaml"]
     with pytest.MonkeyPatch.context() as patch, ros.domain() as number:
@@ -38,7 +40,7 @@ def scene(tmp_path_factory):
         stage = Stage(folder, folder)
         environment = {**ros.ros_environment(number), "_ROS_WHEELS_BOOTSTRAP_COMPLETE": "1"}
         common = ["--ros", "--namespace"]
-        one = stage.start("run", "robby", "--name", "one", "--can", "local:one", *common, "one", **environment)
+        one = stage.start("run", first, "--name", "one", "--can", "local:one", *common, "one", **environment)
         two = stage.start(
             "run", second, "--name", "two", "--can", "local:two", "--controller", "robby_base_controller",
             *common, "/two", "--ros-args", *theirs, **environment,
@@ -210,7 +212,7 @@ def test_lifecycle_drivers_of_bus_yml_come_up_and_go_down_by_the_manager(scene, 
 
     for label in ("configure", "activate"):
         assert change("/lifecycle_manager", label)
-    assert state("/two/left_drive") == state("/arm/right_drive") == "active"
+    assert state("/two/left_drive") == state("/arm/right_drive") == state("/two/master") == "active"
     assert change("/lifecycle_manager", "deactivate")
     assert (state("/lifecycle_manager"), state("/two/left_drive")) == ("inactive", "unconfigured")
     assert ros.eventually(lambda: scene.drives["two"].power != "OPERATION_ENABLED")

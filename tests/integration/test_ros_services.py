@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import pytest
 from support import ros
 from support.processes import DriveProbe, Stage
+from support.robots import PATIENT_ROBBY, copy_robby
 
 pytestmark = pytest.mark.ros
 TRIGGER = "std_srvs/srv/Trigger"
@@ -24,7 +25,8 @@ def scene(tmp_path_factory):
         patch.setenv("XDG_STATE_HOME", str(folder / "state"))
         stage = Stage(folder, folder)
         environment = {**ros.ros_environment(number), "_ROS_WHEELS_BOOTSTRAP_COMPLETE": "1"}
-        robot = stage.start("run", "robby", "--ros", "--can", "local:services", **environment)
+        config = copy_robby(folder, bus=PATIENT_ROBBY)
+        robot = stage.start("run", config, "--ros", "--can", "local:services", **environment)
         robot.until("robby runs")
         drive = DriveProbe("services", 3)
         with ros.Peer(number, "--interfaces") as peer:

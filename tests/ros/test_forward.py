@@ -24,7 +24,6 @@ def test_every_quality_of_service_is_accepted(fresh):
     assert fresh.peer.order("publish", topic=TOPIC, of=TYPE, data={"data": [7.0, 7.0]}, rate=50)
     for number, qos in enumerate(("best_effort", "latched", "default"), 8):
         topic = TOPIC
-        fresh.peer.order("silence", topic=topic)
         fresh.peer.order("renew", topic=topic)
         fresh.peer.order("publish", topic=topic, of=TYPE, data={"data": [number, 7.0]}, qos=qos, rate=50)
         assert eventually(lambda wanted=[number, 7.0]: any(each["values"] == wanted for each in commands(fresh))), qos

@@ -15,7 +15,7 @@ def call(fresh, maker):
     return call
 
 
-@pytest.fixture(params=["/lifecycle_manager", "/left_drive"])
+@pytest.fixture(params=["/lifecycle_manager", "/master", "/left_drive"])
 def change(request, call):
     def change(number=0, label=""):
         wanted = {"id": number, "label": label}
@@ -43,7 +43,7 @@ def test_deactivating_stops_and_disables(fresh, change):
     assert change(CONFIGURE)
     assert change(ACTIVATE)
     assert change(label="deactivate")
-    if change.path == "/lifecycle_manager":
+    if change.path != "/left_drive":
         assert len(fresh.robot.commands("stop")) == 1
     else:
         assert fresh.robot.commands("axis") == [{"action": "disable", "node": "left_drive"}]

@@ -105,6 +105,11 @@ class Bench:
         self.reactor.close()
 
 
+#: edits of a bus.yml whose robot and drives bear a machine that is busy with other things for seconds
+PATIENT = {"heartbeat_multiplier: 5": "heartbeat_multiplier: 100"}
+PATIENT_ROBBY = {**PATIENT, "missed_syncs: 10": "missed_syncs: 500"}
+
+
 def copy_robby(folder, **edits):
     """Copy robby's files to `folder`, each `old: new` of `bus`, `controllers`, `description` replaced in its file."""
     names = {"bus": "bus.yml", "controllers": "ros2_controllers.yaml", "description": "robby.urdf.xacro"}

@@ -89,8 +89,12 @@ class Peer:
             self.node.destroy_timer(self.timers.pop(topic))
         publisher.publish(message)
         if rate is not None:
-            self.timers[topic] = self.node.create_timer(1 / rate, lambda: publisher.publish(message))
+            self.timers[topic] = self.node.create_timer(1 / rate, lambda: self._again(topic, publisher, message))
         self.say(done="publish", subscribers=publisher.get_subscription_count())
+
+    def _again(self, topic, publisher, message):
+        if self.publishers.get(topic) is publisher:  # else the timer was due already when it was renewed
+            publisher.publish(message)
 
     def silence(self, topic):
         self.node.destroy_timer(self.timers.pop(topic))
@@ -98,6 +102,8 @@ class Peer:
 
     def renew(self, topic):
         """Let the next publication be a new publisher's."""
+        if topic in self.timers:
+            self.node.destroy_timer(self.timers.pop(topic))
         if topic in self.publishers:
             self.node.destroy_publisher(self.publishers.pop(topic))
         self.say(done="renew")
