@@ -78,6 +78,8 @@ class EventLog:
 
     def drain(self) -> list[BusEvent]:
         """Return them, oldest first, and forget them."""
+        if not self._events:
+            return []
         events = list(self._events)
         self._events.clear()
         return events

@@ -226,20 +226,11 @@ class RemoteNode:
     def next_deadline(self) -> int | None:
         """Return when `tick` has something to do."""
         task = self._task.next_deadline() if self._task is not None else None
-        return min(
-            (
-                each
-                for each in (
-                    self.sdo.next_deadline(),
-                    task,
-                    self._retry_at,
-                    self._farewell_until,
-                    self.log.deadline,
-                )
-                if each is not None
-            ),
-            default=None,
-        )
+        earliest = self.sdo.next_deadline()
+        for each in (task, self._retry_at, self._farewell_until, self.log.deadline):
+            if each is not None and (earliest is None or each < earliest):
+                earliest = each
+        return earliest
 
     def age_ns(self, now: int) -> int | None:
         """Return how long ago the node gave a sign of life, None if never."""
