@@ -194,8 +194,8 @@ class _CtypesAlarm:
             raise OSError(ctypes.get_errno(), "timerfd_create")
         # struct itimerspec: interval seconds and nanoseconds (always 0), value seconds and nanoseconds
         self._spec = (ctypes.c_long * 4)()
-        self._settime.argtypes = [ctypes.c_int, ctypes.c_int, ctypes.POINTER(ctypes.c_long * 4), ctypes.c_void_p]
-        self._spec_pointer = ctypes.pointer(self._spec)
+        self._settime.argtypes = [ctypes.c_int, ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p]
+        self._spec_address = ctypes.addressof(self._spec)
 
     def fileno(self) -> int:
         return self._fd
@@ -203,7 +203,7 @@ class _CtypesAlarm:
     def set(self, deadline_ns: int | None) -> None:
         seconds, nanoseconds = divmod(0 if deadline_ns is None else max(deadline_ns, 1), _SECOND_NS)
         self._spec[2], self._spec[3] = seconds, nanoseconds
-        self._settime(self._fd, _TFD_TIMER_ABSTIME, self._spec_pointer, None)
+        self._settime(self._fd, _TFD_TIMER_ABSTIME, self._spec_address, None)
 
     def close(self) -> None:
         os.close(self._fd)
