@@ -2,21 +2,40 @@
 
 from __future__ import annotations
 
-from typing import Final
+import os
+from typing import TYPE_CHECKING, Final
 
 from canopen_control.monitor.picture import Tone
 from canopen_control.trace.decoder import Mark
 
-__all__ = ["CSS", "MARK_STYLES", "TONE_STYLES"]
+if TYPE_CHECKING:
+    from collections.abc import Mapping
 
-TONE_STYLES: Final = {
+__all__ = ["CSS", "MARK_STYLES", "TONE_STYLES", "tone_styles"]
+
+_COLOURS: Final = {
     Tone.PLAIN: "",
     Tone.GOOD: "green",
     Tone.IDLE: "bright_black",
     Tone.WARN: "yellow",
     Tone.BAD: "bold red",
 }
-MARK_STYLES: Final = {Mark.PLAIN: "", Mark.NOTABLE: "cyan", Mark.WARNING: "yellow", Mark.ERROR: "bold red"}
+#: without colours a red would become a dark grey: what is bad must stand out nevertheless
+_PLAIN: Final = {Tone.PLAIN: "", Tone.GOOD: "", Tone.IDLE: "", Tone.WARN: "bold", Tone.BAD: "bold reverse"}
+
+
+def tone_styles(environment: Mapping[str, str]) -> dict[Tone, str]:
+    """Return the style of each tone; without colours where NO_COLOR says so."""
+    return _PLAIN if environment.get("NO_COLOR") else _COLOURS
+
+
+TONE_STYLES: Final = tone_styles(os.environ)
+MARK_STYLES: Final = {
+    Mark.PLAIN: TONE_STYLES[Tone.PLAIN],
+    Mark.NOTABLE: "bold",
+    Mark.WARNING: TONE_STYLES[Tone.WARN],
+    Mark.ERROR: TONE_STYLES[Tone.BAD],
+}
 
 CSS: Final = """
 Screen { layout: vertical; }
