@@ -32,6 +32,17 @@ def test_robby_is_two_wheels_on_a_body():
     assert (tyre.shape, tyre.size, tyre.color) == ("cylinder", (0.035, 0.02), (26, 26, 26))
 
 
+@pytest.mark.parametrize(
+    "path", sorted(data_path("config", "robby").parent.glob("*/*.urdf*")), ids=lambda path: path.name
+)
+def test_every_bundled_robot_can_be_drawn_whole(path):
+    description = read_description(path)
+    model = read_model(description.urdf_xml)
+    assert model.notes == ()
+    assert {joint.name for joint in model.joints} == set(description.joints)
+    assert set(model.visuals) == set(description.links)
+
+
 def test_parents_come_first_whatever_the_order_of_the_file():
     model = read_model(ARM)
     assert model.root == "base"
