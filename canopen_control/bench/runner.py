@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import importlib
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from canopen_control.bench.machine import describe
+from canopen_control.errors import CanopenError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -47,11 +48,12 @@ class Options:
 
 @dataclass(slots=True)
 class Report:
-    """What was measured, where and when."""
+    """What was measured, where and when; `failures` says why a family could not be."""
 
     machine: dict[str, Any]
     figures: dict[str, list[Figure]]
     quick: bool = False
+    failures: dict[str, str] = field(default_factory=dict)
 
     def short(self) -> list[Figure]:
         """Return the figures that are not what they must be; of a quick run what no busy machine changes."""
@@ -64,7 +66,8 @@ class Report:
     def write(self, path: Path) -> None:
         """Write it as JSON."""
         figures = {name: [each.as_dict() for each in figures] for name, figures in self.figures.items()}
-        path.write_text(json.dumps({"machine": self.machine, "quick": self.quick, "figures": figures}, indent=2) + "\n")
+        found = {"machine": self.machine, "quick": self.quick, "figures": figures, "failures": self.failures}
+        path.write_text(json.dumps(found, indent=2) + "\n")
 
     def __str__(self) -> str:
         machine = self.machine
@@ -76,6 +79,7 @@ class Report:
                 f"before the run: load {machine['load']}, {'?' if idle is None else f'{idle:.0%}'} idle{busy}; "
                 f"niceness {machine['nice']}",
                 *(f"\n{name}\n{table(figures)}" for name, figures in self.figures.items() if figures),
+                *(f"\n{name}\n  FAILED: {text}" for name, text in self.failures.items()),
             ]
         )
 
@@ -85,7 +89,10 @@ def run_families(names: Sequence[str], options: Options) -> Report:
     report = Report(describe(), {}, options.quick)
     for name in names:
         options.say(f"{name}: {FAMILIES[name]}")
-        report.figures[name] = module_of(name).measure(options)
+        try:
+            report.figures[name] = module_of(name).measure(options)
+        except CanopenError as error:
+            report.failures[name] = str(error)
     return report
 
 

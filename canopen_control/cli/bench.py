@@ -53,7 +53,7 @@ def run(args: argparse.Namespace) -> int:
     short = report.short()
     for each in short if args.check else ():
         print(f"short: {each.name}: {each.judged:.3g}, must be {each.direction} {each.limit:g}", file=sys.stderr)
-    return 1 if args.check and short else 0
+    return 1 if report.failures or (args.check and short) else 0
 
 
 def _be_nice(niceness: int) -> None:

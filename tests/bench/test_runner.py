@@ -1,11 +1,13 @@
 """The runner: a table with verdicts, JSON, and only ratios judged when it was quick."""
 
 import json
+from types import SimpleNamespace
 
 import pytest
 
 from canopen_control.bench import runner
 from canopen_control.bench.figure import compared, limited
+from canopen_control.errors import CanopenError
 
 MACHINE = {"machine": "2 x M", "kernel": "K", "python": "P", "date": "D", "nice": 0, "load": 0.1, "idle": 0.5}
 
@@ -29,6 +31,18 @@ def test_what_is_short_is_marked_and_returned():
 
 def test_a_quick_run_judges_ratios_only():
     assert [each.name for each in report(quick=True).short()] == ["slow"]
+
+
+def test_a_family_that_fails_does_not_take_the_others_with_it(monkeypatch):
+    def fail(_options):
+        raise CanopenError("a frame is missing")
+
+    modules = {"load": SimpleNamespace(measure=fail), "boot": SimpleNamespace(measure=lambda _options: [])}
+    monkeypatch.setattr(runner, "module_of", modules.__getitem__)
+    found = runner.run_families(["load", "boot"], runner.Options())
+    assert found.failures == {"load": "a frame is missing"}
+    assert found.figures == {"boot": []}
+    assert "FAILED: a frame is missing" in str(found)
 
 
 def test_json_has_everything(tmp_path):
