@@ -7,6 +7,7 @@ import math
 import pytest
 from support import ros
 from support.launch_stub import launched
+from support.robots import PATIENT_ROBBY, copy_robby
 
 pytestmark = pytest.mark.ros
 TWIST, ODOMETRY, JOINTS = "geometry_msgs/msg/Twist", "nav_msgs/msg/Odometry", "sensor_msgs/msg/JointState"
@@ -15,7 +16,11 @@ PER_RADIAN = 1600 / (2 * math.pi)  # microsteps
 
 @pytest.fixture
 def launch(stage):
-    """Return what starts the processes of a launch file; yields its ROS programs a domain."""
+    """Return what starts the processes of a launch file; yields its ROS programs a domain.
+
+    The `robby` beside them is the bundled one, but bears a busy machine.
+    """
+    copy_robby(stage.place, bus=PATIENT_ROBBY, controllers={"cmd_vel_timeout: 0.5": "cmd_vel_timeout: 3.0"})
     with ros.domain() as number:
         environment = ros.ros_environment(number)
         environment["_ROS_WHEELS_BOOTSTRAP_COMPLETE"] = "1"
