@@ -27,8 +27,11 @@ EXAMPLE = "canopen-control bench cycle --json cycle.json"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    families = "; ".join(f"{name}: {text}" for name, text in FAMILIES.items())
-    parser.add_argument("family", nargs="*", type=_family, metavar="FAMILY", help=f"{families}; all (default: cycle)")
+    families = "\n".join(f"  {name:<10} {text}" for name, text in FAMILIES.items())
+    parser.epilog = f"families:\n{families}\n\n{parser.epilog or ''}"
+    parser.add_argument(
+        "family", nargs="*", type=_family, metavar="FAMILY", help="of those below, or all (default: cycle)"
+    )
     parser.add_argument(
         "--quick", action="store_true", help="short runs; judges what no busy machine changes: ratios and counts"
     )
