@@ -1,4 +1,5 @@
 import os
+import sys
 
 import pytest
 
@@ -8,6 +9,8 @@ from canopen_control.host.sockets import runtime_dir
 from canopen_control.runtime.files import find_robot
 from canopen_control.runtime.session import RunOptions, Session
 from canopen_control.runtime.setup import read_robot
+
+LINUX = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="scheduling policies are Linux's")
 
 
 def setup(name, channel):
@@ -56,3 +59,31 @@ def test_the_page_is_a_client_that_is_started_when_the_boot_is_over(monkeypatch)
     assert session.reactor.run_until(lambda: started, 3_000_000_000)
     assert started == [("view", ["canopen_control", "view", "--name", "page", "--teleop"])]
     session.close()
+
+
+@LINUX
+def test_a_processor_of_its_own_is_the_robots_and_not_its_childrens(monkeypatch):
+    everywhere = os.sched_getaffinity(0)
+    one = min(everywhere)
+    session = Session(setup("pinned", "memory:pin"), RunOptions(cpu=one))
+    started = []
+    monkeypatch.setattr(session.supervisor, "start_drives", lambda _setup: started.append(os.sched_getaffinity(0)))
+    try:
+        session.start()
+        assert started == [everywhere]
+        assert os.sched_getaffinity(0) == {one}
+        assert [event.text for event in session.robot.events.recent if event.kind == "realtime"] == [
+            f"runs on processor {one}"
+        ]
+        session.supervisor.start_client("later", ["platform"])
+        assert os.sched_getaffinity(session.supervisor.pids["later"]) == everywhere
+    finally:
+        session.close()
+    assert os.sched_getaffinity(0) == everywhere
+
+
+@LINUX
+def test_what_is_refused_ends_the_run_before_there_is_anything_of_it():
+    with pytest.raises(RobotConfigError, match="--cpu 4000"):
+        Session(setup("refused", "memory:refused"), RunOptions(cpu=4000))
+    assert list(runtime_dir().glob("robot-*.sock")) == []
