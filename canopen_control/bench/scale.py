@@ -111,9 +111,11 @@ def _on_the_wire(arena: Arena, seconds: float) -> Figure:
         ask_hub(arena.buses[0], "bitrate", bitrate=0)
     lost = [f"{name}: {node['error']}" for name, node in status["nodes"].items() if not node["ready"] or node["error"]]
     said = [event["text"] for event in status["events"]]
+    if hub["dropped"]:
+        lost.append(f"the hub dropped {hub['dropped']} frames")
     if lost or status["state"] != "running":
         raise CanopenError(
-            f"{arena.count} drives, each {period_us} us: {status['state']}, {'; '.join([*lost, *said][-3:])}"
+            f"{arena.count} drives, each {period_us} us: {status['state']}, {'; '.join(lost[:3] or said[-3:])}"
         )
     return limited(
         f"{arena.count} drives at 1 Mbit/s, each {period_us / 1000:g} ms: TPDOs of those due",
@@ -125,7 +127,6 @@ def _on_the_wire(arena: Arena, seconds: float) -> Figure:
             **absolutes_of([turn]),
             "core %": round(100 * turn.cpu_ns / turn.wall_ns, 1),
             "bus load": round(hub["load"] or 0.0, 2),
-            "dropped": hub["dropped"],
             **{f"period at {rate // 1000}k ms": period / 1000 for rate, period in periods.items()},
         },
     )

@@ -5,6 +5,7 @@ import pytest
 from canopen_control.bench import scale
 from canopen_control.bench.cycle import Arena
 from canopen_control.bench.stage import stage
+from canopen_control.errors import CanopenError
 
 
 @pytest.mark.parametrize(
@@ -20,4 +21,16 @@ def test_two_drives_on_a_bus_of_one_megabit_lose_no_tpdo():
     with stage() as played:
         figure = scale._on_the_wire(Arena(played, 2, 10_000, base=False), 1.0)
     assert figure.good, figure
-    assert figure.absolutes["dropped"] == 0
+
+
+def test_a_dropped_frame_is_seen(monkeypatch):
+    asked = scale.ask_hub
+
+    def with_a_fault(bus, method, **params):
+        if params.get("bitrate"):
+            asked(bus, "drop", can_id=0x283, count=1)
+        return asked(bus, method, **params)
+
+    monkeypatch.setattr(scale, "ask_hub", with_a_fault)
+    with stage() as played, pytest.raises(CanopenError, match="the hub dropped"):
+        scale._on_the_wire(Arena(played, 2, 10_000, base=False), 0.5)
