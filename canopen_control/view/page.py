@@ -76,7 +76,8 @@ class Page:
         gui.add_html(STYLE)
         self._head = _Html(gui, head(self._robot, welcome.status))
         self._stop = StopControls(gui, robot)
-        self._alarm = _Html(gui, alarm(welcome.status))
+        load = {name: bus["load"] for name, bus in welcome.status["buses"].items()}
+        self._alarm = _Html(gui, alarm(welcome.status | {"load": load}))  # as the stream has it: nothing jumps later
         follow = gui.add_checkbox("Camera follows", initial_value=True, hint="keep the robot in the middle")
         follow.on_update(lambda _event: self._scene.follow_robot(follow.value))
         DriveControls(gui, robot, list(welcome.status["nodes"]))

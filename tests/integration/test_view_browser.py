@@ -181,7 +181,7 @@ def test_closing_the_page_while_driving_stops_the_robot(show, keep):
 
 
 def test_letting_go_of_the_button_stops_the_robot(show):
-    show = show("vlet", "--controller", DIFF_DRIVE, teleop=True, size=(1000, 800))
+    show = show("vlet", "--controller", DIFF_DRIVE, teleop=True, size=(1200, 900))
     page = show.page()
     page.press("Forward")
     show.turning(3.0)

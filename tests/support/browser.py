@@ -74,6 +74,7 @@ class RobotPage:
         self.page.wait_for_function(f"path => !!({_NODE})(path)", arg=LEFT_WHEEL)
         # Without a graphics card the first picture takes a busy machine many seconds, and nothing else is done then.
         self.page.evaluate("() => new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
+        self.page.wait_for_timeout(1500)  # nothing moves on it any more: a button that slides away is let go
         return self
 
     def tidy(self) -> None:
