@@ -47,7 +47,7 @@ def test_keys_move_the_base_and_ctrl_c_leaves_it_standing(terminal, capsys):
             assert commands(robot)[0] == -commands(robot)[1]
             terminal.write(b"\x03")
 
-        with in_background(user):
+        with in_background(user, terminal.close):
             assert main(["teleop"]) == 0
         eventually(lambda: stopped(robot))
     said = capsys.readouterr().out
@@ -62,7 +62,7 @@ def test_without_a_base_controller_two_wheels_are_driven_in_their_own_units(term
         eventually(lambda: commands(mock_robot) == [3.0, -3.0])
         terminal.write(b"\x03")
 
-    with in_background(user):
+    with in_background(user, terminal.close):
         assert main(["teleop", "--turn", "3"]) == 0
     eventually(lambda: stopped(mock_robot), 1.0)
     assert f"{FORWARD} (no base controller is active" in capsys.readouterr().out
@@ -77,7 +77,7 @@ def test_a_tapped_key_stops_by_itself(terminal, mock_robot):
         assert time.monotonic() - begin < 1.5  # the controller's own timeout is 2 s: it is teleop that stops
         terminal.write(b"\x04")
 
-    with in_background(user):
+    with in_background(user, terminal.close):
         assert main(["teleop", "--tap", "0.3"]) == 0
 
 
@@ -95,7 +95,7 @@ def test_whatever_ends_it_sends_zeros(terminal, mock_robot, leave):
         if not terminal.closed:
             terminal.write(b"\x03")
 
-    with in_background(user):
+    with in_background(user, terminal.close):
         assert main(["teleop", "--tap", "60"]) == 0
 
 

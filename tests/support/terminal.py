@@ -21,8 +21,8 @@ def typed(monkeypatch):
 
 
 @contextlib.contextmanager
-def in_background(work):
-    """Run `work` on a thread while this one is busy; what it raised is raised at the end."""
+def in_background(work, on_failure=lambda: None):
+    """Run `work` on a thread while this one is busy; what it raised is raised at the end, after `on_failure`."""
     failed = []
 
     def guarded():
@@ -30,6 +30,7 @@ def in_background(work):
             work()
         except (Exception, AssertionError) as error:  # noqa: BLE001 - raised again below
             failed.append(error)
+            on_failure()
 
     thread = threading.Thread(target=guarded)
     thread.start()
