@@ -26,9 +26,10 @@ def gaps(listener, since=0.0):
 
 
 def silent(listener, seconds):
-    count = len(listener.of(SYNC))
+    """Whether no SYNC is sent any more, by the kernel's times: a busy listener may hear earlier ones late."""
+    begin = time.time()
     time.sleep(seconds)
-    return len(listener.of(SYNC)) - count <= 1  # one may have been under way
+    return not [when for when, _ in listener.of(SYNC) if when > begin]
 
 
 def test_the_kernel_keeps_the_period_takes_another_one_and_ends_when_it_is_closed(vcan, listen):
@@ -106,8 +107,8 @@ def test_a_robot_follows_the_kernels_sync_and_stops_it_at_the_end(stage, robby, 
     since = time.time()
     assert eventually(lambda: len(gaps(hears, since)) > 40, PATIENCE_S)
     assert statistics.median(gaps(hears, since)) == pytest.approx(scaled(0.02), rel=0.02)
-    most = sorted(gaps(hears, since))[: -max(1, len(gaps(hears, since)) // 20)]  # the guest itself may be held up
-    assert max(most) < 1.5 * scaled(0.02), "by the kernel, not by a busy Python"
+    found = sorted(gaps(hears, since))
+    assert found[len(found) * 3 // 4] < 1.1 * scaled(0.02), "by the kernel; the guest itself may be held up at times"
     syncs = [when for when, _ in hears.of(SYNC)]
     phases = [(when - syncs[0]) % scaled(0.02) / scaled(0.02) for when, _ in hears.of(0x200 + LEFT)][-20:]
     assert 0.4 < statistics.median(phases) < 0.75, "RPDOs go out in the middle between two SYNCs"
