@@ -32,6 +32,7 @@ __all__ = ["EDS", "Contender", "Stage", "stage"]
 
 EDS = str(data_path("eds", "TMCM-1270.eds"))
 PATIENCE_S = 60.0
+_DOMAINS = 100  # of ROS: two benches on one machine, or tests, do not hear each other
 _SLOWEST_NS = 10_000_000  # of a free-running cycle
 
 
@@ -209,11 +210,18 @@ def ask_hub(bus: str, method: str, **params: object) -> Any:  # noqa: ANN401 - a
 @contextlib.contextmanager
 def stage() -> Iterator[Stage]:
     """Set a stage up, in folders that only it uses, and leave nothing of it."""
-    names = ("XDG_RUNTIME_DIR", "XDG_STATE_HOME", "_ROS_WHEELS_BOOTSTRAP_COMPLETE", "ROS_AUTOMATIC_DISCOVERY_RANGE")
+    names = (
+        "XDG_RUNTIME_DIR",
+        "XDG_STATE_HOME",
+        "_ROS_WHEELS_BOOTSTRAP_COMPLETE",
+        "ROS_AUTOMATIC_DISCOVERY_RANGE",
+        "ROS_DOMAIN_ID",
+    )
     kept = {name: os.environ.get(name) for name in names}
     with tempfile.TemporaryDirectory(prefix="bench-") as folder:
         os.environ.update(XDG_RUNTIME_DIR=folder, XDG_STATE_HOME=f"{folder}/state")
         os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+        os.environ.setdefault("ROS_DOMAIN_ID", str(1 + os.getpid() % _DOMAINS))
         played = Stage(Path(folder))
         try:
             yield played
