@@ -7,10 +7,10 @@ and what the robot answers is told. STOP has priority over whatever has the focu
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import re
 import threading
 import time
+from collections import deque
 from typing import TYPE_CHECKING, Any, ClassVar, Final
 
 from rich.text import Text
@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from textual.app import ComposeResult
+    from textual.notifications import SeverityLevel
 
     from canopen_control.bus.port import Port
     from canopen_control.monitor.picture import LogLine, Picture
@@ -83,6 +84,7 @@ class MonitorApp(App[None]):
             for name in _TABS
             if name != "identifiers"
         }
+        self._told: deque[tuple[str, SeverityLevel]] = deque()  # what threads have to say, until it is shown
         self._watched: list[BusTap] = []
         self._lines: LineWriter | None = None
 
@@ -115,6 +117,9 @@ class MonitorApp(App[None]):
     def refresh_picture(self) -> None:
         """Draw what has changed."""
         self.source.tick()
+        while self._told:
+            text, severity = self._told.popleft()
+            self.notify(text, severity=severity, markup=False)
         self._watch(self.source.taps)
         picture = self.source.picture()
         self._show_head(picture)
@@ -235,16 +240,12 @@ class MonitorApp(App[None]):
             try:
                 self.source.command(method, params)
             except CanopenError as error:
-                self._tell(f"{what}: {error}", "error")
+                self._told.append((f"{what}: {error}", "error"))
             else:
-                self._tell(f"{what}: done", "information")
+                self._told.append((f"{what}: done", "information"))
 
         # Not one of textual's workers: those are few, and a STOP may not wait for the others.
         threading.Thread(target=ask, name=what, daemon=True).start()
-
-    def _tell(self, text: str, severity: Any) -> None:  # noqa: ANN401 - textual's literal type
-        with contextlib.suppress(RuntimeError):  # the screen has been closed meanwhile
-            self.call_from_thread(self.notify, text, severity=severity, markup=False)
 
 
 class FilterLine(Input):

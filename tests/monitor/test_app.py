@@ -149,7 +149,11 @@ def test_a_refusal_is_told_as_it_is():
     async def check(app, pilot, source):
         await pilot.press("e")
         await asked(pilot, source)
-        await pilot.pause(0.1)
+        for _ in range(100):
+            app.refresh_picture()
+            if app._notifications:
+                break
+            await pilot.pause(0.01)
         (told,) = app._notifications
         assert told.message == "enable left: axis enable is refused [latched]: STOP"
         assert told.severity == "error"
