@@ -13,15 +13,13 @@ from typing import TYPE_CHECKING
 
 from canopen_control.cia301.nmt import NmtCommand
 from canopen_control.controllers.manager import ControllerManager
-from canopen_control.errors import BusError, CanopenError, ControlError, RobotConfigError
+from canopen_control.errors import BusError, CanopenError, ControlError
 from canopen_control.hardware.command_limits import CommandLimits
-from canopen_control.hardware.interfaces import InterfaceRegistry, ReturnType
+from canopen_control.hardware.interfaces import ReturnType
 from canopen_control.hardware.joint import Action
-from canopen_control.hardware.plugins import Kind, kind_of, made_up, transmitted
-from canopen_control.hardware.system import CanopenSystem
 from canopen_control.hardware.wheels import WheelGeometry
 from canopen_control.master.events import Event, EventLog, Level
-from canopen_control.runtime.bus import RobotBus
+from canopen_control.runtime.assembly import Assembly
 from canopen_control.runtime.latch import StopLatch
 from canopen_control.runtime.pacer import Pacer
 from canopen_control.runtime.request import AxisRequest, ProbeReading, begin_action
@@ -30,13 +28,11 @@ from canopen_control.runtime.wanted import load_controller, prepare_controllers
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from canopen_control.hardware.description import Ros2ControlSystem
-    from canopen_control.hardware.groups import StopGroup
     from canopen_control.hardware.interfaces import HardwareComponent
     from canopen_control.hardware.joint import JointDrive
     from canopen_control.host.reactor import Reactor
-    from canopen_control.master.cycle import ProcessImage
     from canopen_control.master.node import RemoteNode
+    from canopen_control.runtime.bus import RobotBus
     from canopen_control.runtime.setup import RobotSetup
 
 __all__ = ["RobotCore", "RobotState"]
@@ -75,13 +71,9 @@ class RobotCore:
         self.latch = StopLatch(self.report)
         self.pacer = Pacer(reactor, setup.cycle_ns, self._step)
         self._period = setup.cycle_ns / 1e9
-        self.registry = InterfaceRegistry()
-        self.buses: dict[str, RobotBus] = {}
-        self.nodes: dict[str, RemoteNode] = {}
-        self._bus_by_node: dict[str, RobotBus] = {}
-        self.joints: dict[str, JointDrive] = {}
-        self.systems: list[CanopenSystem] = []
-        self._groups: dict[str, StopGroup] = {}
+        made = Assembly(setup, reactor, self.report, self._on_bus_lost, self.pacer.lead)
+        self.registry, self.buses, self.nodes = made.registry, made.buses, made.nodes
+        self.joints, self.systems, self._bus_by_node = made.joints, made.systems, made.bus_by_node
         self.manager = ControllerManager(
             self.registry,
             setup.controllers.update_rate,
@@ -95,7 +87,6 @@ class RobotCore:
         self._deadline = 0
         self._stopping_until = 0
         self._requests: list[AxisRequest] = []
-        self._build()
         if setup.controllers.manager.enforce_command_limits:
             self.manager.limiter = CommandLimits(setup.description, self.registry)
         prepare_controllers(setup, self.manager, self.registry)
@@ -375,56 +366,6 @@ class RobotCore:
             known = ", ".join(joint.joint for joint in joints) or "none"
             raise ControlError(f"{name} has no joint {only!r}; there are: {known}")
         return meant
-
-    # ------------------------------------------------------------------------------------------- building
-
-    def _build(self) -> None:
-        setup = self.setup
-        needs_bus = False
-        for tag in setup.description.hardware:
-            kind = kind_of(setup.description, tag, mock=setup.mock, real=setup.real)
-            if kind is not Kind.CANOPEN:
-                self.registry.register(made_up(setup.description, tag, kind))
-                continue
-            if not needs_bus:
-                self._build_buses()
-            needs_bus = True
-            system = self._canopen_system(tag)
-            self.systems.append(system)
-            self.joints.update((joint.joint, joint) for joint in system.joints)
-            self.registry.register(transmitted(system, tag))
-        if not setup.description.hardware:
-            raise RobotConfigError(
-                f"{setup.files.description}: no <ros2_control> tag; it says which drive moves which joint"
-            )
-
-    def _canopen_system(self, description: Ros2ControlSystem) -> CanopenSystem:
-        try:
-            return CanopenSystem(description, self._nodes_with_image(), self.report, self._groups)
-        except RobotConfigError as error:
-            raise RobotConfigError(f"{self.setup.files.description}:{description.line}: {error}") from error
-
-    def _build_buses(self) -> None:
-        for name, config in self.setup.buses.items():
-            bus = RobotBus(
-                name,
-                self.setup.channels[name],
-                config,
-                self.reactor,
-                cycle_ns=self.setup.cycle_ns,
-                report=self.report,
-                on_lost=self._on_bus_lost,
-            )
-            if self.setup.kernel_sync:  # all buses have one period, and one of them leads the cycle
-                bus.leave_sync_to_kernel(None if self.buses else self.pacer.lead)
-            self.buses[name] = bus
-            self.nodes.update(bus.network.nodes)
-            self._bus_by_node.update(dict.fromkeys(bus.network.nodes, bus))
-
-    def _nodes_with_image(self) -> dict[str, tuple[RemoteNode, ProcessImage]]:
-        return {
-            name: (node, bus.network.image) for bus in self.buses.values() for name, node in bus.network.nodes.items()
-        }
 
     def _on_bus_lost(self, error: BusError) -> None:
         """End the run: a bus that is gone carries no stop, the drives stop when our heartbeat is missing."""

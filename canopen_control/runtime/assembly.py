@@ -1,0 +1,97 @@
+"""What a robot is made of, put together from its files: buses with their nodes, hardware components, joints.
+
+The law of this file: nothing is opened and nothing moves. Buses are made only where something of the description is on
+one; a tag that nobody can build is refused with the line it stands at.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from canopen_control.errors import RobotConfigError
+from canopen_control.hardware.interfaces import InterfaceRegistry
+from canopen_control.hardware.plugins import Kind, kind_of, made_up, transmitted
+from canopen_control.hardware.system import CanopenSystem
+from canopen_control.runtime.bus import RobotBus
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from canopen_control.errors import BusError
+    from canopen_control.hardware.description import Ros2ControlSystem
+    from canopen_control.hardware.groups import StopGroup
+    from canopen_control.hardware.joint import JointDrive
+    from canopen_control.host.reactor import Reactor
+    from canopen_control.master.events import Event
+    from canopen_control.master.node import RemoteNode
+    from canopen_control.runtime.setup import RobotSetup
+
+__all__ = ["Assembly"]
+
+
+@dataclass(slots=True)
+class Assembly:
+    """The parts by their names; `systems` are the components on buses. RobotConfigError for what cannot be built.
+
+    `report` takes the events of nodes and joints, `on_lost` the end of a bus, `lead` the SYNCs of the kernel where it
+    sends them.
+    """
+
+    setup: RobotSetup
+    reactor: Reactor
+    report: Callable[[Event], None]
+    on_lost: Callable[[BusError], None]
+    lead: Callable[[int], None]
+    registry: InterfaceRegistry = field(default_factory=InterfaceRegistry)
+    buses: dict[str, RobotBus] = field(default_factory=dict)
+    nodes: dict[str, RemoteNode] = field(default_factory=dict)
+    bus_by_node: dict[str, RobotBus] = field(default_factory=dict)
+    joints: dict[str, JointDrive] = field(default_factory=dict)
+    systems: list[CanopenSystem] = field(default_factory=list)
+    _groups: dict[str, StopGroup] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        setup = self.setup
+        if not setup.description.hardware:
+            raise RobotConfigError(
+                f"{setup.files.description}: no <ros2_control> tag; it says which drive moves which joint"
+            )
+        kinds = [
+            kind_of(setup.description, tag, mock=setup.mock, real=setup.real) for tag in setup.description.hardware
+        ]
+        if Kind.CANOPEN in kinds:
+            self._add_buses()
+        for tag, kind in zip(setup.description.hardware, kinds, strict=True):
+            if kind is Kind.CANOPEN:
+                self._add_system(tag)
+            else:
+                self.registry.register(made_up(setup.description, tag, kind))
+
+    def _add_buses(self) -> None:
+        setup = self.setup
+        for name, config in setup.buses.items():
+            bus = RobotBus(
+                name,
+                setup.channels[name],
+                config,
+                self.reactor,
+                cycle_ns=setup.cycle_ns,
+                report=self.report,
+                on_lost=self.on_lost,
+            )
+            if setup.kernel_sync:  # all buses have one period, and one of them leads the cycle
+                bus.leave_sync_to_kernel(None if self.buses else self.lead)
+            self.buses[name] = bus
+            self.nodes.update(bus.network.nodes)
+            self.bus_by_node.update(dict.fromkeys(bus.network.nodes, bus))
+
+    def _add_system(self, tag: Ros2ControlSystem) -> None:
+        nodes = {name: (node, self.bus_by_node[name].network.image) for name, node in self.nodes.items()}
+        try:
+            system = CanopenSystem(tag, nodes, self.report, self._groups)
+        except RobotConfigError as error:
+            raise RobotConfigError(f"{self.setup.files.description}:{tag.line}: {error}") from error
+        self.systems.append(system)
+        self.joints.update((joint.joint, joint) for joint in system.joints)
+        self.registry.register(transmitted(system, tag))
