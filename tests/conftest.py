@@ -59,7 +59,13 @@ def missing_browser():
     return None if os.access(CHROMIUM, os.X_OK) else f"no {CHROMIUM}: apt-get install chromium, or set CHROMIUM"
 
 
-MISSING = {"ros": missing_ros, "wheel": missing_wheel_tools, "browser": missing_browser, "socketcan": missing_socketcan, "tmux": missing_tmux}
+MISSING = {
+    "ros": missing_ros,
+    "wheel": missing_wheel_tools,
+    "browser": missing_browser,
+    "socketcan": missing_socketcan,
+    "tmux": missing_tmux,
+}
 
 
 def pytest_collection_modifyitems(items):

@@ -165,7 +165,8 @@ class RecordingWriter:
 class Recording:
     """A recording to be read, any number of times.
 
-    After a reading `skipped` counts what is no frame of classic CAN, and `problem` says why there is not more, if it should.
+    After a reading `skipped` counts what is no frame of classic CAN, and `problem` says why there is not more, if there
+    should be.
     ConfigError for a file that is not there, or whose name has another end.
     """
 

@@ -69,7 +69,8 @@ class Keyboard:
             data = os.read(self._fd, _CHUNK)
         except OSError:  # EIO: the other side of the terminal is closed
             data = b""
-        self.ended = self.ended or not data
+        if not data:
+            self.ended = True
         return data
 
     def _end(self, _number: int, _frame: FrameType | None) -> None:
