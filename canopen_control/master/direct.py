@@ -147,17 +147,17 @@ class DirectBus:
         cores = (client,)
         now = time.monotonic_ns()
         while True:
-            due = client.next_deadline()
-            if due is not None and due <= now:
-                client.tick(now)
-                due = client.next_deadline()
             if out := client.frames():
                 self.port.send(pack_records(out))
             if request.done:
                 return
-            self._wait(None if due is None else due - now)
-            now = time.monotonic_ns()
-            self._receive(cores, now)
+            due = client.next_deadline()
+            if due is not None and due <= now:
+                client.tick(now)  # what it sends, and when the next is due, shows in another round
+            else:
+                self._wait(None if due is None else due - now)
+                now = time.monotonic_ns()
+                self._receive(cores, now)
 
     # -- NMT
 
