@@ -19,6 +19,7 @@ from pathlib import Path
 
 from canopen_control.bench.runner import FAMILIES, Options, run_families
 from canopen_control.errors import ConfigError
+from canopen_control.host.signals import interrupt, on_signals
 
 __all__ = ["EXAMPLE", "add_arguments", "run"]
 
@@ -45,11 +46,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Measure and print; 1 with --check when something is short."""
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # what was started is ended then, as by Ctrl-C
     if args.nice is not None:
         _be_nice(args.nice)
     names = list(FAMILIES) if "all" in args.family or (args.quick and not args.family) else args.family or ["cycle"]
-    report = run_families(names, Options(args.quick, args.seconds, lambda text: print(text, file=sys.stderr)))
+    with on_signals((signal.SIGTERM,), interrupt):  # what was started is ended then, as by Ctrl-C
+        report = run_families(names, Options(args.quick, args.seconds, lambda text: print(text, file=sys.stderr)))
     print(report)
     if args.json is not None:
         report.write(args.json)

@@ -16,9 +16,10 @@ import termios
 from typing import TYPE_CHECKING, Any, Final
 
 from canopen_control.errors import ConfigError
+from canopen_control.host.signals import on_signals
 
 if TYPE_CHECKING:
-    from types import FrameType, TracebackType
+    from types import TracebackType
 
 __all__ = ["Keyboard"]
 
@@ -38,14 +39,14 @@ class Keyboard:
         self.ended = False
         self._fd = -1
         self._saved: list[Any] = []
-        self._handlers: dict[signal.Signals, Any] = {}
+        self._signals = contextlib.ExitStack()
 
     def __enter__(self) -> Keyboard:
         if not sys.stdin.isatty():
             raise ConfigError("keys are read from a terminal, and standard input is none; run it in a terminal")
         self._fd = sys.stdin.fileno()
         self._saved = termios.tcgetattr(self._fd)
-        self._handlers = {number: signal.signal(number, self._end) for number in _ENDING}
+        self._signals.enter_context(on_signals(_ENDING, self._end))
         changed = termios.tcgetattr(self._fd)
         changed[0] &= ~(termios.IXON | termios.ICRNL)
         changed[3] &= ~(termios.ICANON | termios.ECHO | termios.ISIG | termios.IEXTEN)
@@ -58,8 +59,7 @@ class Keyboard:
         self._say(_FOCUS_OFF)
         with contextlib.suppress(OSError, termios.error):  # the terminal has gone: nothing is left to restore
             termios.tcsetattr(self._fd, termios.TCSAFLUSH, self._saved)
-        for number, handler in self._handlers.items():
-            signal.signal(number, handler)
+        self._signals.close()
 
     def read(self, timeout: float) -> bytes:
         """Return what has been typed within `timeout` seconds, b"" when nothing was or it has ended."""
@@ -73,7 +73,7 @@ class Keyboard:
             self.ended = True
         return data
 
-    def _end(self, _number: int, _frame: FrameType | None) -> None:
+    def _end(self) -> None:
         self.ended = True
 
     def _say(self, sequence: str) -> None:

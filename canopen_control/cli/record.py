@@ -21,6 +21,7 @@ from canopen_control.cli.target import robot_on
 from canopen_control.cli.trace import positive_seconds
 from canopen_control.client import RobotClient, find_robots
 from canopen_control.errors import BusClosed, ConfigError
+from canopen_control.host.signals import on_signals
 from canopen_control.trace.listen import batches, open_listener
 
 if TYPE_CHECKING:
@@ -150,9 +151,8 @@ def record_frames(port: Port, path: str, seconds: float | None) -> Recorded:
         threading.Event(),
         begin,
     )
-    before = {number: signal.signal(number, lambda *_: stopping.set()) for number in _ENDS}
     try:
-        with RecordingWriter(path, port.channel) as writer:
+        with on_signals(_ENDS, stopping.set), RecordingWriter(path, port.channel) as writer:
             try:
                 for batch in batches(port, seconds):
                     for each in batch:
@@ -167,8 +167,6 @@ def record_frames(port: Port, path: str, seconds: float | None) -> Recorded:
                 recorded.problem = str(error)
             recorded.frames, recorded.left_out = writer.written, writer.left_out
     finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
         port.close()
         progress.end()
     recorded.lost, recorded.seconds = port.stats.lost, time.monotonic() - begin

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import signal
 import threading
 import time
@@ -11,10 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 from canopen_control.client import RobotClient
 from canopen_control.errors import ConfigError, RemoteError
+from canopen_control.host.signals import on_signals
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from canopen_control.trace.bag import BagWriter
 
 __all__ = ["MAX_RATE", "RATE", "record_bag", "sentence"]
@@ -37,7 +35,8 @@ def record_bag(name: str | None, folder: str, seconds: float | None, rate: float
     stopping = threading.Event()
     with RobotClient.connect(name) as robot:
         controllers, urdf = robot.call("controllers"), robot.call("description")["urdf"]
-        with BagWriter(Path(folder), robot.robot, controllers=controllers, urdf=urdf) as bag, _noted(stopping):
+        writer = BagWriter(Path(folder), robot.robot, controllers=controllers, urdf=urdf)
+        with on_signals(_ENDS, stopping.set), writer as bag:
             begin = time.monotonic()  # importing rosbags takes half a second
             counts = _record(robot, bag, rate, stopping, None if seconds is None else begin + seconds)
             took = round(time.monotonic() - begin, 3)
@@ -76,14 +75,3 @@ def _write(bag: BagWriter, message: dict[str, Any], counts: dict[str, int]) -> N
     elif "event" in message:
         bag.event(message["event"])
         counts["events"] += 1
-
-
-@contextlib.contextmanager
-def _noted(stopping: threading.Event) -> Iterator[None]:
-    """Let Ctrl-C and SIGTERM be noted instead of breaking off in the middle of a message."""
-    before = {number: signal.signal(number, lambda *_: stopping.set()) for number in _ENDS}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)

@@ -9,6 +9,7 @@ import threading
 import time
 
 from canopen_control.client import RobotClient
+from canopen_control.host.signals import on_signals
 
 __all__ = ["add_repeat_arguments", "finite", "send"]
 
@@ -39,8 +40,7 @@ def finite(text: str) -> float:
 def send(args: argparse.Namespace, method: str, params: dict[str, object], zeros: dict[str, object]) -> int:
     """Send `params` once or at 10 Hz, and `zeros` at the end of it."""
     stopped = threading.Event()
-    signal.signal(signal.SIGTERM, lambda *_: stopped.set())
-    with RobotClient.connect(args.name) as robot:
+    with on_signals((signal.SIGTERM,), stopped.set), RobotClient.connect(args.name) as robot:
         robot.request(method, params)
         if args.once:
             return 0

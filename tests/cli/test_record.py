@@ -69,7 +69,7 @@ def recorded(path, frames, *options):
 
 
 def test_it_listens_until_it_is_ended_and_says_how_many_frames_there_are(folders, tmp_path, capsys):
-    path = tmp_path / "x.log"
+    path, before = tmp_path / "x.log", signal.getsignal(signal.SIGTERM)
     frames = [CanFrame(0x80), CanFrame(0x183, b"\x37\x06\x03")]
     assert recorded(path, frames) == 0
     out, err = capsys.readouterr()
@@ -77,7 +77,7 @@ def test_it_listens_until_it_is_ended_and_says_how_many_frames_there_are(folders
     assert out.endswith(" s, none lost\n")
     assert err == ""
     assert [each.frame for each in Recording(path)] == frames
-    assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL  # as it was
+    assert signal.getsignal(signal.SIGTERM) is before
 
 
 def test_json_tells_the_same_to_scripts(folders, tmp_path, capsys):

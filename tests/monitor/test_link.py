@@ -33,7 +33,7 @@ def test_each_event_is_told_once_also_those_from_before(link):
         eventually(lambda: link.connected)
         texts = [event["text"] for event in link.events()]
         assert sum("mock runs" in text for text in texts) == 1
-        assert link.events() == []
+        assert not [event for event in link.events() if "mock runs" in event["text"]]
         link.call("stop", {"latch": True, "source": "test"}, 10.0)
         found = []
         eventually(lambda: found.extend(link.events()) or any(each["kind"] == "stop_latched" for each in found))
@@ -44,10 +44,11 @@ def test_a_connection_that_broke_is_made_again_and_what_was_told_is_not_told_aga
     with running():
         eventually(lambda: link.connected)
         first = link._robot
-        assert link.events()
+        told = link.events()
+        assert told
         first.close()
         eventually(lambda: link.connected and link._robot is not first)
-        assert link.events() == []
+        assert not [event for event in link.events() if event in told]
 
 
 def test_commands_reach_the_robot_or_say_why_not(link):
