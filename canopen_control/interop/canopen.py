@@ -13,14 +13,13 @@ import canopen
 from canopen import objectdictionary as theirs
 
 from canopen_control.od.codec import encode
-from canopen_control.od.model import DataType, ObjectCode
+from canopen_control.od.model import SCALAR_CODES, DataType, ObjectCode
 
 if TYPE_CHECKING:
     from canopen_control.od.model import DeviceInfo, Entry, ObjectDictionary, Value
 
 __all__ = ["to_canopen"]
 
-_SCALAR = (ObjectCode.VAR, ObjectCode.DOMAIN, ObjectCode.DEFTYPE)
 _TIMES = (DataType.TIME_OF_DAY, DataType.TIME_DIFFERENCE)
 _DEVICE_FIELDS = {  # theirs: ours
     "vendor_name": "vendor_name",
@@ -51,7 +50,7 @@ def to_canopen(od: ObjectDictionary) -> canopen.ObjectDictionary:
         subindices.setdefault(entry.index, []).append(entry)
     for index in sorted(subindices):
         info, entries = od.objects[index], sorted(subindices[index], key=lambda entry: entry.subindex)
-        if info.code in _SCALAR and len(entries) == 1:
+        if info.code in SCALAR_CODES and len(entries) == 1:
             result.add_object(_variable(entries[0]))
             continue
         group = (theirs.ODArray if info.code is ObjectCode.ARRAY else theirs.ODRecord)(info.name, index)

@@ -15,9 +15,9 @@ from canopen_control.od.model import DataType
 if TYPE_CHECKING:
     from canopen_control.od.model import Entry, Value
 
-__all__ = ["decode", "default_of", "encode", "zero_of"]
+__all__ = ["REALS", "decode", "default_of", "encode", "zero_of"]
 
-_REAL = {DataType.REAL32: struct.Struct("<f"), DataType.REAL64: struct.Struct("<d")}
+REALS = {DataType.REAL32: struct.Struct("<f"), DataType.REAL64: struct.Struct("<d")}
 _TEXT = {DataType.VISIBLE_STRING: "latin-1", DataType.UNICODE_STRING: "utf-16-le"}
 
 
@@ -25,7 +25,7 @@ def encode(value: Value, data_type: DataType) -> bytes:
     """Return the bytes of `value`; ValueError where the type cannot hold it."""
     if data_type in _TEXT:
         return _encode_text(value, data_type)
-    if data_type in _REAL:
+    if data_type in REALS:
         return _encode_real(value, data_type)
     if data_type.is_integer:
         return _encode_integer(value, data_type)
@@ -44,7 +44,7 @@ def decode(data: bytes, data_type: DataType) -> Value:
     size = (bits + 7) // 8
     if len(data) != size:
         raise ValueError(f"{data_type.name} has {size} bytes, not {len(data)}")
-    if (real := _REAL.get(data_type)) is not None:
+    if (real := REALS.get(data_type)) is not None:
         number: float = real.unpack(data)[0]
         return number
     if data_type is DataType.BOOLEAN:
@@ -56,7 +56,7 @@ def zero_of(data_type: DataType) -> Value:
     """Return the zero of the type: 0, 0.0, an empty string or no bytes."""
     if data_type in _TEXT:
         return ""
-    if data_type in _REAL:
+    if data_type in REALS:
         return 0.0
     return 0 if data_type.is_integer else b""
 
@@ -87,7 +87,7 @@ def _encode_real(value: Value, data_type: DataType) -> bytes:
     if not isinstance(value, int | float):
         raise ValueError(f"{value!r} is no {data_type.name}: a number is wanted")
     try:
-        return _REAL[data_type].pack(value)
+        return REALS[data_type].pack(value)
     except (OverflowError, struct.error):
         raise ValueError(f"{value!r} is too large for {data_type.name}") from None
 

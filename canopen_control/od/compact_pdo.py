@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, NamedTuple
 
 from canopen_control.od.model import DataType, Entry, ObjectCode, ObjectInfo
+from canopen_control.od.pdos import INVALID
 
 if TYPE_CHECKING:
     from canopen_control.od.issues import Report
@@ -18,7 +19,6 @@ __all__ = ["expand_compact_pdos"]
 
 _HIGHEST = 512  # PDOs of each direction
 _SLOTS = 64
-_INVALID = 0x80000000
 _PREDEFINED = 4  # PDOs with a COB-ID in the predefined connection set
 _COMMUNICATION = (  # subindex 1 to 6: name, type, default (the COB-ID's depends on the PDO)
     ("COB-ID", DataType.UNSIGNED32, 0),
@@ -75,7 +75,7 @@ def _add_communication(od: ObjectDictionary, direction: _Direction, offset: int,
 
 def _cob_id(od: ObjectDictionary, direction: _Direction, offset: int, model: Entry) -> Entry:
     predefined = offset < _PREDEFINED
-    default = direction.cob_id + 0x100 * offset + (od.node_id or 0) if predefined else _INVALID
+    default = direction.cob_id + 0x100 * offset + (od.node_id or 0) if predefined else INVALID
     return Entry(model.index, model.subindex, model.name, model.data_type, "rw", default=default, relative=predefined)
 
 

@@ -25,7 +25,15 @@ from canopen_control.od.eds_entry import EntryReader
 from canopen_control.od.eds_sections import Section
 from canopen_control.od.eds_values import format_value
 from canopen_control.od.issues import Report
-from canopen_control.od.model import DataType, DeviceInfo, Entry, ObjectCode, ObjectDictionary, ObjectInfo
+from canopen_control.od.model import (
+    SCALAR_CODES,
+    DataType,
+    DeviceInfo,
+    Entry,
+    ObjectCode,
+    ObjectDictionary,
+    ObjectInfo,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
@@ -53,7 +61,6 @@ _DEVICE_ORDER = (
 )
 _FIRST = ("fileinfo", "deviceinfo", "dummyusage", "comments")
 _COMPACT_KEYS = ("compactsubobj", "datatype", "accesstype", "defaultvalue", "pdomapping", "lowlimit", "highlimit")
-_SCALAR = (ObjectCode.VAR, ObjectCode.DOMAIN, ObjectCode.DEFTYPE)
 _MANDATORY = (0x1000, 0x1001, 0x1018)
 _MANUFACTURER = range(0x2000, 0x6000)
 _BIT_RATES = (10, 20, 50, 125, 250, 500, 800, 1000)  # kbit/s
@@ -251,7 +258,7 @@ def _objects(od: ObjectDictionary) -> Iterator[tuple[str, _Lines]]:
 
 def _is_one(info: ObjectInfo, entry: Entry) -> bool:
     """Whether the object is its only value, so that one section tells both; a VAR may have a sub 0 of its own."""
-    if info.code not in _SCALAR or info.name != entry.name:
+    if info.code not in SCALAR_CODES or info.name != entry.name:
         return False
     return not (info.texts and entry.texts) or info.texts == entry.texts
 
@@ -272,13 +279,14 @@ def _entry(od: ObjectDictionary, entry: Entry, code: ObjectCode) -> _Lines:
     reader = EntryReader(od.node_id, Report(""))
     name = section.get("parametername") or entry.name
     told = reader.read(section, entry.index, entry.subindex, name, code) if entry.texts else None
+    keys = _entry_keys(entry, told, code, od.node_id or 0)
     lines: _Lines = {}
-    for key, (text, same) in _entry_keys(entry, told, code, od.node_id or 0).items():
+    for key, (text, same) in keys.items():
         if same and key in section.pairs:
             lines[_SPELLING[key]] = section.get(key)
         elif not same and text:
             lines[_SPELLING[key]] = text
-    return lines | _unknown(section, lines | dict.fromkeys(_entry_keys(entry, told, code, 0), ""))
+    return lines | _unknown(section, lines | dict.fromkeys(keys, ""))
 
 
 def _entry_keys(entry: Entry, told: Entry | None, code: ObjectCode, node_id: int) -> dict[str, tuple[str, bool]]:

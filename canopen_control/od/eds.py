@@ -27,7 +27,7 @@ from canopen_control.od.eds_sections import (
     split_sections,
 )
 from canopen_control.od.issues import Issue, Report, Severity
-from canopen_control.od.model import DataType, Entry, ObjectCode, ObjectDictionary, ObjectInfo
+from canopen_control.od.model import SCALAR_CODES, DataType, Entry, ObjectCode, ObjectDictionary, ObjectInfo
 
 __all__ = ["EdsFile", "Issue", "Severity", "parse_eds", "read_eds"]
 
@@ -36,7 +36,6 @@ _COMPACT = re.compile(r"([0-9a-f]{4})(name|value)")
 _LOOKS_LIKE_OBJECT = re.compile(r"[0-9][0-9a-f]{3}(?!denotation\Z)")
 _MODULE = re.compile(r"m[0-9]+moduleinfo")
 _HIGHEST_SUB = 0xFE
-_SCALAR = (ObjectCode.VAR, ObjectCode.DOMAIN, ObjectCode.DEFTYPE)
 _CODES: dict[int, ObjectCode] = {int(code): code for code in ObjectCode}
 _REGENERATED = frozenset(("mandatoryobjects", "optionalobjects", "manufacturerobjects"))  # by whoever writes the file
 
@@ -145,7 +144,7 @@ class _Reader:
         compact = self._compact_count(section)
         if compact:
             self._expand(section, index, compact)
-        elif code in _SCALAR:
+        elif code in SCALAR_CODES:
             self.od.entries[index, 0] = self.entry_reader.read(section, index, 0, name, code)
 
     def _object_code(self, section: Section, index: int) -> ObjectCode:

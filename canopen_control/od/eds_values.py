@@ -8,11 +8,11 @@ complement of its type. A REAL is decimal, or the bits of IEEE 754 in hexadecima
 from __future__ import annotations
 
 import re
-import struct
 from functools import lru_cache
 from math import isfinite
 from typing import TYPE_CHECKING, NamedTuple
 
+from canopen_control.od.codec import REALS
 from canopen_control.od.issues import Severity
 from canopen_control.od.model import DataType
 
@@ -27,7 +27,6 @@ _HEX_SUFFIX = re.compile(r"([0-9][0-9A-Fa-f]*)[hH]", re.ASCII)
 _WORDS = {"true": 1, "false": 0}
 _NODE_ID = "$nodeid"
 _MAX_DIGITS = 64  # the widest number has 20 digits; more are no number but an attack on int()
-_REAL = {DataType.REAL32: struct.Struct("<f"), DataType.REAL64: struct.Struct("<d")}
 _RANGES = {t: (t.minimum, t.maximum, 1 << (t.bits or 0)) for t in DataType if t.is_integer}
 
 
@@ -89,7 +88,7 @@ def format_value(value: Value, data_type: DataType) -> str:
     """Return the text of a value that `parse_value` reads back."""
     if isinstance(value, bytes):
         return value.hex(" ").upper()
-    if data_type in _REAL and isinstance(value, int | float):
+    if data_type in REALS and isinstance(value, int | float):
         return _format_real(float(value), data_type)
     if isinstance(value, int) and not data_type.signed and (data_type.bits or 0) > 8:
         return f"0x{value:0{(data_type.bits or 0) // 4}X}"
@@ -170,7 +169,7 @@ def _fitted(number: Number, data_type: DataType, relative: bool, text: str) -> P
 
 def _real(text: str, data_type: DataType) -> Parsed:
     text = text.partition(";")[0].strip()
-    layout = _REAL[data_type]
+    layout = REALS[data_type]
     if len(text) <= _MAX_DIGITS and _DECIMAL.fullmatch(text):
         return Parsed(_representable(float(text), data_type))
     number = _parse(text)
@@ -182,7 +181,7 @@ def _real(text: str, data_type: DataType) -> Parsed:
 
 def _representable(value: float, data_type: DataType) -> float:
     try:
-        fits = isfinite(_REAL[data_type].unpack(_REAL[data_type].pack(value))[0])
+        fits = isfinite(REALS[data_type].unpack(REALS[data_type].pack(value))[0])
     except OverflowError:
         fits = False
     if not fits:
@@ -194,7 +193,7 @@ def _format_real(value: float, data_type: DataType) -> str:
     text = repr(value)
     if _DECIMAL.fullmatch(text):
         return text
-    layout = _REAL[data_type]  # not a number, or infinite: only the bits tell
+    layout = REALS[data_type]  # not a number, or infinite: only the bits tell
     return f"0x{int.from_bytes(layout.pack(value), 'little'):0{2 * layout.size}X}"
 
 

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "ACCESS_TYPES",
+    "SCALAR_CODES",
     "Address",
     "Commissioning",
     "DataType",
@@ -41,6 +42,9 @@ class ObjectCode(enum.IntEnum):
     VAR = 7
     ARRAY = 8
     RECORD = 9
+
+
+SCALAR_CODES = (ObjectCode.VAR, ObjectCode.DOMAIN, ObjectCode.DEFTYPE)  # whose only value is at subindex 0
 
 
 class DataType(enum.IntEnum):

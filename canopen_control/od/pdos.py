@@ -14,10 +14,10 @@ if TYPE_CHECKING:
 
     from canopen_control.od.model import Entry, ObjectDictionary
 
-__all__ = ["MAX_BITS", "Mapped", "Pdo", "pdos_of"]
+__all__ = ["INVALID", "MAX_BITS", "Mapped", "Pdo", "pdos_of"]
 
 MAX_BITS = 64
-_INVALID = 1 << 31  # of a COB-ID entry: the PDO is off
+INVALID = 1 << 31  # of a COB-ID entry: the PDO is off
 _MAPPINGS = ((True, 0x1400, 0x1600), (False, 0x1800, 0x1A00))  # is an RPDO, communication, mapping
 _PDO_COUNT = 512
 _MULTIPLEXED = (254, 255)  # as number of mapped objects: SAM- and DAM-MPDO, which map nothing
@@ -61,7 +61,7 @@ class Pdo:
     @property
     def enabled(self) -> bool:
         """Whether it is valid by default."""
-        return self.cob_id is not None and not self.cob_id & _INVALID
+        return self.cob_id is not None and not self.cob_id & INVALID
 
     @property
     def bits(self) -> int:
