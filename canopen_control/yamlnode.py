@@ -1,3 +1,4 @@
+# ruff: noqa: ANN401 - what stands in a file, and what it is wanted as, may be anything
 """Places in a YAML file, which become values of the types a dataclass declares.
 
 The law of the file: a conversion either gives the value or reports at the node why not and gives INVALID; what holds
@@ -88,7 +89,7 @@ class Node:
         return self.problems.path
 
     @property
-    def value(self) -> Any:  # noqa: ANN401 - what stands there
+    def value(self) -> Any:
         """The plain Python value, with dicts (keys as they are written) and lists."""
         if self.kind == "mapping":
             return {key: child.value for key, child in self.items()}
@@ -128,7 +129,7 @@ class Node:
             pairs[name] = (key, value.over(pairs[name][1]) if name in pairs else value)
         return Node.mapping(Node(self.kind, self.line, self.column, self.where, self.problems), pairs)
 
-    def convert(self, wanted: Any, default: Any = None) -> Any:  # noqa: ANN401 - any type expression
+    def convert(self, wanted: Any, default: Any = None) -> Any:
         """Return the value as the type `wanted` (see `yamltree`); report what is wrong and return `default` then."""
         value = convert(self, wanted)
         return default if value is INVALID else value
@@ -147,7 +148,7 @@ NOWHERE: Final = Node("null", 0, 0, "", Problems(""))
 
 
 def setting(
-    default: Any = MISSING,  # noqa: ANN401 - a field's default may be anything
+    default: Any = MISSING,
     *,
     key: str | None = None,
     low: float | None = None,
@@ -155,8 +156,8 @@ def setting(
     choices: tuple[Any, ...] | None = None,
     nan: bool = False,
     section: bool = False,
-    factory: Any = MISSING,  # noqa: ANN401 - dataclasses.field takes a sentinel or a callable
-) -> Any:  # noqa: ANN401 - as dataclasses.field: the annotation of the field says the type
+    factory: Any = MISSING,
+) -> Any:
     """Return a dataclass field: `key` is its name in YAML, `low`/`high` bound numbers, `choices` lists what is allowed.
 
     Bounds and choices hold for the elements of a list, tuple or dict; with `nan` not a number is within any bounds. A
@@ -169,12 +170,12 @@ def setting(
     return dataclasses.field(default=default, metadata=metadata)
 
 
-def position() -> Any:  # noqa: ANN401 - as dataclasses.field
+def position() -> Any:
     """Return a field of type Node that receives the mapping's own node; it takes no part in comparisons."""
     return dataclasses.field(default=NOWHERE, compare=False, repr=False, metadata={"here": True})
 
 
-def convert(node: Node, wanted: Any, meta: Mapping[str, Any] = MappingProxyType({})) -> Any:  # noqa: ANN401 - any type expression
+def convert(node: Node, wanted: Any, meta: Mapping[str, Any] = MappingProxyType({})) -> Any:
     """Return the node's value as the type wanted, or INVALID after reporting why it is not."""
     origin = typing.get_origin(wanted)
     if wanted in (Any, object, Node):
@@ -199,31 +200,23 @@ def _found(node: Node) -> str:
     return f"{name}{node.text!r}" if isinstance(value, str) else f"{name}{node.text}"
 
 
-def _expected(node: Node, what: str) -> Any:  # noqa: ANN401 - INVALID fits wherever a value is wanted
-    node.error(f"expected {what}, got {_found(node)}")
+def _expected(node: Node, what: str, hint: str = "") -> Any:
+    """Report it; INVALID fits wherever a value is wanted."""
+    node.error(f"expected {what}, got {_found(node)}{hint}")
     return INVALID
 
 
-def _plain(node: Node, wanted: Any, meta: Mapping[str, Any]) -> Any:  # noqa: ANN401
+def _plain(node: Node, wanted: Any, meta: Mapping[str, Any]) -> Any:
     value = node.value
     if wanted is float and type(value) is not float:
         value = _as_float(node, value)
     if type(value) is not wanted or node.kind in ("mapping", "sequence"):
-        hint = "; put it in quotes" if wanted is str and node.kind == "scalar" else ""
-        return (
-            _expected(node, _KINDS.get(wanted, getattr(wanted, "__name__", str(wanted))))
-            if not hint
-            else _unquoted(node)
-        )
+        what = _KINDS.get(wanted, getattr(wanted, "__name__", str(wanted)))
+        return _expected(node, what, "; put it in quotes" if wanted is str and node.kind == "scalar" else "")
     return _bounded(node, value, meta)
 
 
-def _unquoted(node: Node) -> Any:  # noqa: ANN401
-    node.error(f"expected text, got {_found(node)}; put it in quotes")
-    return INVALID
-
-
-def _as_float(node: Node, value: Any) -> Any:  # noqa: ANN401
+def _as_float(node: Node, value: Any) -> Any:
     """Take an integer for a double, and `1e3` too, which is text in YAML 1.1 and a number for rcl."""
     plain_text = type(value) is str and not node.quoted and _NUMBER.fullmatch(value)
     try:
@@ -232,7 +225,7 @@ def _as_float(node: Node, value: Any) -> Any:  # noqa: ANN401
         return value
 
 
-def _bounded(node: Node, value: Any, meta: Mapping[str, Any]) -> Any:  # noqa: ANN401
+def _bounded(node: Node, value: Any, meta: Mapping[str, Any]) -> Any:
     choices, (low, high) = meta.get("choices"), meta.get("range") or (None, None)
     if choices is not None and value not in choices:
         hint = nearest(str(value), map(str, choices))
@@ -247,7 +240,7 @@ def _bounded(node: Node, value: Any, meta: Mapping[str, Any]) -> Any:  # noqa: A
     return value
 
 
-def _enum(node: Node, wanted: type[enum.Enum]) -> Any:  # noqa: ANN401
+def _enum(node: Node, wanted: type[enum.Enum]) -> Any:
     """Find a member by its name, in any case, or by its value."""
     if node.kind == "scalar":
         value = node.value
@@ -259,7 +252,7 @@ def _enum(node: Node, wanted: type[enum.Enum]) -> Any:  # noqa: ANN401
     return _expected(node, f"one of {', '.join(wanted.__members__)}")
 
 
-def _literal(node: Node, wanted: Any, _meta: Mapping[str, Any]) -> Any:  # noqa: ANN401
+def _literal(node: Node, wanted: Any, _meta: Mapping[str, Any]) -> Any:
     choices, value = typing.get_args(wanted), node.value
     if any(type(value) is type(each) and value == each for each in choices):
         return value
@@ -269,7 +262,7 @@ def _literal(node: Node, wanted: Any, _meta: Mapping[str, Any]) -> Any:  # noqa:
 _FITS: Final = {"mapping": (dict, collections.abc.Mapping), "sequence": (list, tuple, collections.abc.Sequence)}
 
 
-def _fits(node: Node, wanted: Any) -> bool:  # noqa: ANN401
+def _fits(node: Node, wanted: Any) -> bool:
     """Whether a member of a union is meant for this kind of node."""
     if wanted in (Any, Node):
         return True
@@ -279,7 +272,7 @@ def _fits(node: Node, wanted: Any) -> bool:  # noqa: ANN401
     return shape == node.kind
 
 
-def _union(node: Node, wanted: Any, meta: Mapping[str, Any]) -> Any:  # noqa: ANN401
+def _union(node: Node, wanted: Any, meta: Mapping[str, Any]) -> Any:
     members = typing.get_args(wanted)
     if node.kind == "null" and type(None) in members:
         return None
@@ -292,22 +285,22 @@ def _union(node: Node, wanted: Any, meta: Mapping[str, Any]) -> Any:  # noqa: AN
     return _expected(node, " or ".join(dict.fromkeys(shapes)))
 
 
-def _is_list(wanted: Any) -> bool:  # noqa: ANN401
+def _is_list(wanted: Any) -> bool:
     return (typing.get_origin(wanted) or wanted) in _FITS["sequence"]
 
 
-def _list(node: Node, wanted: Any, meta: Mapping[str, Any]) -> Any:  # noqa: ANN401
+def _list(node: Node, wanted: Any, meta: Mapping[str, Any]) -> Any:
     return _elements(node, (typing.get_args(wanted) or (Any,))[0], meta)
 
 
-def _elements(node: Node, of: Any, meta: Mapping[str, Any]) -> Any:  # noqa: ANN401
+def _elements(node: Node, of: Any, meta: Mapping[str, Any]) -> Any:
     if node.kind != "sequence":
         return _expected(node, "a list")
     values = [convert(each, of, meta) for each in node.elements()]
     return INVALID if any(each is INVALID for each in values) else values
 
 
-def _tuple(node: Node, wanted: Any, meta: Mapping[str, Any]) -> Any:  # noqa: ANN401
+def _tuple(node: Node, wanted: Any, meta: Mapping[str, Any]) -> Any:
     of = typing.get_args(wanted) or (Any, ...)
     if of[-1] is Ellipsis:
         values = _elements(node, of[0], meta)
@@ -319,7 +312,7 @@ def _tuple(node: Node, wanted: Any, meta: Mapping[str, Any]) -> Any:  # noqa: AN
     return INVALID if any(each is INVALID for each in values) else tuple(values)
 
 
-def _dict(node: Node, wanted: Any, meta: Mapping[str, Any]) -> Any:  # noqa: ANN401
+def _dict(node: Node, wanted: Any, meta: Mapping[str, Any]) -> Any:
     if node.kind not in ("mapping", "null"):
         return _expected(node, "a mapping")
     key_type, of = typing.get_args(wanted) or (str, Any)
@@ -347,7 +340,7 @@ _CONTAINERS: Final[dict[Any, Callable[[Node, Any, Mapping[str, Any]], Any]]] = {
 }
 
 
-def _dataclass(node: Node, cls: type[Any]) -> Any:  # noqa: ANN401
+def _dataclass(node: Node, cls: type[Any]) -> Any:
     if node.kind not in ("mapping", "null"):
         return _expected(node, "a mapping")
     hints = typing.get_type_hints(cls)
@@ -373,7 +366,7 @@ def _required(entry: dataclasses.Field[Any]) -> bool:
     return entry.default is MISSING and entry.default_factory is MISSING
 
 
-def _made(node: Node, cls: type[Any], values: dict[str, Any]) -> Any:  # noqa: ANN401
+def _made(node: Node, cls: type[Any], values: dict[str, Any]) -> Any:
     """Make the dataclass; what its `__post_init__` refuses with a ValueError is a mistake in the file."""
     try:
         return cls(**values)
