@@ -30,6 +30,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
     from pathlib import Path
 
+    from canopen_control.ros.conversions import ControllerView
+
 __all__ = ["BagWriter"]
 
 Json = dict[str, Any]
@@ -149,7 +151,7 @@ class BagWriter:
         message = self._ros.make("sensor_msgs/JointState", header, arrays.names, *map(self._ros.floats, arrays[1:]))
         self._write("/joint_states", state["time"], message)
 
-    def _broadcaster(self) -> Any:  # noqa: ANN401 - a ControllerView or None
+    def _broadcaster(self) -> ControllerView | None:
         return next((each for each in self._controllers.values() if each.is_broadcaster and each.active), None)
 
     def _transforms(self, state: Json) -> None:

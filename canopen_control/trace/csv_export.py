@@ -34,7 +34,7 @@ def write_long(frames: Iterable[DecodedFrame], out: TextIO) -> int:
 
 
 def _rows(frame: DecodedFrame) -> Iterator[tuple[str, ...]]:
-    head = _time(frame), f"0x{frame.can_id & 0x1FFFFFFF:03X}", _node(frame), frame.service
+    head = _time(frame), f"0x{frame.can_id & 0x1FFFFFFF:03X}", frame.who, frame.service
     for value in frame.values:
         yield (*head, value.name, _plain(value.value), value.text)
     if not frame.values:
@@ -61,11 +61,7 @@ def write_wide(frames: Iterable[DecodedFrame], signals: Iterable[str], out: Text
 
 def signal_name(frame: DecodedFrame, name: str) -> str:
     """Return the column of a value of `frame`: node and name."""
-    return f"{_node(frame)}.{name}"
-
-
-def _node(frame: DecodedFrame) -> str:
-    return frame.node or ("" if frame.node_id is None else f"node {frame.node_id}")
+    return f"{frame.who}.{name}"
 
 
 def _time(frame: DecodedFrame) -> str:

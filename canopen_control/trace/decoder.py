@@ -75,6 +75,11 @@ class DecodedFrame:
     subject: str = ""
     mark: Mark = Mark.PLAIN
 
+    @property
+    def who(self) -> str:
+        """The node by its name, by its number where it has none; empty where no node is meant."""
+        return self.node or ("" if self.node_id is None else f"node {self.node_id}")
+
 
 @dataclass(slots=True)
 class _Said:
@@ -207,12 +212,8 @@ class Decoder:
         if parsed is None:
             return _Said("no command of the standard", mark=Mark.WARNING)
         command, node_id = parsed
-        who = "all nodes" if node_id == BROADCAST else self._who(node_id)
+        who = "all nodes" if node_id == BROADCAST else self.network.who(node_id)
         return _Said(f"{command.name.replace('_', ' ')}, {who}", mark=Mark.NOTABLE, node_id=node_id or None)
-
-    def _who(self, node_id: int) -> str:
-        name = self.network.name_of(node_id)
-        return f"node {node_id} ({name})" if name else f"node {node_id}"
 
     def _remote(self, frame: CanFrame) -> tuple[_Route, _Said]:
         route = self._routes.get(frame.can_id) or self._predefined(frame.can_id)
@@ -313,11 +314,11 @@ def _time(frame: CanFrame) -> _Said:
     time = parse_time(frame.data)
     if time is None:
         return _Said(f"malformed: {len(frame.data)} bytes", mark=Mark.WARNING)
-    moment = datetime.datetime(1984, 1, 1) + datetime.timedelta(days=time.days, milliseconds=time.ms)  # noqa: DTZ001
+    moment = datetime.datetime(1984, 1, 1) + datetime.timedelta(days=time.days, milliseconds=time.ms)  # noqa: DTZ001 - TIME knows no zone
     return _Said(moment.isoformat(" ", "milliseconds"))
 
 
-def _unmapped(frame: CanFrame) -> _Said:  # noqa: ARG001 - one shape for all handlers
+def _unmapped(_frame: CanFrame) -> _Said:
     return _Said("nobody said what it carries")
 
 
@@ -327,7 +328,7 @@ def _error(frame: CanFrame) -> _Said:
     return _Said(text or "bus error: a frame was disturbed", mark=Mark.ERROR if text else Mark.WARNING)
 
 
-def _nothing(frame: CanFrame) -> _Said:  # noqa: ARG001
+def _nothing(_frame: CanFrame) -> _Said:
     return _Said("no CANopen service has this identifier")
 
 

@@ -24,7 +24,6 @@ _REPEATED = frozenset(("pdo", "hb", "sync", "time"))  # what is sent again and a
 _KNOWN = 4096  # identifiers whose last data are remembered
 _ALIASES = {"heartbeat": "hb", "heartbeats": "hb", "guarding": "hb"}
 _STANDARD = 0x7FF
-_FLAGS = EXTENDED_FLAG
 
 
 @dataclass(slots=True)
@@ -87,7 +86,7 @@ def _identifier(text: str) -> int:
         raise ValueError(f"{text!r}: an identifier is hexadecimal, as in 181 or 0x181") from None
     if not 0 <= value <= 0x1FFFFFFF:
         raise ValueError(f"{text!r}: identifiers are 0 to 1FFFFFFF")
-    return value | _FLAGS if value > _STANDARD or len(text.lower().removeprefix("0x")) > 3 else value
+    return value | EXTENDED_FLAG if value > _STANDARD or len(text.lower().removeprefix("0x")) > 3 else value
 
 
 def node_ids_of(network: NetworkDescription, names: Iterable[str]) -> frozenset[int]:

@@ -36,10 +36,9 @@ class LineWriter:
 
     def line(self, decoded: DecodedFrame) -> str:
         """Return one line without its end."""
-        node = decoded.node or ("" if decoded.node_id is None else f"node {decoded.node_id}")
         text = (
             f"{self._time(decoded.time)}  {identifier_text(decoded.can_id):>3}  {_data(decoded):<{_DATA_WIDTH}}  "
-            f"{node:<{self._node_width}}  {decoded.subject:<{_SUBJECT_WIDTH}}  {decoded.text}"
+            f"{decoded.who:<{self._node_width}}  {decoded.subject:<{_SUBJECT_WIDTH}}  {decoded.text}"
         ).rstrip()
         colour = _COLOURS.get(decoded.mark) if self._colour else None
         return f"{colour}{text}{_RESET}" if colour else text

@@ -11,7 +11,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from canopen_control.cia301.emcy import EMCY_COB_ID
 from canopen_control.cia301.pdo import EXTENDED_BIT, INVALID_BIT, MappedObject
+from canopen_control.cia301.sync import SYNC_COB_ID
+from canopen_control.cia402 import objects
 from canopen_control.errors import CanopenError
 from canopen_control.frame import EXTENDED_FLAG
 from canopen_control.od.eds import read_eds
@@ -39,10 +42,7 @@ __all__ = [
 ]
 
 DEFAULT_BITRATE = 1_000_000
-SYNC_COB_ID = 0x80
-_EMCY_COB_ID = 0x1014
-_DEVICE_TYPE, _CONTROLWORD, _STATUSWORD = 0x1000, 0x6040, 0x6041
-_DRIVE_PROFILE = 402
+_DEVICE_TYPE, _EMCY_ENTRY = 0x1000, 0x1014
 _RAW_TYPES = {
     8: DataType.UNSIGNED8,
     16: DataType.UNSIGNED16,
@@ -112,16 +112,16 @@ class NodeDescription:
             return True
         device_type = self.od.get(_DEVICE_TYPE)
         value = device_type.value if device_type is not None else None
-        if isinstance(value, int) and value & 0xFFFF not in (0, _DRIVE_PROFILE):
+        if isinstance(value, int) and value & 0xFFFF and not objects.is_drive_profile(value):
             return False
-        return (_CONTROLWORD, 0) in self.od or (_STATUSWORD, 0) in self.od
+        return (objects.CONTROLWORD, 0) in self.od or (objects.STATUSWORD, 0) in self.od
 
     @property
     def emcy_cob_id(self) -> int:
         """Where it sends EMCY: 0x1014 as its EDS has it, else the predefined one."""
-        entry = self.od.get(_EMCY_COB_ID) if self.od is not None else None
+        entry = self.od.get(_EMCY_ENTRY) if self.od is not None else None
         value = entry.value if entry is not None else None
-        return can_id_of(value) if isinstance(value, int) and value & 0x7FF else SYNC_COB_ID + self.node_id
+        return can_id_of(value) if isinstance(value, int) and value & 0x7FF else EMCY_COB_ID + self.node_id
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,6 +144,11 @@ class NetworkDescription:
         if node is not None:
             return node.name
         return "master" if node_id == self.master_node_id else ""
+
+    def who(self, node_id: int) -> str:
+        """Return ``node 3 (left_drive)``, or ``node 3`` where it has no name."""
+        name = self.name_of(node_id)
+        return f"node {node_id} ({name})" if name else f"node {node_id}"
 
 
 def entry_name(od: ObjectDictionary | None, index: int, subindex: int) -> str:
@@ -190,7 +195,7 @@ def pdos_by_default(od: ObjectDictionary) -> tuple[PdoDescription, ...]:
 
 
 def _pdo_by_default(od: ObjectDictionary, pdo: Pdo) -> PdoDescription:
-    objects = (
+    mapped_objects = (
         PdoObject(
             mapped.index,
             mapped.subindex,
@@ -202,7 +207,7 @@ def _pdo_by_default(od: ObjectDictionary, pdo: Pdo) -> PdoDescription:
     )
     kind = "rpdo" if pdo.is_rpdo else "tpdo"
     transmission = 255 if pdo.transmission_type is None else pdo.transmission_type
-    return PdoDescription(can_id_of(pdo.cob_id or 0), kind, pdo.number, tuple(objects), transmission)
+    return PdoDescription(can_id_of(pdo.cob_id or 0), kind, pdo.number, tuple(mapped_objects), transmission)
 
 
 def type_of(od: ObjectDictionary | None, index: int, subindex: int, bits: int) -> DataType:
@@ -224,13 +229,13 @@ def _pdo_of_layout(pdo: Mapping[str, Any]) -> PdoDescription:
         int(pdo["cob_id"]),
         str(pdo["direction"]),
         int(pdo["number"]),
-        tuple(_object_of_layout(pdo["objects"])),
+        tuple(_objects_of_layout(pdo["objects"])),
         int(pdo.get("transmission_type", 255)),
     )
 
 
-def _object_of_layout(objects: Iterable[Mapping[str, Any]]) -> Iterable[PdoObject]:
-    for each in objects:
+def _objects_of_layout(layout: Iterable[Mapping[str, Any]]) -> Iterable[PdoObject]:
+    for each in layout:
         index, subindex, data_type = int(each["index"]), int(each["subindex"]), DataType[str(each["data_type"])]
         name = str(each["name"]) or address_text(index, subindex)
         yield PdoObject(index, subindex, int(each["bits"]), data_type, name)

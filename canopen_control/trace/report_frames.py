@@ -13,6 +13,7 @@ from canopen_control.cia301.nmt import state_of_byte
 from canopen_control.cia402 import objects
 from canopen_control.cia402.state import decode_statusword
 from canopen_control.trace.decoder import DecodedFrame, Decoder, Mark
+from canopen_control.trace.lines import identifier_text
 from canopen_control.trace.network import NetworkDescription
 from canopen_control.trace.report_samples import Spans
 
@@ -99,7 +100,7 @@ class FrameFacts:
         if said in self._told:
             return
         self._told.add(said)
-        node = decoded.node or (f"node {decoded.node_id}" if decoded.node_id is not None else None)
+        node = decoded.who or None
         text = f"{node or 'bus'}: {decoded.subject or decoded.service} {decoded.text}".rstrip()
         event = {"time": time_ns / _NS, "kind": decoded.service, "node": node, "level": _LEVELS[decoded.mark]}
         self.notable.append({**event, "text": text})
@@ -168,10 +169,10 @@ def _line(heard: _Heard) -> Json:
     return {
         "time": round(time, 6),
         "bus": bus,
-        "id": f"{decoded.can_id & 0x1FFFFFFF:03X}",
+        "id": identifier_text(decoded.can_id),
         "data": decoded.data.hex(" ").upper(),
         "service": decoded.subject or decoded.service,
-        "node": decoded.node or (f"node {decoded.node_id}" if decoded.node_id is not None else ""),
+        "node": decoded.who,
         "node_id": decoded.node_id,
         "text": decoded.text,
         "mark": decoded.mark.name.lower(),

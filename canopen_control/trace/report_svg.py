@@ -12,7 +12,7 @@ from html import escape
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Callable, Iterator, Sequence
 
 __all__ = ["Axis", "bars", "lines", "timeline"]
 
@@ -144,7 +144,7 @@ def _thinned(time: Sequence[float], values: Sequence[float | None]) -> tuple[lis
     return [time[index] for index in kept], [values[index] for index in kept]
 
 
-def _path(points: Sequence[tuple[float, float | None]], y: Any) -> str:  # noqa: ANN401 - a function of one number
+def _path(points: Sequence[tuple[float, float | None]], y: Callable[[float], float]) -> str:
     words, pen = [], False
     for x, value in points:
         if value is None:

@@ -158,7 +158,7 @@ class NodeWords:
         self._drive_words: dict[int, Callable[[AxisWords, int], str]] = {
             objects.STATUSWORD: _statusword,
             objects.CONTROLWORD: _controlword,
-            objects.MODES_OF_OPERATION: lambda _axis, mode: f"{mode} {mode_name(mode)}" if mode >= 0 else f"{mode}",
+            objects.MODES_OF_OPERATION: lambda _axis, mode: _mode_text(mode),
             objects.MODES_OF_OPERATION_DISPLAY: _mode_display,
             objects.ERROR_CODE: lambda _axis, code: f"0x{code:04X} {error_text(code)}",
             objects.SUPPORTED_DRIVE_MODES: _supported,
@@ -226,15 +226,19 @@ def _mode_display(axis: AxisWords, value: int) -> str:
     if value != axis.mode:
         axis.news = max(axis.news, News.CHANGE)
     axis.mode = value
-    return f"{value} {mode_name(value)}" if value >= 0 else f"{value}"
+    return _mode_text(value)
 
 
-def _supported(axis: AxisWords, value: int) -> str:  # noqa: ARG001 - one shape for all
+def _mode_text(mode: int) -> str:
+    return f"{mode} {mode_name(mode)}" if mode >= 0 else f"{mode}"  # below zero they are the manufacturer's
+
+
+def _supported(_axis: AxisWords, value: int) -> str:
     names = ", ".join(mode.name for mode in supported_modes(value))
     return f"0x{value:08X} ({names or 'no mode'})"
 
 
-def _communication_record(words: NodeWords, subindex: int, value: int) -> str:  # noqa: ARG001 - one shape for all
+def _communication_record(_words: NodeWords, subindex: int, value: int) -> str:
     if subindex == 1:
         where = f"0x{value & 0x1FFFFFFF:03X}"
         return f"0x{value:08X} ({where}, off)" if value & INVALID_BIT else f"0x{value:08X} ({where}, on)"
@@ -253,36 +257,36 @@ def _hex(_words: NodeWords, _subindex: int, value: int) -> str:
     return f"0x{value:08X}"
 
 
-def _consumer(words: NodeWords, subindex: int, value: int) -> str:  # noqa: ARG001
+def _consumer(_words: NodeWords, _subindex: int, value: int) -> str:
     node_id, ms = value >> 16 & 0xFF, value & 0xFFFF
     return f"0x{value:08X} (node {node_id} within {ms} ms)" if node_id and ms else f"0x{value:08X} (watches nobody)"
 
 
-def _store(words: NodeWords, subindex: int, value: int) -> str:  # noqa: ARG001
+def _store(_words: NodeWords, _subindex: int, value: int) -> str:
     return f"0x{value:08X}" + (f" ({_SIGNATURES[value]!r})" if value in _SIGNATURES else "")
 
 
-def _device_type(words: NodeWords, subindex: int, value: int) -> str:  # noqa: ARG001
+def _device_type(_words: NodeWords, _subindex: int, value: int) -> str:
     return f"0x{value:08X} (profile {value & 0xFFFF})"
 
 
-def _register(words: NodeWords, subindex: int, value: int) -> str:  # noqa: ARG001
+def _register(_words: NodeWords, _subindex: int, value: int) -> str:
     return f"0x{value:02X} ({register_text(value) or 'no error'})"
 
 
-def _history(words: NodeWords, subindex: int, value: int) -> str:  # noqa: ARG001
+def _history(_words: NodeWords, _subindex: int, value: int) -> str:
     return f"0x{value:08X} ({error_text(value & 0xFFFF)})"
 
 
-def _error_behaviour(words: NodeWords, subindex: int, value: int) -> str:  # noqa: ARG001
+def _error_behaviour(_words: NodeWords, _subindex: int, value: int) -> str:
     return f"{value} ({_ERROR_BEHAVIOUR[value]})" if value in _ERROR_BEHAVIOUR else str(value)
 
 
-def _milliseconds(words: NodeWords, subindex: int, value: int) -> str:  # noqa: ARG001
+def _milliseconds(_words: NodeWords, _subindex: int, value: int) -> str:
     return f"{value} ms"
 
 
-def _microseconds(words: NodeWords, subindex: int, value: int) -> str:  # noqa: ARG001
+def _microseconds(_words: NodeWords, _subindex: int, value: int) -> str:
     return f"{value} us"
 
 

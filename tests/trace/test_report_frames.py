@@ -2,7 +2,7 @@
 
 import pytest
 
-from canopen_control.frame import CanFrame
+from canopen_control.frame import EXTENDED_FLAG, CanFrame
 from canopen_control.trace.network import NetworkDescription
 from canopen_control.trace.report import networks_of
 from canopen_control.trace.report_frames import read_frames
@@ -53,6 +53,12 @@ def test_frames_before_and_after_the_fault_and_the_last_of_each_node(lost_drive)
     assert last[0]["node"] == "left_drive"
     assert last[0]["time"] == pytest.approx(2.0, abs=0.15)
     assert "Statusword" in " ".join(frame["text"] for frame in facts.around)
+
+
+def test_a_29_bit_identifier_is_not_taken_for_one_of_11_bits():
+    frames = [(n, "can", CanFrame(can_id, b"")) for n, can_id in enumerate((0x183, 0x183 | EXTENDED_FLAG))]
+    around = read_frames(frames, {}, 0.0, None).around
+    assert [(frame["id"], frame["node"]) for frame in around] == [("183", "node 3"), ("00000183", "")]
 
 
 def test_statuswords_that_repeat_make_no_new_span():
