@@ -2,11 +2,16 @@
 
 The law of the file: it draws five times a second and never waits; what a key asks of the robot is asked on a thread,
 and what the robot answers is told. STOP has priority over whatever has the focus.
+
+It draws when a sample of the robot has come, which is right after a cycle: a computer that both share is then free for
+most of a period. What would have the whole screen laid out again is done only when it must be.
 """
 
 from __future__ import annotations
 
 import asyncio
+import contextlib
+import contextvars
 import re
 import threading
 import time
@@ -45,7 +50,10 @@ _COMMANDS: Final = ("release", "axis")
 _WORDS: Final = "pdo, sdo, a node's name, 0x181, 0x180-0x1FF, changes; empty: everything"
 _FONT_FACES: Final = re.compile(r"@font-face\s*\{[^}]*\}\s*")
 _SCROLLBAR: Final = 2
+_MARGIN: Final = 2  # left and right of the head
 _TABS: Final = ("events", "emergencies", "identifiers", "trace")
+_FRAME_TABS: Final = ("tab-identifiers", "tab-trace")
+_LATE_S: Final = 0.9 * PERIOD_S
 
 
 class MonitorApp(App[None]):
@@ -79,6 +87,7 @@ class MonitorApp(App[None]):
         self._joints = LiveTable(JOINT_COLUMNS, id="joints")
         self._frames = LiveTable(FRAME_COLUMNS, id="identifiers-table")
         self._head, self._alarm = Static(id="head"), Static(id="alarm")
+        self._head_lines = 0
         self._logs = {
             name: RichLog(max_lines=KEPT_LINES, wrap=name != "trace", id=name)
             for name in _TABS
@@ -86,6 +95,7 @@ class MonitorApp(App[None]):
         }
         self._told: deque[tuple[str, SeverityLevel]] = deque()  # what threads have to say, until it is shown
         self._watched: list[BusTap] = []
+        self._drawn = 0.0
         self._lines: LineWriter | None = None
 
     # -- the screen
@@ -106,16 +116,31 @@ class MonitorApp(App[None]):
     def on_mount(self) -> None:
         """Begin to listen and to draw."""
         self._drives.focus()
-        self.source.start()
+        loop, context = asyncio.get_running_loop(), contextvars.copy_context()
+
+        def on_news() -> None:
+            with contextlib.suppress(RuntimeError):  # the loop has ended
+                loop.call_soon_threadsafe(self.refresh_picture, context=context)
+
+        self.source.start(on_news)
         self.refresh_picture()
-        self.set_interval(PERIOD_S, self.refresh_picture)
+        self.set_interval(PERIOD_S, self._refresh_if_late)
 
     def on_unmount(self) -> None:
         """End what was begun."""
         self.source.close()
 
+    def _refresh_if_late(self) -> None:
+        """Draw although nothing has come: there is no robot, or it is silent."""
+        if time.monotonic() - self._drawn > _LATE_S:
+            self.refresh_picture()
+
     def refresh_picture(self) -> None:
         """Draw what has changed."""
+        if not self.is_running:
+            return
+        self._drawn = time.monotonic()
+        self.source.listen(self.query_one("#tabs", TabbedContent).active in _FRAME_TABS)
         self.source.tick()
         while self._told:
             text, severity = self._told.popleft()
@@ -138,7 +163,9 @@ class MonitorApp(App[None]):
         facts = [*picture.facts, *problems, *([f"{lost} frames came too fast for the monitor"] if lost else [])]
         head.append(f"  {'  ·  '.join(facts)}")
         if str(self._head.content) != str(head):
-            self._head.update(head)
+            lines = len(head.wrap(self.console, max(self.size.width - _MARGIN, 1)))
+            self._head.update(head, layout=lines != self._head_lines)  # a new line: all is laid out
+            self._head_lines = lines
         self._alarm.set_class(bool(picture.alarm), "shown")
         if str(self._alarm.content) != picture.alarm:
             self._alarm.update(Text(picture.alarm))

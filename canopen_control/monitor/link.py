@@ -15,7 +15,7 @@ from canopen_control.client import RobotClient
 from canopen_control.errors import CanopenError, RemoteError
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Mapping
 
 __all__ = ["RobotLink"]
 
@@ -28,13 +28,17 @@ _REPEATED: Final = 200  # newest events that are looked through, so that none is
 
 
 class RobotLink:
-    """The robot `name`, or the only one; `start` and `close` it. `why` says what keeps it from the robot, or is ""."""
+    """The robot `name`, or the only one; `start` and `close` it. `why` says what keeps it from the robot, or is "".
+
+    `on_sample` is called on the connection's thread when a sample has come.
+    """
 
     def __init__(self, name: str | None = None) -> None:
         self.name = name
         self.why = "not connected yet"
         self.layouts: Mapping[str, Any] = {}
         self.state: Mapping[str, Any] | None = None
+        self.on_sample: Callable[[], None] = lambda: None
         self._events: deque[dict[str, Any]] = deque(maxlen=_KEPT_EVENTS)
         self._told: deque[dict[str, Any]] = deque(maxlen=_REPEATED)
         self._heard = 0.0
@@ -100,6 +104,7 @@ class RobotLink:
                     self._keep(message["event"])
                 elif "state" in message:
                     self.state, self._heard, self.why = message["state"], time.monotonic(), ""
+                    self.on_sample()
             self.why = f"robot {self.name} has been silent for more than {_SILENCE_S:g} s; does it hang?"
 
     def _keep(self, event: dict[str, Any]) -> None:

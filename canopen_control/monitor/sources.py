@@ -1,6 +1,7 @@
 """Where the monitor's picture comes from: a running robot, or a bare bus.
 
 The law of the file: a source never blocks who draws. Only a robot takes commands; on a bare bus nothing is ever sent.
+A robot's buses are listened to while somebody looks at frames: on the robot's own computer every frame costs time.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from canopen_control.monitor.tap import BusTap
 from canopen_control.trace.network import NetworkDescription, network_of_layout
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Mapping
 
     from canopen_control.monitor.picture import LogLine, Picture
     from canopen_control.trace.decoder import DecodedFrame
@@ -41,14 +42,17 @@ class Source(Protocol):
         """Who is on the bus, for the filter's words."""
         ...
 
-    def start(self) -> None:
-        """Begin."""
+    def start(self, on_news: Callable[[], None]) -> None:
+        """Begin; `on_news` is called, from any thread, when a new sample of the robot has come."""
 
     def close(self) -> None:
         """End."""
 
     def tick(self) -> None:
         """Do what is due; called a few times a second."""
+
+    def listen(self, wanted: bool) -> None:
+        """Frames are looked at from now on, or not any more."""
 
     def picture(self) -> Picture:
         """Return how it is now."""
@@ -73,18 +77,20 @@ class RobotSource:
         self.taps: list[BusTap] = []
         self._link = RobotLink(name)
         self._layouts: Mapping[str, Any] = {}
+        self._networks: list[NetworkDescription] = []
+        self._listening = False
         self._emergencies: list[LogLine] = []
 
     @property
     def network(self) -> NetworkDescription:
         """All nodes of all buses: a filter names nodes whatever bus they are on."""
-        nodes = {node_id: node for tap in self.taps for node_id, node in tap.network.nodes.items()}
-        return NetworkDescription(
-            nodes=nodes, master_node_id=self.taps[0].network.master_node_id if self.taps else None
-        )
+        nodes = {node_id: node for network in self._networks for node_id, node in network.nodes.items()}
+        master = self._networks[0].master_node_id if self._networks else None
+        return NetworkDescription(nodes=nodes, master_node_id=master)
 
-    def start(self) -> None:
+    def start(self, on_news: Callable[[], None] = lambda: None) -> None:
         """Look for the robot."""
+        self._link.on_sample = on_news
         self._link.start()
 
     def close(self) -> None:
@@ -93,10 +99,18 @@ class RobotSource:
         for tap in self.taps:
             tap.close()
 
+    def listen(self, wanted: bool) -> None:
+        """Open its buses, or leave them."""
+        if wanted is not self._listening:
+            self._listening = wanted
+            self._tap()
+
     def tick(self) -> None:
-        """Listen to the robot's buses as soon as it has told which they are."""
+        """Listen to the robot's buses as soon as it has told which they are, where that is wanted."""
         if self._link.layouts is not self._layouts:
-            self._listen()
+            self._layouts = self._link.layouts
+            self._networks = [network_of_layout(each) for each in self._layouts.values()]
+            self._tap()
         for tap in self.taps:
             tap.tick(time.monotonic_ns())
 
@@ -122,13 +136,12 @@ class RobotSource:
         """Ask the robot."""
         self._link.call(method, {**params, "source": SOURCE}, PATIENCE_S)
 
-    def _listen(self) -> None:
-        """Open the buses of a robot that was found, or has come back, perhaps with others."""
+    def _tap(self) -> None:
+        """Listen to the buses of a robot that was found, or has come back, perhaps with others; or not any more."""
         for tap in self.taps:
             tap.close()
-        self._layouts = self._link.layouts
-        owner = self._link.name or ""
-        self.taps = [BusTap(network_of_layout(each), self._take, owner=owner) for each in self._layouts.values()]
+        owner, networks = self._link.name or "", self._networks if self._listening else []
+        self.taps = [BusTap(network, self._take, owner=owner) for network in networks]
 
     def _take(self, decoded: DecodedFrame) -> None:
         self.frames.add(decoded)
@@ -147,8 +160,11 @@ class BusSource:
         self._tap = BusTap(network, self._take, owner=owner)
         self.taps = [self._tap]
 
-    def start(self) -> None:
-        """Do nothing: `tick` opens the bus."""
+    def start(self, on_news: Callable[[], None] = lambda: None) -> None:
+        """Do nothing: `tick` opens the bus, and its frames are all there is."""
+
+    def listen(self, wanted: bool) -> None:
+        """Do nothing: it always listens."""
 
     def close(self) -> None:
         """Leave the bus."""

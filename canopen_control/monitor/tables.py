@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, Final
 
+from rich.cells import cell_len
 from rich.text import Text
 from textual.widgets import DataTable
+from textual.widgets.data_table import ColumnKey
 
 from canopen_control.monitor.picture import Cell, plain
 from canopen_control.monitor.style import TONE_STYLES
@@ -59,7 +61,9 @@ class LiveTable(DataTable[Text]):
     def _change(self, key: str, before: tuple[Cell, ...], after: tuple[Cell, ...]) -> None:
         for title, old, new in zip(self._titles, before, after, strict=True):
             if old != new:
-                self.update_cell(key, title, _text(new), update_width=True)
+                # a column that changes its width has the whole screen laid out again, so that it only grows
+                wider = cell_len(str(new)) > self.columns[ColumnKey(title)].content_width
+                self.update_cell(key, title, _text(new), update_width=wider)
                 self.written += 1
 
 

@@ -24,8 +24,11 @@ class FakeSource:
         self.alarm, self.state = "", Cell("OPERATION ENABLED", Tone.GOOD)
         self.decoder, self.started, self.closed = Decoder(self.network), False, False
 
-    def start(self):
-        self.started = True
+    def start(self, on_news):
+        self.started, self.news = True, on_news
+
+    def listen(self, wanted):
+        self.listening = wanted
 
     def close(self):
         self.closed = True
@@ -343,5 +346,53 @@ def test_its_picture_asks_nobody_for_anything():
         assert "url(" not in picture.replace("url(#", "")
         assert "@font-face" not in picture
         assert "OPERATIONAL" in picture
+
+    on_screen(check)
+
+
+# -- when it draws
+
+
+def test_a_new_sample_is_drawn_when_it_comes():
+    async def check(app, pilot, source):
+        drawn = app._drawn
+        source.lines = [LogLine(1.0, "a drive was lost", Tone.BAD)]
+        threading.Thread(target=source.news).start()  # as the robot's connection does
+        for _ in range(200):
+            if app._drawn != drawn:
+                break
+            await pilot.pause(0.005)
+        assert "a drive was lost" in text_of(app, "events")
+
+    on_screen(check)
+
+
+def test_frames_are_listened_to_while_somebody_looks_at_them():
+    async def check(app, pilot, source):
+        app.refresh_picture()
+        wanted = [source.listening]
+        for key in ("3", "4", "1"):
+            await pilot.press(key)
+            app.refresh_picture()
+            wanted.append(source.listening)
+        assert wanted == [False, True, True, False]
+
+    on_screen(check)
+
+
+def test_a_changing_number_does_not_have_the_screen_laid_out_again(monkeypatch):
+    async def check(app, pilot, source):
+        app.refresh_picture()
+        await pilot.pause()
+        laid_out = []
+        monkeypatch.setattr(app.screen, "_refresh_layout", lambda *_, **__: laid_out.append(1))
+        source.state = Cell("FAULT", Tone.BAD)  # shorter than what was there
+        app.refresh_picture()
+        await pilot.pause()
+        assert laid_out == []
+        source.state = Cell("QUICK STOP ACTIVE AND LONGER", Tone.BAD)
+        app.refresh_picture()
+        await pilot.pause()
+        assert laid_out
 
     on_screen(check)

@@ -45,9 +45,15 @@ def test_the_buses_of_a_robot_are_listened_to_by_its_own_names(robot_source):
     layout = {"channel": "local:seen", "bitrate": 500_000, "master_node_id": 1, "nodes": [node]}
     robot_source._link.layouts = {"can": layout}
     robot_source.tick()
+    assert robot_source.taps == []  # nobody looks at frames
+    robot_source.listen(True)
+    robot_source.tick()
     try:
         (tap,) = robot_source.taps
         assert tap.problem == ""
+        assert robot_source.network.name_of(3) == "left"
+        robot_source.listen(False)
+        assert robot_source.taps == []
         assert robot_source.network.name_of(3) == "left"
     finally:
         robot_source.close()
