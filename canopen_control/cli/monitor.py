@@ -2,8 +2,8 @@
 
 Attached to a running robot it shows drives, joints, cycle, events, emergencies and, while their tabs are open, the
 frames of its buses; space is STOP (ramp, disable, latched until released), e/d/f enable, disable and reset the fault of
-the selected drive, E/D/F of all. With --can it only listens to a bus and never sends: the tables are made of heartbeats, TPDOs and emergencies, with
-names of --config or --eds. STOP is no safety function (ISO 13850).
+the selected drive, E/D/F of all. With --can it only listens to a bus and never sends: the tables are made of
+heartbeats, TPDOs and emergencies, with names of --config or --eds. STOP is no safety function (ISO 13850).
 """
 
 from __future__ import annotations
