@@ -13,9 +13,11 @@ from canopen_control.cia301.abort import AbortCode
 from canopen_control.cia301.error_behaviour import check_reaction
 from canopen_control.cia301.heartbeat import parse_consumer_entry
 from canopen_control.cia301.nmt import MAX_NODE_ID
+from canopen_control.cia301.pdo import INVALID_BIT
 from canopen_control.cia301.remap import is_restricted
 from canopen_control.cia301.sdo_server import SdoServerAbort
 from canopen_control.cia301.sync import check_cob_id_sync, check_overflow, parse_cob_id_sync
+from canopen_control.virtual.store import refuse
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -26,7 +28,6 @@ if TYPE_CHECKING:
 __all__ = ["CommunicationObjects"]
 
 _MS = 1_000_000
-_INVALID = 1 << 31
 SAVE, LOAD = 0x65766173, 0x64616F6C
 # What subindex n of 0x1010 and 0x1011 is about (CiA 301, 7.5.2.13); 4 and following are the manufacturer's.
 _GROUPS = {1: (0x1000, 0xFFFF), 2: (0x1000, 0x1FFF), 3: (0x6000, 0x9FFF)}
@@ -52,7 +53,7 @@ class CommunicationObjects:
         }
         for index, guard in self._guards.items():
             store.guard([index], guard)
-        store.on_write(_ANY_STATE, lambda _entry, _value: self.apply(node.now))
+        store.on_write(_ANY_STATE, lambda _entry, _value: self.apply())
         store.on_read(0x1001, 0, lambda: node.emcy.error_register)
         for subindex in store.od.subindices(0x1003):
             store.on_read(0x1003, subindex, partial(self._history, subindex))
@@ -78,11 +79,11 @@ class CommunicationObjects:
             if entry is not None and entry.value is None and value is not None:
                 store.preset(index, subindex, value)
 
-    def apply(self, now: int) -> None:
+    def apply(self) -> None:
         """Set the services from the objects."""
         node, number = self._node, self._store.number
         cob_id = number(0x1014, 0, 0x80 + node.node_id)
-        node.emcy.cob_id, node.emcy.enabled = cob_id & 0x7FF, not cob_id & _INVALID
+        node.emcy.cob_id, node.emcy.enabled = cob_id & 0x7FF, not cob_id & INVALID_BIT
         node.emcy.inhibit_ns = number(0x1015) * 100_000
         node.sync.cob_id = parse_cob_id_sync(number(0x1005, 0, 0x80))[0]
         node.sync.overflow = number(0x1019)
@@ -90,15 +91,15 @@ class CommunicationObjects:
         node.guarding.enabled = not node.heartbeat.period_ns
         node.guarding.guard_time_ns = number(0x100C) * _MS
         node.guarding.life_time_factor = number(0x100D)
-        self._watch(now)
+        self._watch()
         node.reroute()
 
-    def _watch(self, _now: int) -> None:
+    def _watch(self) -> None:
         wanted = {node_id: ms * _MS for node_id, ms in self._consumers()}
         present = self._node.consumer.watched()
         for node_id in present.keys() - wanted.keys():
             self._node.consumer.unwatch(node_id)
-            self._node.stop_missing(node_id)
+            self._node.stop_missing()
         for node_id, timeout in wanted.items():
             if present.get(node_id) != timeout:
                 self._node.consumer.watch(node_id, timeout)
@@ -115,26 +116,26 @@ class CommunicationObjects:
     # -- guards
 
     def _check_history(self, _entry: Entry, value: Value) -> Value:
-        _refuse(self._node.emcy.write_history_count(int(value)))
+        refuse(self._node.emcy.write_history_count(int(value)))
         return value
 
     def _check_sync(self, entry: Entry, value: Value) -> Value:
-        _refuse(check_cob_id_sync(int(value), self._store.number(entry.index), can_produce=False))
+        refuse(check_cob_id_sync(int(value), self._store.number(entry.index), can_produce=False))
         return value
 
     def _check_overflow(self, _entry: Entry, value: Value) -> Value:
-        _refuse(check_overflow(int(value), self._store.number(0x1006)))
+        refuse(check_overflow(int(value), self._store.number(0x1006)))
         return value
 
     def _check_behaviour(self, _entry: Entry, value: Value) -> Value:
-        _refuse(check_reaction(int(value)))
+        refuse(check_reaction(int(value)))
         return value
 
     def _check_emcy(self, entry: Entry, value: Value) -> Value:
         """Refuse another identifier while the message is valid."""
         present, new = self._store.number(entry.index), int(value)
         moved = (present ^ new) & 0x7FF
-        if not new & _INVALID and ((moved and not present & _INVALID) or is_restricted(new & 0x7FF)):
+        if not new & INVALID_BIT and ((moved and not present & INVALID_BIT) or is_restricted(new & 0x7FF)):
             raise SdoServerAbort(AbortCode.INVALID_VALUE)
         return value
 
@@ -179,8 +180,3 @@ class CommunicationObjects:
             and entry.index not in (0x1003, 0x1010, 0x1011, 0x6040)
             and self._store.source_of(*entry.address) is None
         ]
-
-
-def _refuse(code: int | None) -> None:
-    if code is not None:
-        raise SdoServerAbort(code)

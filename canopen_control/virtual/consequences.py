@@ -94,7 +94,7 @@ class Consequences:
                 self._silent(0, now)
             elif kind in (HeartbeatEventKind.RESOLVED, GuardingEventKind.RESOLVED):
                 node.tell(HeartbeatMissed(node_id if kind is HeartbeatEventKind.RESOLVED else 0, missed=False))
-                node.stop_missing(node_id)
+                node.stop_missing()
 
     def _state_changed(self, event: NmtStateChanged, now: int) -> None:
         node, state = self._node, event.state

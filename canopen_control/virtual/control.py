@@ -113,7 +113,7 @@ class NodeControl:
         """Serve a method for somebody in this process; ConfigError for wrong parameters."""
         return self._run(self._methods[method], parameters)
 
-    def _run(self, method: Callable[[dict[str, Any]], Any], parameters: dict[str, Any]) -> Any:  # noqa: ANN401
+    def _run(self, method: Callable[[dict[str, Any]], Any], parameters: dict[str, Any]) -> Any:  # noqa: ANN401 - as above
         self._node.tick(self._host.reactor.now())
         result = method(parameters)
         self._host.wake(self._node)

@@ -8,10 +8,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from canopen_control.cia301.lss import UNCONFIGURED
 from canopen_control.errors import ConfigError
 from canopen_control.od.eds import read_eds
 from canopen_control.virtual.device import make_device
-from canopen_control.virtual.lss import UNCONFIGURED
 from canopen_control.virtual.storage import Storage
 from canopen_control.virtual.world import PlainWorld, World
 

@@ -9,9 +9,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from canopen_control.cia402 import objects as o
 from canopen_control.od.eds import read_eds
-from canopen_control.virtual.drive import VirtualDrive
+from canopen_control.virtual.drive import attach_drives
 from canopen_control.virtual.node import VirtualNode
 from canopen_control.virtual.personality import GENERIC, Personality
 from canopen_control.virtual.switchboard import FaultSwitches
@@ -47,8 +46,7 @@ def make_device(
     """
     od = read_eds(source, node_id).od if isinstance(source, str | Path) else source.for_node(node_id)
     node = VirtualNode(od, node_id, serial=serial, personality=personality or personality_of(od))
-    for axis in range(o.axis_count({entry.index for entry in od})):
-        node.attach(VirtualDrive(node, axis, None if plant is None else plant(axis), node.personality))
+    attach_drives(node, plant)
     switches = FaultSwitches(node)
     for fault in faults:
         switches.schedule(fault)

@@ -47,7 +47,7 @@ if TYPE_CHECKING:
     from canopen_control.virtual.motion import Trajectory
     from canopen_control.virtual.node import VirtualNode
 
-__all__ = ["VirtualDrive"]
+__all__ = ["VirtualDrive", "attach_drives"]
 
 _MS = 1_000_000
 _OPTIONS = (o.QUICK_STOP_OPTION, o.SHUTDOWN_OPTION, o.DISABLE_OPERATION_OPTION, o.HALT_OPTION, o.FAULT_REACTION_OPTION)
@@ -269,7 +269,7 @@ class VirtualDrive:
 
     def next_index(self, demand: Trajectory, now: int) -> tuple[int, float] | None:
         """Return when and where a touch probe's index pulse comes."""
-        return self.probes.next_index(demand, now) if self.probes.wants_index else None
+        return self.probes.next_index(demand, now)
 
     def index_passed(self, place: float) -> None:
         """Let the touch probes catch an index pulse."""
@@ -361,3 +361,9 @@ class VirtualDrive:
     def communication_stopped(self, now: int) -> None:
         """React to NMT STOPPED or a reset of communication; without 0x6007 that is a fault of operation."""
         self.power.abort_connection(0x8100, now)
+
+
+def attach_drives(node: VirtualNode, plant: Callable[[int], Plant] | None = None) -> None:
+    """Give `node` a drive on each axis that its dictionary has; `plant` makes the plant of an axis."""
+    for axis in range(o.axis_count({entry.index for entry in node.od})):
+        node.attach(VirtualDrive(node, axis, None if plant is None else plant(axis), node.personality))

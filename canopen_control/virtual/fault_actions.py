@@ -257,25 +257,22 @@ def flood(node: VirtualNode, now: int) -> None:
 
 def lasting_fault(code: int, register: int) -> Turn:
     """Make a turn into FAULT whose cause lasts while it is on."""
+    return _each(lambda drive, on, now: _last(drive, on, now, code, register))
 
-    def action(drive: VirtualDrive, on: bool, now: int) -> None:
-        if on:
-            drive.power.causes.add(code)
-            drive.fault(code, now, register=register)
-        else:
-            drive.power.causes.discard(code)
 
-    return _each(action)
+def _last(drive: VirtualDrive, on: bool, now: int, code: int, register: int) -> None:
+    """Fault, and keep its cause while it is on."""
+    if on:
+        drive.power.causes.add(code)
+        drive.fault(code, now, register=register)
+    else:
+        drive.power.causes.discard(code)
 
 
 def stubborn_fault(node: VirtualNode, on: bool, now: int) -> None:
     """Fault with a communication error that only a reset of the communication takes back."""
     for drive in node.drives.values():
-        if on:
-            drive.power.causes.add(0x8120)
-            drive.fault(0x8120, now, register=ErrorRegister.COMMUNICATION)
-        else:
-            drive.power.causes.discard(0x8120)
+        _last(drive, on, now, 0x8120, ErrorRegister.COMMUNICATION)
     node.clears_on_reset_communication = {0x8120} if on else set()
 
 
@@ -289,13 +286,8 @@ def power_stage(drive: VirtualDrive, on: bool, now: int) -> None:
 
 def undervoltage(drive: VirtualDrive, on: bool, now: int) -> None:
     """Fault because of the supply."""
-    if on:
-        drive.power.causes.add(0x3220)
-        drive.power.voltage = False
-        drive.fault(0x3220, now, register=ErrorRegister.VOLTAGE)
-    else:
-        drive.power.causes.discard(0x3220)
-        drive.power.voltage = True
+    drive.power.voltage = not on
+    _last(drive, on, now, 0x3220, ErrorRegister.VOLTAGE)
 
 
 def hand_moved(drive: VirtualDrive, _on: bool, now: int) -> None:
@@ -334,9 +326,9 @@ def no_switches(drive: VirtualDrive, on: bool, _now: int) -> None:
 def clock_off_by(ppm: float) -> Turn:
     """Make a turn that lets the node's clock run fast, or slow where `ppm` is negative."""
 
-    def turn(node: VirtualNode, on: bool, now: int) -> None:
+    def turn(node: VirtualNode, on: bool, _now: int) -> None:
         node.clock_ppm = ppm if on else 0.0
-        node.communication.apply(now)
+        node.communication.apply()
 
     return turn
 
@@ -389,8 +381,7 @@ def error_passive(node: VirtualNode, on: bool, _now: int) -> None:
         node.clear_error(0x8120)
 
 
-def recovered_from_bus_off(node: VirtualNode, on: bool, now: int) -> None:
+def recovered_from_bus_off(node: VirtualNode, on: bool, _now: int) -> None:
     """Be off the bus while on; back on it, say so."""
-    del now
     if not on:
         node.report(0x8140, ErrorRegister.COMMUNICATION, node.personality.communication_data)

@@ -24,6 +24,7 @@ __all__ = ["METHODS", "Homing", "Method"]
 
 START = 1 << 4
 _IN_PLACE = (35, 37)
+_LIMITS = ("negative", "positive")  # the edges that are limit switches
 FAST, SLOW = 1, 2  # subindices of 0x6099
 
 
@@ -143,7 +144,7 @@ class Homing:
         elif method is None:  # 0: nothing is sought, and nothing moves
             self._attained = True
         elif not method.edge and not method.pulse:
-            self._found(drive, drive.mover.plant.position, now)
+            self._found(drive, drive.mover.plant.position)
         elif not (drive.number(o.HOMING_SPEEDS, FAST) and drive.number(o.HOMING_SPEEDS, SLOW)):
             self._fail(drive, now)
         else:
@@ -156,7 +157,7 @@ class Homing:
         self._home = position
         if method.edge:
             self._home = float(getattr(switches, method.edge))
-            self._legs = _legs_to(position, self._home, method.direction, ["negative", "positive"].count(method.edge))
+            self._legs = _legs_to(position, self._home, method.direction, is_limit=method.edge in _LIMITS)
         if method.pulse:
             period = switches.index_period
             count = math.floor(self._home / period) + 1 if method.direction > 0 else math.ceil(self._home / period) - 1
@@ -190,12 +191,11 @@ class Homing:
         if self._legs:
             self._run(drive, now)
         else:
-            self._found(drive, self._home if drive.mover.plant.stiff else drive.mover.plant.position, now)
+            self._found(drive, self._home if drive.mover.plant.stiff else drive.mover.plant.position)
             drive.stop(now, Reaction.SLOW_DOWN_RAMP)
         drive.touch()
 
-    def _found(self, drive: VirtualDrive, home: float, now: int) -> None:
-        del now
+    def _found(self, drive: VirtualDrive, home: float) -> None:
         drive.zero = home - drive.number(o.HOME_OFFSET) * drive.units.position
         self._attained, self._running = True, False
         self._leave_switches(drive)
@@ -212,7 +212,7 @@ class Homing:
         drive.mover.switches.homing = False
 
 
-def _legs_to(position: float, edge: float, direction: int, is_limit: int) -> list[_Leg]:
+def _legs_to(position: float, edge: float, direction: int, *, is_limit: bool) -> list[_Leg]:
     """Return the passes over an edge: fast towards it, then slow until one has `direction`.
 
     A motor that stands exactly on the edge leaves it first. Beyond a limit switch nothing is fast.

@@ -35,7 +35,6 @@ class AxisLimits:
         self.following_error = 0.0
         self._bound: float | None = None  # where the present demand ends because of a limit
         self._side = 0
-        self._reported: set[int] = set()
 
     def reset(self) -> None:
         """Forget what was hit: the power is off."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from canopen_control.cia301.lss import BIT_TIMINGS, MASTER_COB_ID, UNCONFIGURED, LssIdentity
+from canopen_control.cia301.lss import BIT_TIMINGS, LssIdentity
 from canopen_control.cia301.lss_slave import LssActivateBitTiming, LssNodeIdAssigned, LssSlave
 from canopen_control.virtual.events import BitRateActivated
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from canopen_control.frame import CanFrame
     from canopen_control.virtual.node import VirtualNode
 
-__all__ = ["MASTER_COB_ID", "UNCONFIGURED", "NodeLss"]
+__all__ = ["NodeLss"]
 
 
 class NodeLss:

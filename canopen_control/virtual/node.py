@@ -14,7 +14,9 @@ from canopen_control.cia301.emcy import EmcyProducer
 from canopen_control.cia301.emcy_codes import ErrorRegister
 from canopen_control.cia301.guarding import GuardingSlave
 from canopen_control.cia301.heartbeat import HeartbeatConsumer, HeartbeatProducer
+from canopen_control.cia301.lss import MASTER_COB_ID, UNCONFIGURED
 from canopen_control.cia301.nmt import NmtCommand, NmtSlave, NmtState
+from canopen_control.cia301.sdo_codec import ANSWER_BASE, REQUEST_BASE
 from canopen_control.cia301.sdo_server import SdoServer
 from canopen_control.cia301.sync import SyncConsumer, SyncEventKind
 from canopen_control.cia402 import objects as o
@@ -22,7 +24,7 @@ from canopen_control.frame import REMOTE_FLAG, CanFrame
 from canopen_control.virtual.communication import CommunicationObjects
 from canopen_control.virtual.consequences import HEARTBEAT_ERROR, Consequences
 from canopen_control.virtual.events import EmergencyRaised, NodeIdChanged
-from canopen_control.virtual.lss import MASTER_COB_ID, UNCONFIGURED, NodeLss
+from canopen_control.virtual.lss import NodeLss
 from canopen_control.virtual.pdos import ProcessData
 from canopen_control.virtual.personality import GENERIC, Personality
 from canopen_control.virtual.routing import merged
@@ -253,8 +255,8 @@ class VirtualNode:
         for axis, controlword in axes.items():
             self.drives[axis].refresh(now, controlword=controlword)
 
-    def stop_missing(self, _node_id: int) -> None:
-        """Forget the error of a node that is no longer watched."""
+    def stop_missing(self) -> None:
+        """Forget the error of nodes that are silent when none is any more: heard again, or not watched."""
         if not any(self.consumer.is_missed(node_id) for node_id in self.consumer.watched()):
             self.clear_error(HEARTBEAT_ERROR)
 
@@ -320,7 +322,7 @@ class VirtualNode:
         self.store.rebase(self.od)
         for core in (self.nmt, self.heartbeat, self.guarding, self.emcy, self.sdo):
             core.node_id = node_id
-        self.sdo.request_cob_id, self.sdo.answer_cob_id = 0x600 + node_id, 0x580 + node_id
+        self.sdo.request_cob_id, self.sdo.answer_cob_id = REQUEST_BASE + node_id, ANSWER_BASE + node_id
         self.tell(NodeIdChanged(node_id))
 
     def bus_event(self, kind: BusEventKind, now: int) -> None:
@@ -353,7 +355,7 @@ class VirtualNode:
         """End the initialisation: the boot-up message, PRE-OPERATIONAL."""
         self._boot_at = None
         self.emcy.allowed = True
-        self.communication.apply(now)
+        self.communication.apply()
         self.pdos.configure(now)
         by_dictionary = self.store.has(0x1F80) and not self.store.number(0x1F80) & 4
         self.nmt.self_starting = self.self_starting or by_dictionary

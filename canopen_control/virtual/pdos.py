@@ -15,6 +15,7 @@ from canopen_control.cia301.abort import AbortCode
 from canopen_control.cia301.pdo import (
     ACYCLIC_SYNCHRONOUS,
     DUMMY_TYPES,
+    INVALID_BIT,
     NO_RTR_BIT,
     MappedObject,
     PdoCodec,
@@ -30,6 +31,7 @@ from canopen_control.cia301.tpdo import TpdoProducer
 from canopen_control.cia402 import objects as o
 from canopen_control.errors import LocalProtocolError
 from canopen_control.frame import EXTENDED_FLAG, REMOTE_FLAG
+from canopen_control.virtual.store import refuse
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -121,7 +123,7 @@ class ProcessData:
     def _communication_guard(self, rules: PdoRules) -> Callable[[Entry, Value], Value]:
         def judge(entry: Entry, value: Value) -> Value:
             present = self._parameters(entry.index)
-            _refuse(rules.check_communication(entry.subindex, int(value), present))
+            refuse(rules.check_communication(entry.subindex, int(value), present))
             return value
 
         return judge
@@ -130,10 +132,10 @@ class ProcessData:
         def judge(entry: Entry, value: Value) -> Value:
             present, count = self._parameters(communication), self._store.number(entry.index)
             if entry.subindex:
-                _refuse(rules.check_mapping_entry(entry.subindex, int(value), present, count))
+                refuse(rules.check_mapping_entry(entry.subindex, int(value), present, count))
             else:
                 entries = [self._store.number(entry.index, sub) for sub in range(1, rules.max_entries + 1)]
-                _refuse(rules.check_mapping_count(int(value), entries, present))
+                refuse(rules.check_mapping_count(int(value), entries, present))
             return value
 
         return judge
@@ -143,7 +145,7 @@ class ProcessData:
     def _parameters(self, communication: int) -> PdoParameters:
         number = self._store.number
         return PdoParameters.from_value(
-            number(communication, 1, 1 << 31),
+            number(communication, 1, INVALID_BIT),
             transmission_type=number(communication, 2, 255),
             inhibit_time_100us=number(communication, 3),
             event_timer_ms=number(communication, 5),
@@ -298,11 +300,6 @@ class ProcessData:
     def frames(self) -> list[CanFrame]:
         """Drain the TPDOs to send."""
         return [frame for tpdo in self.tpdos.values() for frame in tpdo.producer.frames()]
-
-
-def _refuse(code: AbortCode | None) -> None:
-    if code is not None:
-        raise SdoServerAbort(code)
 
 
 def _can_id(parameters: PdoParameters) -> int:

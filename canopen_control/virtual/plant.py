@@ -45,6 +45,16 @@ def _lag(velocity: float, piece: Piece, time_constant: float) -> tuple[float, fl
     return way, demand + slope * (seconds - time_constant) + offset * decay
 
 
+def _push(plant: IdealPlant | LagPlant, torque: Trajectory, start_ns: int, end_ns: int, time_constant: float) -> None:
+    """Let a plant approach the velocity that belongs to the torque."""
+    gain = plant.rated_velocity / 1000.0
+    for piece in torque.slices(start_ns, end_ns):
+        scaled = piece._replace(velocity=piece.velocity * gain, acceleration=piece.acceleration * gain)
+        way, plant.velocity = _lag(plant.velocity, scaled, time_constant)
+        plant.position += way
+    plant.torque = torque.at(end_ns)[1]
+
+
 @dataclass(slots=True)
 class IdealPlant:
     """It is where the demand is, and stands still without power, as a small stepper does.
@@ -67,12 +77,7 @@ class IdealPlant:
 
     def push(self, torque: Trajectory, start_ns: int, end_ns: int) -> None:
         """Approach the velocity that belongs to the torque."""
-        gain = self.rated_velocity / 1000.0
-        for piece in torque.slices(start_ns, end_ns):
-            scaled = piece._replace(velocity=piece.velocity * gain, acceleration=piece.acceleration * gain)
-            way, self.velocity = _lag(self.velocity, scaled, self.torque_time_constant)
-            self.position += way
-        self.torque = torque.at(end_ns)[1]
+        _push(self, torque, start_ns, end_ns, self.torque_time_constant)
 
     def release(self, start_ns: int, end_ns: int) -> None:  # noqa: ARG002 # it stands, however long
         """Stand still."""
@@ -103,12 +108,7 @@ class LagPlant:
 
     def push(self, torque: Trajectory, start_ns: int, end_ns: int) -> None:
         """Approach the velocity that belongs to the torque."""
-        gain = self.rated_velocity / 1000.0
-        for piece in torque.slices(start_ns, end_ns):
-            scaled = piece._replace(velocity=piece.velocity * gain, acceleration=piece.acceleration * gain)
-            way, self.velocity = _lag(self.velocity, scaled, self.coast_time_constant)
-            self.position += way
-        self.torque = torque.at(end_ns)[1]
+        _push(self, torque, start_ns, end_ns, self.coast_time_constant)
 
     def release(self, start_ns: int, end_ns: int) -> None:
         """Coast."""

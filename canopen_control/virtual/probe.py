@@ -75,13 +75,12 @@ class TouchProbes:
 
     def next_index(self, demand: Trajectory, now: int) -> tuple[int, float] | None:
         """Return when `demand` passes the next index pulse, and where; None: it does not, or nobody waits for it."""
-        position, velocity = demand.at(now)
         if not self.wants_index:
             return None
+        position = demand.at(now)[0]
         period = self._drive.mover.switches.index_period
         ahead = (math.floor(position / period) + 1) * period
         behind = (math.ceil(position / period) - 1) * period
-        del velocity
         found = [(due, place) for place in (ahead, behind) if (due := demand.time_of(place, now)) is not None]
         return min(found, default=None)
 

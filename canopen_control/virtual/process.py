@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING
 from canopen_control.host.sockets import SocketInUse
 from canopen_control.host.spawn import lifeline_fd
 from canopen_control.virtual.control import NodeControl
-from canopen_control.virtual.device import make_device
 from canopen_control.virtual.events import NodeIdChanged
 from canopen_control.virtual.launch import NodeIdTaken
 from canopen_control.virtual.nodehost import NodeHost
@@ -30,7 +29,7 @@ if TYPE_CHECKING:
     from canopen_control.virtual.node import VirtualNode
     from canopen_control.virtual.world import World
 
-__all__ = ["DriveProcess", "NodeHost", "make_device"]
+__all__ = ["DriveProcess"]
 
 _MS = 1_000_000
 LAST_WORDS_NS = 5_000 * _MS

@@ -15,10 +15,10 @@ import json
 import os
 from typing import TYPE_CHECKING, Any
 
+from canopen_control.cia301.lss import UNCONFIGURED
 from canopen_control.errors import CanopenError, ConfigError
 from canopen_control.host.sockets import lock
 from canopen_control.od.codec import decode, encode
-from canopen_control.virtual.lss import UNCONFIGURED
 
 if TYPE_CHECKING:
     from collections.abc import Callable

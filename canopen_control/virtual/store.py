@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from canopen_control.od.model import Address
 
-__all__ = ["Guard", "ObjectStore", "Source", "Watcher", "check_limits"]
+__all__ = ["Guard", "ObjectStore", "Source", "Watcher", "check_limits", "refuse"]
 
 if TYPE_CHECKING:
     Source = Callable[[], Value]
@@ -42,6 +42,12 @@ def check_limits(entry: Entry, value: Value) -> None:
         raise SdoServerAbort(AbortCode.VALUE_TOO_HIGH)
     if entry.low is not None and value < entry.low:
         raise SdoServerAbort(AbortCode.VALUE_TOO_LOW)
+
+
+def refuse(code: int | None) -> None:
+    """Raise the abort code that a rule found; None: it found nothing."""
+    if code is not None:
+        raise SdoServerAbort(code)
 
 
 class ObjectStore:

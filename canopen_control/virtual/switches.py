@@ -19,9 +19,9 @@ NEGATIVE, POSITIVE, HOME = 1, 2, 4  # 0x60FD
 
 @dataclass(slots=True)
 class Switches:
-    """Places in plant counts. The home switch is active from `home_low` to `home_high`, the index every `index_period`.
+    """Places in plant counts; the home switch is active from `home_low` to `home_high`.
 
-    `blocked` is the direction, -1 or 1, in which a wired limit switch stopped the motor, 0 where none did.
+    The index comes every `index_period`. The limit switches are there for homing, or, `wired`, for every motion.
     """
 
     negative: float = -50_000.0
@@ -31,7 +31,6 @@ class Switches:
     index_period: float = 4096.0
     wired: bool = False
     homing: bool = False
-    blocked: int = 0
 
     def inputs(self, position: float) -> int:
         """Return the low bits of 0x60FD: negative limit, positive limit, home switch."""

@@ -8,8 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from canopen_control.cia402 import objects as o
-from canopen_control.virtual.drive import VirtualDrive
+from canopen_control.virtual.drive import attach_drives
 from canopen_control.virtual.node import VirtualNode
 
 if TYPE_CHECKING:
@@ -24,8 +23,7 @@ def make_twin(node: VirtualNode, now: int) -> VirtualNode:
     """Return a second device like `node`, powered on, and in PRE-OPERATIONAL as any that was just plugged in."""
     serial = (node.store.number(0x1018, 4) + _OTHER_SERIAL) & 0xFFFFFFFF
     twin = VirtualNode(node.od, node.node_id, serial=serial, personality=node.personality)
-    for axis in range(o.axis_count({entry.index for entry in node.od})):
-        twin.attach(VirtualDrive(twin, axis, None, node.personality))
+    attach_drives(twin)
     twin.store.preset(0x1018, 4, serial)
     twin.tick(now)
     return twin

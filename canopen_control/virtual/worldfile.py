@@ -25,6 +25,7 @@ from __future__ import annotations
 
 import dataclasses
 import importlib
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -133,7 +134,7 @@ class OwnWorld:
             return inner
         side = LEFT if node_id == base.left else RIGHT
         sign = -1.0 if ("left", "right")[side] in base.reversed else 1.0
-        metres = sign * base.wheel_radius * 2.0 * 3.141592653589793 / base.counts_per_revolution
+        metres = sign * base.wheel_radius * math.tau / base.counts_per_revolution
         wheel = WheelPlant(inner, self._base, side, metres, slip=base.slip, seed=self._file.seed)
         self._wheels.append(wheel)
         return wheel
@@ -171,7 +172,7 @@ def read_world(path: Path) -> World:
     return OwnWorld(file)
 
 
-def _check(file: WorldFile, problems: Problems) -> None:
+def _check(file: WorldFile, _problems: Problems) -> None:
     for axis in (file.default, *file.axes.values()):
         axis.check()
     for name, axis in file.axes.items():
@@ -181,7 +182,6 @@ def _check(file: WorldFile, problems: Problems) -> None:
             axis.here.error(f'{name!r} is no axis: write "3" for node 3, or "3/1" for its axis 1')
     if file.base is not None and file.base.left == file.base.right:
         file.base.here.error("left and right are two different nodes")
-    del problems
 
 
 def _engine(path: Path) -> World | None:

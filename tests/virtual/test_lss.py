@@ -6,10 +6,10 @@ from dataclasses import replace
 
 from support.virtualbench import Bench, servo_od
 
+from canopen_control.cia301.lss import MASTER_COB_ID, UNCONFIGURED
 from canopen_control.frame import CanFrame
 from canopen_control.virtual.device import make_device
 from canopen_control.virtual.events import BitRateActivated, NodeIdChanged
-from canopen_control.virtual.lss import MASTER_COB_ID, UNCONFIGURED
 
 IDENTITY = (0x99, 0x1234, 0x10002, 77)
 
