@@ -14,6 +14,7 @@ import sys
 import time
 from typing import TYPE_CHECKING, Any, Final, Protocol
 
+from canopen_control.cli.commanded import not_enabled
 from canopen_control.cli.keyboard import Keyboard
 from canopen_control.cli.repeat import finite, seconds
 from canopen_control.client import RobotClient
@@ -203,7 +204,7 @@ class RobotTarget:
             self._name, self._is_base = str(chosen["name"]), chosen["topic"] == BASE
             self._signs = (1, 1) if self._is_base else sides(chosen["joints"])
             self._robot.call("subscribe", events=True)
-            self._news = _not_enabled(self._robot.call("status"))
+            self._news = not_enabled(self._robot.call("status"))
         except BaseException:
             self._robot.close()
             raise
@@ -279,18 +280,6 @@ def sides(joints: Sequence[str]) -> tuple[int, int]:
 
 def _names(controllers: list[dict[str, Any]]) -> str:
     return ", ".join(each["name"] for each in controllers) or "none"
-
-
-def _not_enabled(status: dict[str, Any]) -> list[str]:
-    waiting = [
-        name
-        for name, node in status["nodes"].items()
-        if any(axis["cia402_state"] != "OPERATION_ENABLED" for axis in node["axes"])
-    ]
-    if not waiting:
-        return []
-    are = "is" if len(waiting) == 1 else "are"
-    return [f"{', '.join(waiting)} {are} not enabled and will not move: canopen-control axis enable all"]
 
 
 class RosTarget:

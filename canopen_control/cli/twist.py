@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from canopen_control.cli.repeat import add_repeat_arguments, finite, send
+from canopen_control.cli.commanded import send_and_warn
+from canopen_control.cli.repeat import add_repeat_arguments, finite
 
 if TYPE_CHECKING:
     import argparse
@@ -24,6 +25,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the verb."""
-    params: dict[str, object] = {"controller": args.controller, "source": "twist"}
+    params: dict[str, Any] = {"controller": args.controller, "source": "twist"}
     moving = {**params, "linear": args.linear, "angular": args.angular}
-    return send(args, "twist", moving, {**params, "linear": 0.0, "angular": 0.0})
+    return send_and_warn(args, "twist", moving, {**params, "linear": 0.0, "angular": 0.0})
