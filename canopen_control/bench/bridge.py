@@ -9,9 +9,7 @@ slower than the robot's cycle, since the bridge hands over one in each.
 
 from __future__ import annotations
 
-import contextlib
 import json
-import os
 import statistics
 import time
 from typing import TYPE_CHECKING, Any
@@ -24,7 +22,7 @@ from canopen_control.host.sockets import list_sockets
 from canopen_control.ros.available import require_ros
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable
 
     from canopen_control.bench.runner import Options
 
@@ -36,7 +34,6 @@ COMMANDS, QUICK_COMMANDS = 400, 60
 COMMAND_HZ = 25.0
 CPU_LIMIT = 3.0  # times what publishing alone costs: the API's JSON is parsed, transforms are worked out
 LATENCY_LIMIT_MS = 5.0  # a quarter of robby's cycle
-DOMAIN = "97"  # of ROS, where nobody else is likely to be
 ROBOT = "bench"
 _POLL_S = 0.05
 
@@ -49,7 +46,7 @@ def measure(options: Options) -> list[Figure]:
         options.say(f"bridge: left out; {error}")
         return []
     seconds = (options.seconds or (QUICK_SECONDS if options.quick else SECONDS)) / ROUNDS
-    with _domain(), stage() as played:
+    with stage() as played:
         bench = BridgeBench(played)
         rounds = [(bench.bridge_us(seconds), bench.plain_us(seconds)) for _ in range(ROUNDS)]
         latencies = bench.latencies_s(QUICK_COMMANDS if options.quick else COMMANDS)
@@ -111,7 +108,7 @@ class BridgeBench:
         counts: dict[str, dict[str, int]] = _ask(self._listener, "counts")
         return counts
 
-    def _await(self, condition: Any) -> None:  # noqa: ANN401 - a function without parameters
+    def _await(self, condition: Callable[[], bool]) -> None:
         deadline = time.monotonic() + PATIENCE_S
         while not condition():
             if time.monotonic() > deadline:
@@ -124,19 +121,5 @@ def _read(program: Program) -> Any:  # noqa: ANN401 - as JSON has it
 
 
 def _ask(program: Program, order: object) -> Any:  # noqa: ANN401 - as JSON has it
-    assert program.process.stdin is not None
-    program.process.stdin.write(json.dumps(order) + "\n")
-    program.process.stdin.flush()
+    program.tell(json.dumps(order))
     return _read(program)
-
-
-@contextlib.contextmanager
-def _domain() -> Iterator[None]:
-    """Play where no other ROS program of this host hears it."""
-    kept, os.environ["ROS_DOMAIN_ID"] = os.environ.get("ROS_DOMAIN_ID"), DOMAIN
-    try:
-        yield
-    finally:
-        del os.environ["ROS_DOMAIN_ID"]
-        if kept is not None:
-            os.environ["ROS_DOMAIN_ID"] = kept

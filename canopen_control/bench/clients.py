@@ -19,6 +19,7 @@ from canopen_control.bench.cycle import OURS, ROBOT, Arena, absolutes_of
 from canopen_control.bench.figure import Figure, compared, limited, percentiles
 from canopen_control.bench.stage import stage
 from canopen_control.errors import CanopenError
+from canopen_control.host.environment import clean_environment
 from canopen_control.ros.available import require_ros
 
 if TYPE_CHECKING:
@@ -64,7 +65,7 @@ def _influence(contender: Contender) -> list[Figure]:
     figures = []
     cycles = round(PAIRED_SECONDS * 1e6 / PERIOD_US)
     for name, verb in (("view", ("view", "--port", "0")), ("monitor", ("monitor",))):
-        if importlib.util.find_spec(f"canopen_control.cli.{name}") is None or not _has_extra(name):
+        if not _has_extra(name):
             continue
         rounds, watched = [], []
         for _ in range(ROUNDS):
@@ -116,7 +117,7 @@ def on_a_terminal(*words: str) -> Iterator[int]:
         stdin=theirs,
         stdout=theirs,
         stderr=theirs,
-        env={**os.environ, "TERM": "xterm-256color", "_ROS_WHEELS_BOOTSTRAP_COMPLETE": "1"},
+        env={**clean_environment(ros=False), "TERM": "xterm-256color"},
         start_new_session=True,
     )
     os.close(theirs)

@@ -28,6 +28,7 @@ DRIVES, PERIOD_US = 8, 20_000
 ROUNDS = 5
 _OWN = DRIVES * (2 * 1_000_000 // PERIOD_US + 10)  # frames/s of the drives: two TPDOs a cycle, ten heartbeats a second
 SECONDS = 4.0
+_MARGIN = 10  # cycles before and after the talker
 
 
 def measure(options: Options) -> list[Figure]:
@@ -56,9 +57,7 @@ def full_turn(arena: Arena, seconds: float, *, drop: int = 0) -> Turn:
         contender.others["talker"] = talker.pid
         contender.order(cycles + _MARGIN, PERIOD_US * 1000)
         time.sleep(_MARGIN / 2 * PERIOD_US / 1e6)
-        assert talker.process.stdin is not None
-        talker.process.stdin.write("go\n")
-        talker.process.stdin.flush()
+        talker.tell("go")
         sent = json.loads(talker.line())["sent"]
         turn = contender.answer()
         dropped = ask_hub(arena.buses[0], "status")["dropped"]
@@ -66,6 +65,3 @@ def full_turn(arena: Arena, seconds: float, *, drop: int = 0) -> Turn:
     if turn.tpdos < due or dropped:
         raise CanopenError(f"{due - turn.tpdos} of {due} TPDOs are missing, the hub dropped {dropped}")
     return turn
-
-
-_MARGIN = 10  # cycles before and after the talker

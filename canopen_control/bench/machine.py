@@ -14,7 +14,7 @@ import sys
 import time
 from pathlib import Path
 
-__all__ = ["cpu_ns", "describe", "idle_part", "may_be_realtime"]
+__all__ = ["cpu_ns", "describe", "idle_part", "may_be_realtime", "resident_bytes"]
 
 _CPU_CLOCK = 2  # of linux/posix-timers.h: the scheduler's clock of a process
 _IDLE = (3, 4)  # idle and iowait, columns of /proc/stat
@@ -29,6 +29,12 @@ def cpu_ns(pid: int) -> int:
         fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
         return (int(fields[11]) + int(fields[12])) * 1_000_000_000 // os.sysconf("SC_CLK_TCK")
     return 0
+
+
+def resident_bytes(pid: int | None = None) -> int:
+    """Return the memory that the kernel counts for a process (resident set), by default for this one."""
+    pages = int(Path(f"/proc/{'self' if pid is None else pid}/statm").read_text().split()[1])
+    return pages * os.sysconf("SC_PAGE_SIZE")
 
 
 def idle_part(seconds: float = _PROBE_S) -> float | None:

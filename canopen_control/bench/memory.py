@@ -10,20 +10,20 @@ from __future__ import annotations
 
 import gc
 import json
-import os
 import statistics
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from canopen_control.bench.figure import Figure, limited
+from canopen_control.bench.machine import resident_bytes
 from canopen_control.bench.recorded import RecordedFleet
 from canopen_control.bench.stage import PATIENCE_S, Stage, stage
 
 if TYPE_CHECKING:
     from canopen_control.bench.runner import Options
 
-__all__ = ["grow", "measure", "resident_bytes"]
+__all__ = ["grow", "measure"]
 
 LIMIT_MB = 1.0
 CYCLES, QUICK_CYCLES = 1_000_000, 30_000
@@ -80,11 +80,6 @@ def grow(folder: Path, count: int, cycles: int, leak: int = 0) -> dict[str, floa
         "frames": fleet.cycles * (4 * count + 1),
         "cycle_us": statistics.median(times) / 1000,
     }
-
-
-def resident_bytes() -> int:
-    """Return the resident set of this process."""
-    return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
 
 
 if __name__ == "__main__":

@@ -10,6 +10,7 @@ import time
 from typing import TYPE_CHECKING
 
 from canopen_control.bench.fleet import CONTROLLER, write_fleet
+from canopen_control.bench.slaves import replays
 from canopen_control.bus.channel import open_port
 from canopen_control.bus.memory import MemoryBus
 from canopen_control.errors import CanopenError
@@ -30,7 +31,7 @@ __all__ = ["RecordedFleet"]
 STEP_NS = 20_000_000
 _START_NS = 1_000_000_000
 _BEAT_CYCLES = 5  # heartbeats come every 100 ms
-_VARIANTS = 64
+_FORGET_CYCLES = 64
 _BOOT_STEPS, _WARM_STEPS = 300, 60
 
 
@@ -47,9 +48,7 @@ class RecordedFleet:
         self.core = RobotCore(setup, self._reactor)
         frames = self._record(name)
         self._feed = open_port(f"memory:{name}", label="recorded")
-        self._records = [pack_records([_moved(frame, 50 * n) for frame in frames]) for n in _there_and_back()]
-        if not moving:
-            self._records = self._records[:1]
+        self._records = replays(frames) if moving else [pack_records(frames)]
         self._beats = pack_records([CanFrame(0x700 + node.node_id, b"\x05") for node in self.core.nodes.values()])
 
     def _record(self, name: str) -> list[CanFrame]:
@@ -96,7 +95,7 @@ class RecordedFleet:
         sent = feed.receive()
         if len(sent) < 16:
             raise CanopenError(f"cycle {self.cycles} sent {len(sent)} bytes")
-        if self.cycles % _VARIANTS == 0:
+        if self.cycles % _FORGET_CYCLES == 0:
             self._bus.clear_history()  # the bus of the tests remembers; ours does not
         return took
 
@@ -104,7 +103,7 @@ class RecordedFleet:
         self.core.command(CONTROLLER, [10.0] * self.count, "bench")
 
     def check(self) -> None:
-        """Raise CanopenError if the robot does not run any more, or if a TPDO of a cycle was not taken."""
+        """Raise CanopenError if the robot does not run any more, or not every joint."""
         if self.core.state is not RobotState.RUNNING or not all(joint.enabled for joint in self.core.joints.values()):
             raise CanopenError(f"stopped running: {[event.text for event in self.core.events.recent][-3:]}")
 
@@ -113,16 +112,3 @@ class RecordedFleet:
         self.core.close()
         self._feed.close()
         self._reactor.close()
-
-
-def _there_and_back() -> list[int]:
-    """Return the steps of one round, the last beside the first: a jump of the position would stop the robot."""
-    return [min(n, _VARIANTS - n) for n in range(_VARIANTS)]
-
-
-def _moved(frame: CanFrame, counts: int) -> CanFrame:
-    """Return a TPDO with its position further on; one without a position as it is."""
-    if len(frame.data) != 8:
-        return frame
-    position = int.from_bytes(frame.data[:4], "little") + counts
-    return CanFrame(frame.can_id, position.to_bytes(4, "little") + frame.data[4:])

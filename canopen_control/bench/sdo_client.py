@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from canopen_control.bus.channel import open_port
+from canopen_control.cia301.abort import AbortCode
 from canopen_control.cia301.sdo_records import deliver
 from canopen_control.cia301.sdo_server import SdoServer, SdoServerAbort
 from canopen_control.errors import BusClosed
@@ -29,7 +30,6 @@ NODE = 3
 BUS = "services"
 NUMBER, BLOCK = (0x1000, 0), (0x2000, 0)
 BLOCK_BYTES = 64 * 1024
-_NO_OBJECT = 0x06020000
 _LOOK_S = 1.0
 
 
@@ -61,7 +61,7 @@ class Store:
     def size_of(self, index: int, subindex: int) -> None:
         """Abort for an object that is not there; sizes are free."""
         if (index, subindex) not in self.objects:
-            raise SdoServerAbort(_NO_OBJECT)
+            raise SdoServerAbort(AbortCode.NO_OBJECT)
 
 
 @contextlib.contextmanager

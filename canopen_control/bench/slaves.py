@@ -24,12 +24,13 @@ from canopen_control.virtual.device import make_device
 from canopen_control.virtual.nodehost import NodeHost
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from canopen_control.bus.port import BusEvent, Port, PortStats, Records
 
-__all__ = ["ReplayPort", "main"]
+__all__ = ["ReplayPort", "main", "replays"]
 
 _SYNC = 0x080
-_SYNC_START = struct.pack("=I", _SYNC)
 _TPDOS, _RPDOS = (0x180, 0x280), (0x200, 0x300)
 _VARIANTS = 64
 _STEP = 50  # counts
@@ -59,8 +60,7 @@ class ReplayPort:
     def replay(self, on: bool) -> None:
         """Begin to answer, or give the bus back."""
         self.replaying = on
-        frames = [CanFrame(can_id, data) for can_id, data in self._newest.items()]
-        self._answers = [pack_records([_moved(frame, _STEP * n) for frame in frames]) for n in _there_and_back()]
+        self._answers = replays([CanFrame(can_id, data) for can_id, data in self._newest.items()])
 
     def fileno(self) -> int:
         """Return the port's descriptor."""
@@ -101,8 +101,10 @@ class ReplayPort:
         self._port.close()
 
 
-def _there_and_back() -> list[int]:
-    return [*range(_VARIANTS), *range(_VARIANTS, 0, -1)]
+def replays(frames: Sequence[CanFrame]) -> list[bytes]:
+    """Return the records of one round of cycles, positions moving there and back: a jump would stop the robot."""
+    steps = [*range(_VARIANTS), *range(_VARIANTS, 0, -1)]
+    return [pack_records([_moved(frame, _STEP * step) for frame in frames]) for step in steps]
 
 
 def _moved(frame: CanFrame, counts: int) -> CanFrame:

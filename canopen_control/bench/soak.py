@@ -12,12 +12,12 @@ import contextlib
 import random
 import time
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from canopen_control.bench.cycle import ROBOT, Arena, ask_robot
 from canopen_control.bench.figure import Figure, limited
 from canopen_control.bench.fleet import CONTROLLER
+from canopen_control.bench.machine import resident_bytes
 from canopen_control.bench.stage import ask_hub, stage
 from canopen_control.client.robot import RobotClient
 from canopen_control.errors import CanopenError, RemoteError
@@ -154,9 +154,9 @@ def measure(options: Options) -> list[Figure]:
         ours = arena.ours()
         soak = Soak(arena, ours.pid)
         soak.run(min(10.0, seconds / 3))
-        soak.seen, before = Seen(), _resident_mb(ours.pid)
+        soak.seen, before = Seen(), resident_bytes(ours.pid) / 1e6
         soak.run(seconds)
-        after, status = _resident_mb(ours.pid), ask_robot("status")
+        after, status = resident_bytes(ours.pid) / 1e6, ask_robot("status")
         lost = ask_hub(arena.buses[0], "status")["dropped"] + status["buses"]["can"]["lost"]
         used = played.cpu_s()
         soak.close()
@@ -176,8 +176,3 @@ def measure(options: Options) -> list[Figure]:
         limited("soak: frames lost", "", [float(lost)], limit=0.0, counted=True),
         limited("soak: latest stop after a fault", "s", [max(seen.stops_s)], limit=STOP_LIMIT_S),
     ]
-
-
-def _resident_mb(pid: int) -> float:
-    lines = Path(f"/proc/{pid}/status").read_text().splitlines()
-    return float(next(line for line in lines if line.startswith("VmRSS")).split()[1]) * 1024 / 1e6

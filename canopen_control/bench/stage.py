@@ -22,6 +22,7 @@ from canopen_control.bench.machine import cpu_ns
 from canopen_control.bench.turns import Turn
 from canopen_control.data_files import data_path
 from canopen_control.errors import CanopenError
+from canopen_control.host.environment import clean_environment
 from canopen_control.host.lineclient import LineClient
 from canopen_control.host.sockets import list_sockets, socket_path
 
@@ -32,7 +33,7 @@ __all__ = ["EDS", "Contender", "Stage", "stage"]
 
 EDS = str(data_path("eds", "TMCM-1270.eds"))
 PATIENCE_S = 60.0
-_DOMAINS = 100  # of ROS: two benches on one machine, or tests, do not hear each other
+_DOMAINS = 100  # of ROS: a bench hears no other one on this machine, and no robot of its user, nor they it
 _SLOWEST_NS = 10_000_000  # of a free-running cycle
 
 
@@ -42,10 +43,6 @@ class Program:
     def __init__(self, folder: Path, words: Sequence[str], *, ros: bool = False) -> None:
         self.words = words
         self.errors = folder / f"{words[0].rpartition('.')[2]}-{time.monotonic_ns()}.err"
-        environment = {**os.environ}
-        environment.pop("_ROS_WHEELS_BOOTSTRAP_COMPLETE", None)
-        if not ros:
-            environment["_ROS_WHEELS_BOOTSTRAP_COMPLETE"] = "1"
         with self.errors.open("wb") as errors:
             self.process = subprocess.Popen(
                 [sys.executable, "-m", *words],
@@ -53,7 +50,7 @@ class Program:
                 stdout=subprocess.PIPE,
                 stderr=errors,
                 text=True,
-                env=environment,
+                env=clean_environment(ros=ros),
             )
         self.pid = self.process.pid
         self._drain: threading.Thread | None = None
@@ -70,6 +67,12 @@ class Program:
             said = self.errors.read_text().strip().splitlines()[-3:]
             raise CanopenError(f"{self.words[0]} ended with {self.process.returncode}: {' | '.join(said)}")
         return line
+
+    def tell(self, line: str) -> None:
+        """Write a line to its standard input."""
+        assert self.process.stdin is not None
+        self.process.stdin.write(f"{line}\n")
+        self.process.stdin.flush()
 
     def drain(self) -> None:
         """Let it talk from now on, unheard: a full pipe would hold it up."""
@@ -109,7 +112,7 @@ class Contender(Program):
         """Have it begin."""
         self._before = {name: cpu_ns(pid) for name, pid in self.others.items()}
         self._due_s = PATIENCE_S + 2 * cycles * max(period_ns, _SLOWEST_NS) / 1e9
-        self._write({"cycles": cycles, "period_ns": period_ns})
+        self.tell(json.dumps({"cycles": cycles, "period_ns": period_ns}))
 
     def answer(self) -> Turn:
         """Wait for what it has measured; also tells what the others used meanwhile, in ns by name."""
@@ -124,14 +127,9 @@ class Contender(Program):
 
     def leave(self) -> None:
         """Have it end, and wait for that."""
-        self._write("end")
+        self.tell(json.dumps("end"))
         self.process.wait(PATIENCE_S)
         self.end()
-
-    def _write(self, order: object) -> None:
-        assert self.process.stdin is not None
-        self.process.stdin.write(json.dumps(order) + "\n")
-        self.process.stdin.flush()
 
 
 class Slaves(Program):
@@ -139,9 +137,7 @@ class Slaves(Program):
 
     def replay(self, on: bool) -> None:
         """Have them answer without work from now on, or be drives again."""
-        assert self.process.stdin is not None
-        self.process.stdin.write("replay\n" if on else "live\n")
-        self.process.stdin.flush()
+        self.tell("replay" if on else "live")
         self.line()
 
 
@@ -210,18 +206,12 @@ def ask_hub(bus: str, method: str, **params: object) -> Any:  # noqa: ANN401 - a
 @contextlib.contextmanager
 def stage() -> Iterator[Stage]:
     """Set a stage up, in folders that only it uses, and leave nothing of it."""
-    names = (
-        "XDG_RUNTIME_DIR",
-        "XDG_STATE_HOME",
-        "_ROS_WHEELS_BOOTSTRAP_COMPLETE",
-        "ROS_AUTOMATIC_DISCOVERY_RANGE",
-        "ROS_DOMAIN_ID",
-    )
+    names = ("XDG_RUNTIME_DIR", "XDG_STATE_HOME", "ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_DOMAIN_ID")
     kept = {name: os.environ.get(name) for name in names}
     with tempfile.TemporaryDirectory(prefix="bench-") as folder:
         os.environ.update(XDG_RUNTIME_DIR=folder, XDG_STATE_HOME=f"{folder}/state")
         os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-        os.environ.setdefault("ROS_DOMAIN_ID", str(1 + os.getpid() % _DOMAINS))
+        os.environ["ROS_DOMAIN_ID"] = str(1 + os.getpid() % _DOMAINS)
         played = Stage(Path(folder))
         try:
             yield played

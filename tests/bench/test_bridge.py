@@ -18,16 +18,9 @@ def test_without_ros_it_is_left_out_in_a_sentence(monkeypatch):
     assert said == ["bridge: left out; ROS 2 is not installed"]
 
 
-def test_the_domain_of_the_user_comes_back(monkeypatch):
-    monkeypatch.setenv("ROS_DOMAIN_ID", "7")
-    with bridge._domain():
-        assert bridge.os.environ["ROS_DOMAIN_ID"] == bridge.DOMAIN
-    assert bridge.os.environ["ROS_DOMAIN_ID"] == "7"
-
-
 @pytest.mark.ros
 def test_bridge_and_peer_are_measured_and_commands_are_timed():
-    with bridge._domain(), stage() as played:
+    with stage() as played:
         bench = bridge.BridgeBench(played)
         for cost in (bench.bridge_us(0.3), bench.plain_us(0.3)):
             assert 10 < cost < 100_000

@@ -3,7 +3,9 @@
 import os
 import time
 
-from canopen_control.bench.machine import cpu_ns, describe, idle_part, may_be_realtime
+import pytest
+
+from canopen_control.bench.machine import cpu_ns, describe, idle_part, may_be_realtime, resident_bytes
 
 
 def test_cpu_of_a_process_is_what_the_process_itself_reads():
@@ -18,6 +20,13 @@ def test_cpu_of_nobody_is_none():
         os._exit(0)
     os.waitpid(pid, 0)
     assert cpu_ns(pid) == 0
+
+
+def test_what_this_process_takes_is_resident_by_its_id_too():
+    before = resident_bytes()
+    taken = bytearray(b"x" * 50_000_000)
+    assert before + 40_000_000 < resident_bytes() == pytest.approx(resident_bytes(os.getpid()), abs=1_000_000)
+    assert len(taken) == 50_000_000
 
 
 def test_the_idle_part_is_a_part():

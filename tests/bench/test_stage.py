@@ -3,6 +3,7 @@
 import os
 
 import pytest
+from support.host import eventually
 
 from canopen_control.bench.stage import ask_hub, stage
 from canopen_control.errors import CanopenError
@@ -26,12 +27,14 @@ def test_drives_and_hub_are_gone_afterwards_and_the_environment_is_as_before():
     assert drives.process.poll() is not None
     assert dict(os.environ) == before
     assert not played.folder.exists()
-    os.waitstatus_to_exitcode(0)
-    for _ in range(1000):
-        if not there(hub):
-            break
-        os.sched_yield()
-    assert not played.folder.exists()
+    assert eventually(lambda: not there(hub))
+
+
+def test_ros_is_played_where_the_users_robot_does_not_hear_it_and_his_domain_comes_back(monkeypatch):
+    monkeypatch.setenv("ROS_DOMAIN_ID", "7000")
+    with stage():
+        assert 0 < int(os.environ["ROS_DOMAIN_ID"]) <= 100
+    assert os.environ["ROS_DOMAIN_ID"] == "7000"
 
 
 def test_a_program_that_says_nothing_is_ended():
