@@ -1,16 +1,15 @@
 """A robot on mock hardware in this process: real sockets and real time, no bus; for the verbs that talk to one."""
 
 import contextlib
-import time
+
+from support import host
 
 from canopen_control.runtime.robot import Robot
 
 
 def eventually(condition, seconds=5.0):
-    """Wait for a condition of a running robot; a bounded wait, no guess at how long it takes."""
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end, "not within the time"
+    """Wait for a condition of a running robot and leave it the processor; fails by itself when it does not come."""
+    assert host.eventually(condition, seconds), "not within the time"
 
 
 @contextlib.contextmanager

@@ -14,12 +14,14 @@ import time
 from pathlib import Path
 from queue import Empty, Queue
 
+from support import host
+
 from canopen_control.host.environment import clean_environment
 from canopen_control.host.jsonlines import LineServer
 from canopen_control.host.reactor import Reactor
 from canopen_control.host.sockets import socket_path
 
-ROOT = Path(__file__).parents[2]
+ROOT = host.ROOT
 PEER = Path(__file__).with_name("ros_peer.py")
 PATIENCE = 20.0  # seconds that something may take which takes a fraction of one
 
@@ -341,12 +343,7 @@ def bridge(number, *arguments, name="fake", **more):
 
 def eventually(condition, seconds=PATIENCE):
     """Wait for other processes; returns at once when the condition holds."""
-    deadline = time.monotonic() + seconds
-    while not condition():
-        if time.monotonic() > deadline:
-            return False
-        time.sleep(0.005)
-    return True
+    return host.eventually(condition, seconds)
 
 
 def in_thread(function):
