@@ -7,6 +7,7 @@ CANOPEN_CONTROL_DEBUG is set.
 from __future__ import annotations
 
 import argparse
+import errno
 import importlib
 import os
 import sys
@@ -54,10 +55,20 @@ VERBS = {
     "completion": "completion of verbs, options and names in bash, zsh and fish",
 }
 
+_OUTPUT_LOST = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
+
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit code."""
-    arguments = list(sys.argv[1:] if argv is None else argv)
+    code = 0
+    try:
+        code = _run(list(sys.argv[1:] if argv is None else argv))
+    finally:  # argparse leaves by SystemExit
+        lost = _flush()
+    return code or lost
+
+
+def _run(arguments: list[str]) -> int:
     try:
         return _dispatch(arguments)
     except (ConfigError, InterfaceNotFound, InterfaceDown) as error:  # nothing has begun, and there is what to type
@@ -67,11 +78,31 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         return 130
     except BrokenPipeError:
-        # The reader of our output has gone (`| head`); nothing more can be said to it.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _leave_output()
         return 0
+    except OSError as error:
+        if error.filename is None and error.errno in _OUTPUT_LOST:
+            return _complain_of_output(error)
+        return _complain_of_ourselves(error)
     except Exception as error:  # noqa: BLE001 - a fault of ours: a sentence, and the way to its traceback
         return _complain_of_ourselves(error)
+
+
+def _flush() -> int:
+    """Write what is buffered while a failure can still be told; at the end of Python it would be a traceback."""
+    try:
+        if sys.stdout is not None:  # closed before we began
+            sys.stdout.flush()
+    except BrokenPipeError:
+        _leave_output()
+    except OSError as error:
+        return _complain_of_output(error)
+    return 0
+
+
+def _leave_output() -> None:
+    """Send what is left nowhere: the reader of our output has gone (`| head`), or its disk is full."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _dispatch(arguments: list[str]) -> int:
@@ -132,6 +163,12 @@ def _top_parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"canopen-control {__version__}")
     parser.add_argument("verb", nargs="?", choices=list(VERBS), metavar="VERB", help="one of the verbs below")
     return parser
+
+
+def _complain_of_output(error: OSError) -> int:
+    print(f"canopen-control: standard output cannot be written: {error.strerror}", file=sys.stderr)
+    _leave_output()
+    return 1
 
 
 def _complain_of_ourselves(error: Exception) -> int:

@@ -1,5 +1,9 @@
 import importlib
+import os
 import shlex
+import subprocess
+import sys
+from pathlib import Path
 
 import pytest
 
@@ -81,3 +85,28 @@ def test_a_fault_of_the_program_is_a_sentence_and_a_traceback_only_where_asked(m
     monkeypatch.setenv("CANOPEN_CONTROL_DEBUG", "1")
     with pytest.raises(ZeroDivisionError):
         main(["check", "robby"])
+
+
+def program(*arguments, **how):
+    command = [sys.executable, "-m", "canopen_control", *arguments]
+    buffered = {key: value for key, value in os.environ.items() if key != "PYTHONUNBUFFERED"}
+    return subprocess.Popen(command, env=buffered, stderr=subprocess.PIPE, text=True, **how)
+
+
+@pytest.mark.parametrize("arguments", [["eds", "show", "TMCM-1270.eds"], ["bus", "list"], ["--help"]])
+def test_a_reader_that_goes_is_no_failure_however_little_was_to_be_said(private_folders, arguments):
+    """Without PYTHONUNBUFFERED a short text is written at the end of Python, where it would be a traceback."""
+    reader, writer = os.pipe()
+    os.close(reader)
+    with program(*arguments, stdout=writer) as process:
+        os.close(writer)
+        _, said = process.communicate(timeout=30)
+    assert (process.returncode, said) == (0, "")
+
+
+@pytest.mark.parametrize("arguments", [["eds", "show", "TMCM-1270.eds"], ["bus", "list"]])
+def test_an_output_that_is_full_is_one_sentence(private_folders, arguments):
+    with Path("/dev/full").open("w") as full, program(*arguments, stdout=full) as process:
+        _, said = process.communicate(timeout=30)
+    assert said == "canopen-control: standard output cannot be written: No space left on device\n"
+    assert process.returncode == 1
