@@ -84,7 +84,8 @@ def _against(buses: dict[str, BusConfig], chosen: list[tuple[str, NodePlan]], ar
     for name, channel in channels.items():
         if (owner := robot_on(channel)) is not None:
             raise ConfigError(
-                f"{channel} is the bus of the running robot {owner[0]}, the one client of its nodes; stop it"
+                f"{channel} is the bus of the running robot {owner[0]}, the one client of its nodes; "
+                f"end it first: canopen-control shutdown --name {owner[0]}"
             )
         with DirectBus.open(channel, label=LABEL) as bus:
             for plan in (plan for each, plan in chosen if each == name):

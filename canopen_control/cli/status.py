@@ -6,6 +6,7 @@ import json
 import sys
 from typing import TYPE_CHECKING, Any
 
+from canopen_control.cia402.modes import INTERFACE_MODES
 from canopen_control.cli.table import Table
 from canopen_control.client import RobotClient
 from canopen_control.errors import RemoteError
@@ -18,7 +19,14 @@ __all__ = ["add_arguments", "render", "run"]
 EXAMPLE = "canopen-control status --watch"
 RATE = 5.0  # Hz of the live table
 PLAIN_RATE = 1.0  # Hz where it is printed line by line
-_COLUMNS = ("node", "NMT", "CiA 402", "joint", "target rad/s", "actual rad/s", "position rad", "age ms")
+_COLUMNS = ("node", "NMT", "CiA 402", "joint", "target", "actual rad/s", "position rad", "age ms")
+
+#: of a target, by the mode of operation that takes it
+_UNITS = {
+    mode.name: {"position": "rad", "velocity": "rad/s", "effort": "Nm"}[interface]
+    for interface, modes in INTERFACE_MODES.items()
+    for mode in modes
+}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -37,7 +45,8 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         print(json.dumps(status, indent=2))
     else:
-        print("\n".join([*render(status), "", *_boot(status), *_events(status)]))
+        more = [*_boot(status), *_events(status)]
+        print("\n".join([*render(status), *([""] if more else []), *more]))
     return 0
 
 
@@ -51,9 +60,10 @@ def render(state: dict[str, Any]) -> list[str]:
         for axis in node["axes"] or [{}]:
             table.add(_row(name, node, axis, state["joints"]))
     for name, joint in () if state["nodes"] else state["joints"].items():
-        table.add(("mock", "-", "-", name, *_numbers(joint), "-"))
+        table.add(("no drive", "-", "-", name, *_numbers(joint), "-"))  # mock, or simulated
     errors = [f"  {node['error']}" for node in state["nodes"].values() if node["error"]]
-    return [f"{head}, active: {', '.join(active) or 'none'}", *table.lines(), *errors]
+    held = [f"STOP is latched (by {state['latched_by']}): canopen-control stop --release"] if state["latched"] else []
+    return [f"{head}, active: {', '.join(active) or 'none'}", *held, *table.lines(), *errors]
 
 
 def _row(name: str, node: dict[str, Any], axis: dict[str, Any], joints: dict[str, Any]) -> tuple[str, ...]:
@@ -64,13 +74,14 @@ def _row(name: str, node: dict[str, Any], axis: dict[str, Any], joints: dict[str
         _words(node["nmt_state"]),
         _words(axis.get("cia402_state")),
         joint,
-        *_numbers(joints.get(joint, {})),
+        *_numbers(joints.get(joint, {}), _UNITS.get(axis.get("mode") or "", "")),
         "-" if age is None else f"{1e3 * age:.0f}",
     )
 
 
-def _numbers(joint: dict[str, Any]) -> tuple[str, ...]:
-    return tuple(_number(joint.get(key)) for key in ("command", "velocity", "position"))
+def _numbers(joint: dict[str, Any], unit: str = "") -> tuple[str, ...]:
+    target, *actual = (_number(joint.get(key)) for key in ("command", "velocity", "position"))
+    return (target if target == "-" else f"{target} {unit}".rstrip(), *actual)
 
 
 def _number(value: float | None) -> str:

@@ -1,7 +1,11 @@
+import pytest
+
 from canopen_control.cli.status import render
 
 STATE = {
     "state": "running",
+    "latched": False,
+    "latched_by": None,
     "cycle": {"period_s": 0.02, "count": 7, "missed": 0},
     "nodes": {
         "left_drive": {
@@ -30,4 +34,18 @@ def test_a_line_for_the_robot_one_for_each_axis_and_the_errors_in_words():
 
 def test_mock_hardware_has_joints_without_nodes():
     lines = render({**STATE, "nodes": {}})
-    assert any("mock" in line and "left_wheel_joint" in line for line in lines)
+    assert any(line.split()[:5] == ["no", "drive", "-", "-", "left_wheel_joint"] for line in lines)
+
+
+@pytest.mark.parametrize(
+    ("mode", "target"), [("PV", "10.000 rad/s"), ("CSP", "10.000 rad"), ("CST", "10.000 Nm"), (None, "10.000 ")]
+)
+def test_a_target_has_the_unit_of_its_mode(mode, target):
+    axes = [{"joint": "left_wheel_joint", "cia402_state": "OPERATION_ENABLED", "mode": mode}]
+    lines = render({**STATE, "nodes": {"left_drive": {**STATE["nodes"]["left_drive"], "axes": axes}}})
+    assert f"  {target}  " in lines[2]
+
+
+def test_a_latched_stop_is_said_with_the_way_out_of_it():
+    lines = render({**STATE, "latched": True, "latched_by": "view"})
+    assert lines[1] == "STOP is latched (by view): canopen-control stop --release"
