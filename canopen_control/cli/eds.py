@@ -57,7 +57,8 @@ def run(args: argparse.Namespace) -> int:
     """Run the verb."""
     missing = [name for name in _files_of(args) if not _path(name).is_file()]
     if missing:
-        print(f"canopen-control: no such file: {', '.join(missing)}", file=sys.stderr)
+        told = [f"{name} (a folder)" if Path(name).is_dir() else name for name in missing]
+        print(f"canopen-control: no such file: {', '.join(told)}", file=sys.stderr)
         return 2
     try:
         return _ACTIONS[args.action](args)

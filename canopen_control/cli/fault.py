@@ -72,11 +72,16 @@ def _list(args: argparse.Namespace) -> int:
         return 0
     for fault in FAULTS.values():
         how = "once" if fault.once else "until it is switched off"
-        text = f"The drive {fault.does} ({how}). A good master: {fault.reaction}."
+        text = f"{_sentence(fault.does)} ({how}). A good master: {fault.reaction}."
         print(fault.name)
         print(textwrap.fill(text, _WIDTH, initial_indent="    ", subsequent_indent="    "))
     print(f"\n{_BUS_FAULTS}")
     return 0
+
+
+def _sentence(does: str) -> str:
+    """Say what a broken drive does, or what is wrong with what is its own."""
+    return f"I{does[1:]}" if does.startswith("its ") else f"The drive {does}"
 
 
 # -- one drive
@@ -104,10 +109,22 @@ def _connect(channel: str, node_id: int) -> LineClient:
     try:
         return LineClient(path, label=f"the virtual drive {node_id} on {channel}")
     except RemoteError as error:
-        others = [name.rpartition("-") for name in list_sockets("drive")]
-        ids = sorted(int(number) for other, _, number in others if other == bus and number.isdecimal())
-        there = f"there are: {', '.join(map(str, ids))}" if ids else "there is none; canopen-control drive starts one"
+        there = _others(bus)
         raise RemoteError(error.kind, f"no virtual drive with node id {node_id} runs on {channel}; {there}") from error
+
+
+def _others(bus: str) -> str:
+    """Say which virtual drives there are: on this bus, else anywhere."""
+    found: dict[str, list[int]] = {}
+    for other, _, number in (name.rpartition("-") for name in list_sockets("drive")):
+        if number.isdecimal():
+            found.setdefault(other, []).append(int(number))
+    if bus in found:
+        return f"there are: {', '.join(map(str, sorted(found[bus])))}"
+    if not found:
+        return "there is none; canopen-control drive starts one"
+    elsewhere = "; ".join(f"{', '.join(map(str, sorted(ids)))} on the bus {name}" for name, ids in found.items())
+    return f"there are: {elsewhere}"
 
 
 def _call(client: LineClient, method: str, **params: object) -> Any:  # noqa: ANN401 - whatever the method answers

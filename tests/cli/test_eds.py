@@ -87,6 +87,10 @@ def test_a_file_that_is_not_there_is_exit_code_2(cli, arguments):
     assert err == "canopen-control: no such file: none.eds\n"
 
 
+def test_a_folder_is_named_as_what_it_is(cli, tmp_path):
+    assert cli("show", tmp_path) == (2, "", f"canopen-control: no such file: {tmp_path} (a folder)\n")
+
+
 @pytest.mark.parametrize("arguments", [(), ("check",), ("show",), ("show", TMCM, "--node-id", "128"), ("diff", TMCM)])
 def test_wrong_usage_is_exit_code_2(cli, arguments):
     with pytest.raises(SystemExit) as caught:

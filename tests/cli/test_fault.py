@@ -46,7 +46,7 @@ def test_list_explains_every_fault_in_sentences_and_says_where_the_wire_is_broke
     assert main(["fault", "list"]) == 0
     said = " ".join(capsys.readouterr().out.split())
     for fault in FAULTS.values():
-        assert f"{fault.name} The drive" in said
+        assert f"{fault.name} {'The drive ' if not fault.does.startswith('its ') else 'Its '}" in said
     assert said.count("A good master:") == len(FAULTS)
     assert "canopen-control bus fault" in said
 
@@ -74,6 +74,14 @@ def test_a_fault_goes_on_and_off_without_a_master(node, capsys):
     ]
 
 
+def test_what_a_fault_does_is_a_sentence_whatever_it_is_of(capsys):
+    assert main(["fault", "list"]) == 0
+    said = capsys.readouterr().out
+    assert "The drive its" not in said
+    assert "    Its heartbeats do not arrive (until" in said
+    assert "    The drive never boots again" in said
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [
@@ -93,5 +101,10 @@ def test_wrong_usage_is_a_sentence_and_exit_code_2(node, capsys, words, said):
 def test_a_drive_that_is_not_there_is_named_with_those_that_are(node, capsys):
     assert main(["fault", "6", "silent", "on", "--can", CAN]) == 1
     assert f"no virtual drive with node id 6 runs on {CAN}; there are: 5" in capsys.readouterr().err
+    assert main(["fault", "6", "silent", "on", "--can", "memory:other"]) == 1
+    assert f"there are: 5 on the bus {CAN.partition(':')[2]}" in capsys.readouterr().err
+
+
+def test_without_any_drive_it_says_how_to_start_one(private_folders, capsys):
     assert main(["fault", "6", "silent", "on", "--can", "memory:other"]) == 1
     assert "there is none; canopen-control drive starts one" in capsys.readouterr().err
