@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     Json = dict[str, Any]
 
-__all__ = ["ControllerManagerServices"]
+__all__ = ["STATES", "ControllerManagerServices"]
 
 _STRICT: Final = 2
 _BASE_CLASS: Final = "controller_interface::ControllerInterface"
@@ -30,7 +30,7 @@ _OWN_PARAMETERS: Final = (
     "give that file to `canopen-control run`, and leave --param-file away"
 )
 #: lifecycle_msgs/msg/State
-_STATES: Final = {"unknown": 0, "unconfigured": 1, "inactive": 2, "active": 3, "finalized": 4}
+STATES: Final = {"unknown": 0, "unconfigured": 1, "inactive": 2, "active": 3, "finalized": 4}
 
 
 class ControllerManagerServices(Endpoint):
@@ -152,7 +152,7 @@ class ControllerManagerServices(Endpoint):
 
     def _set_component_state(self, request: RosMessage, response: RosMessage, reply: Reply) -> None:
         wanted = request.target_state
-        by_id = {number: label for label, number in _STATES.items()}
+        by_id = {number: label for label, number in STATES.items()}
         label = wanted.label or by_id.get(wanted.id, "unknown")
 
         def fill(answer: Json) -> None:
@@ -162,7 +162,7 @@ class ControllerManagerServices(Endpoint):
         self._ask("set_hardware_state", {"component": request.name, "state": label}, fill, response, reply)
 
     def _lifecycle(self, label: str) -> RosMessage:
-        return self._state_class(id=_STATES.get(label, 0), label=label)
+        return self._state_class(id=STATES.get(label, 0), label=label)
 
     def _interfaces(self, told: Iterable[Json]) -> list[Any]:
         make = interface("controller_manager_msgs/msg/HardwareInterface")

@@ -11,6 +11,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, Final
 
 from canopen_control.errors import RemoteError
+from canopen_control.ros.activity import Activity
 from canopen_control.ros.asker import Asker
 from canopen_control.ros.controller_manager import ControllerManagerServices
 from canopen_control.ros.conversions import ControllerView, controllers_of
@@ -85,6 +86,7 @@ class Session:
             lambda: Events(self),
             lambda: SimClock(self),
             lambda: ControllerManagerServices(self),
+            lambda: Activity(self),
         ]
         if options.tf:
             wanted.append(lambda: Frames(self, urdf, options.frame_prefix))
