@@ -48,9 +48,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     _add_list(topic, "topics")
     echo = topic.add_parser("echo", help="print messages")
     hz = topic.add_parser("hz", help="how often messages come")
-    for action in (echo, hz):
+    for action, each in ((echo, "message"), (hz, "second: rate in Hz, times in s")):
         action.add_argument("topic")
         action.add_argument("type", nargs="?", help="default: what is published")
+        action.add_argument("--json", action="store_true", help=f"print JSON, a line for each {each}")
         action.add_argument("--for", type=_positive, metavar="S", dest="seconds", help="end after S seconds")
         _add_timeout(action)
     echo.add_argument("--once", action="store_true", help="end after the first message")
@@ -63,7 +64,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         dest="action", metavar="ACTION", required=True
     )
     _add_list(service, "services")
-    _add_data(service.add_parser("call", help="call a service and print its answer"), "service")
+    call = service.add_parser("call", help="call a service and print its answer")
+    _add_data(call, "service")
+    call.add_argument("--json", action="store_true", help="print the answer as JSON")
     # with another prefix every option is left alone: they are the bridge's own
     bridge = groups.add_parser(
         "bridge", help="show a running robot to ROS; --help tells its options", add_help=False, prefix_chars="+"
@@ -134,8 +137,6 @@ def _list(names: Callable[[], list[tuple[str, list[str]]]], args: argparse.Names
 
 
 def _echo(graph: Graph, args: argparse.Namespace) -> int:
-    from canopen_control.ros.plain import lines
-
     count = 0
 
     def show(message: Any) -> None:  # noqa: ANN401 - somebody's generator's class
@@ -143,7 +144,7 @@ def _echo(graph: Graph, args: argparse.Namespace) -> int:
         if args.once and count:
             return
         count += 1
-        print("\n".join(lines(message)), "---", sep="\n", flush=True)
+        print(_text(message, args), *([] if args.json else ["---"]), sep="\n", flush=True)
 
     graph.subscribe(args.topic, _type_of(graph, args), show)
     graph.spin(args.seconds or _FOREVER_S, lambda: args.once and count)
@@ -158,16 +159,33 @@ def _hz(graph: Graph, args: argparse.Namespace) -> int:
     end = time.monotonic() + (args.seconds or _FOREVER_S)
     while (left := end - time.monotonic()) > 0:
         graph.spin(min(left, _REPORT_S))
-        print(_rate_of(list(times)), flush=True)
+        print(json.dumps(_rates(list(times))) if args.json else _rate_of(list(times)), flush=True)
     return 0 if len(times) > 1 else 1
 
 
-def _rate_of(times: list[float]) -> str:
+def _rates(times: list[float]) -> dict[str, float | None]:
     gaps = [after - before for before, after in itertools.pairwise(times)]
     if not gaps:
+        return {"rate": None, "min": None, "max": None, "std_dev": None, "window": len(times)}
+    rate, spread = 1 / statistics.fmean(gaps), statistics.pstdev(gaps)
+    return {"rate": rate, "min": min(gaps), "max": max(gaps), "std_dev": spread, "window": len(times)}
+
+
+def _rate_of(times: list[float]) -> str:
+    found = _rates(times)
+    if found["rate"] is None:
         return "no new messages"
-    spread = f"min: {min(gaps):.4f}s max: {max(gaps):.4f}s std dev: {statistics.pstdev(gaps):.5f}s"
-    return f"average rate: {1 / statistics.fmean(gaps):.3f}\n\t{spread} window: {len(times)}"
+    return (
+        "average rate: {rate:.3f}\n\tmin: {min:.4f}s max: {max:.4f}s std dev: {std_dev:.5f}s window: {window}".format(
+            **found
+        )
+    )
+
+
+def _text(message: Any, args: argparse.Namespace) -> str:  # noqa: ANN401 - somebody's generator's class
+    from canopen_control.ros.plain import lines, plain
+
+    return json.dumps(plain(message)) if args.json else "\n".join(lines(message))
 
 
 def _pub(graph: Graph, args: argparse.Namespace) -> int:
@@ -190,10 +208,10 @@ def _pub(graph: Graph, args: argparse.Namespace) -> int:
 
 
 def _call(graph: Graph, args: argparse.Namespace) -> int:
-    from canopen_control.ros.plain import full_name, lines
+    from canopen_control.ros.plain import full_name
 
     response = graph.call(args.service, full_name(args.type, "srv"), _data(args.data), args.timeout)
-    print("\n".join(lines(response)))
+    print(_text(response, args))
     return 0
 
 

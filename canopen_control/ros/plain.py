@@ -1,11 +1,13 @@
 """Messages from plain data and as text, for people without ros2cli: this file imports no ROS.
 
 The law of the file: data is what YAML gives, fields by name, what is not named keeps its default; an unknown field or a
-value of another type is one sentence with the way to it. Text is YAML as `ros2 topic echo` prints it.
+value of another type is one sentence with the way to it. Text is YAML as `ros2 topic echo` prints it; plain data is
+what JSON holds, null for a number that is not finite.
 """
 
 from __future__ import annotations
 
+import math
 import re
 from typing import TYPE_CHECKING, Any, Final
 
@@ -16,7 +18,7 @@ if TYPE_CHECKING:
 
     ClassOf = Callable[[str], type]
 
-__all__ = ["fill", "full_name", "lines"]
+__all__ = ["fill", "full_name", "lines", "plain"]
 
 _INTEGERS: Final = re.compile(r"u?int(8|16|32|64)")
 _SEQUENCE: Final = re.compile(r"sequence<(.+?)(?:, *(\d+))?>|(.+)\[(\d+)\]")
@@ -91,6 +93,20 @@ _SCALARS: Final[tuple[tuple[Callable[[str], object], Callable[[object], object]]
     (lambda kind: kind == "octet", _octet),
     (lambda kind: kind.startswith(("string", "wstring")), lambda value: value if isinstance(value, str) else None),
 )
+
+
+def plain(value: Any) -> Any:  # noqa: ANN401 - a message, or what one of its fields holds
+    """Return a message as dicts, lists, numbers, booleans and text."""
+    if hasattr(value, "get_fields_and_field_types"):
+        return {name: plain(getattr(value, name)) for name in value.get_fields_and_field_types()}
+    if isinstance(value, bytes):
+        return int.from_bytes(value, "little")
+    if isinstance(value, bool | int | str):
+        return value
+    if hasattr(value, "__len__"):
+        return [plain(each) for each in value]
+    number = value.item() if hasattr(value, "item") else value  # numpy's
+    return None if isinstance(number, float) and not math.isfinite(number) else number
 
 
 def lines(message: Any, indent: str = "") -> Iterator[str]:  # noqa: ANN401 - somebody's generator's class

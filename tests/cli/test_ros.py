@@ -50,6 +50,10 @@ def test_a_message_is_shown_as_yaml_also_where_the_environment_is_another_progra
     said = program("topic", "echo", TOPIC, "--once", _ROS_WHEELS_BOOTSTRAP_COMPLETE="1")
     assert said.endswith("data:\n- 1.0\n- 2.5\n---\n")
     assert "average rate: " in program("topic", "hz", TOPIC, "--for", "1.5")
+    assert json.loads(program("topic", "echo", TOPIC, "--once", "--json"))["data"] == [1.0, 2.5]
+    rates = json.loads(program("topic", "hz", TOPIC, "--for", "1", "--json").splitlines()[-1])
+    assert 20.0 < rates["rate"] < 80.0
+    assert rates["min"] <= 1 / rates["rate"] <= rates["max"]
     scene[1].order("silence", topic=TOPIC)
 
 
@@ -66,6 +70,9 @@ def test_a_message_is_published_once_somebody_is_there(scene, program):
 def test_a_service_is_called_and_its_answer_shown(scene, program):
     said = program("service", "call", "/peer/list_parameters", "rcl_interfaces/srv/ListParameters", "{depth: 1}")
     assert said.startswith("result:\n  names:\n  - 'use_sim_time'")
+    kind = "rcl_interfaces/srv/ListParameters"
+    answer = json.loads(program("service", "call", "/peer/list_parameters", kind, "{depth: 1}", "--json"))
+    assert answer["result"]["names"][0] == "use_sim_time"
 
 
 @pytest.mark.ros

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import json
 import math
 
 import pytest
@@ -9,7 +10,7 @@ from hypothesis import strategies as st
 from canopen_control.errors import ConfigError
 from canopen_control.ros.interfaces.classes import message_class
 from canopen_control.ros.interfaces.definition import parse
-from canopen_control.ros.plain import fill, full_name, lines
+from canopen_control.ros.plain import fill, full_name, lines, plain
 from canopen_control.yamltree import read
 
 DEFINITIONS = {
@@ -80,3 +81,15 @@ def test_the_short_name_of_a_type_is_understood(text):
 def test_what_is_no_name_of_a_type_is_one_sentence(text):
     with pytest.raises(ConfigError, match="is no interface"):
         full_name(text, "msg")
+
+
+def test_plain_data_is_what_json_holds():
+    message = made(
+        one={"x": math.nan, "name": "n"}, many=[{"x": 2}], data=[1.5, math.inf], flag=True, raw=7, names=["a"]
+    )
+    told = plain(message)
+    assert json.loads(json.dumps(told, allow_nan=False)) == told
+    assert told == {
+        "one": {"x": None, "name": "n"}, "many": [{"x": 2.0, "name": ""}], "data": [1.5, None], "three": [0, 0, 0],
+        "few": [], "flag": True, "raw": 7, "names": ["a"], "index": 0,
+    }  # fmt: skip
