@@ -10,7 +10,7 @@ import enum
 from canopen_control.cia301.abort import AbortCode
 from canopen_control.cia301.nmt import NmtCommand, NmtState
 
-__all__ = ["COMMUNICATION_ERRORS", "REACTIONS", "ErrorReaction", "check_reaction", "reaction"]
+__all__ = ["REACTIONS", "ErrorReaction", "check_reaction", "reaction"]
 
 
 class ErrorReaction(enum.IntEnum):
@@ -27,9 +27,6 @@ REACTIONS: dict[tuple[ErrorReaction, NmtState], NmtCommand] = {
     (ErrorReaction.STOPPED, NmtState.PRE_OPERATIONAL): NmtCommand.STOP,
     (ErrorReaction.STOPPED, NmtState.OPERATIONAL): NmtCommand.STOP,
 }
-
-# Error codes that subindex 1 is about.
-COMMUNICATION_ERRORS = frozenset({0x8130, 0x8140, 0x8250})
 
 _REACTIONS = {int(value): value for value in ErrorReaction}
 

@@ -14,12 +14,15 @@ from canopen_control.cia301.sdo_codec import (
     BLOCK_ACK,
     BLOCK_END,
     BLOCK_END_ANSWER,
+    BLOCK_END_ANSWER_FRAME,
     BLOCK_END_FRAME,
     BLOCK_START,
     DONE,
     IGNORED,
     LAST_FLAG,
     MAX_BLOCK_SIZE,
+    MAX_NUDGES,
+    MAX_STUCK,
     PROGRESS,
     SEGMENT_DATA,
     SUB_COMMAND_MASK,
@@ -30,10 +33,7 @@ from canopen_control.frame import CanFrame
 
 __all__ = ["BlockDownload", "BlockUpload"]
 
-_MAX_NUDGES = 3  # on silence, in a row, of which nothing came
-_MAX_STUCK = 16  # sub-blocks in a row of which nothing arrived
 _START = bytes((BLOCK_START, 0, 0, 0, 0, 0, 0, 0))
-_END_ANSWER = bytes((BLOCK_END_ANSWER, 0, 0, 0, 0, 0, 0, 0))
 
 
 class BlockUpload:
@@ -126,14 +126,14 @@ class BlockUpload:
     def _may_repeat(self) -> bool:
         """Whether to say once more that nothing came: two of these may cross, and then only the CRC notices."""
         self._stuck += 1
-        return self._crc and self._resync and self._stuck <= _MAX_NUDGES
+        return self._crc and self._resync and self._stuck <= MAX_NUDGES
 
     def _out_of_order(self, data: bytes, out: list[CanFrame]) -> int:
         if self._resync or data == self._before:
             return IGNORED
         if data[0] & LAST_FLAG or data[0] == self._block_size:
             self._stuck += 1
-            if self._stuck > _MAX_STUCK:
+            if self._stuck > MAX_STUCK:
                 return AbortCode.INVALID_SEQUENCE_NUMBER
             self._acknowledge(out)
             return PROGRESS
@@ -155,7 +155,7 @@ class BlockUpload:
             return AbortCode.LENGTH_TOO_LOW
         if (code := self._length_error(len(self._buffer))) != PROGRESS:
             return code
-        out.append(CanFrame(self._request_id, _END_ANSWER))
+        out.append(CanFrame(self._request_id, BLOCK_END_ANSWER_FRAME))
         return DONE
 
     def _length_error(self, length: int) -> int:
@@ -201,7 +201,7 @@ class BlockDownload:
         if not 1 <= block_size <= MAX_BLOCK_SIZE:
             return AbortCode.INVALID_BLOCK_SIZE
         self._stuck = 0 if number else self._stuck + 1
-        if number > self._sent or self._stuck > _MAX_STUCK:
+        if number > self._sent or self._stuck > MAX_STUCK:
             return AbortCode.INVALID_SEQUENCE_NUMBER
         self._done += number
         self._block_size = block_size

@@ -19,6 +19,7 @@ __all__ = [
     "BLOCK_DOWNLOAD_ANSWER",
     "BLOCK_END",
     "BLOCK_END_ANSWER",
+    "BLOCK_END_ANSWER_FRAME",
     "BLOCK_END_FRAME",
     "BLOCK_START",
     "BLOCK_UPLOAD",
@@ -37,6 +38,8 @@ __all__ = [
     "INITIATE_NUMBER",
     "LAST_FLAG",
     "MAX_BLOCK_SIZE",
+    "MAX_NUDGES",
+    "MAX_STUCK",
     "MAX_TRANSFER_SIZE",
     "NO_MUX",
     "PROGRESS",
@@ -93,6 +96,9 @@ INITIATE: Final = struct.Struct("<BHB4x")
 INITIATE_BYTES: Final = struct.Struct("<BHB4s")
 INITIATE_NUMBER: Final = struct.Struct("<BHBI")  # a size, or an abort code
 BLOCK_END_FRAME: Final = struct.Struct("<BH5x")
+BLOCK_END_ANSWER_FRAME: Final = bytes((BLOCK_END_ANSWER, 0, 0, 0, 0, 0, 0, 0))
+MAX_NUDGES: Final = 3  # acknowledgements on silence, in a row, of which nothing came
+MAX_STUCK: Final = 16  # sub-blocks in a row of which nothing arrived
 
 # What a transfer makes of a frame; a positive number is the abort code to send.
 PROGRESS: Final = 0

@@ -16,6 +16,7 @@ from canopen_control.cia301.sdo_codec import (
     BLOCK_ACK,
     BLOCK_END,
     BLOCK_END_ANSWER,
+    BLOCK_END_ANSWER_FRAME,
     BLOCK_END_FRAME,
     BLOCK_START,
     BLOCK_UPLOAD,
@@ -24,6 +25,8 @@ from canopen_control.cia301.sdo_codec import (
     IGNORED,
     LAST_FLAG,
     MAX_BLOCK_SIZE,
+    MAX_NUDGES,
+    MAX_STUCK,
     PROGRESS,
     SEGMENT_DATA,
     SUB_COMMAND_MASK,
@@ -33,10 +36,6 @@ from canopen_control.cia301.sdo_records import segment_frames, segments_in_order
 from canopen_control.frame import CanFrame
 
 __all__ = ["BlockDownload", "BlockUpload"]
-
-_MAX_NUDGES = 3  # on silence, in a row, of which nothing came
-_MAX_STUCK = 16  # sub-blocks in a row of which the other side has nothing
-_END_ANSWER = bytes((BLOCK_END_ANSWER, 0, 0, 0, 0, 0, 0, 0))
 
 
 class _Phase(enum.Enum):
@@ -109,7 +108,7 @@ class BlockUpload:
         if not 1 <= block_size <= MAX_BLOCK_SIZE:
             return AbortCode.INVALID_BLOCK_SIZE
         self._stuck = 0 if number else self._stuck + 1
-        if number > self._sent or self._stuck > _MAX_STUCK:
+        if number > self._sent or self._stuck > MAX_STUCK:
             return AbortCode.INVALID_SEQUENCE_NUMBER
         self._first += number
         self._block_size = block_size
@@ -176,7 +175,7 @@ class BlockDownload:
             return IGNORED
         if data[0] & LAST_FLAG or data[0] == self._block_size:
             self._stuck += 1
-            if self._stuck > _MAX_STUCK:
+            if self._stuck > MAX_STUCK:
                 return AbortCode.INVALID_SEQUENCE_NUMBER
             self._acknowledge(out)
         return PROGRESS
@@ -201,7 +200,7 @@ class BlockDownload:
 
     def confirm(self, out: list[CanFrame]) -> None:
         """Confirm the end: the store has taken the object."""
-        out.append(CanFrame(self._answer_id, _END_ANSWER))
+        out.append(CanFrame(self._answer_id, BLOCK_END_ANSWER_FRAME))
 
     def nudge(self, out: list[CanFrame]) -> bool:
         """Acknowledge what came, because the end of the sub-block seems lost; False if there is nothing to say."""
@@ -214,7 +213,7 @@ class BlockDownload:
     def _may_repeat(self) -> bool:
         """Whether to say once more that nothing came: two of these may cross, and then only the CRC notices."""
         self._stuck += 1
-        return self._crc and self._resync and self._stuck <= _MAX_NUDGES
+        return self._crc and self._resync and self._stuck <= MAX_NUDGES
 
     def _in_order_segment(self, data: bytes, out: list[CanFrame]) -> int:
         self._before, self._resync, self._stuck = data, False, 0

@@ -146,18 +146,16 @@ class SyncEvent:
 
 
 class SyncConsumer:
-    """Hears SYNC; `period_ns` (0x1006) watches it, `window_ns` (0x1007) is the time in which process data is valid.
+    """Hears SYNC; `period_ns` (0x1006) watches it.
 
     `count` counts SYNCs, `length_errors` those of wrong length, `skipped` those whose counter is not the expected one.
     """
 
-    def __init__(self, cob_id: int = SYNC_COB_ID, overflow: int = 0, *, period_ns: int = 0, window_ns: int = 0) -> None:
+    def __init__(self, cob_id: int = SYNC_COB_ID, overflow: int = 0, *, period_ns: int = 0) -> None:
         self.cob_id = cob_id
         self.overflow = overflow
         self.period_ns = period_ns
-        self.window_ns = window_ns
         self.count = self.length_errors = self.skipped = 0
-        self.last_ns: int | None = None
         self._counter: int | None = None
         self._deadline_ns: int | None = None
         self._missed = False
@@ -167,10 +165,6 @@ class SyncConsumer:
         """Forget the counter and stop watching until the next SYNC (reset communication, entering STOPPED)."""
         self._counter = self._deadline_ns = None
         self._missed = False
-
-    def in_window(self, now: int) -> bool:
-        """Whether synchronous process data is valid at `now`: no window is set, or the last SYNC opened it."""
-        return not self.window_ns or (self.last_ns is not None and now - self.last_ns <= self.window_ns)
 
     def receive(self, frame: CanFrame, now: int) -> None:
         """Take a SYNC; other frames are ignored."""
@@ -182,7 +176,6 @@ class SyncConsumer:
             self._missed = False
             self._events.put(SyncEvent(SyncEventKind.RESOLVED, now))
         self.count += 1
-        self.last_ns = now
         self._deadline_ns = now + self.period_ns * 3 // 2 if self.period_ns else None
         self._events.put(SyncEvent(SyncEventKind.SYNC, now, counter))
 

@@ -4,24 +4,9 @@ import pytest
 from support.services import frame, vectors
 
 from canopen_control.cia301.abort import AbortCode
-from canopen_control.cia301.pdo import MappedObject, PdoParameters
-from canopen_control.cia301.remap import (
-    MappingTarget,
-    PdoRules,
-    disable_writes,
-    is_restricted,
-    remap_checks,
-    remap_writes,
-    rpdo_indices,
-    tpdo_indices,
-)
-from canopen_control.errors import LocalProtocolError
-from canopen_control.od.model import DataType
+from canopen_control.cia301.pdo import PdoParameters
+from canopen_control.cia301.remap import MappingTarget, PdoRules, is_restricted
 
-CONTROLWORD = MappedObject(0x6040, 0, 16, DataType.UNSIGNED16)
-MODE = MappedObject(0x6060, 0, 8, DataType.INTEGER8)
-POSITION = MappedObject(0x607A, 0, 32, DataType.INTEGER32)
-PARAMETERS = PdoParameters(0x203, rtr_allowed=False)
 VALID = PdoParameters(0x203, rtr_allowed=False)
 INVALID = PdoParameters(0x203, enabled=False, rtr_allowed=False)
 
@@ -53,64 +38,6 @@ def golden() -> list[tuple[int, int, bytes]]:
             size = 4 - (data[0] >> 2 & 3)
             writes.append((data[1] | data[2] << 8, data[3], data[4 : 4 + size]))
     return writes
-
-
-def test_the_writes_are_the_vector():
-    assert remap_writes(rpdo_indices(1), PARAMETERS, [CONTROLWORD, MODE], present=0x40000203) == golden()
-    assert remap_writes(rpdo_indices(1), PARAMETERS, [CONTROLWORD, MODE]) == golden()
-
-
-@pytest.mark.parametrize("present", [0x00000203, 0x40000203, 0xC0000403])
-def test_bit_30_stays_as_the_device_had_it(present):
-    writes = remap_writes(rpdo_indices(1), PARAMETERS, [CONTROLWORD], present=present)
-    first, last = (int.from_bytes(writes[number][2], "little") for number in (0, -1))
-    assert first == present | 1 << 31
-    assert last == 0x203 | present & 1 << 30
-
-
-def test_times_are_written_while_the_pdo_is_invalid():
-    parameters = PdoParameters(0x183, transmission_type=1, inhibit_time_100us=5, event_timer_ms=300, sync_start=2)
-    writes = remap_writes(tpdo_indices(1), parameters)
-    assert writes == [
-        (0x1800, 1, bytes.fromhex("83010080")),
-        (0x1800, 2, b"\1"),
-        (0x1800, 3, b"\5\0"),
-        (0x1800, 5, b"\x2c\1"),
-        (0x1800, 6, b"\2"),
-        (0x1800, 1, bytes.fromhex("83010000")),
-    ]
-
-
-def test_subindices_that_the_device_has_are_written_even_when_zero_and_no_others():
-    writes = remap_writes(tpdo_indices(2), PdoParameters(0x283, inhibit_time_100us=5), subindices={1, 2, 5})
-    assert [(index, subindex) for index, subindex, _ in writes] == [(0x1801, 1), (0x1801, 2), (0x1801, 5), (0x1801, 1)]
-
-
-def test_disabling_is_one_write():
-    assert disable_writes(0x1402, 0x40000403) == [(0x1402, 1, bytes.fromhex("030400C0"))]
-    parameters = PdoParameters(0x403, enabled=False)
-    assert remap_writes(rpdo_indices(3), parameters, present=0x40000403, subindices=()) == disable_writes(
-        0x1402, 0x40000403
-    )
-
-
-def test_what_must_be_read_back():
-    assert remap_checks(rpdo_indices(1), PARAMETERS, [CONTROLWORD, MODE], present=0x203) == [
-        (0x1400, 1, bytes.fromhex("03020000")),
-        (0x1600, 1, bytes.fromhex("10004060")),
-        (0x1600, 2, bytes.fromhex("08006060")),
-        (0x1600, 0, b"\2"),
-    ]
-    assert len(remap_checks(rpdo_indices(1), PARAMETERS)) == 1
-
-
-def test_a_mapping_that_is_too_long_and_a_number_that_does_not_exist_are_refused():
-    with pytest.raises(LocalProtocolError, match="64"):
-        remap_writes(rpdo_indices(1), PARAMETERS, [POSITION, POSITION, MODE])
-    for number in (0, 513):
-        with pytest.raises(LocalProtocolError):
-            rpdo_indices(number)
-    assert (rpdo_indices(512), tpdo_indices(512)) == ((0x15FF, 0x17FF), (0x19FF, 0x1BFF))
 
 
 def test_a_server_accepts_the_procedure_and_only_in_this_order():

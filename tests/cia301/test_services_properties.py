@@ -110,7 +110,7 @@ CORES = [
     guarding_master,
     guarding_slave,
     sync_producer,
-    lambda: SyncConsumer(overflow=4, period_ns=MS, window_ns=MS),
+    lambda: SyncConsumer(overflow=4, period_ns=MS),
     emcy_producer,
     lambda: EmcyConsumer(history_size=4, active_limit=4),
     TimeConsumer,

@@ -123,11 +123,3 @@ def test_a_missing_sync_is_told_after_one_and_a_half_periods():
     assert [event.kind for event in consumer.events()] == [KIND.SYNC, KIND.MISSED, KIND.RESOLVED, KIND.SYNC]
     consumer.reset()
     assert consumer.next_deadline() is None
-
-
-def test_the_window_is_open_after_a_sync_and_always_without_a_window():
-    assert SyncConsumer().in_window(10**12)
-    consumer = SyncConsumer(window_ns=50)
-    assert not consumer.in_window(0)
-    consumer.receive(frame("080#"), 100)
-    assert [consumer.in_window(now) for now in (100, 150, 151)] == [True, True, False]
