@@ -11,7 +11,7 @@ import math
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.cia402 import objects
-from canopen_control.cia402.units import Scale, counts_per_revolution
+from canopen_control.cia402.units import INT32_MAX, INT32_MIN, Scale, counts_per_revolution
 from canopen_control.errors import ConfigError, SdoAbort
 from canopen_control.hardware.axis import TORQUE_MAX, configured_scale
 from canopen_control.od.codec import decode
@@ -145,8 +145,8 @@ class AxisParameters:
         if low is not None and high is not None and low < high:
             limits.low, limits.high = low, high
         else:
-            limits.low, limits.high = -(1 << 31), (1 << 31) - 1
-        limits.velocity = min(self._largest_velocity(), (1 << 31) - 1)
+            limits.low, limits.high = INT32_MIN, INT32_MAX
+        limits.velocity = min(self._largest_velocity(), INT32_MAX)
         limits.deceleration = self.get(objects.PROFILE_DECELERATION) or math.inf
         positive, negative = self.get(objects.POSITIVE_TORQUE_LIMIT), self.get(objects.NEGATIVE_TORQUE_LIMIT)
         limits.torque_positive = min(positive or TORQUE_MAX, TORQUE_MAX)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from canopen_control.cia301.emcy import error_text
+from canopen_control.cia301.emcy_codes import error_text
 from canopen_control.cia402 import objects
 
 if TYPE_CHECKING:

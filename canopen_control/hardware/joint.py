@@ -15,7 +15,7 @@ from canopen_control.cia402.drive import DriveMachine
 from canopen_control.cia402.events import FaultEntered
 from canopen_control.cia402.modes import OperationMode, require_mode
 from canopen_control.cia402.setpoint import SetPointReached, SetPointTaken
-from canopen_control.cia402.state import State
+from canopen_control.cia402.state import POWERED_STATES, State
 from canopen_control.errors import DriveError
 from canopen_control.hardware.axis import Axis
 from canopen_control.hardware.axis_parameters import AxisParameters
@@ -42,7 +42,6 @@ __all__ = ["Action", "JointDrive", "Wish"]
 STOP_NS: Final = 10_000_000_000  # a ramp that takes longer ends in the drive's own disable ramp
 _FINE = (SetPointTaken, SetPointReached)
 _FAULTED = (State.FAULT, State.FAULT_REACTION_ACTIVE)
-_POWERED = (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE, State.FAULT_REACTION_ACTIVE)
 
 
 class JointDrive:
@@ -169,7 +168,7 @@ class JointDrive:
             return self.targets.pending is None and machine.mode_confirmed and not machine.mode_failed
         if action is Action.QUICK_STOP:
             return state is None or (state is not State.OPERATION_ENABLED and self.standing)
-        return state is None or state not in _POWERED
+        return state is None or state not in POWERED_STATES
 
     @property
     def has_news(self) -> bool:

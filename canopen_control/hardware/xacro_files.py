@@ -51,13 +51,13 @@ def _finding(path: Path) -> Iterator[None]:
     def find(package: str) -> str:
         return find_package(package, path)
 
-    substitution_args._eval_find = find  # noqa: SLF001
-    substitution_args._eval_dict["find"] = find  # noqa: SLF001
+    substitution_args._eval_find = find  # noqa: SLF001 - as above
+    substitution_args._eval_dict["find"] = find  # noqa: SLF001 - as above
     try:
         yield
     finally:
-        substitution_args._eval_find = before  # noqa: SLF001
-        substitution_args._eval_dict["find"] = before  # noqa: SLF001
+        substitution_args._eval_find = before  # noqa: SLF001 - as above
+        substitution_args._eval_dict["find"] = before  # noqa: SLF001 - as above
 
 
 def find_package(package: str, path: Path) -> str:
