@@ -34,7 +34,10 @@ class Node:
 
 def make_axis(*, mode=True, display=True):
     pdo = SimpleNamespace(stamp=0, overdue=False, values=(0x27, 9))
-    entry = lambda position: SimpleNamespace(pdo=pdo, position=position, value=pdo.values[position])  # noqa: E731
+
+    def entry(position):
+        return SimpleNamespace(pdo=pdo, position=position, value=pdo.values[position])
+
     return SimpleNamespace(
         node=Node(),
         index=lambda index: index,

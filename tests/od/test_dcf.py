@@ -23,7 +23,6 @@ def read_or_skip(path):
 
 
 LOADED = {path.name: file for path in FILES if (file := read_or_skip(path)) is not None}
-MADE = ("mandatoryobjects", "optionalobjects", "manufacturerobjects")
 
 
 def same(a, b):

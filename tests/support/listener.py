@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import threading
 from collections import Counter
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 import can
@@ -34,7 +35,6 @@ class Witness(can.Listener):
         self.network = canopen.Network()
         self.network.listeners.append(self)
         self.network.connect(**python_can_of(name))
-        self.clashes = 0
 
     @property
     def lost(self) -> int:
@@ -58,12 +58,10 @@ class Witness(can.Listener):
         return node
 
     def patiently(self, work: Callable[[], Any]) -> Any:
-        """Do SDO transfers; a server has one client, so that a clash with the master's is tried again and counted."""
+        """Do SDO transfers; a server has one client, so that a clash with the master's is tried again."""
         for _ in range(50):
-            try:
+            with suppress(canopen.SdoCommunicationError, canopen.SdoAbortedError):
                 return work()
-            except (canopen.SdoCommunicationError, canopen.SdoAbortedError):
-                self.clashes += 1
         return work()
 
     def _keep(self, node_id: int, pdo: Any) -> None:

@@ -17,6 +17,7 @@ S = 1_000_000_000
 TMCM = Path(__file__).parents[2] / "eds" / "TMCM-1270.eds"
 T = DataType
 SIZES = {1: 0x2F, 2: 0x2B, 3: 0x27, 4: 0x23}
+REACHED, LIMIT, BIT_12 = 1 << 10, 1 << 11, 1 << 12  # of a statusword
 
 
 class Aborted(Exception):
@@ -256,6 +257,11 @@ def _add_axis(od, node_id, axis, without, changed):
 
 def servo(node_id=5, axes=1, without=(), plant=None, faults=(), **changed):
     return make_device(servo_od(node_id, axes, without, **changed), node_id, faults, plant=plant)
+
+
+def enabled(mode, **kwargs):
+    """A servo drive, enabled in a mode."""
+    return Bench(servo(**kwargs)).enable(mode)
 
 
 GENERIC = Path(__file__).parents[2] / "eds" / "generic_cia402.eds"

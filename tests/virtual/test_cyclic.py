@@ -1,24 +1,9 @@
 from __future__ import annotations
 
 import pytest
-from support.virtualbench import Bench, S, servo
+from support.virtualbench import BIT_12, LIMIT, REACHED, Bench, enabled, servo
 
 from canopen_control.virtual.plant import LagPlant
-
-REACHED, BIT_12, BIT_13, LIMIT = 1 << 10, 1 << 12, 1 << 13, 1 << 11
-
-
-def enabled(mode, **kwargs):
-    return Bench(servo(**kwargs)).enable(mode)
-
-
-def sampled(bench, seconds, step=0.005):
-    """Yield (t, position, velocity) as a listener sees them, on the way."""
-    start = bench.now
-    while bench.now - start < seconds * S:
-        bench.on(step)
-        yield (bench.now - start) / S, bench.position, bench.velocity
-
 
 # -- the cyclic modes
 

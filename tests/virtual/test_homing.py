@@ -1,11 +1,11 @@
 from __future__ import annotations
 
 import pytest
-from support.virtualbench import Bench, ready_tmcm, servo, tmcm
+from support.virtualbench import REACHED, Bench, ready_tmcm, servo, tmcm
 
 from canopen_control.virtual.homing import METHODS
 
-REACHED, ATTAINED, ERROR = 1 << 10, 1 << 12, 1 << 13
+ATTAINED, ERROR = 1 << 12, 1 << 13
 BITS = REACHED | ATTAINED | ERROR
 # Where home is with the standard rig: limits at -50000 and 50000, the home switch 10000 to 12000, an index pulse
 # every 4096; written down from the pictures of the standard, not from the code.

@@ -4,7 +4,7 @@ import math
 
 from support.virtualbench import Bench, servo
 
-from canopen_control.virtual.personality import GENERIC, Limit, Personality
+from canopen_control.virtual.personality import GENERIC, Personality
 
 
 def test_a_generic_drive_jumps_where_its_ramps_are_not_set():
@@ -34,7 +34,3 @@ def test_a_delay_object_delays_its_transition():
     assert bench.state == "SWITCHED_ON"
     bench.on(0.02)
     assert bench.state == "OPERATION_ENABLED"
-
-
-def test_a_limit_is_plain_data():
-    assert Limit(1, b"a", b"b") == Limit(1, b"a", b"b")

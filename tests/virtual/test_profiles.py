@@ -1,15 +1,9 @@
 from __future__ import annotations
 
 import pytest
-from support.virtualbench import Bench, S, generic, ready_tmcm, servo
+from support.virtualbench import BIT_12, LIMIT, REACHED, Bench, S, enabled, generic, ready_tmcm, servo
 
 from canopen_control.virtual.plant import LagPlant
-
-REACHED, BIT_12, BIT_13, LIMIT = 1 << 10, 1 << 12, 1 << 13, 1 << 11
-
-
-def enabled(mode, **kwargs):
-    return Bench(servo(**kwargs)).enable(mode)
 
 
 def sampled(bench, seconds, step=0.005):

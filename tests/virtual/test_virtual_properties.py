@@ -9,14 +9,13 @@ from pathlib import Path
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from support.virtualbench import MS, Bench, S, generic, servo
+from support.virtualbench import MS, REACHED, Bench, S, generic, servo
 
 from canopen_control.cia402.modes import supported_modes
 from canopen_control.virtual.device import make_device
 from canopen_control.virtual.plant import LagPlant, LoadedPlant
 from canopen_control.virtual.profiles import HANDLERS
 
-REACHED, LIMIT = 1 << 10, 1 << 11
 DEVIATIONS = sorted((Path(__file__).parents[1] / "od" / "deviations").glob("*.eds"))
 
 
