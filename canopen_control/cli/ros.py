@@ -123,7 +123,8 @@ def begin_ros() -> None:
     require_ros()
     if os.environ.get(_GUARD) and not os.environ.get("LD_LIBRARY_PATH") and not os.environ.get(_BEGUN):
         environment = {**clean_environment(ros=True), _BEGUN: "1"}
-        os.execve(sys.executable, [sys.executable, "-m", "canopen_control", *sys.argv[1:]], environment)
+        # -P: a file of the user's folder must not be taken for a module of Python
+        os.execve(sys.executable, [sys.executable, "-P", "-m", "canopen_control", *sys.argv[1:]], environment)
 
 
 def _list(names: Callable[[], list[tuple[str, list[str]]]], args: argparse.Namespace) -> int:

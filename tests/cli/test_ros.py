@@ -58,6 +58,16 @@ def test_a_message_is_shown_as_yaml_also_where_the_environment_is_another_progra
 
 
 @pytest.mark.ros
+def test_a_file_of_the_users_folder_is_no_module_of_ours(scene, tmp_path):
+    (tmp_path / "statistics.py").write_text("raise SystemExit('the wrong statistics')")
+    environment = ros.ros_environment(scene[0], _ROS_WHEELS_BOOTSTRAP_COMPLETE="1")
+    environment.pop("LD_LIBRARY_PATH", None)  # so that it starts itself anew
+    program = [sys.executable, "-P", "-m", "canopen_control", "ros", "topic", "list"]
+    done = subprocess.run(program, env=environment, cwd=tmp_path, capture_output=True, text=True, timeout=60)
+    assert (done.returncode, "wrong" in done.stderr) == (0, False), done.stderr
+
+
+@pytest.mark.ros
 def test_a_message_is_published_once_somebody_is_there(scene, program):
     scene[1].order("subscribe", topic="/from_cli", of=TYPE)
     program("topic", "pub", "/from_cli", TYPE, "{data: [10.0, 10]}", "--once")
