@@ -34,6 +34,7 @@ _LEGEND: Final = (
     f"<b style='color:{_ACTUAL}'>&#9473; actual</b> &nbsp; of the last 30 s</p></div>"
 )
 _SHOWN_JOINTS: Final = 12
+_MARGIN: Final = 1.2
 
 
 def commanded_interfaces(controllers: Iterable[Mapping[str, Any]]) -> dict[str, str]:
@@ -158,10 +159,13 @@ class Plots:
 
 
 def _at_least(low: float, high: float) -> dict[str, dict[str, float]]:
-    """Return uPlot's range that shows `low` to `high` even if nothing happens, and more when there is more."""
+    """Return uPlot's range that shows `low` to `high` even if nothing happens, and more when there is more.
+
+    A little more than that: a number at the very edge would be cut in half.
+    """
     return {
-        "min": {"pad": 0.1 if low else 0.0, "soft": low, "mode": 1},
-        "max": {"pad": 0.1, "soft": high, "mode": 1},
+        "min": {"pad": 0.1 if low else 0.0, "soft": low * _MARGIN, "mode": 1},
+        "max": {"pad": 0.1, "soft": high * _MARGIN, "mode": 1},
     }
 
 

@@ -42,6 +42,7 @@ _NOTE: Final = (
     "<p class='cc-note'>STOP (or the space bar) ramps every joint to zero, disables the drives and stays latched. "
     "No safety function (ISO 13850).</p>"
 )
+_FEW: Final = 3
 _LEVELS: Final = {"debug": IDLE, "info": IDLE, "warning": WARN, "error": BAD}
 
 
@@ -88,11 +89,12 @@ def _age(seconds: float | None) -> str:
 
 def drive_table(rows: Iterable[AxisRow]) -> str:
     """Return the table of drives."""
-    lines = list(_table_lines(rows))
-    if not lines:
-        return "<p class='cc-note'>No drives: this robot runs on mock hardware.</p>"
+    rows = list(rows)
+    if not rows:
+        return "<p class='cc-note'>No drives: this robot is simulated, or runs on mock hardware.</p>"
     titles = "<tr><th>drive</th><th>state</th><th>mode</th><th>heard</th></tr>"
-    return f"<table class='cc-table'>{titles}{''.join(lines)}</table>"
+    many = " cc-many" if len(rows) > _FEW else ""  # a line for each, so that the events stay in sight
+    return f"<table class='cc-table{many}'>{titles}{''.join(_table_lines(rows))}</table>"
 
 
 def _table_lines(rows: Iterable[AxisRow]) -> Iterator[str]:
@@ -158,10 +160,9 @@ def fault_text(fault: Mapping[str, Any] | None) -> str:
     if fault is None:
         return "<p class='cc-note'>No virtual drive is there to be broken.</p>"
     how = "once" if fault["once"] else "until it is switched off"
-    return (
-        f"<p class='cc-note'>The drive {escape(fault['does'])} ({how}).<br><b>A good master:</b> "
-        f"{escape(fault['reaction'])}.</p>"
-    )
+    does = str(fault["does"])
+    what = f"I{does[1:]}" if does.startswith("its ") else f"The drive {does}"
+    return f"<p class='cc-note'>{escape(what)} ({how}).<br><b>A good master:</b> {escape(fault['reaction'])}.</p>"
 
 
 def active_faults(found: Mapping[str, Iterable[str]]) -> str:

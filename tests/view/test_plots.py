@@ -79,3 +79,11 @@ def test_a_joint_that_is_commanded_otherwise_begins_anew(plots):
     assert plots.history.columns(["work"])[1].tolist() == [1.0]
     plots.name({"wheel": "position"})
     assert plots.history.columns(["work"])[1].tolist() == [0.0]
+
+
+def test_the_numbers_at_the_ends_of_a_scale_are_not_cut(plots):
+    """uPlot draws them on the edge of the picture, half of them outside, where the scale ends with the number."""
+    for chart in plots._charts:
+        scale = chart.handle.scales["y"]["range"]
+        assert scale["max"]["soft"] > 1.0
+        assert scale["min"]["soft"] == 0.0 or scale["min"]["soft"] < -1.0

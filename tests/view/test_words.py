@@ -95,3 +95,15 @@ def test_faults_are_explained():
     assert "No virtual drive" in fault_text(None)
     assert "No fault is on" in active_faults({"left": []})
     assert "left: silent, hot" in active_faults({"left": ["silent", "hot"]})
+
+
+def test_a_fault_of_what_is_the_drives_own_is_a_sentence_too():
+    told = {"reaction": "stops", "once": False}
+    assert "The drive resets (until" in fault_text({"does": "resets", **told})
+    assert ">Its heartbeats do not arrive (until" in fault_text({"does": "its heartbeats do not arrive", **told})
+
+
+def test_many_drives_take_a_line_each():
+    few, many = ({"nodes": {f"drive_{number}": node() for number in range(count)}} for count in (3, 4))
+    assert "cc-many" not in drive_table(axis_rows(few))
+    assert "cc-many" in drive_table(axis_rows(many))
