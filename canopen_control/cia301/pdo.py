@@ -13,6 +13,7 @@ import struct
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
+from canopen_control.cia301.cob_id import EXTENDED_BIT
 from canopen_control.errors import LocalProtocolError
 from canopen_control.od.model import DataType
 
@@ -26,7 +27,6 @@ __all__ = [
     "DUMMY_TYPES",
     "EVENT_MANUFACTURER",
     "EVENT_PROFILE",
-    "EXTENDED_BIT",
     "INVALID_BIT",
     "MAX_BITS",
     "NO_RTR_BIT",
@@ -47,7 +47,6 @@ __all__ = [
 MAX_BITS = 64  # a classic CAN frame
 INVALID_BIT = 1 << 31  # of a COB-ID entry
 NO_RTR_BIT = 1 << 30
-EXTENDED_BIT = 1 << 29
 
 # Transmission types (table 69); 1 to 240 are cyclic synchronous, 241 to 251 reserved.
 ACYCLIC_SYNCHRONOUS = 0

@@ -11,10 +11,11 @@ import enum
 from dataclasses import dataclass
 
 from canopen_control.cia301.abort import AbortCode
+from canopen_control.cia301.cob_id import can_id_of
 from canopen_control.cia301.heartbeat import next_on_grid
 from canopen_control.cia301.outbox import Outbox
 from canopen_control.errors import LocalProtocolError
-from canopen_control.frame import EXTENDED_FLAG, CanFrame
+from canopen_control.frame import CanFrame
 
 __all__ = [
     "PRODUCER_BIT",
@@ -30,14 +31,11 @@ __all__ = [
 
 SYNC_COB_ID = 0x080
 PRODUCER_BIT = 1 << 30  # of 0x1005
-EXTENDED_BIT = 1 << 29
 
 
 def parse_cob_id_sync(value: int) -> tuple[int, bool]:
     """Return the can_id (with the flag of a 29-bit one) and whether the node produces SYNC, of a 0x1005 value."""
-    if value & EXTENDED_BIT:
-        return value & 0x1FFFFFFF | EXTENDED_FLAG, bool(value & PRODUCER_BIT)
-    return value & 0x7FF, bool(value & PRODUCER_BIT)
+    return can_id_of(value), bool(value & PRODUCER_BIT)
 
 
 def is_valid_overflow(overflow: int) -> bool:

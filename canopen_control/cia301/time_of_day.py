@@ -8,16 +8,16 @@ from __future__ import annotations
 import struct
 from typing import NamedTuple
 
+from canopen_control.cia301.cob_id import can_id_of
 from canopen_control.cia301.outbox import Outbox
 from canopen_control.errors import LocalProtocolError
-from canopen_control.frame import EXTENDED_FLAG, CanFrame
+from canopen_control.frame import CanFrame
 
 __all__ = ["TimeConsumer", "TimeOfDay", "parse_cob_id_time", "parse_time", "time_frame"]
 
 TIME_COB_ID = 0x100
 CONSUMER_BIT = 1 << 31  # of 0x1012
 PRODUCER_BIT = 1 << 30
-EXTENDED_BIT = 1 << 29
 MS_PER_DAY = 86_400_000
 EPOCH_MS = 441_763_200_000  # 1984-01-01 in Unix milliseconds
 _WIRE = struct.Struct("<IH")
@@ -62,9 +62,7 @@ def parse_time(data: bytes) -> TimeOfDay | None:
 
 def parse_cob_id_time(value: int) -> tuple[int, bool, bool]:
     """Return can_id, whether the node consumes TIME, whether it produces it, of a 0x1012 value."""
-    extended = bool(value & EXTENDED_BIT)
-    can_id = value & 0x1FFFFFFF | EXTENDED_FLAG if extended else value & 0x7FF
-    return can_id, bool(value & CONSUMER_BIT), bool(value & PRODUCER_BIT)
+    return can_id_of(value), bool(value & CONSUMER_BIT), bool(value & PRODUCER_BIT)
 
 
 class TimeEvent(NamedTuple):

@@ -22,7 +22,7 @@ from canopen_control.cia301.pdo import PdoCodec
 from canopen_control.cia301.time_of_day import parse_time
 from canopen_control.cia402 import objects
 from canopen_control.errors import LocalProtocolError
-from canopen_control.frame import BROADCAST, EXTENDED_FLAG, CanFrame, Service, service_of
+from canopen_control.frame import BROADCAST, EXTENDED_FLAG, REMOTE_FLAG, CanFrame, Service, service_of
 from canopen_control.trace.learn import LearnedPdos
 from canopen_control.trace.lss import lss_text
 from canopen_control.trace.network import NodeDescription
@@ -172,7 +172,7 @@ class Decoder:
         if frame.is_error:
             return _ERROR, _error(frame)
         if frame.is_remote:
-            return self._remote(CanFrame(frame.can_id & ~0x40000000, frame.data))
+            return self._remote(CanFrame(frame.can_id & ~REMOTE_FLAG, frame.data))
         route = self._routes.get(frame.can_id) or self._predefined(frame.can_id)
         return route, route.handler(frame)
 

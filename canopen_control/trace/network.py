@@ -11,12 +11,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from canopen_control.cia301.cob_id import can_id_of
 from canopen_control.cia301.emcy import EMCY_COB_ID
-from canopen_control.cia301.pdo import EXTENDED_BIT, INVALID_BIT, MappedObject
+from canopen_control.cia301.pdo import MappedObject
 from canopen_control.cia301.sync import SYNC_COB_ID
 from canopen_control.cia402 import objects
 from canopen_control.errors import CanopenError
-from canopen_control.frame import EXTENDED_FLAG
 from canopen_control.od.eds import read_eds
 from canopen_control.od.model import DataType, ObjectCode
 from canopen_control.od.pdos import pdos_of
@@ -33,7 +33,6 @@ __all__ = [
     "PdoDescription",
     "PdoObject",
     "address_text",
-    "can_id_of",
     "entry_name",
     "network_of_layout",
     "node_of_eds",
@@ -216,12 +215,6 @@ def type_of(od: ObjectDictionary | None, index: int, subindex: int, bits: int) -
     if entry is not None:
         return entry.data_type
     return _RAW_TYPES.get(bits, DataType.UNSIGNED64 if bits % 8 else DataType.OCTET_STRING)
-
-
-def can_id_of(entry: int) -> int:
-    """Return the can_id of a COB-ID entry: bit 29 says that the identifier has 29 bits."""
-    entry &= ~INVALID_BIT
-    return entry & 0x1FFFFFFF | EXTENDED_FLAG if entry & EXTENDED_BIT else entry & 0x7FF
 
 
 def _pdo_of_layout(pdo: Mapping[str, Any]) -> PdoDescription:

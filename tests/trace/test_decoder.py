@@ -3,7 +3,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.tracing import frame, robby_decoder, robby_network, said
 
-from canopen_control.cia301.pdo import EXTENDED_BIT
 from canopen_control.frame import ERROR_FLAG, EXTENDED_FLAG, REMOTE_FLAG, CanFrame
 from canopen_control.od.model import DataType
 from canopen_control.trace.decoder import SERVICES, Decoder, Mark
@@ -152,7 +151,6 @@ def test_a_pdo_may_lie_on_any_identifier_even_one_of_29_bits():
     node = NodeDescription("io", 9, None, (PdoDescription(EXTENDED_FLAG | 0x12345, "tpdo", 1, objects),))
     got = Decoder(NetworkDescription(nodes={9: node})).decode(frame(EXTENDED_FLAG | 0x12345, "1F00"))
     assert (got.node, got.text) == ("io", "nibble -1; rest 1")
-    assert EXTENDED_BIT  # of a COB-ID entry, which is another bit than that of a frame
 
 
 def test_a_mapping_that_cannot_be_is_said_with_the_bytes():
