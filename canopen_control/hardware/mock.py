@@ -22,6 +22,7 @@ from canopen_control.hardware.interfaces import (
     ReturnType,
     StateInterface,
 )
+from canopen_control.hardware.lifecycle import Lifecycle
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -82,12 +83,12 @@ class _Joint:
             state.value = value
 
 
-class GenericSystem:
+class GenericSystem(Lifecycle):
     """One <ros2_control> tag without hardware; see the module."""
 
     def __init__(self, description: Ros2ControlSystem) -> None:
+        super().__init__()
         self.name = description.name
-        self.state = LifecycleState.UNCONFIGURED
         parameters = description.parameters
         self._dynamics = _true(parameters, "calculate_dynamics")
         self._disabled = _true(parameters, "disable_commands")
@@ -110,35 +111,13 @@ class GenericSystem:
         ]
         self._owners = {one.name: each for each in self._parts for one in each.commands.values()}
 
-    def configure(self) -> None:
-        """Set the states to their initial values."""
-        if self.state is LifecycleState.UNCONFIGURED:
-            for each in self._parts:
-                each.reset(self._offset if each.name in self._joints else 0.0)
-            self.state = LifecycleState.INACTIVE
+    def _begin(self) -> None:
+        for each in self._parts:
+            each.reset(self._offset if each.name in self._joints else 0.0)
 
-    def activate(self) -> None:
-        """Allow commands."""
-        if self.state is LifecycleState.INACTIVE:
-            self.state = LifecycleState.ACTIVE
-
-    def deactivate(self) -> None:
-        """Stand still."""
-        if self.state is LifecycleState.ACTIVE:
-            for joint in self._moving:
-                joint.stop(joint.mode)
-            self.state = LifecycleState.INACTIVE
-
-    def cleanup(self) -> None:
-        """Go back to the start."""
-        self.deactivate()
-        if self.state is LifecycleState.INACTIVE:
-            self.state = LifecycleState.UNCONFIGURED
-
-    def shutdown(self) -> None:
-        """End for good."""
-        self.deactivate()
-        self.state = LifecycleState.FINALIZED
+    def _rest(self) -> None:
+        for joint in self._moving:
+            joint.stop(joint.mode)
 
     def prepare_command_mode_switch(self, start: Sequence[str], stop: Sequence[str]) -> None:
         """Refuse, with dynamics, two of position, velocity and acceleration at one joint."""

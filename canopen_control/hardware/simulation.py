@@ -23,6 +23,7 @@ from canopen_control.hardware.interfaces import (
     ReturnType,
     StateInterface,
 )
+from canopen_control.hardware.lifecycle import Lifecycle
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -131,7 +132,7 @@ class _Joint:
             self.states[EFFORT].value = self.motor.effort
 
 
-class SimulatedSystem:
+class SimulatedSystem(Lifecycle):
     """One <ros2_control> tag, simulated; `joints` are those of the description, for their limits and mimics.
 
     Parameters of the tag or of a joint: time_constant (s), inertia, damping. `make_motor` replaces the motors.
@@ -143,8 +144,8 @@ class SimulatedSystem:
         joints: Mapping[str, UrdfJoint],
         make_motor: Callable[[Limits], Motor] | None = None,
     ) -> None:
+        super().__init__()
         self.name = description.name
-        self.state = LifecycleState.UNCONFIGURED
         self.elapsed_ns = 0
         self._last: int | None = None
         self._joints: list[_Joint] = []
@@ -173,34 +174,12 @@ class SimulatedSystem:
         self._owners: dict[str, _Joint | None] = {one.name: None for one in extra_commands}
         self._owners.update({one.name: each for each in self._joints for one in each.commands.values()})
 
-    def configure(self) -> None:
-        """Show where the joints are."""
-        if self.state is LifecycleState.UNCONFIGURED:
-            self._show()
-            self.state = LifecycleState.INACTIVE
+    def _begin(self) -> None:
+        self._show()
 
-    def activate(self) -> None:
-        """Allow commands."""
-        if self.state is LifecycleState.INACTIVE:
-            self.state = LifecycleState.ACTIVE
-
-    def deactivate(self) -> None:
-        """Let go of everything; the motors come to rest."""
-        if self.state is LifecycleState.ACTIVE:
-            for joint in self._joints:
-                joint.mode = ""
-            self.state = LifecycleState.INACTIVE
-
-    def cleanup(self) -> None:
-        """Go back to the start."""
-        self.deactivate()
-        if self.state is LifecycleState.INACTIVE:
-            self.state = LifecycleState.UNCONFIGURED
-
-    def shutdown(self) -> None:
-        """End for good."""
-        self.deactivate()
-        self.state = LifecycleState.FINALIZED
+    def _rest(self) -> None:
+        for joint in self._joints:
+            joint.mode = ""
 
     def prepare_command_mode_switch(self, start: Sequence[str], stop: Sequence[str]) -> None:
         """Refuse two interfaces of one joint, and one that no motor knows."""

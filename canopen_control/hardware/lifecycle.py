@@ -1,0 +1,48 @@
+"""The lifecycle verbs of a component that has no bus: a verb that does not fit the state does nothing."""
+
+from __future__ import annotations
+
+from canopen_control.hardware.interfaces import LifecycleState
+
+__all__ = ["Lifecycle"]
+
+
+class Lifecycle:
+    """`state`, and the verbs between the states; what a component does on the way are its `_begin` and `_rest`."""
+
+    def __init__(self) -> None:
+        self.state = LifecycleState.UNCONFIGURED
+
+    def configure(self) -> None:
+        """Show the first states."""
+        if self.state is LifecycleState.UNCONFIGURED:
+            self._begin()
+            self.state = LifecycleState.INACTIVE
+
+    def activate(self) -> None:
+        """Allow commands."""
+        if self.state is LifecycleState.INACTIVE:
+            self.state = LifecycleState.ACTIVE
+
+    def deactivate(self) -> None:
+        """Come to rest."""
+        if self.state is LifecycleState.ACTIVE:
+            self._rest()
+            self.state = LifecycleState.INACTIVE
+
+    def cleanup(self) -> None:
+        """Go back to the start."""
+        self.deactivate()
+        if self.state is LifecycleState.INACTIVE:
+            self.state = LifecycleState.UNCONFIGURED
+
+    def shutdown(self) -> None:
+        """End for good."""
+        self.deactivate()
+        self.state = LifecycleState.FINALIZED
+
+    def _begin(self) -> None:
+        raise NotImplementedError
+
+    def _rest(self) -> None:
+        raise NotImplementedError
