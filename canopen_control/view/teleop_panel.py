@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Final, Protocol
 
 from canopen_control.view.controls import tell
 from canopen_control.view.style import ICONS
+from canopen_control.view.target_sliders import TargetSliders
 from canopen_control.view.teleop import HOLD_HZ, Motion, joint_motion, twist_motion
 
 if TYPE_CHECKING:
@@ -51,6 +52,7 @@ class TeleopPanel:
         self._positions: Mapping[str, float | None] = {}
         self._folder = gui.add_folder("Drive: hold a button")
         self._parts: list[Any] = []
+        self._targets: TargetSliders | None = None
         self._shown: object = None
 
     def show(self, controllers: Sequence[Mapping[str, Any]]) -> None:
@@ -63,6 +65,7 @@ class TeleopPanel:
         for part in self._parts:
             part.remove()
         self._parts.clear()
+        self._targets = None
         with self._folder:
             active = [each for each in takers if each["state"] == "active"]
             if not active:
@@ -75,6 +78,8 @@ class TeleopPanel:
     def follow(self, positions: Mapping[str, float | None]) -> None:
         """Take note where the joints are, so that position targets can rest there."""
         self._positions = positions
+        if self._targets is not None:
+            self._targets.follow(positions)
 
     def _choice(self, takers: Sequence[Mapping[str, Any]], active: Sequence[Mapping[str, Any]]) -> None:
         names = [str(each["name"]) for each in takers]
@@ -110,23 +115,23 @@ class TeleopPanel:
 
     def _sliders(self, controller: Mapping[str, Any]) -> None:
         """Make a slider for each value of the controller, and one button that sends them while it is held."""
-        gui, interface = self._gui, str(controller["interface"])
-        sliders = []
+        gui, name, interface = self._gui, str(controller["name"]), str(controller["interface"])
+        sliders = {}
         for joint in controller["joints"]:
             low, high = self._range(joint, interface)
             at = self._positions.get(joint) if interface == "position" else 0.0
             start = min(max(at or 0.0, low), high)
-            sliders.append(gui.add_slider(joint, min=low, max=high, step=(high - low) / 200, initial_value=start))
+            sliders[joint] = gui.add_slider(joint, min=low, max=high, step=(high - low) / 200, initial_value=start)
         button = gui.add_button("Hold to drive", icon=ICONS["drive"])
+        targets = self._targets = TargetSliders(sliders) if interface == "position" else None
 
         def motion() -> Motion:
-            rest = [0.0] * len(sliders)
-            if interface == "position":
-                rest = [self._positions.get(joint) or 0.0 for joint in controller["joints"]]
-            return joint_motion(str(controller["name"]), [slider.value for slider in sliders], rest)
+            if targets is None:
+                return joint_motion(name, [slider.value for slider in sliders.values()], [0.0] * len(sliders))
+            return joint_motion(name, targets.targets(self._positions), targets.rest(self._positions))
 
         self._hold(button, motion)
-        self._parts += [*sliders, button]
+        self._parts += [*sliders.values(), button]
 
     def _range(self, joint: str, interface: str) -> tuple[float, float]:
         """Return what a slider may be set to, by the description's limits as far as it has any."""

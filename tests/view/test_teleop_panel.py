@@ -67,7 +67,17 @@ def test_position_joints_start_and_rest_where_they_are(panel, driver, parts, han
     assert parts()["l"].value == 1.5
     panel.follow({"l": 1.6, "r": 0.3})
     hand.hold(parts()["Hold to drive"])
-    assert driver.held[0][1].moving["values"] == [1.5, 0.25]
+    assert driver.held[0][1].moving["values"] == [1.6, 0.3]
+    assert driver.held[0][1].resting["values"] == [1.6, 0.3]
+
+
+def test_a_slider_that_is_set_moves_its_own_joint_alone(panel, driver, parts, hand):
+    """The others are where somebody else has put them since the page was opened: they must not go back."""
+    panel.show([ARM | {"state": "active"}])
+    hand.choose(parts()["l"], 0.5)
+    panel.follow({"l": 1.6, "r": 0.3})
+    hand.hold(parts()["Hold to drive"])
+    assert driver.held[0][1].moving["values"] == [0.5, 0.3]
     assert driver.held[0][1].resting["values"] == [1.6, 0.3]
 
 
