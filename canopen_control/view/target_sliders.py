@@ -55,7 +55,7 @@ class TargetSliders:
                 continue
             shown = min(max(at, slider.min), slider.max)
             if abs(shown - slider.value) >= slider.step / 2:
-                slider.value = shown
+                slider.value = shown  # type: ignore[misc] # viser's setter is hidden from type checkers
 
     def targets(self, positions: Mapping[str, float | None]) -> list[float]:
         """Return what a held button sends, by the order of the sliders."""
