@@ -164,23 +164,20 @@ def _hz(graph: Graph, args: argparse.Namespace) -> int:
     return 0 if len(times) > 1 else 1
 
 
-def _rates(times: list[float]) -> dict[str, float | None]:
+def _rates(times: list[float]) -> dict[str, float] | None:
     gaps = [after - before for before, after in itertools.pairwise(times)]
     if not gaps:
-        return {"rate": None, "min": None, "max": None, "std_dev": None, "window": len(times)}
+        return None
     rate, spread = 1 / statistics.fmean(gaps), statistics.pstdev(gaps)
     return {"rate": rate, "min": min(gaps), "max": max(gaps), "std_dev": spread, "window": len(times)}
 
 
 def _rate_of(times: list[float]) -> str:
     found = _rates(times)
-    if found["rate"] is None:
+    if found is None:
         return "no new messages"
-    return (
-        "average rate: {rate:.3f}\n\tmin: {min:.4f}s max: {max:.4f}s std dev: {std_dev:.5f}s window: {window}".format(
-            **found
-        )
-    )
+    spread = "min: {min:.4f}s max: {max:.4f}s std dev: {std_dev:.5f}s".format(**found)
+    return f"average rate: {found['rate']:.3f}\n\t{spread} window: {found['window']}"
 
 
 def _text(message: Any, args: argparse.Namespace) -> str:  # noqa: ANN401 - somebody's generator's class

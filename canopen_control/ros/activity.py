@@ -58,6 +58,7 @@ class Activity(Endpoint):
 
     def _on_hardware(self, answer: Any, error: str | None) -> None:  # noqa: ANN401 - what JSON holds
         self._asking = False
+        hardware: States = {}
         try:
             hardware = {} if error else {str(each["name"]): str(each["state"]) for each in answer}
         except (KeyError, TypeError) as unread:
