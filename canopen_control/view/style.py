@@ -58,7 +58,8 @@ button:has(.icon-tabler-arrow-forward-up), button:has(.icon-tabler-hand-finger) 
 .cc-table { width: 100%; border-collapse: collapse; font-size: .88em; }
 .cc-table th { text-align: left; font-weight: 600; color: #6b7683; font-size: .85em; padding: .1em .4em; }
 .cc-table td { border-top: 1px solid #e6e9ee; padding: .35em .4em; vertical-align: top; }
-.cc-many br { display: none; } .cc-many td { padding: .2em .4em; }
+.cc-many br { display: none; } .cc-many td { padding: .2em .25em; }
+.cc-many .cc-chip { font-size: .76em; padding: .15em .45em; white-space: nowrap; }
 .cc-many small { margin-left: .4em; white-space: nowrap; }
 .cc-table small { color: #7a8592; } .cc-late { color: #b45309; font-weight: 600; }
 .cc-error td { border-top: 0 !important; padding-top: 0 !important; color: #b01818; font-size: .93em; }
