@@ -17,6 +17,7 @@ __all__ = [
     "BROADCAST",
     "ERROR_FLAG",
     "EXTENDED_FLAG",
+    "FRAME_BITS",
     "RECORD",
     "RECORD_SIZE",
     "REMOTE_FLAG",
@@ -35,6 +36,7 @@ EXTENDED_FLAG = 0x80000000  # linux/can.h CAN_EFF_FLAG: 29-bit identifier
 REMOTE_FLAG = 0x40000000  # CAN_RTR_FLAG
 ERROR_FLAG = 0x20000000  # CAN_ERR_FLAG: the identifier holds error classes
 BROADCAST = 0  # the node id that means all nodes
+FRAME_BITS = 47  # of a frame with an 11-bit identifier and no data on the wire: intermission included, stuff bits not
 
 RECORD = struct.Struct("=IB3x8s")  # can_id with flags, length, padding, data
 RECORD_SIZE = RECORD.size

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from canopen_control.bus.rawsocket import NETWORK_CLASS
+from canopen_control.frame import FRAME_BITS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -20,7 +21,6 @@ if TYPE_CHECKING:
 
 __all__ = ["Traffic", "measure"]
 
-_FRAME_BITS = 47  # of a frame without data, intermission included
 _LOOPED = ("vcan",)
 _COUNTERS = ("packets", "bytes")
 
@@ -55,7 +55,7 @@ def measure(
 
 
 def _traffic(link: Link, frames: int, size: int, seconds: float) -> Traffic:
-    bits = _FRAME_BITS * frames + 8 * size
+    bits = FRAME_BITS * frames + 8 * size
     return Traffic(frames / seconds, bits / seconds / link.bitrate if link.bitrate else None)
 
 

@@ -11,6 +11,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from canopen_control.bus.timing import duration_ns, worst_case_bits
+from canopen_control.cia301.nmt import ERROR_CONTROL_COB_ID
+from canopen_control.cia301.sync import SYNC_COB_ID
+from canopen_control.frame import FRAME_BITS
+from canopen_control.master.cycle import CYCLIC_SYNCHRONOUS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -22,10 +26,6 @@ if TYPE_CHECKING:
 __all__ = ["HIGH", "Budget", "Share", "bits_of", "budget_of"]
 
 HIGH = 0.70  # of the bit rate
-_SYNC_COB_ID = 0x080
-_ERROR_CONTROL = 0x700
-_FIXED_BITS = 47  # of a frame without data, intermission included
-_CYCLIC = range(1, 241)
 _ON_REMOTE = (252, 253)
 
 
@@ -98,7 +98,7 @@ class Budget:
 
 def bits_of(length: int) -> tuple[int, int]:
     """Return the bits of a frame with `length` data bytes: without stuff bits, and at worst."""
-    return _FIXED_BITS + 8 * length, worst_case_bits(length)
+    return FRAME_BITS + 8 * length, worst_case_bits(length)
 
 
 def budget_of(config: BusConfig, period_ns: int) -> Budget:
@@ -111,7 +111,7 @@ def budget_of(config: BusConfig, period_ns: int) -> Budget:
 def _shares(config: BusConfig, period_ns: int, unbounded: list[str]) -> Iterator[Share]:
     master = config.master
     if master.sync_period:
-        yield Share("SYNC", _SYNC_COB_ID, 1 if master.sync_overflow else 0, 1.0)
+        yield Share("SYNC", SYNC_COB_ID, 1 if master.sync_overflow else 0, 1.0)
     yield _error_control("heartbeat of the master", master.node_id, master.heartbeat_ms, period_ns)
     for name, plan in config.plans.items():
         node = config.nodes[name]
@@ -132,7 +132,7 @@ def _tpdo(name: str, node: NodeConfig, layout: PdoLayout, period_ns: int, unboun
     kind, what = layout.transmission_type, f"TPDO {layout.number} of {name}"
     if kind in _ON_REMOTE:
         return
-    if kind in _CYCLIC:
+    if kind in CYCLIC_SYNCHRONOUS:
         yield Share(what, layout.cob_id, _length(layout), 1 / kind)
         return
     pdo = node.tpdo.get(layout.number)
@@ -143,7 +143,9 @@ def _tpdo(name: str, node: NodeConfig, layout: PdoLayout, period_ns: int, unboun
 
 
 def _error_control(name: str, node_id: int, period_ms: int, period_ns: int) -> Share:
-    return Share(name, _ERROR_CONTROL + node_id, 1, period_ns / (period_ms * 1e6) if period_ms else 0.0, cyclic=False)
+    return Share(
+        name, ERROR_CONTROL_COB_ID + node_id, 1, period_ns / (period_ms * 1e6) if period_ms else 0.0, cyclic=False
+    )
 
 
 def _length(layout: PdoLayout) -> int:

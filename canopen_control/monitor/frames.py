@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.errors import ConfigError
+from canopen_control.frame import FRAME_BITS
 from canopen_control.trace.decoder import SERVICES
 from canopen_control.trace.filters import Filter, node_ids_of, parse_ids
 
@@ -26,7 +27,6 @@ KEPT: Final = 2000  # decoded frames that a changed filter can still show
 _IDENTIFIERS: Final = 4096  # rows; a bus with more has a fault of its own
 _SMOOTHING: Final = 0.2
 _SECOND_NS: Final = 1_000_000_000
-_FRAME_BITS: Final = 47  # of a frame without data, intermission included, without stuff bits
 _CHANGES: Final = "changes"
 
 
@@ -124,7 +124,7 @@ class LoadMeter:
 
     def add(self, frame: CanFrame) -> None:
         """Count a frame's bits."""
-        self._bits += _FRAME_BITS + 8 * len(frame.data)
+        self._bits += FRAME_BITS + 8 * len(frame.data)
 
     def tick(self, now: int) -> None:
         """Let time pass."""

@@ -7,19 +7,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from canopen_control.bus.timing import _crc15, duration_ns, frame_bits, worst_case_bits
-from canopen_control.frame import EXTENDED_FLAG, REMOTE_FLAG
+from canopen_control.frame import EXTENDED_FLAG, FRAME_BITS, REMOTE_FLAG
 
 
 @pytest.mark.parametrize(("length", "shortest", "longest"), [(0, 47, 55), (3, 71, 85), (8, 111, 135)])
 def test_an_eleven_bit_frame_stays_between_the_formulas(length, shortest, longest):
-    assert worst_case_bits(length) == longest
+    assert (FRAME_BITS + 8 * length, worst_case_bits(length)) == (shortest, longest)
     # 0x555 and 0x55 alternate: no run of five in identifier and data.
     assert shortest <= frame_bits(0x555, b"\x55" * length) <= longest
 
 
 @given(st.integers(0, 0x7FF), st.binary(max_size=8))
 def test_no_standard_frame_leaves_the_bounds(can_id, data):
-    assert 47 + 8 * len(data) <= frame_bits(can_id, data) <= worst_case_bits(len(data))
+    assert FRAME_BITS + 8 * len(data) <= frame_bits(can_id, data) <= worst_case_bits(len(data))
 
 
 @given(st.integers(0, 0x1FFFFFFF), st.binary(max_size=8))
