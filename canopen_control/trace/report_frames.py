@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 from canopen_control.cia301.nmt import state_of_byte
 from canopen_control.cia402 import objects
 from canopen_control.cia402.state import decode_statusword
+from canopen_control.frame import FRAME_BITS
 from canopen_control.trace.decoder import DecodedFrame, Decoder, Mark
 from canopen_control.trace.lines import identifier_text
 from canopen_control.trace.network import NetworkDescription
@@ -28,7 +29,6 @@ __all__ = ["FrameFacts", "read_frames"]
 Json = dict[str, Any]
 _NS: Final = 1_000_000_000
 _BIN_S: Final = 0.5  # of the bus load
-_FRAME_BITS: Final = 47  # of a frame without data, intermission included, without stuff bits
 _BEFORE, _AFTER = 40, 15  # frames around the fault that are shown
 _SILENT_S: Final = 0.5
 _MOST_NOTABLE: Final = 1000
@@ -69,7 +69,7 @@ class FrameFacts:
             decoder = self._decoders[bus] = Decoder(network)
             self._loads[bus], self._services[bus] = Counter(), Counter()
         self._end = time = time_ns / _NS - self._begin
-        self._loads[bus][int(time // _BIN_S)] += _FRAME_BITS + 8 * len(frame.data)
+        self._loads[bus][int(time // _BIN_S)] += FRAME_BITS + 8 * len(frame.data)
         decoded = decoder.decode(frame, time_ns)
         self._services[bus][decoded.service] += 1
         self._follow(bus, time, decoded)
