@@ -172,15 +172,22 @@ def _rule(rule: dict[str, Any]) -> str:
 # up, down, fault -----------------------------------------------------------------------------------------------------
 
 
+def _interface(args: argparse.Namespace) -> str:
+    name: str = args.interface
+    if ":" in name:
+        raise ConfigError(f"{name} is no interface of the kernel: it is there as soon as somebody opens it")
+    return name
+
+
 def _up(args: argparse.Namespace) -> int:
     links.bring_up(
-        args.interface, print, bitrate=args.bitrate, restart_ms=args.restart_ms, sample_point=args.sample_point
+        _interface(args), print, bitrate=args.bitrate, restart_ms=args.restart_ms, sample_point=args.sample_point
     )
     return 0
 
 
 def _down(args: argparse.Namespace) -> int:
-    links.bring_down(args.interface, print)
+    links.bring_down(_interface(args), print)
     return 0
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import sys
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from canopen_control.bus.channel import parse_channel
@@ -53,6 +54,7 @@ def add_network_arguments(parser: argparse.ArgumentParser) -> None:
 def heard_bus(args: argparse.Namespace, channel: str | None) -> Heard:
     """Return the bus to listen to: `channel`, else that of the running robot; ConfigError where there is none."""
     if channel is None:
+        _refuse_channel(args.config)
         with RobotClient.connect(args.name) as robot:
             layouts, owner = robot.call("layout")["buses"], robot.robot
         layout = _chosen(layouts, args.bus, f"robot {owner}")
@@ -67,6 +69,17 @@ def heard_bus(args: argparse.Namespace, channel: str | None) -> Heard:
         network = NetworkDescription(channel) if layout is None else network_of_layout(layout)
     _tell(network)
     return Heard(channel, replace(network, channel=channel), owner)
+
+
+def _refuse_channel(config: str | None) -> None:
+    """Raise ConfigError for a bus in place of CONFIG: elsewhere a channel is written without an option."""
+    if config is None or Path(config).is_dir():
+        return
+    try:
+        channel = parse_channel(config)
+    except ConfigError:
+        return
+    raise ConfigError(f"{channel} is a bus, no robot: write --can {channel}")
 
 
 def described(args: argparse.Namespace) -> NetworkDescription:

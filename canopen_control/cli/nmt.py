@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 from canopen_control.cia301.nmt import EXPECTED_STATE, RESETS, NmtCommand, NmtConfirmed, NmtState
 from canopen_control.cli.target import LABEL, RobotTarget, add_target_arguments, parse_node_id, seconds
 from canopen_control.client import RobotClient
+from canopen_control.errors import ConfigError
 from canopen_control.frame import BROADCAST
 from canopen_control.master.direct import DirectBus
 
@@ -91,6 +92,8 @@ def _on_bus(args: argparse.Namespace, bus: DirectBus, command: NmtCommand, node_
 
 def _through_robot(args: argparse.Namespace, target: RobotTarget, command: NmtCommand) -> int:
     places = target.places if args.node == ALL else [target.place(args.node)]
+    if not places:
+        raise ConfigError(f"robot {target.robot.robot} has no nodes: it runs on mock hardware, or simulated")
     begin = time.monotonic()
     target.robot.call("nmt", command=args.command, node=ALL if args.node == ALL else str(places[0].node_id))
     patience = args.wait or _ROBOT_PATIENCE.get(command, PATIENCE_S)

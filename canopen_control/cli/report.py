@@ -147,6 +147,8 @@ def _frames_only(args: argparse.Namespace, path: Path) -> tuple[FlightFile, dict
 
     recording = Recording(path)
     frames = [(time_ns, "can", frame) for time_ns, frame in recording]
+    if not frames:  # a page that nothing went wrong would be no truth
+        raise CanopenError(recording.problem or f"{path}: no frame is in it")
     notes = [recording.problem] if recording.problem else []
     meta: dict[str, Any] = {"robot": "", "buses": {"can": path.name}, "unread_lines": recording.skipped, "notes": notes}
     return FlightFile(meta, frames=frames), {"can": described(args)}

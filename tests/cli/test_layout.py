@@ -56,3 +56,13 @@ def test_one_of_several_buses_is_chosen_by_name(tmp_path):
         config_layout(str(tmp_path))
     with pytest.raises(ConfigError, match="no bus 'leg'; choose with --bus: can, arm"):
         config_layout(str(tmp_path), "leg")
+
+
+def test_a_bus_in_place_of_a_robot_is_told_where_it_goes(tmp_path, monkeypatch):
+    with pytest.raises(ConfigError, match="local:bare is a bus, no robot: write --can local:bare"):
+        heard_bus(arguments("local:bare"), None)
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "can0").mkdir()
+    for robot in ("robby", "can0"):
+        with pytest.raises(ConfigError, match="no robot is running"):
+            heard_bus(arguments(robot), None)

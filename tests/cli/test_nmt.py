@@ -5,6 +5,7 @@ import json
 import pytest
 from support.host import eventually
 from support.liverobot import live_robot
+from support.mockrobot import running
 from support.onbus import GENERIC, TMCM, OnBus
 
 from canopen_control.cia301.nmt import NmtState
@@ -108,3 +109,9 @@ def test_what_does_not_work_is_one_sentence(private_folders, arguments, said, ca
         result = stop.code
     error = capsys.readouterr().err
     assert (result, said in error) == (2, True), error
+
+
+def test_a_robot_without_nodes_is_not_silently_obeyed(private_folders, capsys):
+    with running("no-bus"):
+        assert main(["nmt", "stop", "all", "--name", "no-bus"]) == 2
+    assert "robot no-bus has no nodes: it runs on mock hardware, or simulated" in capsys.readouterr().err
