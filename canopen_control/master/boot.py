@@ -14,8 +14,9 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from canopen_control.cia301.nmt import NmtCommand, NmtState
+from canopen_control.cia402.objects import CONTROLWORD, STATUSWORD, SUPPORTED_DRIVE_MODES, TARGET_VELOCITY
 from canopen_control.errors import SdoAbort, SdoTimeout
-from canopen_control.master.boot_config import compare_only, configure, store
+from canopen_control.master.boot_config import RESTORE, STORE_NS, compare_only, configure, store
 from canopen_control.master.requests import (
     LETTERS,
     AwaitBootUp,
@@ -55,10 +56,8 @@ __all__ = [
 
 _MILLISECOND = 1_000_000
 STATE_NS = 500 * _MILLISECOND  # for the heartbeat that confirms an NMT command, beside its own period
-STORE_NS = 20_000 * _MILLISECOND
 NMT_TRIES = 3  # NMT commands are unconfirmed: send again when no heartbeat shows the state
-DEVICE_TYPE, IDENTITY, SOFTWARE, RESTORE = 0x1000, 0x1018, 0x1F56, 0x1011
-SUPPORTED_MODES, STATUSWORD, CONTROLWORD, TARGET_VELOCITY = 0x6502, 0x6041, 0x6040, 0x60FF
+DEVICE_TYPE, IDENTITY, SOFTWARE = 0x1000, 0x1018, 0x1F56
 LOAD = b"load"
 _COMMUNICATION_PARAMETERS = 2  # subindex of 0x1011 that a reset of the communication makes effective
 _OPERATION_ENABLED_BIT = 0x04
@@ -181,7 +180,7 @@ def _prepare_drive(plan: NodePlan, traffic: Traffic, running: bool) -> Generator
     modes: int | None = None
     sent = {(mapped.index, mapped.subindex) for layout in plan.rpdos for mapped in layout.objects}
     for offset in plan.axes:
-        modes = yield from _answered(plan, "J", traffic, SUPPORTED_MODES + offset, 0)
+        modes = yield from _answered(plan, "J", traffic, SUPPORTED_DRIVE_MODES + offset, 0)
         statusword = (yield from _answered(plan, "J", traffic, STATUSWORD + offset, 0)) or 0
         if statusword & _OPERATION_ENABLED_BIT and not running:
             yield from _silently(traffic, CONTROLWORD + offset, _SHUTDOWN.to_bytes(2, "little"))

@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from canopen_control.cia301.pdo import MappedObject
+from canopen_control.cia301.pdo import INVALID_BIT, MAX_BITS, MappedObject, parse_mapping_entry
 from canopen_control.errors import SdoAbort, SdoTimeout
 from canopen_control.master.compare import (
     cob_id_of,
@@ -23,7 +23,7 @@ from canopen_control.master.compare import (
     reads_of,
 )
 from canopen_control.master.draft import PdoLayout
-from canopen_control.master.plan_pdos import DISABLED, MAPPING
+from canopen_control.master.plan_pdos import MAPPING
 from canopen_control.master.requests import boot_error, reason_of
 from canopen_control.od.model import DataType
 
@@ -37,7 +37,6 @@ if TYPE_CHECKING:
 __all__ = ["configure_pdo"]
 
 Held = dict[tuple[int, int], bytes | None]
-_LARGEST = 64  # bits
 _UNSIGNED = {kind.bits: kind for kind in DataType if kind.name.startswith("UNSIGNED")}
 
 
@@ -111,8 +110,8 @@ def _refused(
         return
     own = yield from _own(pdo, held, traffic)
     missing = [mapped for mapped in layout.objects if _address(mapped) not in {each[:2] for each in own.objects}]
-    if missing or sum(bits for _, _, bits in own.objects) > _LARGEST:
-        yield from _try(traffic, cob_id_of(pdo), 1, (own.cob_id | DISABLED).to_bytes(4, "little"))
+    if missing or sum(bits for _, _, bits in own.objects) > MAX_BITS:
+        yield from _try(traffic, cob_id_of(pdo), 1, (own.cob_id | INVALID_BIT).to_bytes(4, "little"))
         lacks = ", ".join(f"0x{mapped.index:04X}:{mapped.subindex:02X}" for mapped in missing)
         raise boot_error(plan, "J", f"{_name(wanted)}: {refusal}; its own mapping ({own}) lacks {lacks}; left invalid")
     own = yield from _enable(plan, wanted, own, refusal, traffic)
@@ -137,8 +136,8 @@ def _own(pdo: tuple[str, int], held: Held, traffic: Traffic) -> Generator[Reques
     objects = []
     for slot in range(1, ((yield from traffic.number(mapping)) or 0) + 1):
         entry = (yield from traffic.number(mapping, slot)) or 0
-        objects.append((entry >> 16, entry >> 8 & 0xFF, entry & 0xFF))
-    cob_id = (yield from traffic.number(communication, 1)) or DISABLED
+        objects.append(parse_mapping_entry(entry))
+    cob_id = (yield from traffic.number(communication, 1)) or INVALID_BIT
     kind = yield from traffic.number(communication, 2)
     return _Own(cob_id, 255 if kind is None else kind, tuple(objects))
 
@@ -150,14 +149,14 @@ def _enable(
     pdo = wanted[0].pdo or ("", 0)
     communication = cob_id_of(pdo)
     planned = next(write.data for write in reversed(wanted) if is_cob_id(write))
-    yield from _try(traffic, communication, 1, (own.cob_id | DISABLED).to_bytes(4, "little"))
+    yield from _try(traffic, communication, 1, (own.cob_id | INVALID_BIT).to_bytes(4, "little"))
     for write in wanted:
         if write.index == communication and write.subindex > 1:
             yield from _try(traffic, *write.address, write.data)
-    for value in (int.from_bytes(planned, "little"), own.cob_id & ~DISABLED):
+    for value in (int.from_bytes(planned, "little"), own.cob_id & ~INVALID_BIT):
         yield from _try(traffic, communication, 1, value.to_bytes(4, "little"))
         present = yield from traffic.number(communication, 1)
-        if present is not None and not present & DISABLED:
+        if present is not None and not present & INVALID_BIT:
             kind = yield from traffic.number(communication, 2)
             return replace(own, cob_id=present, transmission_type=own.transmission_type if kind is None else kind)
     raise boot_error(plan, "J", f"{_name(wanted)}: {refusal}; it cannot be made valid again")

@@ -11,7 +11,8 @@ from __future__ import annotations
 from itertools import groupby
 from typing import TYPE_CHECKING
 
-from canopen_control.master.plan_pdos import COMMUNICATION, DISABLED, NO_RTR
+from canopen_control.cia301.pdo import INVALID_BIT, NO_RTR_BIT
+from canopen_control.master.plan_pdos import COMMUNICATION
 from canopen_control.od.model import DataType
 
 if TYPE_CHECKING:
@@ -59,7 +60,7 @@ def keep_rtr_bit(planned: bytes, held: bytes | None) -> bytes:
     if held is None or len(held) != len(planned):
         return planned
     value, own = int.from_bytes(planned, "little"), int.from_bytes(held, "little")
-    return (value & ~NO_RTR | own & NO_RTR).to_bytes(len(planned), "little")
+    return (value & ~NO_RTR_BIT | own & NO_RTR_BIT).to_bytes(len(planned), "little")
 
 
 def matches(write: PlannedWrite, held: bytes | None) -> bool:
@@ -68,9 +69,9 @@ def matches(write: PlannedWrite, held: bytes | None) -> bool:
         return False
     if is_cob_id(write):
         planned, own = int.from_bytes(write.data, "little"), int.from_bytes(held, "little")
-        if planned & DISABLED:
-            return bool(own & DISABLED)
-        return planned & ~NO_RTR == own & ~NO_RTR
+        if planned & INVALID_BIT:
+            return bool(own & INVALID_BIT)
+        return planned & ~NO_RTR_BIT == own & ~NO_RTR_BIT
     if held == write.data:
         return True
     if write.data_type in _TEXT:
@@ -108,7 +109,7 @@ def _is_needed(
         return remap  # a mapping is written as a whole: count 0, entries, count
     if write.subindex != _COB_ID:
         return write.address in different
-    if write.data[-1] & DISABLED >> 24:
+    if write.data[-1] & INVALID_BIT >> 24:
         present = held.get(write.address)
-        return present is None or not present[-1:] or not present[-1] & DISABLED >> 24
+        return present is None or not present[-1:] or not present[-1] & INVALID_BIT >> 24
     return True

@@ -14,6 +14,7 @@ from canopen_control.cia301.guarding import GuardingEventKind
 from canopen_control.cia301.heartbeat import HeartbeatEvent, HeartbeatEventKind
 from canopen_control.cia301.nmt import NmtCommand, NmtState
 from canopen_control.cia301.sdo_client import SdoClient
+from canopen_control.cia402.objects import CONTROLWORD
 from canopen_control.errors import BootError, HeartbeatLost
 from canopen_control.master.boot_task import BootTask
 from canopen_control.master.events import Event, Level
@@ -36,7 +37,7 @@ if TYPE_CHECKING:
 __all__ = ["NodeState", "RemoteNode"]
 
 FAREWELL_NS = 2_000_000_000  # how long a node that went silent is still told to stop
-_CONTROLWORD, _QUICK_STOP = 0x6040, b"\x02\x00"
+_QUICK_STOP = b"\x02\x00"
 RETRY_NS = 1_000_000_000  # CiA 302-2: a node that did not answer is asked again after a second
 
 
@@ -286,7 +287,7 @@ class RemoteNode:
         """
         self._farewell_until = now + FAREWELL_NS
         for offset in self.plan.axes:
-            self.sdo.write(_CONTROLWORD + offset, 0, _QUICK_STOP)
+            self.sdo.write(CONTROLWORD + offset, 0, _QUICK_STOP)
         self._wake()
 
     def _stop_sending(self) -> None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from canopen_control.cia301.emcy import error_text
+from canopen_control.cia301.emcy_codes import error_text
 from canopen_control.master.events import Event, Level
 from canopen_control.master.supervision import ActiveErrors, DuplicateWatch, EmcyGate
 

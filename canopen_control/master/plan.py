@@ -15,6 +15,8 @@ import itertools
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from canopen_control.cia301.heartbeat import consumer_entry
+from canopen_control.cia402.objects import AXES, CONTROLWORD, STATUSWORD, axis_index
 from canopen_control.master.draft import Draft, PdoLayout, PlannedWrite
 from canopen_control.master.plan_pdos import is_pdo_record, plan_downloaded_pdos, plan_pdos
 
@@ -29,8 +31,6 @@ __all__ = ["Identity", "NodePlan", "PdoLayout", "PlanInput", "PlannedWrite", "ma
 CONSUMER, PRODUCER, GUARD_TIME, LIFE_TIME, ERROR_BEHAVIOUR = 0x1016, 0x1017, 0x100C, 0x100D, 0x1029
 TIME_COB_ID, SYNC_OVERFLOW = 0x1012, 0x1019
 ABORT_CONNECTION, INTERPOLATION = 0x6007, 0x60C2
-CONTROLWORD, STATUSWORD = 0x6040, 0x6041
-AXIS_OFFSET, AXES = 0x800, 8
 STOPPED = 2  # 0x1029: to NMT stopped
 FAULT_REACTION = 1  # 0x6007: malfunction, then the fault reaction of 0x605E
 _MILLISECOND = 1_000_000
@@ -154,9 +154,9 @@ def _identity(node: NodeConfig, od: ObjectDictionary) -> Identity:
 
 def _axes(od: ObjectDictionary) -> Iterator[int]:
     for axis in range(AXES):
-        offset = AXIS_OFFSET * axis
-        if (CONTROLWORD + offset, 0) in od and (STATUSWORD + offset, 0) in od:
-            yield offset
+        controlword = axis_index(CONTROLWORD, axis)
+        if (controlword, 0) in od and (axis_index(STATUSWORD, axis), 0) in od:
+            yield controlword - CONTROLWORD
 
 
 def _store_object(draft: Draft, index: int, subindex: int, key: str) -> int:
@@ -171,7 +171,7 @@ def _plan_error_control(draft: Draft, master: MasterConfig) -> int:
     if (CONSUMER, 1) in od and node.heartbeat_consumer is not False:
         timeout = min(round(master.heartbeat_ms * node.multiplier), 0xFFFF)
         reason = "" if node.heartbeat_consumer else "the drive notices when the master dies"
-        draft.write(CONSUMER, 1, master.node_id << 16 | timeout, "heartbeat_consumer", reason)
+        draft.write(CONSUMER, 1, consumer_entry(master.node_id, timeout), "heartbeat_consumer", reason)
     elif node.heartbeat_consumer:
         draft.complain("heartbeat_consumer", f"0x1016:01 is not in {node.dcf}, so the node cannot watch the master")
     if node.time_cob_id is not None:

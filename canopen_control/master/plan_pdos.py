@@ -11,8 +11,18 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from canopen_control.cia301.pdo import DUMMY_TYPES, MappedObject
+from canopen_control.cia301.cob_id import EXTENDED_BIT
+from canopen_control.cia301.pdo import (
+    DUMMY_TYPES,
+    INVALID_BIT,
+    MAX_BITS,
+    NO_RTR_BIT,
+    MappedObject,
+    mapping_entry,
+    parse_mapping_entry,
+)
 from canopen_control.cia301.remap import is_restricted
+from canopen_control.frame import rpdo_cob_id, tpdo_cob_id
 from canopen_control.master.draft import PdoLayout
 
 if TYPE_CHECKING:
@@ -22,23 +32,17 @@ if TYPE_CHECKING:
 
 __all__ = [
     "COMMUNICATION",
-    "DISABLED",
     "MAPPING",
-    "NO_RTR",
     "is_pdo_record",
     "pdo_of",
     "plan_downloaded_pdos",
     "plan_pdos",
 ]
 
-DISABLED = 0x80000000  # bit 31 of a PDO's COB-ID
-NO_RTR = 0x40000000  # bit 30: kept as the device has it
-EXTENDED = 0x20000000  # bit 29
 COUNT = 512
-LARGEST_PDO = 64  # bits
 COMMUNICATION = {"rpdo": 0x1400, "tpdo": 0x1800}
 MAPPING = {"rpdo": 0x1600, "tpdo": 0x1A00}
-_PREDEFINED = {"rpdo": 0x200, "tpdo": 0x180}
+_PREDEFINED = {"rpdo": rpdo_cob_id, "tpdo": tpdo_cob_id}
 _PREDEFINED_COUNT = 4
 _LAST_SPARE = 0x6DF
 _STORED = "as in the EDS, but the device may have stored something else"
@@ -89,14 +93,14 @@ def plan_pdos(draft: Draft, kind: str) -> None:
         _plan_pdo(draft, kind, number, pdo)
     for number in range(1, COUNT + 1):
         cob_id = draft.default(COMMUNICATION[kind] + number - 1, 1)
-        if number in configured or cob_id is None or cob_id & DISABLED:
+        if number in configured or cob_id is None or cob_id & INVALID_BIT:
             continue
         if number in downloaded or not (configured or downloaded):
             _adopt(draft, kind, number, cob_id)
         else:
             reason = "live by default, configured by nobody"
             index = COMMUNICATION[kind] + number - 1
-            draft.write(index, 1, cob_id | DISABLED, kind, reason, optional=True, pdo=(kind, number))
+            draft.write(index, 1, cob_id | INVALID_BIT, kind, reason, optional=True, pdo=(kind, number))
 
 
 def plan_downloaded_pdos(draft: Draft) -> None:
@@ -118,7 +122,7 @@ def _plan_record(draft: Draft, kind: str, number: int, values: dict[tuple[int, i
     def put(index: int, subindex: int, data: bytes) -> None:
         draft.write_raw(index, subindex, data, reason, pdo=pdo)
 
-    put(communication, 1, (cob_id | DISABLED).to_bytes(4, "little"))
+    put(communication, 1, (cob_id | INVALID_BIT).to_bytes(4, "little"))
     for (index, subindex), data in values.items():
         if index == communication and subindex > 1:
             put(index, subindex, data)
@@ -130,7 +134,7 @@ def _plan_record(draft: Draft, kind: str, number: int, values: dict[tuple[int, i
             if slot <= count:
                 put(mapping, slot, slots[slot])
         put(mapping, 0, bytes((count & 0xFF,)))
-    if not cob_id & DISABLED:
+    if not cob_id & INVALID_BIT:
         put(communication, 1, cob_id.to_bytes(4, "little"))
 
 
@@ -148,9 +152,9 @@ def _plan_pdo(draft: Draft, kind: str, number: int, pdo: PdoConfig) -> None:
         known = sum((COMMUNICATION[kind] + each, 1) in draft.od for each in range(COUNT))
         draft.complain(key, f"{draft.node.dcf} has no {kind.upper()} {number} (0x{index:04X}); it has {known}")
         return
-    off = not pdo.enabled and (draft.default(index, 1) or 0) & DISABLED
+    off = not pdo.enabled and (draft.default(index, 1) or 0) & INVALID_BIT
     wanted = _Wanted(kind, number, key, _cob_id(draft, kind, number, pdo), _settings(pdo), pdo.mapping is not None)
-    _write(draft, wanted, 1, wanted.cob_id | DISABLED, _STORED if off else "")
+    _write(draft, wanted, 1, wanted.cob_id | INVALID_BIT, _STORED if off else "")
     if not pdo.enabled:
         return
     objects = _mapped(draft, kind, number, pdo)
@@ -168,8 +172,7 @@ def _plan_live(draft: Draft, wanted: _Wanted, objects: tuple[MappedObject, ...])
         pdo, mapping = (wanted.kind, wanted.number), wanted.mapping
         draft.write(mapping, 0, 0, wanted.key, pdo=pdo)
         for slot, mapped in enumerate(objects, 1):
-            entry = mapped.index << 16 | mapped.subindex << 8 | mapped.bits
-            draft.write(mapping, slot, entry, f"{wanted.key}.mapping[{slot - 1}]", pdo=pdo)
+            draft.write(mapping, slot, mapping_entry(mapped), f"{wanted.key}.mapping[{slot - 1}]", pdo=pdo)
         draft.write(mapping, 0, len(objects), wanted.key, pdo=pdo)
     _write(draft, wanted, 1, wanted.cob_id)
 
@@ -188,17 +191,17 @@ def _cob_id(draft: Draft, kind: str, number: int, pdo: PdoConfig) -> int:
     """Return the COB-ID with bit 30 as the EDS has it; an enabled PDO without one gets the predefined."""
     default, key = draft.default(COMMUNICATION[kind] + number - 1, 1) or 0, f"{kind}.{number}"
     if isinstance(pdo.cob_id, int):
-        if pdo.cob_id & EXTENDED or is_restricted(pdo.cob_id & 0x7FF):
+        if pdo.cob_id & EXTENDED_BIT or is_restricted(pdo.cob_id & 0x7FF):
             draft.complain(f"{key}.cob_id", f"COB-ID 0x{pdo.cob_id:X} is none a PDO may have (CiA 301, table 42)")
-        return (pdo.cob_id & ~DISABLED) | default & NO_RTR
+        return (pdo.cob_id & ~INVALID_BIT) | default & NO_RTR_BIT
     if pdo.cob_id is None and default & 0x7FF:
-        return default & ~DISABLED
+        return default & ~INVALID_BIT
     if number > _PREDEFINED_COUNT:
-        return _spare(draft, key, pdo) | default & NO_RTR
-    predefined = _PREDEFINED[kind] + 0x100 * (number - 1) + draft.node.node_id
+        return _spare(draft, key, pdo) | default & NO_RTR_BIT
+    predefined = _PREDEFINED[kind](number, draft.node.node_id)
     if pdo.cob_id is None and pdo.enabled:
         draft.warn(key, f"no cob_id here and none in {draft.node.dcf}; 0x{predefined:03X}, the predefined one, is used")
-    return predefined | default & NO_RTR
+    return predefined | default & NO_RTR_BIT
 
 
 def _spare(draft: Draft, key: str, pdo: PdoConfig) -> int:
@@ -221,8 +224,8 @@ def _mapped(draft: Draft, kind: str, number: int, pdo: PdoConfig | None) -> tupl
         wanted = [(entry.index, entry.sub_index) for entry in pdo.mapping]
     found = [_map_one(draft, kind, f"{key}[{slot}]", *address) for slot, address in enumerate(wanted)]
     objects = tuple(mapped for mapped in found if mapped is not None)
-    if (bits := sum(mapped.bits for mapped in objects)) > LARGEST_PDO:
-        draft.complain(key, f"{bits} bits, a PDO holds {LARGEST_PDO}")
+    if (bits := sum(mapped.bits for mapped in objects)) > MAX_BITS:
+        draft.complain(key, f"{bits} bits, a PDO holds {MAX_BITS}")
     slots = sum((MAPPING[kind] + number - 1, slot) in draft.od for slot in range(1, 65))
     if pdo is not None and pdo.mapping is not None and 0 < slots < len(objects):
         draft.complain(key, f"{len(objects)} objects, {kind.upper()} {number} of {draft.node.dcf} holds {slots}")
@@ -259,7 +262,7 @@ def _default_mapping(draft: Draft, kind: str, number: int) -> list[tuple[int, in
     mapping = MAPPING[kind] + number - 1
     count = draft.default(mapping, 0) or 0
     entries = [draft.default(mapping, slot) or 0 for slot in range(1, min(count, 64) + 1)]
-    return [(value >> 16, value >> 8 & 0xFF) for value in entries if value]
+    return [parse_mapping_entry(value)[:2] for value in entries if value]
 
 
 def _or_255(transmission: int | None) -> int:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Final
 
 from canopen_control.controllers.diff_drive import DiffDriveController
 from canopen_control.controllers.diff_drive_params import frozen_by_jerk
+from canopen_control.master.keys import SCALES
 from canopen_control.runtime.finding import Finding, Severity
 from canopen_control.yamltree import nearest
 
@@ -141,7 +142,7 @@ def _scales(robot: CheckedRobot) -> Iterator[Finding]:
     if bus is None:
         return
     for node in bus.nodes.values():
-        signs = {key: math.copysign(1.0, getattr(node, key)) for key in _SCALES}
+        signs = {key: math.copysign(1.0, getattr(node, key)) for key in SCALES}
         if len(set(signs.values())) > 1:
             negative = ", ".join(key for key, sign in signs.items() if sign < 0)
             text = f"node {node.node_id} ({node.name}): only {negative} is negative; position, velocity and both ways"
@@ -149,9 +150,6 @@ def _scales(robot: CheckedRobot) -> Iterator[Finding]:
             yield Finding(bus.path, node.line, Severity.ERROR, f"{text} turn the same way", fix)
     for base, _ in _bases(robot):
         yield from _mirrored(robot, base)
-
-
-_SCALES: Final = ("scale_pos_to_dev", "scale_pos_from_dev", "scale_vel_to_dev", "scale_vel_from_dev")
 
 
 def _mirrored(robot: CheckedRobot, base: DiffDriveController) -> Iterator[Finding]:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from canopen_control.cia402.objects import CONTROLWORD, axis_of
 from canopen_control.errors import ControlError
 from canopen_control.hardware.interfaces import POSITION
 from canopen_control.hardware.wishes import Action
@@ -24,8 +25,6 @@ __all__ = ["StopLatch", "forget_commands", "is_controlword"]
 
 RELEASE = "canopen-control stop --release"
 _MOVING = (Action.ENABLE, Action.HOME)
-_AXIS_SPAN, _AXES = 0x800, range(0x6000, 0xA000)  # the objects of the n-th axis of a device (CiA 402-1)
-_CONTROLWORD = 0x6040
 
 
 class StopLatch:
@@ -82,7 +81,7 @@ class StopLatch:
 
 def is_controlword(index: int) -> bool:
     """Whether an object is the controlword of one of a device's axes."""
-    return index in _AXES and (index - _CONTROLWORD) % _AXIS_SPAN == 0
+    return axis_of(index)[0] == CONTROLWORD
 
 
 def forget_commands(controllers: Iterable[Controller], now: int) -> None:

@@ -151,7 +151,10 @@ def test_a_position_target_from_before_is_forgotten_as_well():
     assert calls == ["off", "on"]
 
 
-@pytest.mark.parametrize(("index", "expected"), [(0x6040, True), (0x6840, True), (0x6041, False), (0x2040, False)])
+@pytest.mark.parametrize(
+    ("index", "expected"),
+    [(0x6040, True), (0x6840, True), (0x9840, True), (0xA040, False), (0x6041, False), (0x2040, False)],
+)
 def test_the_controlwords_of_all_axes_are_known(index, expected):
     assert is_controlword(index) is expected
 
