@@ -17,7 +17,10 @@ if TYPE_CHECKING:
 
     Json = dict[str, Any]
 
+
 __all__ = ["not_enabled", "positions_of", "send_and_warn"]
+
+_ENABLED = "OPERATION_ENABLED"
 
 
 def send_and_warn(args: argparse.Namespace, method: str, params: Json, zeros: Json) -> int:
@@ -51,16 +54,14 @@ def _interfaces_of(controllers: list[Json], name: str) -> list[str]:
 
 def not_enabled(status: Json, joints: set[str] | None = None) -> list[str]:
     """Return a sentence that names the drives of these joints (default: all) that are not enabled, if there are any."""
-    waiting = [
-        name
+    states = {
+        name: {axis["cia402_state"] for axis in node["axes"] if joints is None or axis.get("joint") in joints}
         for name, node in status["nodes"].items()
-        if any(
-            axis["cia402_state"] != "OPERATION_ENABLED"
-            for axis in node["axes"]
-            if joints is None or axis.get("joint") in joints
-        )
-    ]
+    }
+    waiting = [name for name, each in states.items() if each - {_ENABLED}]
     if not waiting:
         return []
     are = "is" if len(waiting) == 1 else "are"
-    return [f"{', '.join(waiting)} {are} not enabled and will not move: canopen-control axis enable all"]
+    faulty = any(state and state.startswith("FAULT") for name in waiting for state in states[name])
+    first = "canopen-control axis fault-reset all, then " if faulty else ""
+    return [f"{', '.join(waiting)} {are} not enabled and will not move: {first}canopen-control axis enable all"]

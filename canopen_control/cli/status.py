@@ -61,7 +61,11 @@ def render(state: dict[str, Any]) -> list[str]:
             table.add(_row(name, node, axis, state["joints"]))
     for name, joint in () if state["nodes"] else state["joints"].items():
         table.add(("no drive", "-", "-", name, *_numbers(joint), "-"))  # mock, or simulated
-    errors = [f"  {node['error']}" for node in state["nodes"].values() if node["error"]]
+    errors = [
+        f"  {node['error']}" if name in node["error"] else f"  node {node['node_id']} ({name}): {node['error']}"
+        for name, node in state["nodes"].items()
+        if node["error"]
+    ]
     held = [f"STOP is latched (by {state['latched_by']}): canopen-control stop --release"] if state["latched"] else []
     return [f"{head}, active: {', '.join(active) or 'none'}", *held, *table.lines(), *errors]
 

@@ -17,6 +17,7 @@ Json = dict[str, Any]
 _QUANTITIES: Final = {"PP": "position", "IP": "position", "CSP": "position", "TQ": "effort", "CST": "effort"}
 _JUST_S: Final = 1.0  # before a fault: who moved then is asked when he stood
 _STANDING: Final = 1e-3  # rad/s or m/s
+_STOOD_S: Final = 1.0
 _SMALL: Final = 0.02  # of the fastest before: what counts as standing
 
 
@@ -117,7 +118,10 @@ def cycle_of(states: Sequence[Json], status: Json) -> Json:
 
 
 def stopped_after(joints: Json, time: float) -> dict[str, float | None]:
-    """Return how many seconds after `time` each joint that moved stood still for good; None where that was not seen."""
+    """Return how many seconds after `time` each joint that moved stood still; None where that was not seen.
+
+    Who stands for `_STOOD_S` or to the end has stopped; what he is commanded after that is another story.
+    """
     found: dict[str, float | None] = {}
     for name, joint in joints.items():
         pairs = zip(joint["time"], joint["velocity"], strict=True)
@@ -125,7 +129,18 @@ def stopped_after(joints: Json, time: float) -> dict[str, float | None]:
         fastest = max((speed for at, speed in moves if time - _JUST_S <= at <= time), default=0.0)
         if fastest < _STANDING:
             continue
-        moving = [at for at, speed in moves if at >= time and speed > _SMALL * fastest]
-        standing = [at for at, _ in moves if at > (moving[-1] if moving else time)]
-        found[name] = round(standing[0] - time, 3) if standing else None
+        since = _stands_since([(at, speed) for at, speed in moves if at >= time], _SMALL * fastest)
+        found[name] = None if since is None else round(since - time, 3)
     return found
+
+
+def _stands_since(moves: Sequence[tuple[float, float]], small: float) -> float | None:
+    since: float | None = None
+    for at, speed in moves:
+        if speed > small:
+            since = None
+        elif since is None:
+            since = at
+        elif at - since > _STOOD_S:
+            break
+    return since

@@ -62,3 +62,8 @@ def test_drives_that_will_not_move_are_named(states, joints, words):
     found = not_enabled(status(**states), joints)
     assert [line.partition(":")[0] for line in found] == words
     assert all(line.endswith("canopen-control axis enable all") for line in found)
+
+
+def test_a_fault_has_to_be_reset_before():
+    (told,) = not_enabled(status(left="FAULT"))
+    assert told.endswith("not move: canopen-control axis fault-reset all, then canopen-control axis enable all")

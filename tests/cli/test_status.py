@@ -49,3 +49,8 @@ def test_a_target_has_the_unit_of_its_mode(mode, target):
 def test_a_latched_stop_is_said_with_the_way_out_of_it():
     lines = render({**STATE, "latched": True, "latched_by": "view"})
     assert lines[1] == "STOP is latched (by view): canopen-control stop --release"
+
+
+def test_an_error_says_which_node_has_it():
+    lines = render({**STATE, "nodes": {"left_drive": {**STATE["nodes"]["left_drive"], "error": "EMCY 0x4310"}}})
+    assert lines[-1] == "  node 3 (left_drive): EMCY 0x4310"

@@ -71,6 +71,7 @@ def test_the_histogram_is_that_of_the_window():
         ([4.0, 4.0, 2.0, 0.0, 0.0], {"wheel": 2.0}),
         ([4.0, -4.0, 0.01, 0.0, 0.0], {"wheel": 1.0}),
         ([4.0, 4.0, 2.0, 0.0, 1.0], {"wheel": None}),  # it moved again
+        ([4.0, 4.0, 0.0, 0.0, 0.0, 3.0], {"wheel": 1.0}),  # it was commanded again later
         ([4.0, 4.0, None, None, None], {"wheel": None}),
         ([0.0, 0.0, 0.0, 0.0, 0.0], {}),
     ],
