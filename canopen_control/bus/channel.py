@@ -42,6 +42,16 @@ class ChannelKind(enum.Enum):
     SOCKETCAN = "socketcan"
     PYTHON_CAN = "python-can"
 
+    @property
+    def in_process(self) -> bool:
+        """Whether the bus is inside one process, where no other one hears it."""
+        return self in (ChannelKind.MEMORY, ChannelKind.VIRTUAL)
+
+    @property
+    def shared(self) -> bool:
+        """Whether several processes can open the bus; an adapter of python-can has one owner."""
+        return self in (ChannelKind.LOCAL, ChannelKind.SOCKETCAN)
+
 
 @dataclass(frozen=True, slots=True)
 class ChannelSpec:

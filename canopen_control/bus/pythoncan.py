@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 
 import can
 
-from canopen_control.bus.channel import ChannelKind, ChannelSpec
 from canopen_control.bus.error_events import note_errors
 from canopen_control.bus.error_frames import has_error_frames
 from canopen_control.bus.messages import message_of, record_of
@@ -24,6 +23,8 @@ from canopen_control.frame import RECORD_SIZE, frames_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+
+    from canopen_control.bus.channel import ChannelSpec
 
 __all__ = ["PythonCanPort", "known_interfaces", "open_python_can"]
 
@@ -199,7 +200,7 @@ def known_interfaces() -> list[str]:
 
 def open_python_can(spec: ChannelSpec) -> PythonCanPort:
     """Open a python-can adapter; raise `InterfaceNotFound` or `BusError` with python-can's own reason."""
-    interface = "virtual" if spec.kind is ChannelKind.VIRTUAL else spec.interface
+    interface = "virtual" if spec.kind.in_process else spec.interface
     if interface not in can.VALID_INTERFACES:
         raise InterfaceNotFound(str(spec), f"python-can knows no {interface!r}, but: {', '.join(known_interfaces())}")
     options: dict[str, Any] = {} if spec.bitrate is None else {"bitrate": spec.bitrate}
@@ -209,4 +210,4 @@ def open_python_can(spec: ChannelSpec) -> PythonCanPort:
         raise BusError(
             f"bus {spec}: python-can cannot open it: {error}; is its driver installed, the device plugged in?"
         ) from error
-    return PythonCanPort(str(spec), bus, writer=spec.kind is not ChannelKind.VIRTUAL)
+    return PythonCanPort(str(spec), bus, writer=not spec.kind.in_process)

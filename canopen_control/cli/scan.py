@@ -15,7 +15,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from canopen_control.bus.channel import ChannelKind, parse_channel
+from canopen_control.bus.channel import parse_channel
 from canopen_control.cli.identity import FIELDS, NAME, NodeIdentity, differences, identity_of, match_eds, read_known
 from canopen_control.cli.progress import Progress
 from canopen_control.cli.table import Table
@@ -37,7 +37,6 @@ EXAMPLE = """canopen-control scan --can can0 --config robby
          canopen-control scan --can can0 --eds-dir ~/eds
          canopen-control scan"""
 
-SHARED = (ChannelKind.LOCAL, ChannelKind.SOCKETCAN)  # channels that a second process can open
 _OBJECTS = [*(address for address, _ in FIELDS.values()), NAME]
 _HEADINGS = ("node", "device type", "vendor", "product", "revision", "serial", "device name", "NMT", "EDS", "bus.yml")
 
@@ -185,7 +184,7 @@ def _survey_robot(robot: RobotTarget, timeout: float) -> Survey:
         identity = _through_robot(robot, place.node_id)
         if identity is not None:
             survey.found[place.node_id] = Found(place.node_id, identity, states[place.name]["nmt_state"])
-    if parse_channel(survey.channel).kind in SHARED:
+    if parse_channel(survey.channel).kind.shared:
         others = [node_id for node_id in range(1, MAX_NODE_ID + 1) if node_id not in (*expected, survey.master_id)]
         with DirectBus.open(survey.channel, label=LABEL, timeout_s=timeout, retries=0) as direct:
             found = _ask(direct, others)

@@ -11,7 +11,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from canopen_control.bus.channel import ChannelKind, may_host_virtual_drives, open_port, parse_channel
+from canopen_control.bus.channel import may_host_virtual_drives, open_port, parse_channel
 from canopen_control.errors import CanopenError
 from canopen_control.host.spawn import spawn, state_dir
 from canopen_control.master.events import Event, Level
@@ -29,7 +29,6 @@ if TYPE_CHECKING:
 __all__ = ["Supervisor"]
 
 _GRACE_S = 5.0  # for a child to end by itself after SIGTERM
-_IN_PROCESS = (ChannelKind.MEMORY, ChannelKind.VIRTUAL)
 #: a Python that needs nothing but the package's own folder starts in half the time
 _LEAN = (sys.executable, "-I", "-S", "-c")
 _RECORDER = (
@@ -53,7 +52,7 @@ class Supervisor:
     def start_drives(self, setup: RobotSetup) -> None:
         """Start a virtual drive for every node of bus.yml: a process each, or inside this one where the bus is."""
         for name, channel in setup.channels.items():
-            if parse_channel(channel).kind in _IN_PROCESS:
+            if parse_channel(channel).kind.in_process:
                 self._host_drives(setup.buses[name], channel)
             else:
                 self._spawn_drives(setup.buses[name], channel)

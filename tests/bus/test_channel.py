@@ -37,6 +37,17 @@ def test_a_name_is_taken_apart_and_put_together_again(text, spec):
     assert str(spec) == text
 
 
+def test_a_bus_is_inside_one_process_or_open_to_others_or_has_one_owner():
+    kinds = {kind: (kind.in_process, kind.shared) for kind in ChannelKind}
+    assert kinds == {
+        ChannelKind.LOCAL: (False, True),
+        ChannelKind.SOCKETCAN: (False, True),
+        ChannelKind.MEMORY: (True, False),
+        ChannelKind.VIRTUAL: (True, False),
+        ChannelKind.PYTHON_CAN: (False, False),
+    }
+
+
 def test_an_unusual_interface_counts_once_it_exists(no_interfaces):
     with pytest.raises(ConfigError, match="no such CAN interface"):
         parse_channel("leftarm")

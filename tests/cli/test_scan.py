@@ -7,6 +7,7 @@ import pytest
 from support.liverobot import STRANGER, live_robot
 from support.onbus import GENERIC, TMCM, OnBus
 
+from canopen_control.bus.channel import ChannelKind
 from canopen_control.cli import scan as verb
 from canopen_control.cli.main import main
 from canopen_control.data_files import data_path
@@ -132,7 +133,7 @@ def test_another_revision_is_remarked(bus, monkeypatch, tmp_path, capsys):
 def test_the_bus_of_a_running_robot_its_own_nodes_through_it_and_a_stranger(private_folders, capsys):
     with live_robot("scanrobot") as drives:
         monkey = pytest.MonkeyPatch()
-        monkey.setattr(verb, "SHARED", (*verb.SHARED, verb.ChannelKind.MEMORY))  # the robot is in this process
+        monkey.setattr(ChannelKind, "shared", True)  # the robot is in this process
         for arguments in (["scan", *FAST], ["scan", "--can", "memory:scanrobot", *FAST]):
             assert main(arguments) == 0
             _, two, three, stranger = capsys.readouterr().out.splitlines()
