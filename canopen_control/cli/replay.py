@@ -11,7 +11,7 @@ import json
 import sys
 from typing import TYPE_CHECKING
 
-from canopen_control.bus.channel import ChannelKind, open_port, parse_channel
+from canopen_control.bus.channel import open_port, parse_channel
 from canopen_control.cli.layout import add_network_arguments
 from canopen_control.cli.progress import Progress
 from canopen_control.cli.trace import add_view_arguments, show_file
@@ -68,7 +68,7 @@ def run(args: argparse.Namespace) -> int:
 
     recording = open_frames(args.file, args.bus)
     channel = str(parse_channel(args.can))
-    if parse_channel(channel).kind in (ChannelKind.MEMORY, ChannelKind.VIRTUAL):
+    if parse_channel(channel).kind.in_process:
         raise ConfigError(f"{channel} is inside one process, nobody would hear it; use local:NAME instead")
     if not args.force:
         _refuse_where_somebody_is(recording, channel)

@@ -19,7 +19,7 @@ import sys
 import time
 from typing import TYPE_CHECKING, Any, Final
 
-from canopen_control.bus.channel import ChannelKind, open_port, parse_channel
+from canopen_control.bus.channel import open_port, parse_channel
 from canopen_control.bus.stamps import Stamping, receive_stamped
 from canopen_control.client.robot import RobotClient
 from canopen_control.errors import BusError, CanopenError
@@ -47,7 +47,6 @@ FRAME_BYTES, STATE_BYTES, EVENT_BYTES = 16 << 20, 16 << 20, 1 << 20
 _AGAIN_NS: Final = SECOND
 _PATIENCE_S: Final = 2.0  # of a request; meanwhile frames wait in the kernel
 _NICENESS: Final = 5  # the robot goes first
-_HEARD = (ChannelKind.LOCAL, ChannelKind.SOCKETCAN)  # others are inside one process, or have one owner
 
 
 def flight_folder(name: str) -> Path:
@@ -82,7 +81,8 @@ class FlightRecorder:
     def start(self) -> None:
         """Listen; a bus that cannot be listened to is left out and noted in the file."""
         for number, (bus, channel) in enumerate(self.buses.items()):
-            if parse_channel(channel).kind in _HEARD:
+            # others are inside one process, or have one owner
+            if parse_channel(channel).kind.shared:
                 self._open(number, bus, channel)
         self._connect()
 

@@ -24,13 +24,12 @@ if TYPE_CHECKING:
 __all__ = ["batches", "open_listener"]
 
 _IDLE_S = 0.25  # how often a silent bus lets the owner look at his clock
-_INSIDE = (ChannelKind.MEMORY, ChannelKind.VIRTUAL)
 
 
 def open_listener(channel: str, label: str, *, owner: str = "") -> Port:
     """Open `channel` to listen; ConfigError where that cannot be while the robot `owner` has it."""
     kind = parse_channel(channel).kind
-    if kind in _INSIDE:
+    if kind.in_process:
         raise ConfigError(f"{channel} is inside one process, nobody else can listen; use local:NAME instead")
     if owner and kind is ChannelKind.PYTHON_CAN:
         raise ConfigError(f"{channel} has one owner, the running robot {owner}; nobody can listen beside it")

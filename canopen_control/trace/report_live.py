@@ -9,7 +9,7 @@ from __future__ import annotations
 import contextlib
 from typing import TYPE_CHECKING, Any, Final
 
-from canopen_control.bus.channel import ChannelKind, open_port, parse_channel
+from canopen_control.bus.channel import open_port, parse_channel
 from canopen_control.bus.stamps import receive_stamped
 from canopen_control.client.robot import RobotClient
 from canopen_control.errors import BusError, CanopenError
@@ -23,7 +23,6 @@ if TYPE_CHECKING:
 __all__ = ["watch"]
 
 RATE: Final = 50.0  # Hz of the samples
-_HEARD: Final = (ChannelKind.LOCAL, ChannelKind.SOCKETCAN)
 _NS: Final = 1_000_000_000
 
 
@@ -64,7 +63,7 @@ def _read(reactor: Reactor, robot: RobotClient, file: FlightFile) -> None:
 def _listen(reactor: Reactor, channels: dict[str, str], file: FlightFile) -> dict[str, Port]:
     ports: dict[str, Port] = {}
     for bus, channel in channels.items():
-        if parse_channel(channel).kind not in _HEARD:
+        if not parse_channel(channel).kind.shared:
             continue
         ports[bus] = port = open_port(channel, label="report")
 

@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 __all__ = ["PROBE_NS", "NodeIdTaken", "Options", "Probe", "run_drives"]
 
 PROBE_NS = 40_000_000  # how long a node that is there already may take to answer
-_IN_PROCESS = (ChannelKind.MEMORY, ChannelKind.VIRTUAL)
 _DEVICE_TYPE = INITIATE.pack(UPLOAD, 0x1000, 0)
 
 
@@ -108,7 +107,7 @@ def run_drives(node_ids: Sequence[int], eds: Path, channel: str, options: Option
 def _reopen(channel: str, label: str) -> Port | None:
     """Open a channel that was gone, None where it is not back. A local bus is not started for it."""
     spec = parse_channel(channel)
-    if spec.kind in _IN_PROCESS or (spec.kind is ChannelKind.LOCAL and spec.name not in list_sockets("bus")):
+    if spec.kind.in_process or (spec.kind is ChannelKind.LOCAL and spec.name not in list_sockets("bus")):
         return None
     try:
         return open_port(channel, label=label)
