@@ -120,6 +120,8 @@ class ControllerManager:
         self._params: dict[str, Params] = {}
         self._fallbacks: dict[str, tuple[str, ...]] = {}
         self._order: list[_Slot] = []
+        self._commanding: list[_Slot] = []
+        self._telling: list[_Slot] = []
         self._failed: list[tuple[Controller, str]] = []
         self._events: list[ControllerEvent] = []
         self._now = 0
@@ -245,9 +247,21 @@ class ControllerManager:
         self.get(name).set_command(values, now, stamp)
 
     def update(self, now: int, period: float) -> None:
-        """Run the controllers that are due, in the order of their chains; `now` in ns, `period` of the cycle in s."""
+        """Run the controllers that are due, in the order of their chains; `now` in ns, `period` of the cycle in s.
+
+        Those that only tell are run by `broadcast`.
+        """
         self._now = now
-        for slot in self._order:
+        self._run_due(self._commanding, now, period)
+        if self.limiter is not None and (limited := self.limiter.enforce(period)) is not None:
+            self._tell("limited", "", f"enforce_command_limits: {limited}")
+
+    def broadcast(self, now: int, period: float) -> None:
+        """Run the broadcasters that are due, once the commands of the cycle are on their way."""
+        self._run_due(self._telling, now, period)
+
+    def _run_due(self, slots: Sequence[_Slot], now: int, period: float) -> None:
+        for slot in slots:
             if slot.rate == 0:
                 self._run(slot.controller, now, period)
             elif self._due(slot, now):
@@ -256,8 +270,6 @@ class ControllerManager:
                 self._run(slot.controller, now, elapsed)
         if self._failed:
             self._drop_failed(now)
-        if self.limiter is not None and (limited := self.limiter.enforce(period)) is not None:
-            self._tell("limited", "", f"enforce_command_limits: {limited}")
 
     def _due(self, slot: _Slot, now: int) -> bool:
         """Whether this cycle is nearer to the controller's period than the next one would be."""
@@ -362,6 +374,8 @@ class ControllerManager:
             )
             first = now - NS // rate if rate else now
             self._order.append(_Slot(controller, rate, kept.get(controller.name, first)))
+        self._commanding = [slot for slot in self._order if not _only_tells(slot.controller)]
+        self._telling = [slot for slot in self._order if _only_tells(slot.controller)]
 
     def _withdraw(self, controller: Controller) -> None:
         self.registry.withdraw(controller.reference_interfaces())
@@ -384,3 +398,7 @@ class ControllerManager:
 
     def _tell(self, kind: str, controller: str, text: str) -> None:
         self._events.append(ControllerEvent(kind, controller, text))
+
+
+def _only_tells(controller: Controller) -> bool:
+    return controller.is_broadcaster and not controller.commands

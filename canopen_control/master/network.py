@@ -122,22 +122,23 @@ class Network:
         self._outgoing.clear()
         return records
 
-    def cycle(self, *, sync: bool, now: int = 0) -> bytes:
-        """Return the records of one cycle: RPDOs that are due, then SYNC; counts what the last SYNC was not answered.
+    def cycle(self, *, sync: bool) -> bytes:
+        """Return the records of one cycle: RPDOs that are due, then SYNC.
 
         With a counter SYNC is made anew for each cycle, without one it is always the same record. One that somebody
-        else sends is not among them, and what does not answer it is counted all the same.
+        else sends is not among them.
         """
-        if not sync:
-            return self.image.collect()
-        for pdo in self._pdo_watch.sync():
-            self._pdo_owner[pdo].on_pdo(pdo, now)
-        if self._sync_elsewhere:
+        if not sync or self._sync_elsewhere:
             return self.image.collect()
         if self._sync_record is not None:
             return self.image.collect(self._sync_record)
         frame = self.sync.frame()
         return self.image.collect((RECORD.pack(frame.can_id, len(frame.data), frame.data),))
+
+    def synced(self, now: int) -> None:
+        """Count what the SYNC before the one just sent was not answered; whoever sends it."""
+        for pdo in self._pdo_watch.sync():
+            self._pdo_owner[pdo].on_pdo(pdo, now)
 
     def hear_sync(self, on_sync: Callable[[int], None]) -> None:
         """Leave SYNC to somebody else and call `on_sync(now)` for each that comes."""

@@ -107,8 +107,10 @@ class RobotBus:
 
     def send_cycle(self, now: int) -> None:
         """Send what waits, the RPDOs that are due, and SYNC."""
-        waiting, records = self.network.take(), self.network.cycle(sync=self._synchronous, now=now)
+        waiting, records = self.network.take(), self.network.cycle(sync=self._synchronous)
         self._guarded(waiting + records if waiting else records)
+        if self._synchronous:
+            self.network.synced(now)
 
     def send_waiting(self) -> None:
         """Send what waits, process data apart."""

@@ -237,6 +237,7 @@ class RobotCore:
                 self._component_failed(component, "write", now)
         for bus in self.buses.values():
             bus.send_cycle(now)
+        self.manager.broadcast(now, period)
         self._after(now)
 
     def _component_failed(self, component: HardwareComponent, verb: str, now: int) -> None:

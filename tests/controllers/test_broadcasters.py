@@ -26,7 +26,7 @@ def test_inputs_of_all_drives_are_told_by_themselves():
     control.switch(["b"], now=0)
     assert gpio.names == ["l/digital_inputs", "r/digital_inputs"]
     hardware.set("r/digital_inputs", 5.0)
-    control.update(S, 0.01)
+    control.broadcast(S, 0.01)
     assert gpio.by_joint()["r"] == {"digital_inputs": 5.0}
     assert math.isnan(gpio.values[0])
     assert gpio.stamp == S
@@ -74,3 +74,15 @@ def test_the_diagnostics_judge_a_joint_by_what_its_drive_says(values, level, mes
     shown = status.as_dict()
     assert set(shown["values"]) == {"nmt_state", "statusword", "error_code", "age"}
     assert values or shown["values"]["age"] is None
+
+
+def test_who_only_tells_runs_when_the_commands_are_on_their_way_and_one_that_commands_does_not():
+    hardware = Hardware(states=("a/position",))
+    control = manager(hardware)
+    states = add(control, "states", "joint_state_broadcaster/JointStateBroadcaster")
+    control.switch(["states"], now=0)
+    hardware.set("a/position", 1.5)
+    control.update(S, 0.01)
+    assert math.isnan(states.positions[0])
+    control.broadcast(S, 0.01)
+    assert (states.positions[0], states.stamp) == (1.5, S)

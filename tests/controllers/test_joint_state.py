@@ -30,7 +30,7 @@ def test_it_gathers_what_upstream_gathers(case):
             control.switch(["states"], now=0)
         return
     control.switch(["states"], now=0)
-    control.update(S, 0.01)
+    control.broadcast(S, 0.01)
     assert states.names == (case["expect_name_jazzy"] if "expect_name_jazzy" in case else case["expect_name"])
     assert len(states.positions) == len(states.velocities) == len(states.efforts) == len(states.names)
     for key, array in (("expect_velocity", states.velocities), ("expect_effort", states.efforts)):
@@ -51,7 +51,7 @@ def test_values_are_overwritten_in_place_and_missing_interfaces_stay_nan():
     positions = states.positions
     hardware.set("a/position", 1.5)
     hardware.set("b/velocity", 2.5)
-    control.update(S, 0.01)
+    control.broadcast(S, 0.01)
     assert states.positions is positions
     assert states.names == ["a", "b"]
     assert positions[0] == 1.5
