@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from canopen_control.hardware.urdf import Element
-    from canopen_control.runtime.check_rules import CheckedRobot
+    from canopen_control.runtime.checked_robot import CheckedRobot
 
 __all__ = ["check_launch"]
 

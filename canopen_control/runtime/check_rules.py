@@ -8,15 +8,14 @@ WARNING. The rules of wheels and of launch files have files of their own.
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.controllers.types import make_controller
 from canopen_control.errors import CanopenError, ConfigError
 from canopen_control.hardware.plugins import KNOWN, Kind
-from canopen_control.hardware.wheels import WheelGeometry
 from canopen_control.runtime.check_launch import check_launch
 from canopen_control.runtime.check_wheels import WHEEL_RULES
+from canopen_control.runtime.checked_robot import CheckedRobot
 from canopen_control.runtime.finding import Finding, Severity
 from canopen_control.yamltree import nearest
 
@@ -24,13 +23,12 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
     from pathlib import Path
 
-    from canopen_control.controllers.base import Controller
     from canopen_control.controllers.params import ControllerConfig, ControllersFile
     from canopen_control.hardware.description import ControlJoint, Description, Ros2ControlSystem
     from canopen_control.master.config import BusConfig
     from canopen_control.runtime.files import RobotFiles
 
-__all__ = ["CheckedRobot", "find"]
+__all__ = ["find", "findings_of"]
 
 LEGAL_NAME: Final = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 """What ROS takes for the name of a node, which every controller is."""
@@ -38,29 +36,6 @@ _PLACED: Final = re.compile(r"(?P<path>[^\s:][^:]*):(?P<line>\d+)(?::\d+)?: (?P<
 _TRANSLATED: Final = (" is read as ", " has no effect")
 """What the warnings say of keys of other distributions, which are worth knowing and no mistakes."""
 _COUNT: Final = re.compile(r"\d+ errors")
-
-
-@dataclass
-class CheckedRobot:
-    """What the rules look at; what could not be read is None. `asked` are the names given with --controller."""
-
-    files: RobotFiles
-    bus: BusConfig | None = None
-    control: ControllersFile | None = None
-    description: Description | None = None
-    asked: Sequence[str] = ()
-    launch_namespaces: dict[str, str] = field(default_factory=dict)
-    configured: dict[str, Controller] = field(default_factory=dict)
-
-    def config(self, name: str) -> ControllerConfig:
-        """Return what the file says of a configured controller."""
-        assert self.control is not None  # there is no configured controller without a file
-        return self.control.controllers[name]
-
-    @property
-    def geometry(self) -> WheelGeometry | None:
-        """The wheels of the description."""
-        return None if self.description is None else WheelGeometry(self.description)
 
 
 def find(

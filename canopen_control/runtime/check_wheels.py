@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from canopen_control.hardware.description import UrdfJoint
     from canopen_control.hardware.wheels import WheelGeometry
     from canopen_control.master.config import NodeConfig
-    from canopen_control.runtime.check_rules import CheckedRobot
+    from canopen_control.runtime.checked_robot import CheckedRobot
 
 __all__ = ["WHEEL_RULES"]
 
