@@ -36,7 +36,7 @@ class PdoWatch:
             self._pdos.append(pdo)
 
     def sync(self) -> Sequence[ReceivedPdo]:
-        """Count a SYNC that was sent, before anything can have answered it; return the TPDOs that became overdue, or came back."""
+        """Count a SYNC that nothing can have answered yet; return the TPDOs that became overdue, or came back."""
         changes = self._changes
         if changes:
             changes.clear()
