@@ -135,4 +135,5 @@ def _watch(robot: RobotClient, *, as_json: bool) -> int:
     except RemoteError as error:
         if error.kind != "BusClosed":
             raise
+        print(f"canopen-control: {error}", file=sys.stderr)
     return 0

@@ -1,5 +1,9 @@
-import pytest
+import threading
 
+import pytest
+from support.mockrobot import running
+
+from canopen_control.cli.main import main
 from canopen_control.cli.status import render
 
 STATE = {
@@ -54,3 +58,14 @@ def test_a_latched_stop_is_said_with_the_way_out_of_it():
 def test_an_error_says_which_node_has_it():
     lines = render({**STATE, "nodes": {"left_drive": {**STATE["nodes"]["left_drive"], "error": "EMCY 0x4310"}}})
     assert lines[-1] == "  node 3 (left_drive): EMCY 0x4310"
+
+
+def test_a_watch_that_ends_with_the_robot_says_so(private_folders, capsys):
+    with running("ends") as robot:
+        timer = threading.Timer(1.5, robot.shutdown)
+        timer.start()
+        assert main(["status", "--watch", "--name", "ends"]) == 0
+        timer.join()
+    said = capsys.readouterr()
+    assert said.out.startswith("running, cycle")
+    assert said.err == "canopen-control: robot ends has closed the connection; it was shut down or has died\n"
