@@ -68,13 +68,13 @@ def _asc_reader(file: Any) -> Any:  # noqa: ANN401 - python-can's readers have n
     return can.ASCReader(file, relative_timestamp=False)
 
 
-def _blf_reader(file: Any) -> Any:  # noqa: ANN401
+def _blf_reader(file: Any) -> Any:  # noqa: ANN401 - as above
     import can
 
     return can.BLFReader(file)
 
 
-def _trc_reader(file: Any) -> Any:  # noqa: ANN401
+def _trc_reader(file: Any) -> Any:  # noqa: ANN401 - as above
     import can
 
     return can.TRCReader(file)

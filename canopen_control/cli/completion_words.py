@@ -52,7 +52,7 @@ class _Line:
     def _enter(self, parser: argparse.ArgumentParser) -> None:
         self.parser = parser
         self.options: dict[str, argparse.Action] = parser._option_string_actions  # noqa: SLF001 - no public way
-        self.positionals = [each for each in parser._actions if not each.option_strings]  # noqa: SLF001
+        self.positionals = [each for each in parser._actions if not each.option_strings]  # noqa: SLF001 - as above
         self.due: argparse.Action | None = None
 
     def _take(self, word: str) -> None:
@@ -83,8 +83,8 @@ class _Line:
                 yield from self._values(self.positionals[0]) if self.positionals else ()
 
     def _values(self, action: argparse.Action) -> Found:
-        if isinstance(action, argparse._SubParsersAction):  # noqa: SLF001
-            texts = {each.dest: each.help or "" for each in action._choices_actions}  # noqa: SLF001
+        if isinstance(action, argparse._SubParsersAction):  # noqa: SLF001 - argparse has no other name for it
+            texts = {each.dest: each.help or "" for each in action._choices_actions}  # noqa: SLF001 - no public way
             return [(str(name), texts.get(name, "")) for name in action.choices]
         if action.choices is not None:
             return [(str(choice), "") for choice in action.choices]
