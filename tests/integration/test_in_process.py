@@ -20,7 +20,7 @@ def test_robby_in_one_process(stage, channel):
     assert stage.call("command", FORWARD, 10, 10, "--for", 0.6).wait() == 0
     assert robot.wait() == 0, robot
     assert robot.err == ""
-    assert "robby has stopped" in robot.out or "deactivated" in robot.out
+    assert "robby has stopped, its drives are disabled" in robot.out
 
 
 def velocities(robot):
