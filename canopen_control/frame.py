@@ -52,11 +52,6 @@ class CanFrame(NamedTuple):
     data: bytes = b""
 
     @property
-    def is_plain(self) -> bool:
-        """Whether it is an 11-bit data frame, the only kind CANopen's services use (but guarding)."""
-        return self.can_id <= 0x7FF
-
-    @property
     def is_remote(self) -> bool:
         """Whether it asks for data instead of carrying it."""
         return bool(self.can_id & REMOTE_FLAG)

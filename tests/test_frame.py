@@ -84,10 +84,10 @@ def test_identifiers_outside_of_the_set_are_none(identifier):
 
 def test_flags_say_what_a_frame_is():
     kinds = [
-        (f.is_plain, f.is_remote, f.is_error)
+        (f.is_remote, f.is_error)
         for f in (CanFrame(0x7FF), CanFrame(0x12345 | EXTENDED_FLAG), remote_frame(0x703, 1), CanFrame(4 | ERROR_FLAG))
     ]
-    assert kinds == [(True, False, False), (False, False, False), (False, True, False), (False, False, True)]
+    assert kinds == [(False, False), (False, False), (True, False), (False, True)]
 
 
 @pytest.mark.parametrize("text", ["183#3706", "080#", "703#R1", "000#0100"])

@@ -242,11 +242,6 @@ class DriveMachine:
             return self.enabled and self._mode.confirmed
         return is_stopped(self.goal, self.disabled_state, self.state)
 
-    @property
-    def has_events(self) -> bool:
-        """Whether `events` would return any."""
-        return bool(self._events)
-
     def events(self) -> list[DriveEvent]:
         """Return what happened since the last call."""
         happened, self._events = self._events, []

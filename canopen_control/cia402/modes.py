@@ -10,7 +10,6 @@ from enum import IntEnum
 from types import MappingProxyType
 from typing import TYPE_CHECKING, NamedTuple
 
-from canopen_control.cia402 import objects
 from canopen_control.errors import UnsupportedMode
 
 if TYPE_CHECKING:
@@ -19,14 +18,12 @@ if TYPE_CHECKING:
 __all__ = [
     "INTERFACE_MODES",
     "MODE_BITS",
-    "TARGET_OBJECTS",
     "ModeBits",
     "OperationMode",
     "mode_for_interface",
     "mode_name",
     "require_mode",
     "supported_modes",
-    "vendor_modes",
 ]
 
 
@@ -48,17 +45,11 @@ class OperationMode(IntEnum):
 
 _SELECTABLE = tuple(mode for mode in OperationMode if mode)
 _NAMES = {int(mode): mode.name for mode in OperationMode}
-_VENDOR_SHIFT = 16
 
 
 def supported_modes(supported_drive_modes: int) -> tuple[OperationMode, ...]:
     """Return the modes that 0x6502 lists, ascending; the manufacturer's bits and reserved ones are left out."""
     return tuple(mode for mode in _SELECTABLE if supported_drive_modes >> (mode - 1) & 1)
-
-
-def vendor_modes(supported_drive_modes: int) -> int:
-    """Return the manufacturer's sixteen bits of 0x6502; what they mean is the manufacturer's."""
-    return supported_drive_modes >> _VENDOR_SHIFT & 0xFFFF
 
 
 def mode_name(mode: int) -> str:
@@ -96,22 +87,6 @@ def require_mode(mode: int, supported: Iterable[int]) -> None:
     present = tuple(supported)
     if mode >= 0 and mode not in present:
         raise UnsupportedMode(mode_name(mode), tuple(map(mode_name, present)))
-
-
-TARGET_OBJECTS: Mapping[int, tuple[int, int]] = MappingProxyType(
-    {
-        OperationMode.PP: (objects.TARGET_POSITION, objects.POSITION_ACTUAL),
-        OperationMode.VL: (objects.VL_TARGET_VELOCITY, objects.VL_VELOCITY_ACTUAL),
-        OperationMode.PV: (objects.TARGET_VELOCITY, objects.VELOCITY_ACTUAL),
-        OperationMode.TQ: (objects.TARGET_TORQUE, objects.TORQUE_ACTUAL),
-        OperationMode.IP: (objects.INTERPOLATION_DATA, objects.POSITION_ACTUAL),
-        OperationMode.CSP: (objects.TARGET_POSITION, objects.POSITION_ACTUAL),
-        OperationMode.CSV: (objects.TARGET_VELOCITY, objects.VELOCITY_ACTUAL),
-        OperationMode.CST: (objects.TARGET_TORQUE, objects.TORQUE_ACTUAL),
-        OperationMode.CSTCA: (objects.TARGET_TORQUE, objects.TORQUE_ACTUAL),
-    }
-)
-"""Mode to (index of its target, index of what the drive makes of it), axis 0; homing has no target."""
 
 
 class ModeBits(NamedTuple):

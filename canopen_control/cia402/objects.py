@@ -19,14 +19,12 @@ __all__ = [
     "axis_count",
     "axis_index",
     "axis_of",
-    "axis_pdo",
     "is_drive_profile",
     "object_name",
 ]
 
 AXES = 8
 _AXIS_STRIDE = 0x800
-_PDO_STRIDE = 64
 _FIRST, _LAST = 0x6000, 0x67FF
 _DRIVE_PROFILE = 402
 
@@ -161,11 +159,6 @@ def axis_of(index: int) -> tuple[int, int]:
         return index, 0
     axis = (index - _FIRST) // _AXIS_STRIDE
     return index - _AXIS_STRIDE * axis, axis
-
-
-def axis_pdo(number: int, axis: int) -> int:
-    """Return the PDO number (counted as `number` is) that PDO `number` of axis 0 has for `axis`."""
-    return number + _PDO_STRIDE * axis
 
 
 def axis_count(indices: Container[int]) -> int:

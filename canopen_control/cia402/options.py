@@ -17,7 +17,7 @@ from canopen_control.cia402.state import Command, State
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-__all__ = ["ABORT_CONNECTION", "DEFAULTS", "OPTION_CODES", "Option", "Reaction", "deceleration_object", "option_of"]
+__all__ = ["ABORT_CONNECTION", "DEFAULTS", "OPTION_CODES", "Option", "Reaction"]
 
 
 class Reaction(Enum):
@@ -82,21 +82,3 @@ DEFAULTS: Mapping[int, int] = MappingProxyType(
     }
 )
 """The profile's default of each option code; it is also what an absent object means."""
-
-_DECELERATIONS = {
-    Reaction.SLOW_DOWN_RAMP: objects.PROFILE_DECELERATION,
-    Reaction.QUICK_STOP_RAMP: objects.QUICK_STOP_DECELERATION,
-}
-
-
-def option_of(index: int, code: int | None = None) -> Option | None:
-    """Return what `code` means in the option code object `index` (of axis 0); without a code, its default.
-
-    None for reserved codes, the manufacturer's codes, and objects that are no option code.
-    """
-    return OPTION_CODES.get(index, {}).get(DEFAULTS.get(index, -1) if code is None else code)
-
-
-def deceleration_object(reaction: Reaction) -> int | None:
-    """Return the index that holds the deceleration of `reaction`, None when the hardware's limit decides."""
-    return _DECELERATIONS.get(reaction)

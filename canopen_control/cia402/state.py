@@ -26,7 +26,6 @@ __all__ = [
     "INTERNAL_LIMIT",
     "MODE_SPECIFIC_BITS",
     "POWERED_STATES",
-    "QUICK_STOP_INACTIVE",
     "REMOTE",
     "STATUSWORD_MASKS",
     "TARGET_REACHED",
@@ -45,7 +44,6 @@ __all__ = [
 
 # Statusword bits that are no part of the state (CiA 402-2, table 30).
 VOLTAGE_ENABLED = 1 << 4
-QUICK_STOP_INACTIVE = 1 << 5
 WARNING = 1 << 7
 REMOTE = 1 << 9
 TARGET_REACHED = 1 << 10

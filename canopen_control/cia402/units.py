@@ -115,10 +115,6 @@ class Scale:
         to_dev = counts / _TURN
         return cls(to_dev, 1.0 / to_dev, to_dev, 1.0 / to_dev, eff_from_dev, eff_to_dev=eff_to_dev)
 
-    def round_trip_error(self) -> float:
-        """Return how far there and back is from where it began, relative, the worst of position and velocity."""
-        return max(abs(self.pos_to_dev * self.pos_from_dev - 1.0), abs(self.vel_to_dev * self.vel_from_dev - 1.0))
-
     def position_to_device(self, position: float) -> int:
         """Return the int32 for 0x607A; raises ValueError for a target that is not finite: it is none."""
         return self._limited(position * self.pos_to_dev + self.offset_pos_to_dev, INT32_MIN, INT32_MAX)

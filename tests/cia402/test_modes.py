@@ -5,16 +5,13 @@ from pathlib import Path
 
 import pytest
 
-from canopen_control.cia402 import objects
 from canopen_control.cia402.modes import (
     MODE_BITS,
-    TARGET_OBJECTS,
     OperationMode,
     mode_for_interface,
     mode_name,
     require_mode,
     supported_modes,
-    vendor_modes,
 )
 from canopen_control.errors import UnsupportedMode
 
@@ -34,9 +31,8 @@ def test_each_bit_of_0x6502_is_the_mode_of_the_vectors():
         assert f"{mode.name}({mode.value})" == text
 
 
-def test_reserved_and_vendor_bits_are_no_modes_and_the_vendor_bits_are_not_lost():
+def test_reserved_and_vendor_bits_are_no_modes():
     assert supported_modes(1 << 4 | 1 << 11 | 0xFFFF0000) == ()
-    assert vendor_modes(0x8001_0005) == 0x8001
 
 
 @pytest.mark.parametrize(
@@ -77,11 +73,9 @@ def test_modes_have_names_whatever_the_number():
     assert mode_name(5) == "mode 5 (reserved)"
 
 
-def test_every_mode_that_moves_has_its_bits_and_its_target():
+def test_every_mode_that_moves_has_its_bits():
     moving = set(OperationMode) - {OperationMode.NONE}
     assert set(MODE_BITS) == moving
-    assert set(TARGET_OBJECTS) == moving - {OperationMode.HM}
-    assert all(set(pair) <= set(objects.NAMES) for pair in TARGET_OBJECTS.values())
 
 
 def test_bit_10_means_nothing_in_the_cyclic_modes():

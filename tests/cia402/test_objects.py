@@ -10,7 +10,6 @@ from canopen_control.cia402.objects import (
     axis_count,
     axis_index,
     axis_of,
-    axis_pdo,
     is_drive_profile,
     object_name,
 )
@@ -19,7 +18,6 @@ from canopen_control.cia402.objects import (
 def test_each_axis_lies_0x800_higher():
     assert [axis_index(CONTROLWORD, axis) for axis in range(3)] == [0x6040, 0x6840, 0x7040]
     assert axis_index(SINGLE_DEVICE_TYPE, 7) == 0x9FFF
-    assert axis_pdo(1, 2) == 129
 
 
 def test_objects_of_the_device_are_the_same_for_all_axes():

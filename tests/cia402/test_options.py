@@ -6,28 +6,27 @@ from canopen_control.cia402.options import (
     DEFAULTS,
     OPTION_CODES,
     Reaction,
-    deceleration_object,
-    option_of,
 )
 from canopen_control.cia402.state import Command, State
+
+QUICK_STOP = OPTION_CODES[objects.QUICK_STOP_OPTION]
 
 
 def test_a_quick_stop_leaves_or_stays_as_its_code_says():
     for code in range(5):
-        assert option_of(objects.QUICK_STOP_OPTION, code).final_state is State.SWITCH_ON_DISABLED
+        assert QUICK_STOP[code].final_state is State.SWITCH_ON_DISABLED
     for code in range(5, 9):
-        stays, leaves = option_of(objects.QUICK_STOP_OPTION, code), option_of(objects.QUICK_STOP_OPTION, code - 4)
+        stays, leaves = QUICK_STOP[code], QUICK_STOP[code - 4]
         assert stays.final_state is State.QUICK_STOP_ACTIVE
         assert stays.reaction is leaves.reaction
 
 
 def test_defaults_are_those_of_the_profile_and_always_a_row():
     assert [DEFAULTS[index] for index in (0x605A, 0x605B, 0x605C, 0x605D, 0x605E, 0x6007)] == [2, 0, 1, 1, 2, 1]
-    for index in OPTION_CODES:
-        assert option_of(index) == option_of(index, DEFAULTS[index])
-    assert option_of(objects.QUICK_STOP_OPTION).reaction is Reaction.QUICK_STOP_RAMP
-    assert option_of(objects.SHUTDOWN_OPTION).reaction is Reaction.DISABLE
-    assert option_of(objects.DISABLE_OPERATION_OPTION).reaction is Reaction.SLOW_DOWN_RAMP
+    meant = {index: codes[DEFAULTS[index]].reaction for index, codes in OPTION_CODES.items()}
+    assert meant[objects.QUICK_STOP_OPTION] is Reaction.QUICK_STOP_RAMP
+    assert meant[objects.SHUTDOWN_OPTION] is Reaction.DISABLE
+    assert meant[objects.DISABLE_OPERATION_OPTION] is Reaction.SLOW_DOWN_RAMP
 
 
 def test_each_option_ends_in_its_state():
@@ -40,16 +39,9 @@ def test_each_option_ends_in_its_state():
 
 
 def test_reserved_and_manufacturer_codes_mean_nothing_here():
-    assert option_of(objects.QUICK_STOP_OPTION, 9) is None
-    assert option_of(objects.QUICK_STOP_OPTION, -1) is None
-    assert option_of(objects.CONTROLWORD, 0) is None
-    assert option_of(objects.CONTROLWORD) is None
-
-
-def test_ramps_take_their_deceleration_from_their_object():
-    assert deceleration_object(Reaction.SLOW_DOWN_RAMP) == 0x6084
-    assert deceleration_object(Reaction.QUICK_STOP_RAMP) == 0x6085
-    assert deceleration_object(Reaction.CURRENT_LIMIT) is None
+    assert set(OPTION_CODES[objects.QUICK_STOP_OPTION]) == set(range(9))
+    assert all(0 <= code < 9 for codes in OPTION_CODES.values() for code in codes)
+    assert objects.CONTROLWORD not in OPTION_CODES
 
 
 def test_a_lost_connection_does_nothing_faults_or_is_a_command():
