@@ -1,5 +1,5 @@
 import pytest
-from support.mockrobot import eventually
+from support.host import eventually
 
 from canopen_control.cli.main import main
 
@@ -13,7 +13,7 @@ def commands(robot):
 
 def test_values_reach_the_joints_and_zeros_follow(mock_robot):
     assert main(["command", FORWARD, "2", "3", "--for", "0.3"]) == 0
-    eventually(lambda: commands(mock_robot) == [0.0, 0.0])
+    assert eventually(lambda: commands(mock_robot) == [0.0, 0.0])
     joints = mock_robot.status()["joints"]
     assert joints["right_wheel_joint"]["position"] > joints["left_wheel_joint"]["position"] > 0.2
 

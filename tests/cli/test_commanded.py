@@ -1,7 +1,7 @@
 """How a command ends, and what is said of drives that are not enabled."""
 
 import pytest
-from support.mockrobot import eventually
+from support.host import eventually
 
 from canopen_control.cli.commanded import not_enabled, positions_of
 from canopen_control.cli.main import main
@@ -27,15 +27,15 @@ def values(robot, what):
 def test_a_position_is_no_motion_back_to_zero_when_the_command_ends(arm, end):
     """Zeros are positions too: an arm that is sent them falls back to where it began."""
     assert main(["command", ARM, *map(str, TARGETS), *end]) == 0
-    eventually(lambda: values(arm, "position") == pytest.approx(TARGETS))
+    assert eventually(lambda: values(arm, "position") == pytest.approx(TARGETS))
     cycle = arm.status()["cycle"]["count"]
-    eventually(lambda: arm.status()["cycle"]["count"] > cycle + 25)
+    assert eventually(lambda: arm.status()["cycle"]["count"] > cycle + 25)
     assert values(arm, "position") == pytest.approx(TARGETS)
 
 
 def test_the_end_of_the_command_ends_the_motion_to_a_far_position(arm):
     assert main(["command", ARM, "1.5", "0", "0", "0", "0", "0", "--for", "0.2"]) == 0
-    eventually(lambda: values(arm, "command")[0] is None)
+    assert eventually(lambda: values(arm, "command")[0] is None)
     assert values(arm, "position")[0] < 1.4
 
 

@@ -53,10 +53,12 @@ def recorded(path, frames, *options):
     """Record `frames` that somebody sends on a bus, ended by SIGTERM as soon as they are in the file."""
 
     def send():
-        eventually(lambda: "record" in str(hub_status("taken")))
-        port.send(pack_records(frames))
-        eventually(lambda: path.exists() and len(list(Recording(path))) == len(frames))
-        os.kill(os.getpid(), signal.SIGTERM)
+        try:
+            assert eventually(lambda: "record" in str(hub_status("taken")))
+            port.send(pack_records(frames))
+            assert eventually(lambda: path.exists() and len(list(Recording(path))) == len(frames))
+        finally:
+            os.kill(os.getpid(), signal.SIGTERM)
 
     port = open_local("taken", "sender")
     sender = threading.Thread(target=send)

@@ -2,7 +2,8 @@ import argparse
 import threading
 
 import pytest
-from support.mockrobot import eventually, running
+from support.host import eventually
+from support.mockrobot import running
 
 from canopen_control.cli.repeat import PERIOD_S, add_repeat_arguments, send
 from canopen_control.errors import RemoteError
@@ -35,4 +36,4 @@ def test_zeros_are_sent_even_if_the_robot_refuses_in_between():
         with pytest.raises(RemoteError, match="1"):
             send(parse("--for", "2"), "command", params, zeros)
         timer.join()
-        eventually(lambda: robot.status()["joints"]["left_wheel_joint"]["command"] == 0.0)
+        assert eventually(lambda: robot.status()["joints"]["left_wheel_joint"]["command"] == 0.0)

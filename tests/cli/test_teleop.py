@@ -3,7 +3,8 @@ import signal
 import time
 
 import pytest
-from support.mockrobot import eventually, running
+from support.host import eventually
+from support.mockrobot import running
 from support.terminal import in_background, typed
 
 from canopen_control.cli.main import main
@@ -38,18 +39,18 @@ def test_keys_move_the_base_and_ctrl_c_leaves_it_standing(terminal, capsys):
 
         def user():
             terminal.write(b"i")
-            eventually(lambda: (commands(robot)[0] or 0.0) > 1.0)
+            assert eventually(lambda: (commands(robot)[0] or 0.0) > 1.0)
             assert commands(robot)[0] == commands(robot)[1]
             terminal.write(b" ")
-            eventually(lambda: stopped(robot))
+            assert eventually(lambda: stopped(robot))
             terminal.write(b"j")
-            eventually(lambda: (commands(robot)[1] or 0.0) > 0.5)
+            assert eventually(lambda: (commands(robot)[1] or 0.0) > 0.5)
             assert commands(robot)[0] == -commands(robot)[1]
             terminal.write(b"\x03")
 
         with in_background(user, terminal.close):
             assert main(["teleop"]) == 0
-        eventually(lambda: stopped(robot))
+        assert eventually(lambda: stopped(robot))
     said = capsys.readouterr().out
     assert said.startswith(f"teleop of mock, {BASE}\n")
     assert "linear 0.50 m/s, angular 0.00 rad/s (speeds 0.50 and 1.00)" in said
@@ -59,21 +60,21 @@ def test_keys_move_the_base_and_ctrl_c_leaves_it_standing(terminal, capsys):
 def test_without_a_base_controller_two_wheels_are_driven_in_their_own_units(terminal, mock_robot, capsys):
     def user():
         terminal.write(b"l")
-        eventually(lambda: commands(mock_robot) == [3.0, -3.0])
+        assert eventually(lambda: commands(mock_robot) == [3.0, -3.0])
         terminal.write(b"\x03")
 
     with in_background(user, terminal.close):
         assert main(["teleop", "--turn", "3"]) == 0
-    eventually(lambda: stopped(mock_robot), 1.0)
+    assert eventually(lambda: stopped(mock_robot), 1.0)
     assert f"{FORWARD} (no base controller is active" in capsys.readouterr().out
 
 
 def test_a_tapped_key_stops_by_itself(terminal, mock_robot):
     def user():
         terminal.write(b"i")
-        eventually(lambda: commands(mock_robot) == [5.0, 5.0])
+        assert eventually(lambda: commands(mock_robot) == [5.0, 5.0])
         begin = time.monotonic()
-        eventually(lambda: stopped(mock_robot))
+        assert eventually(lambda: stopped(mock_robot))
         assert time.monotonic() - begin < 1.5  # the controller's own timeout is 2 s: it is teleop that stops
         terminal.write(b"\x04")
 
@@ -89,9 +90,9 @@ def test_a_tapped_key_stops_by_itself(terminal, mock_robot):
 def test_whatever_ends_it_sends_zeros(terminal, mock_robot, leave):
     def user():
         terminal.write(b"i")
-        eventually(lambda: commands(mock_robot) == [5.0, 5.0])
+        assert eventually(lambda: commands(mock_robot) == [5.0, 5.0])
         leave(terminal)
-        eventually(lambda: stopped(mock_robot), 1.0)  # the controller's own timeout is 2 s
+        assert eventually(lambda: stopped(mock_robot), 1.0)  # the controller's own timeout is 2 s
         if not terminal.closed:
             terminal.write(b"\x03")
 

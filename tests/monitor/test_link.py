@@ -1,5 +1,6 @@
 import pytest
-from support.mockrobot import eventually, running
+from support.host import eventually
+from support.mockrobot import running
 
 from canopen_control.errors import RemoteError
 from canopen_control.monitor import link as link_module
@@ -16,53 +17,53 @@ def link(private_folders, monkeypatch):
 
 
 def test_it_finds_the_robot_loses_it_and_finds_it_again(link):
-    eventually(lambda: link.why.startswith("no robot is running"))
+    assert eventually(lambda: link.why.startswith("no robot is running"))
     assert link.state is None
     for _ in range(2):
         with running():
-            eventually(lambda: link.connected)
+            assert eventually(lambda: link.connected)
             assert link.name == "mock"
             assert link.state["state"] == "running"
             assert link.why == ""
-        eventually(lambda: link.state is None)
+        assert eventually(lambda: link.state is None)
         assert "mock" in link.why
 
 
 def test_each_event_is_told_once_also_those_from_before(link):
     with running():
-        eventually(lambda: link.connected)
+        assert eventually(lambda: link.connected)
         texts = [event["text"] for event in link.events()]
         assert sum("mock runs" in text for text in texts) == 1
         assert not [event for event in link.events() if "mock runs" in event["text"]]
         link.call("stop", {"latch": True, "source": "test"}, 10.0)
         found = []
-        eventually(lambda: found.extend(link.events()) or any(each["kind"] == "stop_latched" for each in found))
+        assert eventually(lambda: found.extend(link.events()) or any(each["kind"] == "stop_latched" for each in found))
         assert sum(each["kind"] == "stop_latched" for each in found) == 1
 
 
 def test_a_connection_that_broke_is_made_again_and_what_was_told_is_not_told_again(link):
     with running():
-        eventually(lambda: link.connected)
+        assert eventually(lambda: link.connected)
         first = link._robot
         told = link.events()
         assert told
         first.close()
-        eventually(lambda: link.connected and link._robot is not first)
+        assert eventually(lambda: link.connected and link._robot is not first)
         assert not [event for event in link.events() if event in told]
 
 
 def test_commands_reach_the_robot_or_say_why_not(link):
-    eventually(lambda: link.why.startswith("no robot is running"))
+    assert eventually(lambda: link.why.startswith("no robot is running"))
     with pytest.raises(RemoteError, match="stop does not reach the robot: no robot is running"):
         link.call("stop", {}, 1.0)
     with running():
-        eventually(lambda: link.connected)
+        assert eventually(lambda: link.connected)
         with pytest.raises(RemoteError, match="no method 'dance'"):
             link.call("dance", {}, 1.0)
 
 
 def test_a_robot_that_hangs_is_not_shown_as_connected(link, monkeypatch):
     with running():
-        eventually(lambda: link.connected)
+        assert eventually(lambda: link.connected)
         link._heard -= 1.1  # as if the last sample had come so long ago
         assert not link.connected

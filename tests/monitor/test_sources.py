@@ -1,8 +1,9 @@
 import time
 
 import pytest
+from support.host import eventually
 from support.localbus import end_hubs
-from support.mockrobot import eventually, running
+from support.mockrobot import running
 
 from canopen_control.bus.channel import open_port
 from canopen_control.errors import RemoteError
@@ -23,12 +24,12 @@ def test_a_running_robot_is_shown_and_commanded(robot_source):
     assert robot_source.can_command
     assert robot_source.picture().alarm.endswith("STOP does not reach it; trying again")
     with running():
-        eventually(lambda: robot_source.picture().title == "mock" and robot_source.picture().joints)
+        assert eventually(lambda: robot_source.picture().title == "mock" and robot_source.picture().joints)
         robot_source.tick()
         assert robot_source.taps == []  # mock hardware has no bus
         robot_source.command("stop", {"latch": True})
-        eventually(lambda: robot_source.picture().alarm.startswith("STOP is latched by monitor"))
-        eventually(lambda: any("latched" in line.text for line in robot_source.log()))
+        assert eventually(lambda: robot_source.picture().alarm.startswith("STOP is latched by monitor"))
+        assert eventually(lambda: any("latched" in line.text for line in robot_source.log()))
         assert robot_source.emergencies() == []
 
 

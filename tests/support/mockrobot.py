@@ -2,14 +2,7 @@
 
 import contextlib
 
-from support import host
-
 from canopen_control.runtime.robot import Robot
-
-
-def eventually(condition, seconds=5.0):
-    """Wait for a condition of a running robot and leave it the processor; fails by itself when it does not come."""
-    assert host.eventually(condition, seconds), "not within the time"
 
 
 @contextlib.contextmanager

@@ -3,7 +3,8 @@
 import contextlib
 
 import pytest
-from support.mockrobot import eventually, running
+from support.host import eventually
+from support.mockrobot import running
 
 from canopen_control.errors import ConfigError, RemoteError
 from canopen_control.view.app import SEEN_HZ, UNSEEN_HZ, ViewApp
@@ -128,7 +129,7 @@ def test_the_end_of_the_view_ends_what_it_drives(robot, make):
     app._hold(1, joint_motion(FORWARD, [3.0, 3.0], [0.0, 0.0]), app.said.append)
     until(app, lambda: command(robot) == 3.0)
     app.close()
-    eventually(lambda: command(robot) == 0.0)
+    assert eventually(lambda: command(robot) == 0.0)
 
 
 def test_it_waits_for_a_robot_that_comes_back_and_keeps_its_page(private_folders, make):

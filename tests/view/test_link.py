@@ -1,7 +1,8 @@
 """The connection to a robot, on mock hardware in this process."""
 
 import pytest
-from support.mockrobot import eventually, running
+from support.host import eventually
+from support.mockrobot import running
 
 from canopen_control.errors import ConfigError, RemoteError
 from canopen_control.view.link import Link
@@ -34,13 +35,15 @@ def test_a_robot_says_what_it_is(link):
 def test_samples_come_at_the_rate_that_was_asked_for(link):
     link.subscribe(25.0)
     states = []
-    eventually(lambda: states.extend(each["state"] for each in link.messages() if "state" in each) or len(states) >= 3)
+    assert eventually(
+        lambda: states.extend(each["state"] for each in link.messages() if "state" in each) or len(states) >= 3
+    )
     assert states[2]["cycle"]["count"] - states[1]["cycle"]["count"] == 2
 
 
 def test_stop_latches_and_nobody_waits_for_it(robot, link):
     link.stop()
-    eventually(lambda: robot.status()["latched"])
+    assert eventually(lambda: robot.status()["latched"])
     assert robot.status()["latched_by"] == "view"
     refused = link.ask("command", {"controller": FORWARD, "values": [1.0, 1.0]})
     assert "STOP is latched (by view)" in refused
@@ -50,10 +53,10 @@ def test_stop_latches_and_nobody_waits_for_it(robot, link):
 
 def test_a_command_is_sent_without_an_answer(robot, link):
     link.send("command", {"controller": FORWARD, "values": [1.0, 2.0]})
-    eventually(lambda: robot.status()["joints"]["right_wheel_joint"]["command"] == 2.0)
+    assert eventually(lambda: robot.status()["joints"]["right_wheel_joint"]["command"] == 2.0)
     assert robot.status()["commander"] == "view"
     link.close()  # as when this process dies
-    eventually(lambda: robot.status()["joints"]["right_wheel_joint"]["command"] == 0.0)
+    assert eventually(lambda: robot.status()["joints"]["right_wheel_joint"]["command"] == 0.0)
 
 
 def test_a_robot_that_has_gone_is_an_error_for_stop_and_a_sentence_for_questions(robot, link):
