@@ -150,7 +150,7 @@ class Plots:
             tuple(series),  # type: ignore[arg-type] # TypedDicts of viser
             title=title,
             scales={"x": {"time": False, "range": (-SPAN_S, 0.0)}, "y": {"range": _at_least(low, 1.0)}},
-            axes=(_axis(26), _axis(46)),
+            axes=(_axis(26, 50), _axis(46, 16)),  # pixels
             legend={"show": False},
             height=_HEIGHT,
         )
@@ -169,9 +169,10 @@ def _at_least(low: float, high: float) -> dict[str, dict[str, float]]:
     }
 
 
-def _axis(size: int) -> Axis:
-    """Return an axis that takes `size` pixels and stays in the background."""
+def _axis(size: int, space: int) -> Axis:
+    """Return an axis that takes `size` pixels, with a number every `space` at most, and stays in the background."""
     return {
+        "space": space,  # uPlot's own 30 leave a small chart with a single number
         "size": size,
         "stroke": "#5b6673",
         "grid": {"stroke": "#e6e9ee", "width": 1},

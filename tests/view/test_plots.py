@@ -87,3 +87,9 @@ def test_the_numbers_at_the_ends_of_a_scale_are_not_cut(plots):
         scale = chart.handle.scales["y"]["range"]
         assert scale["max"]["soft"] > 1.0
         assert scale["min"]["soft"] == 0.0 or scale["min"]["soft"] < -1.0
+
+
+def test_a_small_chart_has_more_than_one_number(plots):
+    """uPlot puts numbers 30 pixels apart: between -1 and 1.5 that left the 0 alone."""
+    for chart in plots._charts:
+        assert chart.handle.axes[1]["space"] <= chart.handle.height / 6
