@@ -83,6 +83,8 @@ def _run(arguments: list[str]) -> int:
     except OSError as error:
         if error.filename is None and error.errno in _OUTPUT_LOST:
             return _complain_of_output(error)
+        if error.errno == errno.EMFILE:
+            return _complain(CanopenError("this shell allows too few open files; allow more: ulimit -n 1024"), 2)
         return _complain_of_ourselves(error)
     except Exception as error:  # noqa: BLE001 - a fault of ours: a sentence, and the way to its traceback
         return _complain_of_ourselves(error)

@@ -1,3 +1,4 @@
+import errno
 import importlib
 import os
 import shlex
@@ -85,6 +86,15 @@ def test_a_fault_of_the_program_is_a_sentence_and_a_traceback_only_where_asked(m
     monkeypatch.setenv("CANOPEN_CONTROL_DEBUG", "1")
     with pytest.raises(ZeroDivisionError):
         main(["check", "robby"])
+
+
+def test_too_few_open_files_are_the_shells_matter(monkeypatch, capsys):
+    def run(_args):
+        raise OSError(errno.EMFILE, "Too many open files")
+
+    monkeypatch.setattr("canopen_control.cli.check.run", run)
+    assert main(["check", "robby"]) == 2
+    assert capsys.readouterr().err.endswith("too few open files; allow more: ulimit -n 1024\n")
 
 
 def program(*arguments, **how):
