@@ -15,7 +15,7 @@ from canopen_control.cia301.emcy_codes import ErrorRegister, error_text
 from canopen_control.cia301.outbox import Outbox
 from canopen_control.frame import CanFrame
 
-__all__ = ["EmcyConsumer", "EmcyEvent", "EmcyMessage", "EmcyProducer", "ErrorRegister", "error_text"]
+__all__ = ["EmcyConsumer", "EmcyMessage", "EmcyProducer"]
 
 EMCY_COB_ID = 0x080
 NO_ERROR = 0x0000
@@ -217,91 +217,46 @@ class EmcyProducer:
         self._ready_ns = now + self.inhibit_ns if self.inhibit_ns else None
 
 
-@dataclass(frozen=True, slots=True)
-class EmcyEvent:
-    """A message heard at `now`."""
-
-    message: EmcyMessage
-    now: int
-
-
-@dataclass(slots=True)
-class _Node:
-    recent: deque[EmcyEvent]
-    active: dict[int, int]  # code: the register bits that came with it
-    register: int = 0
-    count: int = 0
-
-
 class EmcyConsumer:
-    """Hears the emergencies of all nodes; keeps `history_size` messages and `active_limit` active errors of each.
+    """Hears the emergencies of one node and keeps the errors that last, at most `active_limit`: the oldest gives way.
 
-    `malformed` counts frames with fewer than 3 bytes, `short` those with 3 to 7, `lost` events nobody fetched.
+    `register` is the error register last reported, 0 before any; `malformed` counts frames with fewer than 3 bytes.
     """
 
-    def __init__(self, *, history_size: int = 32, active_limit: int = 32) -> None:
-        self.history_size = history_size
+    def __init__(self, node_id: int, *, active_limit: int = 32) -> None:
+        self.node_id = node_id
+        self.cob_id = EMCY_COB_ID + node_id
         self.active_limit = active_limit
+        self.register = 0
         self.malformed = 0
-        self.short = 0
-        self._node_ids = {EMCY_COB_ID + node_id: node_id for node_id in range(1, 128)}
-        self._nodes: dict[int, _Node] = {}
-        self._events: Outbox[EmcyEvent] = Outbox()
+        self._active: dict[int, int] = {}  # code: the register bits that came with it
+        self._events: Outbox[EmcyMessage] = Outbox()
 
-    def set_cob_id(self, node_id: int, cob_id: int | None) -> None:
-        """Listen for `node_id` on another COB-ID (0x1014), or with None not at all."""
-        self._node_ids = {known: node for known, node in self._node_ids.items() if node != node_id}
-        if cob_id is not None:
-            self._node_ids[cob_id] = node_id
-
-    def history(self, node_id: int) -> tuple[EmcyEvent, ...]:
-        """Return the last messages of `node_id`, newest first."""
-        node = self._nodes.get(node_id)
-        return () if node is None else tuple(reversed(node.recent))
-
-    def active(self, node_id: int) -> tuple[int, ...]:
-        """Return the codes that `node_id` reported and has not taken back, oldest first."""
-        node = self._nodes.get(node_id)
-        return () if node is None else tuple(node.active)
-
-    def register(self, node_id: int) -> int:
-        """Return the error register last reported, 0: none."""
-        node = self._nodes.get(node_id)
-        return 0 if node is None else node.register
-
-    def count(self, node_id: int) -> int:
-        """Return how many messages came from `node_id`."""
-        node = self._nodes.get(node_id)
-        return 0 if node is None else node.count
+    @property
+    def active(self) -> tuple[int, ...]:
+        """The codes that the node reported and has not taken back, oldest first."""
+        return tuple(self._active)
 
     @property
     def lost(self) -> int:
-        """Events that had to give way because nobody fetched them."""
+        """Messages that had to give way because nobody fetched them."""
         return self._events.lost
 
-    def forget(self, node_id: int) -> None:
-        """Forget the active errors of a node that rebooted; its history stays."""
-        node = self._nodes.get(node_id)
-        if node is not None:
-            node.active.clear()
-            node.register = 0
+    def forget(self) -> None:
+        """Forget the active errors: the node has restarted."""
+        self._active.clear()
+        self.register = 0
 
-    def receive(self, frame: CanFrame, now: int) -> None:
-        """Take an emergency of any node."""
-        node_id = self._node_ids.get(frame.can_id)
-        if node_id is None:
+    def receive(self, frame: CanFrame, now: int) -> None:  # noqa: ARG002 - the verb of every core
+        """Take an emergency of the node."""
+        if frame.can_id != self.cob_id:
             return
-        message = EmcyMessage.parse(frame, node_id)
+        message = EmcyMessage.parse(frame, self.node_id)
         if message is None:
             self.malformed += 1
             return
-        self.short += not message.is_complete
-        node = self._nodes.setdefault(node_id, _Node(deque(maxlen=self.history_size), {}))
-        event = EmcyEvent(message, now)
-        node.count += 1
-        node.recent.append(event)
-        self._note(node, message)
-        self._events.put(event)
+        self._note(message)
+        self._events.put(message)
 
     def tick(self, now: int) -> None:
         """Do nothing: this core has no timers."""
@@ -313,21 +268,22 @@ class EmcyConsumer:
         """Return nothing: a consumer does not send."""
         return []
 
-    def events(self) -> list[EmcyEvent]:
+    def events(self) -> list[EmcyMessage]:
         """Drain the messages, in order."""
         return self._events.drain()
 
-    def _note(self, node: _Node, message: EmcyMessage) -> None:
+    def _note(self, message: EmcyMessage) -> None:
+        """Keep an error, or drop those whose bits have left the register."""
         register = message.error_register
         if not message.is_reset:
-            # The bits that are new with this error are its own; it stays until one of them is taken back.
-            own = register & ~node.register & ~ErrorRegister.GENERIC or register
-            node.active.pop(message.error_code, None)
-            if len(node.active) >= self.active_limit:
-                del node.active[next(iter(node.active))]
-            node.active[message.error_code] = own
+            # The bits that are new with this error are its own; it stays until all of them are taken back.
+            own = register & ~self.register & ~ErrorRegister.GENERIC or register
+            self._active.pop(message.error_code, None)
+            if len(self._active) >= self.active_limit:
+                del self._active[next(iter(self._active))]
+            self._active[message.error_code] = own
         elif register == 0:
-            node.active.clear()
+            self._active.clear()
         else:
-            node.active = {code: own for code, own in node.active.items() if own & register}
-        node.register = register
+            self._active = {code: own for code, own in self._active.items() if own & register}
+        self.register = register

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from canopen_control.cia301.emcy import EmcyMessage
 from canopen_control.cia301.guarding import GuardingMaster
 from canopen_control.cia301.heartbeat import HeartbeatConsumer, HeartbeatProducer
 from canopen_control.cia301.nmt import NmtCommand, NmtState, nmt_frame, state_of_byte
@@ -40,7 +39,6 @@ class Network:
         self.unknown = 0
         self.on_rerouted: Callable[[], None] = lambda: None
         """Called when `identifiers` have changed."""
-        self.malformed = 0
         self.sync = SyncProducer(overflow=config.master.sync_overflow)
         self.image = ProcessImage(refresh=max(1, REFRESH_NS // cycle_ns))
         self._outgoing: list[CanFrame] = []
@@ -202,12 +200,8 @@ class Network:
             self._collect_from(node)
 
         def on_emcy(data: bytes, length: int, now: int) -> None:
-            message = EmcyMessage.parse(CanFrame(emcy, data[:length]))
-            if message is None:
-                self.malformed += 1
-            else:
-                node.on_emcy(message, now)
-                self._stale = True
+            node.on_emcy(CanFrame(emcy, data[:length]), now)
+            self._stale = True
 
         def on_heartbeat(data: bytes, length: int, now: int) -> None:
             frame = CanFrame(error_control, data[:length])

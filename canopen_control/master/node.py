@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from canopen_control.cia301.guarding import GuardingEvent
     from canopen_control.cia301.sdo_client import SdoRequest
     from canopen_control.errors import CanopenError
+    from canopen_control.frame import CanFrame
     from canopen_control.master.boot import BootResult
     from canopen_control.master.boot_task import BootStep
     from canopen_control.master.config import NodeConfig
@@ -185,14 +186,16 @@ class RemoteNode:
         elif kind is GuardingEventKind.CHANGED and self.ready and event.state is not NmtState.OPERATIONAL:
             self._left_operational(event.state, now)
 
-    def on_emcy(self, message: EmcyMessage, now: int) -> None:
+    def on_emcy(self, frame: CanFrame, now: int) -> None:
         """Keep the newest EMCY and the errors that last, and tell them."""
-        self.emcy, self.last_seen = message, now
-        text = self.log.emcy(message, now)
-        if text is not None:
-            self.error = text
-        elif self.ready and not self.log.errors.codes:
-            self.error = None
+        self.log.errors.receive(frame, now)
+        for message in self.log.errors.events():
+            self.emcy, self.last_seen = message, now
+            text = self.log.emcy(message, now)
+            if text is not None:
+                self.error = text
+            elif self.ready and not self.log.errors.active:
+                self.error = None
 
     def on_pdo(self, pdo: ReceivedPdo, now: int) -> None:
         """Take that a TPDO stays away, or is back."""

@@ -8,9 +8,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from canopen_control.cia301.emcy import EmcyConsumer
 from canopen_control.cia301.emcy_codes import error_text
 from canopen_control.master.events import Event, Level
-from canopen_control.master.supervision import ActiveErrors, DuplicateWatch, EmcyGate
+from canopen_control.master.supervision import DuplicateWatch, EmcyGate
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -35,7 +36,7 @@ class NodeLog:
 
     def __init__(self, config: NodeConfig, report: Callable[[Event], None]) -> None:
         self.who = f"node {config.node_id} ({config.name})"
-        self.errors = ActiveErrors()
+        self.errors = EmcyConsumer(config.node_id)
         self._name, self._report = config.name, report
         self._gate = EmcyGate()
         self._duplicates = DuplicateWatch(config.heartbeat_ms * 1_000_000)
@@ -57,12 +58,11 @@ class NodeLog:
             self.tell(now, "emcy_flood", f"{held} more EMCY within a second, not listed one by one", Level.WARNING)
 
     def emcy(self, message: EmcyMessage, now: int) -> str | None:
-        """Keep and tell an emergency; returns the error in words, None for one that says that an error is gone."""
-        self.errors.take(message)
+        """Tell an emergency that `errors` heard; returns the error in words, None where one is gone."""
         told = self._gate.passes(now)
         if message.is_reset:
             if told:
-                left = ", ".join(f"0x{code:04X}" for code in self.errors.codes)
+                left = ", ".join(f"0x{code:04X}" for code in self.errors.active)
                 also = f"; still active: {left}" if left else ""
                 gone = f"an error is gone (EMCY 0x{message.error_code:04X}){also}"
                 self.tell(now, "emcy_reset", gone, details=_details(message))
@@ -102,7 +102,7 @@ class NodeLog:
 
     def boot_up(self, now: int) -> None:
         """Take a boot-up: whatever was wrong before is gone, and two at once come from two nodes."""
-        self.errors.clear()
+        self.errors.forget()
         if self._duplicates.boot_up(now):
             self._tell_duplicate("two boot-ups came at once", now)
 

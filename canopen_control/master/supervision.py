@@ -11,10 +11,9 @@ from typing import TYPE_CHECKING, Final
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from canopen_control.cia301.emcy import EmcyMessage
     from canopen_control.master.cycle import ReceivedPdo
 
-__all__ = ["ActiveErrors", "DuplicateWatch", "EmcyGate", "PdoWatch"]
+__all__ = ["DuplicateWatch", "EmcyGate", "PdoWatch"]
 
 _SECOND: Final = 1_000_000_000
 _EMCY_PER_SECOND: Final = 10
@@ -84,35 +83,6 @@ class EmcyGate:
     def deadline(self) -> int | None:
         """When `summary` has something to tell."""
         return self._window + _SECOND if self.held else None
-
-
-class ActiveErrors:
-    """The errors a node has reported and not taken back, oldest first; bounded."""
-
-    def __init__(self, limit: int = 16) -> None:
-        self.codes: dict[int, int] = {}  # code: its bits of the error register
-        self.register = 0
-        self._limit = limit
-
-    def take(self, message: EmcyMessage) -> None:
-        """Note a message: an error, or the end of those whose bits have left the register."""
-        register = message.error_register
-        if not message.is_reset:
-            own = register & ~self.register & ~1 or register
-            self.codes.pop(message.error_code, None)
-            if len(self.codes) >= self._limit:
-                del self.codes[next(iter(self.codes))]
-            self.codes[message.error_code] = own
-        elif register == 0:
-            self.codes.clear()
-        else:
-            self.codes = {code: own for code, own in self.codes.items() if own & register}
-        self.register = register
-
-    def clear(self) -> None:
-        """Forget everything: the node has restarted."""
-        self.codes.clear()
-        self.register = 0
 
 
 class DuplicateWatch:

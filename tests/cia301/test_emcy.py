@@ -1,10 +1,14 @@
 from __future__ import annotations
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from support.services import MS, frame, vectors
 
 from canopen_control.cia301.abort import AbortCode
-from canopen_control.cia301.emcy import EmcyConsumer, EmcyMessage, EmcyProducer, ErrorRegister
+from canopen_control.cia301.emcy import EmcyConsumer, EmcyMessage, EmcyProducer
+from canopen_control.cia301.emcy_codes import ErrorRegister
+from canopen_control.frame import CanFrame
 
 EMCY = vectors()["emcy"]
 PROFILE, COMMUNICATION = ErrorRegister.DEVICE_PROFILE, ErrorRegister.COMMUNICATION
@@ -23,9 +27,9 @@ def test_messages_are_the_vectors_both_ways(vector):
 @pytest.mark.parametrize("text", EMCY["malformed"])
 def test_malformed_messages_are_none(text):
     assert EmcyMessage.parse(frame(text)) is None
-    consumer = EmcyConsumer()
+    consumer = EmcyConsumer(frame(text).can_id & 0x7F or 3)
     consumer.receive(frame(text), 0)
-    assert consumer.events() == []
+    assert (consumer.events(), consumer.active) == ([], ())
     assert consumer.malformed == (not text.startswith("080"))
 
 
@@ -157,63 +161,63 @@ def test_active_errors_are_bounded():
     assert producer.active == (0x100C, 0x100D, 0x100E, 0x100F)
 
 
-def test_the_consumer_keeps_history_register_and_active_errors():
-    consumer = EmcyConsumer()
+def test_the_consumer_keeps_register_and_active_errors_of_its_node():
+    consumer = EmcyConsumer(3)
+    assert (consumer.active, consumer.register) == ((), 0)
     consumer.receive(frame("083#1186210000000000"), 1)
     consumer.receive(frame("083#30813100FF000000"), 2)
-    assert [event.message.error_code for event in consumer.events()] == [0x8611, 0x8130]
-    assert [event.now for event in consumer.history(3)] == [2, 1]
-    assert (consumer.active(3), consumer.register(3), consumer.count(3)) == ((0x8611, 0x8130), 0x31, 2)
-    assert (consumer.active(4), consumer.register(4), consumer.history(4), consumer.count(4)) == ((), 0, (), 0)
+    consumer.receive(frame("084#1043090000000000"), 3)
+    assert [message.error_code for message in consumer.events()] == [0x8611, 0x8130]
+    assert (consumer.active, consumer.register) == ((0x8611, 0x8130), 0x31)
 
 
 def test_an_error_reset_with_a_register_keeps_the_other_errors():
-    consumer = EmcyConsumer()
+    consumer = EmcyConsumer(3)
     consumer.receive(frame("083#1186210000000000"), 0)
     consumer.receive(frame("083#3081310000000000"), 0)
     consumer.receive(frame("083#0000110000000000"), 0)
-    assert consumer.active(3) == (0x8130,)
+    assert consumer.active == (0x8130,)
     consumer.receive(frame("083#0000000000000000"), 0)
-    assert (consumer.active(3), consumer.register(3)) == ((), 0)
+    assert (consumer.active, consumer.register) == ((), 0)
 
 
 def test_a_repeated_error_stays_one():
-    consumer = EmcyConsumer()
+    consumer = EmcyConsumer(3)
     for _ in range(3):
         consumer.receive(frame("083#1186210000000000"), 0)
-    consumer.receive(frame("083#0000000000000000"), 0)
-    assert consumer.active(3) == ()
+    assert consumer.active == (0x8611,)
 
 
-def test_a_rebooted_node_has_no_active_errors_but_its_history():
-    consumer = EmcyConsumer()
+def test_a_rebooted_node_has_no_active_errors():
+    consumer = EmcyConsumer(3)
     consumer.receive(frame("083#1186210000000000"), 0)
-    consumer.forget(3)
-    consumer.forget(99)
-    assert (consumer.active(3), consumer.register(3), len(consumer.history(3))) == ((), 0, 1)
+    consumer.forget()
+    assert (consumer.active, consumer.register) == ((), 0)
 
 
-def test_short_messages_are_taken_and_counted():
-    consumer = EmcyConsumer()
-    consumer.receive(frame("083#118621"), 0)
-    assert (consumer.short, consumer.events()[0].message.data) == (1, b"")
+@pytest.mark.parametrize("length", range(9))
+def test_three_to_eight_bytes_are_an_emergency(length):
+    consumer = EmcyConsumer(3)
+    data = bytes.fromhex("1186210102030405")[:length]
+    consumer.receive(CanFrame(0x083, data), 0)
+    heard = [] if length < 3 else [EmcyMessage(3, 0x8611, 0x21, data[3:])]
+    assert (consumer.events(), consumer.malformed) == (heard, length < 3)
 
 
 def test_a_flood_stays_bounded():
-    consumer = EmcyConsumer(history_size=4, active_limit=4)
+    consumer = EmcyConsumer(3, active_limit=4)
     for number in range(2000):
-        data = (number & 0xFFFF).to_bytes(2, "little") + b"\1"
+        data = (0x1000 + number).to_bytes(2, "little") + b"\1"
         consumer.receive(frame(f"083#{data.hex()}"), number * MS)
-    assert (len(consumer.history(3)), len(consumer.active(3)), consumer.count(3)) == (4, 4, 2000)
+    assert consumer.active == tuple(range(0x1000 + 1996, 0x1000 + 2000)), "the newest"
     assert len(consumer.events()) + consumer.lost == 2000
 
 
-def test_a_moved_cob_id_is_followed():
-    consumer = EmcyConsumer()
-    consumer.set_cob_id(3, 0x90)
-    consumer.receive(frame("090#118621"), 0)
-    consumer.receive(frame("083#118621"), 0)
-    assert consumer.count(3) == 1
-    consumer.set_cob_id(3, None)
-    consumer.receive(frame("090#118621"), 0)
-    assert consumer.count(3) == 1
+@given(st.lists(st.tuples(st.integers(0, 0xFFFF), st.integers(0, 0xFF)), max_size=100))
+def test_the_active_errors_are_bounded_and_gone_with_the_register(messages):
+    consumer = EmcyConsumer(3, active_limit=4)
+    for code, register in messages:
+        consumer.receive(EmcyMessage(3, code, register).encode(), 0)
+        assert len(consumer.active) <= 4
+    consumer.receive(frame("083#0000000000000000"), 0)
+    assert consumer.active == ()

@@ -139,15 +139,15 @@ def test_row_23_error_reset_with_an_error_left_keeps_the_others(turning):
     turning.bus.inject(CanFrame(0x083, bytes.fromhex("1043090000000000")))  # 0x4310, temperature
     turning.bus.inject(CanFrame(0x083, bytes.fromhex("20320D0000000000")))  # 0x3220, voltage
     turning.run(50)
-    assert list(left.log.errors.codes) == [0x4310, 0x3220]
+    assert left.log.errors.active == (0x4310, 0x3220)
     turning.switch("emcy_partial_reset")
     event, _ = turning.told("emcy_reset")
     assert "still active: 0x4310" in event.text
-    assert list(left.log.errors.codes) == [0x4310]
+    assert left.log.errors.active == (0x4310,)
     assert left.error is not None
     turning.bus.inject(CanFrame(0x083, bytes(8)))
     turning.run(50)
-    assert left.log.errors.codes == {}
+    assert left.log.errors.active == ()
     assert left.error is None
 
 

@@ -97,6 +97,18 @@ def test_an_emcy_is_told_with_its_text_and_kept_as_the_nodes_error():
     assert "0x4310" in net.nodes["left_drive"].error
 
 
+@pytest.mark.parametrize("length", range(9))
+def test_an_emcy_of_three_bytes_counts_and_one_of_fewer_is_dropped_and_counted(length):
+    net, events = network()
+    net.start(0)
+    node = net.nodes["left_drive"]
+    told = len(events)
+    feed(net, 1, "083#" + "1043090201000000"[: 2 * length])
+    assert [event.kind for event in events[told:]] == ["emcy"] * (length >= 3)
+    assert node.log.errors.active == (0x4310,) * (length >= 3)
+    assert node.log.errors.malformed == (length < 3)
+
+
 def test_rpdos_are_not_sent_before_the_node_is_operational():
     net, _ = network()
     net.start(0)

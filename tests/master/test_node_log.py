@@ -20,16 +20,21 @@ def log():
     return log
 
 
+def hear(log, message, now):
+    log.errors.receive(message.encode(), now)
+    return log.emcy(message, now)
+
+
 def test_an_emergency_is_its_code_its_words_and_its_bytes(log):
-    assert log.emcy(EmcyMessage(3, 0x4310, 9), 5) == "EMCY 0x4310 (drive temperature too high)"
+    assert hear(log, EmcyMessage(3, 0x4310, 9), 5) == "EMCY 0x4310 (drive temperature too high)"
     (event,) = log.told
     assert (event.time, event.kind, event.node, event.level) == (5, "emcy", "left", Level.WARNING)
     assert event.text.startswith("node 3 (left): EMCY 0x4310 (drive temperature too high), register 0x09")
 
 
 def test_what_an_emergency_holds_is_there_for_programs_too(log):
-    log.emcy(EmcyMessage(3, 0x4310, 9, b"\1\2"), 5)
-    log.emcy(EmcyMessage(3, 0, 0), 5)
+    hear(log, EmcyMessage(3, 0x4310, 9, b"\1\2"), 5)
+    hear(log, EmcyMessage(3, 0, 0), 5)
     assert [event.details for event in log.told] == [
         {"error_code": 0x4310, "error_register": 9, "data": "0102"},
         {"error_code": 0, "error_register": 0, "data": "0000000000"},
@@ -38,22 +43,22 @@ def test_what_an_emergency_holds_is_there_for_programs_too(log):
 
 @pytest.mark.parametrize(("code", "hint"), [(0x8240, "0x1019"), (0x8120, "nmt reset-comm"), (0x8130, "axis enable")])
 def test_what_helps_is_said_with_it(log, code, hint):
-    log.emcy(EmcyMessage(3, code, 0x11), 0)
+    hear(log, EmcyMessage(3, code, 0x11), 0)
     assert hint in log.told[0].text
 
 
 def test_the_end_of_an_error_names_those_that_are_left(log):
-    log.emcy(EmcyMessage(3, 0x4310, 0x09), 0)
-    log.emcy(EmcyMessage(3, 0x3220, 0x0D), 0)
-    assert log.emcy(EmcyMessage(3, 0, 0x09), 0) is None
+    hear(log, EmcyMessage(3, 0x4310, 0x09), 0)
+    hear(log, EmcyMessage(3, 0x3220, 0x0D), 0)
+    assert hear(log, EmcyMessage(3, 0, 0x09), 0) is None
     assert "still active: 0x4310" in log.told[-1].text
-    assert log.emcy(EmcyMessage(3, 0, 0), 0) is None
+    assert hear(log, EmcyMessage(3, 0, 0), 0) is None
     assert "still" not in log.told[-1].text
 
 
 def test_a_flood_is_kept_but_told_in_sum(log):
     for number in range(100):
-        assert log.emcy(EmcyMessage(3, 0xFF00, 1, bytes([number])), number) is not None
+        assert hear(log, EmcyMessage(3, 0xFF00, 1, bytes([number])), number) is not None
     assert len(log.told) == 10
     log.tick(log.deadline)
     assert log.told[-1].kind == "emcy_flood"
@@ -75,9 +80,9 @@ def test_process_data_are_told_when_they_go_and_come_and_never_were(log):
 
 
 def test_a_restart_clears_the_errors_and_two_at_once_are_two_nodes(log):
-    log.emcy(EmcyMessage(3, 0x4310, 9), 0)
+    hear(log, EmcyMessage(3, 0x4310, 9), 0)
     log.boot_up(10)
-    assert log.errors.codes == {}
+    assert log.errors.active == ()
     log.boot_up(11)
     assert log.told[-1].kind == "duplicate_node"
     for number in range(40):

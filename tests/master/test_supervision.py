@@ -3,10 +3,9 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from canopen_control.cia301.emcy import EmcyMessage
 from canopen_control.cia301.pdo import MappedObject
 from canopen_control.master.cycle import ReceivedPdo
-from canopen_control.master.supervision import ActiveErrors, DuplicateWatch, EmcyGate, PdoWatch
+from canopen_control.master.supervision import DuplicateWatch, EmcyGate, PdoWatch
 from canopen_control.od.model import DataType
 
 MS = 1_000_000
@@ -74,16 +73,6 @@ def test_ten_emergencies_a_second_pass_and_the_rest_is_summed_up():
     assert gate.summary(1000 * MS) == 0
     assert gate.deadline is None
     assert gate.passes(1500 * MS)
-
-
-@given(st.lists(st.tuples(st.integers(0, 0xFFFF), st.integers(0, 0xFF)), max_size=100))
-def test_the_active_errors_are_bounded_and_gone_with_the_register(messages):
-    errors = ActiveErrors(limit=4)
-    for code, register in messages:
-        errors.take(EmcyMessage(2, code, register))
-        assert len(errors.codes) <= 4
-    errors.take(EmcyMessage(2, 0, 0))
-    assert errors.codes == {}
 
 
 def test_two_heartbeats_per_period_are_two_nodes_and_jitter_is_not():
