@@ -1,4 +1,4 @@
-"""The lifecycle verbs of a component that has no bus: a verb that does not fit the state does nothing."""
+"""The lifecycle verbs of a component: a verb that does not fit the state does nothing."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ class Lifecycle:
         self.state = LifecycleState.UNCONFIGURED
 
     def configure(self) -> None:
-        """Show the first states."""
+        """Let the states become known."""
         if self.state is LifecycleState.UNCONFIGURED:
             self._begin()
             self.state = LifecycleState.INACTIVE

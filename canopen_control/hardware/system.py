@@ -14,8 +14,9 @@ from canopen_control.cia402.objects import AXES
 from canopen_control.errors import ControlError, DriveError, RobotConfigError, UnknownInterface
 from canopen_control.hardware.choice import DIGITAL_OUTPUTS
 from canopen_control.hardware.groups import StopGroup
-from canopen_control.hardware.interfaces import LifecycleState, ReturnType
+from canopen_control.hardware.interfaces import ReturnType
 from canopen_control.hardware.joint import JointDrive
+from canopen_control.hardware.lifecycle import Lifecycle
 from canopen_control.hardware.recovery import Recovery
 from canopen_control.hardware.wishes import Wish
 from canopen_control.master.events import Event, Level
@@ -43,7 +44,7 @@ PLUGINS = (
 )
 
 
-class CanopenSystem:
+class CanopenSystem(Lifecycle):
     """The joints of one <ros2_control> tag and their drives.
 
     `groups` are the robot's stop groups by name, to which the joints are added; components that share them stop
@@ -57,8 +58,8 @@ class CanopenSystem:
         report: Callable[[Event], None],
         groups: dict[str, StopGroup] | None = None,
     ) -> None:
+        super().__init__()
         self.name = description.name
-        self.state = LifecycleState.UNCONFIGURED
         self.joints = [_bind(joint, nodes) for joint in description.joints]
         self.groups = _grouped(description, self.joints, {} if groups is None else groups)
         self._by_interface = {interface.name: joint for joint in self.joints for interface in joint.commands.values()}
@@ -73,25 +74,11 @@ class CanopenSystem:
         self._now = 0
         self._supervise_at = 0
 
-    def configure(self) -> None:
-        """Nothing to do: the master boots the nodes."""
-        self.state = LifecycleState.INACTIVE
+    def _begin(self) -> None:
+        """Nothing to do: the master boots the nodes, and drives stay disabled until a controller claims them."""
 
-    def activate(self) -> None:
-        """Let commands through; the drives stay disabled until a controller claims them."""
-        self.state = LifecycleState.ACTIVE
-
-    def deactivate(self) -> None:
-        """Keep reading, command nothing."""
-        self.state = LifecycleState.INACTIVE
-
-    def cleanup(self) -> None:
-        """Forget the activation."""
-        self.state = LifecycleState.UNCONFIGURED
-
-    def shutdown(self) -> None:
-        """End for good."""
-        self.state = LifecycleState.FINALIZED
+    def _rest(self) -> None:
+        self.stop(self._now)
 
     def prepare_command_mode_switch(self, start: Sequence[str], stop: Sequence[str]) -> None:
         """Check the switch: one interface of motion per joint, a mode that its drive has."""

@@ -28,19 +28,33 @@ def test_the_interfaces_are_those_of_the_description_and_the_pdos(robby):
     }
 
 
-def test_the_lifecycle_only_changes_the_state(robby):
+def test_a_verb_of_the_lifecycle_that_does_not_fit_the_state_does_nothing(robby):
     system = robby.robot.systems[0]
     assert system.state is LifecycleState.UNCONFIGURED
     for verb, state in (
+        (system.activate, LifecycleState.UNCONFIGURED),
         (system.configure, LifecycleState.INACTIVE),
         (system.activate, LifecycleState.ACTIVE),
+        (system.configure, LifecycleState.ACTIVE),
         (system.deactivate, LifecycleState.INACTIVE),
         (system.cleanup, LifecycleState.UNCONFIGURED),
         (system.shutdown, LifecycleState.FINALIZED),
+        (system.configure, LifecycleState.FINALIZED),
+        (system.activate, LifecycleState.FINALIZED),
     ):
         verb()
         assert system.state is state
     assert system.read(0, 0.02) is ReturnType.OK
+
+
+def test_deactivating_stops_what_no_controller_moves(robby):
+    robby.start()
+    robby.hold(10.0, 10.0, ms=500)
+    robby.robot.systems[0].deactivate()
+    assert [robby.joint(side).wish for side in (LEFT, RIGHT)] == [Wish.STOPPING] * 2
+    robby.run(2000)
+    assert (robby.speed(LEFT), robby.speed(RIGHT)) == (0, 0)
+    assert not robby.joint(LEFT).machine.enabled
 
 
 def test_an_interface_nobody_has_cannot_be_claimed(robby):
