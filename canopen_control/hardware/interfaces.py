@@ -40,8 +40,6 @@ class ReturnType(enum.Enum):
 
     OK = "ok"
     ERROR = "error"
-    DEACTIVATE = "deactivate"
-    """Only from write: the component gives up by itself and goes to INACTIVE."""
 
 
 class LifecycleState(enum.Enum):

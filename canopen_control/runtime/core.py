@@ -80,7 +80,6 @@ class RobotCore:
             joints=setup.description.movable_joints,
             geometry=WheelGeometry(setup.description),
         )
-        self._running_since: int | None = None
         self._phase = RobotState.STARTING
         self._activated = False
         self._missed = self._tell_missed_at = 0
@@ -233,7 +232,7 @@ class RobotCore:
             self._advance(now)
         self.manager.update(now, period)
         for component in components:
-            if component.write(now, period) is not ReturnType.OK:
+            if component.write(now, period) is ReturnType.ERROR:
                 self._component_failed(component, "write", now)
         for bus in self.buses.values():
             bus.send_cycle(now)
@@ -277,7 +276,6 @@ class RobotCore:
             self._activate()
         elif self._activated and (self._settled() or now > self._deadline):
             self._phase = RobotState.RUNNING
-            self._running_since = now
             self.report(Event(now, "running", "", f"{self.setup.name} runs: {', '.join(self.setup.wanted)}"))
             if self.on_running is not None:
                 self.on_running()

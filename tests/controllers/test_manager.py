@@ -188,7 +188,7 @@ def test_a_controller_that_fails_to_start_takes_its_whole_request_back(robot):
     assert set(hardware.calls[-1][2]) == {"l/velocity", "r/velocity"}
 
 
-@pytest.mark.parametrize("result", [ReturnType.ERROR, ValueError("boom"), ReturnType.DEACTIVATE])
+@pytest.mark.parametrize("result", [ReturnType.ERROR, ValueError("boom")])
 def test_a_controller_whose_update_fails_is_stopped_and_the_others_run_on(result):
     hardware = wheels()
     control = manager(hardware)
