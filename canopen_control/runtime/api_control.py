@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from functools import partial
+from typing import TYPE_CHECKING, Any, Final
 
 from canopen_control.controllers.types import TYPES
 from canopen_control.errors import ControlError
@@ -22,43 +23,47 @@ __all__ = ["control_methods"]
 
 def control_methods(robot: RobotCore) -> dict[str, Callable[[Call], None]]:
     """Return the methods by name."""
-    manager = robot.manager
+    return {name: partial(method, robot) for name, method in _METHODS.items()}
 
-    def load(call: Call) -> None:
-        load_controller(robot.setup, manager, _name(call))
-        call.reply({})
 
-    def configure(call: Call) -> None:
-        manager.configure(_name(call))
-        call.reply({})
+def _list(robot: RobotCore, call: Call) -> None:
+    call.reply([asdict(info) for info in robot.manager.list()])
 
-    def unload(call: Call) -> None:
-        manager.unload(_name(call))
-        call.reply({})
 
-    def switch(call: Call) -> None:
-        robot.switch(
-            [str(name) for name in call.params.get("activate", ())],
-            [str(name) for name in call.params.get("deactivate", ())],
-            strict=bool(call.params.get("strict", True)),
-        )
-        call.reply({})
+def _list_types(_robot: RobotCore, call: Call) -> None:
+    call.reply(sorted(TYPES))
 
-    return {
-        "controllers": lambda call: call.reply([asdict(info) for info in manager.list()]),
-        "controller_types": lambda call: call.reply(sorted(TYPES)),
-        "load": load,
-        "configure": configure,
-        "cleanup": unload,  # a controller keeps nothing between two loads
-        "unload": unload,
-        "switch": switch,
-        "hardware": lambda call: call.reply([_component(robot, each) for each in robot.registry.components]),
-        "set_hardware_state": lambda call: _set_hardware_state(robot, call),
-    }
+
+def _load(robot: RobotCore, call: Call) -> None:
+    load_controller(robot.setup, robot.manager, _name(call))
+    call.reply({})
+
+
+def _configure(robot: RobotCore, call: Call) -> None:
+    robot.manager.configure(_name(call))
+    call.reply({})
+
+
+def _unload(robot: RobotCore, call: Call) -> None:
+    robot.manager.unload(_name(call))
+    call.reply({})
+
+
+def _switch(robot: RobotCore, call: Call) -> None:
+    robot.switch(
+        [str(name) for name in call.params.get("activate", ())],
+        [str(name) for name in call.params.get("deactivate", ())],
+        strict=bool(call.params.get("strict", True)),
+    )
+    call.reply({})
 
 
 def _name(call: Call) -> str:
     return str(call.params["controller"])
+
+
+def _list_hardware(robot: RobotCore, call: Call) -> None:
+    call.reply([_component(robot, each) for each in robot.registry.components])
 
 
 def _component(robot: RobotCore, component: HardwareComponent) -> dict[str, Any]:
@@ -101,3 +106,16 @@ def _set_hardware_state(robot: RobotCore, call: Call) -> None:
             f"hardware component {name} cannot be set {wanted!r}: active or inactive, while the robot runs"
         )
     call.reply({"state": component.state.value})
+
+
+_METHODS: Final[dict[str, Callable[[RobotCore, Call], None]]] = {
+    "controllers": _list,
+    "controller_types": _list_types,
+    "load": _load,
+    "configure": _configure,
+    "cleanup": _unload,  # a controller keeps nothing between two loads
+    "unload": _unload,
+    "switch": _switch,
+    "hardware": _list_hardware,
+    "set_hardware_state": _set_hardware_state,
+}
