@@ -21,6 +21,7 @@ RATE = 5.0  # Hz of the live table
 PLAIN_RATE = 1.0  # Hz where it is printed line by line
 _COLUMNS = ("node", "NMT", "CiA 402", "joint", "target", "actual rad/s", "position rad", "age ms")
 
+_ENDS = ("stopping", "stopped")
 #: of a target, by the mode of operation that takes it
 _UNITS = {
     mode.name: {"position": "rad", "velocity": "rad/s", "effort": "Nm"}[interface]
@@ -118,10 +119,12 @@ def _events(status: dict[str, Any]) -> list[str]:
 def _watch(robot: RobotClient, *, as_json: bool) -> int:
     """Print sample after sample: over each other on a terminal, line by line elsewhere."""
     live = sys.stdout.isatty() and not as_json
-    robot.call("subscribe", state_rate=PLAIN_RATE if not (live or as_json) else RATE, events=False)
+    robot.call("subscribe", state_rate=PLAIN_RATE if not (live or as_json) else RATE, events=True)
     height = 0
+    ended = False
     try:
         for message in robot.messages(None):
+            ended = ended or message.get("event", {}).get("kind") in _ENDS
             if (state := message.get("state")) is None:
                 continue
             if as_json:
@@ -135,5 +138,6 @@ def _watch(robot: RobotClient, *, as_json: bool) -> int:
     except RemoteError as error:
         if error.kind != "BusClosed":
             raise
-        print(f"canopen-control: {error}", file=sys.stderr)
+        if not ended:  # it has died, and the last sample is no longer true
+            print(f"canopen-control: {error}", file=sys.stderr)
     return 0

@@ -1,10 +1,11 @@
-import threading
+import contextlib
 
 import pytest
-from support.mockrobot import running
 
 from canopen_control.cli.main import main
 from canopen_control.cli.status import render
+from canopen_control.client import RobotClient
+from canopen_control.errors import RemoteError
 
 STATE = {
     "state": "running",
@@ -60,12 +61,23 @@ def test_an_error_says_which_node_has_it():
     assert lines[-1] == "  node 3 (left_drive): EMCY 0x4310"
 
 
-def test_a_watch_that_ends_with_the_robot_says_so(private_folders, capsys):
-    with running("ends") as robot:
-        timer = threading.Timer(1.5, robot.shutdown)
-        timer.start()
-        assert main(["status", "--watch", "--name", "ends"]) == 0
-        timer.join()
-    said = capsys.readouterr()
-    assert said.out.startswith("running, cycle")
-    assert said.err == "canopen-control: robot ends has closed the connection; it was shut down or has died\n"
+@pytest.mark.parametrize(
+    ("event", "said"),
+    [(None, "canopen-control: robot gone has closed the connection\n"), ({"event": {"kind": "stopped"}}, "")],
+)
+def test_a_watch_says_that_the_robot_has_died_but_not_that_it_was_ended(monkeypatch, capsys, event, said):
+    class Robot:
+        def call(self, *_args, **_how):
+            return {}
+
+        def messages(self, _timeout):
+            yield {"state": STATE}
+            if event is not None:
+                yield event
+            raise RemoteError("BusClosed", "robot gone has closed the connection")
+
+    monkeypatch.setattr(RobotClient, "connect", lambda _name: contextlib.nullcontext(Robot()))
+    assert main(["status", "--watch"]) == 0
+    told = capsys.readouterr()
+    assert told.out.startswith("running, cycle 7")
+    assert told.err == said
