@@ -14,7 +14,7 @@ from __future__ import annotations
 import enum
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final, Protocol
+from typing import TYPE_CHECKING, ClassVar, Final, Protocol
 
 from canopen_control.errors import ControlError
 from canopen_control.hardware.interfaces import ACCELERATION, EFFORT, VELOCITY, ReturnType
@@ -58,6 +58,11 @@ class ControllerState(enum.Enum):
 @dataclass(frozen=True)
 class CommonParams:
     """The parameters that every controller has; `update_rate` in Hz, 0 is the manager's own."""
+
+    INEFFECTIVE: ClassVar[dict[str, str]] = {
+        "is_async": "all controllers run in the cycle, in one thread",
+        "thread_priority": "all controllers run in the cycle; run --realtime sets the priority of its thread",
+    }
 
     type: str = ""
     update_rate: int = setting(0, low=0)

@@ -14,7 +14,7 @@ import os
 import typing
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, Final, TypeVar
 
 from canopen_control.errors import RobotConfigError
 from canopen_control.yamltree import Node, Problems, nearest, setting, tree
@@ -50,12 +50,14 @@ class Params:
         """Return the parameters as a dataclass whose keys are dotted names; raise RobotConfigError with every mistake.
 
         `renames` maps the keys of other distributions to ours ("" for one without effect); each one used is warned of
-        once. Keys that the class does not know are warnings (errors if the file was read strictly).
+        once. Keys that the class does not know are warnings (errors if the file was read strictly). Its `INEFFECTIVE`
+        are keys that are known and change nothing, with the reason: another value than the default is a warning.
         """
         with contextlib.ExitStack() as stack:
             for each in self.files:
                 stack.enter_context(each.raising(RobotConfigError))
             value = _gathered(self._renamed(renames or {}), cls).convert(cls)
+            _tell_ineffective(self.flat, value)
         return typing.cast("T", value)
 
     @property
@@ -86,6 +88,13 @@ class Params:
             if name and not (name != key.text and self.flat.get(name)):
                 pairs[name] = (_scalar_node(name, key), value)
         return Node.mapping(_like(self.flat), pairs)
+
+
+def _tell_ineffective(given: Node, value: object) -> None:
+    keys, cls = given.keys(), type(value)
+    for name, why in getattr(cls, "INEFFECTIVE", {}).items():
+        if name in keys and getattr(value, name) != getattr(cls, name):
+            keys[name].warning(f"{name} has no effect: {why}")
 
 
 def _gathered(flat: Node, cls: type[Any]) -> Node:
@@ -183,6 +192,13 @@ class ControllersFile:
 @dataclass(frozen=True)
 class ManagerParams:
     """The controller_manager's own parameters; those without meaning for one process and one thread are accepted."""
+
+    INEFFECTIVE: ClassVar[dict[str, str]] = {
+        "handle_exceptions": "an exception of a controller never ends the cycle",
+        "lock_memory": "run --realtime locks it",
+        "thread_priority": "run --realtime sets it",
+        "cpu_affinity": "run --cpu sets it",
+    }
 
     update_rate: int = setting(100, low=1, high=10_000)
     use_sim_time: bool = False
@@ -323,7 +339,9 @@ def _manager(flat: Node, root: Node) -> tuple[dict[str, _Declared], ManagerParam
         foreign = dotted.startswith((*_IGNORED, *(f"{name}." for name in declared)))
         if dotted in _INITIAL_STATES or not foreign:
             own[dotted] = pair
-    manager = Node.mapping(_like(root), own).convert(ManagerParams, ManagerParams())
+    given = Node.mapping(_like(root), own)
+    manager = given.convert(ManagerParams, ManagerParams())
+    _tell_ineffective(given, manager)
     return declared, manager
 
 

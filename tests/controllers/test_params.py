@@ -147,6 +147,15 @@ def test_a_renamed_key_is_told_once_and_one_without_effect_too():
     ]
 
 
+def test_what_the_manager_does_not_do_is_told_with_its_line(file):
+    own = "update_rate: 50, use_sim_time: true, lock_memory: {}, handle_exceptions: true"
+    text = "controller_manager: {{ros__parameters: {{c.type: a/B, {}}}}}"
+    assert file(text.format(own.format("false"))).warnings == []
+    (warning,) = file(text.format(own.format("true"))).warnings
+    assert "c.yaml:1:" in warning
+    assert "lock_memory has no effect: run --realtime locks it" in warning
+
+
 LINES = st.lists(
     st.sampled_from(
         [
