@@ -140,7 +140,7 @@ class Axis:
     def _unmapped(self, index: int, kind: str) -> RobotConfigError:
         name = objects.object_name(self.index(index))
         return RobotConfigError(
-            f"joint {self.joint}: no {kind} of node {self.node.node_id} ({self.node.name}) carries "
+            f"joint {self.joint}: no {kind} of {self.node.who} carries "
             f"0x{self.index(index):04X} {name}; map it in bus.yml"
         )
 

@@ -93,7 +93,7 @@ def _require_mapped(axis: Axis, mode: OperationMode) -> None:
     if not _is_mapped(axis, mode):
         index, subindex = target_address(mode) or (0, 0)
         raise DriveError(
-            f"node {axis.node.node_id} ({axis.node.name}): no RPDO carries 0x{axis.index(index):04X}:{subindex:02X}, "
+            f"{axis.node.who}: no RPDO carries 0x{axis.index(index):04X}:{subindex:02X}, "
             f"the target of mode {mode.name}; map it in bus.yml"
         )
 

@@ -186,13 +186,11 @@ class JointDrive:
         """Ask the drive into OPERATION_ENABLED; it follows commands from there. DriveError in a fault."""
         if not self.machine.remote:
             raise DriveError(
-                f"node {self.node.node_id} ({self.node.name}): under local control (statusword bit 9 is 0), "
+                f"{self.node.who}: under local control (statusword bit 9 is 0), "
                 "it would not obey; give control to the bus at the drive"
             )
         if self.axis.is_stale:
-            raise DriveError(
-                f"node {self.node.node_id} ({self.node.name}): cannot be enabled, a TPDO with its feedback stays away"
-            )
+            raise DriveError(f"{self.node.who}: cannot be enabled, a TPDO with its feedback stays away")
         self.machine.enable()
         self.machine.halt(False)
         self.machine.hold(True)
@@ -248,7 +246,7 @@ class JointDrive:
         """Begin homing; DriveError where the drive has no such method, or no homing."""
         require_mode(OperationMode.HM, listed_modes(self.axis, self.parameters))
         if self.homing is not None:
-            raise DriveError(f"node {self.node.node_id} ({self.node.name}): homing is under way already")
+            raise DriveError(f"{self.node.who}: homing is under way already")
         timeout = round(self.node.config.homing_timeout_seconds * 1e9)
         self.homing, self.homed = HomingRun(self, method, timeout_ns=timeout), False
 
@@ -355,7 +353,7 @@ class JointDrive:
         self.homed = self._was_stale = False
         self._end_homing("its node is gone")
         self.machine.disable()
-        why = (self.node.error or "it left OPERATIONAL").removeprefix(f"node {self.node.node_id} ({self.node.name})")
+        why = (self.node.error or "it left OPERATIONAL").removeprefix(self.node.who)
         self._news.append(News("node_lost", f"lost: {why.lstrip(': ')}", Level.ERROR, stops=True))
 
     def _became_stale(self, stale: bool) -> None:

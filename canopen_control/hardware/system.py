@@ -142,7 +142,9 @@ class CanopenSystem(Lifecycle):
         """Enable drives for a user; refused with the reason where it cannot be."""
         for joint in joints:
             if not joint.node.ready:
-                raise ControlError(f"{_who(joint)} is not operational: {joint.node.error or 'it has not booted yet'}")
+                raise ControlError(
+                    f"{joint.node.who} is not operational: {joint.node.error or 'it has not booted yet'}"
+                )
         for joint in joints:
             motion = [name for name in joint.commands if name != DIGITAL_OUTPUTS]
             if joint.targets.mode is None and motion:
@@ -174,7 +176,7 @@ class CanopenSystem(Lifecycle):
     def _tell(self, joint: JointDrive, news: News, now: int) -> None:
         """Report it, and let what is trouble stop the group."""
         cause = f"; {joint.node.error}" if news.stops and joint.node.error and joint.node.ready else ""
-        self._report(Event(now, news.kind, joint.node.name, f"{_who(joint)}: {news.text}{cause}", news.level))
+        self._report(Event(now, news.kind, joint.node.name, f"{joint.node.who}: {news.text}{cause}", news.level))
         if news.stops:
             self._stop_group(joint, now, news)
 
@@ -187,7 +189,7 @@ class CanopenSystem(Lifecycle):
             joint.resume = resumable
         if moving:
             names = ", ".join(joint.joint for joint in moving)
-            text = f"stopping {names}: {_who(cause)}: {news.text}"
+            text = f"stopping {names}: {cause.node.who}: {news.text}"
             self._report(Event(now, "stop", cause.node.name, text, Level.ERROR))
 
 
@@ -201,10 +203,6 @@ def _grouped(
         group.joints.append(joint)
         joint.group = group
     return list(dict.fromkeys(joint.group for joint in joints))
-
-
-def _who(joint: JointDrive) -> str:
-    return f"node {joint.node.node_id} ({joint.node.name})"
 
 
 def _bind(joint: ControlJoint, nodes: Mapping[str, tuple[RemoteNode, ProcessImage]]) -> JointDrive:

@@ -86,6 +86,8 @@ class RemoteNode:
         self.emcy: EmcyMessage | None = None
         self.expected_state: NmtState | None = None  # what was commanded from outside a boot
         self.log = NodeLog(config, report)
+        self.who = self.log.who
+        """Its number and name, as every message has them."""
         self._send_nmt, self._watch, self._report = send_nmt, watch, report
         self._wake, self._guard, self._lay_out = wake, guard, lay_out
         self._guarding_boot = False
@@ -131,7 +133,7 @@ class RemoteNode:
     def lost(self, now: int, text: str, *, kind: str = "bus_lost") -> None:
         """Take the node for lost, because its bus is: it is booted anew when that is back."""
         self.nmt_state = None
-        self._drop(now, f"{self.log.who}: {text}", Level.ERROR, kind=kind)
+        self._drop(now, f"{self.who}: {text}", Level.ERROR, kind=kind)
         self._retry_at = None
 
     def command(self, command: NmtCommand, now: int) -> None:
@@ -174,9 +176,7 @@ class RemoteNode:
             self.nmt_state = None
             life = self.config.guard_time * self.config.life_factor / 1000
             lost = HeartbeatLost(self.node_id, life, self.name)
-            self._drop(
-                now, f"{self.log.who}: no answer to node guarding for {life:g} s", Level.ERROR, kind="guarding_lost"
-            )
+            self._drop(now, f"{self.who}: no answer to node guarding for {life:g} s", Level.ERROR, kind="guarding_lost")
             self.error = str(lost)
             self._retry_at = now + RETRY_NS
         elif kind is GuardingEventKind.TOGGLE_ERROR:
@@ -253,7 +253,7 @@ class RemoteNode:
         if self.ready:
             self._drop(
                 now,
-                f"{self.log.who} has restarted by itself; its settings are gone, booting it again",
+                f"{self.who} has restarted by itself; its settings are gone, booting it again",
                 Level.ERROR,
                 kind="restarted",
             )
@@ -262,7 +262,7 @@ class RemoteNode:
 
     def _left_operational(self, state: NmtState | None, now: int) -> None:
         name = "an unknown state" if state is None else state.name
-        self._drop(now, f"{self.log.who} went to {name} without a command; booting it again", Level.ERROR, kind="nmt")
+        self._drop(now, f"{self.who} went to {name} without a command; booting it again", Level.ERROR, kind="nmt")
         self._retry_at = now + RETRY_NS
 
     def _drop(self, now: int, text: str, level: Level, *, kind: str, error: CanopenError | None = None) -> None:

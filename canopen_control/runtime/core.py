@@ -297,7 +297,7 @@ class RobotCore:
             return node.error
         seconds = self.bus_of(node).config.master.boot_time / 1000
         reason = node.error or f"not operational within {seconds:g} s; its boot got as far as {node.boot_step!r}"
-        return f"node {node.node_id} ({node.name}): {reason}"
+        return f"{node.who}: {reason}"
 
     def _advance_stop(self, now: int) -> None:
         late = now > self._stopping_until
@@ -357,7 +357,7 @@ class RobotCore:
             node = self.node(name)
             joints = tuple(joint for joint in self.joints.values() if joint.node is node)
             if not joints:
-                raise ControlError(f"node {node.node_id} ({node.name}) drives no joint of the description")
+                raise ControlError(f"{node.who} drives no joint of the description")
         if only is None:
             return joints
         meant = tuple(joint for joint in joints if joint.joint == only)

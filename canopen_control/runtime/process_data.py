@@ -100,7 +100,7 @@ def write_mapped(robot: RobotCore, node: RemoteNode, index: int, subindex: int, 
     It is refused for what moves an axis, for digital outputs that a controller commands, and while the node is not
     operational. The value is sent again as all process data are, until another one is written or the node boots.
     """
-    what = f"node {node.node_id} ({node.name}): 0x{index:04X}:{subindex:02X}"
+    what = f"{node.who}: 0x{index:04X}:{subindex:02X}"
     output = robot.bus_of(node).network.image.output(node.node_id, index, subindex)
     mapped = next((each for sent in node.sent for each in sent.codec.objects if each[:2] == (index, subindex)), None)
     if output is None or mapped is None:

@@ -86,7 +86,7 @@ class AxisRequest:
             cause += f"; {joint.reason.text}"
         if self._action is Action.HOME and joint.homing_result:
             cause = f"; {joint.homing_result}{cause}"
-        return f"node {node.node_id} ({node.name}): {self._action.value} not reached, it is {name} ({seen}){cause}"
+        return f"{node.who}: {self._action.value} not reached, it is {name} ({seen}){cause}"
 
 
 class ProbeReading:
@@ -97,9 +97,9 @@ class ProbeReading:
         self._values: dict[str, int] = {}
         wanted = [(name, index) for name, index in _PROBE.items() if axis.has(index)]
         if not wanted:
-            raise ControlError(f"node {axis.node.node_id} ({axis.node.name}) has no touch probe (0x60B9)")
+            raise ControlError(f"{axis.node.who} has no touch probe (0x60B9)")
         if not axis.node.ready:
-            raise ControlError(f"node {axis.node.node_id} ({axis.node.name}) is not operational")
+            raise ControlError(f"{axis.node.who} is not operational")
         self._open = len(wanted)
         for name, index in wanted:
             axis.node.read(axis.index(index), 0, self._answer(name, signed=index >= objects.TOUCH_PROBE_1_POSITIVE))
@@ -162,7 +162,7 @@ def _change_mode(joints: Sequence[JointDrive], text: str) -> None:
         serves = MODES.get(mode)
         if joint.claimed is not None and (serves is None or joint.targets.mode_serves(mode) != joint.claimed):
             raise ControlError(
-                f"node {joint.node.node_id} ({joint.node.name}): a controller commands its {joint.claimed}, which mode "
+                f"{joint.node.who}: a controller commands its {joint.claimed}, which mode "
                 f"{mode.name} does not serve; deactivate that controller first"
             )
     for joint in joints:
@@ -180,9 +180,7 @@ def _mode_of(text: str) -> OperationMode:
 def _require_there(joint: JointDrive) -> None:
     node = joint.node
     if not node.ready or not joint.parameters.loaded:
-        raise ControlError(
-            f"node {node.node_id} ({node.name}) is not operational: {node.error or 'it has not booted yet'}"
-        )
+        raise ControlError(f"{node.who} is not operational: {node.error or 'it has not booted yet'}")
 
 
 _SIMPLE: Mapping[Action, Callable[[JointDrive, int], None]] = MappingProxyType(
