@@ -10,7 +10,6 @@ import contextlib
 import importlib.util
 import os
 import subprocess
-import sys
 import threading
 import time
 from typing import TYPE_CHECKING
@@ -19,7 +18,7 @@ from canopen_control.bench.cycle import OURS, ROBOT, Arena, absolutes_of
 from canopen_control.bench.figure import Figure, compared, limited, percentiles
 from canopen_control.bench.stage import stage
 from canopen_control.errors import CanopenError
-from canopen_control.host.environment import clean_environment
+from canopen_control.host.environment import MODULE, clean_environment
 from canopen_control.ros.available import require_ros
 
 if TYPE_CHECKING:
@@ -113,7 +112,7 @@ def on_a_terminal(*words: str) -> Iterator[int]:
     """Run a verb on a terminal that nobody looks at; its process id."""
     ours, theirs = os.openpty()
     process = subprocess.Popen(
-        [sys.executable, "-m", "canopen_control", *words],
+        [*MODULE, "canopen_control", *words],
         stdin=theirs,
         stdout=theirs,
         stderr=theirs,

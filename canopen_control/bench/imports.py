@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 from canopen_control.bench.figure import Figure, compared
 from canopen_control.bench.stage import stage
 from canopen_control.errors import CanopenError
+from canopen_control.host.environment import MODULE
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -78,4 +79,4 @@ def seconds_of(command: Sequence[str], environment: Mapping[str, str], runs: int
 def _program() -> tuple[str, ...]:
     """Return the installed script, beside this interpreter; the module where there is none."""
     script = Path(sys.executable).parent / "canopen-control"
-    return (str(script),) if script.exists() else (sys.executable, "-m", "canopen_control")
+    return (str(script),) if script.exists() else (*MODULE, "canopen_control")

@@ -11,7 +11,6 @@ import json
 import os
 import signal
 import subprocess
-import sys
 import tempfile
 import threading
 import time
@@ -22,7 +21,7 @@ from canopen_control.bench.machine import cpu_ns
 from canopen_control.bench.turns import Turn
 from canopen_control.data_files import data_path
 from canopen_control.errors import CanopenError
-from canopen_control.host.environment import clean_environment
+from canopen_control.host.environment import MODULE, clean_environment
 from canopen_control.host.lineclient import LineClient
 from canopen_control.host.sockets import list_sockets, socket_path
 
@@ -45,7 +44,7 @@ class Program:
         self.errors = folder / f"{words[0].rpartition('.')[2]}-{time.monotonic_ns()}.err"
         with self.errors.open("wb") as errors:
             self.process = subprocess.Popen(
-                [sys.executable, "-m", *words],
+                [*MODULE, *words],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=errors,

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import itertools
 import os
 import re
 import socket
@@ -30,6 +31,7 @@ _INODE = re.compile(r"socket:\[(\d+)\]")
 _BOUND = re.compile(r"bound (\S+)")
 _TASK = re.compile(r"^tx_op: ([0-9A-Fa-f]+)\S* .*\bt2=(\d+)", re.MULTILINE)
 _MOST_SHOWN = 128  # filters; Python fetches options of 1 KiB at most
+_VERB = ("-m", "canopen_control")  # options of the interpreter may come before it
 _RAW, _BCM = "CAN_RAW", "CAN_BCM"
 _RECEIVE_LISTS = ("all", "fil", "inv", "sff", "eff")  # that of error frames names sockets that may hear nothing else
 
@@ -107,8 +109,8 @@ def _command(pid: int, proc: Path) -> str:
     """Return what a process was started as, without the interpreter of our own verbs."""
     words = (proc / str(pid) / "cmdline").read_bytes().decode(errors="replace").split("\0")
     words = [word for word in words if word]
-    if words[1:3] == ["-m", "canopen_control"]:
-        return " ".join(["canopen-control", *words[3:]])
+    if _VERB in itertools.pairwise(words[1:4]):
+        return " ".join(["canopen-control", *words[words.index("canopen_control") + 1 :]])
     if len(words) > 1 and Path(words[0]).name.startswith("python") and not words[1].startswith("-"):
         words = words[1:]
     return " ".join([Path(words[0]).name, *words[1:]]) if words else f"process {pid}"

@@ -19,7 +19,7 @@ import time
 from typing import TYPE_CHECKING, Any
 
 from canopen_control.errors import CanopenError, ConfigError
-from canopen_control.host.environment import clean_environment
+from canopen_control.host.environment import MODULE, clean_environment
 from canopen_control.yamltree import read
 
 if TYPE_CHECKING:
@@ -124,7 +124,7 @@ def begin_ros() -> None:
     if os.environ.get(_GUARD) and not os.environ.get("LD_LIBRARY_PATH") and not os.environ.get(_BEGUN):
         environment = {**clean_environment(ros=True), _BEGUN: "1"}
         # -P: a file of the user's folder must not be taken for a module of Python
-        os.execve(sys.executable, [sys.executable, "-P", "-m", "canopen_control", *sys.argv[1:]], environment)
+        os.execve(sys.executable, [*MODULE, "canopen_control", *sys.argv[1:]], environment)
 
 
 def _list(names: Callable[[], list[tuple[str, list[str]]]], args: argparse.Namespace) -> int:

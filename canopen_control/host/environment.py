@@ -17,10 +17,12 @@ from typing import TYPE_CHECKING, Final
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-__all__ = ["LIFELINE", "READY", "clean_environment"]
+__all__ = ["LIFELINE", "MODULE", "READY", "clean_environment"]
 
 LIFELINE: Final = "CANOPEN_CONTROL_LIFELINE"
 READY: Final = "CANOPEN_CONTROL_READY"
+#: what starts a module of the package; -P: a file of the folder we were started in is none of Python's modules
+MODULE: Final = (sys.executable, "-P", "-m")
 _GUARD: Final = "_ROS_WHEELS_BOOTSTRAP_COMPLETE"
 _LIBRARIES: Final = "LD_LIBRARY_PATH"
 _WHEEL_FOLDER: Final = re.compile(r"(?P<prefix>.+)/lib\d*/python[^/]+/site-packages/ros_[^/]+\.libs")

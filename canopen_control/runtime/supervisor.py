@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 from canopen_control.bus.channel import may_host_virtual_drives, open_port, parse_channel
 from canopen_control.errors import CanopenError
+from canopen_control.host.environment import MODULE
 from canopen_control.host.spawn import spawn, state_dir
 from canopen_control.master.events import Event, Level
 
@@ -121,7 +122,7 @@ class Supervisor:
             self._hosts.append((NodeHost(self._reactor, port, [device]), port))
 
     def _spawn(self, name: str, arguments: Sequence[str], *, ros: bool = False, inherit_stdout: bool = False) -> Child:
-        return self._start([sys.executable, "-m", *arguments], name, ros=ros, inherit_stdout=inherit_stdout)
+        return self._start([*MODULE, *arguments], name, ros=ros, inherit_stdout=inherit_stdout)
 
     def _start(self, argv: Sequence[str], name: str, *, ros: bool = False, inherit_stdout: bool = False) -> Child:
         log_dir = None if inherit_stdout else state_dir(self._name)

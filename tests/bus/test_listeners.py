@@ -63,7 +63,7 @@ def proc(tmp_path, monkeypatch):
 def test_processes_are_named_with_what_they_hear_and_others_are_left_out(proc):
     python = "/usr/bin/python3"
     proc.add(30, ["candump", "-L", "vcan0"], d0=(1, None, None), d3=(69, "CAN_RAW", ("vcan0", -1)))
-    proc.add(9, [python, "-m", "canopen_control", "run", "robby"], d5=(70, "CAN_RAW", ("vcan0", 13)))
+    proc.add(9, [python, "-P", "-m", "canopen_control", "run", "robby"], d5=(70, "CAN_RAW", ("vcan0", 13)))
     proc.add(40, ["/usr/bin/cangen", "vcan0"], d3=(71, "CAN_RAW", ("vcan0", 0)))
     proc.add(41, ["/usr/bin/candump", "any"], d3=(72, "CAN_RAW", ("", -1)))
     proc.add(42, ["candump", "can0"], d3=(73, "CAN_RAW", ("can0", -1)))

@@ -1,10 +1,12 @@
 from __future__ import annotations
 
+import json
+import subprocess
 import sys
 
 import pytest
 
-from canopen_control.host.environment import LIFELINE, READY, clean_environment
+from canopen_control.host.environment import LIFELINE, MODULE, READY, clean_environment
 
 GUARD = "_ROS_WHEELS_BOOTSTRAP_COMPLETE"
 PREFIX = sys.prefix
@@ -70,3 +72,9 @@ def test_by_default_it_is_made_from_ours(monkeypatch):
     environment = clean_environment(ros=False)
     assert environment["SOME_SETTING"] == "x"
     assert LIFELINE not in environment
+
+
+def test_a_module_is_started_without_the_files_of_the_folder_it_is_started_in(tmp_path):
+    (tmp_path / "json.py").write_text("raise ValueError('not the json of Python')")
+    started = subprocess.run([*MODULE, "json.tool"], input="[1]", cwd=tmp_path, capture_output=True, text=True)
+    assert json.loads(started.stdout) == [1], started.stderr

@@ -47,3 +47,28 @@ def test_it_ends_with_the_robot(robby):
     robby.robot.shutdown("test")
     robby.run(10_000)
     assert robby.speed(LEFT) == robby.speed(RIGHT) == 0
+
+
+def played(config, drives, ms):
+    """Play on a robot; return the positions of its joints at the start and the extremes that they reached."""
+    bench = Bench(f"motion{config}", config=config, drives=drives)
+    try:
+        bench.start()
+        joints = list(bench.robot.joints.values())
+        begin = [joint.states["position"].value for joint in joints]
+        DemoMotion(bench.robot, bench.setup.wanted[-1])
+        seen = []
+        for _ in range(ms // 100):
+            bench.run(100)
+            seen.append([joint.states["position"].value for joint in joints])
+        columns = list(zip(*seen, strict=True))
+        return begin, (list(map(min, columns)), list(map(max, columns)))
+    finally:
+        bench.close()
+
+
+def test_positions_swing_a_little_about_where_they_were():
+    begin, (low, high) = played("arm6", range(2, 8), 9000)
+    for at, least, most in zip(begin, low, high, strict=True):
+        assert at - 0.27 < least < at - 0.2
+        assert at + 0.2 < most < at + 0.27
