@@ -9,7 +9,7 @@ from canopen_control.bus.hearing import hear_only
 from canopen_control.bus.kernel_sync import KernelSync
 from canopen_control.bus.port import BusEventKind
 from canopen_control.errors import BusError
-from canopen_control.frame import RECORD_SIZE
+from canopen_control.frame import FRAME_BITS, RECORD_SIZE
 from canopen_control.master.events import Event, Level
 from canopen_control.master.network import Network
 from canopen_control.runtime.followed_sync import FollowedSync
@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 __all__ = ["RobotBus"]
 
 _LENGTH = 4  # where a record holds its length
-_FRAME_BITS = 47  # of a frame without data, intermission included, without stuff bits
 _WINDOW_NS = 1_000_000_000
 _FAILURES = (BusEventKind.BUS_OFF, BusEventKind.DOWN)
 _RETURNS = (BusEventKind.ERROR_ACTIVE, BusEventKind.UP)
@@ -194,4 +193,4 @@ class RobotBus:
 
 
 def _bits_of(records: bytes) -> int:
-    return _FRAME_BITS * (len(records) // RECORD_SIZE) + 8 * sum(records[_LENGTH::RECORD_SIZE])
+    return FRAME_BITS * (len(records) // RECORD_SIZE) + 8 * sum(records[_LENGTH::RECORD_SIZE])
