@@ -3,6 +3,10 @@
 The law of this file: set-points are user units, demands are the plant's counts. A set-point makes a new demand only
 where it, or a limit that matters to it, changed. A drive whose clock is not the master's looks at the set-point in its
 own rhythm instead of when it comes.
+
+An interpolated demand ends when the next set-point is due. A SYNC that is some microseconds late finds the motor at
+its end, standing, which says nothing of the motion: from the end on, the velocity is measured as an encoder does, as
+the way over the last interpolation time.
 """
 
 from __future__ import annotations
@@ -16,6 +20,7 @@ from canopen_control.virtual.motion import INFINITE, linear_to, ramp_to
 
 if TYPE_CHECKING:
     from canopen_control.virtual.drive import VirtualDrive
+    from canopen_control.virtual.motion import Trajectory
 
 __all__ = ["NEW_SET_POINT", "CyclicPosition", "CyclicVelocity", "InterpolatedPosition", "Torque"]
 
@@ -25,6 +30,10 @@ NEW_SET_POINT = 1 << 4
 
 class CyclicPosition(Following):
     """CSP: go to the target within 0x60C2, no ramp; bit 12 while it does, bit 13 on a following error."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._demand: Trajectory | None = None
 
     def update(self, drive: VirtualDrive, now: int) -> None:
         """Take the target; what the drive cannot reach in time is a following error."""
@@ -49,8 +58,19 @@ class CyclicPosition(Following):
         position = drive.mover.state(now)[0]
         seconds, reach = drive.interpolation_s, drive.personality.max_velocity * drive.interpolation_s
         within = max(-reach, min(reach, target - position)) if seconds else target - position
-        drive.mover.run(linear_to(now, position, position + within, seconds), now)
+        demand = linear_to(now, position, position + within, seconds)
+        self._demand = demand
+        drive.mover.run(demand, now)
         drive.left_behind(target - position - within, now)
+
+    def measured_velocity(self, drive: VirtualDrive) -> float:
+        """Return the plant's, and after the end of the way to a set-point the mean over the interpolation time."""
+        mover, seconds = drive.mover, drive.interpolation_s
+        demand = mover.demand
+        if not mover.plant.stiff or demand is not self._demand or drive.now < demand.end_ns or not seconds:
+            return mover.plant.velocity
+        since = max(demand.start_ns, drive.now - round(seconds * 1e9))
+        return (mover.plant.position - demand.at(since)[0]) / seconds
 
     def target(self, drive: VirtualDrive) -> float:
         """Return the set-point in user counts."""

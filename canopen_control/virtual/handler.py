@@ -41,6 +41,9 @@ class ModeHandler(Protocol):
     def bits(self, drive: VirtualDrive) -> int:
         """Return the mode's own bits of the statusword."""
 
+    def measured_velocity(self, drive: VirtualDrive) -> float:
+        """Return the velocity that the drive measures, in counts/s."""
+
     def deceleration(self, drive: VirtualDrive) -> float:
         """Return the slow-down ramp in counts/s^2."""
 
@@ -79,6 +82,10 @@ class Idle:
     def bits(self, drive: VirtualDrive) -> int:
         """Return bit 10 at standstill."""
         return REACHED if drive.mover.standing else 0
+
+    def measured_velocity(self, drive: VirtualDrive) -> float:
+        """Return the plant's."""
+        return drive.mover.plant.velocity
 
     def deceleration(self, drive: VirtualDrive) -> float:
         """Return 0x6084."""

@@ -111,6 +111,10 @@ class Homing:
         still = 0 if self._running and not self._attained else (REACHED if drive.mover.standing else 0)
         return still | (BIT_12 if self._attained else 0) | (BIT_13 if self._error else 0)
 
+    def measured_velocity(self, drive: VirtualDrive) -> float:
+        """Return the plant's."""
+        return drive.mover.plant.velocity
+
     def deceleration(self, drive: VirtualDrive) -> float:
         """Return 0x609A."""
         return drive.ramp(o.HOMING_ACCELERATION)

@@ -51,7 +51,7 @@ def _internal_demand(drive: VirtualDrive) -> int:
 
 
 def _velocity(drive: VirtualDrive) -> int:
-    return clamp(drive.mover.plant.velocity * (-1.0 if drive.inverted else 1.0) / drive.units.velocity)
+    return clamp(drive.handler.measured_velocity(drive) * (-1.0 if drive.inverted else 1.0) / drive.units.velocity)
 
 
 def _velocity_demand(drive: VirtualDrive) -> int:
@@ -68,7 +68,7 @@ def _torque_demand(drive: VirtualDrive) -> int:
 
 
 def _rpm(drive: VirtualDrive) -> int:
-    return clamp(drive.mover.plant.velocity / drive.counts_per_rpm * drive.units.turn, 16)
+    return clamp(drive.handler.measured_velocity(drive) / drive.counts_per_rpm * drive.units.turn, 16)
 
 
 def _rpm_demand(drive: VirtualDrive) -> int:

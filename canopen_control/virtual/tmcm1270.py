@@ -35,8 +35,8 @@ def is_tmcm1270(od: ObjectDictionary) -> bool:
 
 
 def _status_bits(drive: VirtualDrive) -> int:
-    velocity = drive.mover.plant.velocity
-    return (_MOVING if not drive.mover.standing else 0) | (_NEGATIVE if velocity < 0.0 else 0)
+    velocity = drive.handler.measured_velocity(drive)
+    return (_MOVING if abs(velocity) >= 0.5 else 0) | (_NEGATIVE if velocity < 0.0 else 0)
 
 
 def _switches_disabled(drive: VirtualDrive) -> bool:

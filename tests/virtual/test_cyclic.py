@@ -1,6 +1,8 @@
 from __future__ import annotations
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from support.virtualbench import BIT_12, LIMIT, REACHED, Bench, enabled, servo
 
 from canopen_control.virtual.plant import LagPlant
@@ -16,10 +18,49 @@ def test_csp_reaches_each_set_point_within_its_interpolation_time():
         assert bench.position == pytest.approx(7 * step - 3.5, abs=1)
         bench.on(0.005)
         assert bench.position == 7 * step
-        assert bench.velocity in (0, 700)
+        assert bench.velocity == 700
     assert bench.statusword & BIT_12
     bench.on(1)
     assert (bench.position, bench.velocity) == (7 * 49, 0)
+
+
+@pytest.mark.parametrize("mode", [7, 8], ids=["IP", "CSP"])
+@settings(max_examples=25, deadline=None)
+@given(
+    slope=st.integers(20, 5000).flatmap(lambda size: st.sampled_from((size, -size))),
+    late_us=st.lists(st.integers(-3000, 3000), min_size=20, max_size=20),
+)
+def test_the_velocity_on_a_ramp_of_set_points_is_its_slope_whenever_they_come(mode, slope, late_us):
+    bench = enabled(mode)  # 60C2: 10 ms
+    bench.control(0x1F)
+    begun = bench.now
+    for cycle, late in enumerate(late_us, start=1):
+        bench.to(begun + 10_000_000 * cycle + 1000 * late)
+        before = bench.velocity  # as a TPDO shows that is sampled before the RPDO is acted upon
+        bench.write(*((0x607A, slope * cycle) if mode == 8 else (0x60C1, slope * cycle, 1)))
+        for velocity in (before, bench.velocity) if cycle > 2 else ():
+            assert 0.35 <= velocity / (100 * slope) <= 1.65
+    bench.on(0.02)
+    assert bench.velocity == 0
+
+
+def test_a_set_point_that_is_microseconds_late_does_not_let_the_velocity_drop():
+    bench = enabled(8)
+    for cycle in range(1, 20):
+        bench.write(0x607A, 1000 * cycle)
+        bench.on(0.01005)
+        assert bench.velocity == pytest.approx(100_000, rel=0.01)
+    bench.on(0.005)  # no further one comes: half of the window it stands
+    assert bench.velocity == pytest.approx(50_000, rel=0.02)
+
+
+def test_a_stop_on_the_way_shows_its_own_ramp_at_once():
+    bench = enabled(8, x605A=0)
+    bench.write(0x607A, 1000)
+    bench.on(0.008)
+    assert bench.velocity == 100_000
+    bench.control(0x02)
+    assert (bench.velocity, bench.state) == (0, "SWITCH_ON_DISABLED")
 
 
 def test_csp_faults_when_a_set_point_is_out_of_reach():
