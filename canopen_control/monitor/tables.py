@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 __all__ = ["FRAME_COLUMNS", "LiveTable", "frame_rows"]
 
+_SLACK: Final = 4  # characters that a column stays too wide
 FRAME_COLUMNS: Final = ("id", "count", "period ms", "node", "what", "data", "text")
 
 
@@ -61,10 +62,13 @@ class LiveTable(DataTable[Text]):
     def _change(self, key: str, before: tuple[Cell, ...], after: tuple[Cell, ...]) -> None:
         for title, old, new in zip(self._titles, before, after, strict=True):
             if old != new:
-                # a column that changes its width has the whole screen laid out again, so that it only grows
-                wider = cell_len(str(new)) > self.columns[ColumnKey(title)].content_width
-                self.update_cell(key, title, _text(new), update_width=wider)
+                self.update_cell(key, title, _text(new), update_width=self._resizes(title, old, new))
                 self.written += 1
+
+    def _resizes(self, title: str, old: Cell, new: Cell) -> bool:
+        """Whether a column gets another width: a new one has the whole screen laid out, so not for a digit less."""
+        width, before, after = self.columns[ColumnKey(title)].content_width, cell_len(str(old)), cell_len(str(new))
+        return after > width or (before >= width and after < before - _SLACK)
 
 
 def _text(cell: Cell) -> Text:

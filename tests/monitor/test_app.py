@@ -386,13 +386,11 @@ def test_a_changing_number_does_not_have_the_screen_laid_out_again(monkeypatch):
         await pilot.pause()
         laid_out = []
         monkeypatch.setattr(app.screen, "_refresh_layout", lambda *_, **__: laid_out.append(1))
-        source.state = Cell("FAULT", Tone.BAD)  # shorter than what was there
-        app.refresh_picture()
-        await pilot.pause()
-        assert laid_out == []
-        source.state = Cell("QUICK STOP ACTIVE AND LONGER", Tone.BAD)
-        app.refresh_picture()
-        await pilot.pause()
-        assert laid_out
+        for text, expected in (("OPERATION ENABLE", False), ("QUICK STOP ACTIVE AND LONGER", True), ("FAULT", True)):
+            laid_out.clear()
+            source.state = Cell(text, Tone.BAD)
+            app.refresh_picture()
+            await pilot.pause()
+            assert bool(laid_out) is expected
 
     on_screen(check)
