@@ -26,6 +26,7 @@ import math
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
+from canopen_control.od.model import BIT_RATES
 from canopen_control.yamltree import setting
 
 __all__ = [
@@ -44,7 +45,6 @@ __all__ = [
 ]
 
 DEFAULT_HEARTBEAT_MS = 100  # where bus.yml asks for none: a dead partner is always noticed
-BITRATES = (10, 20, 50, 125, 250, 500, 800, 1000)  # kbit/s, CiA 301 table 1
 SCALES = ("scale_pos_to_dev", "scale_pos_from_dev", "scale_vel_to_dev", "scale_vel_from_dev")
 
 #: keys of ros2_canopen's `master` that have no effect here, and what takes their place
@@ -144,7 +144,7 @@ class MasterConfig:
 
     node_id: int = setting(1, low=1, high=127)
     channel: str = ""
-    baudrate: int = setting(1000, choices=BITRATES)
+    baudrate: int = setting(1000, choices=BIT_RATES)
     sync_period: int = setting(0, low=0, high=10_000_000)
     sync_window: int = setting(0, low=0, high=10_000_000)
     sync_overflow: int = setting(0, choices=(0, *range(2, 241)))

@@ -26,6 +26,7 @@ from canopen_control.od.eds_sections import Section
 from canopen_control.od.eds_values import format_value
 from canopen_control.od.issues import Report
 from canopen_control.od.model import (
+    BIT_RATES,
     SCALAR_CODES,
     DataType,
     DeviceInfo,
@@ -63,7 +64,6 @@ _FIRST = ("fileinfo", "deviceinfo", "dummyusage", "comments")
 _COMPACT_KEYS = ("compactsubobj", "datatype", "accesstype", "defaultvalue", "pdomapping", "lowlimit", "highlimit")
 _MANDATORY = (0x1000, 0x1001, 0x1018)
 _MANUFACTURER = range(0x2000, 0x6000)
-_BIT_RATES = (10, 20, 50, 125, 250, 500, 800, 1000)  # kbit/s
 
 
 def eds_text(od: ObjectDictionary) -> str:
@@ -184,7 +184,7 @@ def _device_info(od: ObjectDictionary, old: Section | None) -> _Lines:
     lines: _Lines = {}
     for key in _DEVICE_ORDER:
         if key == "baudrate":
-            kbits = sorted({*_BIT_RATES, *(bits // 1000 for bits in od.device.bit_rates)})
+            kbits = sorted({*BIT_RATES, *(bits // 1000 for bits in od.device.bit_rates)})
             lines |= {f"BaudRate_{rate}": str(int(rate * 1000 in od.device.bit_rates)) for rate in kbits}
         elif (value := getattr(od.device, fields[key])) is not None:
             lines[_SPELLING[key]] = _device_text(key, value)

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "ACCESS_TYPES",
+    "BIT_RATES",
     "SCALAR_CODES",
     "Address",
     "Commissioning",
@@ -125,6 +126,7 @@ _RANGES: dict[int, tuple[int, int]] = {
     if number not in _REALS
 }
 
+BIT_RATES = (10, 20, 50, 125, 250, 500, 800, 1000)  # kbit/s, CiA 301 table 1
 ACCESS_TYPES = ("ro", "wo", "rw", "rwr", "rww", "const")
 _READABLE = frozenset(("ro", "rw", "rwr", "rww", "const"))
 _WRITABLE = frozenset(("wo", "rw", "rwr", "rww"))
