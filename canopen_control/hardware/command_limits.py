@@ -4,6 +4,9 @@ The law of the file (ros2_control jazzy): a URDF <limit> tightened by `min` and 
 velocity, max is the smaller of |min| and max, it never leads past a position limit within the cycle, and changes by the
 `max` of an <command_interface name="acceleration"> at most; a position moves by the velocity limit at most. Nothing is
 limited where `<limits enable="false"/>` stands. A command that is nan stays nan.
+
+What is limited is told once for each occasion: what was asked for, and the limit as the description has it. An occasion
+goes on until nothing has been limited for a second, which is how often ros2_control tells it.
 """
 
 from __future__ import annotations
@@ -19,32 +22,66 @@ if TYPE_CHECKING:
 
 __all__ = ["CommandLimits"]
 
+_QUIET_S = 1.0  # without a limited command, and the next one is told again
+_TOLD_AT_ONCE = 3  # joints named in a sentence
+_UNITS = {POSITION: "", VELOCITY: "/s", ACCELERATION: "/s²"}  # after rad or m
+
 
 class _Bounds:
     """One command interface with its bounds; `step` is the largest change per second."""
 
-    __slots__ = ("command", "high", "last", "limited", "low", "lower", "position", "step", "upper")
+    __slots__ = ("_length", "_quiet", "command", "high", "last", "low", "lower", "position", "step", "upper")
 
-    def __init__(self, command: CommandInterface, position: StateInterface | None, limits: Limits, step: float) -> None:
+    def __init__(
+        self, command: CommandInterface, position: StateInterface | None, limits: Limits, step: float, length: str
+    ) -> None:
         self.command, self.position, self.step = command, position, step
         self.low, self.high = _bounds(command, limits)
         self.lower, self.upper = limits.lower, limits.upper
         self.last = math.nan
-        self.limited = False
+        self._length = length
+        self._quiet = math.inf  # s since a command had to be changed
 
-    def enforce(self, period: float) -> bool:
-        """Clamp the command; return whether it had to be changed."""
+    def enforce(self, period: float) -> str | None:
+        """Clamp the command; return what was asked for and what limits it, where that begins."""
         wanted = self.command.value
+        self._quiet += period
         if math.isnan(wanted) or self.command.owner is None:
             self.last = math.nan
-            return False
-        value = self._stopped_short(wanted, period) if self.command.interface == VELOCITY else wanted
-        value = min(max(value, self.low), self.high)
-        start = self._start()
-        if math.isfinite(self.step) and math.isfinite(start):
-            value = min(max(value, start - self.step * period), start + self.step * period)
+            return None
+        value, limit = self._limited(wanted, period)
         self.last = self.command.value = value
-        return value != wanted
+        if value == wanted:
+            return None
+        begins, self._quiet = self._quiet > _QUIET_S, 0.0
+        return f"{self.command.name}: {self._quantity(wanted)} is limited to {limit}" if begins else None
+
+    def _limited(self, wanted: float, period: float) -> tuple[float, str]:
+        """Return the command to give, and the limits that made it so."""
+        value, limits = wanted, []
+        if self.command.interface == VELOCITY and (value := self._stopped_short(wanted, period)) != wanted:
+            limits.append(f"what ends at {self._quantity(self.upper if wanted > 0.0 else self.lower, POSITION)}")
+        bounded = min(max(value, self.low), self.high)
+        if bounded != value:
+            value, limits = bounded, [self._quantity(bounded)]
+        stepped = self._stepped(value, period)
+        if stepped != value:
+            rate = VELOCITY if self.command.interface == POSITION else ACCELERATION
+            value, limits = stepped, [*limits, f"changes of {self._quantity(self.step, rate)}"]
+        return value, " and to ".join(limits)
+
+    def _stepped(self, value: float, period: float) -> float:
+        start = self._start()
+        if not (math.isfinite(self.step) and math.isfinite(start)):
+            return value
+        return min(max(value, start - self.step * period), start + self.step * period)
+
+    def _quantity(self, value: float, interface: str | None = None) -> str:
+        """Return a value with the unit that it has in the description."""
+        interface = interface or self.command.interface
+        if interface == EFFORT:
+            return f"{value:g} {'N' if self._length == 'm' else 'Nm'}"
+        return f"{value:g} {self._length}{_UNITS[interface]}" if interface in _UNITS else f"{value:g}"
 
     def _start(self) -> float:
         """Return what the change is measured from: the last command, before it the position or standstill."""
@@ -80,25 +117,23 @@ class CommandLimits:
         states = {each.name: each for each in registry.state_interfaces}
         commands = {each.name: each for each in registry.command_interfaces}
         for part in (one for tag in description.hardware for one in tag.joints):
-            limits = description.joints[part.name].limits
+            joint = description.joints[part.name]
+            limits, length = joint.limits, "m" if joint.type == "prismatic" else "rad"
             for name, info in part.command_interfaces.items():
                 command = commands.get(f"{part.name}/{name}")
                 if command is None or not info.limited:
                     continue
                 position = states.get(f"{part.name}/{POSITION}")
                 command.minimum, command.maximum = info.minimum, info.maximum
-                self._bounds.append(_Bounds(command, position, limits, _step(part, name, limits)))
+                self._bounds.append(_Bounds(command, position, limits, _step(part, name, limits), length))
 
     def enforce(self, period: float) -> str | None:
         """Change commands that exceed a limit; return which, when that begins. `period` in s."""
-        told: str | None = None
-        for each in self._bounds:
-            limited = each.enforce(period)
-            if limited and not each.limited:
-                more = f"{each.command.name} is limited to {each.command.value:g}"
-                told = f"{told}, {more}" if told else more
-            each.limited = limited
-        return told
+        told = [text for each in self._bounds if (text := each.enforce(period)) is not None]
+        if not told:
+            return None
+        more = [f"and {len(told) - _TOLD_AT_ONCE} more"] if len(told) > _TOLD_AT_ONCE else []
+        return "; ".join(told[:_TOLD_AT_ONCE] + more)
 
 
 def _step(part: ControlJoint, interface: str, limits: Limits) -> float:

@@ -75,15 +75,59 @@ def test_an_acceleration_comes_from_its_tag_only():
     assert bench.send("velocity", -2.0) == pytest.approx(1.5)
 
 
-def test_what_is_limited_is_told_when_it_begins():
+def test_what_is_limited_is_told_once_with_the_value_asked_for_and_the_limit():
     bench = Bench(VELOCITY)
     bench.send("velocity", 10.0)
-    assert bench.told == "j/velocity is limited to 3"
-    bench.send("velocity", 10.0)
-    assert bench.told is None
-    bench.send("velocity", 1.0)
+    assert bench.told == "j/velocity: 10 rad/s is limited to 3 rad/s"
+    for value in (10.0, 1.0, -9.0, 10.0):  # the same occasion, also through commands that pass
+        bench.send("velocity", value)
+        assert bench.told is None
+    for _ in range(11):
+        bench.send("velocity", 1.0)
     bench.send("velocity", -9.0)
-    assert bench.told == "j/velocity is limited to -3"
+    assert bench.told == "j/velocity: -9 rad/s is limited to -3 rad/s"
+
+
+@pytest.mark.parametrize(
+    ("inside", "kind", "interface", "value", "told"),
+    [
+        (POSITION, "revolute", "position", 2.0, "j/position: 2 rad is limited to changes of 3 rad/s"),
+        (POSITION, "prismatic", "position", 5.0, "j/position: 5 m is limited to 2 m and to changes of 3 m/s"),
+        (EFFORT, "revolute", "effort", 9.0, "j/effort: 9 Nm is limited to 4 Nm"),
+        (EFFORT, "prismatic", "effort", -9.0, "j/effort: -9 N is limited to -4 N"),
+        (
+            VELOCITY + ACCELERATION,
+            "continuous",
+            "velocity",
+            2.0,
+            "j/velocity: 2 rad/s is limited to changes of 5 rad/s²",
+        ),
+    ],
+)
+def test_the_limit_is_told_in_the_units_of_the_description_not_of_a_cycle(inside, kind, interface, value, told):
+    bench = Bench(inside, kind)
+    bench.at(0.0)
+    bench.send(interface, value)
+    assert bench.told == told
+
+
+def test_the_end_of_a_joint_is_told_as_such():
+    bench = Bench(VELOCITY, "revolute")
+    bench.at(1.9)
+    bench.send("velocity", 3.0)
+    assert bench.told == "j/velocity: 3 rad/s is limited to what ends at 2 rad"
+
+
+def test_a_position_under_way_is_one_occasion_whatever_the_controllers_rate():
+    bench = Bench(POSITION, "revolute")
+    bench.at(0.0)
+    told = []
+    for cycle in range(30):  # a controller of a third of the rate writes its target now and then
+        value = 5.0 if cycle % 3 == 0 else bench.registry.command("j/position").value
+        bench.send("position", value, 0.02)
+        told.append(bench.told)
+    assert told[0] is not None
+    assert told[1:] == [None] * 29
 
 
 @pytest.mark.parametrize(

@@ -62,7 +62,7 @@ def test_an_axis_does_not_leave_its_range(arm):
     arm.robot.command(ARM, [0.0, 9.0, 0.0, 0.0, 0.0, 0.0], "test")
     arm.run(3000)
     assert positions(arm)[1] == pytest.approx(2.0, abs=1e-3)
-    assert any("joint_2/position is limited to" in text for text in arm.texts("limited"))
+    assert any("joint_2/position: " in text and "is limited to" in text for text in arm.texts("limited"))
     arm.robot.switch((), [ARM], strict=True)
     arm.run(1000)
     assert positions(arm)[1] == pytest.approx(2.0, abs=1e-3)  # a position is held
