@@ -82,11 +82,14 @@ class Controller:
     """A controller with no interfaces that does nothing; the hooks are what a real one overrides.
 
     `commands` and `states` are its interfaces while it is active, in the order it named them. `rejected` counts the
-    commands it refused. `topic` is where ROS sends commands, None if it takes none.
+    commands it refused. `topic` is where ROS sends commands, None if it takes none. `publishes` are the topics of joint
+    states that ROS gets of it, relative to the robot's namespace, and `frame_id` is the frame of their headers.
     """
 
     is_broadcaster = False
     topic: str | None = None
+    publishes: tuple[str, ...] = ()
+    frame_id = ""
 
     def __init__(self, name: str, type_name: str = "") -> None:
         self.name, self.type = name, type_name

@@ -3,7 +3,8 @@
 The law of the file (ros2_controllers jazzy): `names`, `positions`, `velocities` and `efforts` have the same length, a
 missing interface is nan; with a description only its movable joints are named, in alphabetical order, without one the
 joints come in the order of their interfaces. `joints` and `interfaces` restrict only when both are given. Arrays are
-made at activation and overwritten in place by every update.
+made at activation and overwritten in place by every update. Its topics are `joint_states` and, unless
+`publish_dynamic_joint_states` is false, `dynamic_joint_states`, below its own name with `use_local_topics`.
 """
 
 from __future__ import annotations
@@ -68,6 +69,12 @@ class JointStateBroadcaster(Controller):
         """Read the parameters."""
         self.params = params.read(BroadcasterParams, RENAMES)
         self.update_rate = self.params.update_rate
+        self.publishes, self.frame_id = self._topics(), self.params.frame_id
+
+    def _topics(self) -> tuple[str, ...]:
+        prefix = f"{self.name}/" if self.params.use_local_topics else ""
+        dynamic = ("dynamic_joint_states",) if self.params.publish_dynamic_joint_states else ()
+        return tuple(f"{prefix}{each}" for each in ("joint_states", *dynamic))
 
     def state_interface_names(self) -> list[str]:
         """Return joints times interfaces if both are given, else everything."""

@@ -44,7 +44,10 @@ class ControllerEvent:
 
 @dataclass(frozen=True, slots=True)
 class ControllerInfo:
-    """What `list` tells of a controller; `topic` is where its commands come, None if it takes none."""
+    """What `list` tells of a controller; `topic` is where its commands come, None if it takes none.
+
+    `publishes` are its topics of joint states, with `frame_id` in their headers.
+    """
 
     name: str
     type: str
@@ -55,6 +58,8 @@ class ControllerInfo:
     required_command_interfaces: tuple[str, ...]
     required_state_interfaces: tuple[str, ...]
     topic: str | None
+    publishes: tuple[str, ...]
+    frame_id: str
     is_broadcaster: bool
     rejected: int
 
@@ -392,6 +397,8 @@ class ControllerManager:
             tuple(controller.command_interface_names()) if configured else (),
             tuple(controller.state_interface_names()) if configured else (),
             controller.topic,
+            controller.publishes,
+            controller.frame_id,
             controller.is_broadcaster,
             controller.rejected,
         )

@@ -28,7 +28,10 @@ Json = dict[str, Any]
 
 
 class ControllerView(NamedTuple):
-    """A controller as `controllers` of the API tells it; `width` is how many values a command has."""
+    """A controller as `controllers` of the API tells it; `width` is how many values a command has.
+
+    `publishes` are its topics of joint states, relative to the namespace; `frame_id` is the frame of their headers.
+    """
 
     name: str
     type: str
@@ -38,11 +41,17 @@ class ControllerView(NamedTuple):
     is_broadcaster: bool
     width: int
     interface: str | None = None
+    publishes: tuple[str, ...] = ()
+    frame_id: str = ""
 
     @property
     def active(self) -> bool:
         """Whether it runs."""
         return self.state == "active"
+
+    def published(self, kind: str) -> str | None:
+        """Return its topic whose last word is `kind`, None if it has none."""
+        return next((each for each in self.publishes if each.rsplit("/", 1)[-1] == kind), None)
 
 
 class JointArrays(NamedTuple):
@@ -68,6 +77,8 @@ def controllers_of(answer: Iterable[Json]) -> dict[str, ControllerView]:
             bool(each.get("is_broadcaster", False)),
             len(each.get("required_command_interfaces") or each.get("claimed_interfaces") or ()),
             each.get("interface"),
+            tuple(each.get("publishes") or ()),
+            str(each.get("frame_id") or ""),
         )
     return views
 

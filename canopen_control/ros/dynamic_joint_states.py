@@ -1,7 +1,7 @@
 """`/dynamic_joint_states` of the joint state broadcaster: every state interface of every joint by its name.
 
-The law of the file (joint_state_broadcaster, Jazzy): published with `/joint_states`, relative to the namespace, with
-the same stamp; what is not known is nan.
+The law of the file (joint_state_broadcaster, Jazzy): published with `/joint_states`, on the topic that the broadcaster
+tells, with the same stamp and frame; what is not known is nan. Where it is told not to, there is no topic.
 """
 
 from __future__ import annotations
@@ -30,10 +30,11 @@ class DynamicJointStates(Endpoint):
         self._ros, self._controller = ros, controller
         self._message = interface("control_msgs/msg/DynamicJointState")
         self._values = interface("control_msgs/msg/InterfaceValue")
-        self._publisher = ros.node.create_publisher(self._message, "dynamic_joint_states", SYSTEM_DEFAULT)
+        topic = controller.published("dynamic_joint_states")
+        self._publisher = ros.node.create_publisher(self._message, topic, SYSTEM_DEFAULT)
 
     def on_controller(self, controller: ControllerView) -> None:
-        """Follow its state and its joints."""
+        """Follow its state, its joints and its frame."""
         self._controller = controller
 
     def on_state(self, state: dict[str, Any]) -> None:
@@ -43,7 +44,7 @@ class DynamicJointStates(Endpoint):
         joints = state["joints"]
         names = [name for name in self._controller.joints if name in joints] or sorted(joints)
         message = self._message(joint_names=names, interface_values=[self._of(joints[name]) for name in names])
-        message.header.stamp, message.header.frame_id = time_message(state["time"]), "base_link"
+        message.header.stamp, message.header.frame_id = time_message(state["time"]), self._controller.frame_id
         self._publisher.publish(message)
 
     def close(self) -> None:

@@ -1,7 +1,8 @@
 """`/joint_states` of the joint state broadcaster, one message per sample of the state stream.
 
-The law of the file (joint_state_broadcaster, Jazzy): published only while the broadcaster is active, relative to the
-namespace; the joints in the broadcaster's order; what is not known is nan; the stamp is the time of the sample.
+The law of the file (joint_state_broadcaster, Jazzy): published only while the broadcaster is active, on the topic and
+in the frame that it tells; the joints in the broadcaster's order; what is not known is nan; the stamp is the time of
+the sample.
 """
 
 from __future__ import annotations
@@ -33,13 +34,14 @@ class JointStates(Endpoint):
 
     def __init__(self, ros: Ros, controller: ControllerView) -> None:
         self._ros, self._controller = ros, controller
-        self._publisher = ros.node.create_publisher(JointState, "joint_states", SYSTEM_DEFAULT)
+        self._publisher = ros.node.create_publisher(JointState, controller.published("joint_states"), SYSTEM_DEFAULT)
         self._message = JointState()
-        self._message.header.frame_id = "base_link"
+        self.on_controller(controller)
 
     def on_controller(self, controller: ControllerView) -> None:
-        """Follow its state and its joints."""
+        """Follow its state, its joints and its frame."""
         self._controller = controller
+        self._message.header.frame_id = controller.frame_id
 
     def on_state(self, state: dict[str, Any]) -> None:
         """Publish a sample."""

@@ -253,7 +253,7 @@ class Session:
             self._forget(name)
         for name, controller in controllers.items():
             before = self.controllers.get(name)
-            if before is not None and (before.type, before.topic) != (controller.type, controller.topic):
+            if before is not None and _topics(before) != _topics(controller):
                 self._forget(name)
             if name not in self._endpoints:
                 self._endpoints[name] = endpoints_for(self, controller)
@@ -288,3 +288,8 @@ class Session:
         if not self._ended:
             self._ended = True
             self._on_end(str(error))
+
+
+def _topics(controller: ControllerView) -> tuple[object, ...]:
+    """Return what its topics follow from."""
+    return controller.type, controller.topic, controller.publishes

@@ -1,4 +1,4 @@
-"""Which topics a controller has: one table, by the kind of its commands or by its type.
+"""Which topics a controller has: by the kind of its commands, by what it says to publish, or by its type.
 
 A new kind of controller gets a line here and an `Endpoint` in a file of its own.
 """
@@ -28,15 +28,19 @@ BY_TOPIC: Final[dict[str | None, tuple[Factory, ...]]] = {
     "commands": (ForwardCommands,),
     "cmd_vel": (TwistCommands, BaseOdometry),
 }
+#: by the last word of each topic that it tells (`publishes` of the API)
+BY_PUBLISHED: Final[dict[str, Factory]] = {
+    "joint_states": JointStates,
+    "dynamic_joint_states": DynamicJointStates,
+}
 #: by its type
 BY_TYPE: Final[dict[str, tuple[Factory, ...]]] = {
-    "joint_state_broadcaster/JointStateBroadcaster": (JointStates, DynamicJointStates),
-    "joint_state_controller/JointStateController": (JointStates, DynamicJointStates),  # ROS 1's name of it
     "canopen_control/GpioBroadcaster": (GpioStates,),
 }
 
 
 def endpoints_for(ros: Ros, controller: ControllerView) -> list[Endpoint]:
     """Make the topics of one controller."""
-    factories = (*BY_TOPIC.get(controller.topic, ()), *BY_TYPE.get(controller.type, ()))
+    published = [make for kind, make in BY_PUBLISHED.items() if controller.published(kind) is not None]
+    factories = (*BY_TOPIC.get(controller.topic, ()), *published, *BY_TYPE.get(controller.type, ()))
     return [make(ros, controller) for make in factories]

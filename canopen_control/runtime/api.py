@@ -20,7 +20,7 @@ The whole protocol. The server speaks first: `{"hello": {"robot", "version", "pr
                                                     mode (mode: a name such as CSP); node may be "all"; joint: that
                                                     one alone, of a node with several axes
   touch_probe  node                                 `{"status", "function", "probe_1_positive", ...}`, device units
-  controllers                                       name, type, state, interfaces of each
+  controllers                                       name, type, state, interfaces, topics of each
   controller_types                                  the names that a controller's `type` may have
   load, configure, cleanup, unload     controller   one of ros2_controllers.yaml; its next or previous state
   switch       activate, deactivate, strict         controller names

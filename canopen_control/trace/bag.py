@@ -3,7 +3,7 @@
 The law of this file: the topics that the ROS bridge publishes, under the same names and with the same stamps, so that
 rqt, Foxglove, PlotJuggler and `ros2 bag` find what they know:
 
-    /joint_states                    sensor_msgs/JointState         every sample, while a broadcaster is active
+    /joint_states                    sensor_msgs/JointState         every sample of an active broadcaster, on its topic
     /tf, /tf_static                  tf2_msgs/TFMessage             joints of the description, odometry
     /CONTROLLER/odom                 nav_msgs/Odometry              as often as the controller publishes
     /CONTROLLER/cmd_vel_out          geometry_msgs/TwistStamped     the twist that its limits left of a command
@@ -27,10 +27,8 @@ from canopen_control.ros.diagnosis import diagnose
 from canopen_control.ros.transforms import Transform, read_joints
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Iterable, Mapping, Sequence
     from pathlib import Path
-
-    from canopen_control.ros.conversions import ControllerView
 
 __all__ = ["BagWriter"]
 
@@ -142,17 +140,18 @@ class BagWriter:
             self._write("/robot_description", state["time"], self._ros.make("std_msgs/String", self._urdf))
 
     def _joint_states(self, state: Json) -> None:
-        broadcaster = self._broadcaster()
-        if self._controllers and broadcaster is None:
-            return
-        names = broadcaster.joints if broadcaster is not None else ()
-        arrays = joint_arrays(state["joints"], names)
-        header = self._ros.header(state["time"], "base_link")
-        message = self._ros.make("sensor_msgs/JointState", header, arrays.names, *map(self._ros.floats, arrays[1:]))
-        self._write("/joint_states", state["time"], message)
+        if not self._controllers:
+            self._write_joint_states("/joint_states", "base_link", (), state)
+        for each in self._controllers.values():
+            topic = each.published("joint_states")
+            if each.active and topic is not None:
+                self._write_joint_states(f"/{topic}", each.frame_id, each.joints, state)
 
-    def _broadcaster(self) -> ControllerView | None:
-        return next((each for each in self._controllers.values() if each.is_broadcaster and each.active), None)
+    def _write_joint_states(self, topic: str, frame: str, names: Sequence[str], state: Json) -> None:
+        arrays = joint_arrays(state["joints"], names)
+        header = self._ros.header(state["time"], frame)
+        message = self._ros.make("sensor_msgs/JointState", header, arrays.names, *map(self._ros.floats, arrays[1:]))
+        self._write(topic, state["time"], message)
 
     def _transforms(self, state: Json) -> None:
         odometry = [each for each in (state.get("odometry") or {}).values() if each.get("enable_odom_tf", True)]

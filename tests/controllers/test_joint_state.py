@@ -5,9 +5,11 @@ import math
 import pytest
 from support.control import BROADCASTER, Hardware, S, add, manager, same, vectors
 
+from canopen_control.controllers.params import Params
 from canopen_control.errors import ControlError
 
 CASES = [case for case in vectors("joint_state_broadcaster") if "expect_topic" not in case]
+TOPICS = [case for case in vectors("joint_state_broadcaster") if "expect_topic" in case]
 
 
 def robot(case):
@@ -67,3 +69,30 @@ def test_an_interface_may_be_mapped_to_another_column():
     hardware.set("a/angle", 0.5)
     control.switch(["states"], now=0)
     assert states.positions == [0.5]
+
+
+@pytest.mark.parametrize("case", TOPICS, ids=lambda case: case["name"])
+def test_it_publishes_where_upstream_publishes(case):
+    control = manager(Hardware(states=("a/position",)))
+    states = add(control, "joint_state_broadcaster", BROADCASTER, **case["params"])
+    assert states.publishes[0] == case["expect_topic"]
+    assert states.publishes[1] == case["expect_topic"].replace("joint_states", "dynamic_joint_states")
+    assert states.frame_id == "base_link"
+
+
+def test_several_broadcasters_have_topics_and_frames_of_their_own():
+    control = manager(Hardware(states=("a/position",)))
+    left = add(control, "left", BROADCASTER, use_local_topics=True, frame_id="left_base")
+    right = add(control, "right", BROADCASTER, use_local_topics=True, publish_dynamic_joint_states=False, frame_id="")
+    assert (left.publishes, left.frame_id) == (("left/joint_states", "left/dynamic_joint_states"), "left_base")
+    assert (right.publishes, right.frame_id) == (("right/joint_states",), "")
+
+
+def test_the_list_tells_its_topics_once_it_is_configured():
+    control = manager(Hardware(states=("a/position",)))
+    control.load("states", BROADCASTER, Params.of({"frame_id": "world"}))
+    assert control.list()[0].publishes == ()
+    control.configure("states")
+    (told,) = control.list()
+    assert told.as_dict()["publishes"] == ["joint_states", "dynamic_joint_states"]
+    assert told.frame_id == "world"

@@ -274,6 +274,8 @@ def test_the_list_tells_what_a_client_shows(robot):
         "required_command_interfaces": ["l/velocity", "r/velocity"],
         "required_state_interfaces": [],
         "topic": "commands",
+        "publishes": [],
+        "frame_id": "",
         "is_broadcaster": False,
         "rejected": 0,
     }

@@ -77,7 +77,17 @@ def test_controllers_are_read_as_the_api_tells_them():
     assert list(views) == ["joint_state_broadcaster", "forward", "base"]
     assert (views["forward"].width, views["forward"].topic, views["forward"].active) == (2, "commands", True)
     assert (views["base"].topic, views["base"].active) == ("cmd_vel", False)
-    assert views["joint_state_broadcaster"].is_broadcaster
+    states = views["joint_state_broadcaster"]
+    assert states.is_broadcaster
+    assert (states.publishes, states.frame_id) == (("joint_states", "dynamic_joint_states"), "base_link")
+    assert (views["base"].publishes, views["base"].frame_id) == ((), "")
+
+
+def test_a_topic_is_found_by_its_last_word():
+    (view,) = controllers_of([{"name": "x", "publishes": ["x/dynamic_joint_states", "x/joint_states"]}]).values()
+    assert view.published("joint_states") == "x/joint_states"
+    assert view.published("dynamic_joint_states") == "x/dynamic_joint_states"
+    assert view.published("states") is None
 
 
 def test_a_controller_of_an_older_runtime_has_the_width_it_claims_or_none():

@@ -17,6 +17,7 @@ def listening(stage, maker):
 def test_every_state_interface_is_told_by_its_name(listening, fresh):
     message = listening.message(TOPIC)
     assert message["joint_names"] == ["left", "right"]
+    assert message["header"]["frame_id"] == "base_link"
     assert message["header"]["stamp"] == {"sec": 1_700_000_000, "nanosec": 250_000_000}
     left, _ = message["interface_values"]
     assert left["interface_names"] == ["position", "velocity", "effort"]

@@ -3,7 +3,7 @@ from __future__ import annotations
 import math
 
 import pytest
-from support.ros import run_ros
+from support.ros import eventually, run_ros
 
 pytestmark = pytest.mark.ros
 TOPIC = "/joint_states"
@@ -57,6 +57,47 @@ def test_nothing_is_published_while_the_broadcaster_is_not_active(listening, fre
     finally:
         fresh.robot.controllers.remove(marker)
         fresh.robot.time = 1_700_000_000.25
+
+
+def local(name, *joints, **more):
+    """Return a broadcaster with topics of its own."""
+    topics = [f"{name}/joint_states", f"{name}/dynamic_joint_states"]
+    kind = "joint_state_broadcaster/JointStateBroadcaster"
+    return {"name": name, "type": kind, "state": "active", "joints": joints, "topic": None, "is_broadcaster": True,
+            "publishes": topics, "frame_id": f"{name}_base", **more}  # fmt: skip
+
+
+def test_several_broadcasters_publish_on_their_own_with_their_own_frames(listening, fresh, maker):
+    bare = local("bare", "right", publishes=["bare/joint_states"])
+    one, dynamic = "sensor_msgs/msg/JointState", "control_msgs/msg/DynamicJointState"
+    fresh.robot.controllers += [local("west", "left"), bare]
+    try:
+        for name, joint in (("west", "left"), ("bare", "right")):
+            fresh.peer.order("subscribe", topic=f"/{name}/joint_states", of=one, qos="default")
+            message = fresh.peer.message(f"/{name}/joint_states")
+            assert (message["name"], message["header"]["frame_id"]) == ([joint], f"{name}_base")
+        maker.order("subscribe", topic="/west/dynamic_joint_states", of=dynamic, qos="default")
+        message = maker.message("/west/dynamic_joint_states")
+        assert (message["joint_names"], message["header"]["frame_id"]) == (["left"], "west_base")
+        assert "/bare/dynamic_joint_states" not in fresh.peer.order("graph")["topics"]
+        fresh.peer.waiting(TOPIC)
+        common = fresh.peer.message(TOPIC)
+        assert (common["name"], common["header"]["frame_id"]) == (["left", "right"], "base_link")
+    finally:
+        del fresh.robot.controllers[-2:]
+
+
+def test_its_topics_move_when_it_is_configured_anew(listening, fresh):
+    late = local("late", publishes=[], state="unconfigured")
+    fresh.robot.controllers.append(late)
+    topics = lambda: fresh.peer.order("graph")["topics"]  # noqa: E731
+    try:
+        late.update(local("late", "left"))
+        assert eventually(lambda: "/late/joint_states" in topics())
+        late.update(local("late", publishes=[], state="unconfigured"))
+        assert eventually(lambda: "/late/joint_states" not in topics())
+    finally:
+        fresh.robot.controllers.remove(late)
 
 
 def test_the_publisher_satisfies_every_subscriber(stage):

@@ -161,7 +161,8 @@ URDF = "<robot name='fake'><link name='base'/></robot>"
 CONTROLLERS = [
     {"name": "joint_state_broadcaster", "type": "joint_state_broadcaster/JointStateBroadcaster", "state": "active",
      "joints": ["left", "right"], "interface": None, "claimed_interfaces": [], "required_command_interfaces": [],
-     "required_state_interfaces": ["*"], "topic": None, "is_broadcaster": True, "rejected": 0},
+     "required_state_interfaces": ["*"], "topic": None, "publishes": ["joint_states", "dynamic_joint_states"],
+     "frame_id": "base_link", "is_broadcaster": True, "rejected": 0},
     {"name": "forward", "type": "forward_command_controller/ForwardCommandController", "state": "active",
      "joints": ["left", "right"], "interface": "velocity", "claimed_interfaces": ["left/velocity", "right/velocity"],
      "required_command_interfaces": ["left/velocity", "right/velocity"], "required_state_interfaces": [],

@@ -119,6 +119,19 @@ def test_every_sample_is_a_joint_state_with_its_stamp(story, bag):
                 assert math.isnan(value) if expected is None else value == expected
 
 
+def test_each_broadcaster_is_written_on_its_topic_with_its_frame(story, tmp_path):
+    local = {"name": "west", "state": "active", "joints": ["left_wheel_joint"], "is_broadcaster": True,
+             "publishes": ["west/joint_states"], "frame_id": "west_base"}  # fmt: skip
+    silent = {"name": "gpio", "state": "active", "is_broadcaster": True}
+    told = [silent, local, *story["controllers"]]
+    with BagWriter(tmp_path / "two", "robby", controllers=told, urdf=story["urdf"]) as writer:
+        writer.state(states(story)[-1])
+    found = read(tmp_path / "two")
+    ((_, west),), ((_, common),) = found["/west/joint_states"], found["/joint_states"]
+    assert (west.name, west.header.frame_id) == (["left_wheel_joint"], "west_base")
+    assert (sorted(common.name), common.header.frame_id) == (sorted(states(story)[-1]["joints"]), "base_link")
+
+
 def test_commands_are_written_when_they_change_under_a_name_that_nobody_listens_to(bag):
     found = read(bag)
     commands = [list(message.data) for _, message in found[f"/{FORWARD}/commands_out"]]
