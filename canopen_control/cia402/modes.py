@@ -97,7 +97,7 @@ class ModeBits(NamedTuple):
 
 
 _HALT = {8: "halt"}
-_CYCLIC = ModeBits(_HALT, {12: "follows the cyclic set-point"})  # bit 10 is reserved: never "target reached"
+_CYCLIC = ModeBits(_HALT, {12: "follows the set-point"})  # bit 10 is reserved: never "target reached"
 MODE_BITS: Mapping[int, ModeBits] = MappingProxyType(
     {
         OperationMode.PP: ModeBits(

@@ -149,6 +149,7 @@ class MonitorApp(App[None]):
         picture = self.source.picture()
         self._show_head(picture)
         self._drives.show(picture.drives)
+        self._show_drives(bool(picture.drives))
         self._joints.show(picture.joints)
         self._joints.display = bool(picture.joints)
         self._write("events", self.source.log())
@@ -169,6 +170,13 @@ class MonitorApp(App[None]):
         self._alarm.set_class(bool(picture.alarm), "shown")
         if str(self._alarm.content) != picture.alarm:
             self._alarm.update(Text(picture.alarm))
+
+    def _show_drives(self, shown: bool) -> None:
+        """Hide the table of drives where there are none, as on a simulated robot; back again it has the focus."""
+        if shown and not self._drives.display and not isinstance(self.focused, FilterLine):
+            self._drives.display = True
+            self._drives.focus()
+        self._drives.display = shown
 
     def _write(self, name: str, lines: Iterable[LogLine]) -> None:
         for line in lines:

@@ -15,7 +15,7 @@ from canopen_control.cia402 import objects
 from canopen_control.cia402.modes import OperationMode, mode_name
 from canopen_control.cia402.state import decode_statusword
 from canopen_control.frame import CanFrame
-from canopen_control.monitor.picture import Cell, LogLine, Picture, Tone, age_cell, plain, state_cell
+from canopen_control.monitor.picture import Cell, LogLine, Picture, Tone, age_cell, plain, sdo_cell, state_cell
 from canopen_control.trace.decoder import Mark
 from canopen_control.trace.values import statusword_text
 
@@ -177,9 +177,9 @@ class BusTable:
             state_cell(state),
             plain("-" if axis.mode is None else mode_name(axis.mode)),
             age_cell((now - node.last_ns) / _SECOND, stale=2 * pace, dead=5 * pace),
+            sdo_cell(node.reads, node.writes, node.failed),
             Cell(node.error, Tone.BAD if node.error else Tone.PLAIN),
             plain(_flags(axis)),
-            Cell(f"{node.reads}/{node.writes}/{node.failed}", Tone.WARN if node.failed else Tone.PLAIN),
         )
 
     def _joint(self, node_id: int, number: int, axis: _Axis) -> tuple[Cell, ...]:

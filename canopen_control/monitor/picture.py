@@ -15,9 +15,20 @@ from canopen_control.cia402.state import State
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-__all__ = ["DRIVE_COLUMNS", "JOINT_COLUMNS", "Cell", "LogLine", "Picture", "Tone", "age_cell", "plain", "state_cell"]
+__all__ = [
+    "DRIVE_COLUMNS",
+    "JOINT_COLUMNS",
+    "Cell",
+    "LogLine",
+    "Picture",
+    "Tone",
+    "age_cell",
+    "plain",
+    "sdo_cell",
+    "state_cell",
+]
 
-DRIVE_COLUMNS: Final = ("drive", "NMT", "CiA 402", "mode", "heard", "error", "statusword", "SDO r/w/failed")
+DRIVE_COLUMNS: Final = ("drive", "NMT", "CiA 402", "mode", "heard", "SDO", "error", "statusword")
 JOINT_COLUMNS: Final = ("joint", "command", "velocity", "position", "effort")
 
 
@@ -87,6 +98,12 @@ def age_cell(seconds: float | None, *, stale: float, dead: float) -> Cell:
     if seconds >= dead:
         return Cell(f"{text}, dead", Tone.BAD)
     return Cell(f"{text}, stale", Tone.WARN) if seconds >= stale else Cell(text)
+
+
+def sdo_cell(reads: int, writes: int, failed: int) -> Cell:
+    """Return how many SDO transfers there were, and how many of them failed."""
+    text = f"{reads}r {writes}w"
+    return Cell(f"{text}, {failed} failed", Tone.WARN) if failed else Cell(text)
 
 
 def plain(text: str) -> Cell:

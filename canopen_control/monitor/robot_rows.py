@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from canopen_control.cia402.modes import OperationMode
 from canopen_control.cia402.state import State
-from canopen_control.monitor.picture import Cell, LogLine, Picture, Tone, age_cell, plain, state_cell
+from canopen_control.monitor.picture import Cell, LogLine, Picture, Tone, age_cell, plain, sdo_cell, state_cell
 from canopen_control.trace.values import statusword_text
 
 if TYPE_CHECKING:
@@ -61,6 +61,8 @@ def _facts(state: Mapping[str, Any]) -> Iterator[str]:
         if load is not None:
             yield f"bus {bus} {100 * load:.1f} %"
     active = [name for name, each in state["controllers"].items() if each == "active"]
+    if not state["nodes"]:
+        yield "no CANopen drives"
     yield f"active: {', '.join(active) or 'no controller'}"
 
 
@@ -84,9 +86,9 @@ def _drive(name: str, node: Mapping[str, Any], axis: Mapping[str, Any], *, sever
         state_cell(None if state is None else State[state]),
         plain(str(axis.get("mode") or "-")),
         age_cell(node["age_s"], stale=STALE_S, dead=dead),
+        sdo_cell(sdo["reads"], sdo["writes"], sdo["failed"]),
         Cell(error, Tone.BAD if error else Tone.PLAIN),
         plain(_statusword(axis)),
-        Cell(f"{sdo['reads']}/{sdo['writes']}/{sdo['failed']}", Tone.WARN if sdo["failed"] else Tone.PLAIN),
     )
 
 

@@ -3,13 +3,26 @@ import threading
 
 import pytest
 
+from canopen_control.cia402.modes import OperationMode
+from canopen_control.cia402.state import State
 from canopen_control.errors import RemoteError
 from canopen_control.frame import CanFrame
 from canopen_control.monitor.app import MonitorApp
 from canopen_control.monitor.frames import FrameTable, TraceLog
-from canopen_control.monitor.picture import DRIVE_COLUMNS, JOINT_COLUMNS, Cell, LogLine, Picture, Tone
+from canopen_control.monitor.picture import (
+    DRIVE_COLUMNS,
+    JOINT_COLUMNS,
+    Cell,
+    LogLine,
+    Picture,
+    Tone,
+    age_cell,
+    sdo_cell,
+    state_cell,
+)
 from canopen_control.trace.decoder import Decoder
 from canopen_control.trace.network import NetworkDescription, NodeDescription
+from canopen_control.trace.values import statusword_text
 
 
 class FakeSource:
@@ -21,6 +34,7 @@ class FakeSource:
         self.frames, self.trace, self.taps = FrameTable(), TraceLog(), []
         self.asked, self.refusal, self.hold = [], None, None
         self.lines, self.emergency_lines = [], []
+        self.rows = None
         self.alarm, self.state = "", Cell("OPERATION ENABLED", Tone.GOOD)
         self.decoder, self.started, self.closed = Decoder(self.network), False, False
 
@@ -42,6 +56,7 @@ class FakeSource:
             for name in ("left", "right")
         }
         joints = {"wheel": tuple(Cell("1.000") for _ in JOINT_COLUMNS)}
+        drives = drives if self.rows is None else self.rows
         return Picture("robby", Cell("running", Tone.GOOD), self.alarm, ("cycle 20 ms",), drives, joints)
 
     def log(self):
@@ -329,6 +344,48 @@ def test_a_flood_is_told_instead_of_drawn():
         assert len(app.query_one("#trace").lines) < 100
 
     on_screen(check)
+
+
+def test_the_drives_of_an_arm_fit_120_columns():
+    source = FakeSource()
+    source.rows = {
+        name: (
+            Cell(f"{name} (2)"),
+            Cell("OPERATIONAL", Tone.GOOD),
+            state_cell(State.OPERATION_ENABLED),
+            Cell("CSP"),
+            age_cell(0.012, stale=1, dead=2),
+            sdo_cell(159, 28, 0),
+            Cell(""),
+            Cell(statusword_text(0x1237, OperationMode.CSP).replace("OPERATION ENABLED, ", "")),
+        )
+        for name in ("joint_1_drive", "joint_2_drive")
+    }
+
+    async def check(app, pilot, source):
+        table = app.query_one("#drives")
+        assert table.row_count == 2
+        assert table.virtual_size.width <= table.size.width == 120
+        assert table.max_scroll_x == 0
+
+    on_screen(check, source)
+
+
+def test_a_robot_without_drives_has_no_table_of_them_until_it_has():
+    source = FakeSource()
+    drives, source.rows = source.picture().drives, {}
+
+    async def check(app, pilot, source):
+        assert not app.query_one("#drives").display
+        source.rows = drives
+        app.refresh_picture()
+        await pilot.pause()
+        assert app.query_one("#drives").display
+        assert app.focused is app.query_one("#drives")  # so that the arrow keys select one
+        await pilot.press("down", "e")
+        assert await asked(pilot, source) == [("axis", {"action": "enable", "node": "right"})]
+
+    on_screen(check, source)
 
 
 def test_a_small_terminal_still_shows_drives_and_keys():

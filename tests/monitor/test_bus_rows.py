@@ -60,20 +60,20 @@ def test_a_tpdo_shows_the_state_and_the_flags(bus):
     bus.tpdo(0x0637)
     row = bus.rows()["3"]
     assert row[2] == "● OPERATION ENABLED"
-    assert row[6].startswith("0x0637")
+    assert row[7].startswith("0x0637")
     bus.tpdo(0x0218)
     assert bus.rows()["3"][2] == "✖ FAULT"
 
 
 def test_an_emergency_is_the_error_until_it_is_reset_and_a_line_of_its_own(bus):
     bus.hear(0x083, [0x10, 0x32, 0x04, 0, 0, 0, 0, 0])
-    assert bus.rows()["3"][5].startswith("✖ 0x3210 ")
+    assert bus.rows()["3"][6].startswith("✖ 0x3210 ")
     (line,) = bus.table.emergencies()
     assert line.tone is Tone.BAD
     assert line.text.startswith("node 3 (left): EMCY: 0x3210")
     assert bus.table.emergencies() == []
     bus.hear(0x083, [0, 0, 0, 0, 0, 0, 0, 0])
-    assert bus.rows()["3"][5] == ""
+    assert bus.rows()["3"][6] == ""
     assert len(bus.table.log()) == 2
 
 
@@ -83,7 +83,7 @@ def test_a_boot_up_forgets_what_the_node_was(bus):
     bus.hear(0x703, [0])
     row = bus.rows()["3"]
     assert row[1:3] == ["○ PRE OPERATIONAL", "-"]
-    assert row[5] == ""
+    assert row[6] == ""
 
 
 def test_sdo_traffic_is_counted_by_the_requests(bus):
@@ -92,7 +92,7 @@ def test_sdo_traffic_is_counted_by_the_requests(bus):
     bus.hear(0x583, [0x4B, 0x41, 0x60, 0, 0x37, 0x06, 0, 0])
     bus.hear(0x603, [0x2B, 0x40, 0x60, 0, 0x0F, 0, 0, 0])
     bus.hear(0x583, [0x80, 0x40, 0x60, 0, 0, 0, 0x02, 0x06])
-    assert bus.rows()["3"][7] == "▲ 1/1/1"
+    assert bus.rows()["3"][5] == "▲ 1r 1w, 1 failed"
 
 
 def test_who_is_only_spoken_to_has_no_row(bus):

@@ -30,9 +30,9 @@ def test_a_running_robot_in_words(bench):
     drive = words(shown.drives["left_drive"])
     assert drive[:4] == ["left_drive (3)", "● OPERATIONAL", "● OPERATION ENABLED", "PV"]
     assert drive[4].endswith(" ms")
-    assert drive[7].split("/")[1] == "37"
-    assert drive[6].startswith("0x")
-    assert "OPERATION" not in drive[6]
+    assert drive[5].split()[1] == "37w"
+    assert drive[7].startswith("0x")
+    assert "OPERATION" not in drive[7]
     assert words(shown.joints["left_wheel_joint"])[:3] == ["left_wheel_joint", "5.000", "4.999"]
     assert any("cycle 20 ms, 0 missed" in fact for fact in shown.facts)
     assert any(fact.startswith("bus can ") for fact in shown.facts)
@@ -46,8 +46,14 @@ def test_a_drive_that_is_gone_is_dead_in_words(bench):
     assert row[1].tone is Tone.BAD
     assert row[4].tone is Tone.BAD
     assert "dead" in row[4].text
-    assert row[5].tone is Tone.BAD
-    assert "left_drive" in row[5].text
+    assert row[6].tone is Tone.BAD
+    assert "left_drive" in row[6].text
+
+
+def test_a_robot_without_canopen_drives_says_so(bench):
+    state = state_dict(bench.robot)
+    assert "no CANopen drives" not in picture_of("robby", state).facts
+    assert "no CANopen drives" in picture_of("robby", state | {"nodes": {}}).facts
 
 
 def test_a_latched_stop_is_an_alarm_with_the_way_out(bench):

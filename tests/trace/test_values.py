@@ -19,7 +19,7 @@ from canopen_control.trace.values import (
     [
         (0x0237, None, "0x0237 OPERATION ENABLED"),
         (0x0637, None, "0x0637 OPERATION ENABLED, target reached"),
-        (0x1637, 9, "0x1637 OPERATION ENABLED, follows the cyclic set-point"),  # bit 10 is reserved in CSV
+        (0x1637, 9, "0x1637 OPERATION ENABLED, follows the set-point"),  # bit 10 is reserved in CSV
         (0x2237, 8, "0x2237 OPERATION ENABLED, following error"),
         (0x0227, None, "0x0227 OPERATION ENABLED, no voltage"),
         (0x0AB1, None, "0x0AB1 READY TO SWITCH ON, warning, internal limit"),
