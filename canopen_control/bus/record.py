@@ -28,7 +28,17 @@ if TYPE_CHECKING:
 __all__ = ["FORMATS", "RecordedFrame", "Recording", "RecordingWriter", "format_of"]
 
 _NS = 1_000_000_000
-_UNREADABLE = (ValueError, IndexError, KeyError, struct.error, zlib.error, TypeError, OverflowError, ArithmeticError)
+_UNREADABLE = (
+    EOFError,
+    ValueError,
+    IndexError,
+    KeyError,
+    struct.error,
+    zlib.error,
+    TypeError,
+    OverflowError,
+    ArithmeticError,
+)
 
 
 class RecordedFrame(NamedTuple):
@@ -174,12 +184,15 @@ class Recording:
         self.path = Path(path)
         self.skipped = 0
         self.problem = ""
+        self._ends = False  # whether a reader that failed had come to the end of the file
         self._format = FORMATS[format_of(path)]
+        if self.path.is_dir():
+            raise ConfigError(f"{path} is a folder, no recording; name one of its files")
         if not self.path.is_file():
-            raise ConfigError(f"no recording {path}")
+            raise ConfigError(f"no recording {path}" if not self.path.exists() else f"{path} is no regular file")
 
     def __iter__(self) -> Iterator[RecordedFrame]:
-        self.skipped, self.problem, count = 0, "", 0
+        self.skipped, self.problem, self._ends, count = 0, "", False, 0
         try:
             for each in self._lines() if self._format.reader is None else self._messages():
                 if each is None:
@@ -194,7 +207,8 @@ class Recording:
         except Exception as error:  # whatever a parser makes of a file that was cut or is none
             if not isinstance(error, _UNREADABLE) and "Parse" not in type(error).__name__:
                 raise
-            self.problem = f"{self.path} cannot be read on after {count} frames: {str(error) or type(error).__name__}"
+            reason = "it ends in the middle of a frame" if self._ends else str(error) or type(error).__name__
+            self.problem = f"{self.path} cannot be read on after {count} frames: {reason}"
 
     def _lines(self) -> Iterator[RecordedFrame | None]:
         with self.path.open(encoding="ascii", errors="replace") as file:
@@ -211,10 +225,19 @@ class Recording:
         binary = self.path.suffix.lower() == ".blf"
         how: dict[str, Any] = {"mode": "rb"} if binary else {"encoding": "utf-8", "errors": "replace"}
         with self.path.open(**how) as file:
-            for message in self._format.reader(file):
-                record = record_of(message)
-                if record is None:
-                    yield None
-                else:
-                    (frame,) = frames_of(record)
-                    yield RecordedFrame(round(message.timestamp * 1e6) * 1000, frame)
+            reader = None
+            try:
+                reader = self._format.reader(file)
+                for message in reader:
+                    record = record_of(message)
+                    if record is None:
+                        yield None
+                    else:
+                        (frame,) = frames_of(record)
+                        yield RecordedFrame(round(message.timestamp * 1e6) * 1000, frame)
+            except _UNREADABLE:
+                self._ends = not file.read(1)
+                raise
+            if getattr(reader, "file_size", 0) > self.path.stat().st_size:  # a .blf says how long it was meant to be
+                self._ends = True
+                raise EOFError

@@ -1,4 +1,5 @@
 import itertools
+import os
 
 import pytest
 
@@ -86,6 +87,30 @@ def test_a_recording_that_was_cut_is_read_up_to_the_cut(tmp_path, suffix):
     assert len(frames) < len(PLAIN) * 2000
 
 
+@pytest.mark.parametrize("kept", [0.3, 0.6, 0.9])
+def test_a_blf_that_was_cut_says_that_it_ends_in_the_middle(tmp_path, kept):
+    path = tmp_path / "x.blf"
+    write(path, PLAIN * 4000)
+    whole = path.read_bytes()
+    path.write_bytes(whole[: int(len(whole) * kept)])
+    recording = Recording(path)
+    frames = len(list(recording))
+    assert recording.problem.endswith("it ends in the middle of a frame")
+    assert f"after {frames} frames" in recording.problem
+    assert frames > 0 or kept == 0.3
+
+
+@pytest.mark.parametrize(("suffix", "size"), [(".blf", 50), (".blf", 150), (".trc", 300)])
+def test_a_recording_that_was_cut_in_its_head_is_no_riddle_either(tmp_path, suffix, size):
+    path = tmp_path / f"x{suffix}"
+    write(path, PLAIN)
+    path.write_bytes(path.read_bytes()[:size])
+    recording = Recording(path)
+    assert list(recording) == []
+    assert recording.problem.split(": ")[-1] in ("it ends in the middle of a frame", "no frame is in it")
+    assert "unpack" not in recording.problem
+
+
 @pytest.mark.parametrize("suffix", ALL)
 def test_what_is_no_recording_says_so_and_never_raises(tmp_path, suffix):
     path = tmp_path / f"x{suffix}"
@@ -103,12 +128,18 @@ def test_can_fd_frames_of_others_are_skipped_and_counted(tmp_path):
     assert recording.skipped == 1
 
 
-def test_the_name_says_the_format():
+def test_the_name_says_the_format(tmp_path):
     assert format_of("/a/B.LOG") == ".log"
     with pytest.raises(ConfigError, match=r"\.log, \.asc, \.blf, \.trc"):
         format_of("x.db")
     with pytest.raises(ConfigError, match="no recording"):
         Recording("/nowhere/x.log")
+    (folder := tmp_path / "x.log").mkdir()
+    with pytest.raises(ConfigError, match=r"x\.log is a folder, no recording; name one of its files"):
+        Recording(folder)
+    os.mkfifo(tmp_path / "x.asc")
+    with pytest.raises(ConfigError, match="is no regular file"):
+        Recording(tmp_path / "x.asc")
     with pytest.raises(ConfigError, match="cannot be written"):
         RecordingWriter("/nowhere/x.blf")
 
