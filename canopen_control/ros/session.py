@@ -256,10 +256,18 @@ class Session:
             if before is not None and _topics(before) != _topics(controller):
                 self._forget(name)
             if name not in self._endpoints:
-                self._endpoints[name] = endpoints_for(self, controller)
+                self._endpoints[name] = self._made(controller)
             for endpoint in self._endpoints[name]:
                 endpoint.on_controller(controller)
         self.controllers, self._told = controllers, told
+
+    def _made(self, controller: ControllerView) -> list[Endpoint]:
+        try:
+            return endpoints_for(self, controller)
+        except Exception as error:  # noqa: BLE001 - a name of ros2_controllers.yaml that ROS refuses
+            reason = str(error).partition("\n")[0].rstrip(":")
+            self.warn(controller.name, f"{controller.name} has no topics, ROS refuses them: {reason}")
+            return []
 
     def _forget(self, name: str) -> None:
         for endpoint in self._endpoints.pop(name):

@@ -28,6 +28,20 @@ def test_a_controller_of_another_kind_under_the_same_name_has_other_topics(fresh
     fresh.robot.controllers.remove(loaded)
 
 
+def test_a_controller_whose_name_ros_refuses_has_no_topics_and_the_next_one_has(fresh):
+    odd = {"name": "not-ros", "type": "x/Y", "state": "active", "topic": "commands", "joints": []}
+    later = {**odd, "name": "later"}
+    fresh.peer.order("subscribe", topic="/rosout", of="rcl_interfaces/msg/Log", qos="latched")
+    fresh.robot.controllers += [odd, later]
+    try:
+        assert eventually(lambda: "/later/commands" in topics(fresh))
+        told = fresh.peer.message("/rosout", lambda message: "not-ros" in message["msg"])["msg"]
+    finally:
+        del fresh.robot.controllers[-2:]
+    assert told.startswith("not-ros has no topics, ROS refuses them: Invalid topic name")
+    assert "\n" not in told
+
+
 def test_what_the_bridge_cannot_make_of_a_sample_does_not_end_it(fresh):
     fresh.peer.order("subscribe", topic="/joint_states", of="sensor_msgs/msg/JointState", qos="default")
     before = fresh.robot.joints
