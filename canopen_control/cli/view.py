@@ -7,6 +7,7 @@ that drive while they are held. STOP is a function of this program, no safety fu
 from __future__ import annotations
 
 import argparse
+import os
 
 from canopen_control.view.available import require_view
 
@@ -14,6 +15,7 @@ __all__ = ["EXAMPLE", "add_arguments", "run"]
 
 EXAMPLE = """canopen-control view
          canopen-control view --teleop --port 9000"""
+NICENESS = 5  # the robot goes first
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -29,6 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run the verb until Ctrl-C."""
     require_view()
+    os.nice(NICENESS)  # before anything is imported: a thread has the niceness that its maker had when it began
     from canopen_control.view.app import main
 
     main(args.name, args.host, args.port, teleop=args.teleop)

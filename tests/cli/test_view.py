@@ -1,8 +1,15 @@
 import importlib.util
+import os
 
 import pytest
 
 from canopen_control.cli.main import main
+
+
+@pytest.fixture(autouse=True)
+def as_urgent_as_before(monkeypatch):
+    """The verb makes its process nice; this one is not its own."""
+    monkeypatch.setattr(os, "nice", lambda _more: 0)
 
 
 def test_without_viser_it_says_what_to_type(monkeypatch, capsys):

@@ -1,6 +1,10 @@
 """The process of the view without a browser: on the reactor's own thread, against a robot on mock hardware."""
 
 import contextlib
+import os
+import subprocess
+import sys
+from pathlib import Path
 
 import pytest
 from support.host import eventually
@@ -46,6 +50,25 @@ def command(robot):
 def test_without_a_robot_it_does_not_begin(private_folders):
     with pytest.raises(ConfigError, match="no robot"):
         ViewApp(None, "127.0.0.1", 0, teleop=False, say=print)
+
+
+def test_every_thread_of_the_process_goes_after_the_robot(robot):
+    view = subprocess.Popen(
+        [sys.executable, "-m", "canopen_control", "view", "--name", "mock", "--port", "0"],
+        stdout=subprocess.PIPE,
+        env=os.environ | {"_ROS_WHEELS_BOOTSTRAP_COMPLETE": "1"},
+        text=True,
+    )
+    try:
+        assert view.stdout.readline().startswith("view: http://127.0.0.1:")
+        tasks = [int(task.name) for task in Path(f"/proc/{view.pid}/task").iterdir()]
+        assert len(tasks) > 1
+        mine = os.getpriority(os.PRIO_PROCESS, 0)
+        assert min(os.getpriority(os.PRIO_PROCESS, task) for task in tasks[1:]) == min(19, mine + 5)
+        assert os.getpriority(os.PRIO_PROCESS, view.pid) == min(19, mine + 5)
+    finally:
+        view.terminate()
+        view.communicate(timeout=10)
 
 
 def test_it_says_where_the_page_is_and_shows_the_robot(robot, make):
