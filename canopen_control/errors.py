@@ -24,6 +24,7 @@ CanopenError
   ControlError           the controllers
     InterfaceConflict      a command interface has an owner already: interface, owner
     UnknownInterface       nobody exports it: name
+    UnknownName            the robot has no node, joint, controller, component or mode of that name
 
 Each has fields, and a message made from them that says what, where and what to do next. ``OSError`` and
 ``can.CanError`` become one of these in `bus`, and nowhere else.
@@ -56,6 +57,7 @@ __all__ = [
     "SdoTimeout",
     "TransitionTimeout",
     "UnknownInterface",
+    "UnknownName",
     "UnsupportedMode",
 ]
 
@@ -239,9 +241,18 @@ class UnknownInterface(ControlError):
         super().__init__(f"no interface {name!r}" + (f"; there are: {', '.join(known)}" if known else ""))
 
 
+class UnknownName(ControlError):
+    """The robot has nothing of the name that was asked for; nothing was done. The command line exits with 2."""
+
+
 class RemoteError(CanopenError):
     """A request to a running robot was refused; `kind` is the class name of the error over there."""
 
     def __init__(self, kind: str, message: str) -> None:
         self.kind = kind
         super().__init__(message)
+
+    @property
+    def of_usage(self) -> bool:
+        """Whether the words of the request were wrong, and nothing was done."""
+        return self.kind == UnknownName.__name__

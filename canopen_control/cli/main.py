@@ -1,6 +1,7 @@
 """The entry point: one table of verbs, each imported only when it is used.
 
-Exit codes: 0 good, 1 the run failed, 2 usage or configuration. A user sees one sentence, never a traceback, unless
+Exit codes: 0 good, 1 the run failed, 2 usage or configuration; a name that the running robot does not have
+(errors.UnknownName) is usage. A user sees one sentence, never a traceback, unless
 CANOPEN_CONTROL_DEBUG is set.
 """
 
@@ -14,7 +15,14 @@ import sys
 from typing import TYPE_CHECKING
 
 from canopen_control import __version__
-from canopen_control.errors import CanopenError, ConfigError, InterfaceDown, InterfaceNotFound
+from canopen_control.errors import (
+    CanopenError,
+    ConfigError,
+    InterfaceDown,
+    InterfaceNotFound,
+    RemoteError,
+    UnknownName,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -71,8 +79,10 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _run(arguments: list[str]) -> int:
     try:
         return _dispatch(arguments)
-    except (ConfigError, InterfaceNotFound, InterfaceDown) as error:  # nothing has begun, and there is what to type
+    except (ConfigError, UnknownName, InterfaceNotFound, InterfaceDown) as error:  # nothing has begun: type it better
         return _complain(error, 2)
+    except RemoteError as error:
+        return _complain(error, 2 if error.of_usage else 1)
     except CanopenError as error:
         return _complain(error, 1)
     except KeyboardInterrupt:

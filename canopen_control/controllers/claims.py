@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 from canopen_control.controllers.base import ALL_STATES, ControllerState
 from canopen_control.controllers.chain import in_order
-from canopen_control.errors import ControlError, InterfaceConflict
+from canopen_control.errors import ControlError, InterfaceConflict, UnknownName
 from canopen_control.hardware.interfaces import LifecycleState
 from canopen_control.yamltree import nearest
 
@@ -73,7 +73,7 @@ def _possible(
         if controller is not None and controller.state in states:
             found.append(controller)
         elif strict and controller is None:
-            raise ControlError(
+            raise UnknownName(
                 f"cannot {verb} {name!r}: no controller of this name is loaded{nearest(name, controllers)}"
             )
         elif strict and controller is not None:

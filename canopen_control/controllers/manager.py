@@ -18,7 +18,7 @@ from canopen_control.controllers.chain import in_order, users_of
 from canopen_control.controllers.claims import Plan, make_plan
 from canopen_control.controllers.params import Params
 from canopen_control.controllers.types import make_controller
-from canopen_control.errors import CanopenError, ControlError
+from canopen_control.errors import CanopenError, ControlError, UnknownName
 from canopen_control.hardware.interfaces import ReturnType
 from canopen_control.yamltree import nearest
 
@@ -182,10 +182,10 @@ class ControllerManager:
         self._fallbacks.pop(name, None)
 
     def get(self, name: str) -> Controller:
-        """Return a loaded controller, or raise ControlError with the names there are."""
+        """Return a loaded controller, or raise UnknownName with the names there are."""
         controller = self._controllers.get(name)
         if controller is None:
-            raise ControlError(f"no controller {name!r} is loaded{nearest(name, self._controllers)}")
+            raise UnknownName(f"no controller {name!r} is loaded{nearest(name, self._controllers)}")
         return controller
 
     def list(self) -> list[ControllerInfo]:

@@ -3,6 +3,7 @@
 The whole protocol. The server speaks first: `{"hello": {"robot", "version", "protocol": 1, "pid"}}`. A client sends
 `{"id": N, "method": M, "params": {...}}` and is answered `{"id": N, "result": ...}` or `{"id": N, "error": {"kind",
 "message"}}`; without "id" it is a notification and not answered. Answers may come in another order than the requests.
+An error's kind is a class of errors.py: UnknownName where there is nothing of a name that was given.
 
   status                                            the shape of `status --json` (runtime/status.py)
   subscribe    state_rate (Hz or null), events, pdos   then pushes `{"state": {...}}`, `{"event": {...}}` and `{"pdos":
@@ -49,7 +50,7 @@ from typing import TYPE_CHECKING, Any
 from canopen_control import __version__
 from canopen_control.cia301.nmt import NmtCommand
 from canopen_control.controllers.diff_drive import DiffDriveController
-from canopen_control.errors import CanopenError, ControlError, LocalProtocolError
+from canopen_control.errors import CanopenError, ControlError, LocalProtocolError, UnknownName
 from canopen_control.hardware.joint import Action
 from canopen_control.host.jsonlines import LineServer, encode
 from canopen_control.host.sockets import socket_path
@@ -64,6 +65,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from canopen_control.host.jsonlines import Connection
+    from canopen_control.master.node import RemoteNode
     from canopen_control.runtime.core import RobotCore
 
 __all__ = ["PROTOCOL", "ApiServer"]
@@ -251,9 +253,14 @@ class ApiServer:
 
     def _axis(self, call: Call) -> None:
         method, mode, joint = (call.params.get(key) for key in ("method", "mode", "joint"))
+        action, name = _choice(Action, call.params["action"]), str(call.params["node"])
+        node = None if name == "all" else self._node(name)
+        known = [each.joint for each in self._robot.joints.values() if node is None or each.node is node]
+        if joint is not None and joint not in known:
+            raise UnknownName(f"{name} has no joint {joint!r}; there are: {', '.join(known) or 'none'}")
         self._robot.axis(
-            _choice(Action, call.params["action"]),
-            str(call.params["node"]),
+            action,
+            name,
             call.settle,
             joint=None if joint is None else str(joint),
             method=None if method is None else int(method),
@@ -267,13 +274,20 @@ class ApiServer:
             else:
                 call.reply(found)
 
-        self._robot.touch_probe(str(call.params["node"]), read)
+        self._robot.touch_probe(self._node(call.params["node"]).name, read)
+
+    def _node(self, name: object) -> RemoteNode:
+        """Return a node by its name or node id; UnknownName."""
+        try:
+            return self._robot.node(str(name))
+        except ControlError as error:
+            raise UnknownName(str(error)) from None
 
     def _nmt(self, call: Call) -> None:
         name, wanted, robot = str(call.params["command"]), str(call.params["node"]), self._robot
         if name not in _NMT:
-            raise ControlError(f"no NMT command {name!r}; there are: {', '.join(_NMT)}")
-        for node in list(robot.nodes.values()) if wanted == "all" else [robot.node(wanted)]:
+            raise UnknownName(f"no NMT command {name!r}; there are: {', '.join(_NMT)}")
+        for node in list(robot.nodes.values()) if wanted == "all" else [self._node(wanted)]:
             node.command(_NMT[name], robot.reactor.now())
             robot.bus_of(node).send_waiting()
         call.reply({})
@@ -287,14 +301,14 @@ class ApiServer:
         call.reply({})
 
     def _sdo_read(self, call: Call) -> None:
-        node, (index, subindex) = self._robot.node(str(call.params["node"])), _address(call)
+        node, (index, subindex) = self._node(call.params["node"]), _address(call)
         block = bool(call.params.get("block", False))
         request = node.sdo.read(index, subindex, block=block, timeout_ns=_timeout(call))
         request.context = call.ended
         self._robot.bus_of(node).send_waiting()
 
     def _sdo_write(self, call: Call) -> None:
-        node, (index, subindex) = self._robot.node(str(call.params["node"])), _address(call)
+        node, (index, subindex) = self._node(call.params["node"]), _address(call)
         self._robot.latch.check_write(index)
         data = bytes.fromhex(str(call.params["data"]))
         request = node.sdo.write(index, subindex, data, timeout_ns=_timeout(call))
@@ -302,7 +316,7 @@ class ApiServer:
         self._robot.bus_of(node).send_waiting()
 
     def _pdo_write(self, call: Call) -> None:
-        node, (index, subindex) = self._robot.node(str(call.params["node"])), _address(call)
+        node, (index, subindex) = self._node(call.params["node"]), _address(call)
         write_mapped(self._robot, node, index, subindex, bytes.fromhex(str(call.params["data"])))
         call.reply({})
 
@@ -324,4 +338,4 @@ def _choice(kind: type[Action], text: object) -> Action:
     try:
         return kind(text)
     except ValueError:
-        raise ControlError(f"no action {text!r}; there are: {', '.join(each.value for each in kind)}") from None
+        raise UnknownName(f"no action {text!r}; there are: {', '.join(each.value for each in kind)}") from None

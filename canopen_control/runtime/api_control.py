@@ -7,7 +7,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, Final
 
 from canopen_control.controllers.types import TYPES
-from canopen_control.errors import ControlError
+from canopen_control.errors import ControlError, UnknownName
 from canopen_control.hardware.interfaces import LifecycleState
 from canopen_control.runtime.wanted import load_controller
 
@@ -94,7 +94,7 @@ def _set_hardware_state(robot: RobotCore, call: Call) -> None:
     component = next((each for each in robot.registry.components if each.name == name), None)
     if component is None:
         known = ", ".join(each.name for each in robot.registry.components)
-        raise ControlError(f"no hardware component {name!r}; there are: {known}")
+        raise UnknownName(f"no hardware component {name!r}; there are: {known}")
     if wanted == "active":
         component.configure()
         component.activate()

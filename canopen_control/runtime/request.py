@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from canopen_control.cia402 import objects
 from canopen_control.cia402.homing import require_method
 from canopen_control.cia402.modes import OperationMode, require_mode
-from canopen_control.errors import ControlError
+from canopen_control.errors import ControlError, UnknownName
 from canopen_control.hardware.axis_modes import MODES
 from canopen_control.hardware.choice import listed_modes
 from canopen_control.hardware.wishes import Action, Wish
@@ -174,7 +174,7 @@ def _mode_of(text: str) -> OperationMode:
         return OperationMode[text.upper()] if not text.lstrip("-").isdigit() else OperationMode(int(text))
     except (KeyError, ValueError):
         known = ", ".join(mode.name for mode in OperationMode if mode)
-        raise ControlError(f"no mode of operation {text!r}; there are: {known}") from None
+        raise UnknownName(f"no mode of operation {text!r}; there are: {known}") from None
 
 
 def _require_there(joint: JointDrive) -> None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from canopen_control.controllers.base import ALL_STATES
-from canopen_control.errors import ControlError, InterfaceConflict, RobotConfigError
+from canopen_control.errors import ControlError, InterfaceConflict, RobotConfigError, UnknownName
 from canopen_control.yamltree import nearest
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ def load_controller(setup: RobotSetup, manager: ControllerManager, name: str) ->
     config = setup.controllers.controllers.get(name)
     if config is None:
         known = setup.controllers.controllers
-        raise ControlError(f"no controller {name!r} in {setup.files.controllers}{nearest(name, known)}")
+        raise UnknownName(f"no controller {name!r} in {setup.files.controllers}{nearest(name, known)}")
     loaded = {info.name for info in manager.list()}
     manager.load(name, config.type, config.params, config.fallbacks)
     manager.configure(name)

@@ -9,12 +9,12 @@ def test_all_axes_of_a_robot_without_drives_are_done_at_once(mock_robot, capsys)
 
 
 def test_an_unknown_node_is_one_sentence(mock_robot, capsys):
-    assert main(["axis", "enable", "nobody"]) == 1
+    assert main(["axis", "enable", "nobody"]) == 2
     assert "nobody" in capsys.readouterr().err
 
 
 def test_a_joint_that_the_node_does_not_move_is_one_sentence(mock_robot, capsys):
-    assert main(["axis", "enable", "all", "--joint", "elbow"]) == 1
+    assert main(["axis", "enable", "all", "--joint", "elbow"]) == 2
     assert "all has no joint 'elbow'; there are: none" in capsys.readouterr().err
 
 

@@ -29,9 +29,11 @@ def test_negative_values_are_values(mock_robot):
     assert mock_robot.status()["joints"]["left_wheel_joint"]["position"] < 0
 
 
-@pytest.mark.parametrize(("arguments", "words"), [([FORWARD, "1"], "1"), (["nobody", "1", "1"], "nobody")])
-def test_what_the_controller_refuses_is_one_sentence(mock_robot, capsys, arguments, words):
-    assert main(["command", *arguments, "--for", "1"]) == 1
+@pytest.mark.parametrize(
+    ("arguments", "code", "words"), [([FORWARD, "1"], 1, "1"), (["nobody", "1", "1"], 2, "nobody")]
+)
+def test_what_the_controller_refuses_is_one_sentence(mock_robot, capsys, arguments, code, words):
+    assert main(["command", *arguments, "--for", "1"]) == code
     error = capsys.readouterr().err
     assert words in error
     assert error.count("\n") == 1

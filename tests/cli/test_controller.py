@@ -60,8 +60,8 @@ def test_activate_does_what_is_missing(controller):
     [
         (["activate", BASE], 1, "claimed by robby_forward_controller"),
         (["unload", FORWARD], 1, "is active; deactivate it"),
-        (["load", "robby_bas_controller"], 1, "did you mean"),
-        (["deactivate", "nothing"], 1, "known: joint_state_broadcaster, robby_forward_controller"),
+        (["load", "robby_bas_controller"], 2, "did you mean"),
+        (["deactivate", "nothing"], 2, "known: joint_state_broadcaster, robby_forward_controller"),
         (["switch"], 2, "switch what? --activate"),
     ],
 )

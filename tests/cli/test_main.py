@@ -72,6 +72,30 @@ def test_a_mistake_of_the_user_is_one_sentence_and_exit_code_2(capsys):
     assert error == "canopen-control: no robot is running; start one: canopen-control run robby\n"
 
 
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["axis", "enable", "nosuch"],
+        ["nmt", "preop", "nosuch"],
+        ["sdo", "read", "nosuch", "0x1000"],
+        ["command", "nosuch", "1"],
+        ["twist", "nosuch", "0.1", "0"],
+        *(["controller", step, "nosuch"] for step in ("load", "configure", "activate", "deactivate", "unload")),
+        ["controller", "switch", "--activate", "nosuch"],
+    ],
+    ids=" ".join,
+)
+def test_a_name_that_the_robot_does_not_have_is_a_usage_error(mock_robot, capsys, arguments):
+    assert main(arguments) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+
+
+def test_what_the_robot_refuses_for_another_reason_is_not(mock_robot, capsys):
+    assert main(["controller", "unload", "robby_forward_controller"]) == 1
+    assert "is active; deactivate it" in capsys.readouterr().err
+
+
 def test_a_fault_of_the_program_is_a_sentence_and_a_traceback_only_where_asked(monkeypatch, capsys):
     def run(_args):
         raise ZeroDivisionError("by accident")

@@ -91,6 +91,31 @@ def test_what_cannot_be_done_is_refused_in_a_sentence_and_the_robot_goes_on(robb
     assert client.ask("status")["result"]["state"] == "running"
 
 
+@pytest.mark.parametrize(
+    ("method", "params", "kind"),
+    [
+        ("axis", {"action": "enable", "node": "nobody"}, "UnknownName"),
+        ("axis", {"action": "explode", "node": "all"}, "UnknownName"),
+        ("axis", {"action": "enable", "node": "left_drive", "joint": "right_wheel_joint"}, "UnknownName"),
+        ("axis", {"action": "mode", "node": "left_drive", "mode": "FLY"}, "UnknownName"),
+        ("touch_probe", {"node": "nobody"}, "UnknownName"),
+        ("touch_probe", {"node": "left_drive"}, "ControlError"),
+        ("nmt", {"command": "stop", "node": "nobody"}, "UnknownName"),
+        ("sdo_read", {"node": "nobody", "index": 0x1000}, "UnknownName"),
+        ("sdo_write", {"node": "nobody", "index": 0x6083, "data": "00"}, "UnknownName"),
+        ("pdo_write", {"node": "nobody", "index": 0x6083, "data": "00"}, "UnknownName"),
+        ("pdo_write", {"node": "left_drive", "index": 0x6083, "data": "00"}, "ControlError"),
+        ("command", {"controller": "nobody", "values": [1.0]}, "UnknownName"),
+        ("twist", {"controller": "nobody", "linear": 0, "angular": 0}, "UnknownName"),
+        ("load", {"controller": "nobody"}, "UnknownName"),
+        ("switch", {"deactivate": ["nobody"]}, "UnknownName"),
+        ("set_hardware_state", {"component": "nobody", "state": "active"}, "UnknownName"),
+    ],
+)
+def test_a_wrong_name_has_a_kind_of_its_own(robby, client, method, params, kind):
+    assert client.ask(method, **params)["error"]["kind"] == kind
+
+
 @pytest.mark.parametrize("line", [b"not json\n", b"[1, 2]\n", b"\xff\xfe\n"])
 def test_garbage_ends_that_connection_only(robby, client, line):
     other = Client(robby)
