@@ -136,7 +136,13 @@ def run(args: argparse.Namespace) -> int:
 
 def _ask(question: str) -> bool:
     print(f"{question} [y/N] ", end="", flush=True)
-    return sys.stdin.readline().strip().lower() in ("y", "yes")
+    answer = ""
+    try:
+        answer = sys.stdin.readline()
+    finally:
+        if not answer.endswith("\n"):  # Ctrl-C or Ctrl-D: what follows begins a line
+            print(flush=True)
+    return answer.strip().lower() in ("y", "yes")
 
 
 def _conclude(flight: Flight, *, passed: bool, looked_only: bool, report: str | None) -> int:

@@ -97,6 +97,24 @@ def test_a_no_ends_it(drives, monkeypatch, capsys):
     assert "Turn right_wheel_joint" not in said
 
 
+def test_control_c_at_a_question_ends_its_line_and_jogs_nothing(drives, monkeypatch, capsys):
+    def interrupted():
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("sys.stdin.isatty", lambda: True, raising=False)
+    monkeypatch.setattr("sys.stdin.readline", interrupted, raising=False)
+    assert main(["preflight", "robby", "--can", "local:flight"]) == 130
+    assert capsys.readouterr().out.endswith("Go on? [y/N] \n")
+    assert speeds() == [0.0, 0.0]
+
+
+def test_the_end_of_the_input_is_a_no_on_a_line_of_its_own(drives, monkeypatch, capsys):
+    monkeypatch.setattr("sys.stdin.isatty", lambda: True, raising=False)
+    monkeypatch.setattr("sys.stdin.readline", lambda: "", raising=False)
+    assert main(["preflight", "robby", "--can", "local:flight"]) == 1
+    assert "Go on? [y/N] \nFAIL  jog       not wanted\n" in capsys.readouterr().out
+
+
 class FakeJog:
     """A jog of three joints: one turns, one has no room, one is not turned at all."""
 
