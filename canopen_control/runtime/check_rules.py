@@ -8,6 +8,7 @@ WARNING. The rules of wheels and of launch files have files of their own.
 from __future__ import annotations
 
 import re
+from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.controllers.types import make_controller
@@ -21,7 +22,6 @@ from canopen_control.yamltree import nearest
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
-    from pathlib import Path
 
     from canopen_control.controllers.params import ControllerConfig, ControllersFile
     from canopen_control.hardware.description import ControlJoint, Description, Ros2ControlSystem
@@ -66,7 +66,13 @@ def findings_of(text: str, path: str, line: int, severity: Severity) -> Iterator
         if placed is not None:
             yield Finding(placed["path"], int(placed["line"]), severity, placed["text"])
         elif each.strip() and not each.startswith("    ") and not _COUNT.fullmatch(each):
-            yield Finding(path, line, severity, each)
+            yield Finding(path, line, severity, _unplaced(each, path))
+
+
+def _unplaced(text: str, path: str) -> str:
+    """Return a sentence without the path that it begins with, where that is the finding's own."""
+    head, colon, rest = text.partition(": ")
+    return rest if colon and Path(head).resolve() == Path(path).resolve() else text
 
 
 # ------------------------------------------------------------------------------------------------------- controllers

@@ -14,7 +14,7 @@ from canopen_control.data_files import data_names, data_path
 from canopen_control.errors import RobotConfigError
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Iterator, Sequence
 
 __all__ = ["MAIN_BUS", "RobotFiles", "find_buses", "find_robot"]
 
@@ -44,7 +44,7 @@ def find_robot(
     config: str | None, *, bus: str | None = None, controllers: str | None = None, description: str | None = None
 ) -> RobotFiles:
     """Find the files; those given one by one win over the folder's. RobotConfigError names all that is missing."""
-    if config is None and bus is None and controllers is None and description is None:
+    if config == "" or (config is None and bus is None and controllers is None and description is None):
         names = ", ".join(data_names("config"))
         raise RobotConfigError(f"no robot given: name a folder or a bundled robot ({names}), or its three files")
     folder = _folder(config) if config is not None else None
@@ -54,6 +54,7 @@ def find_robot(
     control = _one(controllers, folder, CONTROLLERS, "--controllers", missing)
     described = _one(description, folder, _DESCRIPTIONS, "--description", missing)
     more = _more_buses(folder, missing) if folder is not None and bus is None else {}
+    missing += _irregular((main, control, described, *more.values()))
     if missing or (no_bus and (more or bus is not None)):
         raise RobotConfigError("; ".join(no_bus + missing))
     name = (folder or (described if no_bus else main).resolve().parent).resolve().name
@@ -62,12 +63,13 @@ def find_robot(
 
 def find_buses(config: str | None) -> dict[str, Path]:
     """Return the bus files of a folder or bundled robot by the names of the buses; nothing else need be there."""
-    if config is None:
+    if not config:
         raise RobotConfigError(f"no robot given: name a folder or a bundled robot ({', '.join(data_names('config'))})")
     missing: list[str] = []
     folder = _folder(config)
     main = _one(None, folder, BUS, "--bus", missing)
     more = _more_buses(folder, missing)
+    missing += _irregular((main, *more.values()))
     if missing:
         raise RobotConfigError("; ".join(missing))
     return {MAIN_BUS: main, **more}
@@ -78,6 +80,8 @@ def _folder(config: str) -> Path:
     path = Path(config).expanduser()
     if path.is_dir():
         return path
+    if path.exists():
+        raise RobotConfigError(f"no robot {config!r}: it is a file; give its folder: {path.parent}")
     bundled = data_path("config", config)
     if "/" not in config and bundled.is_dir():
         return bundled
@@ -88,7 +92,7 @@ def _folder(config: str) -> Path:
 def _one(given: str | None, folder: Path | None, names: str | Sequence[str], option: str, missing: list[str]) -> Path:
     if given is not None:
         path = Path(given).expanduser()
-        if not path.is_file():
+        if not path.exists():
             missing.append(f"{option}: no file {given}")
         return path
     if folder is None:
@@ -103,6 +107,13 @@ def _one(given: str | None, folder: Path | None, names: str | Sequence[str], opt
         f"{folder} has no {wanted}" if not matches else f"{folder} has several of {wanted}: name one with {option}"
     )
     return Path()
+
+
+def _irregular(paths: Iterable[Path]) -> Iterator[str]:
+    """Yield what is there and is no file: a pipe or a device may not even be opened, or it is waited for."""
+    for path in paths:
+        if path != Path() and path.exists() and not path.is_file():
+            yield f"{path} is {'a folder' if path.is_dir() else 'a pipe or a device'}, no file"
 
 
 def _more_buses(folder: Path, missing: list[str]) -> dict[str, Path]:

@@ -49,6 +49,18 @@ def test_mistakes_of_all_three_files_are_found_together_and_each_once(tmp_path):
     assert not report.passes()
 
 
+@pytest.mark.parametrize("name", ["bus.yml", "ros2_controllers.yaml", "robby.urdf.xacro"])
+def test_a_file_that_cannot_be_read_is_named_once(tmp_path, monkeypatch, name):
+    folder = copy_robby(tmp_path)
+    monkeypatch.chdir(folder)
+    (folder / name).write_bytes(b"\xff\xfe")
+    for config in (".", str(folder)):
+        report = check(config)
+        errors = [str(each) for each in report.findings if each.severity is Severity.ERROR and name in each.path]
+        assert len(errors) == 1
+        assert errors[0].count(name) == 1
+
+
 def test_a_mistake_of_bus_yml_is_shown_with_its_line_and_a_caret(tmp_path):
     report = check(copy_robby(tmp_path, bus={"node_id: 3": "node_id: 300"}))
     finding = next(each for each in report.findings if each.severity is Severity.ERROR)

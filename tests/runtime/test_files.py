@@ -1,3 +1,6 @@
+import os
+import re
+
 import pytest
 
 from canopen_control.errors import RobotConfigError
@@ -54,6 +57,43 @@ def test_bus_yml_may_be_absent_but_not_beside_further_buses_and_not_when_it_is_n
         find_robot(str(robot(folder, "bus_arm.yml")))
     with pytest.raises(RobotConfigError, match="--bus: no file"):
         find_robot(str(folder), bus="none.yml")
+
+
+@pytest.mark.parametrize("name", ["bus.yml", "bus_arm.yml", "ros2_controllers.yaml", "x.urdf"])
+def test_what_is_no_regular_file_is_refused_and_never_opened(tmp_path, name):
+    names = {"bus.yml", "ros2_controllers.yaml", "x.urdf"} - {name}
+    folder = robot(tmp_path / "r", *names)
+    os.mkfifo(folder / name)
+    with pytest.raises(RobotConfigError, match=f"{re.escape(str(folder / name))} is a pipe or a device, no file"):
+        find_robot(str(folder))
+    (folder / name).unlink()
+    (folder / name).mkdir()
+    with pytest.raises(RobotConfigError, match=f"{re.escape(str(folder / name))} is a folder, no file"):
+        find_robot(str(folder))
+    if name.startswith("bus"):
+        with pytest.raises(RobotConfigError, match="is a folder, no file"):
+            find_buses(str(folder))
+
+
+def test_a_device_is_no_file_of_a_robot(tmp_path):
+    folder = robot(tmp_path / "r", "ros2_controllers.yaml", "x.urdf")
+    with pytest.raises(RobotConfigError, match="/dev/zero is a pipe or a device, no file"):
+        find_robot(str(folder), bus="/dev/zero")
+
+
+def test_a_file_of_a_robot_is_not_the_robot_and_its_folder_is_told(tmp_path):
+    folder = robot(tmp_path / "r", "bus.yml", "ros2_controllers.yaml", "x.urdf")
+    for find in (find_robot, find_buses):
+        with pytest.raises(RobotConfigError, match=f"it is a file; give its folder: {re.escape(str(folder))}$"):
+            find(str(folder / "bus.yml"))
+
+
+def test_an_empty_name_is_no_robot_and_not_the_present_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(robot(tmp_path / "r", "bus.yml", "ros2_controllers.yaml", "x.urdf"))
+    assert find_robot(".").name == "r"
+    for find in (find_robot, find_buses):
+        with pytest.raises(RobotConfigError, match="no robot given: name a folder"):
+            find("")
 
 
 def test_two_descriptions_need_a_choice(tmp_path):
