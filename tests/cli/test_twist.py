@@ -15,5 +15,7 @@ def test_a_base_drives_forward_and_stops():
 
 
 def test_a_controller_without_twist_refuses(mock_robot, capsys):
-    assert main(["twist", BASE, "0.2", "0.0", "--once"]) == 1
-    assert BASE in capsys.readouterr().err
+    assert main(["twist", "robby_forward_controller", "0.2", "0.0", "--once"]) == 1
+    assert "robby_forward_controller takes no twist" in capsys.readouterr().err
+    assert main(["twist", BASE, "0.2", "0.0", "--once"]) == 2
+    assert f"no controller '{BASE}' is loaded" in capsys.readouterr().err

@@ -157,14 +157,18 @@ def test_a_channel_without_an_adapter(stage):
 
 def test_requests_that_a_robot_refuses(stage):
     stage.robby("refuses")
-    for arguments, sentence in (
-        (["command", "robby_forward_controller", 1], "wants 2 values.*got 1; nothing was applied"),
-        (["command", "robby_base_controller", 1, 1], "no controller 'robby_base_controller' is loaded"),
-        (["twist", "robby_forward_controller", 1, 1], "robby_forward_controller takes no twist"),
-        (["axis", "enable", "middle_drive"], r"no node 'middle_drive'; there are: left_drive \(3\), right_drive \(2\)"),
-        (["axis", "enable", "9"], r"no node '9'; there are: left_drive \(3\), right_drive \(2\)"),
+    for arguments, code, sentence in (
+        (["command", "robby_forward_controller", 1], 1, "wants 2 values.*got 1; nothing was applied"),
+        (["command", "robby_base_controller", 1, 1], 2, "no controller 'robby_base_controller' is loaded"),
+        (["twist", "robby_forward_controller", 1, 1], 1, "robby_forward_controller takes no twist"),
+        (
+            ["axis", "enable", "middle_drive"],
+            2,
+            r"no node 'middle_drive'; there are: left_drive \(3\), right_drive \(2\)",
+        ),
+        (["axis", "enable", "9"], 2, r"no node '9'; there are: left_drive \(3\), right_drive \(2\)"),
     ):
-        check(stage.call(*arguments), 1, sentence)
+        check(stage.call(*arguments), code, sentence)
     assert stage.call("status").out.startswith("running")
 
 
