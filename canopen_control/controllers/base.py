@@ -83,7 +83,8 @@ class Controller:
 
     `commands` and `states` are its interfaces while it is active, in the order it named them. `rejected` counts the
     commands it refused. `topic` is where ROS sends commands, None if it takes none. `publishes` are the topics of joint
-    states that ROS gets of it, relative to the robot's namespace, and `frame_id` is the frame of their headers.
+    states that ROS gets of it, relative to the robot's namespace, and `frame_id` is the frame of their headers. `tells`
+    is what stands in them: by joint and name, the state interface that a value is read from, None for a constant 0.0.
     """
 
     is_broadcaster = False
@@ -98,6 +99,7 @@ class Controller:
         self.rejected = 0
         self.joints: tuple[str, ...] = ()
         self.interface: str | None = None
+        self.tells: dict[str, dict[str, str | None]] = {}
         self.commands: list[CommandInterface] = []
         self.states: list[StateInterface] = []
         self.description_joints: tuple[str, ...] | None = None

@@ -2,7 +2,8 @@
 
 The law of the file (ros2_controllers jazzy): `names`, `positions`, `velocities` and `efforts` have the same length, a
 missing interface is nan; with a description only its movable joints are named, in alphabetical order, without one the
-joints come in the order of their interfaces. `joints` and `interfaces` restrict only when both are given. Arrays are
+joints come in the order of their interfaces. `joints` and `interfaces` restrict only when both are given. An extra
+joint is 0.0, unless a state interface of it is read. `tells` is this layout for who publishes it. Arrays are
 made at activation and overwritten in place by every update. Its topics are `joint_states` and, unless
 `publish_dynamic_joint_states` is false, `dynamic_joint_states`, below its own name with `use_local_topics`.
 """
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
 __all__ = ["JointStateBroadcaster"]
 
 _MAP: Final = "map_interface_to_joint_state."
+_KINDS: Final = (POSITION, VELOCITY, EFFORT)
 
 
 @dataclass(frozen=True)
@@ -88,12 +90,9 @@ class JointStateBroadcaster(Controller):
         if not states:
             raise ControlError(f"{self.name}: no state interface exists; give the joints <state_interface> tags")
         columns = {self.params.position: POSITION, self.params.velocity: VELOCITY, self.params.effort: EFFORT}
+        self.tells = self._layout(states, columns)
         self.names = self._order(states, columns)
-        count = len(self.names)
-        arrays = {kind: [math.nan] * count for kind in (POSITION, VELOCITY, EFFORT)}
-        for extra in self.params.extra_joints:
-            for array in arrays.values():
-                array[self.names.index(extra)] = 0.0
+        arrays = {kind: [0.0 if self._is_extra(each) else math.nan for each in self.names] for kind in _KINDS}
         self.positions, self.velocities, self.efforts = arrays[POSITION], arrays[VELOCITY], arrays[EFFORT]
         self.joints = tuple(self.names)
         self._copies = [
@@ -103,11 +102,24 @@ class JointStateBroadcaster(Controller):
         ]
         self.update(now, 0.0)
 
+    def _layout(self, states: list[StateInterface], columns: dict[str, str]) -> dict[str, dict[str, str | None]]:
+        layout: dict[str, dict[str, str | None]] = {}
+        for each in states:
+            names = layout.setdefault(each.joint, {})
+            if each.interface in columns or each.interface not in _KINDS:  # else another one is told by this name
+                names[columns.get(each.interface, each.interface)] = each.interface
+        for extra in self.params.extra_joints:
+            layout.setdefault(extra, dict.fromkeys(_KINDS))
+        return layout
+
+    def _is_extra(self, joint: str) -> bool:
+        return None in self.tells[joint].values()
+
     def _order(self, states: list[StateInterface], columns: dict[str, str]) -> list[str]:
         joints = list(dict.fromkeys(each.joint for each in states if each.interface in columns))
         if self.params.use_urdf_to_filter and self.description_joints is not None:
             joints = sorted(set(joints) & set(self.description_joints))
-        return list(dict.fromkeys([*joints, *self.params.extra_joints]))
+        return [*joints, *filter(self._is_extra, dict.fromkeys(self.params.extra_joints))]
 
     def update(self, now: int, period: float) -> ReturnType:
         """Copy the states into the arrays."""
@@ -118,8 +130,9 @@ class JointStateBroadcaster(Controller):
         return ReturnType.OK
 
     def dynamic_joint_states(self) -> dict[str, dict[str, float]]:
-        """Return every state by joint and interface, the ones that are no position, velocity or effort too."""
-        result: dict[str, dict[str, float]] = {}
-        for each in self.states:
-            result.setdefault(each.joint, {})[each.interface] = each.value
-        return result
+        """Return every state by joint and name, the ones that are no position, velocity or effort too."""
+        values = {(each.joint, each.interface): each.value for each in self.states}
+        return {
+            joint: {name: 0.0 if source is None else values[joint, source] for name, source in names.items()}
+            for joint, names in self.tells.items()
+        }

@@ -46,7 +46,8 @@ class ControllerEvent:
 class ControllerInfo:
     """What `list` tells of a controller; `topic` is where its commands come, None if it takes none.
 
-    `publishes` are its topics of joint states, with `frame_id` in their headers.
+    `publishes` are its topics of joint states, with `frame_id` in their headers and what it `tells` in them: by joint
+    and name, the state interface that a value is read from, None for a constant 0.0.
     """
 
     name: str
@@ -60,6 +61,7 @@ class ControllerInfo:
     topic: str | None
     publishes: tuple[str, ...]
     frame_id: str
+    tells: dict[str, dict[str, str | None]]
     is_broadcaster: bool
     rejected: int
 
@@ -399,6 +401,7 @@ class ControllerManager:
             controller.topic,
             controller.publishes,
             controller.frame_id,
+            controller.tells,
             controller.is_broadcaster,
             controller.rejected,
         )

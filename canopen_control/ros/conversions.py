@@ -1,13 +1,14 @@
 """From the API's JSON to what ROS messages hold, as plain numbers: this file imports no ROS.
 
 The law of the file (REP 103, REP 107, ros2_control): SI units on both sides; what the API does not know (null) is nan;
-the arrays of a joint state have one length; a stamp is when the sample was taken, not when it is sent.
+the arrays of a joint state have one length; a stamp is when the sample was taken, not when it is sent. A broadcaster's
+joint states hold what it tells, by its parameters, not all that the sample knows.
 """
 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -21,16 +22,19 @@ __all__ = [
     "quaternion_of_yaw",
     "seconds_of",
     "stamp_of",
+    "told_joints",
     "wrong",
 ]
 
 Json = dict[str, Any]
+_NO_INTERFACE: Final = "command"  # in the state stream, what a controller wants
 
 
 class ControllerView(NamedTuple):
     """A controller as `controllers` of the API tells it; `width` is how many values a command has.
 
-    `publishes` are its topics of joint states, relative to the namespace; `frame_id` is the frame of their headers.
+    `publishes` are its topics of joint states, relative to the namespace; `frame_id` is the frame of their headers;
+    `tells` is what stands in them: by joint and name, the state interface of a value, None for a constant 0.0.
     """
 
     name: str
@@ -43,6 +47,7 @@ class ControllerView(NamedTuple):
     interface: str | None = None
     publishes: tuple[str, ...] = ()
     frame_id: str = ""
+    tells: Mapping[str, Mapping[str, str | None]] | None = None
 
     @property
     def active(self) -> bool:
@@ -79,6 +84,7 @@ def controllers_of(answer: Iterable[Json]) -> dict[str, ControllerView]:
             each.get("interface"),
             tuple(each.get("publishes") or ()),
             str(each.get("frame_id") or ""),
+            each.get("tells"),
         )
     return views
 
@@ -94,6 +100,18 @@ def joint_arrays(joints: Mapping[str, Json], names: Sequence[str] = ()) -> Joint
     ordered = [name for name in names if name in joints] if names else sorted(joints)
     columns = [[_number(joints[name].get(kind)) for name in ordered] for kind in ("position", "velocity", "effort")]
     return JointArrays(ordered, *columns)
+
+
+def told_joints(joints: Mapping[str, Json], controller: ControllerView) -> dict[str, Json]:
+    """Return what a broadcaster tells of a sample's joints; all of them if it does not say what (it never ran)."""
+    if not controller.tells:
+        names = [name for name in controller.joints if name in joints] or sorted(joints)
+        return {name: {kind: joints[name][kind] for kind in joints[name] if kind != _NO_INTERFACE} for name in names}
+    return {
+        joint: {name: 0.0 if source is None else joints[joint].get(source) for name, source in names.items()}
+        for joint, names in controller.tells.items()
+        if joint in joints or None in names.values()
+    }
 
 
 def quaternion_of_yaw(yaw: float) -> tuple[float, float, float, float]:

@@ -1,4 +1,4 @@
-"""`/dynamic_joint_states` of the joint state broadcaster: every state interface of every joint by its name.
+"""`/dynamic_joint_states` of the joint state broadcaster: every state interface that it reads, by joint and name.
 
 The law of the file (joint_state_broadcaster, Jazzy): published with `/joint_states`, on the topic that the broadcaster
 tells, with the same stamp and frame; what is not known is nan. Where it is told not to, there is no topic.
@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
+from canopen_control.ros.conversions import told_joints
 from canopen_control.ros.endpoint import Endpoint
 from canopen_control.ros.interfaces import interface
 from canopen_control.ros.joint_states import time_message
@@ -19,8 +20,6 @@ if TYPE_CHECKING:
     from canopen_control.ros.endpoint import Ros
 
 __all__ = ["DynamicJointStates"]
-
-_NO_INTERFACE = "command"  # in the state stream, what a controller wants
 
 
 class DynamicJointStates(Endpoint):
@@ -41,9 +40,8 @@ class DynamicJointStates(Endpoint):
         """Publish a sample; nothing is made where nobody listens."""
         if not self._controller.active or not self._publisher.get_subscription_count():
             return
-        joints = state["joints"]
-        names = [name for name in self._controller.joints if name in joints] or sorted(joints)
-        message = self._message(joint_names=names, interface_values=[self._of(joints[name]) for name in names])
+        told = told_joints(state["joints"], self._controller)
+        message = self._message(joint_names=list(told), interface_values=[self._of(each) for each in told.values()])
         message.header.stamp, message.header.frame_id = time_message(state["time"]), self._controller.frame_id
         self._publisher.publish(message)
 
@@ -52,6 +50,5 @@ class DynamicJointStates(Endpoint):
         self._ros.node.destroy_publisher(self._publisher)
 
     def _of(self, joint: dict[str, Any]) -> Any:  # noqa: ANN401 - a class made by somebody's generator
-        names = [name for name in joint if name != _NO_INTERFACE]
-        values = [math.nan if joint[name] is None else float(joint[name]) for name in names]
-        return self._values(interface_names=names, values=values)
+        values = [math.nan if value is None else float(value) for value in joint.values()]
+        return self._values(interface_names=list(joint), values=values)

@@ -1,8 +1,8 @@
 """`/joint_states` of the joint state broadcaster, one message per sample of the state stream.
 
 The law of the file (joint_state_broadcaster, Jazzy): published only while the broadcaster is active, on the topic and
-in the frame that it tells; the joints in the broadcaster's order; what is not known is nan; the stamp is the time of
-the sample.
+in the frame that it tells; the joints in the broadcaster's order, and of them what it reads; what is not known is
+nan; the stamp is the time of the sample.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from builtin_interfaces.msg import Time
 from sensor_msgs.msg import JointState
 
-from canopen_control.ros.conversions import joint_arrays, stamp_of
+from canopen_control.ros.conversions import joint_arrays, stamp_of, told_joints
 from canopen_control.ros.endpoint import Endpoint
 from canopen_control.ros.qos import SYSTEM_DEFAULT
 
@@ -47,10 +47,10 @@ class JointStates(Endpoint):
         """Publish a sample."""
         if not self._controller.active:
             return
-        message = self._message
+        controller, message = self._controller, self._message
         message.header.stamp = time_message(state["time"])
         message.name, message.position, message.velocity, message.effort = joint_arrays(
-            state["joints"], self._controller.joints
+            told_joints(state["joints"], controller), controller.joints
         )
         self._publisher.publish(message)
 

@@ -22,13 +22,22 @@ import math
 from typing import TYPE_CHECKING, Any, Final
 
 from canopen_control.errors import ConfigError
-from canopen_control.ros.conversions import controllers_of, diagonal, joint_arrays, quaternion_of_yaw, stamp_of
+from canopen_control.ros.conversions import (
+    controllers_of,
+    diagonal,
+    joint_arrays,
+    quaternion_of_yaw,
+    stamp_of,
+    told_joints,
+)
 from canopen_control.ros.diagnosis import diagnose
 from canopen_control.ros.transforms import Transform, read_joints
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Iterable, Mapping
     from pathlib import Path
+
+    from canopen_control.ros.conversions import JointArrays
 
 __all__ = ["BagWriter"]
 
@@ -141,14 +150,14 @@ class BagWriter:
 
     def _joint_states(self, state: Json) -> None:
         if not self._controllers:
-            self._write_joint_states("/joint_states", "base_link", (), state)
+            self._write_joint_states("/joint_states", "base_link", joint_arrays(state["joints"]), state)
         for each in self._controllers.values():
             topic = each.published("joint_states")
             if each.active and topic is not None:
-                self._write_joint_states(f"/{topic}", each.frame_id, each.joints, state)
+                arrays = joint_arrays(told_joints(state["joints"], each), each.joints)
+                self._write_joint_states(f"/{topic}", each.frame_id, arrays, state)
 
-    def _write_joint_states(self, topic: str, frame: str, names: Sequence[str], state: Json) -> None:
-        arrays = joint_arrays(state["joints"], names)
+    def _write_joint_states(self, topic: str, frame: str, arrays: JointArrays, state: Json) -> None:
         header = self._ros.header(state["time"], frame)
         message = self._ros.make("sensor_msgs/JointState", header, arrays.names, *map(self._ros.floats, arrays[1:]))
         self._write(topic, state["time"], message)

@@ -62,6 +62,44 @@ def test_values_are_overwritten_in_place_and_missing_interfaces_stay_nan():
     assert math.isnan(states.dynamic_joint_states()["b"]["temperature"])
 
 
+def told(*states, **params):
+    control = manager(Hardware(states=states))
+    add(control, "states", BROADCASTER, **params)
+    control.switch(["states"], now=0)
+    return control.list()[0]
+
+
+def test_the_list_tells_what_it_reads_once_it_runs():
+    control = manager(Hardware(states=("a/position",)))
+    add(control, "states", BROADCASTER)
+    assert control.list()[0].tells == {}
+    assert told("a/position", "b/velocity", "b/temperature").tells == {
+        "a": {"position": "position"},
+        "b": {"velocity": "velocity", "temperature": "temperature"},
+    }
+    few = told("a/position", "a/velocity", "b/position", joints=["a"], interfaces=["position"])
+    assert few.as_dict()["tells"] == {"a": {"position": "position"}}
+
+
+def test_an_extra_joint_is_a_constant_unless_it_is_read():
+    zero = dict.fromkeys(("position", "velocity", "effort"))
+    info = told("a/position", extra_joints=["x", "a", "x"])
+    assert (info.joints, info.tells) == (("a", "x"), {"a": {"position": "position"}, "x": zero})
+    hardware = Hardware(states=("a/position",))
+    control = manager(hardware)
+    states = add(control, "states", BROADCASTER, extra_joints=["a", "x"])
+    hardware.set("a/position", 1.5)
+    control.switch(["states"], now=0)
+    assert states.positions == [1.5, 0.0]
+    assert math.isnan(states.velocities[0])
+    assert states.dynamic_joint_states() == {"a": {"position": 1.5}, "x": dict.fromkeys(zero, 0.0)}
+
+
+def test_a_mapped_interface_is_told_by_the_name_of_its_column():
+    info = told("a/angle", "a/position", "a/load", map_interface_to_joint_state__position="angle")
+    assert info.tells == {"a": {"position": "angle", "load": "load"}}
+
+
 def test_an_interface_may_be_mapped_to_another_column():
     hardware = Hardware(states=("a/angle",))
     control = manager(hardware)

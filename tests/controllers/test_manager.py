@@ -276,6 +276,7 @@ def test_the_list_tells_what_a_client_shows(robot):
         "topic": "commands",
         "publishes": [],
         "frame_id": "",
+        "tells": {},
         "is_broadcaster": False,
         "rejected": 0,
     }

@@ -15,6 +15,7 @@ from canopen_control.ros.conversions import (
     quaternion_of_yaw,
     seconds_of,
     stamp_of,
+    told_joints,
     wrong,
 )
 
@@ -41,6 +42,30 @@ def test_what_is_not_known_is_nan_and_all_arrays_have_one_length():
     assert len(arrays.effort) == 2
     assert all(map(math.isnan, arrays.effort))
     assert all(isinstance(value, float) for value in arrays.velocity)
+
+
+def broadcaster(**told):
+    (view,) = controllers_of([{"name": "states", **told}]).values()
+    return view
+
+
+def test_a_broadcaster_tells_what_it_reads_by_its_names_and_extra_joints_as_zero():
+    zero = dict.fromkeys(("position", "velocity", "effort"))
+    tells = {"right": {"position": "velocity"}, "gone": {"position": "position"}, "x": zero}
+    view = broadcaster(joints=["right", "gone", "x"], tells=tells)
+    told = told_joints(JOINTS, view)
+    assert told == {"right": {"position": 20}, "x": dict.fromkeys(zero, 0.0)}
+    arrays = joint_arrays(told, view.joints)
+    assert (arrays.names, arrays.position) == (["right", "x"], [20.0, 0.0])
+    assert math.isnan(arrays.velocity[0])
+    assert arrays.velocity[1] == arrays.effort[1] == 0.0
+
+
+def test_a_broadcaster_that_does_not_say_what_it_tells_tells_every_state():
+    states = {"right": {"position": 2.0, "velocity": 20, "effort": None}, "left": {"position": 1.0, "velocity": None}}
+    assert told_joints(JOINTS, broadcaster()) == states
+    assert list(told_joints(JOINTS, broadcaster())) == ["left", "right"]
+    assert told_joints(JOINTS, broadcaster(joints=["gone", "left"])) == {"left": states["left"]}
 
 
 @settings(deadline=None)

@@ -87,6 +87,27 @@ def test_several_broadcasters_publish_on_their_own_with_their_own_frames(listeni
         del fresh.robot.controllers[-2:]
 
 
+def test_what_a_broadcaster_does_not_read_is_nan_and_an_extra_joint_is_zero(listening, fresh, maker):
+    zero = dict.fromkeys(("position", "velocity", "effort"))
+    few = local("few", "left", "caster", tells={"left": {"position": "position"}, "caster": zero})
+    fresh.robot.controllers.append(few)
+    try:
+        fresh.peer.order("subscribe", topic="/few/joint_states", of="sensor_msgs/msg/JointState", qos="default")
+        message = fresh.peer.message("/few/joint_states")
+        assert (message["name"], message["position"]) == (["left", "caster"], [1.0, 0.0])
+        assert math.isnan(message["velocity"][0])
+        assert message["velocity"][1] == message["effort"][1] == 0.0
+        dynamic = "/few/dynamic_joint_states"
+        maker.order("subscribe", topic=dynamic, of="control_msgs/msg/DynamicJointState", qos="default")
+        message = maker.message(dynamic)
+        assert message["joint_names"] == ["left", "caster"]
+        left, caster = message["interface_values"]
+        assert (left["interface_names"], left["values"]) == (["position"], [1.0])
+        assert (caster["interface_names"], caster["values"]) == (list(zero), [0.0] * 3)
+    finally:
+        fresh.robot.controllers.remove(few)
+
+
 def test_its_topics_move_when_it_is_configured_anew(listening, fresh):
     late = local("late", publishes=[], state="unconfigured")
     fresh.robot.controllers.append(late)

@@ -132,6 +132,20 @@ def test_each_broadcaster_is_written_on_its_topic_with_its_frame(story, tmp_path
     assert (sorted(common.name), common.header.frame_id) == (sorted(states(story)[-1]["joints"]), "base_link")
 
 
+def test_a_broadcaster_tells_only_what_it_reads(story, tmp_path):
+    zero = dict.fromkeys(("position", "velocity", "effort"))
+    tells = {"left_wheel_joint": {"position": "position"}, "caster": zero}
+    few = {"name": "few", "joints": list(tells), "publishes": ["joint_states"], "tells": tells}
+    sample = states(story)[60]
+    with BagWriter(tmp_path / "few", "robby", controllers=[few]) as writer:
+        writer.state({**sample, "controllers": {"few": "active"}})
+    ((_, message),) = read(tmp_path / "few")["/joint_states"]
+    assert message.name == ["left_wheel_joint", "caster"]
+    assert list(message.position) == [sample["joints"]["left_wheel_joint"]["position"], 0.0]
+    assert math.isnan(message.velocity[0])
+    assert message.velocity[1] == message.effort[1] == 0.0
+
+
 def test_commands_are_written_when_they_change_under_a_name_that_nobody_listens_to(bag):
     found = read(bag)
     commands = [list(message.data) for _, message in found[f"/{FORWARD}/commands_out"]]
