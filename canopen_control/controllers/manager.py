@@ -195,6 +195,11 @@ class ControllerManager:
         return [self._info(each) for each in self._controllers.values()]
 
     @property
+    def states(self) -> dict[str, str]:
+        """The states of all controllers by name, in the order they were loaded."""
+        return {name: each.state.value for name, each in self._controllers.items()}
+
+    @property
     def active(self) -> tuple[str, ...]:
         """The names of the active controllers in the order they run."""
         return tuple(slot.controller.name for slot in self._order)

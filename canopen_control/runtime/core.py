@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from canopen_control.cia301.nmt import NmtCommand
 from canopen_control.controllers.manager import ControllerManager
-from canopen_control.errors import BusError, CanopenError, ControlError
+from canopen_control.errors import BusError, CanopenError, ControlError, UnknownName
 from canopen_control.hardware.command_limits import CommandLimits
 from canopen_control.hardware.interfaces import ReturnType
 from canopen_control.hardware.joint import Action
@@ -154,7 +154,7 @@ class RobotCore:
 
     def switch(self, activate: Sequence[str], deactivate: Sequence[str], *, strict: bool) -> None:
         """Switch controllers, loading and configuring those that are not; raises ControlError."""
-        loaded = {info.name for info in self.manager.list()}
+        loaded = self.manager.states
         for name in activate:
             if name not in loaded:
                 load_controller(self.setup, self.manager, name)
@@ -201,12 +201,12 @@ class RobotCore:
         ProbeReading(self._axes_of(name)[0].axis, done)
 
     def node(self, name: str) -> RemoteNode:
-        """Return a node by its name or node id; raises ControlError."""
+        """Return a node by its name or node id; raises UnknownName."""
         for node in self.nodes.values():
             if name in (node.name, str(node.node_id)):
                 return node
         known = ", ".join(f"{node.name} ({node.node_id})" for node in self.nodes.values()) or "none"
-        raise ControlError(f"no node {name!r}; there are: {known}")
+        raise UnknownName(f"no node {name!r}; there are: {known}")
 
     def bus_of(self, node: RemoteNode) -> RobotBus:
         """Return the bus a node is on."""
@@ -363,7 +363,7 @@ class RobotCore:
         meant = tuple(joint for joint in joints if joint.joint == only)
         if not meant:
             known = ", ".join(joint.joint for joint in joints) or "none"
-            raise ControlError(f"{name} has no joint {only!r}; there are: {known}")
+            raise UnknownName(f"{name} has no joint {only!r}; there are: {known}")
         return meant
 
     def _on_bus_lost(self, error: BusError) -> None:

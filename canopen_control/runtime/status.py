@@ -153,7 +153,7 @@ def _common(robot: RobotCore) -> dict[str, Any]:
         },
         "nodes": {name: _node(robot, node, now, axes.get(node, [])) for name, node in robot.nodes.items()},
         "joints": _joints(robot),
-        "controllers": {info.name: info.state for info in robot.manager.list()},
+        "controllers": robot.manager.states,
     }
 
 

@@ -26,7 +26,7 @@ def load_controller(setup: RobotSetup, manager: ControllerManager, name: str) ->
     if config is None:
         known = setup.controllers.controllers
         raise UnknownName(f"no controller {name!r} in {setup.files.controllers}{nearest(name, known)}")
-    loaded = {info.name for info in manager.list()}
+    loaded = manager.states
     manager.load(name, config.type, config.params, config.fallbacks)
     manager.configure(name)
     for fallback in config.fallbacks:
