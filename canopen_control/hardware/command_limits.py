@@ -49,26 +49,26 @@ class _Bounds:
         if math.isnan(wanted) or self.command.owner is None:
             self.last = math.nan
             return None
-        value, limit = self._limited(wanted, period)
+        short = self._stopped_short(wanted, period) if self.command.interface == VELOCITY else wanted
+        bounded = min(max(short, self.low), self.high)
+        value = self._stepped(bounded, period)
         self.last = self.command.value = value
         if value == wanted:
             return None
         begins, self._quiet = self._quiet > _QUIET_S, 0.0
-        return f"{self.command.name}: {self._quantity(wanted)} is limited to {limit}" if begins else None
+        return self._why(wanted, short, bounded, value) if begins else None
 
-    def _limited(self, wanted: float, period: float) -> tuple[float, str]:
-        """Return the command to give, and the limits that made it so."""
-        value, limits = wanted, []
-        if self.command.interface == VELOCITY and (value := self._stopped_short(wanted, period)) != wanted:
+    def _why(self, wanted: float, short: float, bounded: float, value: float) -> str:
+        """Return the limits that made `value` of what was wanted, from the values in between."""
+        limits = []
+        if bounded != short:
+            limits.append(self._quantity(bounded))
+        elif short != wanted:
             limits.append(f"what ends at {self._quantity(self.upper if wanted > 0.0 else self.lower, POSITION)}")
-        bounded = min(max(value, self.low), self.high)
-        if bounded != value:
-            value, limits = bounded, [self._quantity(bounded)]
-        stepped = self._stepped(value, period)
-        if stepped != value:
+        if value != bounded:
             rate = VELOCITY if self.command.interface == POSITION else ACCELERATION
-            value, limits = stepped, [*limits, f"changes of {self._quantity(self.step, rate)}"]
-        return value, " and to ".join(limits)
+            limits.append(f"changes of {self._quantity(self.step, rate)}")
+        return f"{self.command.name}: {self._quantity(wanted)} is limited to {' and to '.join(limits)}"
 
     def _stepped(self, value: float, period: float) -> float:
         start = self._start()
@@ -129,11 +129,16 @@ class CommandLimits:
 
     def enforce(self, period: float) -> str | None:
         """Change commands that exceed a limit; return which, when that begins. `period` in s."""
-        told = [text for each in self._bounds if (text := each.enforce(period)) is not None]
-        if not told:
-            return None
-        more = [f"and {len(told) - _TOLD_AT_ONCE} more"] if len(told) > _TOLD_AT_ONCE else []
-        return "; ".join(told[:_TOLD_AT_ONCE] + more)
+        told: list[str] | None = None
+        for each in self._bounds:
+            if (text := each.enforce(period)) is not None:
+                told = [text] if told is None else [*told, text]
+        return None if told is None else _summary(told)
+
+
+def _summary(told: list[str]) -> str:
+    more = [f"and {len(told) - _TOLD_AT_ONCE} more"] if len(told) > _TOLD_AT_ONCE else []
+    return "; ".join(told[:_TOLD_AT_ONCE] + more)
 
 
 def _step(part: ControlJoint, interface: str, limits: Limits) -> float:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
+
 from canopen_control.hardware.interfaces import LifecycleState
 
 __all__ = ["Lifecycle"]
 
 
-class Lifecycle:
+class Lifecycle(ABC):
     """`state`, and the verbs between the states; what a component does on the way are its `_begin` and `_rest`."""
 
     def __init__(self) -> None:
@@ -41,8 +43,10 @@ class Lifecycle:
         self.deactivate()
         self.state = LifecycleState.FINALIZED
 
+    @abstractmethod
     def _begin(self) -> None:
-        raise NotImplementedError
+        """Make the states known."""
 
+    @abstractmethod
     def _rest(self) -> None:
-        raise NotImplementedError
+        """Stop what moves."""

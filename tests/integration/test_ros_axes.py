@@ -13,7 +13,7 @@ from support.robots import PATIENT
 from canopen_control.client import RobotClient
 
 pytestmark = pytest.mark.ros
-TRIGGER, TARGET = "std_srvs/srv/Trigger", "canopen_interfaces/srv/COTargetDouble"
+TARGET = "canopen_interfaces/srv/COTargetDouble"
 OBJECT, DONE = "canopen_interfaces/msg/COData", {"success": True, "message": ""}
 OUTPUTS = 0x60FE
 
@@ -49,10 +49,7 @@ def scene(tmp_path_factory):
 
 @pytest.fixture
 def call(scene):
-    def call(service, of=TRIGGER, /, **data):
-        return scene.peer.order("call", service=service, of=of, data=data, timeout=20.0)["response"]
-
-    return call
+    return scene.peer.call
 
 
 def powers(scene):

@@ -12,7 +12,7 @@ from support.processes import DriveProbe, Stage
 from support.robots import PATIENT_ROBBY, copy_robby
 
 pytestmark = pytest.mark.ros
-TRIGGER, TWIST, TF = "std_srvs/srv/Trigger", "geometry_msgs/msg/Twist", "tf2_msgs/msg/TFMessage"
+TWIST, TF = "geometry_msgs/msg/Twist", "tf2_msgs/msg/TFMessage"
 ARRAY, JOINTS, ODOMETRY = "std_msgs/msg/Float64MultiArray", "sensor_msgs/msg/JointState", "nav_msgs/msg/Odometry"
 DONE = {"success": True, "message": ""}
 BUS = {
@@ -59,10 +59,7 @@ def scene(tmp_path_factory):
 
 @pytest.fixture
 def call(scene):
-    def call(service, of=TRIGGER, /, **data):
-        return scene.peer.order("call", service=service, of=of, data=data, timeout=20.0)["response"]
-
-    return call
+    return scene.peer.call
 
 
 @pytest.fixture

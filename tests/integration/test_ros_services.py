@@ -10,7 +10,6 @@ from support.processes import DriveProbe, Stage
 from support.robots import PATIENT_ROBBY, copy_robby
 
 pytestmark = pytest.mark.ros
-TRIGGER = "std_srvs/srv/Trigger"
 FORWARD, BASE = "robby_forward_controller", "robby_base_controller"
 DONE = {"success": True, "message": ""}
 
@@ -37,11 +36,7 @@ def scene(tmp_path_factory):
 
 @pytest.fixture
 def call(scene):
-    def call(service, of=TRIGGER, /, **data):
-        answer = scene.peer.order("call", service=service, of=of, data=data, timeout=20.0)
-        return answer["response"]
-
-    return call
+    return scene.peer.call
 
 
 @pytest.fixture

@@ -121,6 +121,10 @@ class Peer:
         self._process.stdin.flush()
         return self._answer()
 
+    def call(self, service, of="std_srvs/srv/Trigger", /, **data):
+        """Call a service that may take a drive's time, and return its response."""
+        return self.order("call", service=service, of=of, data=data, timeout=PATIENCE)["response"]
+
     def message(self, topic, matching=lambda message: True, timeout=PATIENCE):
         """Return the next message of a topic that it subscribed to, for which `matching` holds."""
         deadline, last = time.monotonic() + timeout, None
