@@ -122,12 +122,13 @@ class Peer:
 
     def call(self, service, of, data, timeout=10.0):
         cls = kind(of)
-        if service not in self.clients:
-            self.clients[service] = self.node.create_client(cls, service)
-        client = self.clients[service]
+        new = service not in self.clients
+        client = self.clients.get(service) or self.clients.setdefault(service, self.node.create_client(cls, service))
         if not client.wait_for_service(timeout):
             self.say(done="call", error="no such service")
             return
+        if new:
+            time.sleep(0.2)  # the server must know the client too, else rmw drops its answer, and nothing tells when
         future = client.call_async(filled(cls.Request(), data))
         future.add_done_callback(lambda future: self.say(done="call", response=plain(future.result())))
 
