@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import enum
 import struct
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -32,14 +32,16 @@ __all__ = [
     "tpdo_cob_id",
 ]
 
-EXTENDED_FLAG = 0x80000000  # linux/can.h CAN_EFF_FLAG: 29-bit identifier
-REMOTE_FLAG = 0x40000000  # CAN_RTR_FLAG
-ERROR_FLAG = 0x20000000  # CAN_ERR_FLAG: the identifier holds error classes
-BROADCAST = 0  # the node id that means all nodes
-FRAME_BITS = 47  # of a frame with an 11-bit identifier and no data on the wire: intermission included, stuff bits not
+EXTENDED_FLAG: Final = 0x80000000  # linux/can.h CAN_EFF_FLAG: 29-bit identifier
+REMOTE_FLAG: Final = 0x40000000  # CAN_RTR_FLAG
+ERROR_FLAG: Final = 0x20000000  # CAN_ERR_FLAG: the identifier holds error classes
+BROADCAST: Final = 0  # the node id that means all nodes
+FRAME_BITS: Final = (
+    47  # of a frame with an 11-bit identifier and no data on the wire: intermission included, stuff bits not
+)
 
-RECORD = struct.Struct("=IB3x8s")  # can_id with flags, length, padding, data
-RECORD_SIZE = RECORD.size
+RECORD: Final = struct.Struct("=IB3x8s")  # can_id with flags, length, padding, data
+RECORD_SIZE: Final = RECORD.size
 
 
 class CanFrame(NamedTuple):

@@ -13,6 +13,7 @@ PURE = frozenset(
     """__future__ abc binascii bisect collections contextlib copy dataclasses datetime difflib enum functools heapq
     itertools math operator pathlib re string struct types typing""".split()  # noqa: SIM905 - one name a line is no list
 )
+MARKS = frozenset({"mypy_extensions"})  # what may be derived from where it is compiled
 EVERYBODY = frozenset({"errors", "frame"})
 
 #: room -> (rooms it may import beside its own, modules from outside)
@@ -30,8 +31,11 @@ MAY_IMPORT = {
     "bus": ({"host"}, STDLIB | {"can"}),
     "master": ({"od", "cia301", "cia402", "bus", "yamltree", "data_files"}, STDLIB),
     "virtual": ({"od", "cia301", "cia402", "bus", "host", "yamltree"}, STDLIB | {"numpy"}),
-    "hardware": ({"od", "cia301", "cia402", "master", "yamltree"}, STDLIB | {"xacro", "ament_index_python"}),
-    "controllers": ({"hardware.interfaces", "yamltree"}, STDLIB | {"numpy"}),
+    "hardware": (
+        {"od", "cia301", "cia402", "master", "yamltree"},
+        STDLIB | MARKS | {"xacro", "ament_index_python"},
+    ),
+    "controllers": ({"hardware.interfaces", "yamltree"}, STDLIB | MARKS | {"numpy"}),
     "runtime": (
         {
             "od",

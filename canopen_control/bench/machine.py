@@ -14,6 +14,8 @@ import sys
 import time
 from pathlib import Path
 
+from canopen_control import frame
+
 __all__ = ["cpu_ns", "describe", "idle_part", "may_be_realtime", "resident_bytes"]
 
 _CPU_CLOCK = 2  # of linux/posix-timers.h: the scheduler's clock of a process
@@ -78,6 +80,7 @@ def describe() -> dict[str, str | int | float | None]:
         "kernel": f"{platform.system()} {platform.release()}",
         "python": f"{platform.python_implementation()} {platform.python_version()}",
         "executable": sys.executable,
+        "package": "sources" if str(frame.__file__).endswith(".py") else "compiled",
         "nice": os.getpriority(os.PRIO_PROCESS, 0),
         "load": round(os.getloadavg()[0], 2),
         "idle": None if idle is None else round(idle, 2),

@@ -75,7 +75,8 @@ class Report:
         busy = "" if idle is None or idle >= IDLE_ENOUGH else "; NOT IDLE: only ratios count"
         return "\n".join(
             [
-                f"{machine['machine']}, {machine['kernel']}, {machine['python']}, {machine['date']}",
+                f"{machine['machine']}, {machine['kernel']}, {machine['python']}, "
+                f"{machine['package']}, {machine['date']}",
                 f"before the run: load {machine['load']}, {'?' if idle is None else f'{idle:.0%}'} idle{busy}; "
                 f"niceness {machine['nice']}",
                 *(f"\n{name}\n{table(figures)}" for name, figures in self.figures.items() if figures),

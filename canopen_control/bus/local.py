@@ -11,7 +11,7 @@ import os
 import socket
 import sys
 from pathlib import Path
-from typing import NoReturn
+from typing import Final, NoReturn
 
 from canopen_control.bus.error_events import note_errors
 from canopen_control.bus.error_frames import has_error_frames
@@ -24,11 +24,11 @@ from canopen_control.host.sockets import connect, lock, peer_pid, socket_path
 
 __all__ = ["LocalPort", "greet", "open_local"]
 
-_RECEIVE_SIZE = 65536
-_BUFFER_SIZE = 1 << 20
-_GREETING_TIMEOUT_S = 5.0
-_CLOSED_HERE = "closed on this side"
-_HUB_GONE = "the hub process is gone; open the channel again, which starts a new one"
+_RECEIVE_SIZE: Final = 65536
+_BUFFER_SIZE: Final = 1 << 20
+_GREETING_TIMEOUT_S: Final = 5.0
+_CLOSED_HERE: Final = "closed on this side"
+_HUB_GONE: Final = "the hub process is gone; open the channel again, which starts a new one"
 
 
 class LocalPort:

@@ -18,7 +18,7 @@ Law of this file (CiA 402-2, 6.3, seen from the other end of the bus):
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from canopen_control.cia402.events import (
     ControlChanged,
@@ -54,13 +54,16 @@ if TYPE_CHECKING:
 
 __all__ = ["DriveMachine", "Goal"]  # Goal lives in goal.py: whoever has a machine speaks of its goals
 
-_NEVER = 1 << 63
-_WATCHED = 0x6F | REMOTE | TARGET_REACHED  # a change of other bits of the statusword changes nothing here
-_SECOND = 1_000_000_000
-_FALLS = 2  # on the way up: a command still on its way may cause one, a drive that keeps falling has a reason
+_NEVER: Final = (1 << 62) - 1  # small enough to stay unboxed where this is compiled
+_WATCHED: Final = 0x6F | REMOTE | TARGET_REACHED  # a change of other bits of the statusword changes nothing here
+_SECOND: Final = 1_000_000_000
+_FALLS: Final = 2  # on the way up: a command still on its way may cause one, a drive that keeps falling has a reason
 # Transition 16 is optional: a drive that does not know it is soon led out of its quick stop the long way.
-_DEFAULT_TIMEOUTS = {16: _SECOND}
-_AUTOMATIC = {None: 0, State.NOT_READY_TO_SWITCH_ON: 1}  # what an enable waits for before it can command anything
+_DEFAULT_TIMEOUTS: Final = {16: _SECOND}
+_AUTOMATIC: Final = {
+    None: 0,
+    State.NOT_READY_TO_SWITCH_ON: 1,
+}  # what an enable waits for before it can command anything
 
 
 class DriveMachine:

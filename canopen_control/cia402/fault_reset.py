@@ -6,7 +6,7 @@ see it. Bit 7 falls again when the fault is gone, or when the time is over and t
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from canopen_control.cia402.events import FaultResetFailed
 from canopen_control.cia402.state import FAULT_RESET_BIT, State
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 __all__ = ["FaultReset"]
 
-_NEVER = 1 << 63
+_NEVER: Final = (1 << 62) - 1
 
 
 class FaultReset:

@@ -6,7 +6,7 @@ last mode that was, and has failed until somebody asks again. 0 is never asked f
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from canopen_control.cia402.events import ModeConfirmed, ModeTimedOut
 
@@ -15,14 +15,14 @@ if TYPE_CHECKING:
 
 __all__ = ["ModeRequest"]
 
-_NEVER = 1 << 63
+_NEVER: Final = (1 << 62) - 1
 
 
 class ModeRequest:
     """What to write to 0x6060, and whether 0x6061 shows it.
 
     `mode` is None as long as none is asked for; `confirmed` is then True. `failed` tells that the last one asked for
-    was never confirmed; `deadline` when that will be decided, 1 << 63 for never.
+    was never confirmed; `deadline` when that will be decided, `_NEVER` for none.
     """
 
     def __init__(self, timeout_ns: int) -> None:

@@ -6,7 +6,7 @@ the drive is to stay where it is, has none. A step whose time is over is told on
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from canopen_control.cia402.events import TransitionTimedOut
 from canopen_control.cia402.state import State, transition_of
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 __all__ = ["SETTLE", "StepTimer", "transition_number"]
 
-_NEVER = 1 << 63
+_NEVER: Final = (1 << 62) - 1
 SETTLE = -1
 """In place of a transition number: the time after which a command that was overtaken no longer arrives."""
 
@@ -30,7 +30,7 @@ def transition_number(state: State | None, command: Command | None) -> int | Non
 
 
 class StepTimer:
-    """The timer of the present step: `command` is what is being sent, `deadline` 1 << 63 for never."""
+    """The timer of the present step: `command` is what is being sent, `deadline` is `_NEVER` for none."""
 
     def __init__(self, timeout_ns: int, timeouts: Mapping[int, int]) -> None:
         self.command: Command | None = None

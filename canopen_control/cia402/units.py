@@ -10,6 +10,7 @@ jump (a reset encoder, a restarted drive), which is counted and never becomes mo
 from __future__ import annotations
 
 import math
+from typing import Final
 
 from canopen_control.errors import ConfigError
 
@@ -26,9 +27,9 @@ __all__ = [
 
 INT16_MIN, INT16_MAX = -(1 << 15), (1 << 15) - 1
 INT32_MIN, INT32_MAX = -(1 << 31), (1 << 31) - 1
-_SPAN = 1 << 32
-_HALF = 1 << 31
-_TURN = 2.0 * math.pi
+_SPAN: Final = 1 << 32
+_HALF: Final = 1 << 31
+_TURN: Final = 2.0 * math.pi
 
 
 def wrap_int32(value: int) -> int:

@@ -13,12 +13,13 @@ from __future__ import annotations
 
 import enum
 import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Final, Protocol
 
+from mypy_extensions import mypyc_attr
+
+from canopen_control.controllers.common_params import CommonParams
 from canopen_control.errors import ControlError
 from canopen_control.hardware.interfaces import ACCELERATION, EFFORT, VELOCITY, ReturnType
-from canopen_control.yamltree import setting
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
     from canopen_control.controllers.params import Params
     from canopen_control.hardware.interfaces import CommandInterface, StateInterface
 
-__all__ = ["ALL_STATES", "CommonParams", "Controller", "ControllerState", "Geometry", "zero_targets"]
+__all__ = ["ALL_STATES", "Controller", "ControllerState", "Geometry", "zero_targets"]
 
 ALL_STATES: Final = "*"
 """As the only state interface name: every state interface of the robot."""
@@ -55,22 +56,6 @@ class ControllerState(enum.Enum):
     FINALIZED = "finalized"
 
 
-@dataclass(frozen=True)
-class CommonParams:
-    """The parameters that every controller has; `update_rate` in Hz, 0 is the manager's own."""
-
-    INEFFECTIVE: ClassVar[dict[str, str]] = {
-        "is_async": "all controllers run in the cycle, in one thread",
-        "thread_priority": "all controllers run in the cycle; run --realtime sets the priority of its thread",
-    }
-
-    type: str = ""
-    update_rate: int = setting(0, low=0)
-    use_sim_time: bool = False
-    is_async: bool = False
-    thread_priority: int = 50
-
-
 def zero_targets(commands: Sequence[CommandInterface]) -> None:
     """Write 0.0 to every target that would keep something moving; a position target holds by itself."""
     for each in commands:
@@ -78,6 +63,7 @@ def zero_targets(commands: Sequence[CommandInterface]) -> None:
             each.value = 0.0
 
 
+@mypyc_attr(allow_interpreted_subclasses=True)
 class Controller:
     """A controller with no interfaces that does nothing; the hooks are what a real one overrides.
 
@@ -87,16 +73,16 @@ class Controller:
     is what stands in them: by joint and name, the state interface that a value is read from, None for a constant 0.0.
     """
 
-    is_broadcaster = False
-    topic: str | None = None
-    publishes: tuple[str, ...] = ()
-    frame_id = ""
+    is_broadcaster: ClassVar[bool] = False
+    topic: ClassVar[str | None] = None
 
     def __init__(self, name: str, type_name: str = "") -> None:
         self.name, self.type = name, type_name
         self.state = ControllerState.UNCONFIGURED
         self.update_rate = 0
         self.rejected = 0
+        self.publishes: tuple[str, ...] = ()
+        self.frame_id = ""
         self.joints: tuple[str, ...] = ()
         self.interface: str | None = None
         self.tells: dict[str, dict[str, str | None]] = {}
@@ -156,7 +142,7 @@ class Controller:
         self.rejected += 1
         return ControlError(f"{self.name} {reason}")
 
-    def checked(self, values: Sequence[float], names: Sequence[str]) -> None:
+    def checked(self, values: Sequence[object], names: Sequence[str]) -> None:
         """Refuse a command that is no finite number for each name, or that comes while not active."""
         if self.state is not ControllerState.ACTIVE:
             raise self.refusal(f"is {self.state.value}; activate it before commanding it")

@@ -11,9 +11,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, ClassVar, Final
 
-from canopen_control.controllers.base import ALL_STATES, CommonParams, Controller
+from canopen_control.controllers.base import ALL_STATES, Controller
+from canopen_control.controllers.common_params import CommonParams
 from canopen_control.errors import ControlError
 from canopen_control.hardware.interfaces import ReturnType
 from canopen_control.yamltree import setting
@@ -42,7 +43,7 @@ class StateParams(CommonParams):
 class _StateBroadcaster(Controller):
     """Copies chosen states; `names` are "joint/interface", `values` what they are (nan: not known), `stamp` in ns."""
 
-    is_broadcaster = True
+    is_broadcaster: ClassVar[bool] = True
     chosen: tuple[str, ...] = ()
 
     def __init__(self, name: str, type_name: str = "") -> None:

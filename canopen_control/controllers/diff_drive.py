@@ -12,7 +12,7 @@ sample.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, ClassVar, Final
 
 from canopen_control.controllers.base import Controller, ControllerState
 from canopen_control.controllers.diff_drive_params import DiffDriveParams, frozen_by_jerk, read_params, tf_prefix
@@ -48,7 +48,7 @@ class DiffDriveController(Controller):
     (ns); `limited` is the twist after the limits, for `~/cmd_vel_out`.
     """
 
-    topic = "cmd_vel"
+    topic: ClassVar[str | None] = "cmd_vel"
 
     def __init__(self, name: str, type_name: str = "diff_drive_controller/DiffDriveController") -> None:
         super().__init__(name, type_name)

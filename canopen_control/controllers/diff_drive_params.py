@@ -12,7 +12,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
-from canopen_control.controllers.base import CommonParams
+from canopen_control.controllers.common_params import CommonParams
 from canopen_control.controllers.limiter import Limits
 from canopen_control.errors import RobotConfigError
 from canopen_control.yamltree import setting

@@ -9,17 +9,17 @@ when the last good command is older than that, told once; a position target is h
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
-from canopen_control.controllers.base import CommonParams, Controller, zero_targets
+from canopen_control.controllers.base import Controller, zero_targets
+from canopen_control.controllers.forward_command_params import ForwardParams, GroupParams, MultiParams, SingleParams
 from canopen_control.errors import RobotConfigError
 from canopen_control.hardware.interfaces import EFFORT, POSITION, VELOCITY, ReturnType
-from canopen_control.yamltree import setting
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from canopen_control.controllers.common_params import CommonParams
     from canopen_control.controllers.params import Params
     from canopen_control.hardware.interfaces import CommandInterface, StateInterface
 
@@ -35,42 +35,10 @@ __all__ = [
 ]
 
 
-@dataclass(frozen=True)
-class GroupParams(CommonParams):
-    """Parameters of the group controllers: `command_timeout` in s."""
-
-    joints: tuple[str, ...] = ()
-    command_timeout: float = setting(0.0, low=0.0, high=1e9)
-
-
-@dataclass(frozen=True)
-class ForwardParams(GroupParams):
-    """Parameters of forward_command_controller/ForwardCommandController."""
-
-    interface_name: str = ""
-
-
-@dataclass(frozen=True)
-class SingleParams(CommonParams):
-    """Parameters of ROS 1's controllers of one joint; the gains of `pid` are the drive's own business."""
-
-    joint: str = ""
-    command_timeout: float = setting(0.0, low=0.0, high=1e9)
-
-
-@dataclass(frozen=True)
-class MultiParams(CommonParams):
-    """Parameters of forward_command_controller/MultiInterfaceForwardCommandController."""
-
-    joint: str = ""
-    interface_names: tuple[str, ...] = ()
-    command_timeout: float = setting(0.0, low=0.0, high=1e9)
-
-
 class ForwardCommandController(Controller):
     """Forwards numbers to one interface of several joints."""
 
-    topic = "commands"
+    topic: ClassVar[str | None] = "commands"
 
     def __init__(self, name: str, type_name: str = "forward_command_controller/ForwardCommandController") -> None:
         super().__init__(name, type_name)

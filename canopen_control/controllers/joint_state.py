@@ -11,13 +11,12 @@ made at activation and overwritten in place by every update. Its topics are `joi
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, ClassVar, Final
 
-from canopen_control.controllers.base import ALL_STATES, CommonParams, Controller
+from canopen_control.controllers.base import ALL_STATES, Controller
+from canopen_control.controllers.joint_state_params import RENAMES, BroadcasterParams
 from canopen_control.errors import ControlError
 from canopen_control.hardware.interfaces import EFFORT, POSITION, VELOCITY, ReturnType
-from canopen_control.yamltree import setting
 
 if TYPE_CHECKING:
     from canopen_control.controllers.params import Params
@@ -25,28 +24,7 @@ if TYPE_CHECKING:
 
 __all__ = ["JointStateBroadcaster"]
 
-_MAP: Final = "map_interface_to_joint_state."
 _KINDS: Final = (POSITION, VELOCITY, EFFORT)
-
-
-@dataclass(frozen=True)
-class BroadcasterParams(CommonParams):
-    """Parameters of joint_state_broadcaster/JointStateBroadcaster."""
-
-    joints: tuple[str, ...] = ()
-    interfaces: tuple[str, ...] = ()
-    extra_joints: tuple[str, ...] = ()
-    position: str = setting(POSITION, key=_MAP + POSITION)
-    velocity: str = setting(VELOCITY, key=_MAP + VELOCITY)
-    effort: str = setting(EFFORT, key=_MAP + EFFORT)
-    use_local_topics: bool = False
-    use_urdf_to_filter: bool = True
-    frame_id: str = "base_link"
-    publish_dynamic_joint_states: bool = True
-
-
-RENAMES: Final = {"publish_rate": "update_rate"}
-"""ROS 1's joint_state_controller published at a rate of its own."""
 
 
 class JointStateBroadcaster(Controller):
@@ -55,7 +33,7 @@ class JointStateBroadcaster(Controller):
     `names` and the three arrays are what a JointState message holds; `stamp` is the time of the last update in ns.
     """
 
-    is_broadcaster = True
+    is_broadcaster: ClassVar[bool] = True
 
     def __init__(self, name: str, type_name: str = "joint_state_broadcaster/JointStateBroadcaster") -> None:
         super().__init__(name, type_name)

@@ -10,7 +10,7 @@ chained to, and its fallbacks take over. `update` runs over lists made at the la
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Final, Protocol
 
 from canopen_control.controllers.base import ALL_STATES, Controller, ControllerState, zero_targets
@@ -67,7 +67,8 @@ class ControllerInfo:
 
     def as_dict(self) -> dict[str, object]:
         """Return the fields for JSON."""
-        return {name: list(each) if isinstance(each := getattr(self, name), tuple) else each for name in self.__slots__}
+        values = {each.name: getattr(self, each.name) for each in fields(self)}
+        return {name: list(value) if isinstance(value, tuple) else value for name, value in values.items()}
 
 
 @dataclass(frozen=True, slots=True)

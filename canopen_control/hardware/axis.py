@@ -8,7 +8,7 @@ is None here and travels by SDO or not at all. Limits are in device units and ar
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from canopen_control.cia402 import objects
 from canopen_control.cia402.units import INT32_MAX, INT32_MIN, PositionUnwrapper, Scale
@@ -21,9 +21,9 @@ if TYPE_CHECKING:
 
 __all__ = ["Axis", "AxisLimits", "configured_scale"]
 
-TORQUE_MAX = (1 << 15) - 1
-_POSITIONS = (objects.TARGET_POSITION, objects.INTERPOLATION_DATA)
-_TARGETS = (
+TORQUE_MAX: Final = (1 << 15) - 1
+_POSITIONS: Final = (objects.TARGET_POSITION, objects.INTERPOLATION_DATA)
+_TARGETS: Final = (
     (objects.TARGET_POSITION, 0),
     (objects.TARGET_VELOCITY, 0),
     (objects.TARGET_TORQUE, 0),
@@ -42,7 +42,7 @@ class AxisLimits:
 
     def __init__(self) -> None:
         self.low, self.high = INT32_MIN, INT32_MAX
-        self.velocity: float = INT32_MAX
+        self.velocity = float(INT32_MAX)
         self.torque_positive = self.torque_negative = TORQUE_MAX
         self.deceleration = math.inf
         self.blocked = 0

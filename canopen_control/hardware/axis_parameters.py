@@ -146,7 +146,7 @@ class AxisParameters:
             limits.low, limits.high = low, high
         else:
             limits.low, limits.high = INT32_MIN, INT32_MAX
-        limits.velocity = min(self._largest_velocity(), INT32_MAX)
+        limits.velocity = min(self._largest_velocity(), float(INT32_MAX))
         limits.deceleration = self.get(objects.PROFILE_DECELERATION) or math.inf
         positive, negative = self.get(objects.POSITIVE_TORQUE_LIMIT), self.get(objects.NEGATIVE_TORQUE_LIMIT)
         limits.torque_positive = min(positive or TORQUE_MAX, TORQUE_MAX)

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 
+from mypy_extensions import mypyc_attr
+
 from canopen_control.hardware.interfaces import LifecycleState
 
 __all__ = ["Lifecycle"]
 
 
+@mypyc_attr(allow_interpreted_subclasses=True)
 class Lifecycle(ABC):
     """`state`, and the verbs between the states; what a component does on the way are its `_begin` and `_rest`."""
 

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 __all__ = ["PLUGINS", "GenericSystem"]
 
-PLUGINS: Final = ("mock_components/GenericSystem", "fake_components/GenericSystem")
+PLUGINS: Final[tuple[str, ...]] = ("mock_components/GenericSystem", "fake_components/GenericSystem")
 """The plugin names it stands in for; the second is the older one."""
 
 _MODES: Final = frozenset({POSITION, VELOCITY, ACCELERATION})

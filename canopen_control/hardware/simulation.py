@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 __all__ = ["PLUGINS", "FirstOrderMotor", "Motor", "SimulatedSystem"]
 
-PLUGINS: Final = (
+PLUGINS: Final[tuple[str, ...]] = (
     "canopen_control/SimulatedSystem",
     "gazebo_ros2_control/GazeboSystem",
     "gz_ros2_control/GazeboSimSystem",

@@ -36,7 +36,7 @@ __all__ = ["PLUGINS", "CanopenSystem"]
 _SUPERVISE_NS: Final = 100_000_000
 
 #: the hardware plugins of other stacks that this component stands in for
-PLUGINS = (
+PLUGINS: Final[tuple[str, ...]] = (
     "canopen_control/CanopenSystem",
     "canopen_ros2_control/CanopenSystem",
     "canopen_ros2_control/Cia402System",

@@ -7,7 +7,7 @@ looked up by index, a received frame is one dictionary look-up and one unpack, a
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from canopen_control.cia301.pdo import MappedObject, PdoCodec
 from canopen_control.frame import RECORD
@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 
 __all__ = ["Input", "Output", "ProcessImage", "ReceivedPdo", "SentPdo"]
 
-_NEVER = -1
-_NO_END = 1 << 62
+_NEVER: Final = -1
+_NO_END: Final = (1 << 62) - 1
 MISSED_SYNCS = 3  # after so many SYNCs without its TPDO what it carries is stale, unless bus.yml says otherwise
 CYCLIC_SYNCHRONOUS = range(1, 241)  # transmission types of RPDOs that a drive expects with every SYNC
 

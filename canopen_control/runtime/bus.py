@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from canopen_control.bus.channel import open_port, parse_channel
 from canopen_control.bus.hearing import hear_only
@@ -23,11 +23,11 @@ if TYPE_CHECKING:
 
 __all__ = ["RobotBus"]
 
-_LENGTH = 4  # where a record holds its length
-_WINDOW_NS = 1_000_000_000
-_FAILURES = (BusEventKind.BUS_OFF, BusEventKind.DOWN)
-_RETURNS = (BusEventKind.ERROR_ACTIVE, BusEventKind.UP)
-_LOST_WHILE_SILENT = ("bus_frames_lost", "while it carried nothing")
+_LENGTH: Final = 4  # where a record holds its length
+_WINDOW_NS: Final = 1_000_000_000
+_FAILURES: Final = (BusEventKind.BUS_OFF, BusEventKind.DOWN)
+_RETURNS: Final = (BusEventKind.ERROR_ACTIVE, BusEventKind.UP)
+_LOST_WHILE_SILENT: Final = ("bus_frames_lost", "while it carried nothing")
 
 
 class RobotBus:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import enum
 import time
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from canopen_control.cia301.nmt import NmtCommand
 from canopen_control.controllers.manager import ControllerManager
@@ -37,9 +37,9 @@ if TYPE_CHECKING:
 
 __all__ = ["RobotCore", "RobotState"]
 
-STOP_TIMEOUT_NS = 15_000_000_000  # a stop that takes longer is ended without the drives' consent, and says so
-REQUEST_TIMEOUT_NS = 12_000_000_000
-_NEVER = 1 << 62  # boot_time 0: wait for the nodes for ever
+STOP_TIMEOUT_NS: Final = 15_000_000_000  # a stop that takes longer is ended without the drives' consent, and says so
+REQUEST_TIMEOUT_NS: Final = 12_000_000_000
+_NEVER: Final = 1 << 62  # boot_time 0: wait for the nodes for ever
 
 
 class RobotState(enum.Enum):

@@ -42,5 +42,6 @@ def test_trying_realtime_changes_nothing_here():
 
 def test_the_description_names_date_kernel_and_load():
     found = describe()
-    assert {"date", "machine", "kernel", "python", "load", "idle"} <= set(found)
+    assert {"date", "machine", "kernel", "python", "package", "load", "idle"} <= set(found)
+    assert found["package"] in ("sources", "compiled")
     assert str(found["kernel"]).startswith(os.uname().sysname)

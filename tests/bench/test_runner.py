@@ -9,7 +9,16 @@ from canopen_control.bench import runner
 from canopen_control.bench.figure import compared, limited
 from canopen_control.errors import CanopenError
 
-MACHINE = {"machine": "2 x M", "kernel": "K", "python": "P", "date": "D", "nice": 0, "load": 0.1, "idle": 0.5}
+MACHINE = {
+    "machine": "2 x M",
+    "kernel": "K",
+    "python": "P",
+    "package": "sources",
+    "date": "D",
+    "nice": 0,
+    "load": 0.1,
+    "idle": 0.5,
+}
 
 
 def report(**options):

@@ -4,7 +4,7 @@ from canopen_control.cia402.events import TransitionTimedOut
 from canopen_control.cia402.state import Command, State
 from canopen_control.cia402.step_timer import StepTimer, transition_number
 
-NEVER = 1 << 63
+NEVER = (1 << 62) - 1
 
 
 def test_a_step_is_the_number_of_its_transition_or_none():

@@ -34,6 +34,7 @@ def effective(limits: Limits) -> dict[str, float]:
     }
 
 
+@pytest.mark.sources
 @pytest.mark.parametrize(
     "name", [name for name, case in DIALECTS.items() if "canonical_linear" in case and name != OLD]
 )

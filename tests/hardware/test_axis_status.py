@@ -2,6 +2,8 @@
 
 from types import SimpleNamespace
 
+import pytest
+
 from canopen_control.hardware.axis_status import (
     BLIND_STOP_NS,
     GRACE_NS,
@@ -10,6 +12,8 @@ from canopen_control.hardware.axis_status import (
     ModeBySdo,
     StatuswordBySdo,
 )
+
+pytestmark = pytest.mark.sources  # stand-ins for an axis or a joint
 
 MS = 1_000_000
 

@@ -15,6 +15,8 @@ from canopen_control.hardware.feedback import Feedback
 from canopen_control.master.cycle import ProcessImage
 from canopen_control.od.model import DataType
 
+pytestmark = pytest.mark.sources  # stand-ins for an axis or a joint
+
 COUNTS = 1000.0  # per radian
 CYCLE = 20_000_000
 

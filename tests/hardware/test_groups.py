@@ -6,6 +6,8 @@ import pytest
 
 from canopen_control.hardware.groups import StopGroup
 
+pytestmark = pytest.mark.sources  # stand-ins for an axis or a joint
+
 
 class Joint:
     """As much of a joint as a group sees."""

@@ -7,6 +7,8 @@ import pytest
 from canopen_control.hardware.axis import AxisLimits
 from canopen_control.hardware.watch import PATIENCE, Watch
 
+pytestmark = pytest.mark.sources  # stand-ins for an axis or a joint
+
 WARNING, LIMIT, FOLLOWING = 1 << 7, 1 << 11, 1 << 13
 CSP, PV = 8, 3
 

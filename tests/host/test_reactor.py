@@ -499,6 +499,7 @@ def test_a_closed_loop_has_given_every_descriptor_back():
 # -- the real clock
 
 
+@pytest.mark.sources
 @pytest.mark.parametrize("with_alarm", [True, False])
 def test_real_timers_fire_in_order_and_never_early(monkeypatch, with_alarm):
     if not with_alarm:
@@ -530,6 +531,7 @@ class CountingAlarm:
         os.close(self.write)
 
 
+@pytest.mark.sources
 def test_the_alarm_is_set_only_when_the_earliest_deadline_changes(monkeypatch, pair):
     alarm = CountingAlarm()
     monkeypatch.setattr(reactor_module, "open_alarm", lambda: alarm)

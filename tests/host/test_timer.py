@@ -174,11 +174,13 @@ def test_linux_has_an_alarm():
     alarm.close()
 
 
+@pytest.mark.sources
 def test_elsewhere_there_is_none(monkeypatch):
     monkeypatch.setattr(timer_module.sys, "platform", "darwin")
     assert open_alarm() is None
 
 
+@pytest.mark.sources
 def test_a_system_that_refuses_leaves_the_selectors_own_timeout(monkeypatch):
     def refuse():
         raise OSError("no timerfd here")

@@ -56,7 +56,7 @@ def test_the_page_is_a_client_that_is_started_when_the_boot_is_over(monkeypatch)
     monkeypatch.setattr(session.supervisor, "start_client", lambda name, arguments: started.append((name, arguments)))
     session.start()
     assert started == []
-    assert session.reactor.run_until(lambda: started, 3_000_000_000)
+    assert session.reactor.run_until(lambda: bool(started), 3_000_000_000)
     assert started == [("view", ["canopen_control", "view", "--name", "page", "--teleop"])]
     session.close()
 
