@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import sys
 import time
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from canopen_control.bench.turns import say
 from canopen_control.runtime.files import find_robot
@@ -25,19 +25,22 @@ CONTROLLER = "robby_base_controller"
 
 
 class BridgeSubject:
-    """A session whose robot's commands are timed."""
+    """The robot of a session as its API sees it, with its commands timed."""
 
     def __init__(self, session: Session) -> None:
         self.session, self.latencies = session, list[float]()
-        self._take = session.robot.command
-        session.robot.command = self.command  # type: ignore[method-assign]  # the measuring point
+        session.api._robot = self  # type: ignore[assignment]  # noqa: SLF001 - the measuring point, compiled or not
         session.robot.on_running = lambda: say({"ready": True})
         session.reactor.add_reader(0, self._on_order)
 
     def command(self, controller: str, values: Sequence[float], source: str, stamp: float | None = None) -> None:
         """Note how old a command is, and take it."""
         self.latencies.append(time.monotonic() - values[0])
-        self._take(controller, [0.0] * len(values), source, stamp)
+        self.session.robot.command(controller, [0.0] * len(values), source, stamp)
+
+    def __getattr__(self, name: str) -> Any:  # noqa: ANN401 - whatever it is there
+        """Be the robot in everything else."""
+        return getattr(self.session.robot, name)
 
     def _on_order(self) -> None:
         line = sys.stdin.readline()

@@ -60,7 +60,7 @@ def has_ros() -> bool:
 
 
 def _influence(contender: Contender) -> list[Figure]:
-    """Pair turns with and without the view, and the monitor; the p99 from waking up to the last RPDO is compared."""
+    """Pair turns with and without the view, and the monitor; the p99 of the whole cycle is compared."""
     figures = []
     cycles = round(PAIRED_SECONDS * 1e6 / PERIOD_US)
     for name, verb in (("view", ("view", "--port", "0")), ("monitor", ("monitor",))):
@@ -74,10 +74,10 @@ def _influence(contender: Contender) -> list[Figure]:
                 contender.others[name] = pid
                 watched.append(contender.turn(cycles, PERIOD_US * 1000))
                 del contender.others[name]
-            rounds.append(tuple(percentiles(turn.work_ns, 1e-3)["p99"] for turn in (watched[-1], alone)))
+            rounds.append(tuple(percentiles(turn.whole_ns, 1e-3)["p99"] for turn in (watched[-1], alone)))
         figures.append(
             compared(
-                f"with the {name}: wake to RPDO, p99",
+                f"with the {name}: cycle, p99",
                 "us",
                 [(with_it, without) for with_it, without in rounds],
                 peer_name="without",

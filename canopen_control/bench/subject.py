@@ -1,6 +1,6 @@
 """The complete runtime, measured: what `canopen-control run` runs, with the lateness and the work of each cycle.
 
-Paced turns leave the runtime as it is; a hook at the end of each cycle keeps two numbers. Free-running turns stop the
+Paced turns leave the runtime as it is; a hook at the end of each cycle keeps three numbers. Free-running turns stop the
 pacer and begin each cycle when the last TPDO of the one before has come, through the same reactor and the same ports.
 Drives are there already; the flight recorder, a process of its own, is off.
 
@@ -87,7 +87,8 @@ class Subject:
         turn = self._turn
         if turn is None or self._free:
             return
-        turn.work_ns.append(time.monotonic_ns() - now)
+        turn.work_ns.append(self.robot.sent_at - now)
+        turn.whole_ns.append(time.monotonic_ns() - now)
         turn.late_ns.append(self.robot.pacer.late_max)
         self.robot.pacer.late_max = 0
         self._left -= 1

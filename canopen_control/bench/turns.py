@@ -1,11 +1,11 @@
 """How a program that is measured is told what to do: a line of JSON in, a line of JSON out.
 
     {"cycles": 2000, "period_ns": 1000000}        on absolute deadlines; 0: as fast as the answers come
-    -> {"cycles", "missed", "tpdos", "wall_ns", "cpu_ns", "late_ns": [...], "work_ns": [...]}
+    -> {"cycles", "missed", "tpdos", "wall_ns", "cpu_ns", "late_ns": [...], "work_ns": [...], "whole_ns": [...]}
 
 `late_ns` is from the deadline to the program's first own instruction, `work_ns` from there until all frames of the
-cycle are handed to the bus, `cpu_ns` the process', all threads, `tpdos` how many came, where the program counts them.
-"end" ends it. Lists are empty where nothing is paced.
+cycle are handed to the bus, `whole_ns` until what follows them is done too (ours only). `cpu_ns` is the process', all
+threads; `tpdos` how many came, where the program counts them. "end" ends it. Lists are empty where nothing is paced.
 """
 
 from __future__ import annotations
@@ -33,6 +33,7 @@ class Turn:
     cpu_ns: int = 0
     late_ns: list[int] = field(default_factory=list)
     work_ns: list[int] = field(default_factory=list)
+    whole_ns: list[int] = field(default_factory=list)
     others_ns: dict[str, int] = field(default_factory=dict)
 
     @property

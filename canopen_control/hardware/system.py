@@ -124,8 +124,6 @@ class CanopenSystem(Lifecycle):
 
     def write(self, now: int, period: float) -> ReturnType:
         """Advance every drive's state machine and set its targets; trouble at one joint stops its group."""
-        if now >= self._supervise_at:
-            self._supervise(now)
         for group in self.groups:
             if group.busy:
                 group.coordinate(now)
@@ -137,6 +135,15 @@ class CanopenSystem(Lifecycle):
         for joint in self.joints:
             joint.write(now, period)
         return ReturnType.OK
+
+    def supervise(self, now: int) -> None:
+        """Do what need not be done in every cycle, ten times a second; after the frames of a cycle have left."""
+        if now < self._supervise_at:
+            return
+        self._supervise_at = now + _SUPERVISE_NS
+        self._recovery.step(now)
+        for joint in self.joints:
+            joint.supervise()
 
     def enable(self, joints: Sequence[JointDrive]) -> None:
         """Enable drives for a user; refused with the reason where it cannot be."""
@@ -165,13 +172,6 @@ class CanopenSystem(Lifecycle):
         if (joint := self._by_interface.get(interface)) is None:
             raise UnknownInterface(interface, tuple(self._by_interface))
         return joint, interface.rpartition("/")[2]
-
-    def _supervise(self, now: int) -> None:
-        """Do what need not be done in every cycle."""
-        self._supervise_at = now + _SUPERVISE_NS
-        self._recovery.step(now)
-        for joint in self.joints:
-            joint.supervise()
 
     def _tell(self, joint: JointDrive, news: News, now: int) -> None:
         """Report it, and let what is trouble stop the group."""

@@ -96,8 +96,10 @@ class RobotBus:
             self._lost(error)
 
     def tick(self, now: int) -> None:
-        """Let time pass for the network's services."""
+        """Let time pass for the network's services, and send what that brings."""
         self.network.tick(now)
+        if waiting := self.network.take():
+            self._guarded(waiting)
         if self._kernel_sync is not None and self.port is not None:
             self._kernel_sync.tick(now)
         self._measure(now)

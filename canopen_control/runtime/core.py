@@ -55,7 +55,8 @@ class RobotState(enum.Enum):
 class RobotCore:
     """Everything between the ports and the API; `failure` says why the run failed.
 
-    `on_running` and `on_stopped` are called once each, `on_event` with every event, `after_cycle` after every cycle.
+    `on_running` and `on_stopped` are called once each, `on_event` with every event, `after_cycle` after every cycle;
+    `sent_at` is when the newest cycle's frames had left.
     """
 
     def __init__(self, setup: RobotSetup, reactor: Reactor) -> None:
@@ -83,6 +84,7 @@ class RobotCore:
         self._phase = RobotState.STARTING
         self._activated = False
         self._missed = self._tell_missed_at = 0
+        self.sent_at = 0
         self._deadline = 0
         self._stopping_until = 0
         self._requests: list[AxisRequest] = []
@@ -223,8 +225,6 @@ class RobotCore:
     def _step(self, now: int) -> None:
         """Do a cycle; the reactor serves the ports in every turn and before its timers, so all that came is read."""
         period, components = self._period, self.registry.components
-        for bus in self.buses.values():
-            bus.tick(now)
         for component in components:
             if component.read(now, period) is ReturnType.ERROR:
                 self._component_failed(component, "read", now)
@@ -236,8 +236,17 @@ class RobotCore:
                 self._component_failed(component, "write", now)
         for bus in self.buses.values():
             bus.send_cycle(now)
+        self.sent_at = self.reactor.now()
         self.manager.broadcast(now, period)
+        self._supervise(now)
         self._after(now)
+
+    def _supervise(self, now: int) -> None:
+        """Let time pass for what acts in the next cycle: heartbeats, time-outs, what is looked at now and then."""
+        for bus in self.buses.values():
+            bus.tick(now)
+        for system in self.systems:
+            system.supervise(now)
 
     def _component_failed(self, component: HardwareComponent, verb: str, now: int) -> None:
         self.manager.deactivate_using(component, f"{component.name} reported an error on {verb}", now)
