@@ -10,7 +10,16 @@ from canopen_control.bench.runner import FAMILIES, Report
 from canopen_control.cli import bench
 from canopen_control.errors import ConfigError
 
-MACHINE = {"machine": "2 x M", "kernel": "K", "python": "P", "date": "D", "nice": 0, "load": 0.1, "idle": 0.99}
+MACHINE = {
+    "machine": "2 x M",
+    "kernel": "K",
+    "python": "P",
+    "package": "sources",
+    "date": "D",
+    "nice": 0,
+    "load": 0.1,
+    "idle": 0.99,
+}
 
 
 def parse(*words):
