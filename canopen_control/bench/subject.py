@@ -98,16 +98,12 @@ class Subject:
     def _on_answer(self) -> None:
         for bus in self.robot.buses.values():
             bus.receive()
-        if self._turn is None:
-            return
-        for pdo in self._last:
-            if pdo.stamp < self._edge:
-                return
-        self._left -= 1
-        if self._left:
-            self._cycle()
-        else:
-            self._end(self._turn)
+        if self._turn is not None and all(pdo.stamp >= self._edge for pdo in self._last):
+            self._left -= 1
+            if self._left:
+                self._cycle()
+            else:
+                self._end(self._turn)
 
     def _cycle(self) -> None:
         self._edge = self.reactor.now()

@@ -60,10 +60,8 @@ _SECOND: Final = 1_000_000_000
 _FALLS: Final = 2  # on the way up: a command still on its way may cause one, a drive that keeps falling has a reason
 # Transition 16 is optional: a drive that does not know it is soon led out of its quick stop the long way.
 _DEFAULT_TIMEOUTS: Final = {16: _SECOND}
-_AUTOMATIC: Final = {
-    None: 0,
-    State.NOT_READY_TO_SWITCH_ON: 1,
-}  # what an enable waits for before it can command anything
+# What an enable waits for before it can command anything.
+_AUTOMATIC: Final = {None: 0, State.NOT_READY_TO_SWITCH_ON: 1}
 
 
 class DriveMachine:

@@ -98,8 +98,7 @@ class RobotBus:
     def tick(self, now: int) -> None:
         """Let time pass for the network's services, and send what that brings."""
         self.network.tick(now)
-        if waiting := self.network.take():
-            self._guarded(waiting)
+        self._guarded(self.network.take())
         if self._kernel_sync is not None and self.port is not None:
             self._kernel_sync.tick(now)
         self._measure(now)

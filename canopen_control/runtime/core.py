@@ -69,6 +69,7 @@ class RobotCore:
         self.after_cycle: list[Callable[[int], None]] = []
         self.wall_offset_ns = time.time_ns() - reactor.now()
         self.commander: str | None = None
+        self.sent_at = 0
         self.latch = StopLatch(self.report)
         self.pacer = Pacer(reactor, setup.cycle_ns, self._step)
         self._period = setup.cycle_ns / 1e9
@@ -84,7 +85,6 @@ class RobotCore:
         self._phase = RobotState.STARTING
         self._activated = False
         self._missed = self._tell_missed_at = 0
-        self.sent_at = 0
         self._deadline = 0
         self._stopping_until = 0
         self._requests: list[AxisRequest] = []

@@ -4,21 +4,11 @@ import json
 from types import SimpleNamespace
 
 import pytest
+from support.benches import MACHINE
 
 from canopen_control.bench import runner
 from canopen_control.bench.figure import compared, limited
 from canopen_control.errors import CanopenError
-
-MACHINE = {
-    "machine": "2 x M",
-    "kernel": "K",
-    "python": "P",
-    "package": "sources",
-    "date": "D",
-    "nice": 0,
-    "load": 0.1,
-    "idle": 0.5,
-}
 
 
 def report(**options):
@@ -27,7 +17,7 @@ def report(**options):
         compared("slow", "us", [(3, 4)], peer_name="peer", limit=0.5),
         limited("many", "", [5], limit=1),
     ]
-    return runner.Report(MACHINE, {"cycle": figures}, **options)
+    return runner.Report(MACHINE | {"idle": 0.5}, {"cycle": figures}, **options)
 
 
 def test_what_is_short_is_marked_and_returned():

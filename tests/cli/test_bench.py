@@ -4,22 +4,12 @@ import argparse
 import json
 
 import pytest
+from support.benches import MACHINE
 
 from canopen_control.bench.figure import compared, limited
 from canopen_control.bench.runner import FAMILIES, Report
 from canopen_control.cli import bench
 from canopen_control.errors import ConfigError
-
-MACHINE = {
-    "machine": "2 x M",
-    "kernel": "K",
-    "python": "P",
-    "package": "sources",
-    "date": "D",
-    "nice": 0,
-    "load": 0.1,
-    "idle": 0.99,
-}
 
 
 def parse(*words):

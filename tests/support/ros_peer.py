@@ -123,7 +123,9 @@ class Peer:
     def call(self, service, of, data, timeout=10.0):
         cls = kind(of)
         new = service not in self.clients
-        client = self.clients.get(service) or self.clients.setdefault(service, self.node.create_client(cls, service))
+        if new:
+            self.clients[service] = self.node.create_client(cls, service)
+        client = self.clients[service]
         if not client.wait_for_service(timeout):
             self.say(done="call", error="no such service")
             return
