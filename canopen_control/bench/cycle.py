@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import os
 import threading
 import time
 from typing import TYPE_CHECKING, Any
@@ -17,9 +18,10 @@ from typing import TYPE_CHECKING, Any
 from canopen_control.bench.figure import Figure, compared, limited, percentiles
 from canopen_control.bench.fleet import CONTROLLER, FIRST_NODE, RADIUS_M, SCALE, write_fleet
 from canopen_control.bench.listener import cycles_of, judge, listening
-from canopen_control.bench.machine import may_be_realtime
+from canopen_control.bench.machine import apart, may_be_realtime
 from canopen_control.bench.peers.pattern import target
 from canopen_control.bench.stage import EDS, Contender, Slaves, Stage, ask_hub, stage
+from canopen_control.bench.witness import unwitnessed
 from canopen_control.client.robot import RobotClient
 from canopen_control.errors import CanopenError, RemoteError
 
@@ -58,11 +60,11 @@ class Arena:
         period_us: int,
         *,
         base: bool = True,
-        realtime: bool = False,
+        cpu: int | None = None,
         buses: Sequence[str] = (_BUS,),
     ) -> None:
         self.stage, self.count, self.period_us = played, count, period_us
-        self.base, self.realtime, self.buses = base, realtime, buses
+        self.base, self.cpu, self.buses = base, cpu, buses
         self.channel = f"local:{buses[0]}"
         self.nodes = range(FIRST_NODE, FIRST_NODE + count // len(buses))
         self.others: dict[str, int] = {}
@@ -128,8 +130,8 @@ class Arena:
 
     def ours(self) -> Contender:
         """Start our runtime, and return it when it runs; nobody commands it."""
-        options = ["--realtime"] if self.realtime else []
-        ours = ["canopen_control.bench.subject", str(self.robot), ROBOT, self._channels, *options]
+        cpu = [] if self.cpu is None else [str(self.cpu)]
+        ours = ["canopen_control.bench.subject", str(self.robot), ROBOT, self._channels, *cpu]
         return self.stage.contender(*ours, others=self.others)
 
     def _peer(self, name: str) -> Contender:
@@ -218,14 +220,25 @@ def ask_robot(method: str, **params: object) -> Any:  # noqa: ANN401 - as the ro
 
 
 def rounds_of(
-    arena: Arena, names: Sequence[str], count: int, run: Callable[[Contender], Turn], *, check: bool = True
+    arena: Arena,
+    names: Sequence[str],
+    count: int,
+    run: Callable[[Contender], Turn],
+    *,
+    check: bool = True,
+    as_is: bool = False,
 ) -> dict[str, list[Turn]]:
-    """Have the contenders take turns, `count` times each, one right after another; first turns' bytes are looked at."""
+    """Have the contenders take turns, `count` times each, one right after another; first turns' bytes are looked at.
+
+    Each has a processor for itself meanwhile, but for `as_is`.
+    """
     turns: dict[str, list[Turn]] = {name: [] for name in names}
     for number in range(count):
         for name in names:
             with arena.contender(name, check=check and number == 0) as contender, arena.replayed():
-                turns[name].append(run(contender))
+                alone = contextlib.nullcontext() if as_is else apart(contender.pid, arena.others.values())
+                with alone:
+                    turns[name].append(run(contender))
     return turns
 
 
@@ -236,7 +249,7 @@ def measure(options: Options) -> list[Figure]:
     with stage() as played:
         arena = Arena(played, 2, 1000)
         cycles = 1000 if options.quick else 3000
-        turns = rounds_of(arena, names, ROUNDS, lambda contender: contender.turn(cycles, 0))
+        turns = rounds_of(arena, names, ROUNDS, lambda contender: contender.turn(cycles, 0), as_is=options.as_is)
         figures += cpu_figures("free-running", turns)
         for label, (period_us, quick_cycles, cycles) in PACES.items():
             if options.quick and not quick_cycles:
@@ -244,24 +257,37 @@ def measure(options: Options) -> list[Figure]:
             count = quick_cycles if options.quick else cycles
             arena.pace(period_us)
             run = functools.partial(Contender.turn, cycles=count, period_ns=period_us * 1000)
-            turns = rounds_of(arena, [name for name in names if name != CANOPEN_THREADED], ROUNDS, run)
+            paced = [name for name in names if name != CANOPEN_THREADED]
+            turns = rounds_of(arena, paced, ROUNDS, run, as_is=options.as_is)
             figures += cpu_figures(label, turns)
             figures.append(wake_figure(label, turns))
     return figures if options.quick else [*figures, *_realtime(options.seconds or REALTIME_S)]
 
 
 def _realtime(seconds: float) -> list[Figure]:
-    """Run at 1 kHz with --realtime: no cycle may be left out, and hardly one be late."""
+    """Run at 1 kHz with --realtime --cpu: no cycle may be left out, and hardly one be late.
+
+    A witness on the same processor tells which of those left out the machine itself stood still for.
+    """
     if not may_be_realtime():
         return []
-    period_us = 1000
+    cpu, period_ns = max(os.sched_getaffinity(0)), 1_000_000
     with stage() as played:
-        arena = Arena(played, 2, period_us, realtime=True)
+        arena = Arena(played, 2, period_ns // 1000, cpu=cpu)
         with arena.contender(OURS) as contender:
-            turn = contender.turn(round(seconds * 1e6 / period_us), period_us * 1000)
+            witness = played.witness(cpu, period_ns // 2)
+            turn = contender.turn(round(seconds * 1e9 / period_ns), period_ns)
+            stalls = witness.stalls()
+    return realtime_figures(turn, stalls, period_ns)
+
+
+def realtime_figures(turn: Turn, stalls: Sequence[tuple[int, int]], period_ns: int) -> list[Figure]:
+    """Return what a turn with --realtime showed beside a witness' stalls."""
+    ours = sum((woke - edge) // period_ns for edge, woke in unwitnessed(turn.stalls, stalls))
     late = percentiles(turn.late_ns, 1e-3)["p99.9"]
+    seen = absolutes_of([turn]) | {"stalls of the machine": len(stalls)}
     return [
-        limited("1 kHz --realtime: cycles left out", "", [turn.missed], limit=0.0, absolutes=absolutes_of([turn])),
+        limited("1 kHz --realtime: cycles left out by ours", "", [ours], limit=0.0, absolutes=seen),
         limited("1 kHz --realtime: lateness, p99.9", "us", [late], limit=LATE_LIMIT_US),
     ]
 

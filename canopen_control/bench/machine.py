@@ -13,10 +13,14 @@ import platform
 import sys
 import time
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from canopen_control import frame
 
-__all__ = ["cpu_ns", "describe", "idle_part", "may_be_realtime", "resident_bytes"]
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+
+__all__ = ["apart", "cpu_ns", "describe", "idle_part", "may_be_realtime", "resident_bytes"]
 
 _CPU_CLOCK = 2  # of linux/posix-timers.h: the scheduler's clock of a process
 _IDLE = (3, 4)  # idle and iowait, columns of /proc/stat
@@ -55,6 +59,29 @@ def _jiffies() -> list[int] | None:
         return [int(text) for text in Path("/proc/stat").read_text().split("\n", 1)[0].split()[1:9]]
     except OSError:
         return None
+
+
+@contextlib.contextmanager
+def apart(measured: int, others: Iterable[int]) -> Iterator[None]:
+    """Give a process the last processor for itself, and the rest to the others and this one; then all to all again."""
+    processors = sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else []
+    if len(processors) < 2:
+        yield
+        return
+    rest = [*others, os.getpid()]
+    _place([measured], processors[-1:])
+    _place(rest, processors[:-1])
+    try:
+        yield
+    finally:
+        _place([measured, *rest], processors)
+
+
+def _place(pids: Iterable[int], processors: Iterable[int]) -> None:
+    for pid in pids:
+        with contextlib.suppress(OSError):  # it has ended
+            for thread in os.listdir(f"/proc/{pid}/task"):
+                os.sched_setaffinity(int(thread), processors)
 
 
 def may_be_realtime() -> bool:

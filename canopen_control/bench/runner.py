@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib
 import json
 from dataclasses import dataclass, field
@@ -9,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from canopen_control.bench.machine import describe
 from canopen_control.errors import CanopenError
+from canopen_control.host.awake import keep_awake
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -39,11 +41,17 @@ IDLE_ENOUGH = 0.9  # of all processors, before anything was started
 
 @dataclass(frozen=True, slots=True)
 class Options:
-    """How to measure: `quick` is for CI, `seconds` is how long a long run takes, `say` tells progress."""
+    """How to measure: `quick` is for CI, `seconds` is how long a long run takes, `say` tells progress.
+
+    While it is measured processors are kept awake, where this user may do that, and who takes turns with others has one
+    for itself, unless `as_is`: what it takes to wake a processor, to wake another process on it, or to be put aside for
+    one, is the machine's and differs threefold from turn to turn. Every contender is at its best so.
+    """
 
     quick: bool = False
     seconds: float | None = None
     say: Callable[[str], None] = lambda _text: None
+    as_is: bool = False
 
 
 @dataclass(slots=True)
@@ -78,7 +86,7 @@ class Report:
                 f"{machine['machine']}, {machine['kernel']}, {machine['python']}, "
                 f"{machine['package']}, {machine['date']}",
                 f"before the run: load {machine['load']}, {'?' if idle is None else f'{idle:.0%}'} idle{busy}; "
-                f"niceness {machine['nice']}",
+                f"niceness {machine['nice']}; processors {machine['processors']}",
                 *(f"\n{name}\n{table(figures)}" for name, figures in self.figures.items() if figures),
                 *(f"\n{name}\n  FAILED: {text}" for name, text in self.failures.items()),
             ]
@@ -88,12 +96,15 @@ class Report:
 def run_families(names: Sequence[str], options: Options) -> Report:
     """Measure the families and return what was seen."""
     report = Report(describe(), {}, options.quick)
-    for name in names:
-        options.say(f"{name}: {FAMILIES[name]}")
-        try:
-            report.figures[name] = module_of(name).measure(options)
-        except CanopenError as error:
-            report.failures[name] = str(error)
+    with contextlib.ExitStack() as undo:
+        asleep = "--as-is" if options.as_is else keep_awake(undo)
+        report.machine["processors"] = f"may sleep ({asleep})" if asleep else "kept awake"
+        for name in names:
+            options.say(f"{name}: {FAMILIES[name]}")
+            try:
+                report.figures[name] = module_of(name).measure(options)
+            except CanopenError as error:
+                report.failures[name] = str(error)
     return report
 
 

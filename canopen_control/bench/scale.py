@@ -52,7 +52,7 @@ def measure(options: Options) -> list[Figure]:
         with stage() as played:
             arena = Arena(played, count, max(_FREE_PERIOD_US, count * _DRIVE_US), base=False)
             run = functools.partial(Contender.turn, cycles=cycles, period_ns=0)
-            turns = rounds_of(arena, names, ROUNDS, run)
+            turns = rounds_of(arena, names, ROUNDS, run, as_is=options.as_is)
             per_drive[count] = [turn.cpu_us / count for turn in turns[OURS]]
             figures += _figures(count, turns, options)
             if not options.quick:

@@ -131,6 +131,15 @@ class Contender(Program):
         self.end()
 
 
+class Witness(Program):
+    """A bare timer beside a contender, see `canopen_control.bench.witness`."""
+
+    def stalls(self) -> list[tuple[int, int]]:
+        """Have it end, and return when it was late: from when to when."""
+        self.tell("end")
+        return [(edge, woke) for edge, woke in json.loads(self.line())]
+
+
 class Slaves(Program):
     """Virtual drives that can answer without work, see `canopen_control.bench.slaves`."""
 
@@ -160,6 +169,13 @@ class Stage:
         self.programs.append(slaves)
         slaves.line()
         return slaves
+
+    def witness(self, cpu: int, period_ns: int) -> Witness:
+        """Have a bare timer watch a processor, and return it when it does."""
+        witness = Witness(self.folder, ["canopen_control.bench.witness", str(cpu), str(period_ns)])
+        self.programs.append(witness)
+        witness.line()
+        return witness
 
     def start(self, *words: str, ros: bool = False) -> Program:
         """Run `python -m WORDS`."""

@@ -4,7 +4,9 @@ Paced turns leave the runtime as it is; a hook at the end of each cycle keeps th
 pacer and begin each cycle when the last TPDO of the one before has come, through the same reactor and the same ports.
 Drives are there already; the flight recorder, a process of its own, is off.
 
-    python -m canopen_control.bench.subject FOLDER NAME CHANNEL[,BUS=CHANNEL...] [--realtime]
+    python -m canopen_control.bench.subject FOLDER NAME CHANNEL[,BUS=CHANNEL...] [PROCESSOR]
+
+With a processor it runs there and with `--realtime`.
 """
 
 from __future__ import annotations
@@ -89,8 +91,10 @@ class Subject:
             return
         turn.work_ns.append(self.robot.sent_at - now)
         turn.whole_ns.append(time.monotonic_ns() - now)
-        turn.late_ns.append(self.robot.pacer.late_max)
-        self.robot.pacer.late_max = 0
+        late, self.robot.pacer.late_max = self.robot.pacer.late_max, 0
+        turn.late_ns.append(late)
+        if late >= self.robot.pacer.period_ns:
+            turn.stalls.append((now - late, now))
         self._left -= 1
         if self._left == 0:
             self._end(turn)
@@ -124,16 +128,16 @@ class Subject:
         turn.say()
 
 
-def options(*, realtime: bool) -> RunOptions:
-    """Return how it runs: on drives that are there already."""
-    return RunOptions(drives=False, realtime=DEFAULT_PRIORITY if realtime else None)
+def options(cpu: int | None = None) -> RunOptions:
+    """Return how it runs: on drives that are there already; on a processor of its own with real-time priority."""
+    return RunOptions(drives=False, realtime=None if cpu is None else DEFAULT_PRIORITY, cpu=cpu)
 
 
 def main(arguments: list[str]) -> int:
     """Run the robot and serve turns."""
-    folder, name, channels = arguments[:3]
+    folder, name, channels, *cpu = arguments
     setup = read_robot(find_robot(folder), name=name, can=channels.split(","))
-    session = Session(setup, options(realtime="--realtime" in arguments))
+    session = Session(setup, options(*map(int, cpu)))
     try:
         failure = Subject(session).run()
     finally:

@@ -1,11 +1,14 @@
 """How a program that is measured is told what to do: a line of JSON in, a line of JSON out.
 
     {"cycles": 2000, "period_ns": 1000000}        on absolute deadlines; 0: as fast as the answers come
-    -> {"cycles", "missed", "tpdos", "wall_ns", "cpu_ns", "late_ns": [...], "work_ns": [...], "whole_ns": [...]}
+    -> {"cycles", "missed", "tpdos", "wall_ns", "cpu_ns", "late_ns": [...], "work_ns": [...], "whole_ns": [...],
+        "stalls": [...]}
 
 `late_ns` is from the deadline to the program's first own instruction, `work_ns` from there until all frames of the
-cycle are handed to the bus, `whole_ns` until what follows them is done too (ours only). `cpu_ns` is the process', all
-threads; `tpdos` how many came, where the program counts them. "end" ends it. Lists are empty where nothing is paced.
+cycle are handed to the bus, `whole_ns` until what follows them is done too (ours only). `stalls` are deadline and
+arrival of the cycles that came a period late or later, on the monotonic clock (ours only). `cpu_ns` is the process',
+all threads; `tpdos` how many came, where the program counts them. "end" ends it. Lists are empty where nothing is
+paced.
 """
 
 from __future__ import annotations
@@ -13,13 +16,19 @@ from __future__ import annotations
 import json
 import sys
 import time
+from array import array
 from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Mapping, MutableSequence
 
 __all__ = ["Turn", "say", "serve_turns"]
+
+
+def _numbers() -> array[int]:
+    """Return what holds a number for each cycle: none that the garbage collector of who is measured would look at."""
+    return array("q")
 
 
 @dataclass(slots=True)
@@ -31,9 +40,10 @@ class Turn:
     tpdos: int = 0
     wall_ns: int = 0
     cpu_ns: int = 0
-    late_ns: list[int] = field(default_factory=list)
-    work_ns: list[int] = field(default_factory=list)
-    whole_ns: list[int] = field(default_factory=list)
+    late_ns: MutableSequence[int] = field(default_factory=_numbers)
+    work_ns: MutableSequence[int] = field(default_factory=_numbers)
+    whole_ns: MutableSequence[int] = field(default_factory=_numbers)
+    stalls: list[tuple[int, int]] = field(default_factory=list)
     others_ns: dict[str, int] = field(default_factory=dict)
 
     @property
@@ -48,7 +58,7 @@ class Turn:
 
 def say(message: Mapping[str, object]) -> None:
     """Print a line of JSON, at once."""
-    sys.stdout.write(json.dumps(message) + "\n")
+    sys.stdout.write(json.dumps(message, default=list) + "\n")
     sys.stdout.flush()
 
 

@@ -41,6 +41,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--nice", type=int, metavar="N", help="niceness of all that runs here; negative: before others (needs root)"
     )
+    parser.add_argument(
+        "--as-is",
+        action="store_true",
+        help="let processors sleep and the kernel place the processes; "
+        "else processors are kept awake where that is allowed, and who takes turns with peers has one for itself",
+    )
     parser.add_argument("--seconds", type=float, metavar="S", help="how long the long runs take, such as the soak")
 
 
@@ -50,7 +56,8 @@ def run(args: argparse.Namespace) -> int:
         _be_nice(args.nice)
     names = list(FAMILIES) if "all" in args.family or (args.quick and not args.family) else args.family or ["cycle"]
     with on_signals((signal.SIGTERM,), interrupt):  # what was started is ended then, as by Ctrl-C
-        report = run_families(names, Options(args.quick, args.seconds, lambda text: print(text, file=sys.stderr)))
+        options = Options(args.quick, args.seconds, lambda text: print(text, file=sys.stderr), args.as_is)
+        report = run_families(names, options)
     print(report)
     if args.json is not None:
         report.write(args.json)

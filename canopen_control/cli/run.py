@@ -45,7 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=_priority,
         const=DEFAULT_PRIORITY,
         metavar="PRIORITY",
-        help=f"SCHED_FIFO (default: {DEFAULT_PRIORITY}), memory locked; no start where that is refused",
+        help=f"SCHED_FIFO (default: {DEFAULT_PRIORITY}), memory locked (else no start), processors kept awake",
     )
     parser.add_argument("--cpu", type=int, metavar="N", help="keep the robot's own thread on this processor")
     parser.add_argument(

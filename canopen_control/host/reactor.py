@@ -329,6 +329,8 @@ class Reactor:
         if self._soon:
             return 0
         deadline = self._timers.next_deadline()
+        if deadline is not None and deadline == self._alarm_at:
+            return None  # the alarm is set, and has gone off if it is due
         if deadline is not None:
             wait_ns = deadline - self.clock.now()
             if wait_ns <= 0:

@@ -1,9 +1,10 @@
 """Real-time scheduling of the robot's thread: what `--realtime` and `--cpu` ask of the kernel.
 
 The law of this file: what was asked for is had, or the run ends before anything moves, with the command that would
-allow it. Nothing of it reaches a child: the kernel resets the policy at every fork (SCHED_RESET_ON_FORK; threads made
-later too), locked memory ends with exec, the thread is pinned after its children were started, and `release` frees
-later ones. The timer slack is left alone: the cycle waits on timerfd, which has none. `close` undoes everything.
+allow it; only that the processors stay awake is asked for and not insisted on: most users may not. Nothing of it
+reaches a child: the kernel resets the policy at every fork (SCHED_RESET_ON_FORK; threads made later too), locked memory
+ends with exec, the thread is pinned after its children were started, and `release` frees later ones. The timer slack is
+left alone: the cycle waits on timerfd, which has none. `close` undoes everything.
 
 Garbage is collected by hand, `_COLLECT_NS` apart and just after a cycle's frames have left: what the start has made is
 frozen before, so that a full collection looks at what clients have left since then and at nothing else.
@@ -18,6 +19,7 @@ import sys
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.errors import ConfigError, RobotConfigError
+from canopen_control.host.awake import keep_awake
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -58,7 +60,9 @@ class RealTime:
         if priority is not None:
             self._lock_memory(priority)
             self._schedule(priority)
-            words[:0] = [f"SCHED_FIFO {priority}", "memory locked"]
+            asleep = keep_awake(self._undo)
+            awake = f"processors may sleep ({asleep})" if asleep else "processors kept awake"
+            words[:0] = [f"SCHED_FIFO {priority}", "memory locked", awake]
         if words:
             self.text = f"real-time: {', '.join(words)}" if priority is not None else f"runs {words[0]}"
 

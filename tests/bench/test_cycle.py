@@ -2,7 +2,17 @@
 
 import pytest
 
-from canopen_control.bench.cycle import CANOPEN, NAMES, OURS, Arena, absolutes_of, cpu_figures, rounds_of, wake_figure
+from canopen_control.bench.cycle import (
+    CANOPEN,
+    NAMES,
+    OURS,
+    Arena,
+    absolutes_of,
+    cpu_figures,
+    realtime_figures,
+    rounds_of,
+    wake_figure,
+)
 from canopen_control.bench.stage import ask_hub, stage
 from canopen_control.bench.turns import Turn
 from canopen_control.errors import CanopenError
@@ -49,3 +59,13 @@ def test_absolutes_have_percentiles_of_all_turns():
 def test_waking_is_compared_by_its_p99():
     fast, slow = Turn(cycles=1, work_ns=[10_000]), Turn(cycles=1, work_ns=[40_000])
     assert wake_figure("1 kHz", {OURS: [fast], CANOPEN: [slow]}).ratio == 0.25
+
+
+@pytest.mark.parametrize(("witnessed", "left_out"), [([], 5), ([(11_000_000, 11_100_000)], 3)])
+def test_a_cycle_left_out_is_ours_unless_the_machine_stood_still(witnessed, left_out):
+    stalls = [(10_000_000, 12_100_000), (50_000_000, 53_000_000)]
+    turn = Turn(cycles=60, missed=5, late_ns=[100] * 59 + [300_000], work_ns=[5], stalls=stalls)
+    left, late = realtime_figures(turn, witnessed, 1_000_000)
+    assert (left.ours, left.good) == (left_out, False)
+    assert left.absolutes["missed"] == 5
+    assert (late.ours, late.good) == (300.0, False)

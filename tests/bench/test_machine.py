@@ -1,11 +1,13 @@
 """The machine: CPU of processes, idleness, description."""
 
 import os
+import subprocess
+import sys
 import time
 
 import pytest
 
-from canopen_control.bench.machine import cpu_ns, describe, idle_part, may_be_realtime, resident_bytes
+from canopen_control.bench.machine import apart, cpu_ns, describe, idle_part, may_be_realtime, resident_bytes
 
 
 def test_cpu_of_a_process_is_what_the_process_itself_reads():
@@ -45,3 +47,22 @@ def test_the_description_names_date_kernel_and_load():
     assert {"date", "machine", "kernel", "python", "package", "load", "idle"} <= set(found)
     assert found["package"] in ("sources", "compiled")
     assert str(found["kernel"]).startswith(os.uname().sysname)
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_getaffinity"), reason="processors are chosen on Linux")
+def test_who_is_measured_has_a_processor_for_itself_until_the_end():
+    everywhere = os.sched_getaffinity(0)
+    mine, wire = (subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE) for _ in range(2))
+    gone = subprocess.Popen([sys.executable, "-c", ""])
+    gone.wait()
+    try:
+        with apart(mine.pid, [wire.pid, gone.pid]):
+            own, rest = os.sched_getaffinity(mine.pid), os.sched_getaffinity(wire.pid)
+            assert os.sched_getaffinity(0) == rest
+        assert (own | rest, bool(own & rest)) == (everywhere, len(everywhere) == 1)
+        assert len(own) == 1
+        for pid in (0, mine.pid, wire.pid):
+            assert os.sched_getaffinity(pid) == everywhere
+    finally:
+        mine.communicate(b"\n")
+        wire.communicate(b"\n")

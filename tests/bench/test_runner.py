@@ -38,10 +38,34 @@ def test_a_family_that_fails_does_not_take_the_others_with_it(monkeypatch):
 
     modules = {"load": SimpleNamespace(measure=fail), "boot": SimpleNamespace(measure=lambda _options: [])}
     monkeypatch.setattr(runner, "module_of", modules.__getitem__)
-    found = runner.run_families(["load", "boot"], runner.Options())
+    found = runner.run_families(["load", "boot"], runner.Options(as_is=True))
     assert found.failures == {"load": "a frame is missing"}
     assert found.figures == {"boot": []}
     assert "FAILED: a frame is missing" in str(found)
+
+
+@pytest.mark.parametrize(
+    ("as_is", "refused", "told"),
+    [
+        (False, "", "kept awake"),
+        (False, "/dev/x: Permission denied", "may sleep (/dev/x: Permission denied)"),
+        (True, "", "may sleep (--as-is)"),
+    ],
+)
+def test_processors_are_kept_awake_while_it_is_measured_and_the_table_says_so(monkeypatch, as_is, refused, told):
+    seen = []
+
+    def keep_awake(undo):
+        undo.callback(seen.append, "asleep")
+        seen.append("awake")
+        return refused
+
+    monkeypatch.setattr(runner, "keep_awake", keep_awake)
+    monkeypatch.setattr(runner, "module_of", lambda _name: SimpleNamespace(measure=lambda _: seen.append("run") or []))
+    found = runner.run_families(["load"], runner.Options(as_is=as_is))
+    assert found.machine["processors"] == told
+    assert f"processors {told}" in str(found)
+    assert seen == (["run"] if as_is else ["awake", "run", "asleep"])
 
 
 def test_json_has_everything(tmp_path):

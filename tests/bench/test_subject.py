@@ -4,6 +4,6 @@ from canopen_control.bench.subject import options
 
 
 def test_it_runs_on_drives_that_are_there_already():
-    assert not options(realtime=False).drives
-    assert options(realtime=False).realtime is None
-    assert options(realtime=True).realtime > 0
+    assert not options().drives
+    assert (options().realtime, options().cpu) == (None, None)
+    assert (options(3).realtime, options(3).cpu) == (40, 3)

@@ -26,6 +26,7 @@ def measured(monkeypatch):
 
     def run_families(names, options):
         asked[:] = names
+        measured.options = options
         figures = [
             compared("ratio", "us", [(measured.ratio, 1)], peer_name="p", limit=0.5),
             limited("n", "", [2], limit=1),
@@ -54,6 +55,12 @@ def test_families_are_chosen(measured):
     for words, names in (((), ["cycle"]), (("all",), [*FAMILIES]), (("--quick",), [*FAMILIES])):
         bench.run(parse(*words))
         assert measured.asked == names
+
+
+def test_the_machine_is_left_as_it_is_only_where_that_is_asked_for(measured):
+    for words, as_is in (((), False), (("--as-is",), True)):
+        bench.run(parse(*words))
+        assert measured.options.as_is is as_is
 
 
 def test_json_goes_to_a_file(measured, tmp_path):

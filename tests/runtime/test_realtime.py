@@ -54,7 +54,7 @@ def test_the_thread_runs_with_fifo_and_locked_memory_until_it_is_closed() -> Non
         fields = Path("/proc/thread-self/stat").read_text(encoding="ascii").rpartition(")")[2].split()
         assert (fields[38], fields[37]) == ("1", "7")
         assert _locked_kb() > 1000
-        assert entered.text == "real-time: SCHED_FIFO 7, memory locked"
+        assert entered.text.startswith("real-time: SCHED_FIFO 7, memory locked, processors ")
     finally:
         entered.close()
     assert os.sched_getscheduler(0) == os.SCHED_OTHER
@@ -133,6 +133,30 @@ def test_a_limit_of_locked_memory_is_refused_before_it_can_make_an_allocation_fa
     monkeypatch.setattr(ctypes, "CDLL", lambda *_, **__: pytest.fail("not even tried"))
     with pytest.raises(ConfigError, match=r"memory cannot be locked .locked memory is limited to 8192 kB"):
         RealTime(40)
+
+
+@allowed
+@pytest.mark.parametrize(
+    ("reason", "text"),
+    [
+        ("", "processors kept awake"),
+        ("/dev/x: Permission denied", "processors may sleep (/dev/x: Permission denied)"),
+    ],
+)
+def test_processors_are_kept_awake_or_it_is_told_why_they_may_sleep(
+    monkeypatch: pytest.MonkeyPatch, reason: str, text: str
+) -> None:
+    undone: list[str] = []
+
+    def keep(undo: contextlib.ExitStack) -> str:
+        undo.callback(undone.append, "asleep again")
+        return reason
+
+    monkeypatch.setattr(realtime, "keep_awake", keep)
+    entered = RealTime(7, min(os.sched_getaffinity(0)))
+    assert entered.text == f"real-time: SCHED_FIFO 7, memory locked, {text}, on processor {entered._cpu}"
+    entered.close()
+    assert undone == ["asleep again"]
 
 
 def test_other_systems_are_told_so(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -9,4 +9,5 @@ MACHINE = {
     "nice": 0,
     "load": 0.1,
     "idle": 0.99,
+    "processors": "kept awake",
 }
