@@ -1,9 +1,11 @@
 """`cycle`: two drives, SYNC, two RPDOs and two TPDOs each; our complete runtime beside peers that only exchange them.
 
 All take turns on one `local:` bus with the same virtual drives, in a process of their own: the runtime with diff drive,
-joint states, supervision, 402 machines and API; the `canopen` package; python-can with a codec written by hand. Before
-the clock starts, a listener looks at the bytes of every cycle; while it runs, the drives repeat what they sent last
-(`canopen_control.bench.slaves`), since those of a real robot use no processor of its computer.
+joint states, supervision, 402 machines and API; the `canopen` package; python-can with a codec written by hand. Who has
+its turn has a processor for itself, bus and drives the other: whoever the kernel puts aside for the bus it has just
+woken would pay for that, and each of them is at its best so. Before the clock starts, a listener looks at the bytes of
+every cycle; while it runs, the drives repeat what they sent last (`canopen_control.bench.slaves`), since those of a
+real robot use no processor of its computer.
 """
 
 from __future__ import annotations

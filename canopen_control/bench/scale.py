@@ -63,7 +63,7 @@ def measure(options: Options) -> list[Figure]:
         compared(f"CPU for each drive, {largest}", "us", flat, peer_name=f"{smallest} drives", limit=FLAT_LIMIT)
     )
     if not options.quick:
-        figures += [_several_buses(buses, per_drive[16]) for buses in (2, 4)]
+        figures += [_several_buses(buses, per_drive[16], as_is=options.as_is) for buses in (2, 4)]
         figures.append(_virtual_drives())
     return figures
 
@@ -132,11 +132,12 @@ def _on_the_wire(arena: Arena, seconds: float) -> Figure:
     )
 
 
-def _several_buses(count: int, on_one: Sequence[float]) -> Figure:
+def _several_buses(count: int, on_one: Sequence[float], *, as_is: bool) -> Figure:
     """Share sixteen drives out among buses; the peer is the one bus."""
     with stage() as played:
         arena = Arena(played, 16, _FREE_PERIOD_US, base=False, buses=[f"bench{number}" for number in range(count)])
-        turns = rounds_of(arena, (OURS,), ROUNDS, lambda contender: contender.turn(500, 0), check=False)[OURS]
+        run = functools.partial(Contender.turn, cycles=500, period_ns=0)
+        turns = rounds_of(arena, (OURS,), ROUNDS, run, check=False, as_is=as_is)[OURS]
     rounds = [(turn.cpu_us / 16, alone) for turn, alone in zip(turns, on_one, strict=True)]
     return compared(
         f"16 drives on {count} buses: CPU for each drive",

@@ -222,6 +222,7 @@ RATES = st.sampled_from((0.0, 0.003, 0.03, 0.2))
 LIES = st.sampled_from((0, 0, 0, 100, 890, 5000))
 
 
+@pytest.mark.sources  # the twins are compared inside
 @given(st.integers(0, 2**32), SIZES, BLOCK_SIZES, RATES, st.booleans(), st.sampled_from((2000, 1 << 20)), LIES)
 @settings(max_examples=150, deadline=None)
 def test_an_upload_by_runs_is_the_upload_by_frames(seed, size, block_size, rate, crc, limit, lie):

@@ -173,6 +173,7 @@ def test_bus_off_is_an_error_at_once():
         timer.join()
 
 
+@pytest.mark.sources  # a method is replaced
 def test_the_segments_of_a_block_upload_are_taken_at_once(bus, monkeypatch):
     data = bytes(n % 251 for n in range(127 * 7 * 5))
     bus.write(5, 0x2000, 0, data, block=True)
