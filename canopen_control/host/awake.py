@@ -22,9 +22,11 @@ _NO_LATENCY: Final = struct.pack("=i", 0)  # us
 
 
 def keep_awake(undo: contextlib.ExitStack, device: str = LATENCY_DEVICE) -> str:
-    """Keep all processors awake until `undo` is closed; returns "", or why they may sleep."""
+    """Keep all processors awake until `undo` is closed; returns "", or why they may sleep and what would help."""
     try:
         descriptor = os.open(device, os.O_WRONLY | os.O_CLOEXEC)
+    except PermissionError as error:
+        return f"{device}: {error.strerror}; to allow it type: sudo setfacl -m u:$USER:w {device}"
     except OSError as error:
         return f"{device}: {error.strerror}"
     undo.callback(os.close, descriptor)

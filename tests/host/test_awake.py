@@ -36,6 +36,17 @@ def test_a_machine_without_it_says_so(tmp_path):
         assert keep_awake(undo, str(tmp_path / "none")) == f"{tmp_path}/none: No such file or directory"
 
 
+def test_a_user_who_may_not_learns_what_to_type(monkeypatch):
+    def refuse(_device, _flags):
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
+
+    monkeypatch.setattr(os, "open", refuse)
+    with contextlib.ExitStack() as undo:
+        assert keep_awake(undo) == (
+            "/dev/cpu_dma_latency: Permission denied; to allow it type: sudo setfacl -m u:$USER:w /dev/cpu_dma_latency"
+        )
+
+
 def test_a_request_is_four_bytes_and_its_file_is_closed(tmp_path):
     device = tmp_path / "latency"
     device.touch()
