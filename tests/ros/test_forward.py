@@ -55,7 +55,10 @@ def test_a_controller_that_is_not_active_gets_nothing_until_it_is(fresh):
 
 def test_a_flood_arrives_as_one_command_per_cycle_with_the_newest_value(fresh):
     fresh.peer.order("flood", topic=TOPIC, of=TYPE, count=3000)
-    assert eventually(lambda: commands(fresh) and commands(fresh)[-1]["values"] == [2999.0, 0.0])
+    # again and again, since the subscription is best effort: in a flood any message may be the one that is dropped
+    fresh.peer.order("publish", topic=TOPIC, of=TYPE, data={"data": [3000.0, 0.0]}, rate=20)
+    assert eventually(lambda: commands(fresh) and commands(fresh)[-1]["values"] == [3000.0, 0.0])
+    fresh.peer.order("silence", topic=TOPIC)
     values = [each["values"][0] for each in commands(fresh)]
     assert values == sorted(values)
-    assert len(values) < 1000, "superseded, not queued"
+    assert 0 < sum(value < 3000.0 for value in values) < 1000, "superseded, not queued"
