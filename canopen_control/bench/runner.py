@@ -56,12 +56,17 @@ class Options:
 
 @dataclass(slots=True)
 class Report:
-    """What was measured, where and when; `failures` says why a family could not be."""
+    """What was measured, where and when; `failures` says why a family could not be.
+
+    `last` is what an earlier run has seen, by family, figure and peer, and `last_run` which one that was.
+    """
 
     machine: dict[str, Any]
     figures: dict[str, list[Figure]]
     quick: bool = False
     failures: dict[str, str] = field(default_factory=dict)
+    last: dict[tuple[str, str, str], float] = field(default_factory=dict)
+    last_run: str = ""
 
     def short(self) -> list[Figure]:
         """Return the figures that are not what they must be; of a quick run what no busy machine changes."""
@@ -70,6 +75,20 @@ class Report:
     def _all(self) -> Iterator[Figure]:
         for figures in self.figures.values():
             yield from figures
+
+    def put_beside(self, path: Path) -> None:
+        """Show what an earlier run has written to a file beside; one that is not there, or no report, says nothing."""
+        try:
+            found = json.loads(path.read_text())
+            last_run = f"{found['machine']['date']}, {found['machine']['package']}"
+            last = {
+                (family, each["name"], each["peer_name"]): float(each["ours"])
+                for family, figures in found["figures"].items()
+                for each in figures
+            }
+        except (OSError, ValueError, KeyError, TypeError, AttributeError):
+            return
+        self.last, self.last_run = last, last_run
 
     def write(self, path: Path) -> None:
         """Write it as JSON."""
@@ -87,10 +106,16 @@ class Report:
                 f"{machine['package']}, {machine['date']}",
                 f"before the run: load {machine['load']}, {'?' if idle is None else f'{idle:.0%}'} idle{busy}; "
                 f"niceness {machine['nice']}; processors {machine['processors']}",
-                *(f"\n{name}\n{table(figures)}" for name, figures in self.figures.items() if figures),
+                *([f"last: {self.last_run}"] if self.last_run else []),
+                *(f"\n{name}\n{self._table(name, figures)}" for name, figures in self.figures.items() if figures),
                 *(f"\n{name}\n  FAILED: {text}" for name, text in self.failures.items()),
             ]
         )
+
+    def _table(self, family: str, figures: Sequence[Figure]) -> str:
+        if not self.last_run:
+            return table(figures)
+        return table(figures, [self.last.get((family, each.name, each.peer_name)) for each in figures])
 
 
 def run_families(names: Sequence[str], options: Options) -> Report:
@@ -113,24 +138,29 @@ def module_of(name: str) -> ModuleType:
     return importlib.import_module(f"canopen_control.bench.{_MODULES.get(name, name)}")
 
 
-def table(figures: Sequence[Figure]) -> str:
-    """Return figures as lines of a table, each with what else was seen below it."""
-    lines = [f"  {'':<46}{'ours':>12}{'peer':>12} {'unit':<6}{'ratio':>7}  must be"]
+def table(figures: Sequence[Figure], last: Sequence[float | None] = ()) -> str:
+    """Return figures as lines of a table, each with what else was seen below it; `last` is ours of another time."""
+    head = f"{'last':>12}" if last else ""
+    lines = [f"  {'':<46}{head}{'ours':>12}{'peer':>12} {'unit':<6}{'ratio':>7}  must be"]
     told: object = None
-    for each in figures:
-        lines.append(_line(each))
+    for number, each in enumerate(figures):
+        lines.append(_line(each, _column(last[number]) if last else ""))
         if each.absolutes and each.absolutes != told:
             told = each.absolutes
             lines.append("      " + ", ".join(f"{name} {_short(value)}" for name, value in each.absolutes.items()))
     return "\n".join(lines)
 
 
-def _line(each: Figure) -> str:
+def _column(value: float | None) -> str:
+    return f"{'' if value is None else _short(value):>12}"
+
+
+def _line(each: Figure, last: str) -> str:
     name = f"{each.name} / {each.peer_name}" if each.peer_name else each.name
     peer = "" if each.peer is None else _short(each.peer)
     ratio = "" if each.ratio is None else f"{each.ratio:.2f}"
     must = "" if each.limit is None else f"{each.direction} {each.limit:g}{'' if each.good else '   SHORT'}"
-    return f"  {name:<46}{_short(each.ours):>12}{peer:>12} {each.unit:<6}{ratio:>7}  {must}".rstrip()
+    return f"  {name:<46}{last}{_short(each.ours):>12}{peer:>12} {each.unit:<6}{ratio:>7}  {must}".rstrip()
 
 
 def _short(value: float | str) -> str:

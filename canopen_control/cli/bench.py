@@ -37,7 +37,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--quick", action="store_true", help="short runs; judges what no busy machine changes: ratios and counts"
     )
     parser.add_argument("--check", action="store_true", help="exit code 1 when a figure is not what it must be")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write everything to a file as well")
+    parser.add_argument(
+        "--json",
+        type=Path,
+        metavar="FILE",
+        help="write everything to a file, and show what it held before beside",
+    )
     parser.add_argument(
         "--nice", type=int, metavar="N", help="niceness of all that runs here; negative: before others (needs root)"
     )
@@ -58,9 +63,10 @@ def run(args: argparse.Namespace) -> int:
     with on_signals((signal.SIGTERM,), interrupt):  # what was started is ended then, as by Ctrl-C
         options = Options(args.quick, args.seconds, lambda text: print(text, file=sys.stderr), args.as_is)
         report = run_families(names, options)
-    print(report)
     if args.json is not None:
+        report.put_beside(args.json)
         report.write(args.json)
+    print(report)
     short = report.short()
     for each in short if args.check else ():
         print(f"short: {each.name}: {each.judged:.3g}, must be {each.direction} {each.limit:g}", file=sys.stderr)

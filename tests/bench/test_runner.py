@@ -76,6 +76,32 @@ def test_json_has_everything(tmp_path):
     assert [each["good"] for each in found["figures"]["cycle"]] == [True, False, False]
 
 
+def test_what_an_earlier_run_has_written_is_shown_beside(tmp_path):
+    path = tmp_path / "bench.json"
+    earlier = report()
+    earlier.figures["cycle"][0] = compared("fast", "us", [(7.5, 4)], peer_name="peer", limit=0.5)
+    del earlier.figures["cycle"][1]
+    earlier.write(path)
+    now = report()
+    now.put_beside(path)
+    head, fast, _hub, slow, many = str(now).splitlines()[-5:]
+    assert f"last: {MACHINE['date']}, {MACHINE['package']}" in str(now)
+    assert head.split()[:2] == ["last", "ours"]
+    assert fast.split()[3:5] == ["7.5", "1"]
+    assert slow.split()[3:5] == ["3", "4"], "there was none"
+    assert many.split()[1:3] == ["5", "5"]
+
+
+@pytest.mark.parametrize("text", [None, "", "[]", "{}", '{"machine": {}, "figures": []}', "\x00", '{"machine": 3}'])
+def test_a_file_that_is_no_report_says_nothing(tmp_path, text):
+    path = tmp_path / "bench.json"
+    if text is not None:
+        path.write_text(text)
+    now = report()
+    now.put_beside(path)
+    assert str(now) == str(report())
+
+
 @pytest.mark.parametrize("name", runner.FAMILIES)
 def test_every_family_is_a_module_that_measures(name):
     assert callable(runner.module_of(name).measure)
