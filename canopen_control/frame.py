@@ -41,7 +41,7 @@ FRAME_BITS: Final = (
 )
 
 RECORD: Final = struct.Struct("=IB3x8s")  # can_id with flags, length, padding, data
-RECORD_SIZE: Final = 16  # a number, which a compiler can put where it is used
+RECORD_SIZE: Final = RECORD.size
 
 
 class CanFrame(NamedTuple):

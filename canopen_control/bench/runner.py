@@ -36,6 +36,7 @@ FAMILIES = {
     "import": "how long --help and status take, beside a bare interpreter",
 }
 _MODULES = {"import": "imports"}
+AWAKE = ("cycle", "scale")  # where the cost of a cycle is compared; what ordinary programs do is measured as they are
 IDLE_ENOUGH = 0.9  # of all processors, before anything was started
 
 
@@ -43,9 +44,9 @@ IDLE_ENOUGH = 0.9  # of all processors, before anything was started
 class Options:
     """How to measure: `quick` is for CI, `seconds` is how long a long run takes, `say` tells progress.
 
-    While it is measured processors are kept awake, where this user may do that, and who takes turns with others has one
-    for itself, unless `as_is`: what it takes to wake a processor, to wake another process on it, or to be put aside for
-    one, is the machine's and differs threefold from turn to turn. Every contender is at its best so.
+    In the families of `AWAKE` processors are kept awake, where this user may do that, and who takes turns with others
+    has one for itself, unless `as_is`: what it takes to wake a processor, to wake another process on it, or to be put
+    aside for one, is the machine's and differs threefold from turn to turn. Every contender is at its best so.
     """
 
     quick: bool = False
@@ -121,11 +122,13 @@ class Report:
 def run_families(names: Sequence[str], options: Options) -> Report:
     """Measure the families and return what was seen."""
     report = Report(describe(), {}, options.quick)
-    with contextlib.ExitStack() as undo:
-        asleep = "--as-is" if options.as_is else keep_awake(undo)
-        report.machine["processors"] = f"may sleep ({asleep})" if asleep else "kept awake"
-        for name in names:
-            options.say(f"{name}: {FAMILIES[name]}")
+    report.machine["processors"] = "may sleep"
+    for name in names:
+        options.say(f"{name}: {FAMILIES[name]}")
+        with contextlib.ExitStack() as undo:
+            if name in AWAKE and not options.as_is:
+                asleep = keep_awake(undo)
+                report.machine["processors"] = f"may sleep ({asleep})" if asleep else f"awake for {', '.join(AWAKE)}"
             try:
                 report.figures[name] = module_of(name).measure(options)
             except CanopenError as error:

@@ -137,7 +137,7 @@ class Witness(Program):
     def stalls(self) -> list[tuple[int, int]]:
         """Have it end, and return when it was late: from when to when."""
         self.tell("end")
-        return [(edge, woke) for edge, woke in json.loads(self.line())]
+        return [(edge, woke) for edge, woke in json.loads(self.line())["stalls"]]
 
 
 class Slaves(Program):

@@ -3,8 +3,8 @@
     python -m canopen_control.bench.witness PROCESSOR PERIOD_NS
 
 A hypervisor takes a virtual processor away for milliseconds, firmware a real one; no program on it can help that. It
-watches until a line comes on standard input, and answers with its stalls: a JSON list of [deadline, arrival] on the
-monotonic clock, in ns, of each time that it came half a period late or later.
+watches until a line comes on standard input, and answers with its "stalls": [deadline, arrival] on the monotonic clock,
+in ns, of each time that it came half a period late or later.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ import threading
 import time
 from typing import TYPE_CHECKING
 
+from canopen_control.bench.turns import say
 from canopen_control.runtime.realtime import HIGHEST_PRIORITY
 
 if TYPE_CHECKING:
@@ -61,10 +62,8 @@ def main(arguments: Sequence[str]) -> None:
     gc.disable()
     os.sched_setaffinity(0, {cpu})
     os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(HIGHEST_PRIORITY))
-    sys.stdout.write("ready\n")
-    sys.stdout.flush()
-    stalls = watch(period_ns, ended.is_set)
-    sys.stdout.write(f"{[list(stall) for stall in stalls]}\n")
+    say({"ready": True})
+    say({"stalls": watch(period_ns, ended.is_set)})
 
 
 if __name__ == "__main__":

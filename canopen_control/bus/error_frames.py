@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import struct
 import sys
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 from canopen_control.frame import ERROR_FLAG, RECORD_SIZE, CanFrame, frames_of
 
@@ -45,8 +45,8 @@ ACTIVE_AGAIN = 0x40
 
 _WITH_NUMBER = 0xFF
 _U32 = struct.Struct("<I")
-_FLAG_BYTE: Final = 3 if sys.byteorder == "little" else 0  # of a record: the identifier's highest byte, with the flags
-_ALL_PLAIN: Final = bytes(65536)
+_FLAG_BYTE = 3 if sys.byteorder == "little" else 0  # of the record: the identifier's highest byte, with the flags
+_ALL_PLAIN = bytes(65536)
 
 
 def _frame(error_class: int, detail: int = 0, counters: bytes = bytes(2)) -> CanFrame:

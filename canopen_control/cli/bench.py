@@ -49,8 +49,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--as-is",
         action="store_true",
-        help="let processors sleep and the kernel place the processes; "
-        "else processors are kept awake where that is allowed, and who takes turns with peers has one for itself",
+        help="let processors sleep and the kernel place processes; "
+        "else cycle and scale keep processors awake where that is allowed, and who takes turns has one for itself",
     )
     parser.add_argument("--seconds", type=float, metavar="S", help="how long the long runs take, such as the soak")
 

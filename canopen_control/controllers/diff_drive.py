@@ -63,7 +63,6 @@ class DiffDriveController(Controller):
         self._publish_ns = 0
         self._next_base: int | None = None
         self._sides = 0
-        self._separation = self._left_radius = self._right_radius = 1.0
         self._forget(0)
 
     @property
@@ -117,13 +116,8 @@ class DiffDriveController(Controller):
         for axis, limits in (("linear.x", given.linear), ("angular.z", given.angular)):
             if frozen_by_jerk(limits):
                 self.tell("parameter", f"{axis}.max_jerk: 0 keeps it from ever changing speed; remove it")
-        self._separation, self._left_radius, self._right_radius = (
-            given.separation,
-            given.left_radius,
-            given.right_radius,
-        )
         self.odometry = Odometry(
-            self._separation, self._left_radius, self._right_radius, given.velocity_rolling_window_size
+            given.separation, given.left_radius, given.right_radius, given.velocity_rolling_window_size
         )
         self._timeout_ns, self._publish_ns = round(given.cmd_vel_timeout * NS), round(NS / given.publish_rate)
         self.update_rate, self._sides = given.update_rate, len(given.left)
@@ -254,8 +248,8 @@ class DiffDriveController(Controller):
 
     def _write(self, linear: float, angular: float) -> None:
         self._writing = True
-        commands, sides = self.commands, self._sides
-        left, right = wheel_velocities(linear, angular, self._separation, self._left_radius, self._right_radius)
+        params, commands, sides = self.params, self.commands, self._sides
+        left, right = wheel_velocities(linear, angular, params.separation, params.left_radius, params.right_radius)
         for index in range(sides):
             commands[index].value = left
             commands[sides + index].value = right

@@ -23,7 +23,7 @@ NS: Final = 1_000_000_000
 class _Mean:
     """The mean of the last values, fewer until it is full."""
 
-    __slots__ = ("_at", "_count", "_sum", "_values")
+    __slots__ = ("_at", "_count", "_values")
 
     def __init__(self, size: int) -> None:
         self._values = [0.0] * size
@@ -32,22 +32,18 @@ class _Mean:
     def clear(self) -> None:
         """Forget everything."""
         self._at = self._count = 0
-        self._sum = 0.0
         for index in range(len(self._values)):
             self._values[index] = 0.0
 
     def add(self, value: float) -> float:
         """Add a value and return the mean."""
         values, at = self._values, self._at
-        self._sum += value - values[at]
         values[at] = value
         at += 1
         if at > self._count:
             self._count = at
-        self._at = at
-        if at == len(values):
-            self._at, self._sum = 0, sum(values)  # once in a while, so that rounding does not add up
-        return self._sum / self._count
+        self._at = 0 if at == len(values) else at
+        return sum(values) / self._count
 
 
 class Odometry:

@@ -41,8 +41,6 @@ __all__ = ["Action", "JointDrive", "Wish"]
 
 STOP_NS: Final = 10_000_000_000  # a ramp that takes longer ends in the drive's own disable ramp
 _FINE = (SetPointTaken, SetPointReached)
-_OFF: Final = Wish.OFF  # looked up here once: Enum takes its time, and this is for every cycle
-_STOPPING: Final = Wish.STOPPING
 _FAULTED = (State.FAULT, State.FAULT_REACTION_ACTIVE)
 
 
@@ -322,9 +320,9 @@ class JointDrive:
         elif self.homing is not None:
             targets.hold()
             self.machine.mode_bits = self.homing.step(now)
-        elif not self._may_move or self.wish is _OFF or not self.group.open:
+        elif not self._may_move or self.wish is Wish.OFF or not self.group.open:
             targets.hold()
-        elif self.wish is _STOPPING:
+        elif self.wish is Wish.STOPPING:
             self._slowed = targets.slow(period)
         else:
             targets.follow(now, period)

@@ -25,13 +25,10 @@ def keep_awake(undo: contextlib.ExitStack, device: str = LATENCY_DEVICE) -> str:
     """Keep all processors awake until `undo` is closed; returns "", or why they may sleep and what would help."""
     try:
         descriptor = os.open(device, os.O_WRONLY | os.O_CLOEXEC)
+        undo.callback(os.close, descriptor)
+        os.write(descriptor, _NO_LATENCY)
     except PermissionError as error:
         return f"{device}: {error.strerror}; to allow it type: sudo setfacl -m u:$USER:w {device}"
-    except OSError as error:
-        return f"{device}: {error.strerror}"
-    undo.callback(os.close, descriptor)
-    try:
-        os.write(descriptor, _NO_LATENCY)
     except OSError as error:
         return f"{device}: {error.strerror}"
     return ""

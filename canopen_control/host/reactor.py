@@ -329,9 +329,9 @@ class Reactor:
         if self._soon:
             return 0
         deadline = self._timers.next_deadline()
-        if deadline is not None and deadline == self._alarm_at:
-            return None  # the alarm is set, and has gone off if it is due
         if deadline is not None:
+            if deadline == self._alarm_at:
+                return None  # the alarm is set, and has gone off if it is due
             wait_ns = deadline - self.clock.now()
             if wait_ns <= 0:
                 return 0

@@ -47,12 +47,12 @@ def test_a_family_that_fails_does_not_take_the_others_with_it(monkeypatch):
 @pytest.mark.parametrize(
     ("as_is", "refused", "told"),
     [
-        (False, "", "kept awake"),
+        (False, "", "awake for cycle, scale"),
         (False, "/dev/x: Permission denied", "may sleep (/dev/x: Permission denied)"),
-        (True, "", "may sleep (--as-is)"),
+        (True, "", "may sleep"),
     ],
 )
-def test_processors_are_kept_awake_while_it_is_measured_and_the_table_says_so(monkeypatch, as_is, refused, told):
+def test_processors_are_kept_awake_while_a_cycle_is_measured_and_the_table_says_so(monkeypatch, as_is, refused, told):
     seen = []
 
     def keep_awake(undo):
@@ -62,10 +62,10 @@ def test_processors_are_kept_awake_while_it_is_measured_and_the_table_says_so(mo
 
     monkeypatch.setattr(runner, "keep_awake", keep_awake)
     monkeypatch.setattr(runner, "module_of", lambda _name: SimpleNamespace(measure=lambda _: seen.append("run") or []))
-    found = runner.run_families(["load"], runner.Options(as_is=as_is))
+    found = runner.run_families(["scale", "load"], runner.Options(as_is=as_is))
     assert found.machine["processors"] == told
     assert f"processors {told}" in str(found)
-    assert seen == (["run"] if as_is else ["awake", "run", "asleep"])
+    assert seen == (["run", "run"] if as_is else ["awake", "run", "asleep", "run"])
 
 
 def test_json_has_everything(tmp_path):

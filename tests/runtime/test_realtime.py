@@ -153,8 +153,9 @@ def test_processors_are_kept_awake_or_it_is_told_why_they_may_sleep(
         return reason
 
     monkeypatch.setattr(realtime, "keep_awake", keep)
-    entered = RealTime(7, min(os.sched_getaffinity(0)))
-    assert entered.text == f"real-time: SCHED_FIFO 7, memory locked, {text}, on processor {entered._cpu}"
+    cpu = min(os.sched_getaffinity(0))
+    entered = RealTime(7, cpu)
+    assert entered.text == f"real-time: SCHED_FIFO 7, memory locked, {text}, on processor {cpu}"
     entered.close()
     assert undone == ["asleep again"]
 
