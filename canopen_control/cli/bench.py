@@ -57,6 +57,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Measure and print; 1 with --check when something is short."""
+    if args.json is not None:
+        _check_writable(args.json)
     if args.nice is not None:
         _be_nice(args.nice)
     names = list(FAMILIES) if "all" in args.family or (args.quick and not args.family) else args.family or ["cycle"]
@@ -71,6 +73,14 @@ def run(args: argparse.Namespace) -> int:
     for each in short if args.check else ():
         print(f"short: {each.name}: {each.judged:.3g}, must be {each.direction} {each.limit:g}", file=sys.stderr)
     return 1 if report.failures or (args.check and short) else 0
+
+
+def _check_writable(path: Path) -> None:
+    """Refuse before anything is measured; what the file holds stays."""
+    try:
+        path.open("a").close()
+    except OSError as error:
+        raise ConfigError(f"{path} cannot be written: {error.strerror or error}") from error
 
 
 def _be_nice(niceness: int) -> None:

@@ -63,6 +63,13 @@ def test_the_machine_is_left_as_it_is_only_where_that_is_asked_for(measured):
         assert measured.options.as_is is as_is
 
 
+def test_a_file_that_cannot_be_written_is_refused_before_anything_is_measured(measured, tmp_path):
+    for path in (tmp_path / "none" / "b.json", tmp_path):
+        with pytest.raises(ConfigError, match="cannot be written"):
+            bench.run(parse("--json", str(path)))
+    assert measured.asked == []
+
+
 def test_json_goes_to_a_file(measured, tmp_path):
     bench.run(parse("--json", str(tmp_path / "b.json")))
     assert json.loads((tmp_path / "b.json").read_text())["figures"]["cycle"][1]["ours"] == 2
