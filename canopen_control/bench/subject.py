@@ -102,7 +102,10 @@ class Subject:
     def _on_answer(self) -> None:
         for bus in self.robot.buses.values():
             bus.receive()
-        if self._turn is not None and all(pdo.stamp >= self._edge for pdo in self._last):
+        for pdo in self._last:
+            if pdo.stamp < self._edge:
+                return
+        if self._turn is not None:
             self._left -= 1
             if self._left:
                 self._cycle()

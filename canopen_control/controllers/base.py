@@ -13,13 +13,14 @@ from __future__ import annotations
 
 import enum
 import math
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Final, Protocol
 
 from mypy_extensions import mypyc_attr
 
 from canopen_control.controllers.common_params import CommonParams
 from canopen_control.errors import ControlError
-from canopen_control.hardware.interfaces import ACCELERATION, EFFORT, VELOCITY, ReturnType
+from canopen_control.hardware.interfaces import ACCELERATION, EFFORT, OK, VELOCITY, ReturnType
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
     from canopen_control.controllers.params import Params
     from canopen_control.hardware.interfaces import CommandInterface, StateInterface
 
-__all__ = ["ALL_STATES", "Controller", "ControllerState", "Geometry", "zero_targets"]
+__all__ = ["ALL_STATES", "Controller", "ControllerEvent", "ControllerState", "Geometry", "zero_targets"]
 
 ALL_STATES: Final = "*"
 """As the only state interface name: every state interface of the robot."""
@@ -63,6 +64,15 @@ def zero_targets(commands: Sequence[CommandInterface]) -> None:
             each.value = 0.0
 
 
+@dataclass(frozen=True, slots=True)
+class ControllerEvent:
+    """Something that happened: `kind` is activated, deactivated, error, fallback, limited, or a controller's word."""
+
+    kind: str
+    controller: str
+    text: str
+
+
 @mypyc_attr(allow_interpreted_subclasses=True)
 class Controller:
     """A controller with no interfaces that does nothing; the hooks are what a real one overrides.
@@ -92,7 +102,8 @@ class Controller:
         """The movable joints of the robot's description, set by the manager; None if there is no description."""
         self.geometry: Geometry | None = None
         """The wheels of the robot's description, set by the manager; None if there is no description."""
-        self.notices: list[tuple[str, str]] = []
+        self.notices: list[ControllerEvent] = []
+        """What it has told; once it is loaded it is the manager's list, in which all tell."""
 
     # ----------------------------------------------------------------------------------------------------- hooks
 
@@ -128,7 +139,7 @@ class Controller:
     def update(self, now: int, period: float) -> ReturnType:
         """Do one step in the cycle; `now` in ns, `period` since its last step in s."""
         del now, period
-        return ReturnType.OK
+        return OK
 
     def set_command(self, values: Sequence[float], now: int, stamp: int | None = None) -> None:
         """Take a command; `stamp` is when it was made, `now` when it came, both in ns. ControlError if refused."""
@@ -156,7 +167,7 @@ class Controller:
 
     def tell(self, kind: str, text: str) -> None:
         """Report something that happened; it comes out of the manager's events()."""
-        self.notices.append((kind, f"{self.name}: {text}"))
+        self.notices.append(ControllerEvent(kind, self.name, f"{self.name}: {text}"))
 
 
 def _finite(value: object) -> bool:

@@ -19,7 +19,7 @@ from canopen_control.controllers.diff_drive_params import DiffDriveParams, froze
 from canopen_control.controllers.limiter import Limits, RateLimiter
 from canopen_control.controllers.odometry import Odometry
 from canopen_control.errors import ControlError, RobotConfigError
-from canopen_control.hardware.interfaces import POSITION, VELOCITY, CommandInterface, ReturnType
+from canopen_control.hardware.interfaces import ERROR, OK, POSITION, VELOCITY, CommandInterface, ReturnType
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -62,7 +62,11 @@ class DiffDriveController(Controller):
         self._timeout_ns = 0
         self._publish_ns = 0
         self._next_base: int | None = None
-        self._sides = 0
+        self._wheels = (1.0, 1.0, 1.0)  # separation, left and right radius, in m
+        self._left_commands: list[CommandInterface] = []
+        self._right_commands: list[CommandInterface] = []
+        self._left_states: list[StateInterface] = []
+        self._right_states: list[StateInterface] = []
         self._forget(0)
 
     @property
@@ -116,11 +120,10 @@ class DiffDriveController(Controller):
         for axis, limits in (("linear.x", given.linear), ("angular.z", given.angular)):
             if frozen_by_jerk(limits):
                 self.tell("parameter", f"{axis}.max_jerk: 0 keeps it from ever changing speed; remove it")
-        self.odometry = Odometry(
-            given.separation, given.left_radius, given.right_radius, given.velocity_rolling_window_size
-        )
+        self._wheels = (given.separation, given.left_radius, given.right_radius)
+        self.odometry = Odometry(*self._wheels, given.velocity_rolling_window_size)
         self._timeout_ns, self._publish_ns = round(given.cmd_vel_timeout * NS), round(NS / given.publish_rate)
-        self.update_rate, self._sides = given.update_rate, len(given.left)
+        self.update_rate = given.update_rate
         self.joints, self.interface = (*given.left, *given.right), VELOCITY
         self._next_base = None
 
@@ -142,6 +145,9 @@ class DiffDriveController(Controller):
     def on_activate(self, commands: list[CommandInterface], states: list[StateInterface], now: int) -> None:
         """Start with no command; the pose is kept, the next sample is where it goes on from."""
         super().on_activate(commands, states, now)
+        side = len(self.params.left)
+        self._left_commands, self._right_commands = commands[:side], commands[side:]
+        self._left_states, self._right_states = states[:side], states[side:]
         self.odometry.stop()
         self._forget(now)
 
@@ -187,22 +193,23 @@ class DiffDriveController(Controller):
             self._follow(0.0, 0.0, now)
         self._take_reference(now)
         if math.isnan(self._linear) or math.isnan(self._angular):
-            return ReturnType.OK
+            return OK
         linear = self._linear_limiter.limit(self._linear, self._previous_linear, self._before_linear, period)
         angular = self._angular_limiter.limit(self._angular, self._previous_angular, self._before_angular, period)
         if not self._follow(linear, angular, now):
-            return ReturnType.ERROR
+            return ERROR
         self._before_linear, self._previous_linear = self._previous_linear, linear
         self._before_angular, self._previous_angular = self._previous_angular, angular
         self.limited_linear, self.limited_angular = linear, angular
         self._publish(now)
         self._write(linear, angular)
-        return ReturnType.OK
+        return OK
 
     def _take_reference(self, now: int) -> None:
         """Find the twist wanted now: the chain's, or the last command, or zero if that is too old."""
-        if self.chained:
-            self._linear, self._angular = self._references[0].value, self._references[1].value
+        linear, angular = self._references
+        if linear.owner is not None or angular.owner is not None:
+            self._linear, self._angular = linear.value, angular.value
             if self._writing and (math.isnan(self._linear) or math.isnan(self._angular)):
                 self._linear = self._angular = 0.0  # who was driven by a topic does not go on by itself
             self._was_chained, self._commanded = True, False
@@ -221,12 +228,7 @@ class DiffDriveController(Controller):
         if self.params.open_loop:
             self.odometry.update_open_loop(linear, angular, now)
             return True
-        left = right = 0.0
-        states, sides = self.states, self._sides
-        for index in range(sides):
-            left += states[index].value
-            right += states[sides + index].value
-        left, right = left / sides, right / sides
+        left, right = _mean(self._left_states), _mean(self._right_states)
         if not (math.isfinite(left) and math.isfinite(right)):
             return False
         if self.params.position_feedback:
@@ -248,11 +250,19 @@ class DiffDriveController(Controller):
 
     def _write(self, linear: float, angular: float) -> None:
         self._writing = True
-        params, commands, sides = self.params, self.commands, self._sides
-        left, right = wheel_velocities(linear, angular, params.separation, params.left_radius, params.right_radius)
-        for index in range(sides):
-            commands[index].value = left
-            commands[sides + index].value = right
+        separation, left_radius, right_radius = self._wheels
+        left, right = wheel_velocities(linear, angular, separation, left_radius, right_radius)
+        for wheel in self._left_commands:
+            wheel.value = left
+        for wheel in self._right_commands:
+            wheel.value = right
+
+
+def _mean(states: Sequence[StateInterface]) -> float:
+    total = 0.0
+    for each in states:
+        total += each.value
+    return total / len(states)
 
 
 def _limiter(name: str, axis: str, limits: Limits) -> RateLimiter:

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.controllers.common_params import CommonParams
@@ -99,17 +98,17 @@ class DiffDriveParams(CommonParams):
         """The wheels of the right side."""
         return (self.right_wheel_names,) if isinstance(self.right_wheel_names, str) else self.right_wheel_names
 
-    @cached_property
+    @property
     def separation(self) -> float:
         """The distance of the wheels that counts, in m."""
         return self.wheel_separation * self.wheel_separation_multiplier
 
-    @cached_property
+    @property
     def left_radius(self) -> float:
         """The radius of the left wheels that counts, in m."""
         return self.wheel_radius * self.left_wheel_radius_multiplier
 
-    @cached_property
+    @property
     def right_radius(self) -> float:
         """The radius of the right wheels that counts, in m."""
         return self.wheel_radius * self.right_wheel_radius_multiplier

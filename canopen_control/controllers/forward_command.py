@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, ClassVar
 from canopen_control.controllers.base import Controller, zero_targets
 from canopen_control.controllers.forward_command_params import ForwardParams, GroupParams, MultiParams, SingleParams
 from canopen_control.errors import RobotConfigError
-from canopen_control.hardware.interfaces import EFFORT, POSITION, VELOCITY, ReturnType
+from canopen_control.hardware.interfaces import EFFORT, OK, POSITION, VELOCITY, ReturnType
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -82,15 +82,15 @@ class ForwardCommandController(Controller):
         """Write the targets."""
         del period
         if not self._commanded or self._timed_out:
-            return ReturnType.OK
+            return OK
         if self._timeout_ns and now - self._last > self._timeout_ns:
             self._stop(now)
-            return ReturnType.OK
+            return OK
         index = 0
         for each in self.commands:
             each.value = self._values[index]
             index += 1  # noqa: SIM113 - enumerate makes a tuple per joint in the cycle
-        return ReturnType.OK
+        return OK
 
     def _stop(self, now: int) -> None:
         self._timed_out = True

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, ClassVar, Final
 from canopen_control.controllers.base import ALL_STATES, Controller
 from canopen_control.controllers.joint_state_params import RENAMES, BroadcasterParams
 from canopen_control.errors import ControlError
-from canopen_control.hardware.interfaces import EFFORT, POSITION, VELOCITY, ReturnType
+from canopen_control.hardware.interfaces import EFFORT, OK, POSITION, VELOCITY, ReturnType
 
 if TYPE_CHECKING:
     from canopen_control.controllers.params import Params
@@ -105,7 +105,7 @@ class JointStateBroadcaster(Controller):
         for array, index, state in self._copies:
             array[index] = state.value
         self.stamp = now
-        return ReturnType.OK
+        return OK
 
     def dynamic_joint_states(self) -> dict[str, dict[str, float]]:
         """Return every state by joint and name, the ones that are no position, velocity or effort too."""

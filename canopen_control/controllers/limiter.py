@@ -72,15 +72,18 @@ class RateLimiter:
 
     def limit_velocity(self, v: float) -> float:
         """Clamp the value itself."""
-        return _clamp(v, self._min_v, self._max_v) if self._has_v else v
+        if not self._has_v:
+            return v
+        return self._min_v if v < self._min_v else self._max_v if v > self._max_v else v
 
     def limit_acceleration(self, v: float, v0: float, dt: float) -> float:
         """Clamp the step from v0: what slows down and what speeds up have bounds of their own."""
         if not self._has_a:
             return v
-        low = self._dec if v0 > 0.0 else self._acc_reverse
-        high = self._dec_reverse if v0 < 0.0 else self._acc
-        return v0 + _clamp(v - v0, low * dt, high * dt)
+        step = v - v0
+        low = (self._dec if v0 > 0.0 else self._acc_reverse) * dt
+        high = (self._dec_reverse if v0 < 0.0 else self._acc) * dt
+        return v0 + (low if step < low else high if step > high else step)
 
     def limit_jerk(self, v: float, v0: float, v1: float, dt: float) -> float:
         """Clamp the change of the step, only while the step grows in its direction."""
@@ -89,8 +92,5 @@ class RateLimiter:
         dv, dv0 = v - v0, v0 - v1
         if (dv - dv0) * dv <= 0.0:
             return v
-        return v0 + dv0 + _clamp(dv - dv0, self._min_j * dt * dt, self._max_j * dt * dt)
-
-
-def _clamp(value: float, low: float, high: float) -> float:
-    return low if value < low else min(value, high)
+        low, high = self._min_j * dt * dt, self._max_j * dt * dt
+        return v0 + dv0 + min(max(dv - dv0, low), high)

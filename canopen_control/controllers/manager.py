@@ -13,13 +13,13 @@ import math
 from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Final, Protocol
 
-from canopen_control.controllers.base import ALL_STATES, Controller, ControllerState, zero_targets
+from canopen_control.controllers.base import ALL_STATES, Controller, ControllerEvent, ControllerState, zero_targets
 from canopen_control.controllers.chain import in_order, users_of
 from canopen_control.controllers.claims import Plan, make_plan
 from canopen_control.controllers.params import Params
 from canopen_control.controllers.types import make_controller
 from canopen_control.errors import CanopenError, ControlError, UnknownName
-from canopen_control.hardware.interfaces import ReturnType
+from canopen_control.hardware.interfaces import OK
 from canopen_control.yamltree import nearest
 
 if TYPE_CHECKING:
@@ -31,15 +31,6 @@ if TYPE_CHECKING:
 __all__ = ["ControllerEvent", "ControllerInfo", "ControllerManager", "Switched"]
 
 NS: Final = 1_000_000_000
-
-
-@dataclass(frozen=True, slots=True)
-class ControllerEvent:
-    """Something that happened: `kind` is activated, deactivated, error, fallback, limited, or a controller's word."""
-
-    kind: str
-    controller: str
-    text: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,7 +71,7 @@ class Switched:
 
 
 # within the class `list` is the method of ros2_control's name
-Events = list[ControllerEvent]
+Events = tuple[ControllerEvent, ...]
 Names = list[str]
 States = list["StateInterface"]
 Running = tuple[Controller, ...]
@@ -147,6 +138,7 @@ class ControllerManager:
             raise ControlError(f"controller {name} is loaded already; unload it first")
         controller = make_controller(name, type_name)
         controller.description_joints, controller.geometry = self._joints, self._geometry
+        controller.notices = self._events
         self._fallbacks[name] = tuple(fallbacks)
         self._controllers[name] = controller
         self._params[name] = params or Params.of({}, name)
@@ -211,12 +203,11 @@ class ControllerManager:
         return tuple(slot.controller for slot in self._order)
 
     def events(self) -> Events:
-        """Return what happened since the last call."""
-        events, self._events = self._events, []
-        for controller in self._controllers.values():
-            if controller.notices:
-                events += [ControllerEvent(kind, controller.name, text) for kind, text in controller.notices]
-                controller.notices.clear()
+        """Return what happened since the last call, in order."""
+        if not self._events:
+            return ()
+        events = tuple(self._events)
+        self._events.clear()
         return events
 
     # --------------------------------------------------------------------------------------------------- switching
@@ -275,12 +266,19 @@ class ControllerManager:
 
     def _run_due(self, slots: Sequence[_Slot], now: int, period: float) -> None:
         for slot in slots:
-            if slot.rate == 0:
-                self._run(slot.controller, now, period)
-            elif self._due(slot, now):
+            elapsed = period
+            if slot.rate:
+                if not self._due(slot, now):
+                    continue
                 elapsed = (now - slot.last) / NS
                 slot.last = now
-                self._run(slot.controller, now, elapsed)
+            try:
+                result = slot.controller.update(now, elapsed)
+            except Exception as error:  # noqa: BLE001 - no controller ends the cycle, whatever it raises
+                self._failed.append((slot.controller, f"update raised {type(error).__name__}: {error}"))
+                continue
+            if result is not OK:
+                self._failed.append((slot.controller, "update reported an error"))
         if self._failed:
             self._drop_failed(now)
 
@@ -288,15 +286,6 @@ class ControllerManager:
         """Whether this cycle is nearer to the controller's period than the next one would be."""
         elapsed = (now - slot.last) / NS
         return abs(elapsed * slot.rate - 1.0) <= abs((elapsed + self._period) * slot.rate - 1.0)
-
-    def _run(self, controller: Controller, now: int, period: float) -> None:
-        try:
-            result = controller.update(now, period)
-        except Exception as error:  # noqa: BLE001 - no controller ends the cycle, whatever it raises
-            self._failed.append((controller, f"update raised {type(error).__name__}: {error}"))
-            return
-        if result is not ReturnType.OK:
-            self._failed.append((controller, "update reported an error"))
 
     # ------------------------------------------------------------------------------------------------------ inside
 

@@ -20,30 +20,32 @@ STRAIGHT: Final = 1e-6
 NS: Final = 1_000_000_000
 
 
-class _Mean:
-    """The mean of the last values, fewer until it is full."""
+class _Window:
+    """The last values, fewer until it is full; every step adds one, and their mean is made for who asks."""
 
-    __slots__ = ("_at", "_count", "_values")
+    __slots__ = ("_at", "_count", "_size", "_values")
 
     def __init__(self, size: int) -> None:
-        self._values = [0.0] * size
-        self.clear()
+        self._values, self._size = [0.0] * size, size
+        self._at = self._count = 0
 
     def clear(self) -> None:
         """Forget everything."""
         self._at = self._count = 0
-        for index in range(len(self._values)):
-            self._values[index] = 0.0
 
-    def add(self, value: float) -> float:
-        """Add a value and return the mean."""
-        values, at = self._values, self._at
-        values[at] = value
+    def add(self, value: float) -> None:
+        """Add a value, instead of the oldest where it is full."""
+        at = self._at
+        self._values[at] = value
         at += 1
         if at > self._count:
             self._count = at
-        self._at = 0 if at == len(values) else at
-        return sum(values) / self._count
+        self._at = 0 if at == self._size else at
+
+    @property
+    def mean(self) -> float:
+        """The mean of the values, 0 without any."""
+        return sum(self._values[: self._count]) / self._count if self._count else 0.0
 
 
 class Odometry:
@@ -54,12 +56,21 @@ class Odometry:
 
     def __init__(self, separation: float, left_radius: float, right_radius: float, window: int = 10) -> None:
         self._separation, self._left_radius, self._right_radius = separation, left_radius, right_radius
-        self._linear_mean, self._angular_mean = _Mean(window), _Mean(window)
+        self._linear, self._angular = _Window(window), _Window(window)
         self.x = self.y = self.heading = 0.0
-        self.linear = self.angular = 0.0
         self.started = False
         self._time = 0
         self._left = self._right = 0.0
+
+    @property
+    def linear(self) -> float:
+        """The velocity along the robot, in m/s."""
+        return self._linear.mean
+
+    @property
+    def angular(self) -> float:
+        """The velocity of its heading, in rad/s."""
+        return self._angular.mean
 
     def begin(self, left: float, right: float, now: int) -> None:
         """Take the wheels' angles (rad) at `now` (ns) as the baseline; the pose stays."""
@@ -73,9 +84,8 @@ class Odometry:
     def set_pose(self, x: float, y: float, heading: float) -> None:
         """Be somewhere else, in m and rad; the averages start anew."""
         self.x, self.y, self.heading = x, y, heading
-        self.linear = self.angular = 0.0
-        self._linear_mean.clear()
-        self._angular_mean.clear()
+        self._linear.clear()
+        self._angular.clear()
 
     def update_position(self, left: float, right: float, now: int) -> bool:
         """Follow the wheels' angles in rad; return whether the step counted."""
@@ -107,7 +117,9 @@ class Odometry:
             return False
         dt = (now - self._time) / NS
         self._time = now
-        self.linear, self.angular = linear, angular
+        for window, value in ((self._linear, linear), (self._angular, angular)):
+            window.clear()
+            window.add(value)
         self._integrate(linear * dt, angular * dt)
         return True
 
@@ -115,7 +127,8 @@ class Odometry:
         linear, angular = (left + right) * 0.5, (right - left) / self._separation
         self._integrate(linear, angular)
         self._time = now
-        self.linear, self.angular = self._linear_mean.add(linear / dt), self._angular_mean.add(angular / dt)
+        self._linear.add(linear / dt)
+        self._angular.add(angular / dt)
         return True
 
     def _integrate(self, linear: float, angular: float) -> None:

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 __all__ = [
     "ACCELERATION",
     "EFFORT",
+    "ERROR",
+    "OK",
     "POSITION",
     "VELOCITY",
     "CommandInterface",
@@ -40,6 +42,10 @@ class ReturnType(enum.Enum):
 
     OK = "ok"
     ERROR = "error"
+
+
+OK: Final = ReturnType.OK  # every cycle asks a dozen times, and before Python 3.12 finding a member takes 65 ns
+ERROR: Final = ReturnType.ERROR
 
 
 class LifecycleState(enum.Enum):

@@ -41,6 +41,8 @@ __all__ = ["Action", "JointDrive", "Wish"]
 
 STOP_NS: Final = 10_000_000_000  # a ramp that takes longer ends in the drive's own disable ramp
 _FINE = (SetPointTaken, SetPointReached)
+_OFF: Final = Wish.OFF  # for every cycle, see `hardware.interfaces.OK`
+_STOPPING: Final = Wish.STOPPING
 _FAULTED = (State.FAULT, State.FAULT_REACTION_ACTIVE)
 
 
@@ -170,11 +172,6 @@ class JointDrive:
             return state is None or (state is not State.OPERATION_ENABLED and self.standing)
         return state is None or state not in POWERED_STATES
 
-    @property
-    def has_news(self) -> bool:
-        """Whether `news` would return any."""
-        return bool(self._news)
-
     def news(self) -> list[News]:
         """Return what happened since the last call."""
         news, self._news = self._news, []
@@ -291,8 +288,8 @@ class JointDrive:
                     News("position_jump", f"its position jumped by {jump} counts; home it again", stops=True)
                 )
 
-    def step(self, now: int) -> None:
-        """Advance the state machine by one cycle; `news` tells what came of it."""
+    def step(self, now: int) -> bool:
+        """Advance the state machine by one cycle; returns whether `news` tells anything."""
         self._now = now
         machine, axis, status = self.machine, self.axis, self._status
         status.update(now)
@@ -311,6 +308,7 @@ class JointDrive:
             control = status.blind_word(now)
         if control != axis.controlword.value:
             axis.controlword.set(control)
+        return bool(self._news)
 
     def write(self, now: int, period: float) -> None:
         """Set mode and targets, after every joint of the group has seen its statusword."""
@@ -320,9 +318,9 @@ class JointDrive:
         elif self.homing is not None:
             targets.hold()
             self.machine.mode_bits = self.homing.step(now)
-        elif not self._may_move or self.wish is Wish.OFF or not self.group.open:
+        elif not self._may_move or self.wish is _OFF or not self.group.open:
             targets.hold()
-        elif self.wish is Wish.STOPPING:
+        elif self.wish is _STOPPING:
             self._slowed = targets.slow(period)
         else:
             targets.follow(now, period)

@@ -15,6 +15,8 @@ from typing import TYPE_CHECKING, Final
 from canopen_control.errors import ControlError, UnknownInterface
 from canopen_control.hardware.interfaces import (
     ACCELERATION,
+    ERROR,
+    OK,
     POSITION,
     VELOCITY,
     CommandInterface,
@@ -144,10 +146,10 @@ class GenericSystem(Lifecycle):
         """Make the states follow the commands; `period` in s."""
         del now
         if self.state not in (LifecycleState.INACTIVE, LifecycleState.ACTIVE) or self._disabled:
-            return ReturnType.OK
+            return OK
         for each in self.command_interfaces:
             if math.isinf(each.value):
-                return ReturnType.ERROR
+                return ERROR
         if self.state is LifecycleState.ACTIVE and self._dynamics:
             for joint in self._moving:
                 _STEPS[joint.mode](joint, period, self._offset)
@@ -158,12 +160,12 @@ class GenericSystem(Lifecycle):
             joint.set(POSITION, mimic.multiplier * leader.get(POSITION) + mimic.offset)
             joint.set(VELOCITY, mimic.multiplier * leader.get(VELOCITY))
             joint.set(ACCELERATION, mimic.multiplier * leader.get(ACCELERATION))
-        return ReturnType.OK
+        return OK
 
     def write(self, now: int, period: float) -> ReturnType:
         """Do nothing: there is nobody to send to."""
         del now, period
-        return ReturnType.OK
+        return OK
 
     def _mirrors(self) -> list[tuple[CommandInterface, StateInterface, float]]:
         """Return what is copied as it is: everything, or with dynamics all that is not integrated."""

@@ -16,6 +16,8 @@ from typing import TYPE_CHECKING, Final, Protocol
 from canopen_control.errors import ControlError, RobotConfigError, UnknownInterface
 from canopen_control.hardware.interfaces import (
     EFFORT,
+    ERROR,
+    OK,
     POSITION,
     VELOCITY,
     CommandInterface,
@@ -210,22 +212,22 @@ class SimulatedSystem(Lifecycle):
     def read(self, now: int, period: float) -> ReturnType:
         """Let the simulated time pass; `now` in ns. Time that no cycle saw passes too."""
         if self.state not in (LifecycleState.INACTIVE, LifecycleState.ACTIVE):
-            return ReturnType.OK
+            return OK
         step = round(period * 1e9) if self._last is None else now - self._last
         self._last = now
         self.elapsed_ns += step
         for command in self.command_interfaces:
             if math.isinf(command.value):
-                return ReturnType.ERROR
+                return ERROR
         for joint in self._driven:
             joint.step(step / 1e9)
         self._show()
-        return ReturnType.OK
+        return OK
 
     def write(self, now: int, period: float) -> ReturnType:
         """Do nothing: the motors see the commands at the next read."""
         del now, period
-        return ReturnType.OK
+        return OK
 
     def _show(self) -> None:
         for follower, leader, mimic in self._mimics:

@@ -14,7 +14,7 @@ from canopen_control.cia402.objects import AXES
 from canopen_control.errors import ControlError, DriveError, RobotConfigError, UnknownInterface
 from canopen_control.hardware.choice import DIGITAL_OUTPUTS
 from canopen_control.hardware.groups import StopGroup
-from canopen_control.hardware.interfaces import ReturnType
+from canopen_control.hardware.interfaces import OK, ReturnType
 from canopen_control.hardware.joint import JointDrive
 from canopen_control.hardware.lifecycle import Lifecycle
 from canopen_control.hardware.recovery import Recovery
@@ -120,7 +120,7 @@ class CanopenSystem(Lifecycle):
         self._now = now
         for joint in self.joints:
             joint.read(now)
-        return ReturnType.OK
+        return OK
 
     def write(self, now: int, period: float) -> ReturnType:
         """Advance every drive's state machine and set its targets; trouble at one joint stops its group."""
@@ -128,13 +128,12 @@ class CanopenSystem(Lifecycle):
             if group.busy:
                 group.coordinate(now)
         for joint in self.joints:
-            joint.step(now)
-            if joint.has_news:
+            if joint.step(now):
                 for news in joint.news():
                     self._tell(joint, news, now)
         for joint in self.joints:
             joint.write(now, period)
-        return ReturnType.OK
+        return OK
 
     def supervise(self, now: int) -> None:
         """Do what need not be done in every cycle, ten times a second; after the frames of a cycle have left."""

@@ -34,8 +34,10 @@ __all__ = ["Clock", "HasFileno", "ManualClock", "MonotonicClock", "Reactor", "Ti
 
 _READ: Final = selectors.EVENT_READ
 _WRITE: Final = selectors.EVENT_WRITE
-_IN: Final = getattr(select, "EPOLLIN", 1)
-_OUT: Final = getattr(select, "EPOLLOUT", 4)
+# What epoll tells of a descriptor: an error or a hang-up is both, whoever looks there will see it.
+_READABLE: Final = ~getattr(select, "EPOLLOUT", 4)
+_WRITABLE: Final = ~getattr(select, "EPOLLIN", 1)
+_FLAGS: Final = {_READ: ~_WRITABLE, _WRITE: ~_READABLE, _READ | _WRITE: ~_WRITABLE | ~_READABLE}
 _WAKE: Final = b"\0"  # no signal has the number 0
 _PRINTED_ERRORS: Final = 20  # the log must not fill up when something fails in every cycle
 
@@ -98,6 +100,8 @@ class Reactor:
 
     def __init__(self, clock: Clock | None = None) -> None:
         self.clock: Clock = MonotonicClock() if clock is None else clock
+        self.now: Callable[[], int] = self.clock.now
+        """Return the clock's time in nanoseconds."""
         self.errors = 0
         self.on_error: Callable[[BaseException], None] = self._print_first_errors
         self._selector = selectors.DefaultSelector()
@@ -185,17 +189,13 @@ class Reactor:
 
     # -- time
 
-    def now(self) -> int:
-        """Return the clock's time in nanoseconds."""
-        return self.clock.now()
-
     def call_at(self, deadline_ns: int, callback: Callable[[], object]) -> Timer:
         """Call once, when the clock has reached `deadline_ns`."""
         return self._timers.push(deadline_ns, callback)
 
     def call_later(self, delay_ns: int, callback: Callable[[], object]) -> Timer:
         """Call once, `delay_ns` from now."""
-        return self._timers.push(self.clock.now() + delay_ns, callback)
+        return self._timers.push(self.now() + delay_ns, callback)
 
     def call_soon(self, callback: Callable[[], object]) -> None:
         """Call once, in this turn or the next, in the order of the calls."""
@@ -310,7 +310,7 @@ class Reactor:
         """Serve one turn; False when nothing is left to do up to the limit."""
         if not self.clock.is_manual:
             self._turn(self._patience())
-            return limit is None or self.clock.now() < limit
+            return limit is None or self.now() < limit
         return self._turn(0) > 0 or self._jump(limit)
 
     def _jump(self, limit: int | None) -> bool:
@@ -332,7 +332,7 @@ class Reactor:
         if deadline is not None:
             if deadline == self._alarm_at:
                 return None  # the alarm is set, and has gone off if it is due
-            wait_ns = deadline - self.clock.now()
+            wait_ns = deadline - self.now()
             if wait_ns <= 0:
                 return 0
             if self._alarm is None:
@@ -348,17 +348,17 @@ class Reactor:
         for watch, events in self._ready(timeout):
             if watch is None:
                 continue  # the alarm: waking up was all it had to do
-            if events & _READ and watch.on_readable is not None:
+            if events & _READABLE and watch.on_readable is not None:
                 self._call(watch.on_readable)
                 served += 1
-            if events & _WRITE and watch.on_writable is not None:
+            if events & _WRITABLE and watch.on_writable is not None:
                 self._call(watch.on_writable)
                 served += 1
         soon = self._soon
-        for _ in range(len(soon)):
+        for _ in range(len(soon)) if soon else ():
             self._call(soon.popleft())
             served += 1
-        for timer in self._timers.pop_due(self.clock.now()):
+        for timer in self._timers.pop_due(self.now()):
             callback = timer.take()
             if callback is not None:  # else an earlier one of this turn has cancelled it
                 self._call(callback)
@@ -368,13 +368,9 @@ class Reactor:
     def _ready(self, timeout: float | None) -> list[tuple[_Watch | None, int]]:
         """Wait, and return what is ready as it is registered now: a number used again in this turn is another file."""
         if self._epoll is None:
-            return [(key.data, events) for key, events in self._selector.select(timeout)]
+            return [(key.data, _FLAGS[events]) for key, events in self._selector.select(timeout)]
         watches = self._watches
-        return [
-            # an error or a hang-up is both: whoever looks there will see it
-            (watches.get(fd), (_READ if events & ~_OUT else 0) | (_WRITE if events & ~_IN else 0))
-            for fd, events in self._epoll.poll(timeout, len(watches) + 1)
-        ]
+        return [(watches.get(fd), events) for fd, events in self._epoll.poll(timeout, len(watches) + 1)]
 
     def _call(self, callback: Callable[[], object]) -> None:
         try:

@@ -242,15 +242,16 @@ class ProcessImage:
 
     def collect(self, also: Iterable[bytes | bytearray] = ()) -> bytes:
         """Return the records of one cycle: the RPDOs that are due, then `also` (the SYNC)."""
-        records, refresh = self._records, self.refresh
+        records, patience = self._records, self.refresh - 1
         records.clear()
         for pdo in self.outputs:
-            pdo.idle += 1
-            if pdo.enabled and (pdo.changed or pdo.cyclic or pdo.idle >= refresh):
+            if pdo.enabled and (pdo.changed or pdo.cyclic or pdo.idle >= patience):
                 if pdo.changed:
                     pdo.pack()
                 pdo.idle = 0
                 pdo.count += 1
                 records.append(pdo.record)
+            else:
+                pdo.idle += 1
         records.extend(also)  # type: ignore[arg-type]  # bytes and bytearrays join alike
         return b"".join(records)

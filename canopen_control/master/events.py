@@ -42,29 +42,24 @@ class Event:
 
 
 class EventLog:
-    """The newest events, at most `capacity`; `take` hands out what is new, `dropped` counts what was too much."""
+    """The newest events, at most `capacity`; `take` hands out what is `waiting`, `dropped` counts what was too much."""
 
     def __init__(self, capacity: int = 256) -> None:
         self.recent: deque[Event] = deque(maxlen=capacity)
         self.dropped = 0
-        self._fresh: deque[Event] = deque()
+        self.waiting: deque[Event] = deque()
         self._capacity = capacity
 
     def add(self, event: Event) -> None:
         """Append an event; of a flood nobody takes only the newest stay."""
         self.recent.append(event)
-        if len(self._fresh) >= self._capacity:
-            self._fresh.popleft()
+        if len(self.waiting) >= self._capacity:
+            self.waiting.popleft()
             self.dropped += 1
-        self._fresh.append(event)
-
-    @property
-    def waiting(self) -> bool:
-        """Whether `take` would return any."""
-        return bool(self._fresh)
+        self.waiting.append(event)
 
     def take(self) -> list[Event]:
         """Return the events since the last call."""
-        fresh = list(self._fresh)
-        self._fresh.clear()
-        return fresh
+        events = list(self.waiting)
+        self.waiting.clear()
+        return events

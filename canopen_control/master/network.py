@@ -41,7 +41,8 @@ class Network:
         """Called when `identifiers` have changed."""
         self.sync = SyncProducer(overflow=config.master.sync_overflow)
         self.image = ProcessImage(refresh=max(1, REFRESH_NS // cycle_ns))
-        self._outgoing: list[CanFrame] = []
+        self.outgoing: list[CanFrame] = []
+        """What waits for `take`."""
         self._pdo_watch = PdoWatch()
         self._pdo_owner: dict[ReceivedPdo, RemoteNode] = {}
         self._to_boot: list[RemoteNode] = []
@@ -67,7 +68,7 @@ class Network:
         """Send the master's boot-up and begin the boot of every node."""
         self._producer.boot_up(now)
         self._producer.state = NmtState.OPERATIONAL
-        self._outgoing.extend(self._producer.frames())
+        self.outgoing.extend(self._producer.frames())
         for node in self.nodes.values():
             if node.config.boot:
                 node.begin_boot(now)
@@ -114,10 +115,10 @@ class Network:
 
     def take(self) -> bytes:
         """Return the records that wait to be sent, process data apart."""
-        if not self._outgoing:
+        if not self.outgoing:
             return b""
-        records = pack_records(self._outgoing)
-        self._outgoing.clear()
+        records = pack_records(self.outgoing)
+        self.outgoing.clear()
         return records
 
     def cycle(self, *, sync: bool) -> bytes:
@@ -159,7 +160,7 @@ class Network:
 
     def send_nmt(self, command: NmtCommand, node_id: int = BROADCAST) -> None:
         """Send an NMT command."""
-        self._outgoing.append(nmt_frame(command, node_id))
+        self.outgoing.append(nmt_frame(command, node_id))
 
     def changed(self) -> None:
         """Collect what a node wants sent after it was used from outside (an SDO request, a command)."""
@@ -278,14 +279,14 @@ class Network:
 
     def _collect(self) -> None:
         """Gather the frames of every service."""
-        self._outgoing.extend(self._producer.frames())
+        self.outgoing.extend(self._producer.frames())
         if self._guarding is not None:
-            self._outgoing.extend(self._guarding.frames())
+            self.outgoing.extend(self._guarding.frames())
         for node in self.nodes.values():
             self._collect_from(node)
 
     def _collect_from(self, node: RemoteNode) -> None:
-        self._outgoing.extend(node.sdo.frames())
+        self.outgoing.extend(node.sdo.frames())
         self._stale = True
 
     def _earliest(self) -> int | None:

@@ -57,7 +57,8 @@ class RobotBus:
         self._told_lost = -_WINDOW_NS
         self._carries_nothing = self._was_silent = False
         self._bits = 0
-        self._window: tuple[int, int] | None = None
+        self._window: tuple[int, int] | None = None  # since when, and the bits until then
+        self._measure_at = 0
 
     def leave_sync_to_kernel(self, lead: Callable[[int], None] | None) -> None:
         """Let the kernel send SYNC, and call `lead(now)` for each; before `open`, on a SocketCAN interface only."""
@@ -81,41 +82,50 @@ class RobotBus:
 
     def receive(self) -> None:
         """Take everything that waits, and send what it calls for."""
-        if self.port is None:
+        port, network = self.port, self.network
+        if port is None:
             return
         try:
-            records = self.port.receive()
-            if records:
-                self._bits += _bits_of(records)
-                self.network.receive(records, self._reactor.now())
-                if waiting := self.network.take():
-                    self._send(waiting)
-            for event in self.port.events():
-                self._on_bus_event(event)
+            records = port.receive()
         except BusError as error:
             self._lost(error)
+            return
+        if records:
+            self._count(records)
+            network.receive(records, self._reactor.now())
+            if network.outgoing:
+                self._send(network.take())
+        for event in port.events():
+            self._on_bus_event(event)
 
     def tick(self, now: int) -> None:
         """Let time pass for the network's services, and send what that brings."""
-        self.network.tick(now)
-        self._guarded(self.network.take())
-        if self._kernel_sync is not None and self.port is not None:
+        network = self.network
+        network.tick(now)
+        if network.outgoing:
+            self._send(network.take())
+        port = self.port
+        if port is None:
+            return
+        if self._kernel_sync is not None:
             self._kernel_sync.tick(now)
-        self._measure(now)
-        if self.port is not None and self.port.stats.lost != self._lost_frames:
-            self._tell_lost(self.port.stats.lost, now)
+        if now >= self._measure_at:
+            self._measure(now)
+        if port.stats.lost != self._lost_frames:
+            self._tell_lost(port.stats.lost, now)
 
     def send_cycle(self, now: int) -> None:
         """Send what waits, the RPDOs that are due, and SYNC."""
-        waiting, records = self.network.take(), self.network.cycle(sync=self._synchronous)
-        self._guarded(waiting + records if waiting else records)
+        network = self.network
+        records = network.cycle(sync=self._synchronous)
+        self._send(network.take() + records if network.outgoing else records)
         if self._synchronous:
-            self.network.synced(now)
+            network.synced(now)
 
     def send_waiting(self) -> None:
         """Send what waits, process data apart."""
         self.network.changed()
-        self._guarded(self.network.take())
+        self._send(self.network.take())
 
     def close(self) -> None:
         """Leave the channel; a second call does nothing."""
@@ -128,20 +138,22 @@ class RobotBus:
             self.port.close()
             self.port = None
 
-    def _guarded(self, records: bytes) -> None:
+    def _send(self, records: bytes) -> None:
+        port = self.port
+        if not records or port is None:
+            return
+        self._count(records)
         try:
-            self._send(records)
+            port.send(records)
         except BusError as error:
             self._lost(error)
-
-    def _send(self, records: bytes) -> None:
-        if not records or self.port is None:
             return
-        self._bits += _bits_of(records)
-        self.port.send(records)
-        if self.port.wants_write and not self._writing:
+        if port.wants_write and not self._writing:
             self._writing = True
-            self._reactor.add_writer(self.port.fileno(), self._flush)
+            self._reactor.add_writer(port.fileno(), self._flush)
+
+    def _count(self, records: bytes) -> None:
+        self._bits += FRAME_BITS * (len(records) // RECORD_SIZE) + 8 * sum(records[_LENGTH::RECORD_SIZE])
 
     def _flush(self) -> None:
         if self.port is None:
@@ -185,13 +197,7 @@ class RobotBus:
 
     def _measure(self, now: int) -> None:
         """Work out the load of the last second, stuff bits left out."""
-        if self._window is None:
-            self._window = (now, self._bits)
-        since, bits = self._window
-        if now - since >= _WINDOW_NS and self.bitrate > 0:
+        if self._window is not None and self.bitrate > 0:
+            since, bits = self._window
             self.load = (self._bits - bits) * 1e9 / (now - since) / self.bitrate
-            self._window = (now, self._bits)
-
-
-def _bits_of(records: bytes) -> int:
-    return FRAME_BITS * (len(records) // RECORD_SIZE) + 8 * sum(records[_LENGTH::RECORD_SIZE])
+        self._window, self._measure_at = (now, self._bits), now + _WINDOW_NS

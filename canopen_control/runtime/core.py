@@ -15,7 +15,7 @@ from canopen_control.cia301.nmt import NmtCommand
 from canopen_control.controllers.manager import ControllerManager
 from canopen_control.errors import BusError, CanopenError, ControlError, UnknownName
 from canopen_control.hardware.command_limits import CommandLimits
-from canopen_control.hardware.interfaces import ReturnType
+from canopen_control.hardware.interfaces import ERROR
 from canopen_control.hardware.joint import Action
 from canopen_control.hardware.wheels import WheelGeometry
 from canopen_control.master.events import Event, EventLog, Level
@@ -50,6 +50,9 @@ class RobotState(enum.Enum):
     FAULT = "fault"
     STOPPING = "stopping"
     STOPPED = "stopped"
+
+
+_RUNNING: Final = RobotState.RUNNING  # for every cycle, see `hardware.interfaces.OK`
 
 
 class RobotCore:
@@ -226,13 +229,13 @@ class RobotCore:
         """Do a cycle; the reactor serves the ports in every turn and before its timers, so all that came is read."""
         period, components = self._period, self.registry.components
         for component in components:
-            if component.read(now, period) is ReturnType.ERROR:
+            if component.read(now, period) is ERROR:
                 self._component_failed(component, "read", now)
-        if self._phase is not RobotState.RUNNING:
+        if self._phase is not _RUNNING:
             self._advance(now)
         self.manager.update(now, period)
         for component in components:
-            if component.write(now, period) is ReturnType.ERROR:
+            if component.write(now, period) is ERROR:
                 self._component_failed(component, "write", now)
         for bus in self.buses.values():
             bus.send_cycle(now)
