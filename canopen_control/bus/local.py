@@ -16,7 +16,7 @@ from typing import Final, NoReturn
 from canopen_control.bus.error_events import note_errors
 from canopen_control.bus.error_frames import has_error_frames
 from canopen_control.bus.hello import HELLO_SIZE, VERSION, Hello, pack_hello, parse_hello
-from canopen_control.bus.port import BusEvent, BusEventKind, EventLog, PortStats, Records, whole_records
+from canopen_control.bus.port import BusEventKind, EventLog, PortStats, Records, whole_records
 from canopen_control.bus.sendqueue import SendQueue
 from canopen_control.errors import BusClosed, BusError, CanopenError, ConfigError
 from canopen_control.frame import RECORD_SIZE
@@ -42,6 +42,8 @@ class LocalPort:
         self._partial = b""
         self._queue = SendQueue()
         self._events = EventLog()
+        self.events = self._events.drain
+        """Return what happened since the last call."""
         self._dropping = False
         self._gone = ""
         sock.setblocking(False)
@@ -86,11 +88,8 @@ class LocalPort:
         if self._queue.data:
             self._enqueue(records)
             self.flush()
-        else:
-            size = len(records)
-            sent = self._write(records)
-            if sent != size:
-                self._enqueue(memoryview(records)[sent:])
+        elif (sent := self._write(records)) != len(records):
+            self._enqueue(memoryview(records)[sent:])
         self.stats.tx += count
 
     def _write(self, data: Records) -> int:
@@ -114,10 +113,6 @@ class LocalPort:
         if self._queue.data:
             self._queue.taken(self._write(self._queue.data))
             self.stats.queued = len(self._queue)
-
-    def events(self) -> list[BusEvent]:
-        """Return what happened since the last call."""
-        return self._events.drain()
 
     def _lose(self) -> NoReturn:
         if not self._gone:

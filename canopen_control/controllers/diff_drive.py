@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 __all__ = ["DiffDriveController", "wheel_velocities"]
 
 NS: Final = 1_000_000_000
+_AT_ONCE: Final = -1  # before any cycle
 _TWIST: Final = ("linear.x", "angular.z")
 
 
@@ -61,7 +62,7 @@ class DiffDriveController(Controller):
         self._linear_limiter = self._angular_limiter = RateLimiter(Limits())
         self._timeout_ns = 0
         self._publish_ns = 0
-        self._next_base: int | None = None
+        self._publish_at = _AT_ONCE
         self._wheels = (1.0, 1.0, 1.0)  # separation, left and right radius, in m
         self._left_commands: list[CommandInterface] = []
         self._right_commands: list[CommandInterface] = []
@@ -125,7 +126,7 @@ class DiffDriveController(Controller):
         self._timeout_ns, self._publish_ns = round(given.cmd_vel_timeout * NS), round(NS / given.publish_rate)
         self.update_rate = given.update_rate
         self.joints, self.interface = (*given.left, *given.right), VELOCITY
-        self._next_base = None
+        self._publish_at = _AT_ONCE
 
     def command_interface_names(self) -> list[str]:
         """Return the velocity of every wheel, the left ones first."""
@@ -201,7 +202,8 @@ class DiffDriveController(Controller):
         self._before_linear, self._previous_linear = self._previous_linear, linear
         self._before_angular, self._previous_angular = self._previous_angular, angular
         self.limited_linear, self.limited_angular = linear, angular
-        self._publish(now)
+        if now > self._publish_at:
+            self._publish(now)
         self._write(linear, angular)
         return OK
 
@@ -238,13 +240,9 @@ class DiffDriveController(Controller):
         return True
 
     def _publish(self, now: int) -> None:
-        """Count a publication when one is due: the first at once, then at steps of the period on a fixed grid."""
-        if self._next_base is None:
-            self._next_base = now
-        elif self._next_base + self._publish_ns < now:
-            self._next_base = max(self._next_base + self._publish_ns, now - self._publish_ns)  # no burst after a pause
-        else:
-            return
+        """Count a publication; the next is due at the next step of the period on a fixed grid, without a burst."""
+        due, period = self._publish_at, self._publish_ns
+        self._publish_at = (now if due == _AT_ONCE else max(due, now - period)) + period
         self.stamp = now
         self.publications += 1
 

@@ -54,11 +54,12 @@ FileLike: TypeAlias = int | HasFileno
 
 
 class _Watch:
-    """What to call for one descriptor; kept apart from the selector's key so that a removal counts at once."""
+    """What to call for one descriptor, since which turn."""
 
-    __slots__ = ("on_readable", "on_writable")
+    __slots__ = ("on_readable", "on_writable", "since")
 
-    def __init__(self) -> None:
+    def __init__(self, since: int) -> None:
+        self.since = since
         self.on_readable: Callable[[], object] | None = None
         self.on_writable: Callable[[], object] | None = None
 
@@ -110,6 +111,8 @@ class Reactor:
         self._soon: deque[Callable[[], object]] = deque()
         self._from_threads: deque[Callable[[], object]] = deque()
         self._epoll = _open_epoll(self._selector)
+        self._poll = self._select if self._epoll is None else self._epoll.poll
+        self._turns = 0
         self._alarm = None if self.clock.is_manual else open_alarm()
         self._alarm_at: int | None = None
         self._woken = False
@@ -161,7 +164,7 @@ class Reactor:
             self._update(fd, event, watch)
 
     def _register(self, fd: int, event: int, callback: Callable[[], object]) -> None:
-        watch = _Watch()
+        watch = _Watch(self._turns)
         watch.set(event, callback)
         self._selector.register(fd, event, watch)
         self._watches[fd] = watch
@@ -344,10 +347,15 @@ class Reactor:
 
     def _turn(self, timeout: float | None) -> int:
         """Wait, then serve descriptors, handed-over calls and timers; return how many callbacks ran."""
-        served = 0
-        for watch, events in self._ready(timeout):
+        self._turns = turn = self._turns + 1
+        watches, served, rang = self._watches, 0, timeout is not None
+        for fd, events in self._poll(timeout, len(watches) + 1):
+            watch = watches.get(fd)
             if watch is None:
-                continue  # the alarm: waking up was all it had to do
+                rang = True  # the alarm; or what was removed in this turn, and a look at the timers too many
+                continue
+            if watch.since == turn:
+                continue  # the number is another file's since a moment: what is known is about the one before
             if events & _READABLE and watch.on_readable is not None:
                 self._call(watch.on_readable)
                 served += 1
@@ -358,19 +366,16 @@ class Reactor:
         for _ in range(len(soon)) if soon else ():
             self._call(soon.popleft())
             served += 1
-        for timer in self._timers.pop_due(self.now()):
+        for timer in self._timers.pop_due(self.now()) if rang else ():
             callback = timer.take()
             if callback is not None:  # else an earlier one of this turn has cancelled it
                 self._call(callback)
                 served += 1
         return served
 
-    def _ready(self, timeout: float | None) -> list[tuple[_Watch | None, int]]:
-        """Wait, and return what is ready as it is registered now: a number used again in this turn is another file."""
-        if self._epoll is None:
-            return [(key.data, _FLAGS[events]) for key, events in self._selector.select(timeout)]
-        watches = self._watches
-        return [(watches.get(fd), events) for fd, events in self._epoll.poll(timeout, len(watches) + 1)]
+    def _select(self, timeout: float | None, _most: int) -> list[tuple[int, int]]:
+        """Wait and tell what is ready, as epoll does."""
+        return [(key.fd, _FLAGS[events]) for key, events in self._selector.select(timeout)]
 
     def _call(self, callback: Callable[[], object]) -> None:
         try:

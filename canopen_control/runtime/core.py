@@ -79,6 +79,7 @@ class RobotCore:
         made = Assembly(setup, reactor, self.report, self._on_bus_lost, self.pacer.lead)
         self.registry, self.buses, self.nodes = made.registry, made.buses, made.nodes
         self.joints, self.systems, self._bus_by_node = made.joints, made.systems, made.bus_by_node
+        self._components = made.registry.components
         self.manager = ControllerManager(
             self.registry,
             setup.controllers.update_rate,
@@ -227,7 +228,7 @@ class RobotCore:
 
     def _step(self, now: int) -> None:
         """Do a cycle; the reactor serves the ports in every turn and before its timers, so all that came is read."""
-        period, components = self._period, self.registry.components
+        period, components = self._period, self._components
         for component in components:
             if component.read(now, period) is ERROR:
                 self._component_failed(component, "read", now)
@@ -331,7 +332,7 @@ class RobotCore:
     def _activate(self) -> None:
         """Do what the spawners of the tutorial do: load, configure and activate, broadcasters first."""
         try:
-            for component in self.registry.components:
+            for component in self._components:
                 component.configure()
                 component.activate()
             self.switch(self.setup.wanted, (), strict=True)
