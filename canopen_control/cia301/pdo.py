@@ -275,17 +275,6 @@ class PdoCodec:
         except (struct.error, OverflowError) as error:
             raise self._misfit(values, error) from None
 
-    def pack_into(self, buffer: bytearray | memoryview, offset: int, values: Sequence[Value]) -> None:
-        """Write the bytes at `offset` of `buffer`, which is unchanged when a value does not fit.
-
-        `struct.Struct.pack_into` would leave zeros there, and zeros in a controlword switch a drive off.
-        """
-        end = offset + self.length
-        if not 0 <= offset <= end <= len(buffer):
-            msg = f"bytes {offset} to {end} are not in a buffer of {len(buffer)}"
-            raise LocalProtocolError(msg)
-        buffer[offset:end] = self.pack(values)
-
     def unpack(self, data: bytes | bytearray | memoryview) -> tuple[Value, ...]:
         """Return one value per object from the first `length` bytes; LocalProtocolError when there are fewer."""
         if len(data) < self.length:

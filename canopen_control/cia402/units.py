@@ -132,7 +132,8 @@ class Scale:
 
     def velocity_to_device(self, velocity: float) -> int:
         """Return the int32 for 0x60FF; raises ValueError for a target that is not finite: it is none."""
-        return self._limited(velocity * self.vel_to_dev, INT32_MIN, INT32_MAX)
+        value = velocity * self.vel_to_dev
+        return round(value) if INT32_MIN <= value <= INT32_MAX else self._limited(value, INT32_MIN, INT32_MAX)
 
     def velocity_from_device(self, raw: int) -> float:
         """Return the velocity of a value of 0x606C."""

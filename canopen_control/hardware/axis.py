@@ -51,8 +51,10 @@ class AxisLimits:
         """Return a velocity that the drive will take."""
         if raw * self.blocked > 0:
             return 0
-        most = int(self.velocity)
-        return most if raw > most else -most if raw < -most else raw
+        most = self.velocity
+        if -most <= raw <= most:
+            return raw
+        return int(most) if raw > 0 else -int(most)
 
     def of_torque(self, raw: int) -> int:
         """Return a torque that the drive will take."""

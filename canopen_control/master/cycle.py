@@ -13,7 +13,7 @@ from canopen_control.cia301.pdo import MappedObject, PdoCodec
 from canopen_control.frame import RECORD
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from canopen_control.master.draft import PdoLayout
     from canopen_control.od.model import Value
@@ -138,51 +138,58 @@ class Input:
 
 
 class Output:
-    """One object that RPDOs carry: `set` marks each of them as changed."""
+    """One object that RPDOs carry, at `places` in them: `set` marks each of them as changed."""
 
-    __slots__ = ("pdos", "value")
+    __slots__ = ("places", "value")
 
     def __init__(self) -> None:
         self.value = 0
-        self.pdos: list[SentPdo] = []
+        self.places: list[tuple[SentPdo, int]] = []
 
     def set(self, value: int) -> None:
         """Give the raw number of the next frames."""
         if value != self.value:
             self.value = value
-            for pdo in self.pdos:
+            for pdo, position in self.places:
+                pdo.values[position] = value
                 pdo.changed = True
 
 
 class SentPdo:
-    """One RPDO of a node, its record ready to be sent; `enabled` only while the node is operational."""
+    """One RPDO of a node, its record ready to be sent; `enabled` only while the node is operational.
 
-    __slots__ = ("changed", "cob_id", "codec", "count", "cyclic", "enabled", "idle", "outputs", "record")
+    `values` are the raw numbers in mapping order, written by their outputs.
+    """
+
+    __slots__ = ("changed", "cob_id", "codec", "count", "cyclic", "enabled", "idle", "outputs", "record", "values")
 
     def __init__(
         self, cob_id: int, objects: Sequence[MappedObject], outputs: Sequence[Output], *, cyclic: bool
     ) -> None:
-        self.cob_id, self.outputs, self.cyclic = cob_id, outputs, cyclic
+        self.cob_id, self.cyclic = cob_id, cyclic
         self.codec = PdoCodec(objects)
-        self.record = bytearray(RECORD.pack(cob_id, self.codec.length, b""))
-        self.enabled, self.changed, self.count = False, True, 0
+        self.record = RECORD.pack(cob_id, self.codec.length, b"")
+        self.enabled, self.count = False, 0
         self.idle = 0  # cycles since it was sent
-        for output in outputs:
-            output.pdos.append(self)
+        self._carry(outputs)
 
     def use(self, layout: PdoLayout, outputs: Sequence[Output]) -> None:
         """Send the PDO as the node has it; `outputs` are those of the layout's objects."""
-        self.cob_id, self.outputs, self.codec = layout.cob_id, outputs, PdoCodec(layout.objects)
+        for output in self.outputs:
+            output.places = [place for place in output.places if place[0] is not self]
+        self.cob_id, self.codec = layout.cob_id, PdoCodec(layout.objects)
         self.cyclic = layout.transmission_type in CYCLIC_SYNCHRONOUS
-        self.record = bytearray(RECORD.pack(self.cob_id, self.codec.length, b""))
-        self.changed = True
-        for output in outputs:
-            if self not in output.pdos:
-                output.pdos.append(self)
+        self._carry(outputs)
+
+    def _carry(self, outputs: Sequence[Output]) -> None:
+        self.outputs, self.changed = outputs, True
+        self.values: list[Value] = [output.value for output in outputs]
+        for position, output in enumerate(outputs):
+            output.places.append((self, position))
 
     def pack(self) -> None:
-        """Write the outputs' values into the record."""
-        self.codec.pack_into(self.record, 8, [output.value for output in self.outputs])
+        """Make the record of the values; LocalProtocolError for one that does not fit, and the record stays."""
+        self.record = RECORD.pack(self.cob_id, self.codec.length, self.codec.pack(self.values))
         self.changed = False
 
 
@@ -199,7 +206,7 @@ class ProcessImage:
         self.outputs: list[SentPdo] = []
         self._inputs: dict[tuple[int, int, int], Input] = {}
         self._outputs: dict[tuple[int, int, int], Output] = {}
-        self._records: list[bytearray] = []
+        self._records: list[bytes] = []
 
     def add_tpdo(
         self, node_id: int, cob_id: int, objects: Sequence[MappedObject], transmission_type: int = 255
@@ -240,8 +247,8 @@ class ProcessImage:
         """Return the output of an object, or None if no RPDO maps it."""
         return self._outputs.get((node_id, index, subindex))
 
-    def collect(self, also: Iterable[bytes | bytearray] = ()) -> bytes:
-        """Return the records of one cycle: the RPDOs that are due, then `also` (the SYNC)."""
+    def collect(self, sync: bytes = b"") -> bytes:
+        """Return the records of one cycle: the RPDOs that are due, then the one of the SYNC."""
         records, patience = self._records, self.refresh - 1
         records.clear()
         for pdo in self.outputs:
@@ -253,5 +260,5 @@ class ProcessImage:
                 records.append(pdo.record)
             else:
                 pdo.idle += 1
-        records.extend(also)  # type: ignore[arg-type]  # bytes and bytearrays join alike
+        records.append(sync)
         return b"".join(records)

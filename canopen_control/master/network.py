@@ -48,10 +48,10 @@ class Network:
         self._to_boot: list[RemoteNode] = []
         self._guarding: GuardingMaster | None = None
         self._sync_elsewhere = False
-        self._sync_record: tuple[bytes] | None = None
+        self._sync_record = b""
         if not config.master.sync_overflow:
             frame = self.sync.frame()
-            self._sync_record = (RECORD.pack(frame.can_id, len(frame.data), frame.data),)
+            self._sync_record = RECORD.pack(frame.can_id, len(frame.data), frame.data)
         self._consumer = HeartbeatConsumer()
         self._producer = HeartbeatProducer(config.master.node_id, config.master.heartbeat_ms * 1_000_000)
         self._report = report
@@ -129,10 +129,10 @@ class Network:
         """
         if not sync or self._sync_elsewhere:
             return self.image.collect()
-        if self._sync_record is not None:
+        if self._sync_record:
             return self.image.collect(self._sync_record)
         frame = self.sync.frame()
-        return self.image.collect((RECORD.pack(frame.can_id, len(frame.data), frame.data),))
+        return self.image.collect(RECORD.pack(frame.can_id, len(frame.data), frame.data))
 
     def synced(self, now: int) -> None:
         """Count what the SYNC before the one just sent was not answered; whoever sends it."""

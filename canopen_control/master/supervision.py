@@ -42,10 +42,11 @@ class PdoWatch:
         for pdo in self._pdos:
             if pdo.count != pdo.checked:
                 pdo.checked = pdo.count
-                pdo.silent = 0
-                if pdo.overdue:
-                    pdo.overdue = False
-                    changes.append(pdo)
+                if pdo.silent:
+                    pdo.silent = 0
+                    if pdo.overdue:
+                        pdo.overdue = False
+                        changes.append(pdo)
             elif pdo.expected:
                 pdo.silent += 1
                 if pdo.silent == pdo.patience:

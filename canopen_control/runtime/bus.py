@@ -17,7 +17,7 @@ from canopen_control.runtime.followed_sync import FollowedSync
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from canopen_control.bus.port import BusEvent, Port
+    from canopen_control.bus.port import BusEvent, Port, PortStats
     from canopen_control.host.reactor import Reactor
     from canopen_control.master.config import BusConfig
 
@@ -56,7 +56,7 @@ class RobotBus:
         self._lost_frames = 0
         self._told_lost = -_WINDOW_NS
         self._carries_nothing = self._was_silent = False
-        self._bits = 0
+        self._data_bytes = 0
         self._window: tuple[int, int] | None = None  # since when, and the bits until then
         self._measure_at = 0
 
@@ -91,7 +91,7 @@ class RobotBus:
             self._lost(error)
             return
         if records:
-            self._count(records)
+            self._data_bytes += sum(records[_LENGTH::RECORD_SIZE])
             network.receive(records, self._reactor.now())
             if network.outgoing:
                 self._send(network.take())
@@ -110,7 +110,7 @@ class RobotBus:
         if self._kernel_sync is not None:
             self._kernel_sync.tick(now)
         if now >= self._measure_at:
-            self._measure(now)
+            self._measure(port.stats, now)
         if port.stats.lost != self._lost_frames:
             self._tell_lost(port.stats.lost, now)
 
@@ -142,7 +142,7 @@ class RobotBus:
         port = self.port
         if not records or port is None:
             return
-        self._count(records)
+        self._data_bytes += sum(records[_LENGTH::RECORD_SIZE])
         try:
             port.send(records)
         except BusError as error:
@@ -151,9 +151,6 @@ class RobotBus:
         if port.wants_write and not self._writing:
             self._writing = True
             self._reactor.add_writer(port.fileno(), self._flush)
-
-    def _count(self, records: bytes) -> None:
-        self._bits += FRAME_BITS * (len(records) // RECORD_SIZE) + 8 * sum(records[_LENGTH::RECORD_SIZE])
 
     def _flush(self) -> None:
         if self.port is None:
@@ -195,9 +192,10 @@ class RobotBus:
         self._was_silent = False
         self._lost_frames, self._told_lost = lost, now
 
-    def _measure(self, now: int) -> None:
+    def _measure(self, stats: PortStats, now: int) -> None:
         """Work out the load of the last second, stuff bits left out."""
+        bits = FRAME_BITS * (stats.rx + stats.tx) + 8 * self._data_bytes
         if self._window is not None and self.bitrate > 0:
-            since, bits = self._window
-            self.load = (self._bits - bits) * 1e9 / (now - since) / self.bitrate
-        self._window, self._measure_at = (now, self._bits), now + _WINDOW_NS
+            since, before = self._window
+            self.load = (bits - before) * 1e9 / (now - since) / self.bitrate
+        self._window, self._measure_at = (now, bits), now + _WINDOW_NS

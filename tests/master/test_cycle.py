@@ -1,4 +1,7 @@
+import pytest
+
 from canopen_control.cia301.pdo import MappedObject
+from canopen_control.errors import LocalProtocolError
 from canopen_control.frame import RECORD, RECORD_SIZE, frames_of
 from canopen_control.master.cycle import ProcessImage
 from canopen_control.master.draft import PdoLayout
@@ -88,7 +91,7 @@ def test_a_node_that_is_not_operational_is_sent_nothing():
 
 def test_sync_comes_after_the_rpdos():
     image = image_with_two_controlwords()
-    records = image.collect((RECORD.pack(0x80, 0, b""),))
+    records = image.collect(RECORD.pack(0x80, 0, b""))
     assert [frame.can_id for frame in frames_of(records)] == [0x203, 0x303, 0x080]
     assert len(records) == 3 * RECORD_SIZE
 
@@ -140,6 +143,26 @@ def test_an_rpdo_in_the_nodes_own_order_is_sent_in_it_with_shared_values():
     image.output(3, 0x60FF).set(-1)
     assert sent(image)[0] == (0x277, b"\x03\x0f\0\xff\xff\xff\xff")
     assert [can_id for can_id, _ in sent(image)] == [0x277]  # cyclic now, the other one has not changed
+
+
+def test_an_rpdo_in_the_nodes_own_order_leaves_nothing_of_the_planned_one():
+    image = image_with_two_controlwords()
+    own = (MODE, CONTROLWORD)
+    image.outputs[1].use(PdoLayout(1, 0x277, 1, own), image.outputs_of(3, own))
+    sent(image)
+    image.output(3, 0x60FF).set(7)  # no PDO carries it any more
+    image.output(3, 0x6040).set(6)
+    assert sent(image) == [(0x203, b"\6\0\0"), (0x277, b"\0\6\0")]
+
+
+def test_a_value_that_does_not_fit_leaves_the_record_as_it_was():
+    image = image_with_two_controlwords()
+    image.output(3, 0x6040).set(0x0F)
+    before = sent(image)
+    image.output(3, 0x6040).set(1 << 16)
+    with pytest.raises(LocalProtocolError, match="cannot be packed"):
+        image.collect()
+    assert image.outputs[0].record == RECORD.pack(0x203, 3, before[0][1])
 
 
 def test_process_data_begin_with_what_the_node_says():
