@@ -240,6 +240,9 @@ class Reactor:
     def run(self) -> None:
         """Serve until `stop`."""
         with self._claimed():
+            if not self.clock.is_manual:
+                while not self._stopping:
+                    self._turn(self._patience())
             while not self._stopping:
                 if not self._step(None):
                     self._turn(None)  # a manual clock with no timer left: only a descriptor can go on
