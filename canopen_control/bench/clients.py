@@ -1,12 +1,14 @@
 """`clients`: what the ROS bridge, the view and the monitor do to the cycle of the robot they look at.
 
 They are processes of their own, so that all they can take from the cycle is the machine. Runs with and without them
-are paired, one right after the other.
+are paired, one right after the other, now this one first and now that one. Processors are kept awake for them: two runs
+without anybody differ by a third where they may sleep, and whoever else is there keeps them from it.
 """
 
 from __future__ import annotations
 
 import contextlib
+import functools
 import importlib.util
 import os
 import subprocess
@@ -18,21 +20,23 @@ from canopen_control.bench.cycle import OURS, ROBOT, Arena, absolutes_of
 from canopen_control.bench.figure import Figure, compared, limited, percentiles
 from canopen_control.bench.stage import stage
 from canopen_control.errors import CanopenError
+from canopen_control.host.awake import keep_awake
 from canopen_control.host.environment import MODULE, clean_environment
 from canopen_control.ros.available import require_ros
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
     from canopen_control.bench.runner import Options
     from canopen_control.bench.stage import Contender
+    from canopen_control.bench.turns import Turn
 
 __all__ = ["has_ros", "measure", "on_a_terminal"]
 
 INFLUENCE_LIMIT = 1.05
 PERIOD_US = 10_000
 ROUNDS = 5
-SECONDS, PAIRED_SECONDS = 60.0, 10.0  # a p99 of 300 cycles would be the third worst of them
+SECONDS, PAIRED_SECONDS = 60.0, 20.0  # a p99 of 300 cycles would be the third worst of them
 _SETTLE_S = 3.0
 _LAST_WORDS_S = 2.0
 
@@ -45,7 +49,9 @@ def measure(options: Options) -> list[Figure]:
     with stage() as played:
         arena = Arena(played, 2, PERIOD_US)
         with arena.contender(OURS, check=False) as contender:
-            figures += _influence(contender)
+            with contextlib.ExitStack() as undo:
+                asleep = options.as_is or keep_awake(undo)
+                figures += _influence(contender, "may sleep" if asleep else "awake")
             figures.append(_together(contender, arena, options.seconds or SECONDS))
     return figures
 
@@ -59,33 +65,40 @@ def has_ros() -> bool:
     return True
 
 
-def _influence(contender: Contender) -> list[Figure]:
+def _influence(contender: Contender, processors: str) -> list[Figure]:
     """Pair turns with and without the view, and the monitor; the p99 of the whole cycle is compared."""
     figures = []
-    cycles = round(PAIRED_SECONDS * 1e6 / PERIOD_US)
     for name, verb in (("view", ("view", "--port", "0")), ("monitor", ("monitor",))):
         if not _has_extra(name):
             continue
-        rounds, watched = [], []
-        for _ in range(ROUNDS):
-            alone = contender.turn(cycles, PERIOD_US * 1000)
-            with on_a_terminal(*verb, "--name", ROBOT) as pid:
-                time.sleep(_SETTLE_S)
-                contender.others[name] = pid
-                watched.append(contender.turn(cycles, PERIOD_US * 1000))
-                del contender.others[name]
-            rounds.append(tuple(percentiles(turn.whole_ns, 1e-3)["p99"] for turn in (watched[-1], alone)))
+        pairs = [_pair(contender, name, verb, watched_first=number % 2 == 1) for number in range(ROUNDS)]
         figures.append(
             compared(
                 f"with the {name}: cycle, p99",
                 "us",
-                [(with_it, without) for with_it, without in rounds],
+                [(_p99(watched), _p99(alone)) for watched, alone in pairs],
                 peer_name="without",
                 limit=INFLUENCE_LIMIT,
-                absolutes=absolutes_of(watched),
+                absolutes=absolutes_of([watched for watched, _ in pairs]) | {"processors": processors},
             )
         )
     return figures
+
+
+def _pair(contender: Contender, name: str, verb: Sequence[str], *, watched_first: bool) -> tuple[Turn, Turn]:
+    """Return a turn with a client and one without, right after another."""
+    turn = functools.partial(contender.turn, round(PAIRED_SECONDS * 1e6 / PERIOD_US), PERIOD_US * 1000)
+    before = None if watched_first else turn()
+    with on_a_terminal(*verb, "--name", ROBOT) as pid:
+        time.sleep(_SETTLE_S)
+        contender.others[name] = pid
+        watched = turn()
+        del contender.others[name]
+    return watched, before or turn()
+
+
+def _p99(turn: Turn) -> float:
+    return percentiles(turn.whole_ns, 1e-3)["p99"]
 
 
 def _has_extra(name: str) -> bool:
