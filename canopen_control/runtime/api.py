@@ -91,6 +91,10 @@ class _Subscription:
     def __init__(self) -> None:
         self.every, self.events, self.pdos = 0, False, False
 
+    def is_due(self, cycle: int) -> bool:
+        """Whether it is to be told something of this cycle, events apart."""
+        return self.pdos or (self.every > 0 and cycle % self.every == 0)
+
 
 class ApiServer:
     """Serves one robot; the socket exists from construction to `close`."""
@@ -126,7 +130,7 @@ class ApiServer:
             ),
             "tell": self._tell,
         }
-        robot.after_cycle.append(self._push)
+        robot.after_cycle.append(self._after_cycle)
 
     def close(self) -> None:
         """End every connection and remove the socket."""
@@ -161,12 +165,16 @@ class ApiServer:
         except (KeyError, TypeError, ValueError, OverflowError) as error:
             call.refuse(LocalProtocolError(f"{method}: bad or missing parameter: {error}"))
 
-    def _push(self, _now: int) -> None:
-        """Send what is new to those who watch; each rate's sample is encoded once."""
+    def _after_cycle(self, _now: int) -> None:
+        """Have what is new told to those who watch, between this cycle and the next: what has come is read before."""
+        count = self._robot.pacer.count
+        if self._robot.events.waiting or any(each.is_due(count) for each in self._subscriptions.values()):
+            self._robot.reactor.call_soon(self._push)
+
+    def _push(self) -> None:
+        """Send what is new; each rate's sample is encoded once."""
         if self._robot.events.waiting:
             self._flush_events()
-        if not self._subscriptions:
-            return
         count, sample = self._robot.pacer.count, b""
         for connection, subscription in list(self._subscriptions.items()):
             if subscription.every and count % subscription.every == 0:
