@@ -1,14 +1,13 @@
 """`clients`: what the ROS bridge, the view and the monitor do to the cycle of the robot they look at.
 
 They are processes of their own, so that all they can take from the cycle is the machine. Runs with and without them
-are paired, one right after the other, now this one first and now that one. Processors are kept awake for them: two runs
-without anybody differ by a third where they may sleep, and whoever else is there keeps them from it.
+are paired, one right after the other, now this one first and now that one. Processors are kept awake for them, and the
+robot has one for itself: two runs without anybody differ by a third where they may sleep, and by a tenth even so.
 """
 
 from __future__ import annotations
 
 import contextlib
-import functools
 import importlib.util
 import os
 import subprocess
@@ -18,6 +17,7 @@ from typing import TYPE_CHECKING
 
 from canopen_control.bench.cycle import OURS, ROBOT, Arena, absolutes_of
 from canopen_control.bench.figure import Figure, compared, limited, percentiles
+from canopen_control.bench.machine import apart
 from canopen_control.bench.stage import stage
 from canopen_control.errors import CanopenError
 from canopen_control.host.awake import keep_awake
@@ -51,7 +51,7 @@ def measure(options: Options) -> list[Figure]:
         with arena.contender(OURS, check=False) as contender:
             with contextlib.ExitStack() as undo:
                 asleep = options.as_is or keep_awake(undo)
-                figures += _influence(contender, "may sleep" if asleep else "awake")
+                figures += _influence(contender, "may sleep" if asleep else "awake", as_is=options.as_is)
             figures.append(_together(contender, arena, options.seconds or SECONDS))
     return figures
 
@@ -65,13 +65,13 @@ def has_ros() -> bool:
     return True
 
 
-def _influence(contender: Contender, processors: str) -> list[Figure]:
+def _influence(contender: Contender, processors: str, *, as_is: bool) -> list[Figure]:
     """Pair turns with and without the view, and the monitor; the p99 of the whole cycle is compared."""
     figures = []
     for name, verb in (("view", ("view", "--port", "0")), ("monitor", ("monitor",))):
         if not _has_extra(name):
             continue
-        pairs = [_pair(contender, name, verb, watched_first=number % 2 == 1) for number in range(ROUNDS)]
+        pairs = [_pair(contender, name, verb, watched_first=number % 2 == 1, as_is=as_is) for number in range(ROUNDS)]
         figures.append(
             compared(
                 f"with the {name}: cycle, p99",
@@ -85,9 +85,15 @@ def _influence(contender: Contender, processors: str) -> list[Figure]:
     return figures
 
 
-def _pair(contender: Contender, name: str, verb: Sequence[str], *, watched_first: bool) -> tuple[Turn, Turn]:
+def _pair(
+    contender: Contender, name: str, verb: Sequence[str], *, watched_first: bool, as_is: bool
+) -> tuple[Turn, Turn]:
     """Return a turn with a client and one without, right after another."""
-    turn = functools.partial(contender.turn, round(PAIRED_SECONDS * 1e6 / PERIOD_US), PERIOD_US * 1000)
+
+    def turn() -> Turn:
+        with contextlib.nullcontext() if as_is else apart(contender.pid, contender.others.values()):
+            return contender.turn(round(PAIRED_SECONDS * 1e6 / PERIOD_US), PERIOD_US * 1000)
+
     before = None if watched_first else turn()
     with on_a_terminal(*verb, "--name", ROBOT) as pid:
         time.sleep(_SETTLE_S)
