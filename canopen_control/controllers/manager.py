@@ -138,6 +138,7 @@ class ControllerManager:
             raise ControlError(f"controller {name} is loaded already; unload it first")
         controller = make_controller(name, type_name)
         controller.description_joints, controller.geometry = self._joints, self._geometry
+        self._events += controller.notices
         controller.notices = self._events
         self._fallbacks[name] = tuple(fallbacks)
         self._controllers[name] = controller

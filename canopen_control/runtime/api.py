@@ -91,9 +91,13 @@ class _Subscription:
     def __init__(self) -> None:
         self.every, self.events, self.pdos = 0, False, False
 
+    def wants_state(self, cycle: int) -> bool:
+        """Whether it is to be told the state after this cycle."""
+        return self.every > 0 and cycle % self.every == 0
+
     def is_due(self, cycle: int) -> bool:
         """Whether it is to be told something of this cycle, events apart."""
-        return self.pdos or (self.every > 0 and cycle % self.every == 0)
+        return self.pdos or self.wants_state(cycle)
 
 
 class ApiServer:
@@ -167,9 +171,9 @@ class ApiServer:
 
     def _after_cycle(self, _now: int) -> None:
         """Have what is new told to those who watch, between this cycle and the next: what has come is read before."""
-        count = self._robot.pacer.count
-        if self._robot.events.waiting or any(each.is_due(count) for each in self._subscriptions.values()):
-            self._robot.reactor.call_soon(self._push)
+        robot, watched = self._robot, self._subscriptions
+        if robot.events.waiting or (watched and any(each.is_due(robot.pacer.count) for each in watched.values())):
+            robot.reactor.call_soon(self._push)
 
     def _push(self) -> None:
         """Send what is new; each rate's sample is encoded once."""
@@ -177,7 +181,7 @@ class ApiServer:
             self._flush_events()
         count, sample = self._robot.pacer.count, b""
         for connection, subscription in list(self._subscriptions.items()):
-            if subscription.every and count % subscription.every == 0:
+            if subscription.wants_state(count):
                 sample = sample or encode({"state": state_dict(self._robot)})
                 connection.send_encoded(sample)
         if any(each.pdos for each in self._subscriptions.values()):

@@ -95,7 +95,7 @@ class RobotBus:
             network.receive(records, self._reactor.now())
             if network.outgoing:
                 self._send(network.take())
-        for event in port.events():
+        for event in port.events() if self.port is port else ():  # else it was lost while sending, and that was told
             self._on_bus_event(event)
 
     def tick(self, now: int) -> None:

@@ -313,6 +313,29 @@ def test_removing_what_is_not_there_does_nothing(reactor, pair):
     assert pair[0].fileno() not in reactor._watches
 
 
+def test_what_was_ready_of_a_removed_descriptor_is_not_told_to_the_next_one_of_its_number(reactor, pair):
+    """Both are ready in one turn; the reader that is served first puts another file in the place of the other one."""
+    seen, files = [], [os.pipe(), os.pipe()]
+    for _, write in files:
+        os.write(write, b"x")
+    (first, _), (second, _) = files
+
+    def replace(mine, other):
+        seen.append("replaced")
+        reactor.remove_reader(mine)
+        reactor.remove_reader(other)
+        os.dup2(pair[0].fileno(), other)  # nothing waits there
+        reactor.add_reader(other, lambda: seen.append("told"))
+
+    reactor.add_reader(first, lambda: replace(first, second))
+    reactor.add_reader(second, lambda: replace(second, first))
+    reactor.run_for(1)
+    for number in (number for file in files for number in file):
+        reactor.remove_reader(number)
+        os.close(number)
+    assert seen == ["replaced"]
+
+
 @pytest.mark.parametrize("kind", ["add_reader", "add_writer"])
 def test_a_number_used_again_after_a_close_without_removal_is_served_as_the_new_file(reactor, kind):
     seen = []

@@ -4,8 +4,10 @@ import pytest
 from support.apiclient import Client
 from support.robots import FORWARD, LEFT, Bench
 
+from canopen_control.runtime import api
 from canopen_control.runtime.api import ApiServer
 from canopen_control.runtime.core import RobotState
+from canopen_control.runtime.status import state_dict
 
 
 @pytest.fixture
@@ -139,6 +141,18 @@ def test_the_state_stream_comes_at_its_rate(robby, client):
     states = client.messages()
     assert len(states) == 10
     assert states[0]["state"]["joints"]["left_wheel_joint"]["position"] is not None
+
+
+def test_what_clients_are_told_is_made_between_the_cycles(robby, client, monkeypatch):
+    order = []
+    client.ask("subscribe", state_rate=50)
+    robby.robot.after_cycle.append(lambda _now: order.append("cycle"))
+    monkeypatch.setattr(api, "state_dict", lambda robot: order.append("state") or state_dict(robot))
+    robby.run(100)
+    told = [order[at - 1 : at + 2] for at, what in enumerate(order[:-1]) if what == "state"]
+    assert told
+    assert all(each == ["cycle", "state", "cycle"] for each in told)
+    assert order[0] == "cycle"
 
 
 def test_events_come_as_they_happen(robby, client):
