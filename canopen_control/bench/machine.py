@@ -68,7 +68,7 @@ def apart(measured: int, others: Iterable[int]) -> Iterator[None]:
     if len(processors) < 2:
         yield
         return
-    rest = [*others, os.getpid()]
+    rest = [pid for pid in (*others, os.getpid()) if pid != measured]
     _place([measured], processors[-1:])
     _place(rest, processors[:-1])
     try:

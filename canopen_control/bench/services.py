@@ -1,22 +1,26 @@
 """`services`: SDO and EDS beside the `canopen` package in the same run, against the same server on the same bus.
 
 Both clients live in this process and take turns; the server is ours, in a process of its own. CPU is that of this
-process, all its threads. "As it comes": each on the bus that it brings where there is no CAN, ours `local:` between
-processes, canopen's python-can's `virtual` between threads. What is moved is compared with what came back first.
+process, all its threads; it has a processor for itself, bus and server the other. "As it comes": each on the bus that it
+brings where there is no CAN, ours `local:` between processes, canopen's python-can's `virtual` between threads. What is
+moved is compared with what came back first.
 
 A round moves a block once; segments, which take canopen seconds for 64 KiB, are moved in two rounds only.
 """
 
 from __future__ import annotations
 
+import contextlib
+import os
 import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from canopen_control.bench.figure import AT_LEAST, Figure, compared
+from canopen_control.bench.machine import apart
 from canopen_control.bench.peers.sdo_canopen import import_eds, their_client, their_virtual_client
-from canopen_control.bench.sdo_client import BLOCK_BYTES, NODE, Client, our_client
-from canopen_control.bench.stage import EDS, stage
+from canopen_control.bench.sdo_client import BLOCK_BYTES, BUS, NODE, Client, our_client
+from canopen_control.bench.stage import EDS, ask_hub, stage
 from canopen_control.errors import CanopenError
 from canopen_control.interop.canopen import to_canopen
 from canopen_control.od.eds import read_eds
@@ -44,13 +48,16 @@ def measure(options: Options) -> list[Figure]:
     """Measure round trips, transfers and reading an EDS."""
     trips = QUICK_TRIPS if options.quick else TRIPS
     with stage() as played:
-        played.start("canopen_control.bench.sdo_client").line()
+        server = played.start("canopen_control.bench.sdo_client")
+        server.line()
         for opener in (our_client, their_client, their_virtual_client):
             with opener() as client:
                 check(client, PAYLOAD if not options.quick else PAYLOAD[:4096])
-        figures = [*_round_trips(trips), *_blocks(quick=options.quick)]
-        if not options.quick:
-            figures += _segmented()
+        others = (server.pid, ask_hub(BUS, "status")["pid"])
+        with contextlib.nullcontext() if options.as_is else apart(os.getpid(), others):
+            figures = [*_round_trips(trips), *_blocks(quick=options.quick)]
+            if not options.quick:
+                figures += _segmented()
     return [*figures, _eds()]
 
 

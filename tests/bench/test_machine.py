@@ -66,3 +66,10 @@ def test_who_is_measured_has_a_processor_for_itself_until_the_end():
     finally:
         mine.communicate(b"\n")
         wire.communicate(b"\n")
+
+
+def test_this_process_may_be_the_one_that_is_measured():
+    everywhere = os.sched_getaffinity(0)
+    with apart(os.getpid(), []):
+        assert len(os.sched_getaffinity(0)) == 1
+    assert os.sched_getaffinity(0) == everywhere
