@@ -1,9 +1,9 @@
 """`services`: SDO and EDS beside the `canopen` package in the same run, against the same server on the same bus.
 
 Both clients live in this process and take turns; the server is ours, in a process of its own. CPU is that of this
-process, all its threads; it has a processor for itself, bus and server the other. "As it comes": each on the bus that it
-brings where there is no CAN, ours `local:` between processes, canopen's python-can's `virtual` between threads. What is
-moved is compared with what came back first.
+process, all its threads; it has a processor for itself, bus and server the other. "As it comes": each on the bus that
+it brings where there is no CAN, ours `local:` between processes, canopen's python-can's `virtual` between threads. What
+is moved is compared with what came back first.
 
 A round moves a block once; segments, which take canopen seconds for 64 KiB, are moved in two rounds only.
 """

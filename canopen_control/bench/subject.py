@@ -42,7 +42,7 @@ class Subject:
         self._began = self._cpu = 0
         self._last: list[ReceivedPdo] = []
         self._buffer = b""
-        self.robot.after_cycle.insert(0, self._after_cycle)  # before what is pushed to clients
+        self.robot.after_cycle.insert(0, self._after_cycle)
 
     def run(self) -> str | None:
         """Serve until the robot has stopped; returns why it failed, or None."""
@@ -75,6 +75,7 @@ class Subject:
         self._left, self._free = cycles, free
         if free:
             self.robot.pacer.stop()
+            self.robot.after_cycle.remove(self._after_cycle)
             for bus in self.robot.buses.values():
                 assert bus.port is not None
                 self.reactor.add_reader(bus.port.fileno(), self._on_answer)
@@ -87,7 +88,7 @@ class Subject:
     def _after_cycle(self, now: int) -> None:
         """Write the cycle down: `late_max` is put back each time, so that it is this cycle's alone."""
         turn = self._turn
-        if turn is None or self._free:
+        if turn is None:
             return
         turn.work_ns.append(self.robot.sent_at - now)
         turn.whole_ns.append(time.monotonic_ns() - now)
@@ -127,6 +128,7 @@ class Subject:
             for bus in self.robot.buses.values():
                 assert bus.port is not None
                 self.reactor.add_reader(bus.port.fileno(), bus.receive)
+            self.robot.after_cycle.insert(0, self._after_cycle)
             self.robot.pacer.start()
         turn.say()
 

@@ -79,7 +79,7 @@ class RobotCore:
         made = Assembly(setup, reactor, self.report, self._on_bus_lost, self.pacer.lead)
         self.registry, self.buses, self.nodes = made.registry, made.buses, made.nodes
         self.joints, self.systems, self._bus_by_node = made.joints, made.systems, made.bus_by_node
-        self._components = made.registry.components
+        self._components, self._buses = made.registry.components, tuple(made.buses.values())
         self.manager = ControllerManager(
             self.registry,
             setup.controllers.update_rate,
@@ -238,7 +238,7 @@ class RobotCore:
         for component in components:
             if component.write(now, period) is ERROR:
                 self._component_failed(component, "write", now)
-        for bus in self.buses.values():
+        for bus in self._buses:
             bus.send_cycle(now)
         self.sent_at = self.reactor.now()
         self.manager.broadcast(now, period)
@@ -247,7 +247,7 @@ class RobotCore:
 
     def _supervise(self, now: int) -> None:
         """Let time pass for what acts in the next cycle: heartbeats, time-outs, what is looked at now and then."""
-        for bus in self.buses.values():
+        for bus in self._buses:
             bus.tick(now)
         for system in self.systems:
             system.supervise(now)
