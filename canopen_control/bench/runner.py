@@ -44,9 +44,10 @@ IDLE_ENOUGH = 0.9  # of all processors, before anything was started
 class Options:
     """How to measure: `quick` is for CI, `seconds` is how long a long run takes, `say` tells progress.
 
-    In the families of `AWAKE` processors are kept awake, where this user may do that, and who takes turns with others
-    has one for itself, unless `as_is`: what it takes to wake a processor, to wake another process on it, or to be put
-    aside for one, is the machine's and differs threefold from turn to turn. Every contender is at its best so.
+    In the families of `AWAKE`, and in the pairs of `clients`, processors are kept awake, where this user may do that;
+    there and in `services` who is compared with others has one for itself. Not so `as_is`: what it takes to wake a
+    processor, to wake another process on it, or to be put aside for one, is the machine's and differs threefold from
+    turn to turn. Every contender is at its best so.
     """
 
     quick: bool = False

@@ -50,7 +50,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--as-is",
         action="store_true",
         help="let processors sleep and the kernel place processes; "
-        "else cycle and scale keep processors awake where that is allowed, and who takes turns has one for itself",
+        "else cycle, scale and clients keep processors awake where that is allowed; "
+        "there and in services, who is compared has one for itself",
     )
     parser.add_argument("--seconds", type=float, metavar="S", help="how long the long runs take, such as the soak")
 

@@ -95,10 +95,10 @@ class VelocityTarget(_Plain):
 
     def follow(self, value: float, now: int, period: float) -> None:  # noqa: ARG002 - the verb of every mode
         """Send a velocity within the drive's limits."""
+        if self._same(value):
+            return
+        self._slope = 0.0
         axis = self._axis
-        if value == self._value and axis.limits.blocked == self._blocked:
-            return  # `_same`, without the call: every wheel comes here in every cycle
-        self._value, self._blocked, self._slope = value, axis.limits.blocked, 0.0
         if not math.isfinite(value):
             self.output.set(0)
         elif self._words:

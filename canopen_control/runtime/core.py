@@ -79,7 +79,6 @@ class RobotCore:
         made = Assembly(setup, reactor, self.report, self._on_bus_lost, self.pacer.lead)
         self.registry, self.buses, self.nodes = made.registry, made.buses, made.nodes
         self.joints, self.systems, self._bus_by_node = made.joints, made.systems, made.bus_by_node
-        self._components, self._buses = made.registry.components, tuple(made.buses.values())
         self.manager = ControllerManager(
             self.registry,
             setup.controllers.update_rate,
@@ -228,7 +227,7 @@ class RobotCore:
 
     def _step(self, now: int) -> None:
         """Do a cycle; the reactor serves the ports in every turn and before its timers, so all that came is read."""
-        period, components = self._period, self._components
+        period, components = self._period, self.registry.components
         for component in components:
             if component.read(now, period) is ERROR:
                 self._component_failed(component, "read", now)
@@ -238,7 +237,7 @@ class RobotCore:
         for component in components:
             if component.write(now, period) is ERROR:
                 self._component_failed(component, "write", now)
-        for bus in self._buses:
+        for bus in self.buses.values():
             bus.send_cycle(now)
         self.sent_at = self.reactor.now()
         self.manager.broadcast(now, period)
@@ -247,7 +246,7 @@ class RobotCore:
 
     def _supervise(self, now: int) -> None:
         """Let time pass for what acts in the next cycle: heartbeats, time-outs, what is looked at now and then."""
-        for bus in self._buses:
+        for bus in self.buses.values():
             bus.tick(now)
         for system in self.systems:
             system.supervise(now)
@@ -332,7 +331,7 @@ class RobotCore:
     def _activate(self) -> None:
         """Do what the spawners of the tutorial do: load, configure and activate, broadcasters first."""
         try:
-            for component in self._components:
+            for component in self.registry.components:
                 component.configure()
                 component.activate()
             self.switch(self.setup.wanted, (), strict=True)
