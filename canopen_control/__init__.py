@@ -1,27 +1,98 @@
 """CANopen and CiA 402 drives for robots: master, virtual drives and ros2_control's world in Python.
 
-from canopen_control import Robot
-
-with Robot.from_config("robby", can="local:robby") as robot:
-    robot.command("robby_forward_controller", [10.0, 10.0])
+`Robot` is the library: `Robot.from_config("robby")` is a robot of this program, `Robot.attach("robby")` a running one.
+What stands in `__all__`, and the exceptions of `canopen_control.errors`, are the public surface; all else is internal.
 """
 
 from __future__ import annotations
 
+import importlib
 from typing import TYPE_CHECKING
 
+from canopen_control.version import __version__
+
 if TYPE_CHECKING:
-    from canopen_control.runtime.robot import Robot
+    from canopen_control.bus.channel import open_port
+    from canopen_control.bus.port import BusEvent, Port
+    from canopen_control.client import RobotClient, find_robots
+    from canopen_control.controllers.base import Controller
+    from canopen_control.controllers.common_params import CommonParams
+    from canopen_control.controllers.params import Params
+    from canopen_control.errors import CanopenError
+    from canopen_control.frame import CanFrame, frames_of, pack_records
+    from canopen_control.hardware.interfaces import CommandInterface, ReturnType, StateInterface
+    from canopen_control.od.eds import EdsFile, Issue, read_eds
+    from canopen_control.od.model import ObjectDictionary
+    from canopen_control.robot import Robot
+    from canopen_control.rpc.messages.state import (
+        AxisReading,
+        ControllerReading,
+        JointReading,
+        NodeReading,
+        RobotEvent,
+        Status,
+    )
+    from canopen_control.yamlfile.convert import setting
 
-__all__ = ["Robot", "__version__"]
+__all__ = [
+    "AxisReading",
+    "BusEvent",
+    "CanFrame",
+    "CanopenError",
+    "CommandInterface",
+    "CommonParams",
+    "Controller",
+    "ControllerReading",
+    "EdsFile",
+    "Issue",
+    "JointReading",
+    "NodeReading",
+    "ObjectDictionary",
+    "Params",
+    "Port",
+    "ReturnType",
+    "Robot",
+    "RobotClient",
+    "RobotEvent",
+    "StateInterface",
+    "Status",
+    "__version__",
+    "find_robots",
+    "frames_of",
+    "open_port",
+    "pack_records",
+    "read_eds",
+    "setting",
+]
 
-__version__ = "0.1.0"
+_NAMES_OF = {
+    "bus.channel": ("open_port",),
+    "bus.port": ("BusEvent", "Port"),
+    "client": ("RobotClient", "find_robots"),
+    "controllers.base": ("Controller",),
+    "controllers.common_params": ("CommonParams",),
+    "controllers.params": ("Params",),
+    "errors": ("CanopenError",),
+    "frame": ("CanFrame", "frames_of", "pack_records"),
+    "hardware.interfaces": ("CommandInterface", "ReturnType", "StateInterface"),
+    "od.eds": ("EdsFile", "Issue", "read_eds"),
+    "od.model": ("ObjectDictionary",),
+    "robot": ("Robot",),
+    "rpc.messages.state": (
+        "AxisReading",
+        "ControllerReading",
+        "JointReading",
+        "NodeReading",
+        "RobotEvent",
+        "Status",
+    ),
+    "yamlfile.convert": ("setting",),
+}
+_HOMES = {name: module for module, names in _NAMES_OF.items() for name in names}
 
 
 def __getattr__(name: str) -> object:
     """Import the public names when they are used: most processes of a robot need only a corner of the package."""
-    if name == "Robot":
-        from canopen_control.runtime.robot import Robot
-
-        return Robot
+    if name in _HOMES:
+        return getattr(importlib.import_module(f"canopen_control.{_HOMES[name]}"), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -1,30 +1,36 @@
-"""Every exception that this package raises on purpose.
+"""Every exception that this package raises on purpose, and the hint that names what was meant.
 
 CanopenError
   ConfigError            what the user wrote
     EdsError               an EDS or DCF file: path, line, reason
     BusConfigError         a bus.yml: path, line, key, reason
     RobotConfigError       controllers, description, or how the three fit together
+  DiskFull               a file could not be written to its end: path, reason, kept
   BusError               the wire or its driver
     BusClosed              the channel is gone or was closed
     BusOff                 the CAN controller left the bus
     InterfaceNotFound      no such channel
+      BusNotOpen             a local: bus that nobody has open: others
     InterfaceDown          the interface exists but is down
   ProtocolError          the rules of CANopen (never raised itself)
     LocalProtocolError     this side broke them: a defect of the caller
     RemoteProtocolError    the other side broke them: node_id
       SdoAbort               the transfer was aborted: node_id, index, subindex, code
       SdoTimeout             no answer: node_id, index, subindex
+        SdoStopped             because the node is in NMT STOPPED
+      SdoLengthError         an answer of another length than the object has: node_id, index, subindex, data
       BootError              CiA 302 boot failed: node_id, letter, step
       HeartbeatLost          silent for longer than its heartbeat time: node_id, age
   DriveError             the drive
-    DriveFault             it reports a fault: node_id, error_code, emcy
-    TransitionTimeout      it does not reach the wanted state: node_id, wanted, statusword
     UnsupportedMode        it lacks the mode of operation: mode, supported
   ControlError           the controllers
     InterfaceConflict      a command interface has an owner already: interface, owner
+    NotEnabled             a command to a drive that is not enabled, which is refused and never kept
+      NotYetEnabled          the same while it is on its way up: the next command may be taken
     UnknownInterface       nobody exports it: name
     UnknownName            the robot has no node, joint, controller, component or mode of that name
+  RemoteError            a running robot refused a request: kind
+    UnreadableMessage      one message that was sent unasked cannot be read
 
 Each has fields, and a message made from them that says what, where and what to do next. ``OSError`` and
 ``can.CanError`` become one of these in `bus`, and nowhere else.
@@ -32,33 +38,44 @@ Each has fields, and a message made from them that says what, where and what to 
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
 __all__ = [
     "BootError",
     "BusClosed",
     "BusConfigError",
     "BusError",
+    "BusNotOpen",
     "BusOff",
     "CanopenError",
     "ConfigError",
     "ControlError",
+    "DiskFull",
     "DriveError",
-    "DriveFault",
     "EdsError",
     "HeartbeatLost",
     "InterfaceConflict",
     "InterfaceDown",
     "InterfaceNotFound",
     "LocalProtocolError",
+    "NotEnabled",
+    "NotYetEnabled",
     "ProtocolError",
     "RemoteError",
     "RemoteProtocolError",
     "RobotConfigError",
     "SdoAbort",
+    "SdoLengthError",
+    "SdoStopped",
     "SdoTimeout",
-    "TransitionTimeout",
     "UnknownInterface",
     "UnknownName",
+    "UnreadableMessage",
     "UnsupportedMode",
+    "nearest",
 ]
 
 
@@ -94,6 +111,14 @@ class RobotConfigError(ConfigError):
     """Controllers, description and bus do not fit together, or one of the files is missing."""
 
 
+class DiskFull(CanopenError):
+    """A file could not be written to its end, for want of room or a broken disk; `kept` says what is left of it."""
+
+    def __init__(self, path: str, reason: str, kept: str) -> None:
+        self.path, self.reason, self.kept = path, reason, kept
+        super().__init__(f"{path}: {reason}; {kept}")
+
+
 class BusError(CanopenError):
     """The wire, or the driver of its adapter."""
 
@@ -120,6 +145,15 @@ class InterfaceNotFound(BusError):
     def __init__(self, name: str, hint: str = "") -> None:
         self.name, self.hint = name, hint
         super().__init__(f"no CAN interface {name!r}" + (f"; {hint}" if hint else ""))
+
+
+class BusNotOpen(InterfaceNotFound):
+    """Nobody has this ``local:`` bus open, and who only listens or asks does not make one; `others` are open."""
+
+    def __init__(self, name: str, others: Sequence[str] = ()) -> None:
+        there = f"open now: {', '.join(others)}" if others else "no local bus is open now"
+        super().__init__(name, f"{there}; canopen-control run and drive make one")
+        self.args = (f"bus {name}: nobody has it open; {self.hint}",)
 
 
 class InterfaceDown(BusError):
@@ -163,12 +197,38 @@ class SdoAbort(RemoteProtocolError):
 class SdoTimeout(RemoteProtocolError):
     """A server did not answer in time; `seconds` is what it was given, all tries together."""
 
+    hint = "is the node powered and its node id right?"
+
     def __init__(self, node_id: int, index: int, subindex: int, seconds: float, name: str = "") -> None:
-        self.index, self.subindex, self.seconds = index, subindex, seconds
+        self.index, self.subindex, self.seconds, self.name = index, subindex, seconds, name
         super().__init__(
             node_id,
-            f"{_node(node_id, name)}: 0x{index:04X}:{subindex:02X}: no answer within {seconds:g} s; "
-            "is the node powered and its node id right?",
+            f"{_node(node_id, name)}: 0x{index:04X}:{subindex:02X}: no answer within {seconds:g} s; {self.hint}",
+        )
+
+
+class SdoStopped(SdoTimeout):
+    """A server did not answer because its node is in NMT STOPPED, where there is no SDO (CiA 301, table 38)."""
+
+    hint = "its heartbeat says NMT STOPPED, where a node answers no SDO; `nmt preop` or `nmt start` ends that"
+
+    def __init__(self, silence: SdoTimeout) -> None:
+        super().__init__(silence.node_id, silence.index, silence.subindex, silence.seconds, silence.name)
+
+
+class SdoLengthError(RemoteProtocolError):
+    """The bytes that an upload brought are no value of the object: `data`; `wanted` names type and length."""
+
+    def __init__(
+        self, node_id: int, index: int, subindex: int, data: bytes, wanted: str, entry: str = "", name: str = ""
+    ) -> None:
+        self.index, self.subindex, self.data = index, subindex, data
+        count = "1 byte" if len(data) == 1 else f"{len(data)} bytes"
+        self.answered = f"answered {count}{f' ({data.hex(chr(32))})' if data else ''}, {wanted}"
+        label = f"0x{index:04X}:{subindex:02X}{f' {entry}' if entry else ''}"
+        super().__init__(
+            node_id,
+            f"{_node(node_id, name)}: {label}: {self.answered}; is this the EDS of the device, and its firmware?",
         )
 
 
@@ -192,27 +252,6 @@ class DriveError(CanopenError):
     """A drive does not do what it was told."""
 
 
-class DriveFault(DriveError):
-    """The drive reports a fault; `error_code` is 0x603F or the last EMCY code, `emcy` its text."""
-
-    def __init__(self, node_id: int, error_code: int, emcy: str = "", name: str = "") -> None:
-        self.node_id, self.error_code, self.emcy = node_id, error_code, emcy
-        super().__init__(
-            f"{_node(node_id, name)}: fault 0x{error_code:04X}"
-            + (f" ({emcy})" if emcy else "")
-            + "; remove the cause, then: axis fault-reset, axis enable"
-        )
-
-
-class TransitionTimeout(DriveError):
-    """The drive did not reach the state `wanted` in time; `statusword` is the last one seen."""
-
-    def __init__(self, node_id: int, wanted: str, statusword: int | None, name: str = "") -> None:
-        self.node_id, self.wanted, self.statusword = node_id, wanted, statusword
-        seen = "none seen" if statusword is None else f"0x{statusword:04X}"
-        super().__init__(f"{_node(node_id, name)}: did not reach {wanted} in time, statusword {seen}")
-
-
 class UnsupportedMode(DriveError):
     """The drive's 0x6502 does not list the mode of operation."""
 
@@ -231,6 +270,14 @@ class InterfaceConflict(ControlError):
     def __init__(self, interface: str, owner: str) -> None:
         self.interface, self.owner = interface, owner
         super().__init__(f"command interface {interface} is claimed by {owner}; deactivate that controller first")
+
+
+class NotEnabled(ControlError):
+    """Drives that are not enabled take no command, and none is kept for when they are."""
+
+
+class NotYetEnabled(NotEnabled):
+    """They are being enabled: a later command may be taken."""
 
 
 class UnknownInterface(ControlError):
@@ -256,3 +303,21 @@ class RemoteError(CanopenError):
     def of_usage(self) -> bool:
         """Whether the words of the request were wrong, and nothing was done."""
         return self.kind == UnknownName.__name__
+
+
+class UnreadableMessage(RemoteError):
+    """One message that was sent unasked cannot be read, as of a program of another version; the next one may be."""
+
+    def __init__(self, message: str) -> None:
+        super().__init__("RemoteProtocolError", message)
+
+
+def nearest(name: str, known: Iterable[str]) -> str:
+    """Return `, did you mean 'x'?`, or the list of what there is, or nothing when there is nothing."""
+    import difflib  # only a mistake needs it
+
+    names = [str(each) for each in known]
+    close = difflib.get_close_matches(name, names, 1, 0.6)
+    if close:
+        return f", did you mean {close[0]!r}?"
+    return f"; known: {', '.join(names)}" if names else ""

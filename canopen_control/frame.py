@@ -16,13 +16,16 @@ if TYPE_CHECKING:
 __all__ = [
     "BROADCAST",
     "ERROR_FLAG",
+    "EXTENDED_BIT",
     "EXTENDED_FLAG",
     "FRAME_BITS",
+    "MAX_NODE_ID",
     "RECORD",
     "RECORD_SIZE",
     "REMOTE_FLAG",
     "CanFrame",
     "Service",
+    "can_id_of",
     "cob_id",
     "frames_of",
     "pack_records",
@@ -32,13 +35,14 @@ __all__ = [
     "tpdo_cob_id",
 ]
 
+EXTENDED_BIT: Final = 1 << 29  # of a COB-ID entry: the identifier has 29 bits; in a frame EXTENDED_FLAG says so
 EXTENDED_FLAG: Final = 0x80000000  # linux/can.h CAN_EFF_FLAG: 29-bit identifier
 REMOTE_FLAG: Final = 0x40000000  # CAN_RTR_FLAG
 ERROR_FLAG: Final = 0x20000000  # CAN_ERR_FLAG: the identifier holds error classes
 BROADCAST: Final = 0  # the node id that means all nodes
-FRAME_BITS: Final = (
-    47  # of a frame with an 11-bit identifier and no data on the wire: intermission included, stuff bits not
-)
+MAX_NODE_ID: Final = 127
+FRAME_BITS: Final = 47
+"""Of a frame with an 11-bit identifier and no data on the wire: intermission included, stuff bits not."""
 
 RECORD: Final = struct.Struct("=IB3x8s")  # can_id with flags, length, padding, data
 RECORD_SIZE: Final = RECORD.size
@@ -140,3 +144,8 @@ def rpdo_cob_id(number: int, node_id: int) -> int:
 def tpdo_cob_id(number: int, node_id: int) -> int:
     """Return the predefined COB-ID of TPDO `number`, 1 to 4."""
     return 0x80 + 0x100 * number + node_id
+
+
+def can_id_of(entry: int) -> int:
+    """Return the identifier of a COB-ID entry of the object dictionary as frames have it, without its upper bits."""
+    return entry & 0x1FFFFFFF | EXTENDED_FLAG if entry & EXTENDED_BIT else entry & 0x7FF

@@ -1,16 +1,31 @@
 """Kinds of tests: what a machine lacks is skipped with its reason, unless CANOPEN_CONTROL_REQUIRE says it must run.
 
 CANOPEN_CONTROL_REQUIRE names kinds (`ros,wheel`) or is `all`: then any skip at all is a failure.
+
+`process` is every test that starts one, or needs a bus, ROS or a browser: whole folders and kinds by the tables here,
+the others by their own mark. A run without them (-m "not process", tools/test --fast) fails a test that starts a
+process and has no mark, so that the mark stays true.
+
+`robot` is every test with a whole robot, a device on a bus, or a screen in it, even if all is in this process and in
+simulated time: known by the benches of tests/support that its file takes. `tools/test --fast` leaves them out.
 """
 
+import functools
 import importlib.util
+import itertools
 import os
 import shutil
 import signal
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
+from hypothesis import HealthCheck, settings
+
+# Others use these processors too, the tests beside this one among them: how long a test may take is pytest's timeout.
+settings.register_profile("shared", settings(), deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("shared")
 
 REQUIRED = {word for word in os.environ.get("CANOPEN_CONTROL_REQUIRE", "").replace(" ", "").split(",") if word}
 
@@ -51,7 +66,7 @@ def missing_tmux():
 
 
 def missing_browser():
-    for module in ("viser", "playwright"):
+    for module in ("nicegui", "playwright"):
         if importlib.util.find_spec(module) is None:
             return f"{module} is not installed: pip install canopen-control[dev]"
     from support.browser import CHROMIUM
@@ -68,7 +83,86 @@ MISSING = {
 }
 
 
+FOLDERS = itertools.count()
+#: Where tests are about whole processes.
+WHOLE = ("integration", "socketcan", "hardware_can", "tools")
+#: Of the bench, what starts programs and measures nothing.
+ONLY_STAGED = ("test_stage.py", "test_clients.py")
+#: Rooms of screens, and of what becomes of whole robots.
+ROBOT_ROOMS = ("faults", "monitor", "view")
+#: The benches of tests/support with a bus or the sockets of a robot in them.
+ROBOT_BENCHES = frozenset(
+    f"support.{name}"
+    for name in ("apiclient", "arm6", "faultbench", "liverobot", "mockrobot", "onbus", "pages", "robots",
+                 "trajectory_player")
+)  # fmt: skip
+#: The fixtures of whole rooms that are such a robot.
+ROBOTS = frozenset({"mock_robot", "robby", "lost_drive", "calm_run"})
+#: What needs more than this process, whatever it is about.
+MORE = (*MISSING, "hardware", "process")
+
+
+@pytest.hookimpl(tryfirst=True)  # before -m looks at the marks
 def pytest_collection_modifyitems(items):
+    tests = Path(__file__).parent
+    for item in items:
+        room = item.path.relative_to(tests).parts[0] if item.path.is_relative_to(tests) else ""
+        if room in WHOLE or any(item.get_closest_marker(kind) is not None for kind in MORE):
+            item.add_marker("process")
+            if room == "bench" and item.path.name not in ONLY_STAGED:
+                item.add_marker("alone")  # it measures
+        if room in ROBOT_ROOMS or takes_a_robot(item.module) or not ROBOTS.isdisjoint(item.fixturenames):
+            item.add_marker("robot")
+    skip_what_is_missing(items)
+
+
+@functools.cache
+def takes_a_robot(module):
+    return any(getattr(each, "__module__", None) in ROBOT_BENCHES for each in vars(module).values())
+
+
+@pytest.fixture(autouse=True)
+def xacro_here(request, monkeypatch):
+    """Let tests that start no process read robots all the same: the real xacro, in this process and without limits."""
+    if request.node.get_closest_marker("process") is None:
+        from support.xacro_here import XacroHere
+
+        from canopen_control.urdf import description
+
+        monkeypatch.setattr(description, "XacroRun", XacroHere)
+
+
+class Watchman:
+    """Names the tests that start processes in a run that is to have none; Python tells it of each."""
+
+    EVENTS = frozenset({"subprocess.Popen", "os.posix_spawn", "os.fork", "os.forkpty"})
+    OF_PYTHON = frozenset({"/sbin/ldconfig"})  # ctypes asks it where a library is, once in a process
+
+    def __init__(self):
+        self.started = []
+        sys.addaudithook(self._hear)
+
+    def _hear(self, event, arguments):
+        if event in self.EVENTS:
+            started = str(arguments[0]) if arguments else event
+            if started not in self.OF_PYTHON:
+                self.started.append(started)
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_runtest_call(self, item):
+        self.started.clear()
+        result = yield
+        if self.started:
+            pytest.fail(f"it starts {self.started[0]} and has no mark: pytest.mark.process", pytrace=False)
+        return result
+
+
+def pytest_configure(config):
+    if "not process" in config.option.markexpr:
+        config.pluginmanager.register(Watchman(), "watchman")
+
+
+def skip_what_is_missing(items):
     reasons = {}
     for item in items:
         for kind, missing in MISSING.items():
@@ -96,9 +190,12 @@ def must_run(item):
 
 @pytest.fixture(autouse=True)
 def private_folders(tmp_path_factory, monkeypatch):
-    """Keep sockets and logs of a test apart from everybody else's; the path is short because sockets need it."""
-    folder = tmp_path_factory.mktemp("run")
-    folder.chmod(0o700)
+    """Keep sockets and logs of a test apart from everybody else's; the path is short because sockets need it.
+
+    Counted here, for pytest looks at all folders of before to number the next.
+    """
+    folder = tmp_path_factory.getbasetemp() / f"r{next(FOLDERS)}"
+    folder.mkdir(mode=0o700)
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(folder))
     monkeypatch.setenv("XDG_STATE_HOME", str(folder / "state"))
     return folder

@@ -8,11 +8,13 @@ from support.services import frame, frames, vectors
 from canopen_control.frame import (
     BROADCAST,
     ERROR_FLAG,
+    EXTENDED_BIT,
     EXTENDED_FLAG,
     RECORD_SIZE,
     REMOTE_FLAG,
     CanFrame,
     Service,
+    can_id_of,
     cob_id,
     frames_of,
     pack_records,
@@ -116,3 +118,8 @@ def test_the_record_is_the_kernels():
 
 def test_a_length_above_eight_counts_as_eight():
     assert list(frames_of(bytes.fromhex("83010000 0F000000 0102030405060708"))) == [CanFrame(0x183, bytes(range(1, 9)))]
+
+
+def test_the_identifier_of_a_cob_id_entry_is_without_its_bits():
+    assert can_id_of(1 << 31 | 1 << 30 | 0x181) == 0x181
+    assert can_id_of(1 << 31 | EXTENDED_BIT | 0x12345) == EXTENDED_FLAG | 0x12345

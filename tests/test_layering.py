@@ -1,6 +1,8 @@
 """Who may import whom. The table is the architecture; this test keeps it true."""
 
 import ast
+import functools
+import re
 import sys
 from pathlib import Path
 
@@ -14,28 +16,30 @@ PURE = frozenset(
     itertools math operator pathlib re string struct types typing""".split()  # noqa: SIM905 - one name a line is no list
 )
 MARKS = frozenset({"mypy_extensions"})  # what may be derived from where it is compiled
-EVERYBODY = frozenset({"errors", "frame"})
+EVERYBODY = frozenset({"errors", "frame", "version"})
+MESSAGES = "rpc.messages"  # of every socket: pure, for every room
 
 #: room -> (rooms it may import beside its own, modules from outside)
 MAY_IMPORT = {
     "errors": (set(), PURE),
     "frame": (set(), PURE),
+    "version": (set(), PURE),
     "data_files": (set(), PURE),
     "host": (set(), STDLIB),
-    "yamlproblems": ({"yamlnode"}, PURE),  # the annotations only: a problem stands at a node
-    "yamlnode": ({"yamlproblems"}, PURE),
-    "yamltree": ({"yamlnode", "yamlproblems"}, PURE | {"yaml", "os"}),
+    "rpc": ({"host"}, STDLIB | {"msgspec"}),
+    "yamlfile": (set(), PURE | {"yaml", "os"}),
+    "urdf": (set(), STDLIB | {"xacro", "ament_index_python"}),
     "od": (set(), PURE),
     "cia301": ({"od"}, PURE),
     "cia402": ({"od", "cia301"}, PURE),
-    "bus": ({"host"}, STDLIB | {"can"}),
-    "master": ({"od", "cia301", "cia402", "bus", "yamltree", "data_files"}, STDLIB),
-    "virtual": ({"od", "cia301", "cia402", "bus", "host", "yamltree"}, STDLIB | {"numpy"}),
+    "bus": ({"host", "rpc"}, STDLIB | {"can"}),
+    "master": ({"od", "cia301", "cia402", "bus", "yamlfile", "data_files"}, STDLIB),
+    "virtual": ({"od", "cia301", "cia402", "bus", "host", "rpc", "yamlfile"}, STDLIB | {"numpy"}),
     "hardware": (
-        {"od", "cia301", "cia402", "master", "yamltree"},
-        STDLIB | MARKS | {"xacro", "ament_index_python"},
+        {"od", "cia301", "cia402", "master", "yamlfile", "urdf"},
+        STDLIB | MARKS,
     ),
-    "controllers": ({"hardware.interfaces", "yamltree"}, STDLIB | MARKS | {"numpy"}),
+    "controllers": ({"cia301", "cia402", "hardware.interfaces", "urdf", "yamlfile"}, STDLIB | MARKS | {"numpy"}),
     "runtime": (
         {
             "od",
@@ -43,38 +47,47 @@ MAY_IMPORT = {
             "cia402",
             "bus",
             "host",
+            "rpc",
             "master",
             "virtual",
             "hardware",
             "controllers",
-            "yamltree",
+            "yamlfile",
+            "urdf",
             "data_files",
         },
         STDLIB,
     ),
-    "client": ({"host"}, STDLIB),
-    "ros": ({"client", "host"}, None),
+    "client": ({"host", "rpc"}, STDLIB),
+    "robot": ({"client", "rpc", "runtime", "od"}, STDLIB),  # the library: a client, of a runtime that it starts too
+    "ros": ({"client", "host", "rpc", "urdf"}, None),
     "trace": (
         # what of ros is free of ROS: the numbers of its messages, for bags
-        {"client", "host", "bus", "od", "cia301", "cia402", "ros.conversions", "ros.diagnosis", "ros.transforms"},
-        STDLIB | {"rosbags", "numpy"},
+        {"client", "host", "rpc", "bus", "od", "cia301", "cia402", "urdf", "ros.conversions", "ros.diagnosis"},
+        STDLIB | {"rosbags", "numpy", "cantools"},
     ),
-    "monitor": ({"client", "host", "bus", "od", "cia301", "cia402", "trace"}, STDLIB | {"textual", "rich"}),
-    "view": ({"client", "host"}, STDLIB | {"viser", "trimesh", "numpy", "websockets", "rich"}),
+    "monitor": ({"client", "host", "rpc", "bus", "od", "cia301", "cia402", "trace"}, STDLIB | {"textual", "rich"}),
+    "view": ({"client", "host", "rpc", "urdf"}, STDLIB | {"nicegui", "fastapi", "starlette", "uvicorn"}),
     "interop": ({"od", "bus", "client"}, STDLIB | {"canopen"}),
-    "bench": (None, None),  # its peers are other packages
-    "cli": (None, STDLIB),
+    "cli": (None, STDLIB | {"canopen_control_bench", "argcomplete"}),
 }
 #: the packages that only one room may touch
 ONLY = {
     "rclpy": "ros",
     "can": "bus",
+    "msgspec": "rpc",
     "canopen": "interop",
-    "yaml": "yamltree",
-    "xacro": "hardware",
-    "viser": "view",
+    "yaml": "yamlfile",
+    "xacro": "urdf",
+    "nicegui": "view",
+    "fastapi": "view",
+    "starlette": "view",
+    "uvicorn": "view",
     "textual": "monitor",
     "rosbags": "trace",
+    "cantools": "trace",
+    "canopen_control_bench": "cli",
+    "argcomplete": "cli",
 }
 
 
@@ -89,15 +102,21 @@ def room_of(path):
 
 
 def imported(path):
-    """Yield the dotted name of everything that is imported, annotations included."""
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    """Return the dotted name of everything that is imported, annotations included."""
+    names = imported_by(path.read_text(encoding="utf-8"))
+    assert not any(name.startswith(".") for name in names), f"{path}: relative import"
+    return names
+
+
+@functools.cache
+def imported_by(text):
+    names = []
+    for node in ast.walk(ast.parse(text)):
         if isinstance(node, ast.Import):
-            for alias in node.names:
-                yield alias.name
+            names += [alias.name for alias in node.names]
         elif isinstance(node, ast.ImportFrom):
-            assert node.level == 0, f"{path}: relative import"
-            for alias in node.names:
-                yield f"{node.module}.{alias.name}"
+            names += [f"{'.' * node.level}{node.module or ''}.{alias.name}" for alias in node.names]
+    return names
 
 
 @pytest.mark.parametrize("path", modules(), ids=lambda path: str(path.relative_to(ROOT)))
@@ -111,10 +130,12 @@ def test_imports_follow_the_layers(path):
         top, _, rest = name.partition(".")
         if top != PACKAGE:
             assert outside is None or top in outside, f"{room} may not import {name}"
-            assert ONLY.get(top, room) == room or "peers" in path.parts, f"only {ONLY[top]} imports {top}"
+            assert ONLY.get(top, room) == room, f"only {ONLY[top]} imports {top}"
             continue
         other = rest.split(".")[0]
-        if ours is None or other in EVERYBODY or other == room or other in ("", "__version__"):
+        if ours is None or other in EVERYBODY or other == room or other == "":
+            continue
+        if rest.startswith(MESSAGES):
             continue
         allowed = other in ours or any(rest.startswith(each + ".") or rest == each for each in ours)
         assert allowed, f"{room} may not import {rest}"
@@ -128,7 +149,220 @@ def test_master_and_virtual_drives_never_share_code_that_decides():
             )
 
 
+# -- who knows a controller or a component by its type
+
+#: room whose classes are told apart by what they declare -> the class that they derive from
+DECLARED = {"controllers": "Controller", "hardware": "Lifecycle"}
+
+
+def derived(root, base):
+    """Return the classes below `root` that derive from `base`, directly or not, base included."""
+    parents = {
+        node.name: {name for each in node.bases for name in names_in(each)}
+        for path in root.rglob("*.py")
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.ClassDef)
+    }
+    found = {base}
+    while more := {name for name, above in parents.items() if above & found} - found:
+        found |= more
+    return found
+
+
+def names_in(node):
+    """Yield the last word of every name in an expression."""
+    for each in ast.walk(node):
+        if isinstance(each, ast.Name):
+            yield each.id
+        elif isinstance(each, ast.Attribute):
+            yield each.attr
+
+
+def asked_for_its_type(path, classes):
+    """Return the lines in which something is asked whether it is one of these classes."""
+    return [
+        node.lineno
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.Call)
+        and next(names_in(node.func), "") in ("isinstance", "issubclass")
+        and classes & {name for argument in node.args[1:] for name in names_in(argument)}
+    ]
+
+
+@pytest.mark.parametrize("room", DECLARED)
+def test_nobody_outside_its_room_asks_a_controller_or_component_for_its_type(room):
+    classes = derived(ROOT / room, DECLARED[room])
+    assert len(classes) > 3
+    others = (path for path in modules() if room_of(path) != room)
+    found = {str(path.relative_to(ROOT)): lines for path in others if (lines := asked_for_its_type(path, classes))}
+    assert found == {}, f"let {DECLARED[room]} declare what is asked here"
+
+
+def test_a_question_for_a_type_would_be_seen(tmp_path):
+    (tmp_path / "a.py").write_text("class Mine(base.Controller): pass\nclass Finer(Mine): pass\nclass Else: pass\n")
+    classes = derived(tmp_path, "Controller")
+    assert classes == {"Controller", "Mine", "Finer"}
+    path = tmp_path / "b.py"
+    path.write_text("isinstance(x, Else)\nisinstance(x, (int, room.Finer))\nany(issubclass(y, Mine) for y in z)\n")
+    assert asked_for_its_type(path, classes) == [2, 3]
+
+
 def test_a_forbidden_import_would_be_seen(tmp_path):
     path = tmp_path / "x.py"
     path.write_text("import socket\nfrom canopen_control.master import network\n")
-    assert list(imported(path)) == ["socket", "canopen_control.master.network"]
+    assert imported(path) == ["socket", "canopen_control.master.network"]
+
+
+# -- cycles
+
+
+def graph(root):
+    """Return for each module of the package at `root` those it imports, those for its annotations included."""
+    package = root.name
+    paths = {}
+    for path in root.rglob("*.py"):
+        if path.parent != root / "data":
+            name = ".".join((package, *path.relative_to(root).with_suffix("").parts))
+            paths[name.removesuffix(".__init__")] = path
+    return {module: {home(name, paths) for name in imported(path)} - {module, ""} for module, path in paths.items()}
+
+
+def home(name, known):
+    """Return the module of `known` that an imported name lives in, nothing for one from outside."""
+    while name and name not in known:
+        name = name.rpartition(".")[0]
+    return name
+
+
+def cycles(imports):
+    """Return the strongly connected components of more than one module (Tarjan), each sorted."""
+    number, low, stack, found = {}, {}, [], []
+
+    def visit(module):
+        number[module] = low[module] = len(number)
+        stack.append(module)
+        for other in imports[module]:
+            if other not in number:
+                visit(other)
+                low[module] = min(low[module], low[other])
+            elif other in stack:
+                low[module] = min(low[module], number[other])
+        if low[module] == number[module]:
+            component = stack[stack.index(module) :]
+            del stack[stack.index(module) :]
+            if len(component) > 1:
+                found.append(sorted(component))
+
+    for module in sorted(imports):
+        if module not in number:
+            visit(module)
+    return found
+
+
+def test_no_modules_import_each_other_not_even_for_their_annotations():
+    assert cycles(graph(ROOT)) == [], "these modules import each other; let the lower one say what it needs"
+
+
+def test_a_cycle_would_be_seen_whatever_it_is_imported_for(tmp_path):
+    root = tmp_path / "house"
+    (root / "room").mkdir(parents=True)
+    for name, text in {
+        "__init__": "",
+        "room/__init__": "from house.room.a import A",
+        "room/a": "from house.room import b",
+        "room/b": "if TYPE_CHECKING:\n    from house.room.c import C",
+        "room/c": "def late():\n    import house.room.a",
+        "room/d": "from house.room.a import A\nimport socket",
+    }.items():
+        (root / f"{name}.py").write_text(text)
+    assert cycles(graph(root)) == [["house.room.a", "house.room.b", "house.room.c"]]
+    (root / "room" / "c.py").write_text("from house.room import A")  # through the room's own front
+    assert cycles(graph(root)) == [["house.room", "house.room.a", "house.room.b", "house.room.c"]]
+    (root / "room" / "c.py").write_text("")
+    assert cycles(graph(root)) == []
+
+
+def test_the_files_of_virtual_stand_in_the_order_that_the_room_tells():
+    files = {path.stem: path for path in (ROOT / "virtual").glob("*.py") if path.stem != "__init__"}
+    told = ast.get_docstring(ast.parse((ROOT / "virtual" / "__init__.py").read_text(encoding="utf-8")))
+    lines = told.split("\n- ")[1:]
+    place = {name: number for number, line in enumerate(lines) for name in re.findall(r"`(\w+)`", line)}
+    assert place.keys() == files.keys()
+    for name, path in files.items():
+        others = {each.split(".")[2] for each in imported(path) if each.startswith(f"{PACKAGE}.virtual.")}
+        assert [each for each in others if place[each] < place[name]] == [], f"{name} imports what stands above it"
+
+
+# -- what crosses a room's border has a type
+
+ANYTHING = re.compile(r"\b(dict|Dict|Mapping|MutableMapping)\[str, (typing\.)?(Any|object)\]")
+#: what is public and holds anything under texts: why
+UNTYPED = {
+    "cli/support/bus_interfaces.py: InterfaceStatus.as_json": "the keys of three structures, side by side as before",
+    "controllers/params.py: Params.of": "what stands in YAML below a controller's name; the class checks it",
+    "ros/interfaces/definition.py: Structure.constants": "a constant of ROS is a number, a text or a truth value",
+}
+
+
+def untyped(text):
+    """Yield what others see of a module and holds anything under texts: functions, methods, fields and aliases."""
+    for name, annotations in declared(ast.parse(text).body, ""):
+        if any(ANYTHING.search(ast.unparse(each)) for each in annotations if each is not None):
+            yield name
+
+
+def declared(body, owner):
+    """Yield each public name of a module or class with its annotations."""
+    for node in body:
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
+            name = node.name
+        elif isinstance(node, ast.AnnAssign | ast.Assign):
+            name = ast.unparse(node.target if isinstance(node, ast.AnnAssign) else node.targets[0])
+        else:
+            continue
+        if name.startswith("_") and name != "__init__":
+            continue
+        if isinstance(node, ast.ClassDef):
+            yield from declared(node.body, f"{owner}{name}.")
+        elif isinstance(node, ast.Assign | ast.AnnAssign):
+            yield f"{owner}{name}", [node.value, getattr(node, "annotation", None)]
+        else:
+            given = [each for each in ast.walk(node.args) if isinstance(each, ast.arg)]
+            yield f"{owner}{name}", [node.returns, *(each.annotation for each in given)]
+
+
+def test_what_crosses_a_rooms_border_has_a_type():
+    found = {
+        f"{path.relative_to(ROOT).as_posix()}: {name}"
+        for path in modules()
+        for name in untyped(path.read_text(encoding="utf-8"))
+    }
+    assert found - UNTYPED.keys() == set(), "make it a structure (rpc.messages.declare.Document), or a dataclass"
+    assert UNTYPED.keys() - found == set(), "these are typed by now"
+
+
+def test_what_holds_anything_would_be_seen_wherever_it_is_declared():
+    text = """
+Alias = dict[str, Any]
+Named: TypeAlias = "Mapping[str, Any]"
+_private = dict[str, Any]
+
+def function(a: int, *, b: list[dict[str, object]] | None = None) -> None:
+    inside: dict[str, Any] = {}
+
+def answers() -> dict[str, typing.Any]: ...
+
+class Class:
+    field: dict[str, Any]
+    good: dict[str, int]
+
+    def __init__(self, given: dict[str, Any]) -> None: ...
+    def method(self) -> tuple[MutableMapping[str, Any], ...]: ...
+    def _own(self) -> dict[str, Any]: ...
+
+class _Inner:
+    field: dict[str, Any]
+"""
+    assert list(untyped(text)) == [
+        "Alias", "Named", "function", "answers", "Class.field", "Class.__init__", "Class.method",
+    ]  # fmt: skip

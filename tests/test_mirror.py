@@ -1,34 +1,39 @@
-"""`canopen_control/a/b.py` is tested by `tests/a/test_b.py`."""
+"""`canopen_control/a/b.py` is tested by `tests/a/test_b.py`, the bench of tools/ by `tests/bench`."""
 
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
+TESTS = ROOT / "tests"
 PACKAGE = ROOT / "canopen_control"
+BENCH = ROOT / "tools" / "canopen_control_bench"
+WHOLE = ("test_layering.py", "test_mirror.py", "test_public_surface.py")
+ROOMS = ("docs", "integration", "tools", "faults", "socketcan", "hardware_can")  # about whole programs
+ENDINGS = ("_properties.py", "_vectors.py", "_interop.py")  # about a room as a whole
+
+
+def mirrored(package, folder):
+    """Yield (module, its test module) of a package whose tests are in `folder`."""
+    for path in sorted(package.rglob("*.py")):
+        relative = path.relative_to(package)
+        if not relative.name.startswith("__") and relative.parts[0] != "data":
+            yield path, folder / relative.parent / f"test_{relative.name}"
+
+
+PAIRS = [*mirrored(PACKAGE, TESTS), *mirrored(BENCH, TESTS / "bench")]
 
 
 def test_every_module_has_its_test_module():
-    missing = []
-    for path in sorted(PACKAGE.rglob("*.py")):
-        relative = path.relative_to(PACKAGE)
-        if relative.name.startswith("__") or relative.parts[0] == "data":
-            continue
-        if not (ROOT / "tests" / relative.parent / f"test_{relative.name}").exists():
-            missing.append(str(relative))
-    assert missing == []
+    assert [str(module.relative_to(ROOT)) for module, test in PAIRS if not test.exists()] == []
 
 
 def test_every_test_module_has_its_module_or_is_about_the_whole():
-    whole = {"test_layering.py", "test_mirror.py"}
-    rooms = ("_properties.py", "_vectors.py", "_interop.py")  # about a room as a whole
-    strays = []
-    for path in sorted((ROOT / "tests").rglob("test_*.py")):
-        relative = path.relative_to(ROOT / "tests")
-        module = PACKAGE / relative.parent / relative.name.removeprefix("test_")
-        if (
-            relative.parts[0] not in ("integration", "tools", "faults", "socketcan", "hardware_can")
-            and relative.name not in whole
-            and not module.exists()
-            and not relative.name.endswith(rooms)
-        ):
-            strays.append(str(relative))
+    tested = {test for _, test in PAIRS}
+    strays = [
+        str(path.relative_to(TESTS))
+        for path in sorted(TESTS.rglob("test_*.py"))
+        if path not in tested
+        and path.relative_to(TESTS).parts[0] not in ROOMS
+        and path.name not in WHOLE
+        and not path.name.endswith(ENDINGS)
+    ]
     assert strays == []

@@ -1,4 +1,4 @@
-"""A wire with a bit rate: one frame at a time, the lowest identifier first, and how busy it was.
+"""Arbitration on an emulated CAN bus with a bit rate: one frame at a time, lowest identifier first, bus load.
 
 Each sender is a controller with one queue in order of sending; only the head of each takes part in arbitration, as on a
 bus whose controllers do not reorder. A frame that has begun is never interrupted (ISO 11898-1, 8.3.3). Time is an

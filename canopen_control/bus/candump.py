@@ -21,7 +21,7 @@ _STANDARD_DIGITS = 3
 _NS = 1_000_000_000
 _LONGEST_NAME = 15  # IFNAMSIZ without the zero
 _LINE = re.compile(
-    r"\((?P<seconds>\d+)\.(?P<fraction>\d+)\)\s+(?P<channel>\S+)\s+"
+    r"\((?P<seconds>\d{1,11})\.(?P<fraction>\d{1,18})\)\s+(?P<channel>\S+)\s+"
     r"(?P<id>[0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})#(?P<data>[Rr]\d?|(?:[0-9A-Fa-f]{2}\.?){0,8})(?P<rest>\s+[RTrt])?\s*"
 )
 

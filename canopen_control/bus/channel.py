@@ -121,12 +121,17 @@ def may_host_virtual_drives(channel: str) -> bool:
     return spec.kind is not ChannelKind.PYTHON_CAN
 
 
-def open_port(channel: str, *, label: str = "") -> Port:
+def open_port(channel: str, *, label: str = "", join: bool = False) -> Port:
     """Open a channel; `label` is what others see of this end on ``local:`` and ``memory:``.
 
+    Who only listens or asks joins: a ``local:`` bus that nobody has open is `BusNotOpen` then, instead of made.
     Raise `ConfigError` for a name that is none, `InterfaceNotFound`, `InterfaceDown` or another `BusError`.
     """
     spec = parse_channel(channel)
+    if join and spec.kind is ChannelKind.LOCAL:
+        from canopen_control.bus.local import join_local
+
+        return join_local(spec.name, label)
     return _OPENERS[spec.kind](spec, label)
 
 
@@ -151,7 +156,8 @@ def _open_socketcan(spec: ChannelSpec, label: str) -> Port:  # noqa: ARG001 - th
 def _open_python_can(spec: ChannelSpec, label: str) -> Port:  # noqa: ARG001 - python-can knows no labels
     from canopen_control.bus.pythoncan import open_python_can
 
-    return open_python_can(spec)
+    interface = "virtual" if spec.kind.in_process else spec.interface
+    return open_python_can(str(spec), interface, spec.name, spec.bitrate)
 
 
 _OPENERS: dict[ChannelKind, Callable[[ChannelSpec, str], Port]] = {

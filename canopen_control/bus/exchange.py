@@ -1,4 +1,4 @@
-"""The core of the hub: who is on a ``local:`` bus, and which bytes go to whom. No sockets, no clock.
+"""The routing core of a ``local:`` bus's hub: members, and which bytes go to whom. No sockets, no clock.
 
 Rule 1: a frame reaches everybody but its sender, and frames of one sender stay in order. Rule 2: nobody waits for
 anybody: a reader whose queue is full loses its own frames, and finds an error frame with their number where they are

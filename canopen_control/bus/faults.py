@@ -1,16 +1,11 @@
-"""What is wrong with the wires of a ``local:`` bus, by the labels of those who are on it.
+"""Wire faults of a ``local:`` bus (cut cables, dropped frames), by the labels of its members.
 
 A label that is not there yet may be named: its cable stays cut when its process comes back.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from canopen_control.frame import RECORD, RECORD_SIZE
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
 
 __all__ = ["DropRule", "Faults"]
 
@@ -41,10 +36,6 @@ class DropRule:
         lost = self.seen % self.every == 0
         self.lost += lost
         return lost
-
-    def as_dict(self) -> Mapping[str, object]:
-        """Return it for the control socket."""
-        return {name: getattr(self, name) for name in self.__slots__}
 
 
 class Faults:

@@ -2,52 +2,48 @@
 
 ``python -m canopen_control.bus.hub NAME`` serves two sockets. On the first, each end greets (`hello`), then sends and
 receives records; one read and one write a turn for each end, however many frames, and none of them can make the hub
-wait. On the second, requests as JSON lines: {"id", "method", "params"} is answered by {"id", "result"} or {"id",
-"error"}, with the methods of `Control`. Two seconds after the last end has left, the hub is gone. It imports little, so
-that it is there at once.
+wait. On the second it is asked and told what `rpc.messages.hub` declares (`hubcontrol`). Two seconds after the last end
+has left, the hub is gone.
+
+It imports little, so that it is there at once: what the control socket needs (msgspec: a third as long again) comes
+right after the first end was greeted, while that one prepares what it will send, or when somebody asks before.
 """
 
 from __future__ import annotations
 
-import contextlib
 import functools
 import os
 import signal
 import socket
 import sys
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from canopen_control.bus.exchange import Exchange, Member
-from canopen_control.bus.hello import HELLO_SIZE, VERSION, pack_hello, parse_hello
-from canopen_control.bus.hubcontrol import Control
-from canopen_control.errors import CanopenError
-from canopen_control.host.jsonlines import LineServer
+from canopen_control.bus.hello import Greeter, Hello, pack_hello
+from canopen_control.errors import CanopenError, ConfigError
 from canopen_control.host.reactor import Reactor
-from canopen_control.host.sockets import close_listener, listen, lock, same_user, socket_path
+from canopen_control.host.sockets import close_listener, listen, lock, socket_path
 from canopen_control.host.spawn import report_failure, report_ready
 
 if TYPE_CHECKING:
+    from canopen_control.bus.hubcontrol import HubControl
     from canopen_control.host.timer import Timer
 
 __all__ = ["LINGER_NS", "Hub", "main"]
 
-LINGER_NS = 2_000_000_000
-_GREETING_NS = 5_000_000_000
-_RETRY_NS = 50_000_000
-_READ_SIZE = 65536
-_BUFFER_SIZE = 1 << 20
+LINGER_NS: Final = 2_000_000_000
+_RETRY_NS: Final = 50_000_000
+_READ_SIZE: Final = 65536
+_BUFFER_SIZE: Final = 1 << 20
 
 
 class _End:
-    """One connection: greeting first, then a member of the exchange."""
+    """The connection of a member of the exchange."""
 
-    __slots__ = ("greeting", "greeting_timer", "member", "reading", "socket", "writing")
+    __slots__ = ("member", "reading", "socket", "writing")
 
-    def __init__(self, sock: socket.socket) -> None:
-        self.socket = sock
-        self.member: Member | None = None
-        self.greeting = b""
-        self.greeting_timer: Timer | None = None
+    def __init__(self, sock: socket.socket, member: Member) -> None:
+        self.socket, self.member = sock, member
         self.reading = True
         self.writing = False
 
@@ -60,84 +56,49 @@ class Hub:
         self.exchange = Exchange()
         self.on_end = reactor.stop
         self._reactor = reactor
+        self._started = reactor.now()
         self._path = socket_path("bus", name)
-        self._listener = listen(self._path)
+        self._greeter = Greeter(reactor, listen(self._path), self._admit)
         self._ends: dict[int, _End] = {}  # by the member's number
-        self._greeting: set[_End] = set()
         self._flush_planned = False
         self._timer: Timer | None = None
         self._linger: Timer | None = None
-        control = Control(name, self.exchange, reactor.now, self._after)
-        self._server = LineServer(reactor, socket_path("busctl", name), control.on_connect, control.on_message)
-        reactor.add_reader(self._listener, self._accept)
+        self._control: HubControl | None = None
+        self._asked = listen(socket_path("busctl", name))
+        reactor.add_reader(self._asked, self._serve_control)
         self._wait_for_ends()
 
     # Coming and going ----------------------------------------------------------------------------------------------
 
-    def _accept(self) -> None:
-        try:
-            sock, _ = self._listener.accept()
-        except OSError:  # it changed its mind
-            return
-        if not same_user(sock):
-            sock.close()
-            return
-        sock.setblocking(False)
-        end = _End(sock)
-        self._greeting.add(end)
-        end.greeting_timer = self._reactor.call_later(_GREETING_NS, functools.partial(self._dismiss, end))
-        self._reactor.add_reader(sock, functools.partial(self._greet, end))
+    def _serve_control(self) -> None:
+        """Serve the control socket from now on; who has connected to it waits in the kernel."""
+        if self._control is None and self._asked.fileno() >= 0:
+            self._reactor.remove_reader(self._asked)  # should the import fail, it fails once
+            from canopen_control.rpc.quick_import import import_msgspec
 
-    def _dismiss(self, end: _End) -> None:
-        """Drop a connection that is no member."""
-        self._greeting.discard(end)
-        if end.greeting_timer is not None:
-            end.greeting_timer.cancel()
-        self._reactor.remove_reader(end.socket)
-        end.socket.close()
+            import_msgspec()
+            from canopen_control.bus.hubcontrol import HubControl
 
-    def _greet(self, end: _End) -> None:
-        try:
-            data = end.socket.recv(HELLO_SIZE - len(end.greeting))
-        except BlockingIOError:
-            return
-        except OSError:
-            data = b""
-        end.greeting += data
-        if data and len(end.greeting) < HELLO_SIZE:
-            return
-        hello = parse_hello(end.greeting)
-        if hello is not None and hello.version != VERSION:
-            self._refuse(end)
-            hello = None
-        if hello is None:
-            self._dismiss(end)
-            return
-        self._admit(end, self.exchange.join(hello.label, hello.pid))
+            self._control = HubControl(
+                self.name, self.exchange, self._reactor, self._asked, started=self._started, after=self._after
+            )
 
-    @staticmethod
-    def _refuse(end: _End) -> None:
-        """Tell the other version ours, as far as the kernel takes it at once."""
-        with contextlib.suppress(OSError):
-            end.socket.send(pack_hello(os.getpid(), ""))
-
-    def _admit(self, end: _End, member: Member) -> None:
-        self._greeting.discard(end)
-        if end.greeting_timer is not None:
-            end.greeting_timer.cancel()
+    def _admit(self, sock: socket.socket, hello: Hello) -> None:
+        """Make a member of who has greeted."""
+        member = self.exchange.join(hello.label, hello.pid)
         for option in (socket.SO_RCVBUF, socket.SO_SNDBUF):
-            end.socket.setsockopt(socket.SOL_SOCKET, option, _BUFFER_SIZE)  # the kernel takes what it allows
-        end.member = member
-        self._ends[member.number] = end
+            sock.setsockopt(socket.SOL_SOCKET, option, _BUFFER_SIZE)  # the kernel takes what it allows
+        end = self._ends[member.number] = _End(sock, member)
         member.outbox += pack_hello(os.getpid(), member.label)
-        self._reactor.add_reader(end.socket, functools.partial(self._read, end, member))
+        self._reactor.add_reader(sock, functools.partial(self._read, end))
         if self._linger is not None:
             self._linger.cancel()
-        self._write(end, member)
+        self._write(end)
+        self._reactor.call_soon(self._serve_control)
 
-    def _drop(self, end: _End, member: Member) -> None:
-        self.exchange.leave(member)
-        self._ends.pop(member.number, None)
+    def _drop(self, end: _End) -> None:
+        self.exchange.leave(end.member)
+        self._ends.pop(end.member.number, None)
         self._reactor.remove_reader(end.socket)
         self._reactor.remove_writer(end.socket)
         end.socket.close()
@@ -153,15 +114,15 @@ class Hub:
         """End, unless somebody is about to join: the lock is the one that openers hold while they start a hub."""
         try:
             with lock(self._path, 0):
-                self._accept()
-                if not self._greeting and not self._ends:
+                self._greeter.accept()
+                if not self._greeter.busy and not self._ends:
                     self._end()
                     return
-        except CanopenError:
-            pass  # an opener holds the lock
-        except OSError:  # the folder is gone: nobody finds this hub any more
+        except ConfigError:  # the folder is gone, or the lock is none: nobody finds this hub any more
             self._end()
             return
+        except CanopenError:
+            pass  # an opener holds the lock
         if not self._ends:
             self._linger = self._reactor.call_later(_RETRY_NS, self._expire)
 
@@ -171,12 +132,12 @@ class Hub:
 
     def close(self) -> None:
         """Leave nothing behind; a second call does nothing."""
-        if self._listener.fileno() >= 0:
-            self._reactor.remove_reader(self._listener)
-        close_listener(self._listener)
-        self._server.close()
-        for end in list(self._greeting):
-            self._dismiss(end)
+        self._greeter.close()
+        if self._control is not None:
+            self._control.close()
+        elif self._asked.fileno() >= 0:
+            self._reactor.remove_reader(self._asked)
+            close_listener(self._asked)
         for end in list(self._ends.values()):
             self._reactor.remove_reader(end.socket)
             self._reactor.remove_writer(end.socket)
@@ -188,7 +149,7 @@ class Hub:
 
     # Frames --------------------------------------------------------------------------------------------------------
 
-    def _read(self, end: _End, member: Member) -> None:
+    def _read(self, end: _End) -> None:
         try:
             data = end.socket.recv(_READ_SIZE)
         except BlockingIOError:
@@ -196,9 +157,9 @@ class Hub:
         except OSError:
             data = b""
         if not data:
-            self._drop(end, member)
+            self._drop(end)
             return
-        self.exchange.receive(member, data, self._reactor.now())
+        self.exchange.receive(end.member, data, self._reactor.now())
         self._after()
 
     def _after(self) -> None:
@@ -217,21 +178,22 @@ class Hub:
         for member in self.exchange.take_dirty():
             end = self._ends.get(member.number)
             if end is not None and not end.writing:
-                self._write(end, member)
+                self._write(end)
 
-    def _write(self, end: _End, member: Member) -> None:
+    def _write(self, end: _End) -> None:
+        member = end.member
         try:
             sent = end.socket.send(member.outbox) if member.outbox else 0
         except BlockingIOError:
             sent = 0
         except OSError:
-            self._drop(end, member)
+            self._drop(end)
             return
         self.exchange.sent(member, sent)
         if bool(member.outbox) is not end.writing:
             end.writing = not end.writing
             if end.writing:
-                self._reactor.add_writer(end.socket, functools.partial(self._write, end, member))
+                self._reactor.add_writer(end.socket, functools.partial(self._write, end))
             else:
                 self._reactor.remove_writer(end.socket)
 
@@ -249,11 +211,10 @@ class Hub:
 
     def _pace_readers(self) -> None:
         for end in self._ends.values():
-            member = end.member
-            if member is not None and self.exchange.may_read(member) is not end.reading:
+            if self.exchange.may_read(end.member) is not end.reading:
                 end.reading = not end.reading
                 if end.reading:
-                    self._reactor.add_reader(end.socket, functools.partial(self._read, end, member))
+                    self._reactor.add_reader(end.socket, functools.partial(self._read, end))
                 else:
                     self._reactor.remove_reader(end.socket)
 

@@ -1,31 +1,36 @@
-"""What a hub can be asked and told through its control socket: one table, a method a line.
+"""The control socket of a hub: answers the requests of `rpc.messages.hub` about one `Exchange`.
 
-A request is {"id", "method", "params"}; what is wrong with one is answered with a sentence and changes nothing.
+Its import costs more than all else of a hub, msgspec first of all: the hub does it when nobody waits for frames.
 """
 
 from __future__ import annotations
 
 import os
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final, NoReturn, TypeVar
 
 from canopen_control.bus import error_frames
 from canopen_control.bus.faults import DropRule
-from canopen_control.errors import CanopenError, ConfigError
+from canopen_control.errors import ConfigError
+from canopen_control.frame import RECORD_SIZE
+from canopen_control.host.sockets import socket_path
+from canopen_control.rpc.messages import hub
+from canopen_control.rpc.messages.declare import PROTOCOL, Done, Request
+from canopen_control.rpc.server import Call, Server
 
 if TYPE_CHECKING:
+    import socket
     from collections.abc import Callable, Mapping
 
     from canopen_control.bus.exchange import Exchange, Member
     from canopen_control.frame import CanFrame
-    from canopen_control.host.jsonlines import Connection
+    from canopen_control.host.reactor import Reactor
 
-__all__ = ["ERROR_KINDS", "PROTOCOL", "Control"]
+__all__ = ["ERROR_FRAMES", "HubControl"]
 
-PROTOCOL = 1
-_NS_PER_MS = 1_000_000
-_MAX_BITRATE = 1_000_000  # classic CAN
+R = TypeVar("R", bound=Request[Done])
+_NS_PER_MS: Final = 1_000_000
 
-ERROR_KINDS: dict[str, Callable[[], CanFrame]] = {
+ERROR_FRAMES: Final[Mapping[hub.ErrorKind, Callable[[], CanFrame]]] = {
     "bus-error": error_frames.protocol_error_frame,
     "error-passive": error_frames.passive_frame,
     "error-active": error_frames.active_frame,
@@ -33,129 +38,101 @@ ERROR_KINDS: dict[str, Callable[[], CanFrame]] = {
 }
 
 
-class Control:
-    """Serves the requests of one hub; `after` is called when the exchange may have something to send."""
+class HubControl:
+    """Serves the bus `name` on the socket that `listener` is of.
 
-    def __init__(self, name: str, exchange: Exchange, now: Callable[[], int], after: Callable[[], None]) -> None:
-        self._name, self._exchange, self._now, self._after = name, exchange, now, after
-        self._started = now()
-        self._methods: dict[str, Callable[[_Params], object]] = {
-            "status": self._status,
-            "cut": lambda params: exchange.cut(self._label(params)),
-            "uncut": lambda params: exchange.cut(self._label(params), mend=True),
-            "bus_off": lambda params: exchange.bus_off(self._label(params)),
-            "restart": lambda params: exchange.bus_off(self._label(params), restart=True),
-            "error_frame": self._error_frame,
-            "drop": self._drop,
-            "delay": self._delay,
-            "bitrate": self._bitrate,
-            "clear": lambda _params: exchange.clear_faults(),
-        }
+    `started` is the reactor's time when the hub was; `after` is called when the exchange may have something to send.
+    """
 
-    def on_connect(self, connection: Connection) -> None:
-        """Greet a client."""
-        connection.send({"hello": {"bus": self._name, "protocol": PROTOCOL, "pid": os.getpid()}})
+    def __init__(
+        self,
+        name: str,
+        exchange: Exchange,
+        reactor: Reactor,
+        listener: socket.socket,
+        *,
+        started: int,
+        after: Callable[[], None],
+    ) -> None:
+        self._name, self._exchange, self._now, self._after = name, exchange, reactor.now, after
+        self._started = started
+        path = socket_path("busctl", name)
+        self._server: Server[hub.HubHello, NoReturn] = Server(hub.HUB, reactor, path, self._hello, listener=listener)
+        self._server.answers(hub.GetHubStatus, lambda call: call.reply(self._status()))
+        self._answer_faults()
+        self._server.check()
 
-    def on_message(self, connection: Connection, message: dict[str, object]) -> None:
-        """Answer a request; one without an id is done and not answered."""
-        answer = self.handle(message)
-        if "id" in message:
-            connection.send({"id": message["id"], **answer})
+    def close(self) -> None:
+        """End all connections and remove the socket; a second call does nothing."""
+        self._server.close()
 
-    def handle(self, message: Mapping[str, object]) -> dict[str, object]:
-        """Do what a request says; return {"result"} or {"error"}."""
-        method, params = message.get("method"), message.get("params", {})
-        try:
-            if not isinstance(method, str) or method not in self._methods:
-                raise ConfigError(f"no method {method!r}; there are: {', '.join(self._methods)}")
-            if not isinstance(params, dict):
-                raise ConfigError("params is an object")
-            result = self._methods[method](_Params(params))
-        except CanopenError as error:
-            return {"error": {"kind": type(error).__name__, "message": str(error)}}
-        self._after()
-        return {"result": result}
+    def _hello(self) -> hub.HubHello:
+        return hub.HubHello(self._name, PROTOCOL, os.getpid())
 
-    def _label(self, params: _Params, *, optional: bool = False) -> str:
-        """Return a label that somebody has or whose wires are faulty; "" for everybody where that makes sense."""
-        label = params.text("label", "" if optional else None)
+    def _answer_faults(self) -> None:
+        exchange, label = self._exchange, self._label
+        self._does(hub.Cut, lambda asked: exchange.cut(label(asked.label)))
+        self._does(hub.Uncut, lambda asked: exchange.cut(label(asked.label), mend=True))
+        self._does(hub.BusOff, lambda asked: exchange.bus_off(label(asked.label)))
+        self._does(hub.Restart, lambda asked: exchange.bus_off(label(asked.label), restart=True))
+        self._does(hub.SendErrorFrame, lambda asked: exchange.report(self._anybody(asked.label), _frame(asked)))
+        self._does(hub.DropFrames, self._drop)
+        self._does(hub.DelayFrames, self._delay)
+        self._does(hub.SetBitrate, lambda asked: exchange.pace(asked.bitrate, self._now()))
+        self._does(hub.ClearFaults, lambda _asked: exchange.clear_faults())
+
+    def _does(self, kind: type[R], do: Callable[[R], object]) -> None:
+        def handle(call: Call[R]) -> None:
+            do(call.request)
+            self._after()
+            call.reply(Done())
+
+        self._server.answers(kind, handle)
+
+    def _label(self, label: str) -> str:
+        """Return a label that somebody has or whose wires are faulty; ConfigError for any other."""
         faults = self._exchange.faults
         known = [member.label for member in self._exchange.members.values()]
-        if label in known or faults.silences(label) or label in faults.delays or (optional and not label):
+        if label in known or faults.silences(label) or label in faults.delays:
             return label
         raise ConfigError(f"nobody called {label!r} on local:{self._name}; there are: {', '.join(known) or 'none'}")
 
-    def _error_frame(self, params: _Params) -> None:
-        kind = params.text("kind", "bus-error")
-        if kind not in ERROR_KINDS:
-            raise ConfigError(f"no error frame {kind!r}; there are: {', '.join(ERROR_KINDS)}")
-        frame = ERROR_KINDS[kind]()
-        self._exchange.report(self._label(params, optional=True), frame)
+    def _anybody(self, label: str) -> str:
+        return self._label(label) if label else ""
 
-    def _drop(self, params: _Params) -> None:
-        self._exchange.faults.drops.append(
-            DropRule(
-                self._label(params, optional=True),
-                params.integer("can_id", None, 0, 0xFFFFFFFF),
-                params.integer("every", 1, 1, 1 << 31) or 1,
-                params.integer("count", None, 1, 1 << 31),
-            )
+    def _drop(self, asked: hub.DropFrames) -> None:
+        rule = DropRule(self._anybody(asked.label), asked.can_id, asked.every, asked.count)
+        self._exchange.faults.drops.append(rule)
+
+    def _delay(self, asked: hub.DelayFrames) -> None:
+        self._exchange.faults.delay(self._anybody(asked.label), asked.ms * _NS_PER_MS)
+
+    def _status(self) -> hub.HubStatus:
+        exchange, faults, now = self._exchange, self._exchange.faults, self._now()
+        return hub.HubStatus(
+            bus=self._name,
+            pid=os.getpid(),
+            uptime_s=(now - self._started) / 1e9,
+            bitrate=None if exchange.wire is None else exchange.wire.bitrate,
+            load=exchange.load(now),
+            frames=exchange.frames,
+            dropped=exchange.dropped,
+            members=[_member(each) for each in exchange.members.values()],
+            cut=sorted(faults.cut),
+            bus_off=sorted(faults.bus_off),
+            delays_ms={label: delay / _NS_PER_MS for label, delay in faults.delays.items()},
+            drops=[_drop_state(rule) for rule in faults.drops],
         )
 
-    def _delay(self, params: _Params) -> None:
-        milliseconds = params.integer("ms", None, 0, 60_000)
-        if milliseconds is None:
-            raise ConfigError("delay wants ms, 0 to 60000")
-        self._exchange.faults.delay(self._label(params, optional=True), milliseconds * _NS_PER_MS)
 
-    def _bitrate(self, params: _Params) -> None:
-        self._exchange.pace(params.integer("bitrate", None, 0, _MAX_BITRATE), self._now())
-
-    def _status(self, _params: _Params) -> dict[str, object]:
-        exchange, now = self._exchange, self._now()
-        return {
-            "bus": self._name,
-            "pid": os.getpid(),
-            "uptime_s": (now - self._started) / 1e9,
-            "bitrate": None if exchange.wire is None else exchange.wire.bitrate,
-            "load": exchange.load(now),
-            "frames": exchange.frames,
-            "dropped": exchange.dropped,
-            "members": [self._member(member) for member in exchange.members.values()],
-            "cut": sorted(exchange.faults.cut),
-            "bus_off": sorted(exchange.faults.bus_off),
-            "delays_ms": {label: delay / _NS_PER_MS for label, delay in exchange.faults.delays.items()},
-            "drops": [rule.as_dict() for rule in exchange.faults.drops],
-        }
-
-    @staticmethod
-    def _member(member: Member) -> dict[str, object]:
-        return {
-            "label": member.label,
-            "pid": member.pid,
-            "rx": member.rx,
-            "tx": member.tx,
-            "lost": member.lost,
-            "queued": len(member.outbox) // 16,
-        }
+def _frame(asked: hub.SendErrorFrame) -> CanFrame:
+    return ERROR_FRAMES[asked.kind]()
 
 
-class _Params:
-    """The parameters of a request, by name and type; `ConfigError` for what is missing or wrong."""
+def _member(member: Member) -> hub.Member:
+    queued = len(member.outbox) // RECORD_SIZE
+    return hub.Member(member.label, member.pid, member.rx, member.tx, member.lost, queued)
 
-    def __init__(self, values: Mapping[str, object]) -> None:
-        self._values = values
 
-    def text(self, key: str, default: str | None) -> str:
-        value = self._values.get(key, default)
-        if not isinstance(value, str):
-            raise ConfigError(f"{key} is missing or no text")
-        return value
-
-    def integer(self, key: str, default: int | None, low: int, high: int) -> int | None:
-        value = self._values.get(key, default)
-        if value is None:
-            return default
-        if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
-            raise ConfigError(f"{key} is no integer from {low} to {high}: {value!r}")
-        return value
+def _drop_state(rule: DropRule) -> hub.DropState:
+    return hub.DropState(rule.label, rule.can_id, rule.every, rule.count, rule.seen, rule.lost)

@@ -12,7 +12,7 @@ import shlex
 import shutil
 import subprocess
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, Required, TypedDict
 
 from canopen_control.errors import ConfigError
 
@@ -88,17 +88,53 @@ def run_command(argv: Sequence[str]) -> Result:
 # Seeing ------------------------------------------------------------------------------------------------------------
 
 
+class _Timing(TypedDict, total=False):
+    bitrate: int
+    sample_point: float | str  # a text in some versions
+
+
+class _Counters(TypedDict, total=False):
+    tx: int
+    rx: int
+
+
+class _Controller(TypedDict, total=False):
+    state: str
+    bittiming: _Timing
+    bittiming_bitrate: int
+    restart_ms: int
+    berr_counter: _Counters
+
+
+class _LinkInfo(TypedDict, total=False):
+    info_kind: str
+    info_data: _Controller
+    info_xstats: dict[str, int]
+
+
+class _Entry(TypedDict, total=False):
+    """An interface as ``ip -json`` tells it, as far as it is used here."""
+
+    ifname: Required[str]
+    link_type: str
+    flags: list[str]
+    txqlen: int
+    linkinfo: _LinkInfo
+    stats64: dict[str, dict[str, int]]  # by way, rx and tx
+
+
 def parse_links(text: str) -> list[Link]:
     """Return the CAN interfaces in the output of ``ip -json -details -statistics link show``."""
-    return [_link(entry) for entry in json.loads(text or "[]") if entry.get("link_type") == "can"]
+    entries: list[_Entry] = json.loads(text or "[]")
+    return [_link(entry) for entry in entries if entry.get("link_type") == "can"]
 
 
-def _link(entry: dict[str, Any]) -> Link:
-    info = entry.get("linkinfo", {})
-    data = info.get("info_data", {})
-    timing = data.get("bittiming", {})
+def _link(entry: _Entry) -> Link:
+    info = entry.get("linkinfo", _LinkInfo())
+    data = info.get("info_data", _Controller())
+    timing = data.get("bittiming", _Timing())
     counters = data.get("berr_counter")
-    sample_point = timing.get("sample_point")  # a text in some versions
+    sample_point = timing.get("sample_point")
     return Link(
         name=entry["ifname"],
         kind=info.get("info_kind", "can"),

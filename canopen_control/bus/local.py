@@ -1,7 +1,8 @@
 """The port of a ``local:`` bus: a Unix stream to the hub, one system call for a whole cycle's frames each way.
 
 The first opener starts the hub and is not its parent; who opens first is decided under a lock. When the hub is gone,
-`receive` and `send` raise `BusClosed`, and the next opening starts a new one.
+`receive` and `send` raise `BusClosed`, and the next opening starts a new one. `ask_hub` is for who wants to know who is
+there, or to break and mend wires.
 """
 
 from __future__ import annotations
@@ -9,24 +10,31 @@ from __future__ import annotations
 import contextlib
 import os
 import socket
-import sys
-from pathlib import Path
-from typing import Final, NoReturn
+from typing import TYPE_CHECKING, Final, NoReturn, TypeVar
 
 from canopen_control.bus.error_events import note_errors
 from canopen_control.bus.error_frames import has_error_frames
 from canopen_control.bus.hello import HELLO_SIZE, VERSION, Hello, pack_hello, parse_hello
-from canopen_control.bus.port import BusEventKind, EventLog, PortStats, Records, whole_records
-from canopen_control.bus.sendqueue import SendQueue
-from canopen_control.errors import BusClosed, BusError, CanopenError, ConfigError
+from canopen_control.bus.port import BusEventKind, PortStats, Records, whole_records
+from canopen_control.bus.port_parts import EventLog, SendQueue
+from canopen_control.errors import BusClosed, BusError, BusNotOpen, CanopenError, ConfigError, RemoteError
 from canopen_control.frame import RECORD_SIZE
-from canopen_control.host.sockets import connect, lock, peer_pid, socket_path
+from canopen_control.host.sockets import connect, list_sockets, lock, peer_pid, socket_path
 
-__all__ = ["LocalPort", "greet", "open_local"]
+if TYPE_CHECKING:
+    from pathlib import Path
 
+    from canopen_control.rpc.messages.declare import Request
+
+__all__ = ["LocalPort", "ask_hub", "greet", "join_local", "open_local"]
+
+A = TypeVar("A")
 _RECEIVE_SIZE: Final = 65536
 _BUFFER_SIZE: Final = 1 << 20
 _GREETING_TIMEOUT_S: Final = 5.0
+_STARTING_S: Final = 15.0  # a busy machine needs seconds for a hub
+_ANSWER_S: Final = 5.0
+_UNANSWERED: Final = ("BusClosed", "Timeout", "RemoteProtocolError")
 _CLOSED_HERE: Final = "closed on this side"
 _HUB_GONE: Final = "the hub process is gone; open the channel again, which starts a new one"
 
@@ -175,7 +183,7 @@ def open_local(name: str, label: str = "") -> LocalPort:
     port = _join(path, name, label)
     if port is not None:
         return port
-    with lock(path):  # held by one opener at a time, and by a hub that is about to end
+    with lock(path, 2 * _STARTING_S):  # held by one opener at a time, and by a hub that is about to end
         port = _join(path, name, label)
         if port is None:
             _start_hub(name)
@@ -185,17 +193,26 @@ def open_local(name: str, label: str = "") -> LocalPort:
     return port
 
 
-def _start_hub(name: str) -> None:
-    """Start the hub as nobody's child and wait until it listens.
+def join_local(name: str, label: str = "") -> LocalPort:
+    """Open a ``local:`` bus that somebody has open already; raise `BusNotOpen` where nobody has, else as above."""
+    port = _join(socket_path("bus", name), name, label)
+    if port is None:
+        raise _not_open(name)
+    return port
 
-    Isolated and without site it starts in a third of the time; the package's own folder is all that it needs.
-    """
+
+def _not_open(name: str) -> BusNotOpen:
+    """Return what to raise for a ``local:`` bus that nobody has open: it names those that somebody has."""
+    return BusNotOpen(f"local:{name}", [f"local:{other}" for other in list_sockets("bus")])
+
+
+def _start_hub(name: str) -> None:
+    """Start the hub as nobody's child and wait until it listens."""
+    from canopen_control.host.environment import lean_python
     from canopen_control.host.spawn import spawn_detached
 
-    folder = str(Path(__file__).parents[2])
-    code = f"import sys; sys.path.insert(0, {folder!r}); from canopen_control.bus.hub import main; sys.exit(main())"
     try:
-        spawn_detached([sys.executable, "-I", "-S", "-c", code, name], name=f"hub-{name}")
+        spawn_detached([*lean_python("canopen_control.bus.hub"), name], _STARTING_S, name=f"hub-{name}")
     except ConfigError:
         raise
     except CanopenError as error:
@@ -210,3 +227,24 @@ def _join(path: Path, name: str, label: str) -> LocalPort | None:
     except OSError as error:
         raise BusError(f"bus local:{name}: {path} cannot be opened: {error.strerror or error}") from error
     return greet(sock, name, label)
+
+
+def ask_hub(name: str, request: Request[A]) -> A:
+    """Ask the hub of a ``local:`` bus; `canopen_control.rpc.messages.hub` has the requests and their answers.
+
+    Raise `BusNotOpen` if nobody has the bus open, `BusError` if its hub does not answer, `ConfigError` if it refuses.
+    """
+    from canopen_control.host.lineclient import LineClient
+    from canopen_control.rpc.client import Client
+    from canopen_control.rpc.messages.hub import HUB
+
+    try:
+        stream = LineClient(socket_path("busctl", name), _ANSWER_S, label=f"the hub of bus local:{name}")
+    except RemoteError:
+        raise _not_open(name) from None
+    try:
+        return Client(HUB, stream, _ANSWER_S).ask(request)
+    except RemoteError as error:
+        raise (BusError if error.kind in _UNANSWERED else ConfigError)(str(error)) from error
+    finally:
+        stream.close()

@@ -13,8 +13,8 @@ from weakref import WeakValueDictionary
 
 from canopen_control.bus import error_frames
 from canopen_control.bus.error_events import note_errors
-from canopen_control.bus.port import BusEvent, BusEventKind, EventLog, PortStats, Records, whole_records
-from canopen_control.bus.wake import Wake
+from canopen_control.bus.port import BusEvent, BusEventKind, PortStats, Records, whole_records
+from canopen_control.bus.port_parts import EventLog, Wake
 from canopen_control.errors import BusClosed
 from canopen_control.frame import RECORD_SIZE, CanFrame, frames_of, pack_records
 

@@ -10,18 +10,14 @@ import select
 import threading
 import time
 from collections import deque
-from typing import TYPE_CHECKING, Any
 
 import can
 
 from canopen_control.bus.local import open_local
-from canopen_control.bus.messages import message_of, record_of
+from canopen_control.bus.pythoncan import message_of, record_of
 from canopen_control.errors import BusClosed, CanopenError
 from canopen_control.frame import frames_of
 from canopen_control.host.sockets import list_sockets
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
 
 __all__ = ["LocalBus"]
 
@@ -36,7 +32,7 @@ class LocalBus(can.BusABC):
     def __init__(
         self,
         channel: str,
-        can_filters: Sequence[dict[str, Any]] | None = None,
+        can_filters: can.typechecking.CanFilters | None = None,
         *,
         label: str = "python-can",
         receive_own_messages: bool = False,
@@ -52,7 +48,7 @@ class LocalBus(can.BusABC):
             self._port = open_local(name, label)
         except CanopenError as error:
             raise can.CanInitializationError(str(error)) from error
-        super().__init__(channel=name, can_filters=can_filters, **kwargs)  # type: ignore[arg-type]  # python-can's words
+        super().__init__(channel=name, can_filters=can_filters, **kwargs)
 
     def fileno(self) -> int:
         """Return the descriptor that is readable when frames wait."""

@@ -9,19 +9,14 @@ counted in `stats` and told as an event; nothing is lost silently. Rule 4: the o
 from __future__ import annotations
 
 import enum
-from collections import deque
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 from canopen_control.errors import LocalProtocolError
 from canopen_control.frame import RECORD_SIZE
 
-if TYPE_CHECKING:
-    from collections.abc import Iterable
+__all__ = ["BusEvent", "BusEventKind", "Port", "PortStats", "Records", "whole_records"]
 
-__all__ = ["BusEvent", "BusEventKind", "EventLog", "Port", "PortStats", "Records", "whole_records"]
-
-EVENT_LIMIT = 1000
 Records = bytes | bytearray | memoryview
 """Frames, 16 bytes each, one after the other."""
 
@@ -58,31 +53,6 @@ class PortStats:
     lost: int = 0
     errors: int = 0
     queued: int = 0
-
-
-class EventLog:
-    """What happened to a port and was not fetched yet: bounded, since an owner may never ask; the oldest go first."""
-
-    __slots__ = ("_events",)
-
-    def __init__(self) -> None:
-        self._events: deque[BusEvent] = deque(maxlen=EVENT_LIMIT)
-
-    def add(self, kind: BusEventKind, text: str) -> None:
-        """Note an event."""
-        self._events.append(BusEvent(kind, text))
-
-    def extend(self, events: Iterable[BusEvent]) -> None:
-        """Note several."""
-        self._events.extend(events)
-
-    def drain(self) -> list[BusEvent]:
-        """Return them, oldest first, and forget them."""
-        if not self._events:
-            return []
-        events = list(self._events)
-        self._events.clear()
-        return events
 
 
 class Port(Protocol):

@@ -7,31 +7,59 @@ wake-up descriptor. An adapter that fails is not given up: it is told as DOWN on
 
 from __future__ import annotations
 
+import functools
+import importlib.util
 import threading
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import can
 
 from canopen_control.bus.error_events import note_errors
 from canopen_control.bus.error_frames import has_error_frames
-from canopen_control.bus.messages import message_of, record_of
-from canopen_control.bus.port import BusEvent, BusEventKind, EventLog, PortStats, Records, whole_records
-from canopen_control.bus.sendqueue import SEND_LIMIT, SendQueue
-from canopen_control.bus.wake import Wake
-from canopen_control.errors import BusClosed, BusError, InterfaceNotFound
-from canopen_control.frame import RECORD_SIZE, frames_of
+from canopen_control.bus.port import BusEvent, BusEventKind, PortStats, Records, whole_records
+from canopen_control.bus.port_parts import SEND_LIMIT, EventLog, SendQueue, Wake
+from canopen_control.errors import BusClosed, BusError, ConfigError, InterfaceNotFound
+from canopen_control.frame import ERROR_FLAG, EXTENDED_FLAG, RECORD, RECORD_SIZE, REMOTE_FLAG, CanFrame, frames_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from canopen_control.bus.channel import ChannelSpec
-
-__all__ = ["PythonCanPort", "known_interfaces", "open_python_can"]
+__all__ = ["PythonCanPort", "known_interfaces", "message_of", "missing_package", "open_python_can", "record_of"]
 
 _POLL_S = 0.05  # how soon the reader notices that the port was closed
 _RETRY_S = 0.1
 _QUEUE_LIMIT = 65536 * RECORD_SIZE
 _CLOSED_HERE = "closed on this side"
+_IDENTIFIER = 0x1FFFFFFF
+
+
+def message_of(frame: CanFrame, timestamp: float, channel: str | None = None) -> can.Message:
+    """Return a received frame as a message; `timestamp` is unix seconds."""
+    remote = frame.is_remote
+    return can.Message(
+        timestamp=timestamp,
+        arbitration_id=frame.can_id & _IDENTIFIER,
+        is_extended_id=bool(frame.can_id & EXTENDED_FLAG),
+        is_remote_frame=remote,
+        is_error_frame=frame.is_error,
+        channel=channel,
+        dlc=len(frame.data),
+        data=None if remote else frame.data,
+    )
+
+
+def record_of(message: can.Message) -> bytes | None:
+    """Return a message as a record; None for a CAN FD frame, which CANopen does not know."""
+    if message.is_fd:
+        return None
+    can_id = message.arbitration_id & _IDENTIFIER
+    if message.is_error_frame:
+        can_id |= ERROR_FLAG
+    elif message.is_extended_id:
+        can_id |= EXTENDED_FLAG
+    if message.is_remote_frame:
+        return RECORD.pack(can_id | REMOTE_FLAG, min(message.dlc, 8), b"")
+    return RECORD.pack(can_id, min(message.dlc, 8), bytes(message.data))
 
 
 class PythonCanPort:
@@ -198,16 +226,42 @@ def known_interfaces() -> list[str]:
     return sorted(set(can.VALID_INTERFACES) - {"canopen_control", "socketcan"})
 
 
-def open_python_can(spec: ChannelSpec) -> PythonCanPort:
-    """Open a python-can adapter; raise `InterfaceNotFound` or `BusError` with python-can's own reason."""
-    interface = "virtual" if spec.kind.in_process else spec.interface
+#: interface -> the module that its adapter imports, and the package that has it
+_PACKAGES = {
+    "canalystii": ("canalystii", "canalystii"),
+    "cantact": ("cantact", "cantact"),
+    "gs_usb": ("gs_usb", "gs-usb"),
+    "neovi": ("ics", "python-ics"),
+    "nixnet": ("nixnet", "nixnet"),
+    "robotell": ("serial", "pyserial"),
+    "seeedstudio": ("serial", "pyserial"),
+    "serial": ("serial", "pyserial"),
+    "slcan": ("serial", "pyserial"),
+    "udp_multicast": ("msgpack", "msgpack"),
+}
+
+
+def missing_package(interface: str) -> str | None:
+    """Return the package that an interface of python-can needs and that is not installed, None if there is none."""
+    module, package = _PACKAGES.get(interface, ("can", "python-can"))
+    return package if importlib.util.find_spec(module) is None else None
+
+
+def open_python_can(channel: str, interface: str, name: str, bitrate: int | None) -> PythonCanPort:
+    """Open `name` of a python-can `interface`, which is `channel` to us.
+
+    Raise `InterfaceNotFound`, `BusError` with python-can's own reason, or `ConfigError` where a package is missing that
+    the adapter needs.
+    """
     if interface not in can.VALID_INTERFACES:
-        raise InterfaceNotFound(str(spec), f"python-can knows no {interface!r}, but: {', '.join(known_interfaces())}")
-    options: dict[str, Any] = {} if spec.bitrate is None else {"bitrate": spec.bitrate}
+        raise InterfaceNotFound(channel, f"python-can knows no {interface!r}, but: {', '.join(known_interfaces())}")
+    if (package := missing_package(interface)) is not None:
+        raise ConfigError(f"bus {channel}: {interface} needs {package}, which is not installed: pip install {package}")
+    bus_of = functools.partial(can.Bus, channel=name, interface=interface)
     try:
-        bus = can.Bus(channel=spec.name, interface=interface, **options)
+        bus = bus_of() if bitrate is None else bus_of(bitrate=bitrate)
     except Exception as error:  # drivers that lack a library or a device raise nearly anything
         raise BusError(
-            f"bus {spec}: python-can cannot open it: {error}; is its driver installed, the device plugged in?"
+            f"bus {channel}: python-can cannot open it: {error}; is its driver installed, the device plugged in?"
         ) from error
-    return PythonCanPort(str(spec), bus, writer=not spec.kind.in_process)
+    return PythonCanPort(channel, bus, writer=interface != "virtual")

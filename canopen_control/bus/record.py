@@ -9,15 +9,17 @@ A recording that was cut (a full disk, no power) is read up to the cut, and says
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import struct
 import zlib
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn, TextIO
 
 from canopen_control.bus.candump import interface_name, line_of, read_lines
 from canopen_control.errors import ConfigError
 from canopen_control.frame import CanFrame, frames_of
+from canopen_control.host.files import failed
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -38,6 +40,7 @@ _UNREADABLE = (
     TypeError,
     OverflowError,
     ArithmeticError,
+    MemoryError,
 )
 
 
@@ -79,9 +82,9 @@ def _asc_reader(file: Any) -> Any:  # noqa: ANN401 - python-can's readers have n
 
 
 def _blf_reader(file: Any) -> Any:  # noqa: ANN401 - as above
-    import can
+    from canopen_control.bus.blf import BlfReader
 
-    return can.BLFReader(file)
+    return BlfReader(file)
 
 
 def _trc_reader(file: Any) -> Any:  # noqa: ANN401 - as above
@@ -119,7 +122,8 @@ def format_of(path: str | Path) -> str:
 class RecordingWriter:
     """Writes a recording; `written` and `left_out` count frames. Close it, or the last frames are lost.
 
-    A file of that name is replaced. ConfigError where it cannot be written.
+    A file of that name is replaced. ConfigError where it cannot be written, DiskFull where it cannot be finished: what
+    was written before is kept then, and `written` counts it.
     """
 
     def __init__(self, path: str | Path, channel: str = "") -> None:
@@ -128,7 +132,7 @@ class RecordingWriter:
         self.left_out = 0
         self._channel = interface_name(channel)
         self._format = FORMATS[format_of(path)]
-        self._text: Any = None
+        self._text: TextIO | None = None
         self._messages: can.io.generic.MessageWriter | None = None
         try:
             if self._format.writer is None:
@@ -136,7 +140,7 @@ class RecordingWriter:
             else:
                 self._messages = self._format.writer(self.path)
         except OSError as error:
-            raise ConfigError(f"{path} cannot be written: {error.strerror or error}") from error
+            raise failed(path, error, "nothing was written") from error
 
     def __enter__(self) -> RecordingWriter:
         return self
@@ -145,31 +149,53 @@ class RecordingWriter:
         self.close()
 
     def write(self, time_ns: int, frame: CanFrame) -> None:
-        """Append a frame heard at `time_ns` in Unix time."""
+        """Append a frame heard at `time_ns` in Unix time; DiskFull where there is no room for it."""
         if not self._format.holds(frame):
             self.left_out += 1
             return
-        if self._text is not None:
-            self._text.write(line_of(time_ns, self._channel, frame))
-        elif self._messages is not None:
-            from canopen_control.bus.messages import message_of
+        try:
+            if self._text is not None:
+                self._text.write(line_of(time_ns, self._channel, frame))
+            elif self._messages is not None:
+                from canopen_control.bus.pythoncan import message_of
 
-            self._messages.on_message_received(message_of(frame, time_ns / _NS))
+                self._messages.on_message_received(message_of(frame, time_ns / _NS))
+        except OSError as error:
+            self._fail(error)
         self.written += 1
 
     def flush(self) -> None:
-        """Hand what was written to the operating system, as far as the format allows."""
-        file = self._text if self._text is not None else getattr(self._messages, "file", None)
+        """Hand what was written to the operating system, as far as the format allows; DiskFull."""
+        file = self._file
         if file is not None and not file.closed:
-            file.flush()
+            try:
+                file.flush()
+            except OSError as error:
+                self._fail(error)
 
     def close(self) -> None:
-        """Finish the file; a second call does nothing."""
-        if self._text is not None:
-            self._text.close()
-        elif self._messages is not None:
-            self._messages.stop()
-            self._messages = None
+        """Finish the file, DiskFull where that cannot be; a second call does nothing."""
+        try:
+            if self._text is not None:
+                self._text.close()
+            elif self._messages is not None:
+                self._messages.stop()
+        except OSError as error:
+            self._fail(error)
+        self._text = self._messages = None
+
+    @property
+    def _file(self) -> Any:  # noqa: ANN401 - text, or whatever python-can writes to
+        return self._text if self._text is not None else getattr(self._messages, "file", None)
+
+    def _fail(self, error: OSError) -> NoReturn:
+        """Leave the file as it is, count what can be read of it, and raise."""
+        file = self._file
+        self._text = self._messages = None
+        with contextlib.suppress(OSError, AttributeError):
+            file.close()
+        self.written = sum(1 for each in Recording(self.path))
+        raise failed(self.path, error, f"{self.written} frames are in it") from error
 
 
 class Recording:
@@ -216,15 +242,14 @@ class Recording:
                 yield None if each is None else RecordedFrame(*each)
 
     def _messages(self) -> Iterator[RecordedFrame | None]:
-        from canopen_control.bus.messages import record_of
+        from canopen_control.bus.pythoncan import record_of
 
         for name in ("can.io.trc", "can.io.asc", "can.io.blf"):
             logging.getLogger(name).setLevel(logging.ERROR)  # what it skips is counted here
         if self._format.reader is None:
             return
         binary = self.path.suffix.lower() == ".blf"
-        how: dict[str, Any] = {"mode": "rb"} if binary else {"encoding": "utf-8", "errors": "replace"}
-        with self.path.open(**how) as file:
+        with self.path.open("rb") if binary else self.path.open(encoding="utf-8", errors="replace") as file:
             reader = None
             try:
                 reader = self._format.reader(file)
@@ -235,8 +260,8 @@ class Recording:
                     else:
                         (frame,) = frames_of(record)
                         yield RecordedFrame(round(message.timestamp * 1e6) * 1000, frame)
-            except _UNREADABLE:
-                self._ends = not file.read(1)
+            except _UNREADABLE as error:  # the reader of .blf says itself when it misses something
+                self._ends = isinstance(error, (EOFError, struct.error)) if binary else not file.read(1)
                 raise
             if getattr(reader, "file_size", 0) > self.path.stat().st_size:  # a .blf says how long it was meant to be
                 self._ends = True

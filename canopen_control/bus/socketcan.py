@@ -16,7 +16,8 @@ from typing import TYPE_CHECKING
 
 from canopen_control.bus.error_events import note_errors
 from canopen_control.bus.error_frames import has_error_frames, overrun_frame
-from canopen_control.bus.port import BusEvent, BusEventKind, EventLog, PortStats, Records, whole_records
+from canopen_control.bus.port import BusEvent, BusEventKind, PortStats, Records, whole_records
+from canopen_control.bus.port_parts import EventLog, SendQueue
 from canopen_control.bus.rawsocket import (
     ALL_INTERFACES,
     EVERYTHING,
@@ -30,7 +31,6 @@ from canopen_control.bus.rawsocket import (
     set_filters,
     stamp_of,
 )
-from canopen_control.bus.sendqueue import SendQueue
 from canopen_control.errors import BusClosed
 from canopen_control.frame import RECORD_SIZE, pack_records
 
@@ -90,7 +90,7 @@ class SocketCanPort:
 
     # Receiving -----------------------------------------------------------------------------------------------------
 
-    def hear(self, can_ids: Iterable[int]) -> None:
+    def set_filter(self, can_ids: Iterable[int]) -> None:
         """Let the kernel give these identifiers only, and error frames; more than it can choose: all of 11 bits."""
         wanted = frozenset(can_ids)
         if wanted == self._heard or self._closed:

@@ -1,7 +1,7 @@
-"""How much goes over the CAN interfaces of the kernel: their own counters, looked at twice.
+"""Frame rates and bus load of the kernel's CAN interfaces, from their own counters.
 
 A virtual interface hears what it sends and counts it both ways, so that one way is all there is. The load is that of
-frames without stuff bits, as `runtime.bus` works it out; the real one is up to a fifth higher.
+frames without stuff bits, as `runtime.robot_bus` works it out; the real one is up to a fifth higher.
 """
 
 from __future__ import annotations

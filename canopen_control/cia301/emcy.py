@@ -1,7 +1,8 @@
 """The emergency object, producer and consumer (CiA 301, 7.2.7 and 7.5.2.2 to 4, 7.5.2.20 to 21).
 
 A producer keeps its active errors, the error register made of them (0x1001) and the history (0x1003, newest first).
-It says every new error once, and error reset (0000) for every error that goes, with the register of what remains.
+It says every new error once, and error reset (0000) for every error that goes, with the register of what remains:
+what was sent, the register and the history never say different things.
 A consumer takes 3 to 8 bytes: devices exist that leave out the manufacturer's part. Both are bounded.
 """
 
@@ -134,18 +135,18 @@ class EmcyProducer:
         if len(self._active) >= self.active_limit:
             del self._active[next(iter(self._active))]
         self._active[code] = register
-        self.report(code, now, data)
+        data = data[:MANUFACTURER_BYTES].ljust(MANUFACTURER_BYTES, b"\0")
+        self._history.appendleft(code & 0xFFFF | int.from_bytes(data[:2], "little") << 16)
+        self._send(EmcyMessage(self.node_id, code, self.error_register, data), now)
         return True
 
     def report(self, code: int, now: int, data: bytes = b"", *, register: int = 0) -> None:
-        """Record and send a code without making it active, such as 0x8210 for one bad RPDO.
+        """Record and send an error that does not last, such as 0x8110 for frames that were lost: raised, and reset.
 
-        `register` are its bits in this message, beside those of the active errors.
+        So 0x1001 never lacks a bit that was sent, and nobody waits for it to be taken back.
         """
-        data = data[:MANUFACTURER_BYTES].ljust(MANUFACTURER_BYTES, b"\0")
-        self._history.appendleft(code & 0xFFFF | int.from_bytes(data[:2], "little") << 16)
-        shown = self.error_register | (register | ErrorRegister.GENERIC if register else 0)
-        self._send(EmcyMessage(self.node_id, code, shown, data), now)
+        if self.raise_error(code, register, now, data):
+            self.clear_error(code, now)
 
     def clear_error(self, code: int, now: int) -> bool:
         """Remove an active error and say error reset with the register of the others; False if it is not active."""
@@ -153,12 +154,6 @@ class EmcyProducer:
             return False
         self._send(EmcyMessage(self.node_id, NO_ERROR, self.error_register), now)
         return True
-
-    def clear_all(self, now: int) -> None:
-        """Remove all active errors, with one error reset; no-op when there is none."""
-        if self._active:
-            self._active.clear()
-            self._send(EmcyMessage(self.node_id, NO_ERROR, 0), now)
 
     def reset(self) -> None:
         """Forget errors, history and waiting messages (reset node)."""
@@ -230,6 +225,7 @@ class EmcyConsumer:
         self.register = 0
         self.malformed = 0
         self._active: dict[int, int] = {}  # code: the register bits that came with it
+        self._perhaps_gone: set[int] = set()  # those said last before an error reset
         self._events: Outbox[EmcyMessage] = Outbox()
 
     @property
@@ -273,17 +269,24 @@ class EmcyConsumer:
         return self._events.drain()
 
     def _note(self, message: EmcyMessage) -> None:
-        """Keep an error, or drop those whose bits have left the register."""
-        register = message.error_register
-        if not message.is_reset:
-            # The bits that are new with this error are its own; it stays until all of them are taken back.
-            own = register & ~self.register & ~ErrorRegister.GENERIC or register
-            self._active.pop(message.error_code, None)
-            if len(self._active) >= self.active_limit:
-                del self._active[next(iter(self._active))]
-            self._active[message.error_code] = own
-        elif register == 0:
-            self._active.clear()
+        """Keep an error, and drop those whose bits have left the register, which every message shows.
+
+        One that came with no bit at all, as from a device that fills in no register, stays until an error reset.
+        """
+        register, code = message.error_register, message.error_code
+        reset = message.is_reset
+        present = {each: own for each, own in self._active.items() if own & register or not (own or reset)}
+        if reset:
+            self._perhaps_gone = set(present)  # which error was taken back is not said
         else:
-            self._active = {code: own for code, own in self._active.items() if own & register}
-        self.register = register
+            # The bits that are new with this error are its own; it stays until all of them are taken back.
+            own = present.pop(code, 0)
+            bits = register & ~ErrorRegister.GENERIC
+            new = bits & ~self.register
+            if new or not own or code in self._perhaps_gone:  # else it is said once more
+                own |= new or bits or register
+            self._perhaps_gone.discard(code)
+            if len(present) >= self.active_limit:
+                del present[next(iter(present))]
+            present[code] = own
+        self._active, self.register = present, register

@@ -1,8 +1,9 @@
 """Node guarding and life guarding, both sides (CiA 301, 7.2.8.3.1).
 
 The master asks each node by a remote frame on its error control COB-ID every guard time; the answer is the state with
-a toggle bit that starts at 0 and alternates. A node without an answer for guard time times life time factor is lost;
-a node that is not asked for that time knows that its master is. Both start with the first answer, or question.
+a toggle bit that starts at 0 after a reset (a node that was running before begins with either) and alternates. A node
+without an answer for guard time times life time factor is lost; a node that is not asked for that time knows that its
+master is. Both start with the first answer, or question.
 """
 
 from __future__ import annotations
@@ -11,10 +12,10 @@ import enum
 from dataclasses import dataclass
 
 from canopen_control.cia301.heartbeat import next_on_grid
-from canopen_control.cia301.nmt import ERROR_CONTROL_COB_ID, MAX_NODE_ID, NmtState, state_of_byte
+from canopen_control.cia301.nmt import ERROR_CONTROL_COB_ID, NmtState, state_of_byte
 from canopen_control.cia301.outbox import Outbox
 from canopen_control.errors import LocalProtocolError
-from canopen_control.frame import REMOTE_FLAG, CanFrame, remote_frame
+from canopen_control.frame import MAX_NODE_ID, REMOTE_FLAG, CanFrame, remote_frame
 
 __all__ = ["GuardingEvent", "GuardingEventKind", "GuardingMaster", "GuardingSlave"]
 
@@ -52,11 +53,10 @@ class _Guarded:
 
 
 class GuardingMaster:
-    """Guards nodes; `malformed` counts answers whose length is not 1, `toggle_errors` those of the wrong toggle bit."""
+    """Guards nodes; `malformed` counts answers whose length is not 1."""
 
     def __init__(self) -> None:
         self.malformed = 0
-        self.toggle_errors = 0
         self._nodes: dict[int, _Guarded] = {}
         self._frames: Outbox[CanFrame] = Outbox()
         self._events: Outbox[GuardingEvent] = Outbox(1024)
@@ -78,8 +78,8 @@ class GuardingMaster:
         node = self._nodes.get(node_id)
         return None if node is None else node.state
 
-    def receive(self, frame: CanFrame, now: int) -> None:
-        """Take an answer or boot-up of a guarded node."""
+    def receive(self, frame: CanFrame, now: int, since: int | None = None) -> None:
+        """Take an answer or boot-up of a guarded node; it came between `since`, when none waited, and `now`."""
         node_id = frame.can_id - ERROR_CONTROL_COB_ID
         node = self._nodes.get(node_id)
         if node is None:
@@ -87,16 +87,15 @@ class GuardingMaster:
         if len(frame.data) != 1:
             self.malformed += 1
             return
-        self._check(node_id, node, now)
+        self._check(node_id, node, now if since is None else since)
         value = frame.data[0]
         if value == 0:
             node.toggle, node.state = 0, NmtState.INITIALISING
             self._tell(GuardingEventKind.BOOT_UP, node_id, node)
-        elif value >> 7 != node.toggle:
-            self.toggle_errors += 1
+        elif value >> 7 != node.toggle and node.seen:
             self._tell(GuardingEventKind.TOGGLE_ERROR, node_id, node)
         else:
-            self._answered(node_id, node, state_of_byte(value), now)
+            self._answered(node_id, node, value >> 7, state_of_byte(value), now)
 
     def tick(self, now: int) -> None:
         """Ask the nodes that are due and tell those that are lost."""
@@ -105,6 +104,11 @@ class GuardingMaster:
             if now >= node.poll_ns:
                 self._frames.put(remote_frame(ERROR_CONTROL_COB_ID + node_id, 1))
                 node.poll_ns = next_on_grid(node.poll_ns, node.guard_ns, now)
+
+    def postpone(self, nanoseconds: int) -> None:
+        """Wait so much longer for every answer: for so long nobody was asked."""
+        for node in self._nodes.values():
+            node.deadline_ns += nanoseconds
 
     def next_deadline(self) -> int | None:
         """Return when `tick` has something to do."""
@@ -125,9 +129,9 @@ class GuardingMaster:
             node.missed = True
             self._tell(GuardingEventKind.MISSED, node_id, node)
 
-    def _answered(self, node_id: int, node: _Guarded, state: NmtState | None, now: int) -> None:
+    def _answered(self, node_id: int, node: _Guarded, toggle: int, state: NmtState | None, now: int) -> None:
         previous, node.state = node.state, state
-        node.toggle ^= 1
+        node.toggle = toggle ^ 1
         node.deadline_ns = now + node.life_ns
         if not node.seen:
             self._tell(GuardingEventKind.STARTED, node_id, node)

@@ -11,10 +11,10 @@ from __future__ import annotations
 import enum
 from dataclasses import dataclass
 
-from canopen_control.cia301.nmt import ERROR_CONTROL_COB_ID, MAX_NODE_ID, NmtState, boot_up_frame, state_of_byte
+from canopen_control.cia301.nmt import ERROR_CONTROL_COB_ID, NmtState, boot_up_frame, state_of_byte
 from canopen_control.cia301.outbox import Outbox
 from canopen_control.errors import LocalProtocolError
-from canopen_control.frame import CanFrame
+from canopen_control.frame import MAX_NODE_ID, CanFrame
 
 __all__ = [
     "HeartbeatConsumer",
@@ -152,13 +152,12 @@ class _Node:
 class HeartbeatConsumer:
     """Watches nodes for their heartbeats; knows the last state of every node it ever heard.
 
-    `malformed` counts error control frames whose length is not 1, `toggled` those with the toggle bit set,
+    `malformed` counts error control frames whose length is not 1,
     `unknown` those whose state the standard does not know. At most 127 nodes are kept.
     """
 
     def __init__(self) -> None:
         self.malformed = 0
-        self.toggled = 0
         self.unknown = 0
         self._nodes: dict[int, _Node] = {}
         self._events: Outbox[HeartbeatEvent] = Outbox(1024)
@@ -195,8 +194,8 @@ class HeartbeatConsumer:
         node = self._nodes.get(node_id)
         return node is not None and node.missed
 
-    def receive(self, frame: CanFrame, now: int) -> None:
-        """Take a heartbeat or boot-up of any node."""
+    def receive(self, frame: CanFrame, now: int, since: int | None = None) -> None:
+        """Take a heartbeat or boot-up of any node; it came between `since`, when none waited, and `now`."""
         node_id = frame.can_id - ERROR_CONTROL_COB_ID
         if not 1 <= node_id <= MAX_NODE_ID:
             return
@@ -204,12 +203,12 @@ class HeartbeatConsumer:
             self.malformed += 1
             return
         value = frame.data[0]
-        self.toggled += value >> 7
         if value == 0x80:
             self.unknown += 1
             return
         node = self._nodes.setdefault(node_id, _Node())
-        self._check(node_id, node, now)  # a frame behind its deadline resolves a miss, it does not hide it
+        # a frame behind its deadline resolves a miss, it does not hide it; one that waited for a late reader is none
+        self._check(node_id, node, now if since is None else since)
         age = 0 if node.last_ns is None else now - node.last_ns
         node.last_ns = now
         if value == 0:

@@ -23,8 +23,8 @@ from canopen_control.cia301.lss import (
     LssMode,
     lss_frame,
 )
-from canopen_control.cia301.nmt import MAX_NODE_ID
 from canopen_control.cia301.outbox import Outbox
+from canopen_control.frame import MAX_NODE_ID
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -13,17 +13,20 @@ from __future__ import annotations
 
 import enum
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from canopen_control.cia301.outbox import Outbox
 from canopen_control.errors import LocalProtocolError
-from canopen_control.frame import BROADCAST, CanFrame
+from canopen_control.frame import BROADCAST, MAX_NODE_ID, CanFrame, Service, cob_id
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Mapping
 
 __all__ = [
+    "COMMAND_NAMES",
+    "ERROR_CONTROL_COB_ID",
     "EXPECTED_STATE",
+    "NMT_COB_ID",
     "SERVICES_BY_STATE",
     "TRANSITIONS",
     "CommunicationService",
@@ -41,9 +44,8 @@ __all__ = [
     "state_of_byte",
 ]
 
-NMT_COB_ID = 0x000
-ERROR_CONTROL_COB_ID = 0x700
-MAX_NODE_ID = 127
+NMT_COB_ID: Final = cob_id(Service.NMT)
+ERROR_CONTROL_COB_ID: Final = cob_id(Service.HEARTBEAT)  # plus node id
 
 
 class NmtState(enum.IntEnum):
@@ -54,6 +56,11 @@ class NmtState(enum.IntEnum):
     OPERATIONAL = 5
     PRE_OPERATIONAL = 0x7F
 
+    @property
+    def text(self) -> str:
+        """The name as the standard writes it, PRE-OPERATIONAL."""
+        return self.name.replace("_", "-")
+
 
 class NmtCommand(enum.IntEnum):
     """The command specifiers."""
@@ -63,6 +70,16 @@ class NmtCommand(enum.IntEnum):
     ENTER_PRE_OPERATIONAL = 0x80
     RESET_NODE = 0x81
     RESET_COMMUNICATION = 0x82
+
+
+COMMAND_NAMES: Final[Mapping[str, NmtCommand]] = {
+    "start": NmtCommand.START,
+    "stop": NmtCommand.STOP,
+    "preop": NmtCommand.ENTER_PRE_OPERATIONAL,
+    "reset-node": NmtCommand.RESET_NODE,
+    "reset-comm": NmtCommand.RESET_COMMUNICATION,
+}
+"""What users and clients of the API call the commands."""
 
 
 class CommunicationService(enum.Enum):
@@ -274,7 +291,7 @@ class NmtMaster:
         self._frames.put(nmt_frame(command, node_id))
         for node in nodes:
             if 1 <= node <= MAX_NODE_ID:
-                self._pending[node] = _Pending(command, now, now + self._patience(command))
+                self._pending[node] = _Pending(command, now, now + self._timeout(command))
 
     def pending(self, node_id: int) -> NmtCommand | None:
         """Return the command of `node_id` that awaits its confirmation."""
@@ -321,5 +338,5 @@ class NmtMaster:
         """Drain what happened."""
         return self._events.drain()
 
-    def _patience(self, command: NmtCommand) -> int:
+    def _timeout(self, command: NmtCommand) -> int:
         return self.reset_timeout_ns if command in RESETS else self.retry_ns

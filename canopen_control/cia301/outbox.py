@@ -1,4 +1,4 @@
-"""A queue with an end: what a core wants sent or told until its owner drains it.
+"""A bounded queue for what a core wants sent or told until its owner takes it.
 
 A core must not grow when a bus floods it or its owner forgets it. The oldest item gives way and is counted.
 """

@@ -13,8 +13,8 @@ import struct
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
-from canopen_control.cia301.cob_id import EXTENDED_BIT
 from canopen_control.errors import LocalProtocolError
+from canopen_control.frame import EXTENDED_BIT
 from canopen_control.od.model import DataType
 
 if TYPE_CHECKING:
@@ -39,7 +39,6 @@ __all__ = [
     "is_cyclic",
     "is_event_driven",
     "is_reserved",
-    "is_synchronous",
     "mapping_entry",
     "parse_mapping_entry",
 ]
@@ -98,11 +97,6 @@ def dummy(data_type: DataType) -> MappedObject:
     return MappedObject(int(data_type), 0, data_type.bits or 0, data_type)
 
 
-def is_synchronous(transmission_type: int) -> bool:
-    """Whether the PDO is bound to SYNC: 0 to 240, and 252."""
-    return transmission_type <= LAST_CYCLIC or transmission_type == RTR_SYNCHRONOUS
-
-
 def is_cyclic(transmission_type: int) -> bool:
     """Whether the PDO is sent every nth SYNC: 1 to 240."""
     return ACYCLIC_SYNCHRONOUS < transmission_type <= LAST_CYCLIC
@@ -143,11 +137,6 @@ class PdoParameters:
     def event_ns(self) -> int:
         """The event timer of a TPDO, the deadline of an RPDO; 0: none."""
         return self.event_timer_ms * 1_000_000
-
-    def cob_id_value(self) -> int:
-        """Return the entry of subindex 1 with its three upper bits."""
-        bits = (0 if self.enabled else INVALID_BIT) | (0 if self.rtr_allowed else NO_RTR_BIT)
-        return bits | (EXTENDED_BIT if self.extended else 0) | self.cob_id
 
     @classmethod
     def from_value(

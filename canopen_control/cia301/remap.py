@@ -1,4 +1,4 @@
-"""What a device refuses when a PDO is changed by SDO (CiA 301, 7.5.2.36 and 7.5.2.38).
+"""The device's rules for changing a PDO by SDO, and what it refuses (CiA 301, 7.5.2.36 and 7.5.2.38).
 
 The law: a mapping and the times are changed while the PDO is invalid, in this order: invalidate the COB-ID, set the
 count to 0, write the entries, set the count, write the times, validate the COB-ID. Any other order is refused.
@@ -48,6 +48,10 @@ class MappingTarget(NamedTuple):
 @dataclass(frozen=True, slots=True)
 class PdoRules:
     """What a device accepts for one PDO; every check returns the abort code of a write, or None: accepted.
+
+    `rtr_supported` is about bit 30 of a TPDO's COB-ID, "no RTR allowed" (CiA 301, 7.5.2.37): a device that answers no
+    remote frames may insist on it. In that of an RPDO the bit is reserved, "do not care" (7.5.2.35): it is taken and
+    kept as written, and means nothing.
 
     `lookup` finds an object, or says why not (NO_OBJECT, NO_SUBINDEX). `partial`: objects may be mapped in part, as
     bit-granular devices allow. `wrong_state` is the refusal of mapping changes while the PDO is valid or its count is
@@ -103,7 +107,8 @@ class PdoRules:
 
     def _check_cob_id(self, value: int, present: PdoParameters) -> AbortCode | None:
         new = PdoParameters.from_value(value, transmission_type=present.transmission_type)
-        if (new.rtr_allowed and not self.rtr_supported) or (new.extended and not self.extended_supported):
+        without_rtr = self.is_tpdo and not self.rtr_supported
+        if (new.rtr_allowed and without_rtr) or (new.extended and not self.extended_supported):
             return AbortCode.INVALID_VALUE
         if not new.enabled:
             return None

@@ -48,6 +48,7 @@ class RpdoConsumer:
 
     Deaf before `start` (OPERATIONAL) and after `stop`. `received` counts accepted frames, `short` and `long` length
     errors, `late` synchronous data that came outside the window `window_ns` after the SYNC (0x1007; 0: no window).
+    `length_error` is what was wrong with the length of the last frame, None for nothing.
     """
 
     def __init__(self, parameters: PdoParameters, length: int, *, window_ns: int = 0) -> None:
@@ -55,6 +56,7 @@ class RpdoConsumer:
         self.window_ns = window_ns
         self.running = False
         self.received = self.short = self.long = self.late = 0
+        self.length_error: RpdoEventKind | None = None
         self._events: Outbox[RpdoEvent] = Outbox()
         self._sync_ns: int | None = None
         self._held: bytes | None = None
@@ -135,13 +137,17 @@ class RpdoConsumer:
     def _clear(self) -> None:
         self._held = self._deadline_ns = None
         self._timed_out = False
+        self.length_error = None
 
     def _checked(self, data: bytes) -> bytes | None:
+        self.length_error = None
         if len(data) < self.length:
+            self.length_error = RpdoEventKind.TOO_SHORT
             self.short += 1
             self._events.put(RpdoEvent(RpdoEventKind.TOO_SHORT, length=len(data)))
             return None
         if len(data) > self.length:
+            self.length_error = RpdoEventKind.TOO_LONG
             self.long += 1
             self._events.put(RpdoEvent(RpdoEventKind.TOO_LONG, length=len(data)))
         return data[: self.length]

@@ -16,8 +16,11 @@ from canopen_control.cia301.sdo_request import SdoOptions, SdoRequest
 from canopen_control.errors import LocalProtocolError
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from canopen_control.errors import CanopenError
     from canopen_control.frame import CanFrame
+    from canopen_control.od.model import Entry
 
 __all__ = ["SdoClient", "SdoOptions", "SdoRequest"]
 
@@ -28,8 +31,9 @@ class SdoClient:
     """The queue of one server, and the exchange that works it off.
 
     `timeout_ns` is what every single answer may take, `retries` counts the tries after the first, `name` is the node's
-    in messages. `request_cob_id` and `answer_cob_id` are those of the predefined connection set unless given. Raises
-    LocalProtocolError when asked for what no SDO can carry.
+    in messages. `request_cob_id` and `answer_cob_id` are those of the predefined connection set unless given.
+    `entry_of` finds an object in the node's dictionary: an upload of what is known there has the length of its type, or
+    is an SdoLengthError. Raises LocalProtocolError when asked for what no SDO can carry.
     """
 
     def __init__(
@@ -40,6 +44,7 @@ class SdoClient:
         retries: int = 1,
         name: str = "",
         options: SdoOptions = _DEFAULTS,
+        entry_of: Callable[[int, int], Entry | None] | None = None,
         request_cob_id: int | None = None,
         answer_cob_id: int | None = None,
     ) -> None:
@@ -49,6 +54,7 @@ class SdoClient:
         self.request_cob_id = REQUEST_BASE + node_id if request_cob_id is None else request_cob_id
         self._queue: deque[SdoRequest] = deque()
         self._exchange = SdoExchange(node_id, name, retries, options, self.request_cob_id)
+        self._exchange.entry_of = entry_of
 
     # -- what callers ask for
 
@@ -59,17 +65,14 @@ class SdoClient:
         *,
         timeout_ns: int | None = None,
         block: bool | None = None,
-        size: int | None = None,
         now: int | None = None,
     ) -> SdoRequest:
         """Upload an object; `data` of the request holds its bytes once it is `done`.
 
-        `size` is the length the caller knows the object to have: an answer of another length is an error, one that
-        does not tell its length is cut to it. Block transfer is used if `block` is True. With `now` the timeout starts
-        at once, else with the next `tick`.
+        Block transfer is used if `block` is True. With `now` the timeout starts at once, else with the next `tick`.
         """
         timeout = self.timeout_ns if timeout_ns is None else timeout_ns
-        request = SdoRequest(index, subindex, None, timeout, block is True, size)
+        request = SdoRequest(index, subindex, None, timeout, block is True)
         self._enqueue(request, now)
         return request
 

@@ -11,6 +11,8 @@ import binascii
 import struct
 from typing import Final
 
+from canopen_control.frame import Service, cob_id
+
 __all__ = [
     "ABORT",
     "ANSWER_BASE",
@@ -56,8 +58,8 @@ __all__ = [
     "crc16",
 ]
 
-REQUEST_BASE: Final = 0x600  # client to server, plus node id
-ANSWER_BASE: Final = 0x580  # server to client
+REQUEST_BASE: Final = cob_id(Service.SDO_CLIENT)  # plus node id
+ANSWER_BASE: Final = cob_id(Service.SDO_SERVER)
 
 COMMAND_MASK: Final = 0xE0  # ccs and scs: the three upper bits
 DOWNLOAD: Final = 0x20  # client: initiate download; plus n, e, s

@@ -1,4 +1,4 @@
-"""Which objects may not be asked for yet, because an answer to an earlier request may still be under way.
+"""Objects that may not be read or written yet, because a late SDO answer about them may still come.
 
 The law: an answer carries command and multiplexer, nothing else, so an answer that comes late cannot be told from that
 of the retry, nor from that of the next request for the same object. What can be told is the order: a server works off

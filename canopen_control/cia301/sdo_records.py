@@ -1,4 +1,4 @@
-"""A sub-block's segments by the hundred instead of one by one, shared by client and server (CiA 301, 7.2.4.3.9).
+"""Takes many segments of a block transfer at once, for client and server (CiA 301, 7.2.4.3.9).
 
 The law: nothing here decides. A run is what of the waiting records is, one after the other and without exception, the
 next segments in order, none of them the last of the object; whatever else there may be goes frame by frame to whoever

@@ -1,4 +1,4 @@
-"""What a caller of the SDO client holds, how the client transfers, and how often it tries.
+"""An SDO request as its caller holds it, the client's options, and how often is tried again.
 
 The law of trying again: a timeout is tried `retries` times more; a toggle error starts the transfer again at most
 twice; "not now" is asked again after pauses that grow, until `busy_ns` are over; what block transfer could not do is
@@ -17,7 +17,7 @@ from canopen_control.errors import LocalProtocolError
 if TYPE_CHECKING:
     from canopen_control.errors import CanopenError
 
-__all__ = ["Patience", "SdoOptions", "SdoRequest"]
+__all__ = ["RetryBudget", "SdoOptions", "SdoRequest"]
 
 _MAX_RESTARTS: Final = 2  # after toggle errors
 _FIRST_PAUSE_NS: Final = 20_000_000  # doubles with every "not now"
@@ -31,8 +31,7 @@ class SdoOptions:
     `block_threshold` is the length in bytes from which a write without a wish of its own uses block transfer;
     `block_size` the segments per sub-block of an upload, 1 to 127; `switch_threshold` the length up to which a server
     may answer a block upload with a plain one (0: it need not ask). `crc` and `announce_size` say what is offered,
-    `max_size` how many bytes an upload may take, `busy_ns` how long "not now" is asked again, and `lenient` fills an
-    answer that is shorter than the caller knows the object to be with zeros.
+    `max_size` how many bytes an upload may take, and `busy_ns` how long "not now" is asked again.
     """
 
     block_threshold: int = 256
@@ -42,7 +41,6 @@ class SdoOptions:
     announce_size: bool = True
     max_size: int = MAX_TRANSFER_SIZE
     busy_ns: int = 1_000_000_000
-    lenient: bool = False
 
     def __post_init__(self) -> None:
         if not 1 <= self.block_size <= MAX_BLOCK_SIZE:
@@ -68,7 +66,6 @@ class SdoRequest:
         "error",
         "index",
         "is_write",
-        "size",
         "subindex",
         "timeout_ns",
     )
@@ -83,7 +80,6 @@ class SdoRequest:
         data: bytes | None,
         timeout_ns: int,
         block: bool = False,
-        size: int | None = None,
     ) -> None:
         self.index = index
         self.subindex = subindex
@@ -91,7 +87,6 @@ class SdoRequest:
         self.data = data or b""
         self.timeout_ns = timeout_ns
         self.block = block
-        self.size = size
         self.error = None
         self.done = False
         self.context = None
@@ -103,8 +98,8 @@ class SdoRequest:
         return f"<SdoRequest {verb} 0x{self.index:04X}:{self.subindex:02X} {state}>"
 
 
-class Patience:
-    """How much trouble one request may still have; made when the first comes up."""
+class RetryBudget:
+    """How often one request may still be tried again, and why; made with its first trouble."""
 
     __slots__ = ("_busy_until", "_pause_ns", "_restarts", "_tries", "plain", "waited_ns")
 

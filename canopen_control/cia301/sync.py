@@ -11,11 +11,10 @@ import enum
 from dataclasses import dataclass
 
 from canopen_control.cia301.abort import AbortCode
-from canopen_control.cia301.cob_id import can_id_of
 from canopen_control.cia301.heartbeat import next_on_grid
 from canopen_control.cia301.outbox import Outbox
 from canopen_control.errors import LocalProtocolError
-from canopen_control.frame import CanFrame
+from canopen_control.frame import CanFrame, can_id_of
 
 __all__ = [
     "PRODUCER_BIT",
@@ -146,14 +145,14 @@ class SyncEvent:
 class SyncConsumer:
     """Hears SYNC; `period_ns` (0x1006) watches it.
 
-    `count` counts SYNCs, `length_errors` those of wrong length, `skipped` those whose counter is not the expected one.
+    `count` counts SYNCs, `skipped` those whose counter is not the expected one.
     """
 
     def __init__(self, cob_id: int = SYNC_COB_ID, overflow: int = 0, *, period_ns: int = 0) -> None:
         self.cob_id = cob_id
         self.overflow = overflow
         self.period_ns = period_ns
-        self.count = self.length_errors = self.skipped = 0
+        self.count = self.skipped = 0
         self._counter: int | None = None
         self._deadline_ns: int | None = None
         self._missed = False
@@ -197,7 +196,6 @@ class SyncConsumer:
 
     def _counter_of(self, data: bytes, now: int) -> int | None:
         if len(data) != (1 if self.overflow else 0):
-            self.length_errors += 1
             self._events.put(SyncEvent(SyncEventKind.LENGTH_ERROR, now))
             self._counter = None
             return None

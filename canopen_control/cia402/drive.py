@@ -4,10 +4,10 @@ Law of this file (CiA 402-2, 6.3, seen from the other end of the bus):
 
 - Verbs set a goal and return; `update` makes one step towards it, whenever a statusword is there. Nothing blocks.
 - One command at a time, and the next one only when the statusword shows that the last one was obeyed: 06, 07, 0F. The
-  steps are `state.next_command`; what this file adds is when to stop asking.
-- The goal is ENABLED only by `enable`. A fault, a lost enable, a vanished or senseless statusword, a transition or a
-  mode that is not confirmed in time set it back to DISABLED. Nothing but a new `enable` sets it again; a fault reset
-  never does.
+  steps are `state.next_command`; `intent` adds when to stop asking.
+- What is wanted is one `Intent`, which `intent.TABLE` alone changes: the goal is ENABLED only by `enable`. A fault, a
+  lost enable, a vanished or senseless statusword, a transition or a mode that is not confirmed in time set it back to
+  DISABLED. Nothing but a new `enable` sets it again; a fault reset never does.
 - 0x0F is sent only when the goal is ENABLED and, to a drive that is not enabled yet, when the mode that was asked
   for stands in 0x6061.
 - Down is the drive's own ramp: disable operation (0x605C), shutdown, disable voltage, each when the one before is
@@ -20,6 +20,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
+from canopen_control.cia402.drive_steps import SETTLE, FaultReset, StepTimer
 from canopen_control.cia402.events import (
     ControlChanged,
     EnableLost,
@@ -29,10 +30,9 @@ from canopen_control.cia402.events import (
     StateChanged,
     StatuswordUndefined,
 )
-from canopen_control.cia402.fault_reset import FaultReset
-from canopen_control.cia402.goal import DISABLED_STATES, FAULT_STATES, LADDER, Goal, is_stopped, state_of_goal
+from canopen_control.cia402.goal import DISABLED_STATES, FAULT_STATES, Goal, is_stopped
+from canopen_control.cia402.intent import DriveIntent, Intent, IntentTrigger
 from canopen_control.cia402.mode_request import ModeRequest
-from canopen_control.cia402.quick_stop_exit import QuickStopExit, StopStage
 from canopen_control.cia402.state import (
     HALT_BIT,
     MODE_SPECIFIC_BITS,
@@ -42,9 +42,7 @@ from canopen_control.cia402.state import (
     State,
     controlword_of,
     decode_statusword,
-    next_command,
 )
-from canopen_control.cia402.step_timer import SETTLE, StepTimer, transition_number
 from canopen_control.errors import DriveError, LocalProtocolError
 
 if TYPE_CHECKING:
@@ -55,13 +53,11 @@ if TYPE_CHECKING:
 __all__ = ["DriveMachine", "Goal"]  # Goal lives in goal.py: whoever has a machine speaks of its goals
 
 _NEVER: Final = (1 << 62) - 1  # small enough to stay unboxed where this is compiled
+_AT_ONCE: Final = -1
 _WATCHED: Final = 0x6F | REMOTE | TARGET_REACHED  # a change of other bits of the statusword changes nothing here
 _SECOND: Final = 1_000_000_000
-_FALLS: Final = 2  # on the way up: a command still on its way may cause one, a drive that keeps falling has a reason
 # Transition 16 is optional: a drive that does not know it is soon led out of its quick stop the long way.
 _DEFAULT_TIMEOUTS: Final = {16: _SECOND}
-# What an enable waits for before it can command anything.
-_AUTOMATIC: Final = {None: 0, State.NOT_READY_TO_SWITCH_ON: 1}
 
 
 class DriveMachine:
@@ -73,10 +69,10 @@ class DriveMachine:
     SWITCHED_ON. A statusword without a meaning leaves the state as it was for `undefined_limit` updates. After an
     enable that overtook a disable the drive counts as enabled again when it did not move for `settle_ns`.
 
-    To be read: `state` (None: unknown), `statusword`, `goal`, `halted`, `held`, `controlword`, `undefined` (the number
-    of undefined statuswords), `remote` (bit 9; True until the drive says otherwise), `evaluations` (updates that had
-    something to decide: while it stays the same, so does everything else). `standstill` may be set by who
-    knows that the motor stands; it shortens the wait for the end of a quick stop, nothing else.
+    To be read: `state` (None: unknown), `statusword`, the orders `halted` and `held`, `controlword`,
+    `undefined` (the number of undefined statuswords), `evaluations` (updates that had something to decide: while it
+    stays the same, so does everything else). `ignore_remote` is for drives that leave bit 9 alone. `standstill` may be
+    set by who knows that the motor stands; it shortens the wait for the end of a quick stop, nothing else.
     """
 
     def __init__(
@@ -90,35 +86,32 @@ class DriveMachine:
         settle_ns: int = _SECOND // 5,
         disabled_state: State = State.SWITCH_ON_DISABLED,
         undefined_limit: int = 10,
+        ignore_remote: bool = False,
     ) -> None:
         if disabled_state not in DISABLED_STATES:
             raise LocalProtocolError(f"{name}: {disabled_state.name} is no state of a disabled drive")
         self.name = name
-        self.disabled_state = disabled_state
-        self.goal = Goal.DISABLED
         self.state: State | None = None
         self.statusword: int | None = None
         self.controlword = 0
         self.halted = False
         self.held = False
-        self.remote = True
         self.standstill = False
         self.undefined = 0
         self.evaluations = 0
         timeouts = {**_DEFAULT_TIMEOUTS, SETTLE: settle_ns, **(transition_timeouts or {})}
         self._step = StepTimer(transition_timeout_ns, timeouts)
+        self._intent = DriveIntent(self._step, disabled_state)
         self._undefined_limit = undefined_limit
         self._undefined_run = 0
+        self._always_remote = REMOTE if ignore_remote else 0
+        self._running_word = REMOTE  # the last one of a drive that had started: its bit 9 means something
         self._events: list[DriveEvent] = []
         self._mode = ModeRequest(mode_timeout_ns)
         self._mode_bits = 0
         self._reset = FaultReset(fault_reset_timeout_ns)
-        self._falls = 0
-        self._in_flight = False  # a command to leave OPERATION_ENABLED may still arrive after a new enable
-        self._quick = False  # a quick stop was asked for, and OPERATION_ENABLED not left yet
-        self._stop_exit = QuickStopExit()
         self._deadline = _NEVER
-        self._settled = False  # nothing to do until an input changes or a deadline passes
+        self._due = _AT_ONCE  # when there is something to decide, even if the drive says nothing new
 
     # What somebody wants. All of it may be said again, and does nothing then.
 
@@ -129,48 +122,49 @@ class DriveMachine:
         """
         if self.goal is Goal.ENABLED:
             return
+        self.require_enable()
+        overtaken = self.state is State.OPERATION_ENABLED and self._step.command is not Command.ENABLE_OPERATION
+        self._fire(IntentTrigger.OVERTAKE if overtaken else IntentTrigger.ENABLE)
+
+    def require_enable(self) -> None:
+        """Raise the DriveError that `enable` would."""
+        if self.goal is Goal.ENABLED:
+            return
         if self.fault:
             raise DriveError(f"{self.name}: cannot be enabled in a fault{self._seen()}; reset the fault first")
         if self._mode.failed:
             raise DriveError(f"{self.name}: cannot be enabled, its mode was not confirmed; set a mode first")
-        self._set_goal(Goal.ENABLED)
-        self._falls = 0
-        self._quick = False
-        self._in_flight = self.state is State.OPERATION_ENABLED and self._step.command is not Command.ENABLE_OPERATION
 
     def disable(self) -> None:
         """Stop the motor by the drive's own ramp (0x605C), then take its power down to `disabled_state`."""
-        if self.goal is not Goal.VOLTAGE_DISABLED:
-            self._set_goal(Goal.DISABLED)
+        self._fire(IntentTrigger.DISABLE)
 
     def disable_voltage(self) -> None:
         """Cut the power at once: the motor coasts. For a drive that does not obey `disable`."""
-        self._quick = False
-        self._set_goal(Goal.VOLTAGE_DISABLED)
+        self._fire(IntentTrigger.DISABLE_VOLTAGE)
 
     def quick_stop(self) -> None:
         """Stop as 0x605A says. The drive ends in QUICK_STOP_ACTIVE or SWITCH_ON_DISABLED; `enable` leaves both."""
-        if self.goal not in (Goal.VOLTAGE_DISABLED, Goal.QUICK_STOPPED):
-            self._quick = self.state is State.OPERATION_ENABLED
-            self._set_goal(Goal.QUICK_STOPPED)
+        enabled = self.state is State.OPERATION_ENABLED
+        self._fire(IntentTrigger.QUICK_STOP_ENABLED if enabled else IntentTrigger.QUICK_STOP)
 
     def halt(self, on: bool = True) -> None:
         """Set or clear the halt bit (0x605D) of an enabled drive; it holds until it is cleared."""
         if on is not self.halted:
             self.halted = on
-            self._settled = False
+            self._due = _AT_ONCE
 
     def hold(self, on: bool = True) -> None:
         """Wait before OPERATION_ENABLED, or go on: axes that are released in one cycle are enabled in one cycle."""
         if on is not self.held:
             self.held = on
-            self._settled = False
+            self._due = _AT_ONCE
 
     def fault_reset(self) -> None:
         """Reset a fault by one edge of bit 7; without a fault nothing is sent. Never enables anything."""
         if self.state is None or self.fault:
             self._reset.start()
-            self._settled = False
+            self._due = _AT_ONCE
 
     def set_mode(self, mode: int) -> None:
         """Ask for a mode of operation; OPERATION_ENABLED, and every motion, waits until 0x6061 shows it.
@@ -178,7 +172,7 @@ class DriveMachine:
         Whether the drive has it (0x6502) was asked before: `modes.require_mode`.
         """
         if self._mode.ask(mode):
-            self._settled = False
+            self._due = _AT_ONCE
 
     @property
     def mode_bits(self) -> int:
@@ -191,9 +185,23 @@ class DriveMachine:
             raise LocalProtocolError(f"{self.name}: 0x{bits:04X} are not bits of a mode (0x{MODE_SPECIFIC_BITS:04X})")
         if bits != self._mode_bits:
             self._mode_bits = bits
-            self._settled = False
+            self._due = _AT_ONCE
 
     # What is.
+
+    @property
+    def disabled_state(self) -> State:
+        """Where a disabled drive ends."""
+        return self._intent.disabled_state
+
+    @disabled_state.setter
+    def disabled_state(self, state: State) -> None:
+        self._intent.disabled_state = state
+
+    @property
+    def goal(self) -> Goal:
+        """What it is to become."""
+        return self._intent.goal
 
     @property
     def mode(self) -> int | None:
@@ -219,7 +227,7 @@ class DriveMachine:
     @property
     def enabled(self) -> bool:
         """Whether the drive is in OPERATION_ENABLED, is meant to be, and nothing that ends it is on its way."""
-        return self.state is State.OPERATION_ENABLED and self.goal is Goal.ENABLED and not self._in_flight
+        return self.state is State.OPERATION_ENABLED and self._intent.state is Intent.ENABLED
 
     @property
     def may_move(self) -> bool:
@@ -230,6 +238,11 @@ class DriveMachine:
     def fault(self) -> bool:
         """Whether the drive is in a fault, or in its reaction to one."""
         return self.state in FAULT_STATES
+
+    @property
+    def remote(self) -> bool:
+        """Bit 9: whether the drive obeys the bus; True until it says otherwise, and always with `ignore_remote`."""
+        return bool(self._running_word & REMOTE)
 
     @property
     def resetting(self) -> bool:
@@ -260,14 +273,14 @@ class DriveMachine:
         Call it once per cycle. Never raises. A statusword that becomes None again is a drive that is gone.
         """
         mode = self._mode
-        if self._settled and mode_display == mode.display and now < self._deadline:
+        if mode_display == mode.display and now < self._due:
             last = self.statusword
             if statusword == last:
                 return self.controlword
             if statusword is not None and last is not None and not (statusword ^ last) & _WATCHED:
                 self.statusword = statusword
                 return self.controlword
-        self._settled = True
+        self._due = _NEVER
         self.evaluations += 1
         if statusword is None:
             self._without_statusword(now)
@@ -279,18 +292,16 @@ class DriveMachine:
         if now >= step.deadline:
             self._step_timed_out(now)
         command = self._choose()
-        if step.must_arm(command):
-            step.arm(command, self._step_number(command), now)
+        self._intent.begin(command, self.state, now)
         self.controlword = self._word(command, now)
         self._deadline = min(step.deadline, mode.deadline, self._reset.deadline)
+        self._due = min(self._due, self._deadline)
         return self.controlword
 
-    def _set_goal(self, goal: Goal) -> None:
-        if goal is not self.goal:
-            self.goal = goal
-            self._in_flight = self._settled = False
-            self._step.rearm()
-            self._stop_exit.restart()
+    def _fire(self, trigger: IntentTrigger) -> None:
+        """Take the row of a trigger; another goal is gone for at once."""
+        if self._intent.fire(trigger):
+            self._due = _AT_ONCE
 
     def _seen(self) -> str:
         return "" if self.statusword is None else f" (statusword 0x{self.statusword:04X})"
@@ -300,14 +311,14 @@ class DriveMachine:
         if self.statusword is None:
             return
         self.statusword = None
-        self.remote = True
+        self._running_word = REMOTE
         self._undefined_run = 0
         self._mode.forget_display()
         self._reset.cancel()
         if self.state is not None:
             self._enter(None, now)
         if self.goal is Goal.ENABLED:
-            self._lose(now)
+            self._lose(now, self.state)
 
     def _observe(self, statusword: int, now: int) -> None:
         self.statusword = statusword
@@ -318,52 +329,44 @@ class DriveMachine:
         self._undefined_run = 0
         if state is not self.state:
             self._change_state(self.state, state, statusword, now)
-        remote = bool(statusword & REMOTE)
-        if remote is not self.remote and state is not State.NOT_READY_TO_SWITCH_ON:
-            self.remote = remote
-            self._events.append(ControlChanged(now, statusword))
+        if state is not State.NOT_READY_TO_SWITCH_ON:
+            word, before = statusword | self._always_remote, self._running_word
+            self._running_word = word
+            if (word ^ before) & REMOTE:
+                self._events.append(ControlChanged(now, statusword))
         if state is State.QUICK_STOP_ACTIVE:
-            self._stop_exit.look(statusword)
+            self._intent.stopping(statusword)
 
     def _count_undefined(self, statusword: int, now: int) -> None:
         self.undefined += 1
         self._undefined_run += 1
-        self._settled = False  # the same word again counts again
+        self._due = _AT_ONCE  # the same word again counts again
         if self._undefined_run == self._undefined_limit:
             self._events.append(StatuswordUndefined(now, statusword, self._undefined_run))
             if self.goal is Goal.ENABLED:
-                self._lose(now)
+                self._lose(now, None)  # the last state is what it is commanded from, not what it is in
 
     def _change_state(self, previous: State | None, state: State, statusword: int, now: int) -> None:
         self._enter(state, now)
         if state in FAULT_STATES:
             if previous not in FAULT_STATES:
                 self._events.append(FaultEntered(now, state, statusword, previous is State.OPERATION_ENABLED))
-            self._set_goal(Goal.DISABLED)
+            self._fire(IntentTrigger.LOST)
             return
         self._reset.cancel()
         if previous in FAULT_STATES:
             self._events.append(FaultCleared(now, statusword))
-        elif previous is not None and self.goal is Goal.ENABLED and LADDER[state] < LADDER[previous]:
-            self._fall(previous, now)
+        elif previous is not None and self._intent.fell(previous, state):
+            self._lose(now, state)
 
     def _enter(self, state: State | None, now: int) -> None:
         self._events.append(StateChanged(now, self.state, state, self.statusword))
         self.state = state
-        self._step.enter()
-        self._stop_exit.enter()
-        self._quick = self._quick and state is State.OPERATION_ENABLED
+        self._intent.entered(state)
 
-    def _fall(self, previous: State, now: int) -> None:
-        """Decide whether a drive that came down while it was to be enabled has lost it."""
-        self._falls += 1
-        if (previous is State.OPERATION_ENABLED and not self._in_flight) or self._falls > _FALLS:
-            self._lose(now)
-        self._in_flight = False
-
-    def _lose(self, now: int) -> None:
-        self._events.append(EnableLost(now, self.state, self.statusword))
-        self._set_goal(Goal.DISABLED)
+    def _lose(self, now: int, state: State | None) -> None:
+        self._events.append(EnableLost(now, state, self.statusword))
+        self._fire(IntentTrigger.LOST)
 
     def _supervise_mode(self, display: int | None, now: int) -> None:
         event = self._mode.update(display, now)
@@ -373,64 +376,20 @@ class DriveMachine:
         # A drive that stayed in its old mode goes on in it; one that is not enabled yet, or in neither mode, does not.
         stayed = self._mode.confirmed and self.state is State.OPERATION_ENABLED
         if isinstance(event, ModeTimedOut) and self.goal is Goal.ENABLED and not stayed:
-            self._lose(now)
+            self._lose(now, self.state)
 
     def _step_timed_out(self, now: int) -> None:
-        self._step.deadline = _NEVER
-        if self._in_flight:
-            self._in_flight = False  # what could have ended the enable did not
-            return
-        stage = self._stop_exit.stage if self._is_leaving_quick_stop() else None
-        if stage is StopStage.ENABLE or stage is StopStage.WAIT:
-            self._stop_exit.advance()  # to another command, so to another step
-        if stage is StopStage.ENABLE:
-            return  # transition 16 is optional: not worth a word
-        gave_up = self.goal is Goal.ENABLED and stage is not StopStage.WAIT
-        wanted = state_of_goal(self.goal, self.disabled_state)
-        self._events.append(self._step.timed_out(self.state, wanted, self.statusword, gave_up, now))
-        self._quick = False
-        if gave_up:
-            self._set_goal(Goal.DISABLED)
-
-    def _is_leaving_quick_stop(self) -> bool:
-        return self.state is State.QUICK_STOP_ACTIVE and self.goal in (Goal.ENABLED, Goal.DISABLED)
+        event = self._intent.timed_out(self.state, self.statusword, now)
+        if event is not None:
+            self._events.append(event)
+            self._fire(IntentTrigger.LOST if event.gave_up else IntentTrigger.ARRIVED)
 
     def _choose(self) -> Command | None:
-        """Return the command for the state and the goal, None for a drive that no command moves."""
-        state = self.state
-        if state is None or state in FAULT_STATES:
-            return None
-        if self.goal is Goal.VOLTAGE_DISABLED:
-            return Command.DISABLE_VOLTAGE
-        if self._quick:
-            return Command.QUICK_STOP
-        if self._is_leaving_quick_stop():
-            return self._leave_quick_stop()
-        if state is State.SWITCHED_ON and self.goal is Goal.ENABLED and not self._may_enable():
-            return Command.SWITCH_ON  # stay: the mode comes first
-        return next_command(state, state_of_goal(self.goal, self.disabled_state))
-
-    def _may_enable(self) -> bool:
-        return self._mode.confirmed and not self.held
-
-    def _leave_quick_stop(self) -> Command:
-        leave = self._stop_exit
-        enable = self.goal is Goal.ENABLED
-        command = leave.command(enable, self.statusword or 0, self.standstill, self._may_enable())
-        if leave.stage is StopStage.WAIT:
-            self._settled = False  # `standstill` is no input of update
+        may_enable = self._mode.confirmed and not self.held
+        command = self._intent.choose(self.state, self.statusword, self.standstill, may_enable)
+        if self.state is State.QUICK_STOP_ACTIVE and self._intent.waits:
+            self._due = _AT_ONCE  # `standstill` is no input of update
         return command
-
-    def _step_number(self, command: Command | None) -> int | None:
-        """Return the transition that the step asks for, or that it waits for; None for a drive that is to stay."""
-        state = self.state
-        if state in _AUTOMATIC:
-            return _AUTOMATIC[state] if self.goal is Goal.ENABLED else None
-        if state is State.OPERATION_ENABLED and self._in_flight:
-            return SETTLE
-        if state is State.QUICK_STOP_ACTIVE and self._stop_exit.stage is StopStage.WAIT:
-            return 12
-        return transition_number(state, command)
 
     def _word(self, command: Command | None, now: int) -> int:
         """Return the controlword: the command, and for an enabled drive the bits of its mode and halt."""
@@ -439,7 +398,7 @@ class DriveMachine:
             if event is not None:
                 self._events.append(event)
             if self._reset.rising:
-                self._settled = False
+                self._due = _AT_ONCE
             return self._reset.bit
         enabled = self.enabled
         if not (enabled and self._mode.confirmed):

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from canopen_control.cia402.modes import mode_name
-from canopen_control.cia402.state import REMOTE, VOLTAGE_ENABLED
+from canopen_control.cia402.state import REMOTE, VOLTAGE_ENABLED, State
 
 if TYPE_CHECKING:
-    from canopen_control.cia402.state import Command, State
+    from canopen_control.cia402.state import Command
 
 __all__ = [
     "ControlChanged",
@@ -158,7 +158,7 @@ class EnableLost:
     """An enable ended, or came to nothing, without a command; the goal is DISABLED.
 
     `state` is where the drive is now: fallen out of OPERATION_ENABLED or back on the way to it, None when its
-    statusword is gone, the last one known when the statusword means nothing or the mode was not confirmed.
+    statusword is gone or means nothing, still OPERATION_ENABLED when the mode was not confirmed and it is disabled now.
     """
 
     time: int
@@ -168,11 +168,13 @@ class EnableLost:
     @property
     def power_stage_off(self) -> bool:
         """Whether bit 4 says that the power stage has no voltage: mains lost, or safe torque off."""
-        return self.statusword is not None and not self.statusword & VOLTAGE_ENABLED
+        return self.state is not None and self.statusword is not None and not self.statusword & VOLTAGE_ENABLED
 
     @property
     def text(self) -> str:
         """What happened, in words."""
+        if self.state is State.OPERATION_ENABLED:
+            return f"being disabled, still {_name(self.state)} ({_word(self.statusword)}); enable to go on"
         cause = ", power stage off" if self.power_stage_off else ""
         return f"no longer enabled, now {_name(self.state)} ({_word(self.statusword)}{cause}); enable to go on"
 

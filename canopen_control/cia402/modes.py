@@ -83,9 +83,13 @@ def mode_for_interface(interface: str, supported: Iterable[int]) -> OperationMod
 
 
 def require_mode(mode: int, supported: Iterable[int]) -> None:
-    """Raise UnsupportedMode unless `mode` is listed; the manufacturer's (negative) modes are not ours to judge."""
+    """Raise UnsupportedMode unless `mode` is listed.
+
+    The manufacturer's (negative) modes are not ours to judge, nor is a drive that lists none: its answer to the request
+    will tell.
+    """
     present = tuple(supported)
-    if mode >= 0 and mode not in present:
+    if mode >= 0 and present and mode not in present:
         raise UnsupportedMode(mode_name(mode), tuple(map(mode_name, present)))
 
 

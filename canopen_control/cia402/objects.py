@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "AXES",
+    "MOTION",
     "NAMES",
     "axis_count",
     "axis_index",
@@ -141,6 +142,19 @@ NAMES: Mapping[int, str] = MappingProxyType(
     }
 )
 """Every profile object above, index of axis 0 to its name in words."""
+
+MOTION = frozenset(
+    (
+        CONTROLWORD,
+        MODES_OF_OPERATION,
+        TARGET_POSITION,
+        TARGET_VELOCITY,
+        TARGET_TORQUE,
+        VL_TARGET_VELOCITY,
+        INTERPOLATION_DATA,
+    )
+)
+"""What moves an axis."""
 
 
 def axis_index(index: int, axis: int) -> int:

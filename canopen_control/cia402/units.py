@@ -2,7 +2,7 @@
 
 Law of this file: above it positions are radians (or metres) and velocities per second, below it they are the integers
 of 0x607A, 0x60FF, 0x6064 and 0x606C, with `_dev` or `raw` in the name. To the device is rounding to nearest, never
-truncation, since truncation of a small slow target is a standstill; what does not fit is limited and counted. The
+truncation, since truncation of a small slow target is a standstill; what does not fit its object is no target. The
 drive's position counter is 32 bits wide: differences are taken modulo 2**32, and a step that no motor can make is a
 jump (a reset encoder, a restarted drive), which is counted and never becomes motion.
 """
@@ -22,6 +22,7 @@ __all__ = [
     "PositionUnwrapper",
     "Scale",
     "counts_per_revolution",
+    "to_object",
     "wrap_int32",
 ]
 
@@ -30,6 +31,11 @@ INT32_MIN, INT32_MAX = -(1 << 31), (1 << 31) - 1
 _SPAN: Final = 1 << 32
 _HALF: Final = 1 << 31
 _TURN: Final = 2.0 * math.pi
+
+
+def to_object(raw: float, low: int, high: int) -> int | None:
+    """Return a scaled value as its object holds it, rounded to nearest; None where it does not fit; nan never does."""
+    return round(raw) if low <= raw <= high else None
 
 
 def wrap_int32(value: int) -> int:
@@ -58,12 +64,10 @@ class Scale:
     """The conversion of one joint: SI times `*_to_dev` is the device's, the device's times `*_from_dev` is SI.
 
     `offset_pos_to_dev` is in device units, `offset_pos_from_dev` in SI, as the bus.yml keys of the same names. A
-    reversed joint has negative scales. `clamped` counts targets that did not fit their object. Raises ConfigError
-    for a scale that is zero or not finite.
+    reversed joint has negative scales. Raises ConfigError for a scale that is zero or not finite.
     """
 
     __slots__ = (
-        "clamped",
         "eff_from_dev",
         "eff_to_dev",
         "offset_pos_from_dev",
@@ -89,7 +93,6 @@ class Scale:
         self.vel_to_dev, self.vel_from_dev = float(vel_to_dev), float(vel_from_dev)
         self.eff_to_dev, self.eff_from_dev = float(eff_to_dev), float(eff_from_dev)
         self.offset_pos_to_dev, self.offset_pos_from_dev = float(offset_pos_to_dev), float(offset_pos_from_dev)
-        self.clamped = 0
         self._check()
 
     def _check(self) -> None:
@@ -116,44 +119,21 @@ class Scale:
         to_dev = counts / _TURN
         return cls(to_dev, 1.0 / to_dev, to_dev, 1.0 / to_dev, eff_from_dev, eff_to_dev=eff_to_dev)
 
-    def position_to_device(self, position: float) -> int:
-        """Return the int32 for 0x607A; raises ValueError for a target that is not finite: it is none."""
-        return self._limited(position * self.pos_to_dev + self.offset_pos_to_dev, INT32_MIN, INT32_MAX)
-
     def position_count(self, position: float) -> int:
-        """Return the same without limits, for an axis whose counter wraps; see `PositionUnwrapper.raw_of`."""
-        if not math.isfinite(position):
-            raise ValueError(f"{position} is no target")
+        """Return the count of a finite position, of any size; `PositionUnwrapper.raw_of` makes it 0x607A."""
         return round(position * self.pos_to_dev + self.offset_pos_to_dev)
 
     def position_from_device(self, count: int) -> float:
         """Return the position of a raw value of 0x6064, or of an unwrapped count of any size."""
         return count * self.pos_from_dev + self.offset_pos_from_dev
 
-    def velocity_to_device(self, velocity: float) -> int:
-        """Return the int32 for 0x60FF; raises ValueError for a target that is not finite: it is none."""
-        value = velocity * self.vel_to_dev
-        return round(value) if INT32_MIN <= value <= INT32_MAX else self._limited(value, INT32_MIN, INT32_MAX)
-
     def velocity_from_device(self, raw: int) -> float:
         """Return the velocity of a value of 0x606C."""
         return raw * self.vel_from_dev
 
-    def effort_to_device(self, effort: float) -> int:
-        """Return the int16 for 0x6071, thousandths of the rated torque unless `eff_to_dev` says otherwise."""
-        return self._limited(effort * self.eff_to_dev, INT16_MIN, INT16_MAX)
-
     def effort_from_device(self, raw: int) -> float:
         """Return the effort of a value of 0x6077."""
         return raw * self.eff_from_dev
-
-    def _limited(self, value: float, low: int, high: int) -> int:
-        if low <= value <= high:
-            return round(value)
-        if not math.isfinite(value):
-            raise ValueError(f"{value} is no target")
-        self.clamped += 1
-        return low if value < low else high
 
 
 class PositionUnwrapper:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from canopen_control.client import RobotClient
+from canopen_control.rpc.messages.robot import AxisRequest
 
 if TYPE_CHECKING:
     import argparse
@@ -13,7 +14,7 @@ __all__ = ["add_arguments", "run"]
 
 EXAMPLE = "canopen-control axis enable all"
 ACTIONS = ("enable", "disable", "halt", "quick-stop", "fault-reset", "home", "mode")
-PATIENCE_S = 20.0
+TIMEOUT_S = 20.0
 HOMING_S = 3600.0  # the robot's own limit (homing_timeout_seconds) comes first
 
 
@@ -34,14 +35,9 @@ def run(args: argparse.Namespace) -> int:
         args.usage("axis mode NODE MODE: a mode goes with the action mode, and only with it")
     if args.method is not None and args.action != "home":
         args.usage("--method goes with axis home")
-    params: dict[str, Any] = {"action": args.action, "node": args.node}
-    if args.mode is not None:
-        params["mode"] = args.mode
-    if args.method is not None:
-        params["method"] = args.method
-    if args.joint is not None:
-        params["joint"] = args.joint
+    request = AxisRequest(action=args.action, node=args.node, joint=args.joint, method=args.method, mode=args.mode)
     with RobotClient.connect(args.name) as robot:
-        robot.request("axis", params, HOMING_S if args.action == "home" else PATIENCE_S)
-    print(f"{args.action} {args.node}{f' {args.mode}' if args.mode else ''}: done")
+        answer = robot.ask(request, HOMING_S if args.action == "home" else TIMEOUT_S)
+    together = f" ({answer.text})" if answer.text else ""
+    print(f"{args.action} {args.node}{f' {args.mode}' if args.mode else ''}: done{together}")
     return 0

@@ -5,27 +5,38 @@ A channel is local:NAME, a CAN interface such as can0 or vcan0, or a python-can 
 
 from __future__ import annotations
 
-import dataclasses
-import json
 import sys
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, TypeAlias, get_args
 
 from canopen_control.bus import link as links
 from canopen_control.bus.channel import ChannelKind, ChannelSpec, parse_channel
-from canopen_control.bus.hubclient import ask_hub
-from canopen_control.cli.bus_interfaces import render_interface, status_of_interfaces
-from canopen_control.cli.numbers import whole
-from canopen_control.cli.table import Table
+from canopen_control.bus.local import ask_hub
+from canopen_control.cli.support.arguments import whole
+from canopen_control.cli.support.bus_interfaces import InterfaceStatus, render_interface, status_of_interfaces
+from canopen_control.cli.support.json_text import json_text
+from canopen_control.cli.support.node_names import find_node, known_nodes
+from canopen_control.cli.support.output import Table
 from canopen_control.errors import ConfigError, InterfaceNotFound
 from canopen_control.host.sockets import list_sockets
+from canopen_control.rpc.messages import hub
+from canopen_control.rpc.wire import plain
 
 if TYPE_CHECKING:
     import argparse
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
+
+    from canopen_control.cli.support.node_names import KnownNode
+    from canopen_control.rpc.messages.declare import Done, Request
+
+    Status: TypeAlias = hub.HubStatus | InterfaceStatus
 
 __all__ = ["EXAMPLE", "add_arguments", "run"]
 
-EXAMPLE = "canopen-control bus fault local:robby cut left_drive"
+EXAMPLE = """canopen-control bus status local:robby
+         canopen-control bus fault local:robby cut left_drive
+         canopen-control bus fault local:robby uncut left_drive
+         canopen-control bus fault local:robby drop left_drive --id 0x183 --count 5
+         canopen-control bus fault local:robby clear"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -50,27 +61,28 @@ def _add_faults(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("channel", metavar="CHANNEL", help="local:NAME")
     faults = parser.add_subparsers(dest="fault", metavar="FAULT", required=True)
     for name, text in _ON_ONE.items():
-        faults.add_parser(name, help=text).add_argument("label", metavar="LABEL")
-    drop = faults.add_parser("drop", help="lose frames that LABEL, or anybody, sends")
+        faults.add_parser(name, help=text).add_argument("label", metavar="WHO", help=_WHO)
+    drop = faults.add_parser("drop", help="lose frames that WHO, or anybody, sends")
     drop.add_argument("--id", dest="can_id", type=whole, metavar="COB-ID", help="only this identifier")
-    drop.add_argument("--every", type=int, metavar="N", help="only every Nth of them")
+    drop.add_argument("--every", type=int, default=1, metavar="N", help="only every Nth of them")
     drop.add_argument("--count", type=int, metavar="N", help="N of them, then no more")
-    delay = faults.add_parser("delay", help="deliver late what LABEL, or anybody, sends")
+    delay = faults.add_parser("delay", help="deliver late what WHO, or anybody, sends")
     delay.add_argument("--ms", type=int, required=True, metavar="MS", help="0 ends it")
-    error = faults.add_parser("error-frame", help="let the controller of LABEL, or all, report an error")
-    error.add_argument("--kind", choices=["bus-error", "error-passive", "error-active", "overrun"], default="bus-error")
+    error = faults.add_parser("error-frame", help="let the controller of WHO, or all, report an error")
+    error.add_argument("--kind", choices=get_args(hub.ErrorKind), default="bus-error")
     for fault in (drop, delay, error):
-        fault.add_argument("label", nargs="?", default="", metavar="LABEL")
+        fault.add_argument("label", nargs="?", default="", metavar="WHO", help=_WHO)
     rate = faults.add_parser("bitrate", help="make frames take their time, with arbitration; off ends it")
     rate.add_argument("bitrate", metavar="BIT/S")
     faults.add_parser("clear", help="mend everything but the bit rate")
 
 
+_WHO = "a node's name, node id or joint; master; or a label that `bus status` shows"
 _ON_ONE = {
-    "cut": "cut the cable of LABEL: nothing from it, nothing to it",
-    "uncut": "mend the cable of LABEL",
-    "bus-off": "send the controller of LABEL off the bus",
-    "restart": "restart the controller of LABEL after bus-off",
+    "cut": "cut the cable of WHO: nothing from it, nothing to it",
+    "uncut": "mend the cable of WHO",
+    "bus-off": "send the controller of WHO off the bus",
+    "restart": "restart the controller of WHO after bus-off",
 }
 
 
@@ -87,8 +99,8 @@ def _list(args: argparse.Namespace) -> int:
     local = [f"local:{name}" for name in list_sockets("bus")]
     adapters = _adapters()
     if args.json:
-        found = {"interfaces": [_plain(link) for link in interfaces], "local": local, "python_can": adapters}
-        print(json.dumps(found, indent=2))
+        found = {"interfaces": plain(interfaces), "local": local, "python_can": adapters}
+        print(json_text(found))
         return 0
     names = [f"{link.name} ({'up' if link.is_up else 'down'})" for link in interfaces]
     print(f"CAN interfaces:      {', '.join(names) or 'none'}")
@@ -112,31 +124,28 @@ def _adapters() -> list[str]:
     return known_interfaces()
 
 
-def _plain(link: links.Link) -> dict[str, Any]:
-    return dataclasses.asdict(link)
-
-
 # status --------------------------------------------------------------------------------------------------------------
 
 
 def _status(args: argparse.Namespace) -> int:
     if args.channel is None:
         specs = [ChannelSpec(ChannelKind.LOCAL, name) for name in list_sockets("bus")]
-        found = {str(spec): _status_of(spec) for spec in specs} | status_of_interfaces(_links())
+        found: dict[str, Status] = {str(spec): _status_of(spec) for spec in specs}
+        found |= status_of_interfaces(_links())
     else:
         spec = parse_channel(args.channel)
         found = {str(spec): _status_of(spec)}
     if args.json:
-        print(json.dumps(found, indent=2))
+        print(json_text({channel: _json(status) for channel, status in found.items()}))
         return 0
     lines = [line for channel, status in found.items() for line in _render(channel, status)]
     print("\n".join(lines) or "no local bus is open, and there is no CAN interface")
     return 0
 
 
-def _status_of(spec: ChannelSpec) -> dict[str, Any]:
+def _status_of(spec: ChannelSpec) -> Status:
     if spec.kind is ChannelKind.LOCAL:
-        return ask_hub(spec.name, "status")
+        return ask_hub(spec.name, hub.GetHubStatus())
     if spec.kind is not ChannelKind.SOCKETCAN:
         raise ConfigError(f"{spec}: only local: buses and CAN interfaces can be looked at from outside")
     link = links.find_link(spec.name)
@@ -145,28 +154,36 @@ def _status_of(spec: ChannelSpec) -> dict[str, Any]:
     return status_of_interfaces([link])[link.name]
 
 
-def _render(channel: str, status: dict[str, Any]) -> list[str]:
-    return _render_hub(channel, status) if "members" in status else render_interface(status)
+def _json(status: Status) -> object:
+    return status.as_json() if isinstance(status, InterfaceStatus) else plain(status)
 
 
-def _render_hub(channel: str, status: dict[str, Any]) -> list[str]:
-    load = "" if status["load"] is None else f", {status['bitrate']} bit/s, load {100 * status['load']:.0f} %"
-    lines = [f"{channel}: process {status['pid']}, {status['frames']} frames, {status['dropped']} dropped{load}"]
+def _render(channel: str, status: Status) -> list[str]:
+    if isinstance(status, InterfaceStatus):
+        return render_interface(status)
+    return _render_hub(channel, status, known_nodes(channel))
+
+
+def _render_hub(channel: str, status: hub.HubStatus, nodes: Sequence[KnownNode]) -> list[str]:
+    load = "" if status.load is None else f", {status.bitrate} bit/s, load {100 * status.load:.0f} %"
+    lines = [f"{channel}: process {status.pid}, {status.frames} frames, {status.dropped} dropped{load}"]
     table = Table(("label", "process", "sent", "received", "lost", "waiting", "state"))
-    for member in status["members"]:
-        state = [word for word in ("cut", "bus_off") if member["label"] in status[word]]
-        numbers = (str(member[key]) for key in ("pid", "tx", "rx", "lost", "queued"))
-        table.add((member["label"], *numbers, " ".join(state).replace("_", "-")))
+    silenced = {"cut": status.cut, "bus-off": status.bus_off}
+    for member in status.members:
+        state = " ".join(word for word, labels in silenced.items() if member.label in labels)
+        numbers = map(str, (member.pid, member.tx, member.rx, member.lost, member.queued))
+        table.add((_named(member.label, nodes), *numbers, state))
     lines += [f"  {line}" for line in table.lines()]
-    lines += [f"  delay of {label or 'everybody'}: {delay:g} ms" for label, delay in status["delays_ms"].items()]
-    return lines + [f"  drop: {_rule(rule)}" for rule in status["drops"]]
+    delays = {_named(label, nodes) or "everybody": delay for label, delay in status.delays_ms.items()}
+    lines += [f"  delay of {who}: {delay:g} ms" for who, delay in delays.items()]
+    return lines + [f"  drop: {_rule(rule, nodes)}" for rule in status.drops]
 
 
-def _rule(rule: dict[str, Any]) -> str:
-    which = "every frame" if rule["every"] == 1 else f"one in {rule['every']} frames"
-    identifier = "" if rule["can_id"] is None else f" 0x{rule['can_id']:03X}"
-    limit = "" if rule["count"] is None else f" of {rule['count']}"
-    return f"{which}{identifier} from {rule['label'] or 'anybody'}, {rule['lost']}{limit} lost"
+def _rule(rule: hub.DropState, nodes: Sequence[KnownNode]) -> str:
+    which = "every frame" if rule.every == 1 else f"one in {rule.every} frames"
+    identifier = "" if rule.can_id is None else f" 0x{rule.can_id:03X}"
+    limit = "" if rule.count is None else f" of {rule.count}"
+    return f"{which}{identifier} from {_named(rule.label, nodes) or 'anybody'}, {rule.lost}{limit} lost"
 
 
 # up, down, fault -----------------------------------------------------------------------------------------------------
@@ -197,15 +214,47 @@ def _fault(args: argparse.Namespace) -> int:
         raise ConfigError(
             f"{spec}: faults can be switched on local: buses only; a vcan has its own: tc qdisc ... netem"
         )
-    params = {
-        key: value
-        for key in ("label", "can_id", "every", "count", "ms", "kind", "bitrate")
-        if (value := getattr(args, key, None)) is not None
-    }
-    if args.fault == "bitrate":
-        params["bitrate"] = _bitrate(args.bitrate)
-    ask_hub(spec.name, args.fault.replace("-", "_"), **params)
+    if getattr(args, "label", ""):
+        args.label = _label(spec, args.label)
+    ask_hub(spec.name, _REQUESTS[args.fault](args))
     return 0
+
+
+_REQUESTS: dict[str, Callable[[argparse.Namespace], Request[Done]]] = {
+    "cut": lambda args: hub.Cut(args.label),
+    "uncut": lambda args: hub.Uncut(args.label),
+    "bus-off": lambda args: hub.BusOff(args.label),
+    "restart": lambda args: hub.Restart(args.label),
+    "drop": lambda args: hub.DropFrames(label=args.label, can_id=args.can_id, every=args.every, count=args.count),
+    "delay": lambda args: hub.DelayFrames(label=args.label, ms=args.ms),
+    "error-frame": lambda args: hub.SendErrorFrame(label=args.label, kind=args.kind),
+    "bitrate": lambda args: hub.SetBitrate(_bitrate(args.bitrate)),
+    "clear": lambda _args: hub.ClearFaults(),
+}
+
+
+def _label(spec: ChannelSpec, word: str) -> str:
+    """Return the label of whom a user means; ConfigError with those there are."""
+    status = ask_hub(spec.name, hub.GetHubStatus())
+    labels = [member.label for member in status.members]
+    known = {*labels, *status.cut, *status.bus_off, *status.delays_ms}  # who is cut may be gone as well
+    nodes = known_nodes(str(spec))
+    node = find_node(word, nodes)
+    meant = [word, _DRIVE.format(word if node is None else node.node_id)]
+    found = next((label for label in meant if label in known), None)
+    if found is None:
+        there = ", ".join(_named(label, nodes) for label in labels) or "none"
+        raise ConfigError(f"nobody called {word!r} on {spec}; there are: {there}")
+    return found
+
+
+def _named(label: str, nodes: Sequence[KnownNode]) -> str:
+    """Return a label with the name that the running robot has for it: ``left_drive (drive 3)``."""
+    name = next((node.name for node in nodes if _DRIVE.format(node.node_id) == label), None)
+    return label if name is None else f"{name} ({label})"
+
+
+_DRIVE = "drive {}"  # the label of a virtual drive, by its node id
 
 
 def _bitrate(text: str) -> int:

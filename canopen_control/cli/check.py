@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from canopen_control.cli.run import add_robot_arguments
+from canopen_control.cli.run import add_file_arguments, add_kind_arguments
+from canopen_control.cli.support.json_text import json_text
+from canopen_control.rpc.messages.declare import Document
 
 if TYPE_CHECKING:
     import argparse
@@ -19,9 +20,51 @@ __all__ = ["EXAMPLE", "add_arguments", "run"]
 EXAMPLE = "canopen-control check robby"
 
 
+class FindingDocument(Document, frozen=True):
+    """What is wrong with a line of a file; `fix` says what to do, "" where `text` says it already."""
+
+    path: str
+    line: int
+    column: int
+    severity: str
+    text: str
+    fix: str
+
+
+class FrameShare(Document, frozen=True):
+    """A frame: its data bytes, and how often it comes per cycle."""
+
+    name: str
+    cob_id: int
+    length: int
+    per_cycle: float
+
+
+class BudgetDocument(Document, frozen=True, kw_only=True):
+    """What a bus has to carry in a cycle, bits without and with all stuff bits, `load` from 0 to 1."""
+
+    bitrate: int
+    period_s: float
+    bits: int
+    worst_bits: int
+    load: float
+    shortest_period_s: float
+    fits: bool
+    frames: list[FrameShare]
+
+
+class CheckDocument(Document, frozen=True):
+    """Everything that `check --json` prints."""
+
+    robot: str
+    findings: list[FindingDocument]
+    buses: dict[str, BudgetDocument]
+
+
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    add_robot_arguments(parser)
+    add_file_arguments(parser)
+    add_kind_arguments(parser)
     parser.add_argument("--launch", metavar="FILE", help="a ROS launch file in XML, to be held against the rest")
     parser.add_argument("--json", action="store_true", help="findings and budgets as JSON")
 
@@ -29,7 +72,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Print what was found; 0 good, 2 for errors, with --strict for warnings too."""
     from canopen_control.runtime.check import CheckOptions, check_robot
-    from canopen_control.runtime.files import find_robot
+    from canopen_control.runtime.robot_files import find_robot
 
     files = find_robot(args.config, bus=args.bus, controllers=args.controllers, description=args.description)
     options = CheckOptions(
@@ -42,22 +85,38 @@ def run(args: argparse.Namespace) -> int:
     )
     report = check_robot(files, options)
     if args.json:
-        print(json.dumps(_as_dict(files.name, report), indent=2))
+        print(json_text(_document(files.name, report)))
     else:
         print("\n".join(_lines(files.name, report)))
     return 0 if report.passes(strict=args.strict) else 2
 
 
-def _as_dict(name: str, report: CheckReport) -> dict[str, object]:
-    return {
-        "robot": name,
-        "findings": [finding.as_dict() for finding in report.findings],
-        "buses": {bus: budget.as_dict() for bus, budget in report.budgets.items()},
-    }
+def _document(name: str, report: CheckReport) -> CheckDocument:
+    return CheckDocument(
+        name,
+        [
+            FindingDocument(each.path, each.line, each.column, each.severity.value, each.text, each.fix)
+            for each in report.findings
+        ],
+        {bus: _budget(budget) for bus, budget in report.budgets.items()},
+    )
+
+
+def _budget(budget: Budget) -> BudgetDocument:
+    return BudgetDocument(
+        bitrate=budget.bitrate,
+        period_s=budget.period_ns / 1e9,
+        bits=budget.bits,
+        worst_bits=budget.worst_bits,
+        load=budget.load,
+        shortest_period_s=budget.shortest_period_ns / 1e9,
+        fits=budget.fits,
+        frames=[FrameShare(each.name, each.cob_id, each.length, each.per_cycle) for each in budget.shares],
+    )
 
 
 def _lines(name: str, report: CheckReport) -> list[str]:
-    from canopen_control.runtime.finding import Severity
+    from canopen_control.runtime.check_data import Severity
 
     lines = [str(finding) for finding in report.findings]
     lines += [_budget_line(bus, budget) for bus, budget in report.budgets.items()]

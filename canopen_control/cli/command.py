@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from canopen_control.cli.commanded import send_and_warn
-from canopen_control.cli.repeat import add_repeat_arguments, finite
+from canopen_control.cli.support.arguments import finite
+from canopen_control.cli.support.commands import add_repeat_arguments, send, values_at_the_end
+from canopen_control.rpc.messages.robot import CommandController
 
 if TYPE_CHECKING:
     import argparse
@@ -26,7 +27,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the verb."""
-    params: dict[str, Any] = {"controller": args.controller, "source": "command"}
-    return send_and_warn(
-        args, "command", {**params, "values": args.values}, {**params, "values": [0.0] * len(args.values)}
+    last = values_at_the_end(args.name, args.controller, args.values)
+    dead_man = not args.once  # it ends as soon as the connection is gone
+    moving, zeros = (
+        CommandController(controller=args.controller, values=values, source="command", dead_man=dead_man)
+        for values in (args.values, last)
     )
+    return send(args, moving, zeros)

@@ -9,22 +9,35 @@ Exit codes: 0 good; 1 the robot refused, and nothing was changed; 2 wrong usage,
 
 from __future__ import annotations
 
-import json
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from canopen_control.cli.table import Table
+from canopen_control.cli.support.json_text import json_text
+from canopen_control.cli.support.output import Table
 from canopen_control.client import RobotClient
 from canopen_control.errors import ConfigError
+from canopen_control.rpc.messages.robot import (
+    ConfigureController,
+    ListControllers,
+    ListControllerTypes,
+    ListHardware,
+    LoadController,
+    SwitchControllers,
+    UnloadController,
+)
 
 if TYPE_CHECKING:
     import argparse
     from collections.abc import Callable
 
+    from canopen_control.rpc.messages.declare import Done, Request
+    from canopen_control.rpc.messages.robot import InterfaceReading
+    from canopen_control.rpc.messages.state import ControllerReading
+
 __all__ = ["EXAMPLE", "add_arguments", "run"]
 
 EXAMPLE = """canopen-control controller list
-         canopen-control controller switch --activate robby_base_controller --deactivate robby_forward_controller
-         canopen-control controller load robby_base_controller"""
+         canopen-control controller load robby_base_controller
+         canopen-control controller switch --activate robby_base_controller --deactivate robby_forward_controller"""
 
 _STEPS = {
     "load": "load and configure it, as its section of ros2_controllers.yaml says",
@@ -69,41 +82,46 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _list(args: argparse.Namespace, robot: RobotClient) -> int:
-    controllers = robot.call("controllers")
+    controllers = robot.ask(ListControllers(all=True))
     if args.json:
-        print(json.dumps(controllers, indent=2))
+        print(json_text(controllers))
         return 0
     table = Table(("controller", "type", "state", "commands", "joints"))
     for each in controllers:
-        required = each["required_command_interfaces"]
-        commands = each["interface"] or ", ".join(required) or "nothing: it broadcasts"
-        table.add((each["name"], each["type"], each["state"], commands, ", ".join(each["joints"]) or "-"))
+        table.add((each.name, each.type, each.state, _commands(each), ", ".join(each.joints) or "-"))
     print("\n".join(table.lines()) if controllers else "no controller is loaded; canopen-control controller load NAME")
     return 0
 
 
+def _commands(controller: ControllerReading) -> str:
+    """Say what a controller commands; of one that is only in the file nothing is known yet."""
+    if controller.state == "unloaded":
+        return "-"
+    return controller.interface or ", ".join(controller.required_command_interfaces) or "nothing: it broadcasts"
+
+
 def _types(args: argparse.Namespace, robot: RobotClient) -> int:
-    types = robot.call("controller_types")
-    print(json.dumps(types, indent=2) if args.json else "\n".join(types))
+    types = robot.ask(ListControllerTypes())
+    print(json_text(types) if args.json else "\n".join(types))
     return 0
 
 
 def _hardware(args: argparse.Namespace, robot: RobotClient) -> int:
-    components = robot.call("hardware")
+    components = robot.ask(ListHardware())
     if args.json:
-        print(json.dumps(components, indent=2))
+        print(json_text(components))
         return 0
     for each in components:
-        print(f"{each['name']}: {each['state']}, {each['type']}, {each['plugin']}, {each['rate']} Hz")
-        for kind in ("command", "state"):
-            for interface in each[f"{kind}_interfaces"]:
-                print(f"  {kind:<8} {interface['name']}{_words(interface)}")
+        print(f"{each.name}: {each.state}, {each.type}, {each.plugin}, {each.rate} Hz")
+        for kind, interfaces in (("command", each.command_interfaces), ("state", each.state_interfaces)):
+            for interface in interfaces:
+                print(f"  {kind:<8} {interface.name}{_words(interface)}")
     return 0
 
 
-def _words(interface: dict[str, Any]) -> str:
-    words = ["claimed"] if interface.get("claimed") else []
-    words += [] if interface["available"] else ["not available"]
+def _words(interface: InterfaceReading) -> str:
+    words = ["claimed"] if interface.claimed else []
+    words += [] if interface.available else ["not available"]
     return f" ({', '.join(words)})" if words else ""
 
 
@@ -112,28 +130,31 @@ def _words(interface: dict[str, Any]) -> str:
 
 def _one_by_one(args: argparse.Namespace, robot: RobotClient) -> int:
     for name in args.controller:
-        robot.call(args.action, controller=name)
+        robot.ask(_STEP_REQUESTS[args.action](controller=name))
         print(f"{name}: {_states(robot).get(name, 'unloaded')}")
     return 0
 
 
 def _switch(args: argparse.Namespace, robot: RobotClient) -> int:
-    wanted: dict[str, list[str]] = {
-        "activate": args.controller if args.action == "activate" else getattr(args, "activate", []),
-        "deactivate": args.controller if args.action == "deactivate" else getattr(args, "deactivate", []),
-    }
+    activate = args.controller if args.action == "activate" else getattr(args, "activate", [])
+    deactivate = args.controller if args.action == "deactivate" else getattr(args, "deactivate", [])
     before = _states(robot)
-    robot.call("switch", **wanted, strict=not args.best_effort)
+    robot.ask(SwitchControllers(activate=tuple(activate), deactivate=tuple(deactivate), strict=not args.best_effort))
     after = _states(robot)
-    for name in [*wanted["deactivate"], *wanted["activate"]]:
+    for name in [*deactivate, *activate]:
         print(f"{name}: {after.get(name, 'not loaded')}{'' if after.get(name) != before.get(name) else ', as before'}")
     return 0
 
 
 def _states(robot: RobotClient) -> dict[str, str]:
-    return {each["name"]: each["state"] for each in robot.call("controllers")}
+    return {each.name: each.state for each in robot.ask(ListControllers())}
 
 
+_STEP_REQUESTS: dict[str, Callable[..., Request[Done]]] = {
+    "load": LoadController,
+    "configure": ConfigureController,
+    "unload": UnloadController,
+}
 _ACTIONS: dict[str, Callable[[argparse.Namespace, RobotClient], int]] = {
     "list": _list,
     "types": _types,

@@ -27,7 +27,7 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from canopen_control.cli.numbers import whole
+from canopen_control.cli.support.arguments import whole
 from canopen_control.data_files import data_path
 from canopen_control.errors import ConfigError
 

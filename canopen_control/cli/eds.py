@@ -5,34 +5,35 @@ Exit codes: 0 good; 1 errors found, differences found, no such object, or no EDS
 
 from __future__ import annotations
 
-import json
 import re
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from canopen_control.cli.numbers import node_id
-from canopen_control.cli.progress import Progress
+from canopen_control.cli.support.arguments import node_id
+from canopen_control.cli.support.eds_documents import changes_of, checked, entry_document, pdo_document, refused
+from canopen_control.cli.support.json_text import json_text
+from canopen_control.cli.support.output import Progress
 from canopen_control.data_files import data_path
 from canopen_control.errors import EdsError
-from canopen_control.od.eds import EdsFile, Severity, read_eds
+from canopen_control.od.eds import read_eds
 from canopen_control.od.eds_values import format_value
-from canopen_control.od.model import DataType, Entry, ObjectCode, ObjectDictionary
+from canopen_control.od.model import ObjectCode
 from canopen_control.od.pdos import MAX_BITS, Pdo, pdos_of
 
 if TYPE_CHECKING:
     import argparse
     from collections.abc import Callable, Iterator, Sequence
 
-    from canopen_control.od.issues import Issue
-    from canopen_control.od.model import Address, Value
+    from canopen_control.cli.support.eds_documents import ChangeDocument, CheckDocument
+    from canopen_control.od.eds import EdsFile
+    from canopen_control.od.model import Entry, ObjectDictionary, Value
 
 __all__ = ["EXAMPLE", "add_arguments", "run"]
 
 EXAMPLE = "canopen-control eds check TMCM-1270.eds"
 
 _ADDRESS = re.compile(r"(?:0[xX])?([0-9A-Fa-f]{1,4})(?::(?:0[xX])?([0-9A-Fa-f]{1,2}))?")
-_COMPARED = ("name", "data_type", "access", "pdo_mappable", "default", "parameter_value", "low", "high", "obj_flags")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -85,58 +86,37 @@ def _read(name: str, args: argparse.Namespace) -> EdsFile:
     return read_eds(path, args.node_id)
 
 
-def _print_json(document: object) -> None:
-    print(json.dumps(document, indent=2))
-
-
 # --- check ---
 
 
 def _check(args: argparse.Namespace) -> int:
-    reports: list[dict[str, Any]] = []
+    reports: list[CheckDocument] = []
     with Progress("checking", "files") as progress:
         for name in args.files:
             progress.at(len(reports), len(args.files))
             reports.append(_checked(name, args))
     if args.json:
-        _print_json(reports)
+        print(json_text(reports))
     else:
         for report in reports:
             for line in _report_lines(report):
                 print(line)
-    return 1 if any(report["errors"] for report in reports) else 0
+    return 1 if any(report.errors for report in reports) else 0
 
 
-def _checked(name: str, args: argparse.Namespace) -> dict[str, Any]:
+def _checked(name: str, args: argparse.Namespace) -> CheckDocument:
     try:
-        file = _read(name, args)
+        return checked(name, _read(name, args))
     except EdsError as error:
-        refused = {"line": error.line, "code": "not-canopen", "severity": "error", "text": error.reason}
-        return {"file": name, "objects": 0, "entries": 0, "errors": 1, "warnings": 0, "notes": 0, "issues": [refused]}
-    count = dict.fromkeys(Severity, 0)
-    for issue in file.issues:
-        count[issue.severity] += 1
-    return {
-        "file": name,
-        "objects": len(file.od.objects),
-        "entries": len(file.od),
-        "errors": count[Severity.ERROR],
-        "warnings": count[Severity.WARNING],
-        "notes": count[Severity.NOTE],
-        "issues": [_issue_document(issue) for issue in file.issues],
-    }
+        return refused(name, error)
 
 
-def _issue_document(issue: Issue) -> dict[str, Any]:
-    return {"line": issue.line, "code": issue.code, "severity": issue.severity.value, "text": issue.text}
-
-
-def _report_lines(report: dict[str, Any]) -> Iterator[str]:
-    for issue in report["issues"]:
-        yield f"{report['file']}:{issue['line']}: {issue['severity']}: {issue['text']} [{issue['code']}]"
-    counts = [_counted(report[kind], kind) for kind in ("errors", "warnings", "notes") if report[kind]]
-    summary = ", ".join(counts) or "no issue"
-    yield f"{report['file']}: {report['objects']} objects, {report['entries']} entries: {summary}"
+def _report_lines(report: CheckDocument) -> Iterator[str]:
+    for issue in report.issues:
+        yield f"{report.file}:{issue.line}: {issue.severity}: {issue.text} [{issue.code}]"
+    found = {"errors": report.errors, "warnings": report.warnings, "notes": report.notes}
+    summary = ", ".join(_counted(number, kind) for kind, number in found.items() if number) or "no issue"
+    yield f"{report.file}: {report.objects} objects, {report.entries} entries: {summary}"
 
 
 def _counted(number: int, plural: str) -> str:
@@ -153,7 +133,7 @@ def _show(args: argparse.Namespace) -> int:
         print(f"canopen-control: {args.file}: no object {args.object!r}{_hint(od, args.object)}", file=sys.stderr)
         return 1
     if args.json:
-        _print_json([_entry_document(od, entry) for entry in entries])
+        print(json_text([entry_document(od, entry) for entry in entries]))
     else:
         _print_table(_ENTRY_HEADER, [_entry_row(od, entry) for entry in entries])
     return 0
@@ -219,36 +199,6 @@ def _limits_text(entry: Entry, node_id: int | None) -> str:
     return f"{low}..{high}"
 
 
-def _entry_document(od: ObjectDictionary, entry: Entry) -> dict[str, Any]:
-    return {
-        "index": f"0x{entry.index:04X}",
-        "subindex": entry.subindex,
-        "name": entry.name,
-        "object": od.objects[entry.index].name,
-        "object_type": od.objects[entry.index].code.name,
-        "data_type": entry.data_type.name,
-        "access": entry.access,
-        "pdo_mappable": entry.pdo_mappable,
-        "rpdo_mappable": entry.rpdo_mappable,
-        "tpdo_mappable": entry.tpdo_mappable,
-        "default": _plain(entry.default),
-        "parameter_value": _plain(entry.parameter_value),
-        "plus_node_id": entry.relative and od.node_id is None,
-        "low": _plain(entry.low),
-        "high": _plain(entry.high),
-        "line": entry.line,
-    }
-
-
-def _plain(value: Value | None) -> int | float | str | None:
-    """Return what JSON can hold; bytes in hexadecimal, what is no finite number as text."""
-    if isinstance(value, bytes):
-        return value.hex()
-    if isinstance(value, float) and value - value != 0:
-        return format_value(value, DataType.REAL64)
-    return value
-
-
 def _print_table(header: Sequence[str], rows: list[tuple[str, ...]]) -> None:
     widths = [max(len(row[column]) for row in (header, *rows)) for column in range(len(header))]
     for row in (header, *rows):
@@ -260,44 +210,20 @@ def _print_table(header: Sequence[str], rows: list[tuple[str, ...]]) -> None:
 
 def _diff(args: argparse.Namespace) -> int:
     a, b = _read(args.a, args).od, _read(args.b, args).od
-    changes = list(_changes(a, b))
+    changes = list(changes_of(a, b))
     if args.json:
-        _print_json(changes)
+        print(json_text(changes))
     else:
         for change in changes:
             print(_change_line(change))
     return 1 if changes else 0
 
 
-def _changes(a: ObjectDictionary, b: ObjectDictionary) -> Iterator[dict[str, Any]]:
-    addresses: list[Address] = sorted({*a.entries, *b.entries})
-    for index, subindex in addresses:
-        old, new = a.get(index, subindex), b.get(index, subindex)
-        place = {"index": f"0x{index:04X}", "subindex": subindex}
-        if old is None or new is None:
-            entry = new if new is not None else old
-            name = entry.name if entry is not None else ""
-            yield {**place, "change": "removed" if new is None else "added", "name": name}
-            continue
-        fields = {
-            field: {"a": _field(old, field), "b": _field(new, field)}
-            for field in _COMPARED
-            if getattr(old, field) != getattr(new, field)
-        }
-        if fields:
-            yield {**place, "change": "changed", "name": new.name, "fields": fields}
-
-
-def _field(entry: Entry, field: str) -> int | float | str | None:
-    value = getattr(entry, field)
-    return value.name if isinstance(value, DataType) else _plain(value)
-
-
-def _change_line(change: dict[str, Any]) -> str:
-    place = f"{change['index']}:{change['subindex']:02X} {change['name']}"
-    if change["change"] != "changed":
-        return f"{'-' if change['change'] == 'removed' else '+'} {place}"
-    fields = ", ".join(f"{field} {both['a']} -> {both['b']}" for field, both in change["fields"].items())
+def _change_line(change: ChangeDocument) -> str:
+    place = f"{change.index}:{change.subindex:02X} {change.name}"
+    if change.fields is None:
+        return f"{'-' if change.change == 'removed' else '+'} {place}"
+    fields = ", ".join(f"{field} {both.a} -> {both.b}" for field, both in change.fields.items())
     return f"~ {place}: {fields}"
 
 
@@ -308,7 +234,7 @@ def _pdos(args: argparse.Namespace) -> int:
     od = _read(args.file, args).od
     pdos = pdos_of(od)
     if args.json:
-        _print_json([_pdo_document(pdo) for pdo in pdos])
+        print(json_text([pdo_document(pdo) for pdo in pdos]))
     else:
         relative = od.node_id is None
         for pdo in pdos:
@@ -327,27 +253,6 @@ def _pdo_line(od: ObjectDictionary, pdo: Pdo, relative: bool) -> str:
     plus = "+node" if relative and source is not None and source.relative else ""
     kind = "?" if pdo.transmission_type is None else pdo.transmission_type
     return f"{pdo.name}  {state}  {cob_id}{plus}  type {kind}  {pdo.bits} of {MAX_BITS} bits, {pdo.slots} slots"
-
-
-def _pdo_document(pdo: Pdo) -> dict[str, Any]:
-    return {
-        "pdo": pdo.name,
-        "enabled": pdo.enabled,
-        "cob_id": None if pdo.cob_id is None else pdo.cob_id & 0x1FFFFFFF,
-        "cob_id_entry": pdo.cob_id,
-        "transmission_type": pdo.transmission_type,
-        "bits": pdo.bits,
-        "slots": pdo.slots,
-        "mapped": [
-            {
-                "index": f"0x{mapped.index:04X}",
-                "subindex": mapped.subindex,
-                "bits": mapped.bits,
-                "name": None if mapped.entry is None else mapped.entry.name,
-            }
-            for mapped in pdo.mapped
-        ],
-    }
 
 
 _ACTIONS: dict[str, Callable[[argparse.Namespace], int]] = {

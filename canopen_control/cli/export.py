@@ -7,8 +7,9 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from canopen_control.cli.layout import add_network_arguments, described
+from canopen_control.cli.support.heard_bus import add_network_arguments, described
 from canopen_control.errors import ConfigError
+from canopen_control.host.files import telling
 
 if TYPE_CHECKING:
     import argparse
@@ -56,7 +57,7 @@ def _dbc(args: argparse.Namespace) -> int:
 
 
 def _csv(args: argparse.Namespace) -> int:
-    from canopen_control.cli.source import network_for, open_frames
+    from canopen_control.cli.support.frame_source import network_for, open_frames
     from canopen_control.trace.csv_export import write_long, write_wide
 
     recording = open_frames(args.file, args.bus)
@@ -98,11 +99,11 @@ def _output(path: str | None) -> Iterator[TextIO]:
         yield sys.stdout
         sys.stdout.flush()
         return
-    try:
-        with Path(path).expanduser().open("w", encoding="utf-8", newline="") as out:
-            yield out
-    except OSError as error:
-        raise ConfigError(f"{path} cannot be written: {error.strerror or error}") from error
+    with (
+        telling(path, "what is in it ends there"),
+        Path(path).expanduser().open("w", encoding="utf-8", newline="") as out,
+    ):
+        yield out
 
 
 def _tell(path: str | None, text: str) -> None:

@@ -1,22 +1,24 @@
 """`fault`: break a running virtual drive, and mend it again.
 
-`fault list` explains every fault and what a good master makes of it. `fault NODE NAME on|off --can CHANNEL` switches
-one, `fault NODE --can CHANNEL` tells which are on. It speaks to the drive's own control socket: no master is needed,
-and the bus may be broken. What breaks the wire itself is `bus fault`.
+`fault list` explains every fault and what a good master makes of it. `fault NODE NAME on|off` switches one,
+`fault NODE` tells which are on. NODE is a node or a joint of a running robot by its name; or a node id, with --can
+CHANNEL where no robot runs. It speaks to the drive's own control socket: no master is needed, and the bus may be
+broken. What breaks the wire itself is `bus fault`.
 """
 
 from __future__ import annotations
 
-import json
 import textwrap
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from canopen_control.bus.channel import parse_channel
+from canopen_control.cli.support.json_text import json_text
+from canopen_control.cli.support.node_names import find_node, known_nodes
+from canopen_control.client.drive import DriveClient
 from canopen_control.errors import ConfigError, RemoteError
-from canopen_control.host.lineclient import LineClient
-from canopen_control.host.sockets import list_sockets
-from canopen_control.virtual.control import control_path
-from canopen_control.virtual.faults import FAULTS, find_fault
+from canopen_control.host.sockets import drive_name, list_sockets
+from canopen_control.rpc.messages.drive import ListFaults, SwitchFault
+from canopen_control.virtual.fault_table import FAULTS, find_fault
 
 if TYPE_CHECKING:
     import argparse
@@ -24,7 +26,9 @@ if TYPE_CHECKING:
 __all__ = ["EXAMPLE", "add_arguments", "run"]
 
 EXAMPLE = """canopen-control fault list
-         canopen-control fault 3 heartbeat_lost on --can local:robby"""
+         canopen-control fault left_drive heartbeat_lost on
+         canopen-control fault left_drive heartbeat_lost off
+         canopen-control fault 3 --can local:robby"""
 
 _WIDTH = 110
 _ON_THE_BUS = ("cut", "uncut", "drop", "delay", "error-frame", "restart", "bitrate", "clear")
@@ -35,11 +39,13 @@ _BUS_FAULTS = (
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    parser.usage = "canopen-control fault list [--json]\n       canopen-control fault NODE [NAME on|off] --can CHANNEL"
-    parser.add_argument("what", metavar="list|NODE", help="list: explain all faults; else the node id of the drive")
+    parser.usage = (
+        "canopen-control fault list [--json]\n       canopen-control fault NODE [NAME on|off] [--can CHANNEL]"
+    )
+    parser.add_argument("what", metavar="list|NODE", help="list: explain all faults; else a node, a joint or a node id")
     parser.add_argument("name", nargs="?", metavar="NAME", help="of the fault; without: which are on")
     parser.add_argument("state", nargs="?", choices=["on", "off"], help="default: on")
-    parser.add_argument("--can", metavar="CHANNEL", help="the bus the drive is on: local:NAME, vcan0, ...")
+    parser.add_argument("--can", metavar="CHANNEL", help="the bus of the drive (default: that of the running robot)")
     parser.add_argument("--json", action="store_true", help="print JSON")
 
 
@@ -47,17 +53,13 @@ def run(args: argparse.Namespace) -> int:
     """Run the verb: 0 good, 1 the drive is not there, 2 wrong usage."""
     if args.what == "list":
         return _list(args)
-    if args.can is None:
-        raise ConfigError("which bus is the drive on? --can CHANNEL, as in --can local:robby")
-    channel = str(parse_channel(args.can))
-    node_id = _node_id(args.what)
+    channel, node_id = _drive(args.what, args.can)
     with _connect(channel, node_id) as client:
         if args.name is None:
-            faults = _call(client, "faults")
-            return _tell(args, [fault["name"] for fault in faults if fault["on"]], node_id)
+            return _tell(args, [fault.name for fault in client.ask(ListFaults()) if fault.on], node_id)
         _check(args.name)
-        answer = _call(client, "fault", name=args.name, on=args.state != "off")
-        return _tell(args, answer["active"], node_id)
+        active = client.ask(SwitchFault(name=args.name, on=args.state != "off")).active
+        return _tell(args, active, node_id)
 
 
 # -- what there is
@@ -68,7 +70,7 @@ def _list(args: argparse.Namespace) -> int:
         raise ConfigError("fault list takes no more words; those of one drive: fault NODE --can CHANNEL")
     if args.json:
         keys = ("name", "row", "acts", "does", "reaction", "once")
-        print(json.dumps([{key: getattr(fault, key) for key in keys} for fault in FAULTS.values()], indent=2))
+        print(json_text([{key: getattr(fault, key) for key in keys} for fault in FAULTS.values()]))
         return 0
     for fault in FAULTS.values():
         how = "once" if fault.once else "until it is switched off"
@@ -87,11 +89,30 @@ def _sentence(does: str) -> str:
 # -- one drive
 
 
-def _node_id(text: str) -> int:
+def _drive(word: str, can: str | None) -> tuple[str, int]:
+    """Return the channel and the node id of the drive that is meant; ConfigError with what to write instead."""
+    nodes = known_nodes(can)
+    node = find_node(word, nodes)
+    if node is not None:
+        return node.channel, node.node_id
+    where = "of a running robot" if can is None else f"on {can}"
+    there = f" {where}; there are: {', '.join(map(str, nodes))}" if nodes else ""
+    node_id = _node_id(word, there)
+    if can is None:
+        raise ConfigError(f"no node {word!r}{there}; for another bus: --can CHANNEL" if nodes else _WHICH_BUS)
+    return str(parse_channel(can)), node_id
+
+
+_WHICH_BUS = "which bus is the drive on? No robot runs; --can CHANNEL, as in --can local:robby"
+
+
+def _node_id(text: str, there: str) -> int:
     try:
         node_id = int(text, 0)
     except ValueError:
-        node_id = 0
+        raise ConfigError(
+            f"no node {text!r}{there or ' is known: no robot runs there; a node id is 1 to 127'}"
+        ) from None
     if not 1 <= node_id <= 127:
         raise ConfigError(f"{text!r} is no node id: 1 to 127, or list")
     return node_id
@@ -103,13 +124,13 @@ def _check(name: str) -> None:
     find_fault(name)
 
 
-def _connect(channel: str, node_id: int) -> LineClient:
-    path = control_path(channel, node_id)
-    bus = path.stem.removeprefix("drive-").rpartition("-")[0]
+def _connect(channel: str, node_id: int) -> DriveClient:
     try:
-        return LineClient(path, label=f"the virtual drive {node_id} on {channel}")
+        return DriveClient.connect(channel, node_id)
     except RemoteError as error:
-        there = _others(bus)
+        if error.kind != "BusClosed":
+            raise
+        there = _others(drive_name(channel, node_id).rpartition("-")[0])
         raise RemoteError(error.kind, f"no virtual drive with node id {node_id} runs on {channel}; {there}") from error
 
 
@@ -127,23 +148,9 @@ def _others(bus: str) -> str:
     return f"there are: {elsewhere}"
 
 
-def _call(client: LineClient, method: str, **params: object) -> Any:  # noqa: ANN401 - whatever the method answers
-    client.send({"id": 1, "method": method, "params": params})
-    while (answer := client.receive()) is not None:
-        if answer.get("id") != 1:
-            continue  # the greeting, and events
-        if "error" not in answer:
-            return answer["result"]
-        error = answer["error"]
-        if error["kind"] == "ConfigError":
-            raise ConfigError(error["message"])
-        raise RemoteError(error["kind"], error["message"])
-    raise RemoteError("Timeout", f"{client.label} does not answer; does it hang?")
-
-
 def _tell(args: argparse.Namespace, active: list[str], node_id: int) -> int:
     if args.json:
-        print(json.dumps({"node_id": node_id, "active": active}))
+        print(json_text({"node_id": node_id, "active": active}, indent=None))
     else:
         print(f"node {node_id}: {', '.join(active) or 'no fault is on'}")
     return 0

@@ -10,8 +10,6 @@ Exit codes: 0 good; 1 no slave answered or it refused; 2 wrong usage.
 
 from __future__ import annotations
 
-import argparse
-import json
 from typing import TYPE_CHECKING
 
 from canopen_control.cia301.lss import (
@@ -22,11 +20,14 @@ from canopen_control.cia301.lss import (
     LssMode,
     bit_timing_index,
 )
-from canopen_control.cli.target import LABEL, robot_on
+from canopen_control.cli.support.arguments import whole_number
+from canopen_control.cli.support.json_text import json_text
+from canopen_control.cli.support.target import LABEL, robot_on
 from canopen_control.errors import ConfigError, RemoteProtocolError
 from canopen_control.master.direct import DirectBus
 
 if TYPE_CHECKING:
+    import argparse
     from collections.abc import Callable
 
 __all__ = ["EXAMPLE", "add_arguments", "run"]
@@ -40,6 +41,9 @@ PARTS = LssIdentity._fields
 NODE_ID = "node-id"
 AUTO = "auto"
 _U32 = 0xFFFFFFFF
+
+
+_number = whole_number("whole number of at most 32 bits, decimal or 0x", range(_U32 + 1))
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -79,16 +83,6 @@ def run(args: argparse.Namespace) -> int:
         return _ACTIONS[args.action](args, bus)
 
 
-def _number(text: str) -> int:
-    try:
-        number = int(text, 0)
-    except ValueError:
-        number = -1
-    if not 0 <= number <= _U32:
-        raise argparse.ArgumentTypeError(f"{text!r}: a number is wanted, decimal or 0x, of at most 32 bits")
-    return number
-
-
 def _rates() -> str:
     return ", ".join(str(rate) for rate in BIT_TIMINGS.values())
 
@@ -118,7 +112,7 @@ def _inquire(args: argparse.Namespace, bus: DirectBus) -> int:
         assert isinstance(answer, int)
         found[part] = answer
     if args.json:
-        print(json.dumps({part.replace("-", "_"): number for part, number in found.items()}, indent=2))
+        print(json_text({part.replace("-", "_"): number for part, number in found.items()}))
         return 0
     for part, number in found.items():
         shown = "none" if part == NODE_ID and number == UNCONFIGURED else f"{number}"
@@ -164,7 +158,7 @@ def _fast_scan(args: argparse.Namespace, bus: DirectBus) -> int:
         raise RemoteProtocolError(0, f"LSS: no slave without a node id answers on {args.can}")
     assert isinstance(identity, LssIdentity)
     if args.json:
-        print(json.dumps(identity._asdict(), indent=2))
+        print(json_text(identity._asdict()))
     else:
         print(f"{_identity(identity)}: in configuration")
     return 0

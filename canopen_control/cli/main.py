@@ -14,7 +14,7 @@ import os
 import sys
 from typing import TYPE_CHECKING
 
-from canopen_control import __version__
+from canopen_control.cli.verbs import VERBS, parser_of
 from canopen_control.errors import (
     CanopenError,
     ConfigError,
@@ -23,51 +23,26 @@ from canopen_control.errors import (
     RemoteError,
     UnknownName,
 )
+from canopen_control.version import __version__
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-__all__ = ["VERBS", "main", "parser_of"]
+__all__ = ["main"]
 
-VERBS = {
-    "run": "boot a robot and run its controllers",
-    "demo": "run a robot on virtual drives, with a live table and a short motion",
-    "drive": "run virtual drives",
-    "fault": "break a running virtual drive, and mend it",
-    "bus": "channels: list, status, up, down, faults",
-    "status": "what a running robot is doing",
-    "monitor": "drives, joints, events and frames as live tables, with a STOP key",
-    "command": "send a command to a controller, repeatedly",
-    "twist": "send a velocity to a base controller, repeatedly",
-    "teleop": "drive a base by keyboard",
-    "stop": "ramp all wheels to zero and disable the drives",
-    "shutdown": "stop, then end the runtime",
-    "controller": "list, load, configure, activate, deactivate, switch, unload controllers",
-    "axis": "enable, disable, halt, quick-stop or fault-reset drives",
-    "sdo": "read and write objects of a node, transfer files",
-    "nmt": "start, stop or reset nodes",
-    "preflight": "before the first run on real drives: look, jog slowly, try STOP",
-    "scan": "who is on a bus, which EDS fits, what bus.yml expects",
-    "lss": "give node ids and bit rates to nodes",
-    "check": "everything wrong with a robot's files, and what its buses carry",
-    "plan": "what a boot writes into each node, and what differs on a live bus",
-    "eds": "look into EDS and DCF files",
-    "trace": "what is said on a bus, decoded by name: live or from a recording",
-    "view": "the robot on a page of this computer: 3D, plots, drives, STOP",
-    "report": "one page of what went wrong: of the last fault, a recording, or a robot that runs",
-    "record": "write every frame of a bus to a file",
-    "replay": "play a recording into a bus, or tell what is in it",
-    "export": "the PDO layout as DBC, a recording as CSV",
-    "ros": "topics and services of ROS 2 without ros2cli; the bridge by hand",
-    "bench": "how fast this is here, beside its peers in the same run",
-    "completion": "completion of verbs, options and names in bash, zsh and fish",
-}
-
+#: verbs that only ask who runs: no code but ours runs in them
+_ASKING = frozenset(
+    {"status", "command", "twist", "stop", "shutdown", "controller", "axis", "sdo", "nmt", "fault", "bus"}
+)
 _OUTPUT_LOST = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line and return its exit code."""
+    """Run the command line and return its exit code; where a shell asks what a word may become, tell it that."""
+    if "_ARGCOMPLETE" in os.environ:
+        from canopen_control.cli.support.completion_words import answer_shell
+
+        answer_shell()
     code = 0
     try:
         code = _run(list(sys.argv[1:] if argv is None else argv))
@@ -126,6 +101,10 @@ def _dispatch(arguments: list[str]) -> int:
         parser.parse_args(arguments)  # --help, --version, or the error that names the verbs
         parser.print_help()
         return 2
+    if verb in _ASKING:
+        from canopen_control.rpc.quick_import import import_msgspec  # --help needs none of it
+
+        import_msgspec()
     args = parser_of(verb).parse_args(arguments[1:])
     return int(importlib.import_module(f"canopen_control.cli.{verb}").run(args))
 
@@ -136,31 +115,6 @@ def _no_verb(word: str) -> str:
     near = difflib.get_close_matches(word, VERBS, 2)
     hint = f"did you mean {' or '.join(near)}?" if near else "canopen-control --help lists those there are"
     return f"no verb {word!r}; {hint}"
-
-
-def parser_of(verb: str) -> argparse.ArgumentParser:
-    """Return the parser of one of VERBS; its module is imported for that."""
-    module = importlib.import_module(f"canopen_control.cli.{verb}")
-    parser = argparse.ArgumentParser(
-        prog=f"canopen-control {verb}",
-        description=(module.__doc__ or "").strip(),
-        epilog=f"example: {module.EXAMPLE}",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    module.add_arguments(parser)
-    _give_examples(parser, module.EXAMPLE.splitlines())
-    return parser
-
-
-def _give_examples(parser: argparse.ArgumentParser, examples: Sequence[str]) -> None:
-    """Show the examples of an action in the help of that action too."""
-    for group in (each for each in parser._actions if isinstance(each, argparse._SubParsersAction)):  # noqa: SLF001 - no public way
-        for action in group.choices.values():
-            own = [line.strip() for line in examples if line.strip().startswith(f"{action.prog} ")]
-            if own:
-                action.epilog = "example: " + "\n         ".join(own)
-                action.formatter_class = argparse.RawDescriptionHelpFormatter
-            _give_examples(action, examples)
 
 
 def _top_parser() -> argparse.ArgumentParser:
@@ -186,6 +140,10 @@ def _complain_of_output(error: OSError) -> int:
 def _complain_of_ourselves(error: Exception) -> int:
     if os.environ.get("CANOPEN_CONTROL_DEBUG"):
         raise error
+    if isinstance(error, MemoryError):
+        return _complain(
+            CanopenError("there is not enough memory for this; is a file far larger than it should be?"), 1
+        )
     kind, text = type(error).__name__, f": {error}" if str(error) else ""
     what = f"a fault of this program, {kind}{text}; please report it with what CANOPEN_CONTROL_DEBUG=1 shows"
     print(f"canopen-control: {what}", file=sys.stderr)

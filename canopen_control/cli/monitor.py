@@ -71,7 +71,11 @@ def _source(args: argparse.Namespace) -> Source:
         from canopen_control.client import select_robot
 
         return RobotSource(select_robot(args.name))
-    from canopen_control.cli.layout import heard_bus
+    from canopen_control.cli.support.heard_bus import heard_bus
+    from canopen_control.monitor.tap import LABEL
+    from canopen_control.trace.listen import open_listener
 
     heard = heard_bus(args, args.can)
+    open_listener(heard.channel, LABEL, owner=heard.owner).close()  # what cannot be heard is said while it can be read
+    heard.tell()
     return BusSource(heard.network, owner=heard.owner)

@@ -9,18 +9,21 @@ Exit codes: 0 confirmed, or sent to nodes without heartbeat; 1 a node shows anot
 
 from __future__ import annotations
 
-import json
 import sys
 import time
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from canopen_control.cia301.nmt import EXPECTED_STATE, RESETS, NmtCommand, NmtConfirmed, NmtState
-from canopen_control.cli.target import LABEL, RobotTarget, add_target_arguments, parse_node_id, seconds
+from canopen_control.cia301.nmt import COMMAND_NAMES, EXPECTED_STATE, RESETS, NmtCommand, NmtConfirmed, NmtState
+from canopen_control.cli.support.arguments import timeout_seconds
+from canopen_control.cli.support.json_text import json_text
+from canopen_control.cli.support.target import LABEL, RobotTarget, add_target_arguments, parse_node_id
 from canopen_control.client import RobotClient
 from canopen_control.errors import ConfigError
 from canopen_control.frame import BROADCAST
 from canopen_control.master.direct import DirectBus
+from canopen_control.rpc.messages.robot import GetStatus, NmtRequest
+from canopen_control.rpc.messages.state import NodeReading
 
 if TYPE_CHECKING:
     import argparse
@@ -30,32 +33,27 @@ __all__ = ["EXAMPLE", "add_arguments", "run"]
 EXAMPLE = """canopen-control nmt preop left_drive
          canopen-control nmt reset-node all --can can0"""
 
-COMMANDS = {
-    "start": NmtCommand.START,
-    "stop": NmtCommand.STOP,
-    "preop": NmtCommand.ENTER_PRE_OPERATIONAL,
-    "reset-node": NmtCommand.RESET_NODE,
-    "reset-comm": NmtCommand.RESET_COMMUNICATION,
-}
 ALL = "all"
-PATIENCE_S = 1.5  # a heartbeat of a second and a half
-RESET_PATIENCE_S = 5.0
-BOOT_PATIENCE_S = 10.0  # `start` through a robot configures the node first
+TIMEOUT_S = 1.5  # a heartbeat of a second and a half
+RESET_TIMEOUT_S = 5.0
+BOOT_TIMEOUT_S = 10.0  # `start` through a robot configures the node first
 POLL_S = 0.05
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    parser.add_argument("command", choices=COMMANDS)
+    parser.add_argument("command", choices=COMMAND_NAMES)
     parser.add_argument("node", metavar="NODE", help="name or node id, on a bare bus the node id; or all")
-    parser.add_argument("--wait", type=seconds, metavar="S", help="for the confirmation (default: 1.5, resets 5)")
+    parser.add_argument(
+        "--wait", type=timeout_seconds, metavar="S", help="for the confirmation (default: 1.5, resets 5)"
+    )
     parser.add_argument("--json", action="store_true", help="print JSON")
     add_target_arguments(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Run the verb."""
-    command = COMMANDS[args.command]
+    command = COMMAND_NAMES[args.command]
     if args.can is not None:
         node_id = BROADCAST if args.node == ALL else parse_node_id(args.node)
         with DirectBus.open(args.can, label=LABEL) as bus:
@@ -76,9 +74,9 @@ class Outcome:
 
 
 def _on_bus(args: argparse.Namespace, bus: DirectBus, command: NmtCommand, node_id: int) -> int:
-    patience = args.wait or (RESET_PATIENCE_S if command in RESETS and node_id else PATIENCE_S)
+    timeout = args.wait or (RESET_TIMEOUT_S if command in RESETS and node_id else TIMEOUT_S)
     outcomes = []
-    for result in bus.command(command, node_id, patience):
+    for result in bus.command(command, node_id, timeout):
         who = f"node {result.node_id}"
         if isinstance(result, NmtConfirmed):
             outcomes.append(Outcome(result.node_id, who, EXPECTED_STATE[command].name, True))
@@ -86,8 +84,8 @@ def _on_bus(args: argparse.Namespace, bus: DirectBus, command: NmtCommand, node_
             state = None if result.state is None else result.state.name
             outcomes.append(Outcome(result.node_id, who, state, None if state is None else False))
     if not outcomes and not args.json:
-        print(f"{args.command} was sent to all; no heartbeat was heard within {patience:g} s")
-    return _tell(args, outcomes, patience)
+        print(f"{args.command} was sent to all; no heartbeat was heard within {timeout:g} s")
+    return _tell(args, outcomes, timeout)
 
 
 def _through_robot(args: argparse.Namespace, target: RobotTarget, command: NmtCommand) -> int:
@@ -95,59 +93,59 @@ def _through_robot(args: argparse.Namespace, target: RobotTarget, command: NmtCo
     if not places:
         raise ConfigError(f"robot {target.robot.robot} has no nodes: it runs on mock hardware, or simulated")
     begin = time.monotonic()
-    target.robot.call("nmt", command=args.command, node=ALL if args.node == ALL else str(places[0].node_id))
-    patience = args.wait or _ROBOT_PATIENCE.get(command, PATIENCE_S)
-    waiting, nodes = places, dict[str, Any]()
-    while waiting and time.monotonic() < begin + patience:
+    target.robot.ask(NmtRequest(command=args.command, node=ALL if args.node == ALL else str(places[0].node_id)))
+    timeout = args.wait or _ROBOT_TIMEOUTS.get(command, TIMEOUT_S)
+    waiting, nodes = places, dict[str, NodeReading]()
+    while waiting and time.monotonic() < begin + timeout:
         time.sleep(POLL_S)
-        nodes = target.robot.call("status")["nodes"]
+        nodes = target.robot.ask(GetStatus()).nodes
         elapsed = time.monotonic() - begin
         waiting = [place for place in waiting if not _shows(nodes[place.name], command, elapsed)]
     outcomes = []
     for place in places:
         node = nodes[place.name]
         confirmed = place not in waiting
-        state = EXPECTED_STATE[command].name if confirmed else node["nmt_state"]
-        outcomes.append(Outcome(place.node_id, str(place), state, confirmed, node["error"]))
-    return _tell(args, outcomes, patience)
+        state = EXPECTED_STATE[command].name if confirmed else node.nmt_state
+        outcomes.append(Outcome(place.node_id, str(place), state, confirmed, node.error))
+    return _tell(args, outcomes, timeout)
 
 
-def _tell(args: argparse.Namespace, outcomes: list[Outcome], patience: float) -> int:
+def _tell(args: argparse.Namespace, outcomes: list[Outcome], timeout: float) -> int:
     """Print what became of it; 1 if a node shows another state, or a robot's node none."""
     if args.json:
         keys = ("node_id", "state", "confirmed", "error")
-        print(json.dumps([{key: getattr(each, key) for key in keys} for each in outcomes], indent=2))
+        print(json_text([{key: getattr(each, key) for key in keys} for each in outcomes]))
     for each in outcomes if not args.json else ():
         if each.confirmed:
             print(f"{each.who}: {_words(each.state or '')}")
         elif each.confirmed is None:
-            print(f"{each.who}: {args.command} was sent; no heartbeat has confirmed it within {patience:g} s")
+            print(f"{each.who}: {args.command} was sent; no heartbeat has confirmed it within {timeout:g} s")
         else:
-            _complain(each.who, each.state, args.command, patience, each.error)
+            _complain(each.who, each.state, args.command, timeout, each.error)
     return 1 if any(each.confirmed is False for each in outcomes) else 0
 
 
-_ROBOT_PATIENCE = {
-    NmtCommand.START: BOOT_PATIENCE_S,
-    NmtCommand.RESET_NODE: RESET_PATIENCE_S,
-    NmtCommand.RESET_COMMUNICATION: RESET_PATIENCE_S,
+_ROBOT_TIMEOUTS = {
+    NmtCommand.START: BOOT_TIMEOUT_S,
+    NmtCommand.RESET_NODE: RESET_TIMEOUT_S,
+    NmtCommand.RESET_COMMUNICATION: RESET_TIMEOUT_S,
 }
 
 
-def _shows(node: dict[str, Any], command: NmtCommand, elapsed: float) -> bool:
+def _shows(node: NodeReading, command: NmtCommand, elapsed: float) -> bool:
     """Whether the node has shown the wanted state since the command was sent."""
-    if command is NmtCommand.START and not node["ready"]:  # configured too, and its process data live
+    if command is NmtCommand.START and not node.ready:  # configured too, and its process data live
         return False
     # after a reset it goes on to PRE-OPERATIONAL by itself
     wanted = NmtState.PRE_OPERATIONAL if command in RESETS else EXPECTED_STATE[command]
-    return node["nmt_state"] == wanted.name and node["age_s"] is not None and node["age_s"] <= elapsed
+    return node.nmt_state == wanted.name and node.age is not None and node.age <= elapsed
 
 
 def _words(name: str) -> str:
     return "has booted" if name == NmtState.INITIALISING.name else name.replace("_", " ")
 
 
-def _complain(who: str, state: str | None, command: str, patience: float, error: str | None = None) -> None:
+def _complain(who: str, state: str | None, command: str, timeout: float, error: str | None = None) -> None:
     shown = "has not been heard since" if state is None else f"shows {state.replace('_', ' ')}"
     why = f" ({error})" if error else ""
-    print(f"canopen-control: {who}: {command} is not confirmed within {patience:g} s; it {shown}{why}", file=sys.stderr)
+    print(f"canopen-control: {who}: {command} is not confirmed within {timeout:g} s; it {shown}{why}", file=sys.stderr)

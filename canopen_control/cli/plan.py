@@ -2,21 +2,49 @@
 
 from __future__ import annotations
 
-import json
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from canopen_control.cli.support.json_text import json_text
+from canopen_control.rpc.messages.declare import Document
 
 if TYPE_CHECKING:
     import argparse
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Iterable, Iterator, Mapping
+    from pathlib import Path
 
     from canopen_control.master.config import BusConfig
     from canopen_control.master.direct import DirectBus
-    from canopen_control.master.draft import PlannedWrite
     from canopen_control.master.plan import NodePlan
+    from canopen_control.master.plan_builder import PlannedWrite
 
 __all__ = ["EXAMPLE", "add_arguments", "run"]
 
 EXAMPLE = "canopen-control plan robby --against can0"
+
+
+class WriteDocument(Document, frozen=True):
+    """A write: `data` in hexadecimal, `value` for a person, `reason` why it was added to what bus.yml asks for."""
+
+    index: int
+    subindex: int
+    name: str
+    data: str
+    value: str
+    reason: str | None
+
+
+class PlanDocument(Document, frozen=True):
+    """The writes of a node, by the EDS file `eds`."""
+
+    node_id: int
+    eds: str
+    writes: list[WriteDocument]
+
+
+class ComparedPlan(PlanDocument, frozen=True):
+    """The writes that a node on a bus needs; `error` says why it could not be read."""
+
+    error: str | None
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -44,24 +72,23 @@ def run(args: argparse.Namespace) -> int:
     if args.against:
         return _against(buses, chosen, args)
     if args.json:
-        print(json.dumps({plan.name: _as_dict(plan, plan.writes) for _, plan in chosen}, indent=2))
+        print(json_text({plan.name: _document(plan) for _, plan in chosen}))
     else:
         print("\n".join(line for _, plan in chosen for line in _lines(plan, plan.writes)))
     return 0
 
 
-def _files(args: argparse.Namespace) -> dict[str, Any]:
+def _files(args: argparse.Namespace) -> Mapping[str, Path]:
     from pathlib import Path
 
-    from canopen_control.runtime.files import MAIN_BUS, find_buses
+    from canopen_control.runtime.robot_files import MAIN_BUS, find_buses
 
     return {MAIN_BUS: Path(args.bus).expanduser()} if args.bus else find_buses(args.config)
 
 
 def _chosen(buses: dict[str, BusConfig], names: list[str]) -> list[tuple[str, NodePlan]]:
     """Return (bus, plan) of the nodes asked for, or of all."""
-    from canopen_control.errors import ConfigError
-    from canopen_control.yamltree import nearest
+    from canopen_control.errors import ConfigError, nearest
 
     plans = [(bus, plan) for bus, config in buses.items() for plan in config.plans.values()]
     known = [plan.name for _, plan in plans]
@@ -73,12 +100,12 @@ def _chosen(buses: dict[str, BusConfig], names: list[str]) -> list[tuple[str, No
 
 def _against(buses: dict[str, BusConfig], chosen: list[tuple[str, NodePlan]], args: argparse.Namespace) -> int:
     """Read every object of the plans and show what a boot would write, and why a node cannot be read."""
-    from canopen_control.cli.target import LABEL, robot_on
+    from canopen_control.cli.support.target import LABEL, robot_on
     from canopen_control.errors import ConfigError
     from canopen_control.master.direct import DirectBus
 
     channels = _channels(buses, args.against)
-    differs: dict[str, Any] = {}
+    differs: dict[str, ComparedPlan] = {}
     lines: list[str] = []
     silent = False
     for name, channel in channels.items():
@@ -91,16 +118,15 @@ def _against(buses: dict[str, BusConfig], chosen: list[tuple[str, NodePlan]], ar
             for plan in (plan for each, plan in chosen if each == name):
                 writes, error = _differences(bus, plan)
                 silent = silent or error is not None
-                differs[plan.name] = {**_as_dict(plan, writes), "error": error}
+                differs[plan.name] = ComparedPlan(plan.node_id, plan.source, _written(writes), error)
                 lines += [f"{_title(plan)}: {error}"] if error else _lines(plan, writes, "nothing differs")
-    print(json.dumps(differs, indent=2) if args.json else "\n".join(lines))
+    print(json_text(differs) if args.json else "\n".join(lines))
     return 1 if silent else 0
 
 
 def _channels(buses: dict[str, BusConfig], options: Iterable[str]) -> dict[str, str]:
-    from canopen_control.errors import ConfigError
-    from canopen_control.runtime.files import MAIN_BUS
-    from canopen_control.yamltree import nearest
+    from canopen_control.errors import ConfigError, nearest
+    from canopen_control.runtime.robot_files import MAIN_BUS
 
     channels = {}
     for text in options:
@@ -163,19 +189,12 @@ def _value(write: PlannedWrite) -> str:
     return raw if isinstance(value, bytes) else f"{value!r} ({raw})"
 
 
-def _as_dict(plan: NodePlan, writes: Iterable[PlannedWrite]) -> dict[str, object]:
-    return {
-        "node_id": plan.node_id,
-        "eds": plan.source,
-        "writes": [
-            {
-                "index": write.index,
-                "subindex": write.subindex,
-                "name": write.name,
-                "data": write.data.hex(),
-                "value": _value(write),
-                "reason": write.reason or None,
-            }
-            for write in writes
-        ],
-    }
+def _document(plan: NodePlan) -> PlanDocument:
+    return PlanDocument(plan.node_id, plan.source, _written(plan.writes))
+
+
+def _written(writes: Iterable[PlannedWrite]) -> list[WriteDocument]:
+    return [
+        WriteDocument(each.index, each.subindex, each.name, each.data.hex(), _value(each), each.reason or None)
+        for each in writes
+    ]

@@ -9,22 +9,24 @@ Exit codes: 0 passed; 1 not; 2 wrong usage or configuration.
 
 from __future__ import annotations
 
-import argparse
 import json
-import math
 import sys
 import time
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from canopen_control.cli.preflight_jog import Jog, jog_interfaces
-from canopen_control.cli.preflight_steps import Step, link_steps, node_steps
-from canopen_control.cli.run import add_robot_arguments, read_setup
+from canopen_control.cli.run import add_file_arguments
+from canopen_control.cli.support.arguments import number
+from canopen_control.cli.support.preflight_jog import Jog, jog_interfaces
+from canopen_control.cli.support.preflight_steps import Step, link_steps, node_steps
 from canopen_control.errors import CanopenError, ConfigError
+from canopen_control.host.files import write_whole
+from canopen_control.host.sockets import check_name
 from canopen_control.runtime.clearance import SLOW, config_hash, keep_pass, read_serials
 
 if TYPE_CHECKING:
+    import argparse
     from collections.abc import Callable, Iterable
 
     from canopen_control.runtime.setup import RobotSetup
@@ -43,27 +45,22 @@ _WARNING = (
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    add_robot_arguments(parser)
+    add_file_arguments(parser)
+    parser.add_argument("--name", help="name of this robot when it runs, which the pass is for (default: the folder's)")
     parser.add_argument("--yes", action="store_true", help="answer every question with yes: nobody is there to ask")
     parser.add_argument("--no-jog", action="store_true", help="only look, move nothing; that is no pass")
     parser.add_argument(
-        "--speed", type=_speed, default=0.5, metavar="RAD/S", help=f"of the jog (0.5, at most {SLOW:g})"
+        "--speed",
+        type=number(f"speed above 0 and up to {SLOW:g} rad/s", lambda value: 0 < value <= SLOW),
+        default=0.5,
+        metavar="RAD/S",
+        help=f"of the jog (0.5, at most {SLOW:g})",
     )
     parser.add_argument("--report", metavar="FILE", help="write what was found as JSON")
 
 
-def _speed(text: str) -> float:
-    try:
-        speed = float(text)
-    except ValueError:
-        speed = math.nan
-    if not 0 < speed <= SLOW:
-        raise argparse.ArgumentTypeError(f"{text!r} is no speed above 0 and up to {SLOW:g} rad/s")
-    return speed
-
-
 @dataclass(slots=True)
-class Flight:
+class Preflight:
     """One pre-flight: what was found so far, who is told, who is asked."""
 
     setup: RobotSetup
@@ -123,15 +120,24 @@ class Flight:
 
 def run(args: argparse.Namespace) -> int:
     """Run the verb."""
-    if args.mock:
-        raise ConfigError("--mock: mock hardware needs no pre-flight")
     if not (args.yes or args.no_jog or sys.stdin.isatty()):
         raise ConfigError(
             "nobody is there to ask (no terminal); add --yes to answer every question with yes, or --no-jog"
         )
-    flight = Flight(read_setup(args), print, (lambda _question: True) if args.yes else _ask, args.speed)
+    flight = Preflight(_read_setup(args), print, (lambda _question: True) if args.yes else _ask, args.speed)
     passed = flight.look() and not args.no_jog and flight.move()
     return _conclude(flight, passed=passed, looked_only=args.no_jog, report=args.report)
+
+
+def _read_setup(args: argparse.Namespace) -> RobotSetup:
+    """Read the files that the arguments name, for real drives; ConfigError."""
+    from canopen_control.runtime.robot_files import find_robot
+    from canopen_control.runtime.setup import read_robot
+
+    files = find_robot(args.config, bus=args.bus, controllers=args.controllers, description=args.description)
+    if args.name is not None:
+        check_name(args.name)
+    return read_robot(files, name=args.name, can=args.can, real=True, strict=args.strict, peer_merge=args.peer_merge)
 
 
 def _ask(question: str) -> bool:
@@ -145,7 +151,7 @@ def _ask(question: str) -> bool:
     return answer.strip().lower() in ("y", "yes")
 
 
-def _conclude(flight: Flight, *, passed: bool, looked_only: bool, report: str | None) -> int:
+def _conclude(flight: Preflight, *, passed: bool, looked_only: bool, report: str | None) -> int:
     setup = flight.setup
     failed = [step for step in flight.steps if step.passed is False]
     serials = read_serials(setup) if passed else {}
@@ -168,7 +174,7 @@ def _conclude(flight: Flight, *, passed: bool, looked_only: bool, report: str | 
     return 1
 
 
-def _write_report(flight: Flight, path: Path, passed: bool, serials: dict[str, int | None]) -> None:
+def _write_report(flight: Preflight, path: Path, passed: bool, serials: dict[str, int | None]) -> None:
     report = {
         "robot": flight.setup.name,
         "time": time.strftime("%Y-%m-%dT%H:%M:%S%z"),
@@ -179,7 +185,4 @@ def _write_report(flight: Flight, path: Path, passed: bool, serials: dict[str, i
         "joints": flight.covered,
         "steps": [asdict(step) for step in flight.steps],
     }
-    try:
-        path.write_text(json.dumps(report, indent=2) + "\n")
-    except OSError as error:
-        raise ConfigError(f"--report {path}: {error.strerror}") from error
+    write_whole(path, f"{json.dumps(report, indent=2)}\n".encode())

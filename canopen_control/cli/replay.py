@@ -6,24 +6,26 @@ since two senders of one identifier destroy each other's frames, and a recorded 
 
 from __future__ import annotations
 
-import argparse
-import json
 import sys
 from typing import TYPE_CHECKING
 
-from canopen_control.bus.channel import open_port, parse_channel
-from canopen_control.cli.layout import add_network_arguments
-from canopen_control.cli.progress import Progress
+from canopen_control.bus.channel import ChannelKind, open_port, parse_channel
+from canopen_control.cli.support.arguments import number
+from canopen_control.cli.support.heard_bus import add_network_arguments
+from canopen_control.cli.support.json_text import json_text
+from canopen_control.cli.support.output import Progress
 from canopen_control.cli.trace import add_view_arguments, show_file
 from canopen_control.errors import ConfigError, SdoTimeout
 from canopen_control.frame import Service, service_of
+from canopen_control.host.sockets import list_sockets
 
 if TYPE_CHECKING:
+    import argparse
     from collections.abc import Iterable, Iterator
 
     from canopen_control.bus.play import Played
     from canopen_control.bus.record import RecordedFrame
-    from canopen_control.cli.source import Source
+    from canopen_control.cli.support.frame_source import Source
 
 __all__ = ["EXAMPLE", "add_arguments", "node_ids_in", "run"]
 
@@ -44,35 +46,40 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     parser.add_argument("file", metavar="FILE", help="a recording: .log, .asc, .blf, .trc, or a flight recording")
     parser.add_argument("--can", metavar="CHANNEL", help="play it into this bus (local:NAME, vcan0, can0, ...)")
-    parser.add_argument("--speed", type=_speed, default=1.0, metavar="X", help="so many times as fast (default: 1)")
+    parser.add_argument(
+        "--speed",
+        type=number("speed from 0.001 to 1000", lambda value: 0.001 <= value <= 1000),
+        default=1.0,
+        metavar="X",
+        help="so many times as fast (default: 1)",
+    )
     parser.add_argument("--force", action="store_true", help="play even where a master or its nodes are alive")
     add_network_arguments(parser)
     add_view_arguments(parser)
-
-
-def _speed(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = 0.0
-    if not 0.001 <= value <= 1000.0:
-        raise argparse.ArgumentTypeError(f"{text!r}: a speed is 0.001 to 1000")
-    return value
 
 
 def run(args: argparse.Namespace) -> int:
     """Run the verb; 1 when the recording could not be read to its end."""
     if args.can is None:
         return show_file(args, args.file)
-    from canopen_control.cli.source import open_frames
+    from canopen_control.cli.support.frame_source import open_frames
 
     recording = open_frames(args.file, args.bus)
     channel = str(parse_channel(args.can))
     if parse_channel(channel).kind.in_process:
         raise ConfigError(f"{channel} is inside one process, nobody would hear it; use local:NAME instead")
+    _tell_a_new_bus(channel)
     if not args.force:
         _refuse_where_somebody_is(recording, channel)
     return _play(args, recording, channel)
+
+
+def _tell_a_new_bus(channel: str) -> None:
+    """Say that nobody is there to hear: who plays makes an embedded bus, as a drive does, and a typing error too."""
+    spec = parse_channel(channel)
+    if spec.kind is ChannelKind.LOCAL and spec.name not in (others := list_sockets("bus")):
+        there = ", ".join(f"local:{other}" for other in others) or "none"
+        print(f"canopen-control: nobody has {channel} open, it is made now; open so far: {there}", file=sys.stderr)
 
 
 def _play(args: argparse.Namespace, recording: Source, channel: str) -> int:
@@ -90,7 +97,7 @@ def _play(args: argparse.Namespace, recording: Source, channel: str) -> int:
         progress.end()
     result = {"file": args.file, "channel": channel, "frames": played.frames, "late_max_s": round(played.late_max, 6)}
     result |= {"left_out": played.errors, "lost": port.stats.lost}
-    print(json.dumps(result) if args.json else _sentence(channel, played, port.stats.lost))
+    print(json_text(result, indent=None) if args.json else _sentence(channel, played, port.stats.lost))
     if recording.problem:
         print(f"canopen-control: {recording.problem}", file=sys.stderr)
     return _INTERRUPTED if ended else 1 if recording.problem else 0
@@ -121,7 +128,7 @@ def node_ids_in(frames: Iterable[RecordedFrame]) -> set[int]:
 
 def _refuse_where_somebody_is(recording: Source, channel: str) -> None:
     """Raise ConfigError where a robot runs, a master is heard, or a node of the recording is alive."""
-    from canopen_control.cli.target import robot_on
+    from canopen_control.cli.support.target import robot_on
 
     if (owner := robot_on(channel)) is not None:
         raise ConfigError(f"{channel} is the bus of the running robot {owner[0]}; end it, or take another bus")

@@ -8,15 +8,17 @@ that runs, which is watched for so long. The page needs no network and no other 
 from __future__ import annotations
 
 import argparse
-import json
-import math
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
+from canopen_control.cli.support.arguments import number
 from canopen_control.errors import CanopenError, ConfigError
+from canopen_control.host.files import write_whole
 
 if TYPE_CHECKING:
+    import argparse
+
     from canopen_control.trace.flight_file import FlightFile
     from canopen_control.trace.network import NetworkDescription
 
@@ -24,7 +26,7 @@ __all__ = ["EXAMPLE", "add_arguments", "run"]
 
 EXAMPLE = """canopen-control report
          canopen-control report --list
-         canopen-control report --duration 10 -o run.html
+         canopen-control report --duration 5 -o run.html
          canopen-control report run.log --config robby --json"""
 
 
@@ -36,7 +38,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--list", action="store_true", help="list the flight recordings, the newest last")
     parser.add_argument("--json", action="store_true", help="print the same facts as JSON, write no page")
-    parser.add_argument("--duration", type=_seconds, metavar="S", help="watch the running robot for S seconds")
+    parser.add_argument(
+        "--duration",
+        type=number("time in seconds from above 0 to 3600", lambda value: 0 < value <= 3600),
+        metavar="S",
+        help="watch the running robot for S seconds",
+    )
     parser.add_argument("--name", help="the robot (default: the only one)")
     parser.add_argument("--config", metavar="CONFIG", help="names in a recording of frames: from this robot's files")
     parser.add_argument("--bus", metavar="NAME", help="which bus of CONFIG, where it has several")
@@ -47,6 +54,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the verb."""
+    from canopen_control.cli.support.json_text import json_text
     from canopen_control.trace.report import facts_of
     from canopen_control.trace.report_page import page_of
 
@@ -55,14 +63,11 @@ def run(args: argparse.Namespace) -> int:
     path, file, networks = _recording(args)
     facts = facts_of(file, networks)
     if args.json:
-        print(json.dumps(facts))
+        print(json_text(facts, indent=None))
         return 0
-    output = Path(args.output) if args.output else _beside(path, facts["robot"])
-    try:
-        output.write_text(page_of(facts), encoding="utf-8")
-    except OSError as error:
-        raise ConfigError(f"{output} cannot be written: {error.strerror or error}") from error
-    print("\n".join(facts["summary"]))
+    output = Path(args.output) if args.output else _beside(path, facts.robot)
+    write_whole(output, page_of(facts).encode())
+    print("\n".join(facts.summary))
     print(f"\nwritten: {output.resolve()}")
     return 0
 
@@ -85,6 +90,7 @@ def _recording(
 
 def _list(args: argparse.Namespace) -> int:
     """Print when, which robot, and what went wrong first, of every flight recording; one that is damaged is named."""
+    from canopen_control.cli.support.json_text import json_text
     from canopen_control.trace.flight_file import read_meta
     from canopen_control.trace.report_words import clock
 
@@ -95,19 +101,20 @@ def _list(args: argparse.Namespace) -> int:
         except ConfigError as error:
             print(f"canopen-control: {error}", file=sys.stderr)
             continue
-        listed.append({"file": str(path), "robot": meta["robot"], "reason": meta["reason"]})
+        listed.append((path, meta))
     if args.json:
-        print(json.dumps(listed))
+        found = [{"file": str(path), "robot": meta.robot, "reason": meta.reason} for path, meta in listed]
+        print(json_text(found, indent=None))
         return 0
-    for each in listed:
-        text = " ".join(each["reason"]["text"].split())
-        print(f"{clock(each['reason']['time'], date=True)}  {each['robot']}: {text}\n    {each['file']}")
+    for path, meta in listed:
+        text = " ".join(meta.reason.text.split())
+        print(f"{clock(meta.reason.time, date=True)}  {meta.robot}: {text}\n    {path}")
     return 0
 
 
 def _flights(name: str | None) -> list[Path]:
     """Return the flight recordings of the robot `name`, or of all; ConfigError when there is none."""
-    from canopen_control.host.logfile import state_dir
+    from canopen_control.host.files import state_dir
 
     # the first 19 characters of a name are its time
     paths = sorted(
@@ -135,34 +142,25 @@ def _watched(args: argparse.Namespace) -> FlightFile:
 
     file = watch(args.name, args.duration)
     if not file.states:
-        raise CanopenError(f"robot {file.meta['robot']} has sent no sample in {args.duration:g} s; does it hang?")
+        raise CanopenError(f"robot {file.meta.robot} has sent no sample in {args.duration:g} s; does it hang?")
     return file
 
 
 def _frames_only(args: argparse.Namespace, path: Path) -> tuple[FlightFile, dict[str, NetworkDescription]]:
     """Read a recording of frames; its only bus is called "can"."""
     from canopen_control.bus.record import Recording
-    from canopen_control.cli.layout import described
-    from canopen_control.trace.flight_file import FlightFile
+    from canopen_control.cli.support.heard_bus import described
+    from canopen_control.trace.flight_file import NO_FAULT, FlightFile, FlightMeta
 
     recording = Recording(path)
     frames = [(time_ns, "can", frame) for time_ns, frame in recording]
     if not frames:  # a page that nothing went wrong would be no truth
         raise CanopenError(recording.problem or f"{path}: no frame is in it")
-    notes = [recording.problem] if recording.problem else []
-    meta: dict[str, Any] = {"robot": "", "buses": {"can": path.name}, "unread_lines": recording.skipped, "notes": notes}
-    return FlightFile(meta, frames=frames), {"can": described(args)}
+    notes = (recording.problem,) if recording.problem else ()
+    meta = FlightMeta(robot="", reason=NO_FAULT, buses={"can": path.name})
+    file = FlightFile(meta, frames=frames, unread_lines=recording.skipped, notes=notes)
+    return file, {"can": described(args)}
 
 
 def _beside(path: Path | None, robot: str) -> Path:
     return Path(f"{robot or 'report'}.html") if path is None else path.with_suffix(".html")
-
-
-def _seconds(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not 0 < value <= 3600:
-        raise argparse.ArgumentTypeError(f"{text!r} is no time in seconds from above 0 to 3600")
-    return value

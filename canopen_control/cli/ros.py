@@ -8,21 +8,22 @@ Exit codes: 0 good; 1 nobody is there, or no answer; 2 wrong usage, or no ROS 2 
 
 from __future__ import annotations
 
-import argparse
 import collections
 import itertools
-import json
 import os
 import statistics
 import sys
 import time
 from typing import TYPE_CHECKING, Any
 
+from canopen_control.cli.support.arguments import LONGEST_S, number
+from canopen_control.cli.support.json_text import json_text
 from canopen_control.errors import CanopenError, ConfigError
 from canopen_control.host.environment import MODULE, clean_environment
-from canopen_control.yamltree import read
+from canopen_control.yamlfile.reader import read
 
 if TYPE_CHECKING:
+    import argparse
     from collections.abc import Callable
 
     from canopen_control.ros.graph import Graph
@@ -34,9 +35,11 @@ EXAMPLE = """canopen-control ros topic echo /joint_states
 
 _GUARD = "_ROS_WHEELS_BOOTSTRAP_COMPLETE"
 _BEGUN = "CANOPEN_CONTROL_ROS_BEGUN"
-_FOREVER_S = 1e9
 _WINDOW = 1000
 _REPORT_S = 1.0
+
+
+_positive = number("number above 0", lambda value: 0 < value < LONGEST_S)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -118,7 +121,7 @@ def _bridge(arguments: list[str]) -> int:
 
 def begin_ros() -> None:
     """Raise ConfigError without ROS; start this process anew if its environment hides the libraries of the wheels."""
-    from canopen_control.ros.available import require_ros
+    from canopen_control.ros.installation import require_ros
 
     require_ros()
     if os.environ.get(_GUARD) and not os.environ.get("LD_LIBRARY_PATH") and not os.environ.get(_BEGUN):
@@ -130,7 +133,7 @@ def begin_ros() -> None:
 def _list(names: Callable[[], list[tuple[str, list[str]]]], args: argparse.Namespace) -> int:
     found = names()
     if args.json:
-        print(json.dumps(dict(found), indent=2))
+        print(json_text(dict(found)))
         return 0
     for name, types in found:
         print(f"{name} [{', '.join(types)}]" if args.types else name)
@@ -148,7 +151,7 @@ def _echo(graph: Graph, args: argparse.Namespace) -> int:
         print(_text(message, args), *([] if args.json else ["---"]), sep="\n", flush=True)
 
     graph.subscribe(args.topic, _type_of(graph, args), show)
-    graph.spin(args.seconds or _FOREVER_S, lambda: args.once and count)
+    graph.spin(args.seconds or LONGEST_S, lambda: args.once and count)
     if not count:
         raise CanopenError(f"no message came on {args.topic} within {args.seconds:g} s")
     return 0
@@ -157,10 +160,10 @@ def _echo(graph: Graph, args: argparse.Namespace) -> int:
 def _hz(graph: Graph, args: argparse.Namespace) -> int:
     times: collections.deque[float] = collections.deque(maxlen=_WINDOW)
     graph.subscribe(args.topic, _type_of(graph, args), lambda _: times.append(time.monotonic()))
-    end = time.monotonic() + (args.seconds or _FOREVER_S)
+    end = time.monotonic() + (args.seconds or LONGEST_S)
     while (left := end - time.monotonic()) > 0:
         graph.spin(min(left, _REPORT_S))
-        print(json.dumps(_rates(list(times))) if args.json else _rate_of(list(times)), flush=True)
+        print(json_text(_rates(list(times)), indent=None) if args.json else _rate_of(list(times)), flush=True)
     return 0 if len(times) > 1 else 1
 
 
@@ -181,13 +184,13 @@ def _rate_of(times: list[float]) -> str:
 
 
 def _text(message: Any, args: argparse.Namespace) -> str:  # noqa: ANN401 - somebody's generator's class
-    from canopen_control.ros.plain import lines, plain
+    from canopen_control.ros.message_text import lines, plain
 
-    return json.dumps(plain(message)) if args.json else "\n".join(lines(message))
+    return json_text(plain(message), indent=None) if args.json else "\n".join(lines(message))
 
 
 def _pub(graph: Graph, args: argparse.Namespace) -> int:
-    from canopen_control.ros.plain import full_name
+    from canopen_control.ros.message_text import full_name
 
     publication = graph.publisher(args.topic, full_name(args.type, "msg"), _data(args.data))
     if not graph.spin(args.timeout, lambda: publication.subscribers() > 0):
@@ -206,7 +209,7 @@ def _pub(graph: Graph, args: argparse.Namespace) -> int:
 
 
 def _call(graph: Graph, args: argparse.Namespace) -> int:
-    from canopen_control.ros.plain import full_name
+    from canopen_control.ros.message_text import full_name
 
     response = graph.call(args.service, full_name(args.type, "srv"), _data(args.data), args.timeout)
     print(_text(response, args))
@@ -214,7 +217,7 @@ def _call(graph: Graph, args: argparse.Namespace) -> int:
 
 
 def _type_of(graph: Graph, args: argparse.Namespace) -> str:
-    from canopen_control.ros.plain import full_name
+    from canopen_control.ros.message_text import full_name
 
     found = graph.type_of(args.topic, args.timeout)
     return full_name(args.type, "msg") if args.type else found
@@ -224,16 +227,6 @@ def _data(text: str) -> object:
     node = read(text, "<data>", error=ConfigError)
     value = node.value
     node.problems.raise_if_any(ConfigError)
-    return value
-
-
-def _positive(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = 0.0
-    if not 0.0 < value < _FOREVER_S:
-        raise argparse.ArgumentTypeError(f"{text!r} is no number above 0")
     return value
 
 

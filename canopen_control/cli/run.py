@@ -3,26 +3,36 @@
 from __future__ import annotations
 
 import argparse
-import math
 import sys
 from typing import TYPE_CHECKING
 
+from canopen_control.cli.support.arguments import seconds, whole_number
 from canopen_control.errors import CanopenError, ConfigError
 from canopen_control.runtime.realtime import DEFAULT_PRIORITY, HIGHEST_PRIORITY
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from canopen_control.master.events import Event
-    from canopen_control.runtime.announcer import Announcer
-    from canopen_control.runtime.clearance import Doubt
-    from canopen_control.runtime.session import Session
+    from canopen_control.cli.support.output import Announcer
+    from canopen_control.master.event_log import Event
+    from canopen_control.runtime.clearance import SlowReason
+    from canopen_control.runtime.run_session import Session
     from canopen_control.runtime.setup import RobotSetup
 
-__all__ = ["add_arguments", "add_robot_arguments", "bridge_arguments", "run", "run_robot"]
+__all__ = [
+    "add_arguments",
+    "add_file_arguments",
+    "add_kind_arguments",
+    "add_robot_arguments",
+    "bridge_arguments",
+    "run",
+    "run_robot",
+]
 
-LONGEST_S = 1e9  # some thirty years
 EXAMPLE = "canopen-control run robby --duration 5"
+
+
+_priority = whole_number(f"priority (1 to {HIGHEST_PRIORITY}); CONFIG comes before it", range(1, HIGHEST_PRIORITY + 1))
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -57,7 +67,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_false",
         help="do not keep the last minute of frames and events, which is written to a file at a fault",
     )
-    parser.add_argument("--duration", type=_seconds, metavar="S", help="stop S seconds after the robot runs")
+    parser.add_argument("--duration", type=seconds, metavar="S", help="stop S seconds after the robot runs")
     parser.add_argument(
         "--ros-args",
         nargs=argparse.REMAINDER,
@@ -68,6 +78,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def add_robot_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what says which robot, and how it is reached."""
+    add_file_arguments(parser)
+    add_kind_arguments(parser)
+    parser.add_argument("--no-drives", action="store_true", help="start no virtual drives, they are there already")
+    parser.add_argument("--name", help="name of this robot for its clients (default: the folder's)")
+
+
+def add_file_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare what says which files a robot is described by, how they are read, and which buses they mean."""
     parser.add_argument("config", nargs="?", metavar="CONFIG", help="a robot folder, or the name of a bundled robot")
     parser.add_argument("--bus", metavar="FILE", help="bus.yml, instead of the folder's")
     parser.add_argument("--controllers", metavar="FILE", help="ros2_controllers.yaml, instead of the folder's")
@@ -79,9 +97,16 @@ def add_robot_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="[BUS=]CHANNEL",
         help="where the drives are: local:NAME (default), vcan0, can0, pcan:...",
     )
+    parser.add_argument(
+        "--strict", action="store_true", help="repeated and unknown keys of ros2_controllers.yaml are errors"
+    )
+    parser.add_argument("--peer-merge", action="store_true", help="`defaults` of bus.yml win over the nodes' own keys")
+
+
+def add_kind_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare what kind of drives a robot has, and what it activates."""
     parser.add_argument("--real", action="store_true", help="the drives are real: start no virtual ones")
     parser.add_argument("--mock", action="store_true", help="no drives and no bus: mock hardware")
-    parser.add_argument("--no-drives", action="store_true", help="start no virtual drives, they are there already")
     parser.add_argument(
         "--controller",
         action="append",
@@ -89,11 +114,6 @@ def add_robot_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="NAME",
         help="activate this controller (default: the first)",
     )
-    parser.add_argument(
-        "--strict", action="store_true", help="repeated and unknown keys of ros2_controllers.yaml are errors"
-    )
-    parser.add_argument("--peer-merge", action="store_true", help="`defaults` of bus.yml win over the nodes' own keys")
-    parser.add_argument("--name", help="name of this robot for its clients (default: the folder's)")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -105,7 +125,7 @@ def run_robot(args: argparse.Namespace, *, motion: bool = False, table: bool = F
     """Run a robot until it ends; 0 good, 1 failed."""
     setup = read_setup(args)
     if args.ros:
-        from canopen_control.ros.available import require_ros
+        from canopen_control.ros.installation import require_ros
 
         require_ros()
     if args.view:
@@ -114,8 +134,8 @@ def run_robot(args: argparse.Namespace, *, motion: bool = False, table: bool = F
         require_view()
     elif args.teleop:
         raise ConfigError("--teleop is for the page; show it with --view, or drive by keyboard: canopen-control teleop")
-    from canopen_control.runtime.announcer import Announcer
-    from canopen_control.runtime.session import RunOptions, Session
+    from canopen_control.cli.support.output import Announcer
+    from canopen_control.runtime.run_session import RunOptions, Session
 
     options = RunOptions(
         drives=not (args.real or args.mock or args.no_drives),
@@ -159,15 +179,15 @@ def bridge_arguments(args: argparse.Namespace) -> tuple[str, ...]:
     return (*namespace, *ros)
 
 
-def _unclear(setup: RobotSetup) -> Doubt | None:
+def _unclear(setup: RobotSetup) -> SlowReason | None:
     """Say why a robot on real drives has to be slow; None: these files have passed on these drives."""
     from canopen_control.runtime.clearance import doubt
 
     return doubt(setup)
 
 
-def _slow_down(session: Session, unclear: Doubt) -> None:
-    from canopen_control.master.events import Event, Level
+def _slow_down(session: Session, unclear: SlowReason) -> None:
+    from canopen_control.master.event_log import Event, Level
     from canopen_control.runtime.clearance import SLOW, limit_speed
 
     others = limit_speed(session.robot, unclear.joints)
@@ -179,7 +199,7 @@ def _slow_down(session: Session, unclear: Doubt) -> None:
 def read_setup(args: argparse.Namespace) -> RobotSetup:
     """Read the files that the arguments name; raises ConfigError."""
     from canopen_control.host.sockets import check_name
-    from canopen_control.runtime.files import find_robot
+    from canopen_control.runtime.robot_files import find_robot
     from canopen_control.runtime.setup import read_robot
 
     if args.real and (args.mock or args.no_drives):
@@ -202,14 +222,14 @@ def read_setup(args: argparse.Namespace) -> RobotSetup:
 
 def _teller(announcer: Announcer, table: bool, nodes: int = 0) -> Callable[[Event], None]:
     """Print events as lines; beside a live table only what is bad. Of many `nodes` it tells how many have booted."""
-    from canopen_control.master.events import Level
+    from canopen_control.master.event_log import Level
 
     lowest = Level.WARNING if table else Level.INFO
 
     booted = set[str]()
 
     def tell(event: Event) -> None:
-        text = event.text
+        text = event.sentence
         if event.kind == _BOOTED and nodes >= _MANY:
             booted.add(event.node)
             text = f"{text} ({len(booted)} of {nodes} nodes)"
@@ -222,19 +242,3 @@ def _teller(announcer: Announcer, table: bool, nodes: int = 0) -> Callable[[Even
 _BOOTED, _MANY = "ready", 4  # nodes whose boot is worth counting
 _ALWAYS = ("demo", "flight", "view", "stopping", "stopped")
 _CHATTER = ("note", "mode", "state", "failed")  # the last is what the run ends with, on standard error
-
-
-def _priority(text: str) -> int:
-    if not text.isdecimal() or not 1 <= int(text) <= HIGHEST_PRIORITY:
-        raise argparse.ArgumentTypeError(f"{text!r} is no priority (1 to {HIGHEST_PRIORITY}); CONFIG comes before it")
-    return int(text)
-
-
-def _seconds(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not 0 < value < LONGEST_S:
-        raise argparse.ArgumentTypeError(f"{text!r} is no time in seconds above 0")
-    return value

@@ -9,27 +9,38 @@ Exit codes: 0 good; 1 nobody is there, or a node of the bus.yml is missing or an
 
 from __future__ import annotations
 
-import json
 import sys
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from canopen_control.bus.channel import parse_channel
-from canopen_control.cli.identity import FIELDS, NAME, NodeIdentity, differences, identity_of, match_eds, read_known
-from canopen_control.cli.progress import Progress
-from canopen_control.cli.table import Table
-from canopen_control.cli.target import LABEL, MAX_NODE_ID, RobotTarget, find_eds, robot_on, seconds
+from canopen_control.cli.support.arguments import timeout_seconds
+from canopen_control.cli.support.identity import (
+    FIELDS,
+    NAME,
+    NodeIdentity,
+    differences,
+    identity_of,
+    match_eds,
+    read_known,
+)
+from canopen_control.cli.support.json_text import json_text
+from canopen_control.cli.support.output import Progress, Table
+from canopen_control.cli.support.target import LABEL, RobotTarget, find_eds, robot_on
 from canopen_control.client import RobotClient
 from canopen_control.data_files import data_names, data_path
 from canopen_control.errors import CanopenError, ConfigError, RemoteError, SdoTimeout
+from canopen_control.frame import MAX_NODE_ID
 from canopen_control.master.direct import PARALLEL, DirectBus
+from canopen_control.rpc.messages.robot import GetStatus
+from canopen_control.rpc.wire import plain
 
 if TYPE_CHECKING:
     import argparse
     from collections.abc import Iterable, Mapping
 
-    from canopen_control.cli.identity import KnownEds
+    from canopen_control.cli.support.identity import KnownEds
 
 __all__ = ["EXAMPLE", "add_arguments", "run"]
 
@@ -42,7 +53,7 @@ _HEADINGS = ("node", "device type", "vendor", "product", "revision", "serial", "
 
 
 @dataclass(slots=True)
-class Found:
+class FoundNode:
     """One line of the result; `identity` is None for a node that answers no SDO."""
 
     node_id: int
@@ -55,7 +66,7 @@ class Found:
 
 
 @dataclass(frozen=True, slots=True)
-class Expected:
+class ExpectedNode:
     """What a bus.yml says of a node."""
 
     name: str
@@ -63,12 +74,12 @@ class Expected:
 
 
 @dataclass(slots=True)
-class Survey:
+class ScanResult:
     """What is on the bus; `notes` tell what could not be looked at."""
 
     channel: str
-    found: dict[int, Found]
-    expected: dict[int, Expected] | None = None
+    found: dict[int, FoundNode]
+    expected: dict[int, ExpectedNode] | None = None
     master_id: int | None = None
     notes: list[str] = field(default_factory=list)
 
@@ -80,7 +91,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     where.add_argument("--name", help="the bus of this running robot (default: the only one)")
     parser.add_argument("--config", metavar="ROBOT", help="compare to this bus.yml: a folder, a bundled name or a file")
     parser.add_argument("--eds-dir", metavar="DIR", action="append", default=[], help="EDS files to match (repeatable)")
-    parser.add_argument("--timeout", type=seconds, default=0.2, metavar="S", help="for each answer (default: 0.2)")
+    parser.add_argument(
+        "--timeout", type=timeout_seconds, default=0.2, metavar="S", help="for each answer (default: 0.2)"
+    )
     parser.add_argument("--json", action="store_true", help="print JSON")
 
 
@@ -122,7 +135,7 @@ def _eds_files(folders: Iterable[Path]) -> list[Path]:
     return files
 
 
-def _expected_of(config: str) -> dict[int, Expected]:
+def _expected_of(config: str) -> dict[int, ExpectedNode]:
     from canopen_control.master.config import read_bus
 
     path = Path(config).expanduser()
@@ -136,18 +149,18 @@ def _expected_of(config: str) -> dict[int, Expected]:
             f"--config {config}: no bus.yml, no folder with one, and none of the bundled robots ({names})"
         )
     bus = read_bus(path)
-    return {plan.node_id: Expected(name, asdict(plan.identity)) for name, plan in bus.plans.items()}
+    return {plan.node_id: ExpectedNode(name, asdict(plan.identity)) for name, plan in bus.plans.items()}
 
 
 # --- what is there ---
 
 
-def _survey_bus(channel: str, timeout: float) -> Survey:
+def _survey_bus(channel: str, timeout: float) -> ScanResult:
     with DirectBus.open(channel, label=LABEL, timeout_s=timeout, retries=0) as bus:
-        return Survey(channel, _ask(bus, range(1, MAX_NODE_ID + 1)))
+        return ScanResult(channel, _ask(bus, range(1, MAX_NODE_ID + 1)))
 
 
-def _ask(bus: DirectBus, node_ids: Iterable[int]) -> dict[int, Found]:
+def _ask(bus: DirectBus, node_ids: Iterable[int]) -> dict[int, FoundNode]:
     """Ask for the one object that every node has, and those that answer for the rest."""
     wanted = [(node_id, *_OBJECTS[0]) for node_id in node_ids]
     there: dict[tuple[int, int, int], bytes | CanopenError] = {}
@@ -161,9 +174,9 @@ def _ask(bus: DirectBus, node_ids: Iterable[int]) -> dict[int, Found]:
     found = {}
     for node_id in answering:
         data = {(index, subindex): answer for (node, index, subindex), answer in answers.items() if node == node_id}
-        found[node_id] = Found(node_id, identity_of(data))
+        found[node_id] = FoundNode(node_id, identity_of(data))
     for node_id, state in bus.heard.items():
-        entry = found.setdefault(node_id, Found(node_id))
+        entry = found.setdefault(node_id, FoundNode(node_id))
         entry.nmt_state = None if state is None else state.name
     return dict(sorted(found.items()))
 
@@ -172,18 +185,18 @@ def _is_silent(answer: bytes | CanopenError) -> bool:
     return isinstance(answer, SdoTimeout)
 
 
-def _survey_robot(robot: RobotTarget, timeout: float) -> Survey:
-    buses, listing = robot.listing["buses"], robot.listing["nodes"]
+def _survey_robot(robot: RobotTarget, timeout: float) -> ScanResult:
+    buses, listing = robot.listing.buses, robot.listing.nodes
     if not buses:
         raise ConfigError(f"robot {robot.robot.robot} has no bus: it runs on mock hardware")
     bus = next(iter(buses.values()))
-    expected = {int(node["node_id"]): Expected(str(node["name"]), node["identity"]) for node in listing}
-    survey = Survey(bus["channel"], {}, expected, int(bus["node_id"]))
-    states = robot.robot.call("status")["nodes"]
+    expected = {node.node_id: ExpectedNode(node.name, plain(node.identity)) for node in listing}
+    survey = ScanResult(bus.channel, {}, expected, bus.node_id or 0)
+    states = robot.robot.ask(GetStatus()).nodes
     for place in robot.places:
         identity = _through_robot(robot, place.node_id)
         if identity is not None:
-            survey.found[place.node_id] = Found(place.node_id, identity, states[place.name]["nmt_state"])
+            survey.found[place.node_id] = FoundNode(place.node_id, identity, states[place.name].nmt_state)
     if parse_channel(survey.channel).kind.shared:
         others = [node_id for node_id in range(1, MAX_NODE_ID + 1) if node_id not in (*expected, survey.master_id)]
         with DirectBus.open(survey.channel, label=LABEL, timeout_s=timeout, retries=0) as direct:
@@ -210,13 +223,13 @@ def _through_robot(robot: RobotTarget, node_id: int) -> NodeIdentity | None:
 # --- the two against each other ---
 
 
-def _compare(survey: Survey, known: list[KnownEds]) -> None:
+def _compare(survey: ScanResult, known: list[KnownEds]) -> None:
     for found in survey.found.values():
         if found.identity is not None:
             eds, found.remark = match_eds(found.identity, known)
             found.eds = None if eds is None else str(eds.path)
     for node_id, expected in (survey.expected or {}).items():
-        entry = survey.found.setdefault(node_id, Found(node_id))
+        entry = survey.found.setdefault(node_id, FoundNode(node_id))
         entry.name = expected.name
         if entry.identity is not None:
             entry.problems = differences(entry.identity, expected.identity)
@@ -227,9 +240,9 @@ def _compare(survey: Survey, known: list[KnownEds]) -> None:
     survey.found = dict(sorted(survey.found.items()))
 
 
-def _report(survey: Survey, *, as_json: bool) -> None:
+def _report(survey: ScanResult, *, as_json: bool) -> None:
     if as_json:
-        print(json.dumps(_document(survey), indent=2))
+        print(json_text(_document(survey)))
     elif survey.found:
         table = Table(_HEADINGS if survey.expected is not None else _HEADINGS[:-1])
         for found in survey.found.values():
@@ -244,7 +257,7 @@ def _report(survey: Survey, *, as_json: bool) -> None:
         print(f"canopen-control: {note}", file=sys.stderr)
 
 
-def _row(survey: Survey, found: Found) -> tuple[str, ...]:
+def _row(survey: ScanResult, found: FoundNode) -> tuple[str, ...]:
     identity = found.identity or NodeIdentity()
     numbers = [getattr(identity, each) for each in FIELDS]
     eds = "-" if found.eds is None else Path(found.eds).name + (f" ({found.remark})" if found.remark else "")
@@ -258,7 +271,7 @@ def _row(survey: Survey, found: Found) -> tuple[str, ...]:
     return row if survey.expected is None else (*row, _verdict(survey, found))
 
 
-def _verdict(survey: Survey, found: Found) -> str:
+def _verdict(survey: ScanResult, found: FoundNode) -> str:
     if found.node_id == survey.master_id:
         return "the master"
     if not found.name:
@@ -266,7 +279,7 @@ def _verdict(survey: Survey, found: Found) -> str:
     return f"{found.name}: {', '.join(found.problems) or 'as expected'}"
 
 
-def _document(survey: Survey) -> Mapping[str, Any]:
+def _document(survey: ScanResult) -> Mapping[str, Any]:
     return {
         "channel": survey.channel,
         "nodes": [

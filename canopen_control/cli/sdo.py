@@ -2,33 +2,37 @@
 
 The node is one of a running robot (name or node id in bus.yml), or with --can any node of a bare bus (node id). The
 object is INDEX[:SUB] in hexadecimal, or its name in the EDS: the running robot knows each node's, --eds gives another.
+`read` says what a value means as `trace` does, and reads every subindex of an object named without one.
 
 Exit codes: 0 good; 1 the node aborted or did not answer; 2 wrong usage.
 """
 
 from __future__ import annotations
 
-import json
 import re
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from canopen_control.cli.objects import find_object
-from canopen_control.cli.progress import Progress, watched
-from canopen_control.cli.target import add_target_arguments, open_target, seconds
-from canopen_control.cli.values import TYPE_NAMES, parse_type, parse_value, show
-from canopen_control.errors import ConfigError
+from canopen_control.cli.support.arguments import timeout_seconds
+from canopen_control.cli.support.json_text import json_text
+from canopen_control.cli.support.object_values import TYPE_NAMES, parse_type, parse_value, show
+from canopen_control.cli.support.output import Progress, watched
+from canopen_control.cli.support.target import add_target_arguments, open_target
+from canopen_control.errors import CanopenError, ConfigError, RemoteError, SdoAbort
+from canopen_control.od.address import find_object, parts_of
 from canopen_control.od.codec import decode
+from canopen_control.trace.network import NodeDescription
+from canopen_control.trace.values import NodeWords, decoded
 
 if TYPE_CHECKING:
     import argparse
     from collections.abc import Callable
     from contextlib import AbstractContextManager
 
-    from canopen_control.cli.objects import ObjectAddress
-    from canopen_control.cli.target import Place, Target
-    from canopen_control.od.model import DataType
+    from canopen_control.cli.support.target import Place, Target
+    from canopen_control.od.address import ObjectAddress
+    from canopen_control.od.model import DataType, ObjectDictionary
 
 __all__ = ["EXAMPLE", "add_arguments", "run"]
 
@@ -37,6 +41,7 @@ EXAMPLE = """canopen-control sdo read left_drive 0x6041
          canopen-control sdo write 3 0x60FF -500 --can can0 --type i32
          canopen-control sdo upload 5 0x1021 device.eds --can can0"""
 
+_IN_BRACKETS = re.compile(r"-?\d* ?\((.*)\)")
 STREAM = "-"  # instead of FILE: standard input or output
 
 
@@ -60,7 +65,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     read.add_argument("--json", action="store_true", help="print JSON")
     for action in (read, write, upload, download):
         action.add_argument("--eds", metavar="FILE", help="a path, or the name of a bundled file")
-        action.add_argument("--timeout", type=seconds, metavar="S", help="for each answer (default: 0.5, or bus.yml's)")
+        action.add_argument(
+            "--timeout", type=timeout_seconds, metavar="S", help="for each answer (default: 0.5, or bus.yml's)"
+        )
         add_target_arguments(action)
 
 
@@ -68,7 +75,10 @@ def run(args: argparse.Namespace) -> int:
     """Run the verb."""
     with open_target(args) as target:
         place = target.place(args.node)
-        address = find_object(args.object, place.dictionary())
+        od = place.dictionary()
+        address = find_object(args.object, od)
+        if args.action == "read":
+            return _read(args, target, place, parts_of(address, od), od)
         _ACTIONS[args.action](args, target, place, address)
     return 0
 
@@ -79,14 +89,43 @@ def _type_of(args: argparse.Namespace, address: ObjectAddress) -> DataType | Non
     return address.entry.data_type if address.entry is not None else None
 
 
-def _read(args: argparse.Namespace, target: Target, place: Place, address: ObjectAddress) -> None:
-    data_type = _type_of(args, address)
-    data = target.read(place, address.index, address.subindex)
-    data_type = _fitting(data, data_type, place, address)
+def _read(
+    args: argparse.Namespace, target: Target, place: Place, parts: list[ObjectAddress], od: ObjectDictionary | None
+) -> int:
+    """Read an object, or all subindices of one: what a node refuses of many is told, and the others are read."""
+    words = NodeWords(NodeDescription(place.name, place.node_id, od))
+    documents = []
+    for address in parts:
+        try:
+            data = target.read(place, address.index, address.subindex)
+        except CanopenError as error:
+            if len(parts) == 1 or not _is_abort(error):
+                raise
+            print(f"canopen-control: {error}", file=sys.stderr)
+            continue
+        data_type = _fitting(data, _type_of(args, address), place, address)
+        documents.append(_document(data, data_type, place, address))
+        if not args.json:
+            print(f"{place}: {address.label}: {_in_words(data, data_type, address, words)}")
     if args.json:
-        print(json.dumps(_document(data, data_type, place, address), indent=2))
-    else:
-        print(f"{place}: {address.label}: {show(data, data_type)}")
+        print(json_text(documents if len(parts) > 1 else documents[0]))
+    return 0 if documents else 1
+
+
+def _is_abort(error: CanopenError) -> bool:
+    return isinstance(error, SdoAbort) or (isinstance(error, RemoteError) and error.kind == SdoAbort.__name__)
+
+
+def _in_words(data: bytes, data_type: DataType | None, address: ObjectAddress, words: NodeWords) -> str:
+    """Return the value, and what it means where it means more than a number: `592 (0x0250): SWITCH ON DISABLED`."""
+    shown, value = show(data, data_type), decoded(data, data_type)
+    if not isinstance(value, int):
+        return shown
+    text = words.text(address.index, address.subindex, value)
+    meaning = text.removeprefix(f"0x{data[::-1].hex().upper()}").strip()
+    if (brackets := _IN_BRACKETS.fullmatch(meaning)) is not None:
+        meaning = brackets[1]
+    return f"{shown}: {meaning}" if meaning not in ("", str(value)) else shown
 
 
 def _fitting(data: bytes, data_type: DataType | None, place: Place, address: ObjectAddress) -> DataType | None:
@@ -158,7 +197,6 @@ def _told(what: str, target: Target, place: Place) -> AbstractContextManager[Non
 
 
 _ACTIONS: dict[str, Callable[[argparse.Namespace, Target, Place, ObjectAddress], None]] = {
-    "read": _read,
     "write": _write,
     "upload": _upload,
     "download": _download,

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from canopen_control.client import RobotClient
 from canopen_control.errors import RemoteError
+from canopen_control.rpc.messages.robot import Shutdown, Subscribe
 
 if TYPE_CHECKING:
     import argparse
@@ -13,7 +14,7 @@ if TYPE_CHECKING:
 __all__ = ["add_arguments", "run"]
 
 EXAMPLE = "canopen-control shutdown"
-PATIENCE_S = 30.0
+TIMEOUT_S = 30.0
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -24,13 +25,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run the verb; ends when the runtime has ended."""
     with RobotClient.connect(args.name) as robot:
-        robot.call("subscribe", state_rate=None, events=True)
-        robot.call("shutdown")
+        robot.ask(Subscribe(events=True))
+        robot.ask(Shutdown())
         try:
-            for _ in robot.messages(PATIENCE_S):
+            for _ in robot.messages(TIMEOUT_S):
                 pass
         except RemoteError as error:
             if error.kind == "BusClosed":
                 return 0
             raise
-    raise RemoteError("Timeout", f"robot {robot.robot} has not ended within {PATIENCE_S:g} s; see its status")
+    raise RemoteError("Timeout", f"robot {robot.robot} has not ended within {TIMEOUT_S:g} s; see its status")

@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
-import json
 import sys
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from canopen_control.cia402.modes import INTERFACE_MODES
-from canopen_control.cli.table import Table
+from canopen_control.cli.support.causes import tell_causes
+from canopen_control.cli.support.json_text import json_line, json_text
+from canopen_control.cli.support.output import Table
 from canopen_control.client import RobotClient
 from canopen_control.errors import RemoteError
+from canopen_control.rpc.messages.robot import GetStatus, Subscribe
+from canopen_control.rpc.messages.state import AxisReading, JointReading, RobotEvent, StateSample
 
 if TYPE_CHECKING:
     import argparse
+    from collections.abc import Mapping
+
+    from canopen_control.rpc.messages.state import NodeReading, Snapshot, Status
 
 __all__ = ["add_arguments", "render", "run"]
 
@@ -22,6 +28,7 @@ PLAIN_RATE = 1.0  # Hz where it is printed line by line
 _COLUMNS = ("node", "NMT", "CiA 402", "joint", "target", "actual rad/s", "position rad", "age ms")
 
 _ENDS = ("stopping", "stopped")
+_NO_AXIS = AxisReading("-")
 #: of a target, by the mode of operation that takes it
 _UNITS = {
     mode.name: {"position": "rad", "velocity": "rad/s", "effort": "Nm"}[interface]
@@ -42,50 +49,52 @@ def run(args: argparse.Namespace) -> int:
     with RobotClient.connect(args.name) as robot:
         if args.watch:
             return _watch(robot, as_json=args.json)
-        status = robot.call("status")
+        status = robot.ask(GetStatus())
     if args.json:
-        print(json.dumps(status, indent=2))
+        print(json_text(status))
     else:
-        more = [*_boot(status), *_events(status)]
+        current = {name: line.strip() for name, line in _errors(status).items()}
+        more = [*_boot(status, current), *tell_causes(status.events, current)]
         print("\n".join([*render(status), *([""] if more else []), *more]))
     return 0
 
 
-def render(state: dict[str, Any]) -> list[str]:
+def render(state: Snapshot) -> list[str]:
     """Return the table of one sample: a line of the robot, then a line for each axis."""
-    cycle = state["cycle"]
-    active = [name for name, each in state["controllers"].items() if each == "active"]
-    head = f"{state['state']}, cycle {cycle['count']} of {1e3 * cycle['period_s']:g} ms, {cycle['missed']} missed"
+    cycle = state.cycle
+    head = f"{state.state}, cycle {cycle.count} of {1e3 * cycle.period_s:g} ms, {cycle.missed} missed"
     table = Table(_COLUMNS)
-    for name, node in state["nodes"].items():
-        for axis in node["axes"] or [{}]:
-            table.add(_row(name, node, axis, state["joints"]))
-    for name, joint in () if state["nodes"] else state["joints"].items():
+    for name, node in state.nodes.items():
+        for axis in node.axes or (_NO_AXIS,):
+            table.add(_row(name, node, axis, state.joints.get(axis.joint)))
+    for name, joint in () if state.nodes else state.joints.items():
         table.add(("no drive", "-", "-", name, *_numbers(joint), "-"))  # mock, or simulated
-    errors = [
-        f"  {node['error']}" if name in node["error"] else f"  node {node['node_id']} ({name}): {node['error']}"
-        for name, node in state["nodes"].items()
-        if node["error"]
-    ]
-    held = [f"STOP is latched (by {state['latched_by']}): canopen-control stop --release"] if state["latched"] else []
-    return [f"{head}, active: {', '.join(active) or 'none'}", *held, *table.lines(), *errors]
+    held = [state.hint] if state.hint else []
+    return [f"{head}, active: {', '.join(state.active) or 'none'}", *held, *table.lines(), *_errors(state).values()]
 
 
-def _row(name: str, node: dict[str, Any], axis: dict[str, Any], joints: dict[str, Any]) -> tuple[str, ...]:
-    joint = axis.get("joint", "-")
-    age = node["age_s"]
+def _errors(state: Snapshot) -> dict[str, str]:
+    """Return what is wrong with each node now, by its name."""
+    return {
+        name: f"  {node.error}" if name in node.error else f"  node {node.node_id} ({name}): {node.error}"
+        for name, node in state.nodes.items()
+        if node.error
+    }
+
+
+def _row(name: str, node: NodeReading, axis: AxisReading, joint: JointReading | None) -> tuple[str, ...]:
     return (
-        f"{name} ({node['node_id']})",
-        _words(node["nmt_state"]),
-        _words(axis.get("cia402_state")),
-        joint,
-        *_numbers(joints.get(joint, {}), _UNITS.get(axis.get("mode") or "", "")),
-        "-" if age is None else f"{1e3 * age:.0f}",
+        f"{name} ({node.node_id})",
+        _words(node.nmt_state),
+        _words(axis.state),
+        axis.joint,
+        *_numbers(joint or JointReading(axis.joint), _UNITS.get(axis.mode or "", "")),
+        "-" if node.age is None else f"{1e3 * node.age:.0f}",
     )
 
 
-def _numbers(joint: dict[str, Any], unit: str = "") -> tuple[str, ...]:
-    target, *actual = (_number(joint.get(key)) for key in ("command", "velocity", "position"))
+def _numbers(joint: JointReading, unit: str = "") -> tuple[str, ...]:
+    target, *actual = map(_number, (joint.command, joint.velocity, joint.position))
     return (target if target == "-" else f"{target} {unit}".rstrip(), *actual)
 
 
@@ -97,40 +106,39 @@ def _words(state: str | None) -> str:
     return "-" if state is None else state.replace("_", " ")
 
 
-def _boot(status: dict[str, Any]) -> list[str]:
-    """Return how long each boot step of each node took, and its SDO traffic."""
+def _boot(status: Status, current: Mapping[str, str]) -> list[str]:
+    """Return how long each boot step of each node took, and its SDO traffic; why one failed unless it stands above."""
     steps: dict[str, list[str]] = {}
-    for step in status["boot"]:
-        failed = f" failed: {step['error']}" if step["error"] else ""
-        steps.setdefault(step["node"], []).append(f"{step['step']} {1e3 * step['seconds']:.1f} ms{failed}")
+    for step in status.boot:
+        why = "" if str(step.error) in current.get(step.node, "") else f": {step.error}"
+        failed = f" failed{why}" if step.error else ""
+        steps.setdefault(step.node, []).append(f"{step.step} {1e3 * step.seconds:.1f} ms{failed}")
     return [f"boot of {node}: {', '.join(each)}{_traffic(status, node)}" for node, each in steps.items()]
 
 
-def _traffic(status: dict[str, Any], node: str) -> str:
+def _traffic(status: Status, node: str) -> str:
     """Say how many SDO requests the node has had, since the robot started."""
-    sdo = status["nodes"].get(node, {}).get("sdo")
-    return f"; SDO: {sdo['reads']} read, {sdo['writes']} written, {sdo['failed']} failed" if sdo else ""
-
-
-def _events(status: dict[str, Any]) -> list[str]:
-    return [f"{event['level']}: {event['text']}" for event in status["events"] if event["level"] != "info"]
+    if node not in status.nodes:
+        return ""
+    sdo = status.nodes[node].sdo
+    return f"; SDO: {sdo.reads} read, {sdo.writes} written, {sdo.failed} failed"
 
 
 def _watch(robot: RobotClient, *, as_json: bool) -> int:
     """Print sample after sample: over each other on a terminal, line by line elsewhere."""
     live = sys.stdout.isatty() and not as_json
-    robot.call("subscribe", state_rate=PLAIN_RATE if not (live or as_json) else RATE, events=True)
+    robot.ask(Subscribe(state_rate=PLAIN_RATE if not (live or as_json) else RATE, events=True))
     height = 0
     ended = False
     try:
         for message in robot.messages(None):
-            ended = ended or message.get("event", {}).get("kind") in _ENDS
-            if (state := message.get("state")) is None:
+            ended = ended or (isinstance(message, RobotEvent) and message.kind in _ENDS)
+            if not isinstance(message, StateSample):
                 continue
             if as_json:
-                print(json.dumps(state), flush=True)
+                print(json_line(message), flush=True)
                 continue
-            lines = render(state)
+            lines = render(message)
             up = f"\x1b[{height}A" if live and height else ""
             end = "\x1b[K\n" if live else "\n"
             print(up + end.join(lines) + end + ("\x1b[J" if live else ""), end="", flush=True)

@@ -8,6 +8,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from canopen_control.client import RobotClient
+from canopen_control.rpc.messages.robot import Release, Stop
 
 if TYPE_CHECKING:
     import argparse
@@ -17,7 +18,7 @@ __all__ = ["add_arguments", "run"]
 EXAMPLE = "canopen-control stop"
 DONE = "stopped and disabled; to go on: canopen-control axis enable all"
 SOURCE = "canopen-control stop"
-PATIENCE_S = 20.0
+TIMEOUT_S = 20.0
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -32,9 +33,9 @@ def run(args: argparse.Namespace) -> int:
     """Run the verb."""
     with RobotClient.connect(args.name) as robot:
         if args.release:
-            robot.call("release", source=SOURCE)
+            robot.ask(Release(source=SOURCE))
             print("released, the drives are disabled; to go on: canopen-control axis enable all")
             return 0
-        robot.request("stop", {"latch": args.latch, "source": SOURCE}, PATIENCE_S)
+        robot.ask(Stop(latch=args.latch, source=SOURCE), TIMEOUT_S)
     print("stopped, disabled and latched; to go on: canopen-control stop --release" if args.latch else DONE)
     return 0

@@ -8,21 +8,25 @@ with space, k or any other key, when the terminal loses the focus, and at its en
 
 from __future__ import annotations
 
-import argparse
 import contextlib
 import sys
 import time
-from typing import TYPE_CHECKING, Any, Final, Protocol
+from typing import TYPE_CHECKING, Final, Protocol
 
-from canopen_control.cli.commanded import not_enabled
-from canopen_control.cli.keyboard import Keyboard
-from canopen_control.cli.repeat import finite, seconds
+from canopen_control.cli.support.arguments import number, seconds
+from canopen_control.cli.support.keyboard import Keyboard
 from canopen_control.client import RobotClient
 from canopen_control.client.teleop import HELP, KeyDecoder, Teleop, Velocities
 from canopen_control.errors import ConfigError, RemoteError
+from canopen_control.rpc.messages.robot import CommandController, GetStatus, ListControllers, Subscribe, TwistController
+from canopen_control.rpc.messages.state import RobotEvent
 
 if TYPE_CHECKING:
+    import argparse
     from collections.abc import Sequence
+
+    from canopen_control.rpc.messages.declare import Done, Request
+    from canopen_control.rpc.messages.state import ControllerReading
 
 __all__ = ["EXAMPLE", "add_arguments", "run"]
 
@@ -56,6 +60,9 @@ class Target(Protocol):
         """Let go."""
 
 
+_speed = number("speed above 0", lambda value: value > 0)
+
+
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     parser.add_argument("--speed", type=_speed, metavar="V", help="linear, m/s (default: 0.5)")
@@ -68,13 +75,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     where.add_argument("--topic", help="publish to this ROS topic instead, such as /cmd_vel")
     parser.add_argument("--stamped", action="store_true", help="with --topic: TwistStamped instead of Twist")
     parser.add_argument("--frame-id", metavar="F", default="", help="with --stamped: its header's frame")
-
-
-def _speed(text: str) -> float:
-    value = finite(text)
-    if not value > 0:
-        raise argparse.ArgumentTypeError(f"{text!r} is no speed above 0")
-    return value
 
 
 def run(args: argparse.Namespace) -> int:
@@ -200,11 +200,13 @@ class RobotTarget:
     def __init__(self, args: argparse.Namespace) -> None:
         self._robot = RobotClient.connect(args.name)
         try:
-            chosen = choose(self._robot.call("controllers"), args.controller)
-            self._name, self._is_base = str(chosen["name"]), chosen["topic"] == BASE
-            self._signs = (1, 1) if self._is_base else sides(chosen["joints"])
-            self._robot.call("subscribe", events=True)
-            self._news = not_enabled(self._robot.call("status"))
+            controllers = self._robot.ask(ListControllers())
+            chosen = choose(controllers, args.controller)
+            self._name, self._is_base = chosen.name, chosen.topic == BASE
+            self._signs = (1, 1) if self._is_base else sides(chosen.joints)
+            self._robot.ask(Subscribe(events=True))
+            hint = self._robot.ask(GetStatus()).hint
+            self._news: list[str] = [] if hint is None else [hint]
         except BaseException:
             self._robot.close()
             raise
@@ -216,19 +218,21 @@ class RobotTarget:
     def send(self, velocities: Velocities) -> None:
         """Command the controller."""
         linear, angular = velocities.linear, velocities.angular
-        values: dict[str, Any]
-        if self._is_base:
-            method, values = "twist", {"linear": linear, "angular": angular}
-        else:
-            method, values = "command", {"values": [linear + sign * angular for sign in self._signs]}
+        request: Request[Done]
         # dead_man: if this process is killed, the robot stops as soon as the connection is gone
-        params = {**values, "controller": self._name, "source": "teleop", "dead_man": True}
-        self._robot.request(method, params, TIMEOUT_S)
+        if self._is_base:
+            request = TwistController(
+                controller=self._name, linear=linear, angular=angular, source=_SOURCE, dead_man=True
+            )
+        else:
+            values = [linear + sign * angular for sign in self._signs]
+            request = CommandController(controller=self._name, values=values, source=_SOURCE, dead_man=True)
+        self._robot.ask(request, TIMEOUT_S)
 
     def news(self) -> list[str]:
         """Return what the robot warns of."""
-        events = [message["event"] for message in self._robot.messages(0) if "event" in message]
-        found, self._news = [*self._news, *(each["text"] for each in events if each["level"] != "info")], []
+        events = [each for each in self._robot.messages(0) if isinstance(each, RobotEvent)]
+        found, self._news = [*self._news, *(each.text for each in events if each.level != "info")], []
         return found
 
     def close(self) -> None:
@@ -236,15 +240,15 @@ class RobotTarget:
         self._robot.close()
 
 
-def choose(controllers: list[dict[str, Any]], wanted: str | None) -> dict[str, Any]:
+def choose(controllers: Sequence[ControllerReading], wanted: str | None) -> ControllerReading:
     """Return the controller to drive: the one wanted, the active base controller, or a pair of wheels; ConfigError."""
     if wanted is not None:
-        found = [each for each in controllers if each["name"] == wanted]
+        found = [each for each in controllers if each.name == wanted]
         if not found:
             raise ConfigError(f"no controller {wanted!r}; there are: {_names(controllers)}")
         return _usable(found[0])
-    active = [each for each in controllers if each["state"] == "active" and each["topic"] is not None]
-    bases = [each for each in active if each["topic"] == BASE]
+    active = [each for each in controllers if each.active and each.topic is not None]
+    bases = [each for each in active if each.topic == BASE]
     candidates = bases or active
     if len(candidates) > 1:
         raise ConfigError(f"several controllers are active: {_names(candidates)}; choose one with --controller")
@@ -256,19 +260,20 @@ def choose(controllers: list[dict[str, Any]], wanted: str | None) -> dict[str, A
     return _usable(candidates[0])
 
 
-def _usable(controller: dict[str, Any]) -> dict[str, Any]:
-    name, joints = controller["name"], controller["joints"]
-    if controller["state"] != "active":
-        raise ConfigError(f"{name} is {controller['state']}; activate it: canopen-control controller activate {name}")
-    if controller["topic"] == BASE or (controller["interface"] == "velocity" and len(joints) == len(_LEFT_RIGHT)):
+def _usable(controller: ControllerReading) -> ControllerReading:
+    name, joints = controller.name, controller.joints
+    if not controller.active:
+        raise ConfigError(f"{name} is {controller.state}; activate it: canopen-control controller activate {name}")
+    if controller.topic == BASE or (controller.interface == "velocity" and len(joints) == len(_LEFT_RIGHT)):
         return controller
-    what = controller["interface"] or "several interfaces"
+    what = controller.interface or "several interfaces"
     raise ConfigError(
         f"{name} commands {what} of {len(joints)} joint{'' if len(joints) == 1 else 's'}; teleop drives a base or two "
         f"wheels by velocity. By values: canopen-control command {name} VALUE..."
     )
 
 
+_SOURCE: Final = "teleop"
 _LEFT_RIGHT: Final = (-1, 1)  # signs of the angular speed: turning left, the left wheel goes backwards
 
 
@@ -278,8 +283,8 @@ def sides(joints: Sequence[str]) -> tuple[int, int]:
     return (_LEFT_RIGHT[1], _LEFT_RIGHT[0]) if swapped else _LEFT_RIGHT
 
 
-def _names(controllers: list[dict[str, Any]]) -> str:
-    return ", ".join(each["name"] for each in controllers) or "none"
+def _names(controllers: Sequence[ControllerReading]) -> str:
+    return ", ".join(each.name for each in controllers) or "none"
 
 
 class RosTarget:
@@ -301,12 +306,12 @@ class RosTarget:
 
     def send(self, velocities: Velocities) -> None:
         """Publish the velocities."""
-        twist = {"linear": {"x": velocities.linear}, "angular": {"z": velocities.angular}}
+        twist: dict[str, object] = {"linear": {"x": velocities.linear}, "angular": {"z": velocities.angular}}
         self._publication.fill(self._stamp(twist) if self._stamped else twist)
         self._publication.publish()
         self._graph.spin(0.0)
 
-    def _stamp(self, twist: dict[str, Any]) -> dict[str, Any]:
+    def _stamp(self, twist: dict[str, object]) -> dict[str, object]:
         sec, nanosec = divmod(time.time_ns(), 10**9)
         return {"header": {"stamp": {"sec": sec, "nanosec": nanosec}, "frame_id": self._frame_id}, "twist": twist}
 

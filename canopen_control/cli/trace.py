@@ -8,16 +8,17 @@ from __future__ import annotations
 
 import argparse
 import itertools
-import json
 import os
 import sys
 from typing import TYPE_CHECKING
 
-from canopen_control.cli.layout import add_network_arguments, heard_bus
-from canopen_control.cli.source import network_for, open_frames
+from canopen_control.cli.support.arguments import seconds, whole_number
+from canopen_control.cli.support.frame_source import network_for, open_frames
+from canopen_control.cli.support.heard_bus import add_network_arguments, heard_bus
+from canopen_control.cli.support.json_text import json_line
 from canopen_control.trace.decoder import Decoder
 from canopen_control.trace.filters import Filter, node_ids_of, parse_ids, parse_services
-from canopen_control.trace.lines import LineWriter, as_dict
+from canopen_control.trace.lines import LineWriter, document_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
     from canopen_control.bus.record import RecordedFrame
     from canopen_control.trace.network import NetworkDescription
 
-__all__ = ["EXAMPLE", "add_arguments", "add_view_arguments", "positive_seconds", "run", "show", "show_file"]
+__all__ = ["EXAMPLE", "add_arguments", "add_view_arguments", "run", "show", "show_file"]
 
 EXAMPLE = """canopen-control trace
          canopen-control trace --events
@@ -41,7 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     where = parser.add_mutually_exclusive_group()
     where.add_argument("--can", metavar="CHANNEL", help="this bus (default: that of the running robot)")
     where.add_argument("--file", metavar="FILE", help="a recording: .log, .asc, .blf, .trc, or a flight recording")
-    parser.add_argument("--duration", type=positive_seconds, metavar="S", help="end after so many seconds")
+    parser.add_argument("--duration", type=seconds, metavar="S", help="end after so many seconds")
     add_network_arguments(parser)
     add_view_arguments(parser)
 
@@ -72,7 +73,12 @@ def add_view_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="only news: states, commands, modes, boot-ups, EMCY, aborts, what is wrong",
     )
-    parser.add_argument("--count", type=_number, metavar="N", help="end after N lines")
+    parser.add_argument(
+        "--count",
+        type=whole_number("whole number above 0", range(1, sys.maxsize)),
+        metavar="N",
+        help="end after N lines",
+    )
     parser.add_argument("--absolute", action="store_true", help="times of day instead of seconds since the first frame")
     parser.add_argument("--json", action="store_true", help="one JSON object for each frame")
 
@@ -89,23 +95,6 @@ def _value(parse: Callable[[str], object]) -> Callable[[str], object]:
     return parsed
 
 
-def positive_seconds(text: str) -> float:
-    """Read a duration option, above 0."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = 0.0
-    if not 0.0 < value < float("inf"):
-        raise argparse.ArgumentTypeError(f"{text!r}: seconds above 0 are wanted")
-    return value
-
-
-def _number(text: str) -> int:
-    if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"{text!r}: a number above 0 is wanted")
-    return int(text)
-
-
 def run(args: argparse.Namespace) -> int:
     """Run the verb; Ctrl-C is its ordinary end."""
     if args.file is not None:
@@ -114,6 +103,7 @@ def run(args: argparse.Namespace) -> int:
 
     heard = heard_bus(args, args.can)
     port = open_listener(heard.channel, LABEL, owner=heard.owner)
+    heard.tell()
     try:
         show(args, heard.network, batches(port, args.duration))
     except KeyboardInterrupt:
@@ -179,6 +169,6 @@ def _filter(args: argparse.Namespace, network: NetworkDescription) -> Filter:
 
 def _line_of(args: argparse.Namespace, network: NetworkDescription) -> Callable[..., str]:
     if args.json:
-        return lambda decoded: json.dumps(as_dict(decoded))
+        return lambda decoded: json_line(document_of(decoded))
     colour = sys.stdout.isatty() and "NO_COLOR" not in os.environ
     return LineWriter(network, absolute=args.absolute, colour=colour).line

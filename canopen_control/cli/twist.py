@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from canopen_control.cli.commanded import send_and_warn
-from canopen_control.cli.repeat import add_repeat_arguments, finite
+from canopen_control.cli.support.arguments import finite
+from canopen_control.cli.support.commands import add_repeat_arguments, send
+from canopen_control.rpc.messages.robot import TwistController
 
 if TYPE_CHECKING:
     import argparse
 
 __all__ = ["add_arguments", "run"]
 
-EXAMPLE = "canopen-control twist robby_base_controller 0.2 0.5 --for 3"
+EXAMPLE = """canopen-control controller switch --activate robby_base_controller --deactivate robby_forward_controller
+         canopen-control twist robby_base_controller 0.2 0.5 --for 3"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -25,6 +27,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the verb."""
-    params: dict[str, Any] = {"controller": args.controller, "source": "twist"}
-    moving = {**params, "linear": args.linear, "angular": args.angular}
-    return send_and_warn(args, "twist", moving, {**params, "linear": 0.0, "angular": 0.0})
+    dead_man = not args.once  # it ends as soon as the connection is gone
+    moving, zeros = (
+        TwistController(controller=args.controller, linear=ahead, angular=around, source="twist", dead_man=dead_man)
+        for ahead, around in ((args.linear, args.angular), (0.0, 0.0))
+    )
+    return send(args, moving, zeros)

@@ -6,10 +6,14 @@ that drive while they are held. STOP is a function of this program, no safety fu
 
 from __future__ import annotations
 
-import argparse
 import os
+from typing import TYPE_CHECKING
 
+from canopen_control.cli.support.arguments import whole_number
 from canopen_control.view.available import require_view
+
+if TYPE_CHECKING:
+    import argparse
 
 __all__ = ["EXAMPLE", "add_arguments", "run"]
 
@@ -25,7 +29,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--host", default="127.0.0.1", metavar="ADDRESS", help="where to listen (default: this computer alone)"
     )
-    parser.add_argument("--port", type=_port, help="default: 8080, or the next that is free; 0: any")
+    parser.add_argument(
+        "--port",
+        type=whole_number("port: 0 to 65535", range(65536)),
+        help="default: 8080, or the next that is free; 0: any",
+    )
 
 
 def run(args: argparse.Namespace) -> int:
@@ -36,10 +44,3 @@ def run(args: argparse.Namespace) -> int:
 
     main(args.name, args.host, args.port, teleop=args.teleop)
     return 0
-
-
-def _port(text: str) -> int:
-    number = int(text) if text.isdecimal() else -1
-    if not 0 <= number <= 65535:
-        raise argparse.ArgumentTypeError(f"{text!r} is no port: 0 to 65535")
-    return number

@@ -1,7 +1,7 @@
 """Talk to a running robot, from a script, a thread or another process.
 
 with RobotClient.connect() as robot:
-    robot.call("command", controller="robby_forward_controller", values=[10.0, 10.0])
+    robot.ask(CommandController(controller="robby_forward_controller", values=[10.0, 10.0]))
 """
 
 from canopen_control.client.robot import RobotClient, find_robots, select_robot

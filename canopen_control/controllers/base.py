@@ -1,9 +1,10 @@
-"""What every controller is: its lifecycle, its interfaces, its command.
+"""The base class of controllers: lifecycle, interfaces, command.
 
 The law of the file: a controller reads and writes `value` of the interfaces it was given at activation, nothing else;
 it reads no clock, sends nothing, blocks nowhere. A command that is not finite or has the wrong size is refused with a
 ControlError and counted: it is never applied and does not refresh a timeout. On every deactivation the velocity, effort
 and acceleration targets become 0.0 (upstream leaves them; a wheel would turn on), position targets stay where they are.
+A command has a life (`command_life`); when a drive behind the controller is no longer enabled, it is forgotten.
 
 A new controller is one class here or in any package: derive from `Controller`, and name it in the entry point group
 `canopen_control.controllers` with its type as the name: `"my_robot/Dance" = "my_robot.dance:Dance"`.
@@ -18,22 +19,35 @@ from typing import TYPE_CHECKING, ClassVar, Final, Protocol
 
 from mypy_extensions import mypyc_attr
 
+from canopen_control.controllers.command_life import MOVING, CommandLife
 from canopen_control.controllers.common_params import CommonParams
 from canopen_control.errors import ControlError
-from canopen_control.hardware.interfaces import ACCELERATION, EFFORT, OK, VELOCITY, ReturnType
+from canopen_control.hardware.interfaces import OK, POSITION, ReturnType
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from canopen_control.controllers.params import Params
+    from canopen_control.controllers.trajectory.goal import Goal
     from canopen_control.hardware.interfaces import CommandInterface, StateInterface
+    from canopen_control.rpc.messages.samples import ControllerSample, Sample
+    from canopen_control.urdf.joint import Joint
 
-__all__ = ["ALL_STATES", "Controller", "ControllerEvent", "ControllerState", "Geometry", "zero_targets"]
+__all__ = [
+    "ALL_STATES",
+    "CommonParams",
+    "Controller",
+    "ControllerEvent",
+    "ControllerState",
+    "Geometry",
+    "WheelBase",
+    "is_moving",
+    "not_enabled",
+    "zero_targets",
+]
 
 ALL_STATES: Final = "*"
 """As the only state interface name: every state interface of the robot."""
-
-_ZEROED: Final = frozenset({VELOCITY, EFFORT, ACCELERATION})
 
 
 class Geometry(Protocol):
@@ -48,6 +62,23 @@ class Geometry(Protocol):
         ...
 
 
+@dataclass(frozen=True, slots=True)
+class WheelBase:
+    """What a base controller assumes of the robot it drives, for `check`: wheels, sizes in m, frames.
+
+    `frozen` are the axes of a twist whose limits keep it from ever changing speed.
+    """
+
+    left: tuple[str, ...]
+    right: tuple[str, ...]
+    separation: float
+    radius: float
+    odom_frame: str
+    base_frame: str
+    publishes_tf: bool = True
+    frozen: tuple[str, ...] = ()
+
+
 class ControllerState(enum.Enum):
     """The states of a controller (REP 2007's managed nodes)."""
 
@@ -60,8 +91,19 @@ class ControllerState(enum.Enum):
 def zero_targets(commands: Sequence[CommandInterface]) -> None:
     """Write 0.0 to every target that would keep something moving; a position target holds by itself."""
     for each in commands:
-        if each.interface in _ZEROED:
+        if each.interface in MOVING:
             each.value = 0.0
+
+
+def is_moving(commands: Sequence[CommandInterface]) -> bool:
+    """Whether a target keeps something moving, or may be on its way to a position."""
+    return any(each.value != 0.0 and math.isfinite(each.value) for each in commands)
+
+
+def not_enabled(waiting: Sequence[CommandInterface]) -> str:
+    """Say which joints take no command; who knows their drives says more."""
+    names = ", ".join(dict.fromkeys(each.joint for each in waiting))
+    return f"{names}: not enabled; enable it"
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,28 +122,42 @@ class Controller:
     `commands` and `states` are its interfaces while it is active, in the order it named them. `rejected` counts the
     commands it refused. `topic` is where ROS sends commands, None if it takes none. `publishes` are the topics of joint
     states that ROS gets of it, relative to the robot's namespace, and `frame_id` is the frame of their headers. `tells`
-    is what stands in them: by joint and name, the state interface that a value is read from, None for a constant 0.0.
+    is the kind of its `sample`, None if it has none, `stamp` the time of its last publication in ns, `publish_rate`
+    how often it publishes, in Hz, 0 for at every update. `life` is that of its command.
     """
 
     is_broadcaster: ClassVar[bool] = False
+    is_base: ClassVar[bool] = False
+    """Whether its joints move one base (a vehicle): they stop together, and no verb acts on one of them alone."""
+    independent: ClassVar[bool] = False
+    """Whether each of its interfaces has a value of its own: one stop group of them may go on without another."""
     topic: ClassVar[str | None] = None
+    tells: ClassVar[type[Sample] | None] = None
 
     def __init__(self, name: str, type_name: str = "") -> None:
         self.name, self.type = name, type_name
         self.state = ControllerState.UNCONFIGURED
         self.update_rate = 0
+        self.publish_rate = 0.0
         self.rejected = 0
+        self.life = CommandLife()
         self.publishes: tuple[str, ...] = ()
         self.frame_id = ""
         self.joints: tuple[str, ...] = ()
         self.interface: str | None = None
-        self.tells: dict[str, dict[str, str | None]] = {}
+        self.stamp = 0
         self.commands: list[CommandInterface] = []
         self.states: list[StateInterface] = []
         self.description_joints: tuple[str, ...] | None = None
         """The movable joints of the robot's description, set by the manager; None if there is no description."""
         self.geometry: Geometry | None = None
         """The wheels of the robot's description, set by the manager; None if there is no description."""
+        self.description: Mapping[str, Joint] = {}
+        """The joints of the robot's description by name, set by the manager."""
+        self.explain: Callable[[Sequence[CommandInterface]], str] = not_enabled
+        """Says why interfaces follow no commands and what to do, set by the manager."""
+        self.cycle_rate = 100
+        """How often the cycle runs, in Hz, set by the manager."""
         self.notices: list[ControllerEvent] = []
         """What it has told; once it is loaded it is the manager's list, in which all tell."""
 
@@ -133,6 +189,19 @@ class Controller:
         del now
         zero_targets(self.commands)
 
+    def forget(self, now: int) -> None:
+        """Go back to where no command had come yet: what moves gets the target 0.0, a position is held where it is."""
+        self.on_deactivate(now)
+        for each in self.commands:
+            if each.interface == POSITION:
+                each.value = math.nan  # the hardware holds where it is, and does not go on to the old target
+        self.on_activate(self.commands, self.states, now)
+
+    def forget_some(self, commands: Sequence[CommandInterface], now: int) -> None:
+        """Forget what was commanded to some interfaces; all, unless it is `independent`."""
+        del commands
+        self.forget(now)
+
     def on_cleanup(self) -> None:
         """Forget the configuration."""
 
@@ -141,12 +210,42 @@ class Controller:
         del now, period
         return OK
 
+    def sample(self, wall_offset_ns: int) -> ControllerSample | None:
+        """Return what it has published last, of the type that it `tells`; None before the first time.
+
+        `wall_offset_ns` makes Unix time of its stamps. It is asked between two cycles, however often, and changes
+        nothing: it tells what `update` has put down.
+        """
+        del wall_offset_ns
+        return None
+
+    def wheel_base(self) -> WheelBase | None:
+        """Return what it assumes of the robot's wheels, once it is configured; None if it drives none."""
+        return None
+
+    def set_odometry(self, x: float, y: float, heading: float) -> None:
+        """Have its odometry go on from a pose, in m and rad; ControlError if it is no base controller."""
+        del x, y, heading
+        raise ControlError(f"{self.name} has no odometry; it is no base controller")
+
     def set_command(self, values: Sequence[float], now: int, stamp: int | None = None) -> None:
         """Take a command; `stamp` is when it was made, `now` when it came, both in ns. ControlError if refused."""
         del values, now, stamp
         raise self.refusal("takes no commands; it only reads states")
 
+    def send_goal(self, goal: Goal, now: int) -> None:
+        """Execute a trajectory, `now` in ns; ControlError if it is refused."""
+        del goal, now
+        raise self.refusal("follows no trajectories; it is no joint trajectory controller")
+
+    def cancel_goal(self) -> None:
+        """End the goal that is being executed, if there is one."""
+
     # ------------------------------------------------------------------------------------------------ for overrides
+
+    def published(self, wall_offset_ns: int) -> float:
+        """Return when it published last, in Unix seconds: the `time` of its sample."""
+        return (self.stamp + wall_offset_ns) / 1e9
 
     def refusal(self, reason: str) -> ControlError:
         """Count a refused command and return the error to raise."""
@@ -164,6 +263,16 @@ class Controller:
         for name, value in zip(names, values, strict=True):
             if not _finite(value):
                 raise self.refusal(f"wants finite numbers, got {value!r} for {name}; nothing was applied")
+
+    def refuse_misfit(self, commands: Sequence[CommandInterface], value: float, now: int) -> None:
+        """Refuse a value that an object behind these cannot hold; what was commanded before ends with that."""
+        for each in commands:
+            fits = each.misfit(value)
+            if fits is not None:
+                self.forget(now)
+                raise self.refusal(
+                    f"cannot send {value:g}: {fits}; velocity and effort targets are 0, positions are held"
+                )
 
     def tell(self, kind: str, text: str) -> None:
         """Report something that happened; it comes out of the manager's events()."""

@@ -14,9 +14,8 @@ from typing import TYPE_CHECKING
 
 from canopen_control.controllers.base import ALL_STATES, ControllerState
 from canopen_control.controllers.chain import in_order
-from canopen_control.errors import ControlError, InterfaceConflict, UnknownName
+from canopen_control.errors import ControlError, InterfaceConflict, UnknownName, nearest
 from canopen_control.hardware.interfaces import LifecycleState
-from canopen_control.yamltree import nearest
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

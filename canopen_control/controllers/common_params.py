@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from canopen_control.yamltree import setting
+from canopen_control.yamlfile.convert import setting
 
 __all__ = ["CommonParams"]
 

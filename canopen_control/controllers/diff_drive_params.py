@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Final
 from canopen_control.controllers.common_params import CommonParams
 from canopen_control.controllers.limiter import Limits
 from canopen_control.errors import RobotConfigError
-from canopen_control.yamltree import setting
+from canopen_control.yamlfile.convert import setting
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -113,6 +113,12 @@ class DiffDriveParams(CommonParams):
         """The radius of the right wheels that counts, in m."""
         return self.wheel_radius * self.right_wheel_radius_multiplier
 
+    @property
+    def frozen(self) -> tuple[str, ...]:
+        """The axes that a jerk limit of 0 keeps from ever changing their speed."""
+        axes = {"linear.x": self.linear, "angular.z": self.angular}
+        return tuple(name for name, each in axes.items() if each.has_jerk_limits and each.max_jerk == 0.0)
+
 
 RENAMES: Final = {
     "left_wheel": "left_wheel_names",
@@ -181,11 +187,6 @@ def _checks(given: DiffDriveParams) -> list[tuple[bool, str]]:
             "a multiplier of wheel_separation or wheel_radius is not above 0",
         ),
     ]
-
-
-def frozen_by_jerk(limits: AxisLimits) -> bool:
-    """Whether a jerk limit of 0 keeps the robot from ever changing its speed."""
-    return limits.has_jerk_limits and limits.max_jerk == 0.0
 
 
 def tf_prefix(prefix: str, namespace: str, *, enable: bool = True) -> str:

@@ -2,8 +2,8 @@
 
 The law of the file (ros2_controllers jazzy): `~/commands` carries one number per interface, in the order of the
 parameters; before the first command nothing is written. Ours, and safer: a bad command is refused instead of stopping
-the controller, and with `command_timeout` (s; 0 or absent is off, as upstream) a velocity or effort target becomes 0.0
-when the last good command is older than that, told once; a position target is held. The next command takes over again.
+the controller, and a velocity or effort target becomes 0.0 when the last good command is older than `command_timeout`
+(s; absent 2 s, 0 never, see `command_life`), told once; a position target is held. The next command takes over again.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import math
 from typing import TYPE_CHECKING, ClassVar
 
 from canopen_control.controllers.base import Controller, zero_targets
+from canopen_control.controllers.command_life import ENDLESS, endless, life_ns
 from canopen_control.controllers.forward_command_params import ForwardParams, GroupParams, MultiParams, SingleParams
 from canopen_control.errors import RobotConfigError
 from canopen_control.hardware.interfaces import EFFORT, OK, POSITION, VELOCITY, ReturnType
@@ -38,15 +39,13 @@ __all__ = [
 class ForwardCommandController(Controller):
     """Forwards numbers to one interface of several joints."""
 
+    independent: ClassVar[bool] = True
     topic: ClassVar[str | None] = "commands"
 
     def __init__(self, name: str, type_name: str = "forward_command_controller/ForwardCommandController") -> None:
         super().__init__(name, type_name)
         self._names: tuple[str, ...] = ()
-        self._timeout_ns = 0
         self._values: list[float] = []
-        self._last = 0
-        self._commanded = False
         self._timed_out = False
 
     @property
@@ -68,23 +67,38 @@ class ForwardCommandController(Controller):
     def on_activate(self, commands: list[CommandInterface], states: list[StateInterface], now: int) -> None:
         """Take the interfaces; what was commanded before counts no more."""
         super().on_activate(commands, states, now)
-        self._commanded = self._timed_out = False
+        self._timed_out = False
+        self.life.end()
         self._values = [math.nan] * len(commands)
 
     def set_command(self, values: Sequence[float], now: int, stamp: int | None = None) -> None:
         """Take one finite number per interface, or refuse all; `now` in ns starts the timeout anew."""
         del stamp  # Float64MultiArray has none
         self.checked(values, self._names)
-        self._values[:] = map(float, values)
-        self._last, self._commanded, self._timed_out = now, True, False
+        for command, value in zip(self.commands, values, strict=True):
+            self.refuse_misfit((command,), float(value), now)
+        for index, command in enumerate(self.commands):  # what is off keeps nothing for when it is on
+            self._values[index] = float(values[index]) if command.enabled else math.nan
+        self._timed_out = False
+        self.life.give(now)
+
+    def forget_some(self, commands: Sequence[CommandInterface], now: int) -> None:
+        """Let some joints stand, and the others go on."""
+        del now
+        zero_targets(commands)
+        for index, command in enumerate(self.commands):
+            if command in commands:
+                self._values[index] = math.nan
+                if command.interface == POSITION:
+                    command.value = math.nan
 
     def update(self, now: int, period: float) -> ReturnType:
         """Write the targets."""
         del period
-        if not self._commanded or self._timed_out:
-            return OK
-        if self._timeout_ns and now - self._last > self._timeout_ns:
+        life = self.life
+        if life.runs_out(now):
             self._stop(now)
+        if not life.live:
             return OK
         index = 0
         for each in self.commands:
@@ -96,10 +110,15 @@ class ForwardCommandController(Controller):
         self._timed_out = True
         zero_targets(self.commands)
         held = "position targets are held" if self.interface == POSITION else "targets are 0"
-        self.tell("command_timeout", f"no command for {(now - self._last) / 1e9:.2f} s, {held} until the next one")
+        self.tell("command_timeout", f"no command for {(now - self.life.given) / 1e9:.2f} s, {held} until the next one")
 
     def _set_up(
-        self, common: CommonParams, joints: tuple[str, ...], interface: str, timeout: float, parameter: str = "joints"
+        self,
+        common: CommonParams,
+        joints: tuple[str, ...],
+        interface: str,
+        timeout: float | None,
+        parameter: str = "joints",
     ) -> None:
         if not joints:
             raise RobotConfigError(_missing(self.name, parameter, "[left_wheel_joint, right_wheel_joint]"))
@@ -107,7 +126,12 @@ class ForwardCommandController(Controller):
             raise RobotConfigError(f"{self.name}: {parameter} names one twice: {', '.join(joints)}; name each once")
         self.joints, self.interface, self.update_rate = joints, interface, common.update_rate
         self._names = tuple(f"{joint}/{interface}" for joint in joints)
-        self._timeout_ns = round(timeout * 1e9)
+        self._set_life(timeout, (interface,))
+
+    def _set_life(self, timeout: float | None, interfaces: Sequence[str]) -> None:
+        self.life.limit_ns = life_ns(timeout, interfaces)
+        if (text := endless("command_timeout", timeout, interfaces)) is not None:
+            self.tell(ENDLESS, text)
 
 
 class MultiInterfaceForwardCommandController(ForwardCommandController):
@@ -119,6 +143,7 @@ class MultiInterfaceForwardCommandController(ForwardCommandController):
         if not given.joint:
             raise RobotConfigError(_missing(self.name, "joint", "left_wheel_joint"))
         self._set_up(given, given.interface_names, "", given.command_timeout, "interface_names")
+        self._set_life(given.command_timeout, given.interface_names)
         self.joints, self.interface = (given.joint,), ", ".join(given.interface_names)
         self._names = tuple(f"{given.joint}/{interface}" for interface in given.interface_names)
 

@@ -7,7 +7,7 @@ from typing import Final
 
 from canopen_control.controllers.common_params import CommonParams
 from canopen_control.hardware.interfaces import EFFORT, POSITION, VELOCITY
-from canopen_control.yamltree import setting
+from canopen_control.yamlfile.convert import setting
 
 __all__ = ["RENAMES", "BroadcasterParams"]
 

@@ -1,70 +1,57 @@
-"""The controller manager: who is loaded, who is active, who owns what, and the controllers' part of the cycle.
+"""The controller manager: who is loaded, who is active, and who owns what.
 
 The law of the file (ros2_control jazzy): a switch is checked as a whole before anything changes. STRICT refuses it if
 any name is impossible, best effort drops the impossible ones; a claimed or unavailable interface refuses it in both.
 Then the leaving controllers stop and release, the hardware changes its modes, the entering ones claim and start; if one
 of those fails, all of that request are stopped again. A controller whose update fails is deactivated with those it is
-chained to, and its fallbacks take over. `update` runs over lists made at the last switch. It never raises.
+chained to, and its fallbacks take over. `update` never raises (`running`).
+Ours, and safer: a command to a controller one of whose drives is not enabled is refused, and what the controller has is
+forgotten when a drive is no longer enabled, so that the first motion after every enable has a command that is newer.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Final, Protocol
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
 
-from canopen_control.controllers.base import ALL_STATES, Controller, ControllerEvent, ControllerState, zero_targets
-from canopen_control.controllers.chain import in_order, users_of
+from canopen_control.controllers.base import (
+    ALL_STATES,
+    Controller,
+    ControllerEvent,
+    ControllerState,
+    not_enabled,
+    zero_targets,
+)
+from canopen_control.controllers.chain import joints_of, users_of
 from canopen_control.controllers.claims import Plan, make_plan
+from canopen_control.controllers.command_life import MOVING
 from canopen_control.controllers.params import Params
+from canopen_control.controllers.running import RunningControllers
 from canopen_control.controllers.types import make_controller
-from canopen_control.errors import CanopenError, ControlError, UnknownName
-from canopen_control.hardware.interfaces import OK
-from canopen_control.yamltree import nearest
+from canopen_control.errors import CanopenError, ControlError, NotEnabled, NotYetEnabled, UnknownName, nearest
+from canopen_control.rpc.messages.samples import kind_of
+from canopen_control.rpc.messages.state import ControllerReading
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from canopen_control.controllers.base import Geometry
-    from canopen_control.hardware.interfaces import HardwareComponent, InterfaceRegistry, StateInterface
+    from canopen_control.controllers.trajectory.goal import Goal
+    from canopen_control.hardware.interfaces import (
+        CommandInterface,
+        HardwareComponent,
+        InterfaceRegistry,
+        StateInterface,
+    )
+    from canopen_control.urdf.joint import Joint
 
-__all__ = ["ControllerEvent", "ControllerInfo", "ControllerManager", "Switched"]
-
-NS: Final = 1_000_000_000
-
-
-@dataclass(frozen=True, slots=True)
-class ControllerInfo:
-    """What `list` tells of a controller; `topic` is where its commands come, None if it takes none.
-
-    `publishes` are its topics of joint states, with `frame_id` in their headers and what it `tells` in them: by joint
-    and name, the state interface that a value is read from, None for a constant 0.0.
-    """
-
-    name: str
-    type: str
-    state: str
-    joints: tuple[str, ...]
-    interface: str | None
-    claimed_interfaces: tuple[str, ...]
-    required_command_interfaces: tuple[str, ...]
-    required_state_interfaces: tuple[str, ...]
-    topic: str | None
-    publishes: tuple[str, ...]
-    frame_id: str
-    tells: dict[str, dict[str, str | None]]
-    is_broadcaster: bool
-    rejected: int
-
-    def as_dict(self) -> dict[str, object]:
-        """Return the fields for JSON."""
-        values = {each.name: getattr(self, each.name) for each in fields(self)}
-        return {name: list(value) if isinstance(value, tuple) else value for name, value in values.items()}
+__all__ = ["ControllerEvent", "ControllerManager", "Switched"]
 
 
 @dataclass(frozen=True, slots=True)
 class Switched:
-    """What a switch changed."""
+    """The result of a switch of controllers: what was activated and deactivated."""
 
     activated: tuple[str, ...] = ()
     deactivated: tuple[str, ...] = ()
@@ -75,6 +62,13 @@ Events = tuple[ControllerEvent, ...]
 Names = list[str]
 States = list["StateInterface"]
 Running = tuple[Controller, ...]
+Bases = dict[str, tuple[str, ...]]
+
+
+def _why_waiting(ends: Sequence[CommandInterface]) -> NotEnabled:
+    """Say which joints take no command; who knows their drives says more."""
+    names = ", ".join(dict.fromkeys(each.joint for each in ends))
+    return NotEnabled(f"{names}: not enabled, so no command is taken")
 
 
 class Limiter(Protocol):
@@ -85,19 +79,11 @@ class Limiter(Protocol):
         ...
 
 
-class _Slot:
-    """An active controller's place in the cycle."""
-
-    __slots__ = ("controller", "last", "rate")
-
-    def __init__(self, controller: Controller, rate: int, last: int) -> None:
-        self.controller, self.rate, self.last = controller, rate, last
-
-
 class ControllerManager:
-    """Owns the controllers of one robot; `update_rate` in Hz.
+    """Owns the controllers of one robot; `update_rate` in Hz, `cycle` in s where the cycle has another period.
 
-    `joints` are the movable ones of the description and `geometry` its wheels; `limiter` may be set at any time.
+    `running` are those that are active. `joints` are the movable ones of the description, `geometry` its wheels and
+    `description` all its joints; `limiter` may be set at any time.
     """
 
     def __init__(
@@ -105,25 +91,28 @@ class ControllerManager:
         registry: InterfaceRegistry,
         update_rate: int = 100,
         *,
+        cycle: float | None = None,
         joints: Sequence[str] | None = None,
         geometry: Geometry | None = None,
+        description: Mapping[str, Joint] | None = None,
     ) -> None:
         if update_rate <= 0:
             raise ControlError(f"controller_manager: update_rate is {update_rate}; it is a number of Hz above 0")
         self.registry, self.update_rate = registry, update_rate
         self._joints = None if joints is None else tuple(joints)
         self._geometry = geometry
+        self._description = description or {}
         self.limiter: Limiter | None = None
-        self._period = 1.0 / update_rate
+        self.on_switched: Callable[[], None] = lambda: None
+        """Called when other controllers are active than before."""
+        self.why_waiting: Callable[[Sequence[CommandInterface]], NotEnabled] = _why_waiting
+        self.explain: Callable[[Sequence[CommandInterface]], str] = not_enabled
+        self._told_refusal: set[str] = set()
         self._controllers: dict[str, Controller] = {}
         self._params: dict[str, Params] = {}
         self._fallbacks: dict[str, tuple[str, ...]] = {}
-        self._order: list[_Slot] = []
-        self._commanding: list[_Slot] = []
-        self._telling: list[_Slot] = []
-        self._failed: list[tuple[Controller, str]] = []
         self._events: list[ControllerEvent] = []
-        self._now = 0
+        self.running = RunningControllers(update_rate, cycle or 1.0 / update_rate, self._events)
 
     # ------------------------------------------------------------------------------------------------- lifecycle
 
@@ -138,6 +127,8 @@ class ControllerManager:
             raise ControlError(f"controller {name} is loaded already; unload it first")
         controller = make_controller(name, type_name)
         controller.description_joints, controller.geometry = self._joints, self._geometry
+        controller.description, controller.cycle_rate = self._description, self.update_rate
+        controller.explain = self._explain
         self._events += controller.notices
         controller.notices = self._events
         self._fallbacks[name] = tuple(fallbacks)
@@ -184,7 +175,7 @@ class ControllerManager:
             raise UnknownName(f"no controller {name!r} is loaded{nearest(name, self._controllers)}")
         return controller
 
-    def list(self) -> list[ControllerInfo]:
+    def list(self) -> list[ControllerReading]:
         """Return all controllers in the order they were loaded."""
         return [self._info(each) for each in self._controllers.values()]
 
@@ -196,12 +187,13 @@ class ControllerManager:
     @property
     def active(self) -> tuple[str, ...]:
         """The names of the active controllers in the order they run."""
-        return tuple(slot.controller.name for slot in self._order)
+        return tuple(each.name for each in self.running.controllers)
 
     @property
-    def running(self) -> Running:
-        """The active controllers in the order they run."""
-        return tuple(slot.controller for slot in self._order)
+    def bases(self) -> Bases:
+        """The joints of each active controller that moves a base, by its name."""
+        running = self.running.controllers
+        return {each.name: tuple(joints_of(each, running)) for each in running if each.is_base}
 
     def events(self) -> Events:
         """Return what happened since the last call, in order."""
@@ -225,7 +217,7 @@ class ControllerManager:
         Raises ControlError (InterfaceConflict, UnknownInterface) or DriveError and changes nothing if the request is
         refused; if a controller fails to start, all of this request are deactivated and the ControlError says why.
         """
-        now = self._now if now is None else now
+        now = self.running.now if now is None else now
         plan = make_plan(self._controllers, self.registry, activate, deactivate, strict=strict)
         for component, start, stop in plan.switches:
             component.prepare_command_mode_switch(start, stop)
@@ -234,7 +226,7 @@ class ControllerManager:
         for component, start, stop in plan.switches:
             component.perform_command_mode_switch(start, stop)
         self._start_all(plan, now)
-        self._rebuild(now)
+        self._arrange()
         return Switched(tuple(each.name for each in plan.activate), tuple(each.name for each in plan.deactivate))
 
     def deactivate_using(self, component: HardwareComponent, reason: str, now: int | None = None) -> Names:
@@ -245,55 +237,78 @@ class ControllerManager:
         owned = {each.owner for each in component.command_interfaces if each.owner is not None}
         return self._drop([self._controllers[name] for name in owned if name in self._controllers], reason, now)
 
-    # --------------------------------------------------------------------------------------------------- the cycle
-
-    def command(self, name: str, values: Sequence[float], now: int, stamp: int | None = None) -> None:
-        """Hand a command to a controller; raises ControlError if it is refused. Times in ns."""
-        self.get(name).set_command(values, now, stamp)
+    # ------------------------------------------------------------------------------------------------- every cycle
 
     def update(self, now: int, period: float) -> None:
         """Run the controllers that are due, in the order of their chains; `now` in ns, `period` of the cycle in s.
 
         Those that only tell are run by `broadcast`.
         """
-        self._now = now
-        self._run_due(self._commanding, now, period)
-        if self.limiter is not None and (limited := self.limiter.enforce(period)) is not None:
+        elapsed = self.running.update(now, period)
+        if self.running.failed:
+            self._drop_failed(now)
+        if elapsed >= 0.0 and self.limiter is not None and (limited := self.limiter.enforce(elapsed)) is not None:
             self._tell("limited", "", f"enforce_command_limits: {limited}")
 
     def broadcast(self, now: int, period: float) -> None:
         """Run the broadcasters that are due, once the commands of the cycle are on their way."""
-        self._run_due(self._telling, now, period)
-
-    def _run_due(self, slots: Sequence[_Slot], now: int, period: float) -> None:
-        for slot in slots:
-            elapsed = period
-            if slot.rate:
-                if not self._due(slot, now):
-                    continue
-                elapsed = (now - slot.last) / NS
-                slot.last = now
-            try:
-                result = slot.controller.update(now, elapsed)
-            except Exception as error:  # noqa: BLE001 - no controller ends the cycle, whatever it raises
-                self._failed.append((slot.controller, f"update raised {type(error).__name__}: {error}"))
-                continue
-            if result is not OK:
-                self._failed.append((slot.controller, "update reported an error"))
-        if self._failed:
+        self.running.broadcast(now, period)
+        if self.running.failed:
             self._drop_failed(now)
 
-    def _due(self, slot: _Slot, now: int) -> bool:
-        """Whether this cycle is nearer to the controller's period than the next one would be."""
-        elapsed = (now - slot.last) / NS
-        return abs(elapsed * slot.rate - 1.0) <= abs((elapsed + self._period) * slot.rate - 1.0)
+    def command(
+        self,
+        name: str,
+        values: Sequence[float],
+        now: int,
+        stamp: int | None = None,
+        *,
+        source: str = "",
+        holder: object = None,
+    ) -> None:
+        """Hand a command to a controller; raises ControlError if it is refused, NotEnabled for its drives. Times in ns.
+
+        `source` says who gives it; it ends with `holder`, see `let_go`, unless it is to stand still. A refusal is told
+        once, until one is taken.
+        """
+        controller = self.get(name)
+        self._hand(controller, lambda: controller.set_command(values, now, stamp), source)
+        at_rest = not any(values) and all(each.interface in MOVING for each in controller.commands)
+        controller.life.source, controller.life.holder = source, None if at_rest else holder
+
+    def send_goal(self, name: str, goal: Goal, now: int, *, source: str = "", holder: object = None) -> None:
+        """Hand a trajectory to a controller, see `command`; with its end the holder's hold on it ends."""
+        controller = self.get(name)
+        self._hand(controller, lambda: controller.send_goal(goal, now), source)
+        controller.life.source, controller.life.holder = source, holder
+
+    def _hand(self, controller: Controller, take: Callable[[], None], source: str) -> None:
+        """Have something taken by a controller whose drives are enabled; a refusal is told once."""
+        name = controller.name
+        try:
+            self._require_enabled(controller)
+            take()
+        except ControlError as error:
+            if name not in self._told_refusal and not isinstance(error, NotYetEnabled):
+                self._told_refusal.add(name)
+                self._tell("refused", name, f"{error} (from {source or 'nobody named'}; told once)")
+            raise
+        self._told_refusal.discard(name)
+
+    def _require_enabled(self, controller: Controller) -> None:
+        """Raise NotEnabled, and count it, while no part of what the controller moves follows commands as a whole."""
+        slot = self.running.slot_of(controller)
+        if slot is not None and not slot.follows:
+            controller.rejected += 1
+            raise self.why_waiting(slot.disabled)
 
     # ------------------------------------------------------------------------------------------------------ inside
 
     def _drop_failed(self, now: int) -> None:
-        failed, self._failed = self._failed, []
+        failed, self.running.failed = self.running.failed, []
         for controller, reason in failed:
-            dropped = self._drop([controller], reason, now)
+            again = f"canopen-control controller switch --activate {controller.name}"
+            dropped = self._drop([controller], f"{reason}; to go on, once that is mended: {again}", now)
             fallbacks = dict.fromkeys(name for each in dropped for name in self._fallbacks.get(each, ()))
             if fallbacks:
                 self._fall_back(list(fallbacks), controller.name, now)
@@ -310,13 +325,12 @@ class ControllerManager:
 
     def _drop(self, controllers: Sequence[Controller], reason: str, now: int | None) -> Names:
         """Deactivate these and whoever is chained to them, without asking anyone."""
-        now = self._now if now is None else now
-        active = [slot.controller for slot in self._order]
-        group = users_of(controllers, active)
+        now = self.running.now if now is None else now
+        group = users_of(controllers, self.running.controllers)
         for controller in group:
             self._stop(controller, now, "error", reason)
         self._release_hardware(group)
-        self._rebuild(now)
+        self._arrange()
         return [each.name for each in group]
 
     def _release_hardware(self, group: Sequence[Controller]) -> None:
@@ -336,7 +350,7 @@ class ControllerManager:
             for controller in started:
                 self._stop(controller, now, "error", str(error))
             self._release_hardware(plan.activate)
-            self._rebuild(now)
+            self._arrange()
             raise ControlError(f"{started[-1].name} could not be activated: {error}") from error
 
     def _start(self, controller: Controller, now: int) -> None:
@@ -351,6 +365,7 @@ class ControllerManager:
         """Make a controller inactive; its targets are zero even if its own hook fails."""
         commands = list(controller.commands)
         try:
+            controller.life.end()
             controller.on_deactivate(now)
         except Exception as error:  # noqa: BLE001 - stopping goes on
             reason = reason or f"on_deactivate raised {type(error).__name__}: {error}"
@@ -367,44 +382,38 @@ class ControllerManager:
             return list(self.registry.state_interfaces)
         return [self.registry.state(name) for name in names]
 
-    def _rebuild(self, now: int) -> None:
-        kept = {slot.controller.name: slot.last for slot in self._order}
+    def _arrange(self) -> None:
         active = [each for each in self._controllers.values() if each.state is ControllerState.ACTIVE]
-        self._order = []
-        for controller in in_order(active):
-            rate = (
-                0 if controller.update_rate in (0, self.update_rate) else min(controller.update_rate, self.update_rate)
-            )
-            first = now - NS // rate if rate else now
-            self._order.append(_Slot(controller, rate, kept.get(controller.name, first)))
-        self._commanding = [slot for slot in self._order if not _only_tells(slot.controller)]
-        self._telling = [slot for slot in self._order if _only_tells(slot.controller)]
+        self.running.arrange(self._controllers.values(), active)
+        self.on_switched()
+
+    def _explain(self, waiting: Sequence[CommandInterface]) -> str:
+        return self.explain(waiting)
 
     def _withdraw(self, controller: Controller) -> None:
         self.registry.withdraw(controller.reference_interfaces())
 
-    def _info(self, controller: Controller) -> ControllerInfo:
+    def _info(self, controller: Controller) -> ControllerReading:
         configured = controller.state is not ControllerState.UNCONFIGURED
-        return ControllerInfo(
-            controller.name,
-            controller.type,
-            controller.state.value,
-            controller.joints,
-            controller.interface,
-            tuple(each.name for each in controller.commands),
-            tuple(controller.command_interface_names()) if configured else (),
-            tuple(controller.state_interface_names()) if configured else (),
-            controller.topic,
-            controller.publishes,
-            controller.frame_id,
-            controller.tells,
-            controller.is_broadcaster,
-            controller.rejected,
+        rate = min(controller.update_rate or self.update_rate, self.update_rate)
+        return ControllerReading(
+            name=controller.name,
+            type=controller.type,
+            state=controller.state.value,
+            joints=controller.joints,
+            interface=controller.interface,
+            claims=tuple(each.name for each in controller.commands),
+            required_command_interfaces=tuple(controller.command_interface_names()) if configured else (),
+            required_state_interfaces=tuple(controller.state_interface_names()) if configured else (),
+            topic=controller.topic,
+            publishes=controller.publishes,
+            frame_id=controller.frame_id,
+            tells=None if controller.tells is None else kind_of(controller.tells),
+            is_broadcaster=controller.is_broadcaster,
+            rejected=controller.rejected,
+            update_rate=rate,
+            publish_rate=0.0 if controller.tells is None else min(controller.publish_rate or rate, rate),
         )
 
     def _tell(self, kind: str, controller: str, text: str) -> None:
         self._events.append(ControllerEvent(kind, controller, text))
-
-
-def _only_tells(controller: Controller) -> bool:
-    return controller.is_broadcaster and not controller.commands

@@ -16,8 +16,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Final, TypeVar
 
-from canopen_control.errors import RobotConfigError
-from canopen_control.yamltree import Node, Problems, nearest, setting, tree
+from canopen_control.errors import RobotConfigError, nearest
+from canopen_control.yamlfile.convert import convert, setting
+from canopen_control.yamlfile.node import Node
+from canopen_control.yamlfile.problems import Problems
+from canopen_control.yamlfile.reader import tree
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -56,7 +59,7 @@ class Params:
         with contextlib.ExitStack() as stack:
             for each in self.files:
                 stack.enter_context(each.raising(RobotConfigError))
-            value = _gathered(self._renamed(renames or {}), cls).convert(cls)
+            value = convert(_gathered(self._renamed(renames or {}), cls), cls, None)
             _tell_ineffective(self.flat, value)
         return typing.cast("T", value)
 
@@ -334,13 +337,13 @@ def _manager(flat: Node, root: Node) -> tuple[dict[str, _Declared], ManagerParam
             files, fallbacks = _texts(pairs, f"{name}.params_file"), _texts(pairs, f"{name}.fallback_controllers")
             further = _below(flat, pairs, name)
             told = tuple(text for _, text in fallbacks)
-            declared[name] = _Declared(key, value.convert(str, ""), further, files, told)
+            declared[name] = _Declared(key, convert(value, str, ""), further, files, told)
     for dotted, pair in pairs.items():
         foreign = dotted.startswith((*_IGNORED, *(f"{name}." for name in declared)))
         if dotted in _INITIAL_STATES or not foreign:
             own[dotted] = pair
     given = Node.mapping(_like(root), own)
-    manager = given.convert(ManagerParams, ManagerParams())
+    manager = convert(given, ManagerParams, ManagerParams())
     _tell_ineffective(given, manager)
     return declared, manager
 
@@ -351,7 +354,7 @@ def _texts(pairs: Mapping[str, tuple[Node, Node]], name: str) -> tuple[tuple[Nod
         return ()
     _, node = pairs[name]
     places = node.elements() if node.kind == "sequence" else [node]
-    return tuple((place, text) for place in places if (text := place.convert(str, "")))
+    return tuple((place, text) for place in places if (text := convert(place, str, "")))
 
 
 def _below(flat: Node, pairs: dict[str, tuple[Node, Node]], name: str) -> Node:
@@ -379,7 +382,7 @@ def _controllers(
         if name in found:
             continue
         if type_node is not None:
-            found[name] = _config(name, type_node.convert(str, ""), block.key, block.value.over(everywhere), block)
+            found[name] = _config(name, convert(type_node, str, ""), block.key, block.value.over(everywhere), block)
         else:
             hint = nearest(name, declared)
             block.key.problems.suspect(block.key, f"{name!r} has parameters but no type, so nobody loads it{hint}")

@@ -11,8 +11,7 @@ import importlib.metadata
 from typing import Final
 
 from canopen_control.controllers.base import Controller
-from canopen_control.errors import ControlError
-from canopen_control.yamltree import nearest
+from canopen_control.errors import ControlError, nearest
 
 __all__ = ["GROUP", "TYPES", "is_broadcaster", "make_controller"]
 
@@ -31,6 +30,7 @@ TYPES: Final = {
     "position_controllers/JointPositionController": f"{_HERE}.forward_command:JointPositionController",
     "effort_controllers/JointEffortController": f"{_HERE}.forward_command:JointEffortController",
     "diff_drive_controller/DiffDriveController": f"{_HERE}.diff_drive:DiffDriveController",
+    "joint_trajectory_controller/JointTrajectoryController": f"{_HERE}.trajectory.controller:JointTrajectoryController",
     "joint_state_broadcaster/JointStateBroadcaster": f"{_HERE}.joint_state:JointStateBroadcaster",
     "joint_state_controller/JointStateController": f"{_HERE}.joint_state:JointStateBroadcaster",
     "canopen_control/GpioBroadcaster": f"{_HERE}.broadcasters:GpioBroadcaster",

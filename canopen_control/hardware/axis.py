@@ -11,15 +11,15 @@ import math
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.cia402 import objects
+from canopen_control.cia402.drive import DriveMachine
 from canopen_control.cia402.units import INT32_MAX, INT32_MIN, PositionUnwrapper, Scale
 from canopen_control.errors import RobotConfigError
 
 if TYPE_CHECKING:
-    from canopen_control.hardware.axis_modes import ModeTarget
     from canopen_control.master.cycle import Input, Output, ProcessImage
-    from canopen_control.master.node import RemoteNode
+    from canopen_control.master.remote_node import RemoteNode
 
-__all__ = ["Axis", "AxisLimits", "configured_scale"]
+__all__ = ["Axis", "AxisLimits", "configured_machine", "configured_scale"]
 
 TORQUE_MAX: Final = (1 << 15) - 1
 _POSITIONS: Final = (objects.TARGET_POSITION, objects.INTERPOLATION_DATA)
@@ -58,6 +58,8 @@ class AxisLimits:
 
     def of_torque(self, raw: int) -> int:
         """Return a torque that the drive will take."""
+        if raw * self.blocked > 0:
+            return 0
         return max(-self.torque_negative, min(self.torque_positive, raw))
 
     def of_position(self, raw: int) -> int:
@@ -75,6 +77,7 @@ class Axis:
         self.unwrap = PositionUnwrapper()
         self.limits = AxisLimits()
         self.rpm_to_dev = 60.0 / math.tau  # mode VL: 0x6042 counts revolutions of the motor per minute
+        self.misfit = math.nan  # the target that did not fit its object, nan while the last one did
         self.statusword = self._need_input(objects.STATUSWORD)
         self.controlword = self._need_output(objects.CONTROLWORD)
         self.display = self.input(objects.MODES_OF_OPERATION_DISPLAY)
@@ -87,6 +90,9 @@ class Axis:
         self.digital_outputs = self.output(objects.DIGITAL_OUTPUTS, 1)
 
         self._targets = [(index, sub, out) for index, sub in _TARGETS if (out := self.output(index, sub)) is not None]
+        for moving in (self.controlword, self.mode, *(out for _, _, out in self._targets)):
+            if moving is not None:
+                moving.drive()
 
         feedback = (self.statusword, self.position, self.velocity)
         self._feedback = tuple({each.pdo: None for each in feedback if each is not None})
@@ -101,11 +107,11 @@ class Axis:
         for index, _, output in self._targets:
             output.set(raw if index in _POSITIONS else 0)
 
-    def hold_others(self, target: ModeTarget) -> None:
-        """Let the targets of modes that are not used follow the motion of the one that is."""
+    def hold_others(self, used: Output) -> None:
+        """Let the targets of modes that are not used follow the motion of the one that is, `used`."""
         raw = self.raw_position
         for index, _, output in self._targets:
-            if output is not target.output:
+            if output is not used:
                 output.set(raw if index in _POSITIONS else 0)
 
     @property
@@ -147,6 +153,17 @@ class Axis:
         )
 
 
+def configured_machine(node: RemoteNode) -> DriveMachine:
+    """Return the state machine of an axis, with the times that bus.yml gives."""
+    motion = node.config.motion
+    return DriveMachine(
+        node.name,
+        transition_timeout_ns=motion.transition_timeout_ms * 1_000_000,
+        transition_timeouts={number: ms * 1_000_000 for number, ms in motion.transition_timeouts_ms.items()},
+        ignore_remote=motion.ignore_remote,
+    )
+
+
 def configured_scale(node: RemoteNode, axis: int) -> Scale:
     """Return the scale that bus.yml gives."""
-    return Scale(**node.config.units_of(axis))
+    return Scale(**node.config.units.of_axis(axis))

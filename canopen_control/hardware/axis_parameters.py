@@ -128,7 +128,7 @@ class AxisParameters:
 
     def _apply_scale(self) -> None:
         axis, counts = self._axis, self.counts_per_turn()
-        units = axis.node.config.units_of(axis.number)
+        units = axis.node.config.units.of_axis(axis.number)
         if counts is None or any(units[name] != value for name, value in _NOT_GIVEN.items()):
             axis.scale = configured_scale(axis.node, axis.number)
         else:

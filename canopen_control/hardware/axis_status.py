@@ -3,7 +3,7 @@
 The law of this file: a statusword has an age. While its TPDO comes, it is the TPDO's; when that fails, the last one
 holds for `GRACE_NS`, is asked for by SDO meanwhile, and after that is unknown. A mode that no PDO carries is written
 to 0x6060 when it is wanted and asked for at 0x6061 until it shows. A drive whose statusword is gone is told to quick
-stop, since nobody can see what else it would do, and after a while to take its power away.
+stop, since nobody can see what else it would do, and after a while to take its power away, unless it holds a load.
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ _QUICK_STOP_WORD: Final = 0x0002
 class AxisStatus:
     """The statusword and the mode of an axis, whatever brings them; None for one that is not known.
 
-    `machine` says which mode is wanted, where no PDO carries it.
+    `machine` says which mode is wanted, where no PDO carries it. The power of an axis that holds a load is left on.
     """
 
-    def __init__(self, axis: Axis, machine: DriveMachine) -> None:
+    def __init__(self, axis: Axis, machine: DriveMachine, *, holds_load: bool = False) -> None:
         self.word: int | None = None
         self.display: int | None = None
         self._axis, self._machine = axis, machine
@@ -40,6 +40,7 @@ class AxisStatus:
         self._by_sdo = StatuswordBySdo(axis)
         self._mode = ModeBySdo(axis) if None in (axis.mode, axis.display) else None
         self._blind_since: int | None = None
+        self._holds_load = holds_load
 
     def update(self, now: int) -> None:
         """Take what is new."""
@@ -64,7 +65,8 @@ class AxisStatus:
             if self._pdo.stamp < 0:
                 return 0  # never seen: not started yet
             self._blind_since = now
-        return _QUICK_STOP_WORD if now - self._blind_since < BLIND_STOP_NS else 0
+        stopping = self._holds_load or now - self._blind_since < BLIND_STOP_NS
+        return _QUICK_STOP_WORD if stopping else 0
 
     def came(self) -> None:
         """Say that the node is operational, or its TPDO is back."""

@@ -17,8 +17,10 @@ from typing import TYPE_CHECKING
 from canopen_control.hardware.interfaces import ACCELERATION, EFFORT, POSITION, VELOCITY
 
 if TYPE_CHECKING:
-    from canopen_control.hardware.description import ControlJoint, Description, Limits
     from canopen_control.hardware.interfaces import CommandInterface, InterfaceRegistry, StateInterface
+    from canopen_control.urdf.description import Description
+    from canopen_control.urdf.joint import Limits
+    from canopen_control.urdf.ros2_control import ControlJoint
 
 __all__ = ["CommandLimits"]
 

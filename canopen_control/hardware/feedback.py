@@ -15,8 +15,8 @@ from canopen_control.hardware.interfaces import EFFORT, POSITION, VELOCITY, Stat
 
 if TYPE_CHECKING:
     from canopen_control.hardware.axis import Axis
-    from canopen_control.hardware.description import ControlJoint
     from canopen_control.master.cycle import Input
+    from canopen_control.urdf.ros2_control import ControlJoint
 
 __all__ = ["STANDSTILL", "Feedback"]
 

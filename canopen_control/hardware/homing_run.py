@@ -2,7 +2,8 @@
 
 The law of this file: the method is checked against what the drive lists before anything is written. Homing may enable
 the drive, because a user asked for a motion; afterwards the mode and the enable are what they were. Every way out
-leaves bit 4 at 0, and only a homing that was seen to end well makes the axis homed.
+leaves bit 4 at 0, and only a homing that was seen to end well makes the axis homed. The joint that it is of asks for
+`phase` in every cycle and does what that says; nothing here reaches back to it.
 """
 
 from __future__ import annotations
@@ -13,79 +14,146 @@ from typing import TYPE_CHECKING
 from canopen_control.cia402 import objects
 from canopen_control.cia402.homing import HomingDone, HomingSequence, require_method
 from canopen_control.cia402.modes import OperationMode
+from canopen_control.errors import DriveError
 
 if TYPE_CHECKING:
+    from collections.abc import Collection
+
     from canopen_control.cia301.sdo_client import SdoRequest
-    from canopen_control.hardware.joint import JointDrive
+    from canopen_control.cia402.drive import DriveMachine
+    from canopen_control.hardware.axis import Axis
+    from canopen_control.hardware.axis_parameters import AxisParameters
 
-__all__ = ["HomingRun"]
+__all__ = ["HomingPhase", "HomingRun", "Reference"]
 
 
-class _Phase(enum.Enum):
+class HomingPhase(enum.Enum):
+    """How far a homing has come."""
+
     METHOD = "the method is written"
-    ENABLE = "the drive is enabled in mode HM"
+    KNOWN = "the drive is to be enabled in mode HM"
+    ENABLE = "the drive is being enabled in mode HM"
     RUN = "homing"
-    DONE = "over"
+    HOMED = "over: the drive has found its zero"
+    FAILED = "over: it came to nothing"
 
 
 class HomingRun:
-    """A homing under way; `result` is None until it is over, then "" or the reason why it failed."""
+    """A homing under way; `result` is None until it is over, then "" or the reason why it failed.
 
-    def __init__(self, joint: JointDrive, method: int | None, *, timeout_ns: int) -> None:
+    `mode_before` and `was_enabled` are what the axis goes back to. Raises DriveError for a method that is not among
+    those that the drive lists, `methods` (None: it lists none).
+    """
+
+    def __init__(
+        self,
+        axis: Axis,
+        machine: DriveMachine,
+        method: int | None,
+        methods: Collection[int] | None,
+        *,
+        was_enabled: bool,
+        timeout_ns: int,
+    ) -> None:
         if method is not None:
-            require_method(method, joint.parameters.homing_methods)
+            require_method(method, methods)
         self.result: str | None = None
-        self.homed = False
-        self._joint = joint
+        self.phase = HomingPhase.METHOD
+        self.mode_before, self.was_enabled = machine.mode, was_enabled
+        self._machine = machine
         self._method = method
-        self._phase = _Phase.METHOD
         self._sequence = HomingSequence(timeout_ns=timeout_ns)
-        self._mode_before, self._was_enabled = joint.machine.mode, joint.wanted
-        index = joint.axis.index(objects.HOMING_METHOD)
+        index = axis.index(objects.HOMING_METHOD)
         if method is None:
-            joint.node.read(index, 0, self._method_known)
+            axis.node.read(index, 0, self._method_known)
         else:
-            joint.node.write(index, 0, method.to_bytes(1, "little", signed=True), self._method_known)
+            axis.node.write(index, 0, method.to_bytes(1, "little", signed=True), self._method_known)
 
     @property
     def over(self) -> bool:
         """Whether it has ended."""
-        return self._phase is _Phase.DONE
+        return self.homed or self.phase is HomingPhase.FAILED
+
+    @property
+    def homed(self) -> bool:
+        """Whether it has ended well."""
+        return self.phase is HomingPhase.HOMED
 
     def abort(self, reason: str) -> None:
         """End it; bit 4 is 0 from the next cycle on."""
         if not self.over:
-            self._end(reason)
+            self._fail(reason)
 
-    def step(self, now: int) -> int:
-        """Return the mode's bits of the controlword for this cycle."""
-        joint = self._joint
-        if self._phase is _Phase.ENABLE:
-            if not joint.wanted:
-                self._end("the drive was not enabled")
-            elif joint.machine.may_move and joint.machine.mode == OperationMode.HM:
-                self._phase = _Phase.RUN
+    def step(self, wanted: bool, may_home: bool, now: int) -> int:
+        """Return the mode's bits of the controlword for this cycle.
+
+        `wanted`: the axis is to be enabled still; `may_home`: its chart lets it move.
+        """
+        machine = self._machine
+        ready = may_home and machine.may_move and machine.mode == OperationMode.HM
+        if self.phase is HomingPhase.ENABLE:
+            if not wanted:
+                self._fail("the drive was not enabled")
+            elif ready:
+                self.phase = HomingPhase.RUN
                 self._sequence.start(self._method or 0)
-        if self._phase is not _Phase.RUN:
+        if self.phase is not HomingPhase.RUN:
             return 0
-        ready = joint.machine.may_move and joint.machine.mode == OperationMode.HM
-        bits = self._sequence.update(joint.machine.statusword, ready, now)
+        bits = self._sequence.update(machine.statusword, ready, now)
         for event in self._sequence.events():
-            self.homed = isinstance(event, HomingDone)
-            self._end("" if self.homed else event.text)
+            if isinstance(event, HomingDone):
+                self.phase, self.result = HomingPhase.HOMED, ""
+            else:
+                self._fail(event.text)
         return bits
 
     def _method_known(self, request: SdoRequest) -> None:
-        if self._phase is not _Phase.METHOD:
+        if self.phase is not HomingPhase.METHOD:
             return
         if request.error is not None:
-            self._end(str(request.error))
+            self._fail(str(request.error))
             return
         if self._method is None:
             self._method = int.from_bytes(request.data[:1], "little", signed=True)
-        self._phase = _Phase.ENABLE
-        self._joint.begin_homing()
+        self.phase = HomingPhase.KNOWN
 
-    def _end(self, result: str) -> None:
-        self._phase, self.result = _Phase.DONE, result
-        self._joint.end_homing(self._mode_before, self._was_enabled, homed=self.homed)
+    def _fail(self, reason: str) -> None:
+        self.phase, self.result = HomingPhase.FAILED, reason
+
+
+class Reference:
+    """Whether the zero of an axis is known: its homing under way and, while what it found is true, the last one."""
+
+    def __init__(self, axis: Axis, machine: DriveMachine, parameters: AxisParameters) -> None:
+        self.homing: HomingRun | None = None
+        self._last: HomingRun | None = None
+        self._axis, self._machine, self._parameters = axis, machine, parameters
+
+    @property
+    def known(self) -> bool:
+        """Whether the last homing has found the zero, and nothing has lost it since."""
+        return self._last is not None and self._last.homed
+
+    @property
+    def result(self) -> str | None:
+        """Why the last homing failed, "" where it did not, None before its end."""
+        return None if self._last is None else self._last.result
+
+    def begin(self, method: int | None, *, was_enabled: bool) -> None:
+        """Begin a homing; DriveError for a method that the drive does not list, and while one is under way."""
+        node = self._axis.node
+        if self.homing is not None:
+            raise DriveError(f"{node.who}: homing is under way already")
+        timeout = round(node.config.motion.homing_timeout_seconds * 1e9)
+        methods = self._parameters.homing_methods
+        self.homing = HomingRun(self._axis, self._machine, method, methods, was_enabled=was_enabled, timeout_ns=timeout)
+        self._last = None
+
+    def end(self, run: HomingRun) -> None:
+        """Take that a homing is over."""
+        self.homing, self._last = None, run
+
+    def forget(self) -> None:
+        """Take that the zero is not known any more."""
+        if self.known:
+            self._last = None

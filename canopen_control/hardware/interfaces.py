@@ -12,9 +12,10 @@ import math
 from typing import TYPE_CHECKING, Final, Protocol, TypeVar
 
 from canopen_control.errors import ControlError, InterfaceConflict, UnknownInterface
+from canopen_control.urdf.declared_interface import ACCELERATION, EFFORT, POSITION, VELOCITY
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
 __all__ = [
     "ACCELERATION",
@@ -30,11 +31,6 @@ __all__ = [
     "ReturnType",
     "StateInterface",
 ]
-
-POSITION: Final = "position"
-VELOCITY: Final = "velocity"
-EFFORT: Final = "effort"
-ACCELERATION: Final = "acceleration"
 
 
 class ReturnType(enum.Enum):
@@ -73,10 +69,26 @@ class StateInterface:
 class CommandInterface:
     """One commanded number: `value` in SI units, nan for no command; `owner` is the controller that claimed it.
 
-    `minimum` and `maximum` are the limits of the description, infinite where there are none.
+    `minimum` and `maximum` are the limits of the description, infinite where there are none. `enabled` says that the
+    hardware follows it now; hardware without drives always does. `set_aside`: a user has taken its axis out alone, and
+    who is commanded together with it goes on, until it follows again. `lowest` to `highest` is what the object behind
+    it can hold, which for a position depends on where the joint is: `span` returns it then.
     """
 
-    __slots__ = ("interface", "joint", "maximum", "minimum", "name", "owner", "value")
+    __slots__ = (
+        "enabled",
+        "highest",
+        "interface",
+        "joint",
+        "lowest",
+        "maximum",
+        "minimum",
+        "name",
+        "owner",
+        "set_aside",
+        "span",
+        "value",
+    )
 
     def __init__(
         self,
@@ -90,7 +102,16 @@ class CommandInterface:
         self.joint, self.interface, self.value = joint, interface, value
         self.name = f"{joint}/{interface}"
         self.owner: str | None = None
+        self.enabled = True
+        self.set_aside = False
         self.minimum, self.maximum = minimum, maximum
+        self.lowest, self.highest = -math.inf, math.inf
+        self.span: Callable[[], tuple[float, float]] | None = None
+
+    def misfit(self, value: float) -> str | None:
+        """Return what fits where a value is none that the object behind can hold, else None."""
+        low, high = (self.lowest, self.highest) if self.span is None else self.span()
+        return None if low <= value <= high else f"{self.name} holds {low:g} to {high:g}"
 
     def __repr__(self) -> str:
         return f"CommandInterface({self.name}={self.value}, owner={self.owner})"
@@ -121,6 +142,11 @@ class HardwareComponent(Protocol):
     @property
     def command_interfaces(self) -> Sequence[CommandInterface]:
         """What can be commanded, fixed after construction."""
+        ...
+
+    @property
+    def simulated_ns(self) -> int | None:
+        """How long it has been simulated, in ns; None for what runs in real time."""
         ...
 
     def configure(self) -> None:

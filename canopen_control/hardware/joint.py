@@ -1,89 +1,106 @@
 """One joint and the drive axis behind it: SI on one side, process data and the CiA 402 machine on the other.
 
-The law of this file: a target reaches the drive only while the joint is enabled, the drive says OPERATION_ENABLED in
-the mode that was asked for, and the node is ready; in every other case the target is standstill at the actual
-position. A stop first ramps down (`axis_modes`) and waits for standstill, then disables together with its group
-(`groups`); the wait ends after `STOP_NS` whatever the drive says. A drive whose statusword is gone while its node
-lives is told to quick stop, since nobody can see what else it would do.
+The law of this file: whether the axis may move is the state of its chart (`axis_power`), whose triggers are fired here:
+a target reaches the drive only in FOLLOWING; in every other state the target is standstill at the actual position, or
+ramps towards it (`mode_targets`). A drive whose statusword is gone while its node lives is told to quick stop, since
+nobody can see what else it would do.
 """
 
 from __future__ import annotations
 
+import enum
 from typing import TYPE_CHECKING, Final
 
-from canopen_control.cia402.drive import DriveMachine
 from canopen_control.cia402.events import FaultEntered
 from canopen_control.cia402.modes import OperationMode, require_mode
 from canopen_control.cia402.setpoint import SetPointReached, SetPointTaken
 from canopen_control.cia402.state import POWERED_STATES, State
-from canopen_control.errors import DriveError
-from canopen_control.hardware.axis import Axis
+from canopen_control.errors import DriveError, RobotConfigError
+from canopen_control.hardware.axis import Axis, configured_machine
 from canopen_control.hardware.axis_parameters import AxisParameters
+from canopen_control.hardware.axis_power import RISING, Action, AxisPower, AxisState, Trigger
 from canopen_control.hardware.axis_status import BLIND_STOP_NS, AxisStatus
-from canopen_control.hardware.choice import listed_modes
-from canopen_control.hardware.fault_reason import FaultReason
 from canopen_control.hardware.feedback import Feedback
-from canopen_control.hardware.groups import StopGroup
-from canopen_control.hardware.homing_run import HomingRun
-from canopen_control.hardware.joint_targets import JointTargets
-from canopen_control.hardware.news import News, news_of
-from canopen_control.hardware.watch import Watch
-from canopen_control.hardware.wishes import Action, Wish
-from canopen_control.master.events import Level
+from canopen_control.hardware.homing_run import HomingPhase, HomingRun, Reference
+from canopen_control.hardware.interfaces import POSITION
+from canopen_control.hardware.joint_events import FaultReason, JointEvent, StatusWatch, joint_event_of
+from canopen_control.hardware.joint_targets import DIGITAL_OUTPUTS, JointTargets, listed_modes
+from canopen_control.hardware.stop_group import Base, StopGroup
+from canopen_control.master.event_log import Level
 
 if TYPE_CHECKING:
+    from canopen_control.cia402.drive import DriveMachine
     from canopen_control.cia402.units import Scale
-    from canopen_control.hardware.description import ControlJoint
     from canopen_control.master.cycle import ProcessImage
-    from canopen_control.master.node import RemoteNode
+    from canopen_control.master.remote_node import RemoteNode
+    from canopen_control.urdf.ros2_control import ControlJoint
 
-__all__ = ["Action", "JointDrive", "Wish"]
+__all__ = ["Action", "AxisState", "JointDrive"]
 
-STOP_NS: Final = 10_000_000_000  # a ramp that takes longer ends in the drive's own disable ramp
 _FINE = (SetPointTaken, SetPointReached)
-_OFF: Final = Wish.OFF  # for every cycle, see `hardware.interfaces.OK`
-_STOPPING: Final = Wish.STOPPING
+_FOLLOWING: Final = AxisState.FOLLOWING  # for every cycle, see `hardware.interfaces.OK`
 _FAULTED = (State.FAULT, State.FAULT_REACTION_ACTIVE)
+
+_MAY_HOME: Final = (AxisState.READY, AxisState.HOMING)
+_OVERDUE: Final = {
+    AxisState.ESCALATED: "has not stopped in time; told to quick stop",
+    AxisState.VOLTAGE_OFF: "its quick stop was not seen to end; its voltage is disabled: what turns coasts",
+    AxisState.UNSTOPPED: "nothing it was told was seen to stop it: it may have power; cut its supply if it moves",
+}
+_BOOTING: Final = "; booting it again"  # what was told of the node already
+
+
+class Link(enum.Enum):
+    """Whether an axis is seen; the value says what it means."""
+
+    GONE = "its node is not operational"
+    STALE = "its node is operational, and a TPDO with its feedback stays away"
+    LIVE = "its node is operational, and its feedback comes"
+
+
+_GONE: Final = Link.GONE  # for every cycle, as _FOLLOWING
+_STALE: Final = Link.STALE
+_LIVE: Final = Link.LIVE
 
 
 class JointDrive:
     """A joint bound to one axis of one node; the interfaces are what controllers claim.
 
-    `resume` is set by a stop whose cause may be mended without a user: the joint was enabled before it.
+    `power` is where it is in its statechart. `resume` is set by a stop whose cause may be mended without a user: the
+    joint was enabled before it. `<param name="holds_load">true</param>` says that its load would fall without power.
     """
 
     def __init__(self, description: ControlJoint, node: RemoteNode, image: ProcessImage, axis: int = 0) -> None:
-        config = node.config
         self.joint, self.node = description.name, node
         self.axis = Axis(description.name, node, image, axis)
-        self.machine = DriveMachine(
-            node.name,
-            transition_timeout_ns=config.transition_timeout_ms * 1_000_000,
-            transition_timeouts={number: ms * 1_000_000 for number, ms in config.transition_timeouts_ms.items()},
-        )
+        self.machine: DriveMachine = configured_machine(node)
         self.parameters = AxisParameters(self.axis, self._on_parameters)
-        self.group = StopGroup()
+        self.stop_group: StopGroup[JointDrive] = StopGroup()
+        """As the description has it; `group` is with what a base puts together."""
+        self.group = self.stop_group
         self.group.joints.append(self)
-        self.wish = Wish.OFF
+        self.base: Base[JointDrive] | None = None
         self.resume = False
-        self.targets = JointTargets(description, self.axis, self.machine, self.parameters)
+        self.stopped_by = ""
+        """What it was stopped by since it was last enabled, none of its user's."""
+        self.targets: JointTargets = JointTargets(description, self.axis, self.machine, self.parameters)
         self.commands = self.targets.commands
-        self.homing: HomingRun | None = None
-        self.homed = False
-        self.homing_result: str | None = None
+        self.reference = Reference(self.axis, self.machine, self.parameters)
         self.feedback = Feedback(description, self.axis)
         self.states = self.feedback.states
-        self.reason = FaultReason(self.axis, lambda text: self._news.append(News("error_code", text, Level.INFO)))
-        self._watch = Watch(self.axis, config.following_error_action)
-        self._status = AxisStatus(self.axis, self.machine)
+        self.reason = FaultReason(self.axis, self._on_error_code)
+        self.power = AxisPower(
+            self.machine,
+            [each for name, each in self.commands.items() if name != DIGITAL_OUTPUTS],
+            holds_load=_holds_load(description),
+        )
+        self._watch = StatusWatch(self.axis, node.config.motion.following_error_action)
+        self._status = AxisStatus(self.axis, self.machine, holds_load=self.power.holds_load)
         self._evaluations = -1
-        self._may_move = False
+        self._link: Link = _GONE
         self._now = 0
-        self._since = 0  # when it began to stop
-        self._slowed = False
         self._blind_stop_ns = BLIND_STOP_NS
-        self._news: list[News] = []
-        self._was_ready = self._was_stale = False
+        self._events: list[JointEvent] = []
 
     # ------------------------------------------------------------------------------------------- what is
 
@@ -112,29 +129,33 @@ class JointDrive:
     @property
     def wanted(self) -> bool:
         """Whether it is to follow commands."""
-        return self.wish is Wish.ON
+        return self.power.wanted
+
+    @property
+    def following(self) -> bool:
+        """Whether targets are followed now; the command interfaces say the same as `enabled`."""
+        return self.power.following
 
     @property
     def enabled(self) -> bool:
         """Whether the drive follows commands."""
-        ready = self.wish is Wish.ON and self.node.ready and self.group.open
-        return ready and self.machine.may_move and self.homing is None
+        return self.power.following and self.node.ready
 
     @property
-    def rising(self) -> bool:
-        """Whether it is being enabled."""
-        return self.wish is Wish.ON and not self.machine.enabled
+    def homing(self) -> HomingRun | None:
+        """The homing under way."""
+        return self.reference.homing
+
+    @property
+    def homed(self) -> bool:
+        """Whether its zero was found by a homing, and not lost since."""
+        return self.reference.known
 
     @property
     def may_rise(self) -> bool:
         """Whether nothing but its group keeps it from being enabled."""
         machine = self.machine
         return machine.enabled or (machine.waiting and self.parameters.loaded)
-
-    @property
-    def falling(self) -> bool:
-        """Whether it is ramping down to be disabled."""
-        return self.wish is Wish.STOPPING
 
     @property
     def standing(self) -> bool:
@@ -147,149 +168,92 @@ class JointDrive:
 
     def has_come_to_rest(self, now: int) -> bool:
         """Whether a stop may end in disabling the drive."""
-        took = now - self._since
-        if not self.node.ready or self.machine.state is not State.OPERATION_ENABLED or took > STOP_NS:
+        if not self.node.ready or self.machine.state is not State.OPERATION_ENABLED:
             return True
         if self.axis.is_stale:
-            return took > self._blind_stop_ns
-        return self._slowed and self.feedback.standing
+            return now - self.power.since > self._blind_stop_ns
+        return self.power.state is AxisState.SETTLING and self.feedback.standing
 
-    def reached(self, action: Action) -> bool:
-        """Whether what was asked for has been done."""
-        state = self.state
-        if action is Action.ENABLE:
-            return self.enabled and self.machine.reached
-        if action is Action.HALT:
-            return self.standing
-        if action is Action.FAULT_RESET:
-            return state is not None and state not in _FAULTED
-        if action is Action.HOME:
-            return self.homing is None and self.homed
-        if action is Action.MODE:
-            machine = self.machine
-            return self.targets.pending is None and machine.mode_confirmed and not machine.mode_failed
-        if action is Action.QUICK_STOP:
-            return state is None or (state is not State.OPERATION_ENABLED and self.standing)
-        return state is None or state not in POWERED_STATES
-
-    def news(self) -> list[News]:
+    def events(self) -> list[JointEvent]:
         """Return what happened since the last call."""
-        news, self._news = self._news, []
-        return news
+        happened, self._events = self._events, []
+        return happened
 
     # ------------------------------------------------------------------------------------------- verbs
 
-    def enable(self) -> None:
-        """Ask the drive into OPERATION_ENABLED; it follows commands from there. DriveError in a fault."""
+    def require_enable(self) -> None:
+        """Raise the DriveError that `enable` would."""
         if not self.machine.remote:
             raise DriveError(
                 f"{self.node.who}: under local control (statusword bit 9 is 0), "
-                "it would not obey; give control to the bus at the drive"
+                "it would not obey; give control to the bus at the drive, or if it never sets the bit give it "
+                "`ignore_remote: true` in bus.yml"
             )
         if self.axis.is_stale:
             raise DriveError(f"{self.node.who}: cannot be enabled, a TPDO with its feedback stays away")
-        self.machine.enable()
-        self.machine.halt(False)
-        self.machine.hold(True)
-        self.resume = False
-        self.wish = Wish.ON
-        self.group.busy, self.group.open = True, False
+        self.machine.require_enable()
+
+    def enable(self) -> None:
+        """Ask the drive into OPERATION_ENABLED; it follows commands from there. DriveError in a fault."""
+        self.require_enable()
+        self.resume, self.stopped_by = False, ""
+        self._fire(Trigger.ENABLE)
         for pdo in self.node.sent:
             pdo.changed = True  # whatever stands in the drive, its targets are at rest before it is enabled
 
     def stop(self, now: int) -> None:
-        """Ramp to zero, then disable."""
-        self._end_homing("stopped")
+        """Ramp to zero, then disable together with its group."""
+        self._now = now
         self.resume = False
-        if self.wish is Wish.ON:
-            self.wish, self._since, self._slowed = Wish.STOPPING, now, False
-            self.group.busy = True
-            self.machine.hold(False)
+        if self._fire(Trigger.STOP) and self.power.falling:
             self._blind_stop_ns = self.feedback.ramp_ns(BLIND_STOP_NS)
-            if not self.machine.enabled:
-                self.switch_off()
-        elif self.wish is Wish.OFF:
-            self.machine.disable()
-
-    def switch_off(self) -> None:
-        """Disable now; for the end of a stop."""
-        self.wish = Wish.OFF
-        self.machine.hold(False)
-        self.machine.disable()
+        self._abort_homing("stopped")
+        if self.power.falling and not self.machine.enabled:
+            self._fire(Trigger.DRIVE_LEFT)
 
     def quick_stop(self) -> None:
         """Use the drive's quick stop (0x605A); it is disabled or holds afterwards, as that says."""
-        self._end_homing("quick stop")
-        self.wish, self.resume = Wish.OFF, False
-        self.machine.hold(False)
-        self.machine.quick_stop()
+        self.resume = False
+        self._fire(Trigger.QUICK_STOP)
+        self._abort_homing("quick stop")
 
     def halt(self) -> None:
-        """Hold the motion with the halt bit; `enable` goes on."""
-        self.machine.halt(True)
+        """Hold the motion with the halt bit; after `enable` it follows new commands."""
+        self._fire(Trigger.HALT)
 
     def fault_reset(self) -> None:
         """Acknowledge a fault; the drive stays disabled. Without a fault nothing changes."""
-        if self.machine.fault:
-            self.wish = Wish.OFF
-        self.machine.fault_reset()
+        self._fire(Trigger.FAULT_RESET)
 
     def give_up(self) -> None:
-        """Forget the wish: the drive left on its own, or its node is gone."""
-        self._end_homing("the drive left operation")
-        self.switch_off()
+        """Take that the drive left operation on its own, or that its node is gone."""
+        self._fire(Trigger.DRIVE_LEFT if self.node.ready else Trigger.NODE_LOST)
+        self._abort_homing("the drive left operation")
 
     def home(self, method: int | None) -> None:
         """Begin homing; DriveError where the drive has no such method, or no homing."""
         require_mode(OperationMode.HM, listed_modes(self.axis, self.parameters))
-        if self.homing is not None:
-            raise DriveError(f"{self.node.who}: homing is under way already")
-        timeout = round(self.node.config.homing_timeout_seconds * 1e9)
-        self.homing, self.homed = HomingRun(self, method, timeout_ns=timeout), False
-
-    def begin_homing(self) -> None:
-        """Go into mode HM and enable; for the homing under way."""
-        try:
-            self.enable()
-        except DriveError as error:
-            self._end_homing(str(error))
-            return
-        self.targets.take_mode(OperationMode.HM)
-
-    def end_homing(self, mode: int | None, enabled: bool, *, homed: bool) -> None:
-        """Go back to the mode and power from before; a homed axis counts from its new zero."""
-        run, self.homing = self.homing, None
-        self.homed, self.homing_result = homed, run.result if run is not None else None
-        if homed:
-            self.feedback.restart()
-            self._news.append(News("homed", "homed", Level.INFO))
-        elif run is not None:
-            self._news.append(News("homing_failed", run.result or ""))
-        if mode is not None:
-            self.targets.take_mode(OperationMode(mode))
-        if not enabled and self.wish is Wish.ON:
-            self.stop(self._now)
+        self.reference.begin(method, was_enabled=self.wanted)
+        self._fire(Trigger.MUST_REST)
 
     # ------------------------------------------------------------------------------------------- cycle
 
     def read(self, now: int) -> None:
         """Latch the newest process data into the state interfaces; nan while the node is not there."""
-        ready = self.node.ready
-        if ready is not self._was_ready:
-            self._was_ready = ready
-            self._came() if ready else self._went(now)
-        if ready:
-            if self.node.stale is not self._was_stale:
-                self._became_stale(self.node.stale)
+        node = self.node
+        link = _GONE if not node.ready else _STALE if node.stale else _LIVE
+        if link is not self._link:
+            self._change_link(link, now)
+        if link is not _GONE:
             jump = self.feedback.read(now)
             if jump:
-                self.homed = False
-                self._news.append(
-                    News("position_jump", f"its position jumped by {jump} counts; home it again", stops=True)
+                self.reference.forget()
+                self._events.append(
+                    JointEvent("position_jump", f"its position jumped by {jump} counts; home it again", stops=True)
                 )
 
     def step(self, now: int) -> bool:
-        """Advance the state machine by one cycle; returns whether `news` tells anything."""
+        """Advance the state machine by one cycle; returns whether `events` tells anything."""
         self._now = now
         machine, axis, status = self.machine, self.axis, self._status
         status.update(now)
@@ -298,45 +262,114 @@ class JointDrive:
         control = machine.update(word, status.display, now)
         if machine.evaluations != self._evaluations or word != before:
             self._evaluations = machine.evaluations
-            self._may_move = machine.may_move
+            if self.power.following and not machine.may_move:
+                self._fire(Trigger.MUST_REST)
             if word is not None and word != before:
-                self._news += self._watch.look(word, machine.mode, self.targets.current)
+                self._events += self._watch.look(word, machine.mode, self.targets.current, self._stops_at_limits)
             self._take_events()
-        elif self.targets.handshakes:
+        elif (current := self.targets.current) is not None and current.handshakes:
             self._take_events()
+        if self.power.watched:
+            self._look_on(now)
+        if axis.limits.blocked and not self._events and machine.may_move and self._pushes():
+            self._events.append(self._watch.pressed())
         if word is None:
             control = status.blind_word(now)
         if control != axis.controlword.value:
             axis.controlword.set(control)
-        return bool(self._news)
+        return bool(self._events)
 
     def write(self, now: int, period: float) -> None:
         """Set mode and targets, after every joint of the group has seen its statusword."""
-        targets = self.targets
+        targets, power = self.targets, self.power
         if targets.pending is not None:
             targets.change()
-        elif self.homing is not None:
+        elif self.reference.homing is not None:
             targets.hold()
-            self.machine.mode_bits = self.homing.step(now)
-        elif not self._may_move or self.wish is _OFF or not self.group.open:
-            targets.hold()
-        elif self.wish is _STOPPING:
-            self._slowed = targets.slow(period)
-        else:
+            self._step_homing(self.reference.homing, now)
+        elif power.state is _FOLLOWING:
             targets.follow(now, period)
+        elif power.state is AxisState.READY and self.machine.may_move:
+            self._fire(Trigger.MAY_MOVE)
+            targets.follow(now, period)
+        elif power.falling:
+            self._brake(period)
+        else:
+            targets.hold()
         targets.write_mode()
 
     def supervise(self) -> None:
         """Look at what need not be seen in every cycle; ten times a second."""
         if self._watch.leaves_limit():
-            self._news.append(News("limit_left", "the limit is left", Level.INFO))
+            self._events.append(JointEvent("limit_left", "the limit is left", Level.INFO))
         if self._watch.turns_the_wrong_way(self.enabled):
             text = "it turns against its command; check polarity (0x607E), the scale's sign and the wiring"
-            self._news.append(News("direction", text, stops=True))
+            self._events.append(JointEvent("direction", text, stops=True))
         if self.enabled:
             self.targets.hold_others()
+        if (refused := self._watch.refuses(self.targets.claimed)) is not None:
+            self._events.append(JointEvent("target_refused", refused))
 
     # ------------------------------------------------------------------------------------------- inside
+
+    @property
+    def _stops_at_limits(self) -> bool:
+        """Whether a limit is the end of a motion that it makes together with others; not of homing, nor of an arm's."""
+        target = self.targets.current
+        positions = target is not None and target.interface == POSITION and self.base is None
+        return self.homing is None and len(self.group.joints) > 1 and not positions
+
+    def _pushes(self) -> bool:
+        """Whether it is commanded beyond the limit that is active, which those that move with it must not follow."""
+        target, claimed = self.targets.current, self.targets.claimed
+        if not self.wanted or target is None or claimed is None or not self._stops_at_limits:
+            return False
+        return target.interface == claimed and target.pushes(self.commands[claimed].value)
+
+    def _fire(self, trigger: Trigger) -> bool:
+        """Take a row of the chart; a new state is looked at by the group."""
+        changed = self.power.fire(trigger, self._now)
+        self.group.busy |= changed
+        return changed
+
+    def _look_on(self, now: int) -> None:
+        """Look at a drive that is being enabled or stopped for what comes next."""
+        power, machine = self.power, self.machine
+        if power.state in RISING:
+            if machine.enabled and self._fire(Trigger.DRIVE_ENABLED) and machine.halted:
+                self._fire(Trigger.HALT)
+            return
+        state = machine.state
+        if not self.node.ready:
+            self._fire(Trigger.NODE_LOST)
+        elif state is not None and state not in POWERED_STATES:
+            self._fire(Trigger.DRIVE_OFF)
+        elif state is not None and state is not State.OPERATION_ENABLED and self.feedback.standing:
+            self._fire(Trigger.AT_REST)
+        if not (power.falling and self.has_come_to_rest(now)) and power.overdue(now):
+            self._events.append(JointEvent("stop_overdue", _OVERDUE[power.state], Level.ERROR))
+
+    def _brake(self, period: float) -> None:
+        """Make one cycle of a controlled stop; where the drive does not take targets any more they rest at once."""
+        stands = True
+        if self.machine.may_move:
+            stands = self.targets.slow(period)
+        else:
+            self.targets.hold()
+        if stands:
+            self._fire(Trigger.TARGET_STANDS)
+
+    def _change_link(self, link: Link, now: int) -> None:
+        before, self._link = self._link, link
+        if link is _GONE:
+            self._went(now)
+            return
+        if before is _GONE:
+            self._came()
+        if link is _STALE:
+            self._became_stale()
+        elif before is _STALE:
+            self._status.came()
 
     def _came(self) -> None:
         self._status.came()
@@ -345,37 +378,83 @@ class JointDrive:
         self.parameters.load()
 
     def _went(self, now: int) -> None:
+        self._fire(Trigger.MUST_REST)
         self._status.went(now)
         self.feedback.went()
         self.parameters.forget()
-        self.homed = self._was_stale = False
-        self._end_homing("its node is gone")
+        self.reference.forget()
+        self._abort_homing("its node is gone")
         self.machine.disable()
         why = (self.node.error or "it left OPERATIONAL").removeprefix(self.node.who)
-        self._news.append(News("node_lost", f"lost: {why.lstrip(': ')}", Level.ERROR, stops=True))
+        self._events.append(
+            JointEvent("node_lost", f"lost: {why.lstrip(': ').removesuffix(_BOOTING)}", Level.ERROR, stops=True)
+        )
 
-    def _became_stale(self, stale: bool) -> None:
+    def _became_stale(self) -> None:
         """Stop when feedback stays away; the statusword is asked for by SDO meanwhile."""
-        self._was_stale = stale
         self._status.came()
-        if stale and self.axis.is_stale:
-            self._news.append(News("feedback_stale", "its feedback is stale", Level.ERROR, stops=True))
+        if self.axis.is_stale:
+            self._events.append(JointEvent("feedback_stale", "its feedback is stale", Level.ERROR, stops=True))
+
+    def _on_error_code(self, text: str) -> None:
+        self._events.append(JointEvent("error_code", text, Level.INFO))
 
     def _on_parameters(self) -> None:
         self.feedback.refresh_scale()
-        self._news += [News("parameters", text) for text in self.parameters.failed]
+        self.targets.refresh()
+        self._events += [JointEvent("parameters", text) for text in self.parameters.failed]
 
-    def _end_homing(self, reason: str) -> None:
+    def _step_homing(self, run: HomingRun, now: int) -> None:
+        """Advance a homing by one cycle: enable in mode HM when its method is known, go back when it is over."""
+        if run.phase is HomingPhase.KNOWN:
+            run.phase = HomingPhase.ENABLE
+            try:
+                self.enable()
+            except DriveError as error:
+                run.abort(str(error))
+            else:
+                self.targets.take_mode(OperationMode.HM)
+        ready = self.power.state in _MAY_HOME
+        self.machine.mode_bits = run.step(self.wanted, ready, now)
+        if run.phase is HomingPhase.RUN:
+            self._fire(Trigger.HOMING_RUNS)
+        if run.over:
+            self._leave_homing(run)
+
+    def _abort_homing(self, reason: str) -> None:
         if self.homing is not None:
             self.homing.abort(reason)
+            self._leave_homing(self.homing)
+
+    def _leave_homing(self, run: HomingRun) -> None:
+        """Go back to the mode and power from before; a homed axis counts from its new zero."""
+        self.reference.end(run)
+        self._fire(Trigger.HOMING_ENDED)
+        if run.homed:
+            self.feedback.restart()
+            self._events.append(JointEvent("homed", "homed", Level.INFO))
+        else:
+            self._events.append(JointEvent("homing_failed", run.result or ""))
+        if run.mode_before is not None:
+            self.targets.take_mode(OperationMode(run.mode_before))
+        if not run.was_enabled and self.wanted:
+            self.stop(self._now)
 
     def _take_events(self) -> None:
         for event in self.machine.events():
-            self._news.append(news_of(event))
+            self._events.append(joint_event_of(event))
             if isinstance(event, FaultEntered):
                 self.reason.ask()
         if self.targets.current is not None:
-            self._news += [
-                News("set_point", event.text, Level.INFO if isinstance(event, _FINE) else Level.WARNING)
+            self._events += [
+                JointEvent("set_point", event.text, Level.INFO if isinstance(event, _FINE) else Level.WARNING)
                 for event in self.targets.current.events()
             ]
+
+
+def _holds_load(description: ControlJoint) -> bool:
+    """Read whether a joint's load would fall if its drive had no power; RobotConfigError for what is no truth value."""
+    text = description.parameters.get("holds_load", "false").strip().lower()
+    if text not in ("true", "false"):
+        raise RobotConfigError(f"joint {description.name}: holds_load is {text!r}; it is true or false")
+    return text == "true"

@@ -1,6 +1,8 @@
-"""What a joint is to do, on its way to the drive: the claimed interface, the mode that serves it, the target of that.
+"""From a command interface to the target object of a drive: the claimed interface, the mode that serves it, its target.
 
-The law of this file: one interface of motion at a time. A mode change of an enabled drive is preceded by a cycle in
+The law of this file: bus.yml decides the mode where it says something, else the best mode that the drive lists (0x6502)
+and whose target an RPDO carries, cyclic before profile; what cannot be is refused before anything is sent. One
+interface of motion at a time. A mode change of an enabled drive is preceded by a cycle in
 which every target is at rest, since the new mode acts upon its target at once; whatever is not followed is held at the
 actual position, without velocity and effort.
 """
@@ -8,29 +10,47 @@ actual position, without velocity and effort.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
-from canopen_control.cia402.modes import require_mode
-from canopen_control.hardware.axis_modes import SetPointTarget, make_target
-from canopen_control.hardware.choice import DIGITAL_OUTPUTS, choose_mode, listed_modes, require_targets
-from canopen_control.hardware.interfaces import CommandInterface
+from canopen_control.cia402 import objects
+from canopen_control.cia402.modes import (
+    INTERFACE_MODES,
+    OperationMode,
+    mode_for_interface,
+    require_mode,
+    supported_modes,
+)
+from canopen_control.cia402.units import INT32_MIN
+from canopen_control.errors import DriveError, RobotConfigError
+from canopen_control.hardware.interfaces import EFFORT, POSITION, VELOCITY, CommandInterface
+from canopen_control.hardware.mode_targets import make_target, target_address
 
 if TYPE_CHECKING:
-    from canopen_control.cia402.drive import DriveMachine
-    from canopen_control.cia402.modes import OperationMode
-    from canopen_control.hardware.axis import Axis
-    from canopen_control.hardware.axis_modes import ModeTarget
-    from canopen_control.hardware.axis_parameters import AxisParameters
-    from canopen_control.hardware.description import ControlJoint
+    from collections.abc import Iterable
 
-__all__ = ["JointTargets"]
+    from canopen_control.cia402.drive import DriveMachine
+    from canopen_control.hardware.axis import Axis
+    from canopen_control.hardware.axis_parameters import AxisParameters
+    from canopen_control.hardware.mode_targets import ModeTarget
+    from canopen_control.urdf.ros2_control import ControlJoint
+
+__all__ = ["DIGITAL_OUTPUTS", "MOTION", "JointTargets", "choose_mode", "listed_modes", "require_targets"]
+
+UINT32_MAX: Final = (1 << 32) - 1
+DIGITAL_OUTPUTS: Final = "digital_outputs"
+MOTION: Final = (POSITION, VELOCITY, EFFORT)
+_SERVED: Final = {
+    POSITION: (*INTERFACE_MODES[POSITION], OperationMode.IP),
+    VELOCITY: (*INTERFACE_MODES[VELOCITY], OperationMode.VL),
+    EFFORT: INTERFACE_MODES[EFFORT],
+}
+"""Command interface to the modes that serve it; the last ones only where no better one is there."""
 
 
 class JointTargets:
     """The command interfaces of a joint and what becomes of them; RobotConfigError for one that no RPDO serves.
 
-    `claimed` is the command interface that a controller drives, `mode` the mode last asked for, `current` its target,
-    `handshakes` whether that has events of its own.
+    `claimed` is the command interface that a controller drives, `mode` the mode last asked for, `current` its target.
     """
 
     def __init__(
@@ -44,12 +64,18 @@ class JointTargets:
         self.claimed: str | None = None
         self.mode: OperationMode | None = None
         self.current: ModeTarget | None = None
-        self.handshakes = False
         self.pending: OperationMode | None = None  # a mode that waits for a cycle at rest
         self._axis, self._machine, self._parameters = axis, machine, parameters
         self._outputs = self.commands.get(DIGITAL_OUTPUTS)
+        if self._outputs is not None:
+            self._outputs.lowest, self._outputs.highest = float(INT32_MIN), float(UINT32_MAX)
         self._command: CommandInterface | None = None
         self._held: int | None = None  # the position at which all targets are held; None: they are not
+
+    @property
+    def handshakes(self) -> bool:
+        """Whether the target has events of its own."""
+        return self.current is not None and self.current.handshakes
 
     def mode_for(self, interface: str) -> OperationMode:
         """Return the mode for a command interface: bus.yml's, else the best the drive lists; or DriveError."""
@@ -65,7 +91,7 @@ class JointTargets:
         self.claimed = interface
         if interface is not None:
             self.set_mode(self.mode_for(interface))
-        self._find_command()
+        self.refresh()
 
     def set_mode(self, mode: OperationMode) -> None:
         """Ask for a mode that the drive lists; UnsupportedMode for another."""
@@ -81,8 +107,7 @@ class JointTargets:
         self.pending = None
         self._machine.set_mode(mode)
         self.current = make_target(mode, self._axis, self._machine)
-        self.handshakes = isinstance(self.current, SetPointTarget)
-        self._find_command()
+        self.refresh()
         self._held = None
 
     def hold(self) -> None:
@@ -100,7 +125,7 @@ class JointTargets:
     def hold_others(self) -> None:
         """Let the targets of the other modes stay with the axis while it moves."""
         if self.current is not None:
-            self._axis.hold_others(self.current)
+            self._axis.hold_others(self.current.output)
 
     def change(self) -> None:
         """Rest for this cycle, then take the mode that waits."""
@@ -131,7 +156,7 @@ class JointTargets:
             elif value > command.maximum:
                 value = command.maximum
         current.follow(value, now, period)
-        if current.bits or self.handshakes:
+        if current.bits or current.handshakes:
             self._machine.mode_bits = current.bits
 
     def write_mode(self) -> None:
@@ -139,10 +164,95 @@ class JointTargets:
         output, mode = self._axis.mode, self._machine.mode
         if output is not None and mode is not None and mode != output.value:
             output.set(mode)
-        if self._outputs is not None and self._axis.digital_outputs is not None and math.isfinite(self._outputs.value):
-            self._axis.digital_outputs.set(int(self._outputs.value) & 0xFFFFFFFF)
+        if self._outputs is not None and self._axis.digital_outputs is not None:
+            value = self._outputs.value
+            if self._outputs.lowest <= value <= self._outputs.highest:  # False for nan
+                self._axis.digital_outputs.set(int(value) & 0xFFFFFFFF)
 
-    def _find_command(self) -> None:
-        """Find the interface whose value is the target: the one that is claimed, if the mode serves it."""
-        fits = self.current is not None and self.current.interface == self.claimed
-        self._command = self.commands[self.claimed] if fits and self.claimed is not None else None
+    def refresh(self) -> None:
+        """Find the interface whose value is the target: the one that is claimed, if the mode serves it; and its span.
+
+        Called again when the scale has changed.
+        """
+        current, command = self.current, self._command
+        if command is not None:
+            command.lowest, command.highest, command.span = -math.inf, math.inf, None
+        fits = current is not None and current.interface == self.claimed
+        self._command = command = self.commands[self.claimed] if fits and self.claimed is not None else None
+        if current is None or command is None:
+            return
+        if command.interface == POSITION:
+            command.span = current.span
+        else:
+            command.lowest, command.highest = current.span()
+
+
+def listed_modes(axis: Axis, parameters: AxisParameters) -> tuple[OperationMode, ...]:
+    """Return what 0x6502 lists: as read from the drive, else as the EDS has it; () where neither says.
+
+    0 says nothing: a drive has a mode, and a maker who gives no value writes it too.
+    """
+    identity, entry = axis.node.identity, axis.node.od.get(axis.index(objects.SUPPORTED_DRIVE_MODES), 0)
+    at_boot = identity.supported_modes if identity is not None and len(axis.node.plan.axes) == 1 else None
+    in_eds = entry.value if entry is not None and isinstance(entry.value, int) else None
+    return supported_modes(parameters.get(objects.SUPPORTED_DRIVE_MODES) or at_boot or in_eds or 0)
+
+
+def choose_mode(axis: Axis, parameters: AxisParameters, interface: str) -> OperationMode:
+    """Return the mode for a command interface; raises DriveError (UnsupportedMode) where there is none."""
+    config = axis.node.config
+    keys = config.motion
+    wanted = {POSITION: keys.position_mode, VELOCITY: keys.velocity_mode, EFFORT: keys.effort_mode}[interface]
+    listed = listed_modes(axis, parameters)
+    if wanted is not None:
+        require_mode(wanted, listed)
+        _require_mapped(axis, OperationMode(wanted))
+        return OperationMode(wanted)
+    if not listed:
+        raise DriveError(
+            f"{axis.node.who}: neither the drive nor its EDS tells which modes it has (0x6502); "
+            f"give {interface}_mode in bus.yml"
+        )
+    candidates = [mode for mode in _SERVED[interface] if mode in listed]
+    for mode in candidates:
+        if _is_mapped(axis, mode):
+            return mode
+    for mode in candidates[:1]:
+        _require_mapped(axis, mode)
+    return mode_for_interface(interface, listed)
+
+
+def require_targets(axis: Axis, interfaces: Iterable[str]) -> None:
+    """Raise RobotConfigError for a command interface that no RPDO could serve, whatever the drive lists."""
+    for name in interfaces:
+        if name == DIGITAL_OUTPUTS:
+            if axis.digital_outputs is None:
+                raise _unmapped(axis, name, "0x60FE:01")
+        elif name not in _SERVED:
+            raise RobotConfigError(
+                f"joint {axis.joint}: no command interface {name!r}; there are: {', '.join((*MOTION, DIGITAL_OUTPUTS))}"
+            )
+        elif not any(_is_mapped(axis, mode) for mode in _SERVED[name]):
+            index, _ = target_address(_SERVED[name][0]) or (0, 0)
+            raise _unmapped(axis, name, f"0x{axis.index(index):04X}")
+
+
+def _is_mapped(axis: Axis, mode: int) -> bool:
+    address = target_address(mode)
+    return address is not None and axis.output(*address) is not None
+
+
+def _require_mapped(axis: Axis, mode: OperationMode) -> None:
+    if not _is_mapped(axis, mode):
+        index, subindex = target_address(mode) or (0, 0)
+        raise DriveError(
+            f"{axis.node.who}: no RPDO carries 0x{axis.index(index):04X}:{subindex:02X}, "
+            f"the target of mode {mode.name}; map it in bus.yml"
+        )
+
+
+def _unmapped(axis: Axis, interface: str, what: str) -> RobotConfigError:
+    return RobotConfigError(
+        f"joint {axis.joint}: no RPDO of {axis.node.name} carries the target of its command interface {interface!r}; "
+        f"map {what} in bus.yml or drop the interface"
+    )

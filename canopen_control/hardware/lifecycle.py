@@ -18,6 +18,11 @@ class Lifecycle(ABC):
     def __init__(self) -> None:
         self.state = LifecycleState.UNCONFIGURED
 
+    @property
+    def simulated_ns(self) -> int | None:
+        """None: it runs in real time."""
+        return None
+
     def configure(self) -> None:
         """Let the states become known."""
         if self.state is LifecycleState.UNCONFIGURED:

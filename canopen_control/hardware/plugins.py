@@ -10,14 +10,14 @@ import enum
 from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
-from canopen_control.errors import RobotConfigError
+from canopen_control.errors import RobotConfigError, nearest
 from canopen_control.hardware import mock, simulation, system
-from canopen_control.hardware.transmission import TransmittedSystem
-from canopen_control.yamltree import nearest
+from canopen_control.hardware.transmitted_system import TransmittedSystem
 
 if TYPE_CHECKING:
-    from canopen_control.hardware.description import Description, Ros2ControlSystem
     from canopen_control.hardware.interfaces import HardwareComponent
+    from canopen_control.urdf.description import Description
+    from canopen_control.urdf.ros2_control import Ros2ControlSystem
 
 __all__ = ["KNOWN", "Kind", "kind_of", "made_up", "transmitted"]
 
@@ -45,7 +45,7 @@ def kind_of(description: Description, tag: Ros2ControlSystem, *, mock: bool = Fa
     kind = KNOWN.get(tag.plugin)
     if kind is None:
         raise RobotConfigError(
-            f"{description.path}:{tag.line}: no hardware plugin {tag.plugin!r}{nearest(tag.plugin, KNOWN)}"
+            f"{description.path}:{tag.place.line}: no hardware plugin {tag.plugin!r}{nearest(tag.plugin, KNOWN)}"
         )
     return kind
 

@@ -5,7 +5,7 @@ engine can take its place; the one that is built in is a first-order lag in clos
 of the virtual drives are not used: they follow the ramps of a drive in counts and per mille, and a joint of Gazebo has
 no drive; what has one runs on `CanopenSystem` and virtual drives.) A velocity is approached with `time_constant`, a
 position by a velocity proportional to the way left, an effort moves inertia against damping. Limits of the description
-hold. Released, a velocity or effort becomes zero and a position is held. `elapsed_ns` is the simulated time.
+hold. Released, a velocity or effort becomes zero and a position is held.
 """
 
 from __future__ import annotations
@@ -30,7 +30,8 @@ from canopen_control.hardware.lifecycle import Lifecycle
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-    from canopen_control.hardware.description import ControlJoint, Limits, Ros2ControlSystem, UrdfJoint
+    from canopen_control.urdf.joint import Joint, Limits
+    from canopen_control.urdf.ros2_control import ControlJoint, Ros2ControlSystem
 
 __all__ = ["PLUGINS", "FirstOrderMotor", "Motor", "SimulatedSystem"]
 
@@ -143,12 +144,12 @@ class SimulatedSystem(Lifecycle):
     def __init__(
         self,
         description: Ros2ControlSystem,
-        joints: Mapping[str, UrdfJoint],
+        joints: Mapping[str, Joint],
         make_motor: Callable[[Limits], Motor] | None = None,
     ) -> None:
         super().__init__()
         self.name = description.name
-        self.elapsed_ns = 0
+        self._elapsed_ns = 0
         self._last: int | None = None
         self._joints: list[_Joint] = []
         for part in description.joints:
@@ -175,6 +176,11 @@ class SimulatedSystem(Lifecycle):
         ]
         self._owners: dict[str, _Joint | None] = {one.name: None for one in extra_commands}
         self._owners.update({one.name: each for each in self._joints for one in each.commands.values()})
+
+    @property
+    def simulated_ns(self) -> int:
+        """How long it has been simulated, in ns."""
+        return self._elapsed_ns
 
     def _begin(self) -> None:
         self._show()
@@ -215,7 +221,7 @@ class SimulatedSystem(Lifecycle):
             return OK
         step = round(period * 1e9) if self._last is None else now - self._last
         self._last = now
-        self.elapsed_ns += step
+        self._elapsed_ns += step
         for command in self.command_interfaces:
             if math.isinf(command.value):
                 return ERROR

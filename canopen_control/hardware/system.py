@@ -11,25 +11,24 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.cia402.objects import AXES
-from canopen_control.errors import ControlError, DriveError, RobotConfigError, UnknownInterface
-from canopen_control.hardware.choice import DIGITAL_OUTPUTS
-from canopen_control.hardware.groups import StopGroup
+from canopen_control.errors import ControlError, RobotConfigError, UnknownInterface, nearest
+from canopen_control.hardware.axis_power import STOPPED
 from canopen_control.hardware.interfaces import OK, ReturnType
 from canopen_control.hardware.joint import JointDrive
+from canopen_control.hardware.joint_targets import DIGITAL_OUTPUTS
 from canopen_control.hardware.lifecycle import Lifecycle
-from canopen_control.hardware.recovery import Recovery
-from canopen_control.hardware.wishes import Wish
-from canopen_control.master.events import Event, Level
-from canopen_control.yamltree import nearest
+from canopen_control.hardware.recovery import Recovery, enable_together
+from canopen_control.hardware.stop_group import StopGroup
+from canopen_control.master.event_log import Event, Level
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-    from canopen_control.hardware.description import ControlJoint, Ros2ControlSystem
     from canopen_control.hardware.interfaces import CommandInterface, StateInterface
-    from canopen_control.hardware.news import News
+    from canopen_control.hardware.joint_events import JointEvent
     from canopen_control.master.cycle import ProcessImage
-    from canopen_control.master.node import RemoteNode
+    from canopen_control.master.remote_node import RemoteNode
+    from canopen_control.urdf.ros2_control import ControlJoint, Ros2ControlSystem
 
 __all__ = ["PLUGINS", "CanopenSystem"]
 
@@ -56,12 +55,14 @@ class CanopenSystem(Lifecycle):
         description: Ros2ControlSystem,
         nodes: Mapping[str, tuple[RemoteNode, ProcessImage]],
         report: Callable[[Event], None],
-        groups: dict[str, StopGroup] | None = None,
+        groups: dict[str, StopGroup[JointDrive]] | None = None,
     ) -> None:
         super().__init__()
         self.name = description.name
         self.joints = [_bind(joint, nodes) for joint in description.joints]
-        self.groups = _grouped(description, self.joints, {} if groups is None else groups)
+        _group(description, self.joints, {} if groups is None else groups)
+        self.groups: list[StopGroup[JointDrive]] = []
+        self.regroup()
         self._by_interface = {interface.name: joint for joint in self.joints for interface in joint.commands.values()}
         self.state_interfaces: Sequence[StateInterface] = [
             interface for joint in self.joints for interface in joint.states.values()
@@ -110,10 +111,7 @@ class CanopenSystem(Lifecycle):
                 joint.stop(self._now)
         for joint, interface in starting:
             joint.targets.claim(interface)
-            try:
-                joint.enable()
-            except DriveError as error:  # the switch is decided: the drive stays off and says why
-                self._report(Event(self._now, "not_enabled", joint.node.name, str(error), Level.ERROR))
+        enable_together([joint for joint, _ in starting], self._now, self._report)  # the switch is decided
 
     def read(self, now: int, period: float) -> ReturnType:  # noqa: ARG002 - the verb of every component
         """Latch the newest process data."""
@@ -129,8 +127,8 @@ class CanopenSystem(Lifecycle):
                 group.coordinate(now)
         for joint in self.joints:
             if joint.step(now):
-                for news in joint.news():
-                    self._tell(joint, news, now)
+                for event in joint.events():
+                    self._tell(joint, event, now)
         for joint in self.joints:
             joint.write(now, period)
         return OK
@@ -144,8 +142,8 @@ class CanopenSystem(Lifecycle):
         for joint in self.joints:
             joint.supervise()
 
-    def enable(self, joints: Sequence[JointDrive]) -> None:
-        """Enable drives for a user; refused with the reason where it cannot be."""
+    def prepare_enable(self, joints: Sequence[JointDrive]) -> None:
+        """Give drives that are to be enabled a mode; ControlError or DriveError where one of them cannot be."""
         for joint in joints:
             if not joint.node.ready:
                 raise ControlError(
@@ -155,7 +153,17 @@ class CanopenSystem(Lifecycle):
             motion = [name for name in joint.commands if name != DIGITAL_OUTPUTS]
             if joint.targets.mode is None and motion:
                 joint.targets.set_mode(joint.targets.mode_for(motion[0]))
+            joint.require_enable()
+
+    def enable(self, joints: Sequence[JointDrive]) -> None:
+        """Enable drives for a user, all of them or, refused with the reason, none."""
+        self.prepare_enable(joints)
+        for joint in joints:
             joint.enable()
+
+    def regroup(self) -> None:
+        """Take that its joints are in other stop groups than before."""
+        self.groups = list(dict.fromkeys(joint.group for joint in self.joints))
 
     def stop(self, now: int) -> None:
         """Ramp every joint to zero and disable it."""
@@ -165,43 +173,55 @@ class CanopenSystem(Lifecycle):
     @property
     def stopped(self) -> bool:
         """Whether no joint moves under power any more."""
-        return all(not joint.node.ready or (joint.wish is Wish.OFF and joint.machine.reached) for joint in self.joints)
+        return all(
+            not joint.node.ready or (joint.power.state in STOPPED and joint.machine.reached) for joint in self.joints
+        )
 
     def _find(self, interface: str) -> tuple[JointDrive, str]:
         if (joint := self._by_interface.get(interface)) is None:
             raise UnknownInterface(interface, tuple(self._by_interface))
         return joint, interface.rpartition("/")[2]
 
-    def _tell(self, joint: JointDrive, news: News, now: int) -> None:
+    def _tell(self, joint: JointDrive, event: JointEvent, now: int) -> None:
         """Report it, and let what is trouble stop the group."""
-        cause = f"; {joint.node.error}" if news.stops and joint.node.error and joint.node.ready else ""
-        self._report(Event(now, news.kind, joint.node.name, f"{joint.node.who}: {news.text}{cause}", news.level))
-        if news.stops:
-            self._stop_group(joint, now, news)
+        cause = f"; {joint.node.error}" if event.stops and joint.node.error and joint.node.ready else ""
+        self._report(Event(now, event.kind, joint.node.name, f"{joint.node.who}: {event.text}{cause}", event.level))
+        if event.stops:
+            self._stop_group(joint, now, event)
 
-    def _stop_group(self, cause: JointDrive, now: int, news: News) -> None:
-        resumable = news.kind == "node_lost" and cause.node.config.recovery == "enable"
+    def _stop_group(self, cause: JointDrive, now: int, event: JointEvent) -> None:
+        resumable = event.kind == "node_lost" and cause.node.config.motion.recovery == "enable"
+        waiting = [joint for joint in cause.group.joints if joint.resume]
         moving = cause.group.stop(now)
         if not cause.node.ready or not cause.machine.enabled:
             cause.give_up()
         for joint in moving:
+            joint.stopped_by = f"stopped by {cause.node.who}: {event.text}"
+        for joint in moving + waiting:
             joint.resume = resumable
         if moving:
             names = ", ".join(joint.joint for joint in moving)
-            text = f"stopping {names}: {cause.node.who}: {news.text}"
-            self._report(Event(now, "stop", cause.node.name, text, Level.ERROR))
+            text = f"stopping {names}: {cause.node.who}: {event.text}"
+            self._report(Event(now, "stop", cause.node.name, text + _then(cause, resumable=resumable), Level.ERROR))
 
 
-def _grouped(
-    description: Ros2ControlSystem, joints: Sequence[JointDrive], groups: dict[str, StopGroup]
-) -> list[StopGroup]:
+def _then(cause: JointDrive, *, resumable: bool) -> str:
+    """Return what goes on after a stop: a user's word, unless bus.yml lets the node's return be enough."""
+    if resumable:
+        return "; they are enabled again when it is back (recovery: enable)"
+    first = "canopen-control axis fault-reset all, then " if cause.machine.fault else ""
+    return f"; to go on: {first}canopen-control axis enable all"
+
+
+def _group(
+    description: Ros2ControlSystem, joints: Sequence[JointDrive], groups: dict[str, StopGroup[JointDrive]]
+) -> None:
     """Put each joint into the group that it names; without a name it is in the robot's one group."""
     for joint, control in zip(joints, description.joints, strict=True):
         name = control.parameters.get("stop_group", "")
         group = groups.setdefault(name, StopGroup(name))
         group.joints.append(joint)
-        joint.group = group
-    return list(dict.fromkeys(joint.group for joint in joints))
+        joint.stop_group = joint.group = group
 
 
 def _bind(joint: ControlJoint, nodes: Mapping[str, tuple[RemoteNode, ProcessImage]]) -> JointDrive:

@@ -11,13 +11,13 @@ from __future__ import annotations
 import os
 import re
 import sys
-from pathlib import PurePath
+from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Final
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-__all__ = ["LIFELINE", "MODULE", "READY", "clean_environment"]
+__all__ = ["LIFELINE", "MODULE", "READY", "clean_environment", "lean_python"]
 
 LIFELINE: Final = "CANOPEN_CONTROL_LIFELINE"
 READY: Final = "CANOPEN_CONTROL_READY"
@@ -26,6 +26,20 @@ MODULE: Final = (sys.executable, "-P", "-m")
 _GUARD: Final = "_ROS_WHEELS_BOOTSTRAP_COMPLETE"
 _LIBRARIES: Final = "LD_LIBRARY_PATH"
 _WHEEL_FOLDER: Final = re.compile(r"(?P<prefix>.+)/lib\d*/python[^/]+/site-packages/ros_[^/]+\.libs")
+
+
+def lean_python(module: str) -> list[str]:
+    """Return the command that runs `main` of a module of the package with nothing else but msgspec to be found.
+
+    Isolated and without site, Python starts in half the time.
+    """
+    from importlib.util import find_spec
+
+    msgspec = find_spec("msgspec")
+    found = [Path(__file__).parents[2]] + ([Path(msgspec.origin).parents[1]] if msgspec and msgspec.origin else [])
+    folders = [str(folder) for folder in found]
+    code = f"import sys; sys.path += {folders!r}; from {module} import main; sys.exit(main())"
+    return [sys.executable, "-I", "-S", "-c", code]
 
 
 def clean_environment(*, ros: bool, base: Mapping[str, str] | None = None) -> dict[str, str]:

@@ -1,4 +1,4 @@
-"""The child's side of `spawn` and `spawn_detached`: is the parent alive, and telling the starter that we are ready.
+"""The child's side of `spawn` and `spawn_detached`: watches whether the parent lives, and reports readiness.
 
 Kept apart from them because a child that starts nothing itself should not load what starting takes.
 """
@@ -12,7 +12,7 @@ from typing import Final
 
 from canopen_control.host.environment import LIFELINE, READY
 
-__all__ = ["READY_WORD", "lifeline_fd", "report_failure", "report_ready"]
+__all__ = ["READY_WORD", "Pulse", "lifeline_fd", "report_failure", "report_ready"]
 
 READY_WORD: Final = b"ready"
 
@@ -54,6 +54,25 @@ def _report(line: bytes) -> None:
     fd = _inherited_pipe(READY)
     os.environ.pop(READY, None)
     if fd is not None:
-        with contextlib.suppress(OSError):  # the starter has lost patience, and said so
+        with contextlib.suppress(OSError):  # the starter has given it up, and said so
             os.write(fd, line + b"\n")
         os.close(fd)
+
+
+class Pulse:
+    """What a child of `spawn` says of itself again and again: that it is ready, then that it is alive.
+
+    In a process that nobody asked to report it says nothing.
+    """
+
+    def __init__(self) -> None:
+        self._fd = _inherited_pipe(READY)
+        os.environ.pop(READY, None)
+        if self._fd is not None:
+            os.set_blocking(self._fd, False)  # a starter that hangs must not hang us
+
+    def beat(self) -> None:
+        """Say so; the first time it means that the service is up."""
+        if self._fd is not None:
+            with contextlib.suppress(OSError):
+                os.write(self._fd, READY_WORD + b"\n")

@@ -1,4 +1,4 @@
-"""A blocking client of a server of JSON lines, for scripts, threads and the command line."""
+"""A blocking client of a server of lines, for scripts, threads and the command line."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Final
 
 from canopen_control.errors import LocalProtocolError, RemoteError
 from canopen_control.host import sockets
-from canopen_control.host.lines import MAX_LINE, LineBuffer, Message, decode, encode_strict
+from canopen_control.host.lines import MAX_LINE, MAX_REQUEST, LineBuffer
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -25,7 +25,7 @@ class LineClient:
     """A connection to a `LineServer` whose methods wait; one thread may send while another receives.
 
     RemoteError of kind "BusClosed" when the other side is gone, "Timeout" when it takes too long, "RemoteProtocolError"
-    when it talks nonsense. `label` names the other side in those sentences. Times are seconds.
+    when a line has no end. `label` names the other side in those sentences. Times are seconds.
     """
 
     def __init__(self, path: Path, timeout: float = 5.0, *, label: str = "") -> None:
@@ -50,22 +50,21 @@ class LineClient:
         """Return the descriptor, readable when `receive` may find something; -1 once it is closed."""
         return self._socket.fileno()
 
-    def send(self, message: Message, timeout: float = 5.0) -> None:
-        """Send a message; LocalProtocolError when it holds a number that is not finite."""
-        try:
-            line = memoryview(encode_strict(message))
-        except (TypeError, ValueError) as error:
-            raise LocalProtocolError(f"this cannot be sent to {self.label}: {error}") from error
+    def send(self, line: bytes, timeout: float = 5.0) -> None:
+        """Send a line that ends with a newline; LocalProtocolError when it is too long."""
+        if len(line) > MAX_REQUEST:
+            raise LocalProtocolError(f"this cannot be sent to {self.label}: {len(line)} bytes, more than {MAX_REQUEST}")
         deadline = time.monotonic() + timeout
-        while line:
-            sent = self._write(line)
-            line = line[sent:]
+        left = memoryview(line)
+        while left:
+            sent = self._write(left)
+            left = left[sent:]
             if not sent and not self._poll(select.POLLOUT, deadline):
                 self.hang_up()  # part of the line may have left: whatever followed would be garbage
                 raise RemoteError("Timeout", f"{self.label} has not read for {timeout:g} s; does it hang?")
 
-    def receive(self, timeout: float | None = 5.0) -> Message | None:
-        """Return the next message, or None when none came in time; 0 only looks, None waits for ever."""
+    def receive(self, timeout: float | None = 5.0) -> bytes | None:
+        """Return the next line without its end, or None when none came in time; 0 only looks, None waits for ever."""
         deadline = None if timeout is None else time.monotonic() + timeout
         while (line := self._input.next_line()) is None:
             if self._input.overflow:
@@ -75,10 +74,7 @@ class LineClient:
                 self._input.feed(data)
             elif not self._poll(select.POLLIN, deadline):
                 return None
-        try:
-            return decode(line)
-        except ValueError as error:
-            raise RemoteError("RemoteProtocolError", f"{self.label} sent garbage: {error}") from error
+        return line
 
     def hang_up(self) -> None:
         """End the conversation in both directions; wakes a thread that waits in `receive`."""

@@ -242,7 +242,7 @@ class Reactor:
         with self._claimed():
             if not self.clock.is_manual:
                 while not self._stopping:
-                    self._turn(self._patience())
+                    self._turn(self._longest_wait())
             while not self._stopping:
                 if not self._step(None):
                     self._turn(None)  # a manual clock with no timer left: only a descriptor can go on
@@ -315,7 +315,7 @@ class Reactor:
     def _step(self, limit: int | None) -> bool:
         """Serve one turn; False when nothing is left to do up to the limit."""
         if not self.clock.is_manual:
-            self._turn(self._patience())
+            self._turn(self._longest_wait())
             return limit is None or self.now() < limit
         return self._turn(0) > 0 or self._jump(limit)
 
@@ -330,7 +330,7 @@ class Reactor:
             clock.now_ns = max(clock.now_ns, limit)
         return False
 
-    def _patience(self) -> float | None:
+    def _longest_wait(self) -> float | None:
         """Return how long the selector may wait, in seconds; sets the alarm when the earliest deadline has changed."""
         if self._soon:
             return 0

@@ -1,4 +1,4 @@
-"""Signals in a program without a reactor: what an ending one calls, for the length of a `with`."""
+"""Signal handlers for the length of a `with`, in a program without a reactor."""
 
 from __future__ import annotations
 

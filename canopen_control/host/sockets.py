@@ -24,22 +24,25 @@ import sys
 import threading
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, Literal
 
 from canopen_control.errors import CanopenError, ConfigError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Mapping
 
 __all__ = [
     "KINDS",
     "SocketInUse",
+    "SocketKind",
     "check_name",
     "close_listener",
     "connect",
+    "drive_name",
     "list_sockets",
     "listen",
     "lock",
+    "open_lock",
     "peer_pid",
     "private_folder",
     "runtime_dir",
@@ -47,8 +50,10 @@ __all__ = [
     "socket_path",
 ]
 
-#: kind of socket -> the longest name it takes; a drive's is `<bus>-<node>`
-KINDS: Final = {"bus": 32, "busctl": 32, "drive": 36, "robot": 32}
+SocketKind = Literal["bus", "busctl", "drive", "robot"]
+KINDS: Final[Mapping[SocketKind, int]] = {"bus": 32, "busctl": 32, "drive": 36, "robot": 32}
+"""Kind of socket to the longest name it takes: the frames and the control of a `local:` bus, and one for each of its
+virtual drives, `drive_name`, and for each robot."""
 _NAME: Final = re.compile(r"[A-Za-z0-9_-]+")
 _LONGEST_PATH: Final = 100  # struct sockaddr_un has 108 bytes on Linux, 104 elsewhere
 _PROBE_S: Final = 0.5  # a listening process' kernel answers at once, whatever the process does
@@ -121,6 +126,15 @@ def _refuse_open_parent(parent: Path) -> None:
         raise ConfigError(f"everybody may write to {parent}, and it is not sticky; set XDG_RUNTIME_DIR to another")
 
 
+def drive_name(channel: str, node_id: int) -> str:
+    """Return the name of the control socket of a virtual drive, `<bus>-<node>`; `channel` is the bus' with its kind."""
+    bus = channel
+    for kind in ("local:", "memory:", "virtual:"):
+        bus = bus.removeprefix(kind)
+    safe = "".join(letter if letter.isalnum() or letter in "-_" else "_" for letter in bus)
+    return f"{safe[:31]}-{node_id}"
+
+
 def check_name(name: str, longest: int = 32) -> str:
     """Return `name` if it can be the name of a bus or a robot; ConfigError otherwise."""
     if len(name) > longest or not _NAME.fullmatch(name):
@@ -128,7 +142,7 @@ def check_name(name: str, longest: int = 32) -> str:
     return name
 
 
-def socket_path(kind: str, name: str) -> Path:
+def socket_path(kind: SocketKind, name: str) -> Path:
     """Return the path of the socket `name`; `kind` is one of `KINDS`."""
     file = f"{kind}-{check_name(name, KINDS[kind])}.sock"
     folder = runtime_dir()
@@ -144,7 +158,7 @@ def _short_folder(folder: Path) -> Path:
     return private_folder(private_folder(Path("/tmp") / f"canopen_control-{os.getuid()}") / digest)
 
 
-def list_sockets(kind: str) -> list[str]:
+def list_sockets(kind: SocketKind) -> list[str]:
     """Return the names of this kind behind which somebody listens, sorted."""
     folder = runtime_dir()
     longest = folder / f"{kind}-{'x' * KINDS[kind]}.sock"
@@ -189,12 +203,26 @@ def lock(path: Path, timeout: float = 10.0) -> Iterator[None]:
 
     Waits up to `timeout` seconds for whoever has it, then raises CanopenError. The kernel frees it with its holder.
     """
-    fd = os.open(f"{path}.lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o600)
+    fd = open_lock(Path(f"{path}.lock"))
     try:
         _flock(fd, path, time.monotonic() + timeout)
         yield
     finally:
         os.close(fd)
+
+
+def open_lock(path: Path) -> int:
+    """Return a descriptor of the lock file `path`, made if need be; ConfigError for what is no file of ours."""
+    try:
+        fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK, 0o600)
+    except OSError as error:
+        reason = "it is a symbolic link" if error.errno == errno.ELOOP else error.strerror or str(error)
+        advice = "make room there" if error.errno in (errno.ENOSPC, errno.EDQUOT) else "remove it"
+        raise ConfigError(f"{path} cannot be a lock: {reason}; {advice}, and try again") from error
+    if not stat.S_ISREG(os.fstat(fd).st_mode):
+        os.close(fd)
+        raise ConfigError(f"{path} cannot be a lock: it is no file; remove it, and try again")
+    return fd
 
 
 def _flock(fd: int, path: Path, deadline: float) -> None:

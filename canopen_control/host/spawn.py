@@ -2,7 +2,8 @@
 
 `spawn` gives every child a session of its own (the terminal's Ctrl-C is its parent's alone), a clean environment, a log
 file that cannot fill the disk, and a lifeline: a pipe whose other end only the parent holds. When the parent dies,
-however it dies, the kernel closes that end, and the child reads the end of the file at `lifeline_fd()`.
+however it dies, the kernel closes that end, and the child reads the end of the file at `lifeline_fd()`. A child that
+calls `report_ready` can be waited for without blocking: `Child.watch_ready`.
 
 `spawn_detached` is for a process that belongs to nobody, such as a bus that several programs share: it is no child of
 its caller, and says through a pipe when it is ready.
@@ -17,12 +18,13 @@ import signal
 import subprocess
 import sys
 import time
+from functools import partial
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.errors import CanopenError
 from canopen_control.host.environment import LIFELINE, READY, clean_environment
+from canopen_control.host.files import LogFile, state_dir
 from canopen_control.host.lifeline import READY_WORD, lifeline_fd, report_failure, report_ready
-from canopen_control.host.logfile import LogFile, state_dir
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -52,13 +54,19 @@ class Child:
     """A running child process, made by `spawn`.
 
     `log_path` is None when its output goes where ours goes. It must be waited for, by `wait` or by `watch`.
+    `readiness` is our end of the pipe of its `report_ready`, -1 for none.
     """
 
-    def __init__(self, process: subprocess.Popen[bytes], name: str, lifeline: int, log: LogFile | None) -> None:
+    def __init__(
+        self, process: subprocess.Popen[bytes], name: str, lifeline: int, log: LogFile | None, readiness: int = -1
+    ) -> None:
         self.name = name
         self.pid = process.pid
         self._process = process
         self._lifeline = lifeline
+        self.heard_at: int | None = None
+        self._readiness = readiness
+        self._on_ready: Callable[[], object] | None = None
         self._log = log
         self._pidfd = -1
         self._reactor: Reactor | None = None
@@ -103,6 +111,31 @@ class Child:
         lifeline, self._lifeline = self._lifeline, -1
         if lifeline >= 0:
             os.close(lifeline)
+
+    def watch_ready(self, reactor: Reactor, on_ready: Callable[[], object]) -> None:
+        """Call `on_ready()` on the loop, once, when it has said that it is ready, or cannot say so any more.
+
+        `heard_at` is when it has said so last: a child with a `Pulse` says it again and again.
+        """
+        if self._readiness >= 0:
+            self._on_ready = on_ready
+            reactor.add_reader(self._readiness, partial(self._hear, reactor))
+
+    def _hear(self, reactor: Reactor) -> None:
+        on_ready, self._on_ready = self._on_ready, None
+        if os.read(self._readiness, 4096):
+            self.heard_at = reactor.now()
+        else:
+            self.unwatch_ready(reactor)
+        if on_ready is not None:
+            on_ready()
+
+    def unwatch_ready(self, reactor: Reactor) -> None:
+        """Listen to what it says of itself no more; a no-op when nobody does."""
+        readiness, self._readiness, self._on_ready = self._readiness, -1, None
+        if readiness >= 0:
+            reactor.remove_reader(readiness)
+            os.close(readiness)
 
     def last_lines(self, count: int = _LAST_LINES) -> list[str]:
         """Return the last lines of its output, none if that was not logged."""
@@ -159,39 +192,53 @@ def _pidfd_open(pid: int) -> int:
 
 
 def spawn(
-    argv: Sequence[str], *, name: str, log_dir: Path | None = None, ros: bool = False, inherit_stdout: bool = False
+    argv: Sequence[str],
+    *,
+    name: str,
+    log_dir: Path | None = None,
+    ros: bool = False,
+    inherit_stdout: bool = False,
+    reports: bool = False,
 ) -> Child:
     """Start a child process and return at once; CanopenError when it cannot be started.
 
     Its standard output and error go to `<log_dir>/<name>.log`, without `log_dir` in `state_dir()`, unless they are
-    inherited; its standard input is empty. `ros` says that it imports rclpy.
+    inherited; its standard input is empty. `ros` says that it imports rclpy, `reports` that it calls `report_ready`.
     """
     log = None if inherit_stdout else LogFile(log_dir or state_dir(), name)
-    theirs, ours = os.pipe()
-    try:
-        process = _start(argv, theirs, clean_environment(ros=ros), log)
-    except OSError as error:
-        os.close(ours)
-        raise CanopenError(f"cannot start {name} ({argv[0]}): {error.strerror}") from error
-    except BaseException:
-        os.close(ours)
-        raise
-    finally:
-        os.close(theirs)
-    return Child(process, name, ours, log)
+    environment = clean_environment(ros=ros)
+    with contextlib.ExitStack() as ours, contextlib.ExitStack() as theirs:
+        alive, lifeline = _pipe(theirs, ours)  # nobody writes: the end of the file is the parent's
+        environment[LIFELINE] = str(alive)
+        readiness = -1
+        if reports:
+            readiness, ready = _pipe(ours, theirs)
+            environment[READY] = str(ready)
+        try:
+            process = _start(argv, environment, log)
+        except OSError as error:
+            raise CanopenError(f"cannot start {name} ({argv[0]}): {error.strerror}") from error
+        ours.pop_all()
+    return Child(process, name, lifeline, log, readiness)
 
 
-def _start(
-    argv: Sequence[str], lifeline: int, environment: dict[str, str], log: LogFile | None
-) -> subprocess.Popen[bytes]:
+def _pipe(reader: contextlib.ExitStack, writer: contextlib.ExitStack) -> tuple[int, int]:
+    """Return the ends of a pipe for reading and for writing, each to be closed by whom it belongs to."""
+    reading, writing = os.pipe()
+    reader.callback(os.close, reading)
+    writer.callback(os.close, writing)
+    return reading, writing
+
+
+def _start(argv: Sequence[str], environment: dict[str, str], log: LogFile | None) -> subprocess.Popen[bytes]:
     with contextlib.nullcontext() if log is None else log.opened_for(argv) as output:
         return subprocess.Popen(
             list(argv),
             stdin=subprocess.DEVNULL,
             stdout=output,
             stderr=output,
-            env={**environment, LIFELINE: str(lifeline)},
-            pass_fds=(lifeline,),
+            env=environment,
+            pass_fds=[int(environment[each]) for each in (LIFELINE, READY) if each in environment],
             start_new_session=True,
         )
 

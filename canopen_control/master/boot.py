@@ -1,7 +1,7 @@
 """The boot of one node (CiA 302-2, boot slave), as a generator that asks and is answered.
 
 The law of this file: it decides, it does nothing. `boot` yields requests (`requests.py`) and is sent their results, or
-has `SdoAbort` and `SdoTimeout` thrown into it; whoever runs it (`node.RemoteNode`) never waits. A failure is a
+has `SdoAbort` and `SdoTimeout` thrown into it; whoever runs it (`remote_node.RemoteNode`) never waits. A failure is a
 `BootError` with the standard's letter (`LETTERS`). `Step` marks where the time goes.
 
 A node is reset first, so that nothing of an earlier run is left and no PDO is mapped while it is OPERATIONAL; a node
@@ -15,18 +15,19 @@ from typing import TYPE_CHECKING
 
 from canopen_control.cia301.nmt import NmtCommand, NmtState
 from canopen_control.cia402.objects import CONTROLWORD, STATUSWORD, SUPPORTED_DRIVE_MODES, TARGET_VELOCITY
-from canopen_control.errors import SdoAbort, SdoTimeout
+from canopen_control.errors import SdoAbort, SdoLengthError, SdoTimeout
 from canopen_control.master.boot_config import RESTORE, STORE_NS, compare_only, configure, store
+from canopen_control.master.boot_pdos import read_outputs
 from canopen_control.master.requests import (
     LETTERS,
     AwaitBootUp,
     AwaitHeartbeat,
     AwaitState,
+    BootTransfers,
     Command,
     Read,
     Request,
     Step,
-    Traffic,
     Write,
     boot_error,
     reason_of,
@@ -36,9 +37,10 @@ if TYPE_CHECKING:
     from collections.abc import Generator
 
     from canopen_control.errors import BootError
-    from canopen_control.master.draft import PdoLayout
     from canopen_control.master.plan import NodePlan
+    from canopen_control.master.plan_builder import PdoLayout
     from canopen_control.master.requests import Answer
+    from canopen_control.od.model import Value
 
 __all__ = [
     "LETTERS",
@@ -83,7 +85,7 @@ class BootResult:
     warnings: tuple[str, ...]
     reads: int = 0
     adopted: tuple[tuple[str, PdoLayout], ...] = ()
-    presets: dict[tuple[int, int], int] = field(default_factory=dict)
+    presets: dict[tuple[int, int], Value] = field(default_factory=dict)
 
 
 def boot(plan: NodePlan, *, reset: bool) -> Generator[Request, Answer, BootResult]:
@@ -92,25 +94,27 @@ def boot(plan: NodePlan, *, reset: bool) -> Generator[Request, Answer, BootResul
     `reset` sends NMT reset communication first, so that a node left over from an earlier run forgets its
     configuration; a node that has just sent its boot-up needs none, one to be kept alive only if it is not running.
     """
-    traffic = Traffic()
+    transfers = BootTransfers()
     keep = plan.keep_alive and reset
     if reset and not keep:
         yield from _reset(plan, NmtCommand.RESET_COMMUNICATION)
     yield Step("identify")
-    identity = yield from _identify(plan, traffic)
+    identity = yield from _identify(plan, transfers)
     running = keep and (yield from _is_running(plan))
     if keep and not running:
         yield from _reset(plan, NmtCommand.RESET_COMMUNICATION)
-    yield from _check_software(plan, traffic)
-    modes = yield from _prepare_drive(plan, traffic, running)
+    yield from _check_software(plan, transfers)
+    modes = yield from _prepare_drive(plan, transfers, running)
     if running:
-        yield from _leave_running(plan, traffic)
+        yield from _leave_running(plan, transfers)
     else:
-        yield from _configure(plan, traffic)
+        yield from _configure(plan, transfers)
+    yield from read_outputs(plan, transfers)
+    if not running:
         yield from _start(plan)
-    warnings = tuple(traffic.warnings)
-    adopted = tuple(traffic.adopted)
-    return BootResult(*identity, modes, traffic.writes, warnings, traffic.reads, adopted, traffic.presets)
+    warnings = tuple(transfers.warnings)
+    adopted = tuple(transfers.adopted)
+    return BootResult(*identity, modes, transfers.writes, warnings, transfers.reads, adopted, transfers.presets)
 
 
 def _reset(plan: NodePlan, command: NmtCommand) -> Generator[Request, Answer, bool]:
@@ -120,11 +124,11 @@ def _reset(plan: NodePlan, command: NmtCommand) -> Generator[Request, Answer, bo
     return bool((yield AwaitBootUp(plan.boot_up_ns)))
 
 
-def _identify(plan: NodePlan, traffic: Traffic) -> Generator[Request, Answer, tuple[int, int, int, int]]:
+def _identify(plan: NodePlan, transfers: BootTransfers) -> Generator[Request, Answer, tuple[int, int, int, int]]:
     """Compare device type and identity with the EDS: CiA 302-2, steps 3 to 8."""
     try:
-        device_type = int.from_bytes((yield from traffic.read(DEVICE_TYPE)), "little")
-    except (SdoTimeout, SdoAbort) as error:
+        device_type = int.from_bytes((yield from transfers.read(DEVICE_TYPE)), "little")
+    except (SdoTimeout, SdoAbort, SdoLengthError) as error:
         raise boot_error(plan, "B", f"no device type 0x1000:00: {reason_of(error)}") from error
     expected = plan.identity
     if expected.device_type and device_type != expected.device_type:
@@ -136,12 +140,12 @@ def _identify(plan: NodePlan, traffic: Traffic) -> Generator[Request, Answer, tu
         (3, "N", "revision number", expected.revision_number),
         (4, "O", "serial number", expected.serial_number),
     ):
-        value = yield from _answered(plan, "B", traffic, IDENTITY, subindex)
+        value = yield from _answered(plan, "B", transfers, IDENTITY, subindex)
         found.append(-1 if value is None else value)
         if wanted and value != wanted:
             raise _mismatch(plan, letter, f"{what} 0x1018:{subindex:02X}", found[-1], wanted)
     if expected.eds_revision and found[2] != expected.eds_revision:
-        traffic.warnings.append(
+        transfers.warnings.append(
             f"revision number 0x{found[2] & 0xFFFFFFFF:08X}, the EDS was written for 0x{expected.eds_revision:08X}; "
             "give revision_number in bus.yml to insist on one"
         )
@@ -161,11 +165,11 @@ def _is_running(plan: NodePlan) -> Generator[Request, Answer, bool]:
     return state == NmtState.OPERATIONAL
 
 
-def _check_software(plan: NodePlan, traffic: Traffic) -> Generator[Request, Answer, None]:
+def _check_software(plan: NodePlan, transfers: BootTransfers) -> Generator[Request, Answer, None]:
     """Compare the version of the firmware: CiA 302-2, "check and update software version"."""
     if not plan.software_version:
         return
-    version = yield from _answered(plan, "G", traffic, SOFTWARE, 1)
+    version = yield from _answered(plan, "G", transfers, SOFTWARE, 1)
     if version is None:
         raise boot_error(plan, "G", f"it has no 0x1F56:01, and software_version is 0x{plan.software_version:08X}")
     if version != plan.software_version:
@@ -175,41 +179,41 @@ def _check_software(plan: NodePlan, traffic: Traffic) -> Generator[Request, Answ
         )
 
 
-def _prepare_drive(plan: NodePlan, traffic: Traffic, running: bool) -> Generator[Request, Answer, int | None]:
+def _prepare_drive(plan: NodePlan, transfers: BootTransfers, running: bool) -> Generator[Request, Answer, int | None]:
     """Read modes and actual values of a drive, and take its power and its old target away if it was left enabled."""
     modes: int | None = None
     sent = {(mapped.index, mapped.subindex) for layout in plan.rpdos for mapped in layout.objects}
     for offset in plan.axes:
-        modes = yield from _answered(plan, "J", traffic, SUPPORTED_DRIVE_MODES + offset, 0)
-        statusword = (yield from _answered(plan, "J", traffic, STATUSWORD + offset, 0)) or 0
+        modes = yield from _answered(plan, "J", transfers, SUPPORTED_DRIVE_MODES + offset, 0)
+        statusword = (yield from _answered(plan, "J", transfers, STATUSWORD + offset, 0)) or 0
         if statusword & _OPERATION_ENABLED_BIT and not running:
-            yield from _silently(traffic, CONTROLWORD + offset, _SHUTDOWN.to_bytes(2, "little"))
+            yield from _silently(transfers, CONTROLWORD + offset, _SHUTDOWN.to_bytes(2, "little"))
         for target, actual in _PRESETS.items():
             if (target + offset, 0) in sent:
-                value = yield from traffic.number(actual + offset, signed=True)
+                value = yield from _answered(plan, "J", transfers, actual + offset, 0, signed=True)
                 if value is not None:
-                    traffic.presets[target + offset, 0] = traffic.presets[actual + offset, 0] = value
+                    transfers.presets[target + offset, 0] = transfers.presets[actual + offset, 0] = value
         has_velocity = (TARGET_VELOCITY + offset, 0) in plan.entry_names and not running
-        if has_velocity and (yield from traffic.number(TARGET_VELOCITY + offset)):
-            yield from _silently(traffic, TARGET_VELOCITY + offset, bytes(4))
+        if has_velocity and (yield from _answered(plan, "J", transfers, TARGET_VELOCITY + offset, 0)):
+            yield from _silently(transfers, TARGET_VELOCITY + offset, bytes(4))
     return modes
 
 
-def _leave_running(plan: NodePlan, traffic: Traffic) -> Generator[Request, Answer, None]:
+def _leave_running(plan: NodePlan, transfers: BootTransfers) -> Generator[Request, Answer, None]:
     """Take a node over that runs: compare its configuration, and name what differs (letter L, no failure)."""
     yield Step("compare")
-    missing = yield from compare_only(plan, traffic)
+    missing = yield from compare_only(plan, transfers)
     differs = ", ".join(f"0x{write.index:04X}:{write.subindex:02X}" for write in missing)
     told = f"; it differs from bus.yml in {differs}: reset it to have that written" if missing else ""
-    traffic.warnings.append(f"boot status L: {LETTERS['L']} and is to be kept alive, so nothing was written{told}")
+    transfers.warnings.append(f"boot status L: {LETTERS['L']} and is to be kept alive, so nothing was written{told}")
     yield from _await_heartbeat(plan)
 
 
-def _configure(plan: NodePlan, traffic: Traffic) -> Generator[Request, Answer, None]:
+def _configure(plan: NodePlan, transfers: BootTransfers) -> Generator[Request, Answer, None]:
     if plan.restore:
         yield Step("restore")
         try:
-            yield from traffic.write(RESTORE, plan.restore, LOAD, STORE_NS)
+            yield from transfers.write(RESTORE, plan.restore, LOAD, STORE_NS)
         except (SdoAbort, SdoTimeout) as error:
             raise boot_error(plan, "J", f"restoring with 0x1011:{plan.restore:02X}: {reason_of(error)}") from error
         communication = plan.restore == _COMMUNICATION_PARAMETERS
@@ -217,9 +221,9 @@ def _configure(plan: NodePlan, traffic: Traffic) -> Generator[Request, Answer, N
         if not (yield from _reset(plan, command)):
             raise boot_error(plan, "J", f"no boot-up within {plan.boot_up_ns / 1e9:g} s of restoring its defaults")
     yield Step("configure")
-    traffic.begin_configuration()
-    yield from configure(plan, traffic)
-    yield from store(plan, traffic)
+    transfers.begin_configuration()
+    yield from configure(plan, transfers)
+    yield from store(plan, transfers)
     yield from _await_heartbeat(plan)
 
 
@@ -245,20 +249,20 @@ def _start(plan: NodePlan) -> Generator[Request, Answer, None]:
 
 
 def _answered(
-    plan: NodePlan, letter: str, traffic: Traffic, index: int, subindex: int
+    plan: NodePlan, letter: str, transfers: BootTransfers, index: int, subindex: int, *, signed: bool = False
 ) -> Generator[Request, Answer, int | None]:
-    """Read an object that a node need not have; silence is an error of the boot."""
+    """Read an object that a node need not have; silence is an error of the boot, and so is what is no value of it."""
     try:
-        return (yield from traffic.number(index, subindex))
-    except SdoTimeout as error:
+        return (yield from transfers.number(index, subindex, signed=signed))
+    except (SdoTimeout, SdoLengthError) as error:
         raise boot_error(plan, letter, f"reading 0x{index:04X}:{subindex:02X}: {reason_of(error)}") from error
 
 
-def _silently(traffic: Traffic, index: int, data: bytes) -> Generator[Request, Answer, None]:
+def _silently(transfers: BootTransfers, index: int, data: bytes) -> Generator[Request, Answer, None]:
     try:
-        yield from traffic.write(index, 0, data)
+        yield from transfers.write(index, 0, data)
     except SdoAbort as error:
-        traffic.warnings.append(f"it refuses 0x{index:04X}:00 = 0x{data[::-1].hex()}: {reason_of(error)}")
+        transfers.warnings.append(f"it refuses 0x{index:04X}:00 = 0x{data[::-1].hex()}: {reason_of(error)}")
 
 
 def _mismatch(plan: NodePlan, letter: str, what: str, found: int, wanted: int) -> BootError:

@@ -18,9 +18,9 @@ from canopen_control.master.requests import boot_error, reason_of
 if TYPE_CHECKING:
     from collections.abc import Generator, Sequence
 
-    from canopen_control.master.draft import PlannedWrite
     from canopen_control.master.plan import NodePlan
-    from canopen_control.master.requests import Answer, Request, Traffic
+    from canopen_control.master.plan_builder import PlannedWrite
+    from canopen_control.master.requests import Answer, BootTransfers, Request
 
 __all__ = ["compare_only", "configure", "store"]
 
@@ -32,75 +32,77 @@ _ABORT_CONNECTION = 0x6007
 _SUPERVISION = frozenset((0x1016, 0x1017, 0x1029, _ABORT_CONNECTION))
 
 
-def configure(plan: NodePlan, traffic: Traffic) -> Generator[Request, Answer, None]:
+def configure(plan: NodePlan, transfers: BootTransfers) -> Generator[Request, Answer, None]:
     """Bring the node to what the plan says; raises BootError J."""
     for group in groups(plan.writes):
         if group[0].pdo is not None:
-            yield from configure_pdo(plan, group, traffic)
+            yield from configure_pdo(plan, group, transfers)
         elif group[0].index == STORE:
-            if traffic.changed:  # else nothing new would be stored, and flash wears out
-                yield from _write(plan, group[0], traffic)
+            if transfers.changed:  # else nothing new would be stored, and flash wears out
+                yield from _write(plan, group[0], transfers)
         else:
-            yield from _configure_object(plan, group[0], traffic)
+            yield from _configure_object(plan, group[0], transfers)
 
 
-def compare_only(plan: NodePlan, traffic: Traffic) -> Generator[Request, Answer, list[PlannedWrite]]:
+def compare_only(plan: NodePlan, transfers: BootTransfers) -> Generator[Request, Answer, list[PlannedWrite]]:
     """Return what the node would have to be told, without telling it."""
     missing: list[PlannedWrite] = []
     for group in groups(plan.writes):
-        held = yield from _held(group, traffic)
+        held = yield from _held(group, transfers)
         missing += [write for write in needed(group, held) if write.compare]
     return list(final_values(missing).values())
 
 
-def store(plan: NodePlan, traffic: Traffic) -> Generator[Request, Answer, None]:
+def store(plan: NodePlan, transfers: BootTransfers) -> Generator[Request, Answer, None]:
     """Let the node store its configuration, if this boot has changed it; a refusal is a warning."""
-    if not plan.save or not traffic.changed:
+    if not plan.save or not transfers.changed:
         return
     try:
-        yield from traffic.write(STORE, plan.save, SAVE, STORE_NS)
+        yield from transfers.write(STORE, plan.save, SAVE, STORE_NS)
     except (SdoAbort, SdoTimeout) as error:
-        traffic.warnings.append(f"it cannot store its configuration (0x1010:{plan.save:02X}): {reason_of(error)}")
+        transfers.warnings.append(f"it cannot store its configuration (0x1010:{plan.save:02X}): {reason_of(error)}")
 
 
 def _held(
-    group: Sequence[PlannedWrite], traffic: Traffic
+    group: Sequence[PlannedWrite], transfers: BootTransfers
 ) -> Generator[Request, Answer, dict[tuple[int, int], bytes | None]]:
     found: dict[tuple[int, int], bytes | None] = {}
     for address in reads_of(group):
-        found[address] = yield from traffic.try_read(*address)
+        found[address] = yield from transfers.held(*address)
     return found
 
 
-def _configure_object(plan: NodePlan, write: PlannedWrite, traffic: Traffic) -> Generator[Request, Answer, None]:
+def _configure_object(
+    plan: NodePlan, write: PlannedWrite, transfers: BootTransfers
+) -> Generator[Request, Answer, None]:
     """Read, compare, write, verify one object."""
     held = None
     if write.compare:
-        held = yield from _present(plan, write, traffic)
+        held = yield from _present(plan, write, transfers)
         if matches(write, held):
             return
-    if not (yield from _write(plan, write, traffic)) or held is None:
+    if not (yield from _write(plan, write, transfers)) or held is None:
         return  # refused and done without, or not to be read
-    after = yield from traffic.try_read(*write.address)
+    after = yield from transfers.held(*write.address)
     if after is not None and not matches(write, after):
-        _differs(plan, write, after, traffic)
+        _differs(plan, write, after, transfers)
 
 
-def _present(plan: NodePlan, write: PlannedWrite, traffic: Traffic) -> Generator[Request, Answer, bytes | None]:
+def _present(plan: NodePlan, write: PlannedWrite, transfers: BootTransfers) -> Generator[Request, Answer, bytes | None]:
     try:
-        return (yield from traffic.try_read(*write.address))
+        return (yield from transfers.held(*write.address))
     except SdoTimeout as error:
         raise boot_error(plan, "J", f"reading {_what(write)}: {reason_of(error)}") from error
 
 
-def _write(plan: NodePlan, write: PlannedWrite, traffic: Traffic) -> Generator[Request, Answer, bool]:
+def _write(plan: NodePlan, write: PlannedWrite, transfers: BootTransfers) -> Generator[Request, Answer, bool]:
     """Write; return False for an addition that the node refuses and that is not vital."""
     try:
-        yield from traffic.write(*write.address, write.data, STORE_NS if write.index in (STORE, RESTORE) else None)
+        yield from transfers.write(*write.address, write.data, STORE_NS if write.index in (STORE, RESTORE) else None)
     except (SdoAbort, SdoTimeout) as error:
         if isinstance(error, SdoAbort) and write.optional:
             why = f" ({write.reason})" if write.reason else ""
-            traffic.warnings.append(f"it refuses {_what(write)}{why}: {reason_of(error)}")
+            transfers.warnings.append(f"it refuses {_what(write)}{why}: {reason_of(error)}")
             return False
         hint = "; `allow_unsupervised: true` with `heartbeat_consumer: false` does without" if _vital(write) else ""
         raise boot_error(plan, "J", f"writing {_what(write)}: {reason_of(error)}{hint}") from error
@@ -111,12 +113,12 @@ def _vital(write: PlannedWrite) -> bool:
     return bool(write.reason) and write.index in _SUPERVISION
 
 
-def _differs(plan: NodePlan, write: PlannedWrite, after: bytes, traffic: Traffic) -> None:
+def _differs(plan: NodePlan, write: PlannedWrite, after: bytes, transfers: BootTransfers) -> None:
     """Judge a node that took a value and holds another."""
     text = f"{_what(write)} holds 0x{after[::-1].hex()} after 0x{write.data[::-1].hex()} was written"
     if write.index < _FIRST_OWN or write.index == _ABORT_CONNECTION:
         raise boot_error(plan, "J", text)
-    traffic.warnings.append(f"{text}; the node limits or rounds it")
+    transfers.warnings.append(f"{text}; the node limits or rounds it")
 
 
 def _what(write: PlannedWrite) -> str:

@@ -1,9 +1,13 @@
-"""One PDO during a boot: made what the plan says, or used as the node has it, or left invalid (CiA 301, 7.5.2.35).
+"""The PDOs of a node during its boot: made what the plan says, used as the node has them, or left invalid (CiA 301).
 
-The law of this file: a PDO is read before it is written, written in the standard's order (invalid, settings, mapping,
-valid), and read back. If the node refuses (a constant COB-ID, a mapping that cannot be written) what it had is put
-back, and used if it carries every object the plan wants there; an RPDO's others stay at what they are. Else the PDO is
-left invalid and the boot fails with the objects that are missing.
+The law of this file (CiA 301, 7.5.2.35): a PDO is read before it is written, written in the standard's order (invalid,
+settings, mapping, valid), and read back. If the node refuses (a constant COB-ID, a mapping that cannot be written) what
+it had is put back, and used if it carries every object the plan wants there; an RPDO's others stay at what they are.
+Else the PDO is left invalid and the boot fails with the objects that are missing.
+
+An RPDO is sent as a whole, so that each object in it needs a value before the first is written: what nobody writes
+stays as the node has it (`read_outputs`), and counts as 0 where the node does not show it. What moves an axis is not
+among them, it begins at rest (`boot`).
 """
 
 from __future__ import annotations
@@ -11,8 +15,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from canopen_control.cia301.pdo import INVALID_BIT, MAX_BITS, MappedObject, parse_mapping_entry
-from canopen_control.errors import SdoAbort, SdoTimeout
+from canopen_control.cia301.pdo import INVALID_BIT, MAX_BITS, MappedObject, PdoCodec, parse_mapping_entry
+from canopen_control.cia402.objects import MOTION
+from canopen_control.errors import CanopenError, SdoAbort, SdoLengthError, SdoTimeout
 from canopen_control.master.compare import (
     cob_id_of,
     final_values,
@@ -22,19 +27,20 @@ from canopen_control.master.compare import (
     needed,
     reads_of,
 )
-from canopen_control.master.draft import PdoLayout
+from canopen_control.master.plan_builder import PdoLayout
 from canopen_control.master.plan_pdos import MAPPING
-from canopen_control.master.requests import boot_error, reason_of
+from canopen_control.master.requests import Answer, BootTransfers, Request, Step, boot_error, reason_of
+from canopen_control.od.codec import decode
 from canopen_control.od.model import DataType
 
 if TYPE_CHECKING:
     from collections.abc import Generator, Sequence
 
-    from canopen_control.master.draft import PlannedWrite
     from canopen_control.master.plan import NodePlan
-    from canopen_control.master.requests import Answer, Request, Traffic
+    from canopen_control.master.plan_builder import PlannedWrite
+    from canopen_control.od.model import Value
 
-__all__ = ["configure_pdo"]
+__all__ = ["configure_pdo", "read_outputs", "value_of"]
 
 Held = dict[tuple[int, int], bytes | None]
 _UNSIGNED = {kind.bits: kind for kind in DataType if kind.name.startswith("UNSIGNED")}
@@ -52,20 +58,22 @@ class _Own:
         return ", ".join(f"0x{index:04X}:{subindex:02X}" for index, subindex, _ in self.objects) or "nothing"
 
 
-def configure_pdo(plan: NodePlan, group: Sequence[PlannedWrite], traffic: Traffic) -> Generator[Request, Answer, None]:
+def configure_pdo(
+    plan: NodePlan, group: Sequence[PlannedWrite], transfers: BootTransfers
+) -> Generator[Request, Answer, None]:
     """Read, compare, write and verify the writes of one PDO; adopt what the node has where it refuses. BootError J."""
     held: Held = {}
     try:
         for address in reads_of(group):
-            held[address] = yield from traffic.try_read(*address)
+            held[address] = yield from transfers.held(*address)
         wanted = [_with_rtr_bit(write, held) for write in group]
         writes = needed(wanted, held)
-        refusal = yield from _write_all(writes, traffic)
+        refusal = yield from _write_all(writes, transfers)
         if refusal is None and writes:
-            refusal = yield from _verify(wanted, held, traffic)
+            refusal = yield from _verify(wanted, held, transfers)
         if refusal is not None:
-            yield from _refused(plan, wanted, held, refusal, traffic)
-    except SdoTimeout as error:
+            yield from _refused(plan, wanted, held, refusal, transfers)
+    except (SdoTimeout, SdoLengthError) as error:
         raise boot_error(
             plan, "J", f"{_name(group)}: 0x{error.index:04X}:{error.subindex:02X}: {reason_of(error)}"
         ) from error
@@ -75,22 +83,24 @@ def _with_rtr_bit(write: PlannedWrite, held: Held) -> PlannedWrite:
     return replace(write, data=keep_rtr_bit(write.data, held.get(write.address))) if is_cob_id(write) else write
 
 
-def _write_all(writes: Sequence[PlannedWrite], traffic: Traffic) -> Generator[Request, Answer, str | None]:
+def _write_all(writes: Sequence[PlannedWrite], transfers: BootTransfers) -> Generator[Request, Answer, str | None]:
     """Write in order; return why the node refused, None if it did not."""
     for write in writes:
         try:
-            yield from traffic.write(*write.address, write.data)
+            yield from transfers.write(*write.address, write.data)
         except SdoAbort as error:
             return f"it refuses {write.name} 0x{write.index:04X}:{write.subindex:02X}: {reason_of(error)}"
     return None
 
 
-def _verify(wanted: Sequence[PlannedWrite], held: Held, traffic: Traffic) -> Generator[Request, Answer, str | None]:
+def _verify(
+    wanted: Sequence[PlannedWrite], held: Held, transfers: BootTransfers
+) -> Generator[Request, Answer, str | None]:
     """Read back what was written; return what the node did not keep."""
     for address, write in final_values(wanted).items():
         if held.get(address) is None:
             continue  # cannot be read
-        after = yield from traffic.try_read(*address)
+        after = yield from transfers.held(*address)
         if after is not None and not matches(write, after):
             where = f"0x{address[0]:04X}:{address[1]:02X}"
             return f"{where} holds 0x{after[::-1].hex()} after 0x{write.data[::-1].hex()} was written"
@@ -98,7 +108,7 @@ def _verify(wanted: Sequence[PlannedWrite], held: Held, traffic: Traffic) -> Gen
 
 
 def _refused(
-    plan: NodePlan, wanted: Sequence[PlannedWrite], held: Held, refusal: str, traffic: Traffic
+    plan: NodePlan, wanted: Sequence[PlannedWrite], held: Held, refusal: str, transfers: BootTransfers
 ) -> Generator[Request, Answer, None]:
     """Fall back to the node's own PDO, or leave it invalid."""
     pdo = wanted[0].pdo or ("", 0)
@@ -106,65 +116,65 @@ def _refused(
     if layout is None:
         if not any(write.optional for write in wanted):
             raise boot_error(plan, "J", f"{_name(wanted)} cannot be made invalid: {refusal}")
-        traffic.warnings.append(f"{_name(wanted)}, which nobody configured, stays live: {refusal}")
+        transfers.warnings.append(f"{_name(wanted)}, which nobody configured, stays live: {refusal}")
         return
-    own = yield from _own(pdo, held, traffic)
+    own = yield from _own(pdo, held, transfers)
     missing = [mapped for mapped in layout.objects if _address(mapped) not in {each[:2] for each in own.objects}]
     if missing or sum(bits for _, _, bits in own.objects) > MAX_BITS:
-        yield from _try(traffic, cob_id_of(pdo), 1, (own.cob_id | INVALID_BIT).to_bytes(4, "little"))
+        yield from _try(transfers, cob_id_of(pdo), 1, (own.cob_id | INVALID_BIT).to_bytes(4, "little"))
         lacks = ", ".join(f"0x{mapped.index:04X}:{mapped.subindex:02X}" for mapped in missing)
         raise boot_error(plan, "J", f"{_name(wanted)}: {refusal}; its own mapping ({own}) lacks {lacks}; left invalid")
-    own = yield from _enable(plan, wanted, own, refusal, traffic)
+    own = yield from _enable(plan, wanted, own, refusal, transfers)
     known = {_address(mapped): mapped for each in (*plan.rpdos, *plan.tpdos) for mapped in each.objects}
     adopted = _adopted(layout, own, known)
-    traffic.adopted.append((pdo[0], adopted))
+    transfers.adopted.append((pdo[0], adopted))
     for mapped in adopted.objects if pdo[0] == "rpdo" else ():
-        if _address(mapped) not in known and (value := (yield from traffic.number(*_address(mapped)))) is not None:
-            traffic.presets[_address(mapped)] = value
-    traffic.warnings.append(f"{_name(wanted)} is used as the node has it ({own}): {refusal}")
+        if _address(mapped) not in known and (value := (yield from transfers.number(*_address(mapped)))) is not None:
+            transfers.presets[_address(mapped)] = value
+    transfers.warnings.append(f"{_name(wanted)} is used as the node has it ({own}): {refusal}")
 
 
-def _own(pdo: tuple[str, int], held: Held, traffic: Traffic) -> Generator[Request, Answer, _Own]:
+def _own(pdo: tuple[str, int], held: Held, transfers: BootTransfers) -> Generator[Request, Answer, _Own]:
     """Put back what the mapping was, as far as the node lets it, and read the PDO as it is."""
     communication, mapping = cob_id_of(pdo), MAPPING[pdo[0]] + pdo[1] - 1
     count = held.get((mapping, 0))
-    if count is not None and (yield from traffic.try_read(mapping, 0)) != count:
+    if count is not None and (yield from transfers.held(mapping, 0)) != count:
         for (index, subindex), data in held.items():
             if index == mapping and subindex and data is not None:
-                yield from _try(traffic, index, subindex, data)
-        yield from _try(traffic, mapping, 0, count)
+                yield from _try(transfers, index, subindex, data)
+        yield from _try(transfers, mapping, 0, count)
     objects = []
-    for slot in range(1, ((yield from traffic.number(mapping)) or 0) + 1):
-        entry = (yield from traffic.number(mapping, slot)) or 0
+    for slot in range(1, ((yield from transfers.number(mapping)) or 0) + 1):
+        entry = (yield from transfers.number(mapping, slot)) or 0
         objects.append(parse_mapping_entry(entry))
-    cob_id = (yield from traffic.number(communication, 1)) or INVALID_BIT
-    kind = yield from traffic.number(communication, 2)
+    cob_id = (yield from transfers.number(communication, 1)) or INVALID_BIT
+    kind = yield from transfers.number(communication, 2)
     return _Own(cob_id, 255 if kind is None else kind, tuple(objects))
 
 
 def _enable(
-    plan: NodePlan, wanted: Sequence[PlannedWrite], own: _Own, refusal: str, traffic: Traffic
+    plan: NodePlan, wanted: Sequence[PlannedWrite], own: _Own, refusal: str, transfers: BootTransfers
 ) -> Generator[Request, Answer, _Own]:
     """Make the node's own PDO valid, under the planned COB-ID if it takes that, else under its own."""
     pdo = wanted[0].pdo or ("", 0)
     communication = cob_id_of(pdo)
     planned = next(write.data for write in reversed(wanted) if is_cob_id(write))
-    yield from _try(traffic, communication, 1, (own.cob_id | INVALID_BIT).to_bytes(4, "little"))
+    yield from _try(transfers, communication, 1, (own.cob_id | INVALID_BIT).to_bytes(4, "little"))
     for write in wanted:
         if write.index == communication and write.subindex > 1:
-            yield from _try(traffic, *write.address, write.data)
+            yield from _try(transfers, *write.address, write.data)
     for value in (int.from_bytes(planned, "little"), own.cob_id & ~INVALID_BIT):
-        yield from _try(traffic, communication, 1, value.to_bytes(4, "little"))
-        present = yield from traffic.number(communication, 1)
+        yield from _try(transfers, communication, 1, value.to_bytes(4, "little"))
+        present = yield from transfers.number(communication, 1)
         if present is not None and not present & INVALID_BIT:
-            kind = yield from traffic.number(communication, 2)
+            kind = yield from transfers.number(communication, 2)
             return replace(own, cob_id=present, transmission_type=own.transmission_type if kind is None else kind)
     raise boot_error(plan, "J", f"{_name(wanted)}: {refusal}; it cannot be made valid again")
 
 
-def _try(traffic: Traffic, index: int, subindex: int, data: bytes) -> Generator[Request, Answer, None]:
+def _try(transfers: BootTransfers, index: int, subindex: int, data: bytes) -> Generator[Request, Answer, None]:
     try:
-        yield from traffic.write(index, subindex, data)
+        yield from transfers.write(index, subindex, data)
     except SdoAbort:
         return
 
@@ -189,3 +199,37 @@ def _address(mapped: MappedObject) -> tuple[int, int]:
 def _name(group: Sequence[PlannedWrite]) -> str:
     kind, number = group[0].pdo or ("pdo", 0)
     return f"{kind.upper()} {number}"
+
+
+_FIRST_OBJECT = 0x1000  # below it are the types, which fill gaps
+
+
+def read_outputs(plan: NodePlan, transfers: BootTransfers) -> Generator[Request, Answer, None]:
+    """Read what the RPDOs begin with, axes apart, into `transfers.presets`; BootError J for a silent node."""
+    motion = {index + offset for index in MOTION for offset in plan.axes}
+    mapped = {each[:2]: each for layout in plan.rpdos for each in layout.objects}
+    wanted = {
+        address: each
+        for address, each in mapped.items()
+        if address not in transfers.presets and each.index not in motion and each.index >= _FIRST_OBJECT
+    }
+    if wanted:
+        yield Step("outputs")
+    for address, each in wanted.items():
+        try:
+            data = yield from transfers.try_read(*address)
+        except SdoTimeout as error:
+            where = f"0x{address[0]:04X}:{address[1]:02X}"
+            raise boot_error(plan, "J", f"reading {where}, which an RPDO carries: {reason_of(error)}") from error
+        value = None if data is None else value_of(each, data)
+        transfers.presets[address] = 0 if value is None else value
+
+
+def value_of(mapped: MappedObject, data: bytes) -> Value | None:
+    """Return the value that an RPDO packs for what SDO transfers as `data`; None where it cannot be one."""
+    try:
+        value = decode(data, mapped.data_type)
+        PdoCodec((mapped,)).pack([value])
+    except (ValueError, CanopenError):
+        return None
+    return value

@@ -1,6 +1,6 @@
-"""What a bus has to carry in one cycle, and whether it can: bits, load, the shortest period.
+"""Bus load of the process data: bits of the worst cycle, average load, the shortest possible SYNC period.
 
-The law of this file: the worst cycle counts every PDO that may come in it, with all the stuff bits a frame can have,
+The worst cycle counts every PDO that may come in it, with all the stuff bits a frame can have,
 and decides whether the period is possible; the load is the average of the worst frames at their rates. SDO, EMCY and
 NMT are left out: they take what is free, and so a load above `HIGH` leaves too little for them.
 """
@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from canopen_control.master.config import BusConfig
-    from canopen_control.master.draft import PdoLayout
     from canopen_control.master.keys import NodeConfig
+    from canopen_control.master.plan_builder import PdoLayout
 
 __all__ = ["HIGH", "Budget", "Share", "bits_of", "budget_of"]
 
@@ -80,21 +80,6 @@ class Budget:
         """Whether the worst cycle ends before the next begins."""
         return self.shortest_period_ns <= self.period_ns
 
-    def as_dict(self) -> dict[str, object]:
-        """Return it as plain data, times in seconds."""
-        return {
-            "bitrate": self.bitrate,
-            "period_s": self.period_ns / 1e9,
-            "bits": self.bits,
-            "worst_bits": self.worst_bits,
-            "load": self.load,
-            "shortest_period_s": self.shortest_period_ns / 1e9,
-            "fits": self.fits,
-            "frames": [
-                {"name": s.name, "cob_id": s.cob_id, "length": s.length, "per_cycle": s.per_cycle} for s in self.shares
-            ],
-        }
-
 
 def bits_of(length: int) -> tuple[int, int]:
     """Return the bits of a frame with `length` data bytes: without stuff bits, and at worst."""
@@ -116,11 +101,11 @@ def _shares(config: BusConfig, period_ns: int, unbounded: list[str]) -> Iterator
     for name, plan in config.plans.items():
         node = config.nodes[name]
         if plan.heartbeat_timeout_ns:
-            ms = round(plan.heartbeat_timeout_ns / node.multiplier / 1e6)
+            ms = round(plan.heartbeat_timeout_ns / node.supervision.multiplier / 1e6)
             yield _error_control(f"heartbeat of {name}", node.node_id, ms, period_ns)
         elif plan.guard:
             for what in ("guarding", "its answer"):
-                yield _error_control(f"{what}, {name}", node.node_id, node.guard_time, period_ns)
+                yield _error_control(f"{what}, {name}", node.node_id, node.supervision.guard_time, period_ns)
         for layout in plan.rpdos:
             yield Share(f"RPDO {layout.number} of {name}", layout.cob_id, _length(layout), 1.0)
         for layout in plan.tpdos:
@@ -135,7 +120,7 @@ def _tpdo(name: str, node: NodeConfig, layout: PdoLayout, period_ns: int, unboun
     if kind in CYCLIC_SYNCHRONOUS:
         yield Share(what, layout.cob_id, _length(layout), 1 / kind)
         return
-    pdo = node.tpdo.get(layout.number)
+    pdo = node.boot.tpdo.get(layout.number)
     inhibit_ns = (pdo.inhibit_time or 0) * 100_000 if pdo is not None else 0
     if kind and not inhibit_ns:
         unbounded.append(what)

@@ -1,6 +1,6 @@
-"""A plan held against what a node holds: what differs, and what has to be written for it.
+"""Compares a plan with what a node holds: what differs, and what has to be written.
 
-The law of the file: the writes of one PDO belong together (`groups`), everything else stands alone. Bit 30 of a PDO's
+The writes of one PDO belong together (`groups`), everything else stands alone. Bit 30 of a PDO's
 COB-ID is the device's own and never a difference; of a PDO that is to be invalid nothing but bit 31 counts. What was
 planned and what is held are compared as values of the object's type, so that a drive that answers with more bytes than
 the EDS says is not written for ever.
@@ -18,7 +18,7 @@ from canopen_control.od.model import DataType
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from canopen_control.master.draft import PlannedWrite
+    from canopen_control.master.plan_builder import PlannedWrite
 
 __all__ = ["cob_id_of", "final_values", "groups", "is_cob_id", "keep_rtr_bit", "matches", "needed", "reads_of"]
 

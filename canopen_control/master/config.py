@@ -1,6 +1,6 @@
-"""bus.yml, as ros2_canopen defines it, read at start into frozen dataclasses.
+"""Reads bus.yml, as ros2_canopen defines it, into frozen dataclasses.
 
-The law of the file: both shapes are read (`options`, `master`, `defaults`, `nodes`; or the flat one where every other
+Both shapes are read (`options`, `master`, `defaults`, `nodes`; or the flat one where every other
 top-level key is a node), a node's own keys win over `defaults` at every depth, and every mistake of the file is
 reported at once with its place. Keys that only the other stack uses are accepted and named in `notes`. The keys
 themselves, and what this package adds to them, are in `keys.py`.
@@ -9,34 +9,34 @@ themselves, and what this package adds to them, are in `keys.py`.
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from canopen_control import yamltree
 from canopen_control.bus.channel import parse_channel
-from canopen_control.errors import BusConfigError, ConfigError
+from canopen_control.errors import BusConfigError, ConfigError, nearest
 from canopen_control.master.keys import (
-    SCALES,
     UNUSED_MASTER,
     UNUSED_NODE,
     MasterConfig,
     NodeConfig,
-    NodeKeys,
     Options,
     PdoConfig,
     PdoObject,
     SdoEntry,
-    named_scales,
 )
-from canopen_control.master.plan import NodePlan, PlanInput, make_plan
-from canopen_control.master.sources import NotFound, Sources
+from canopen_control.master.named_files import NotFound, Sources
+from canopen_control.master.node_config import node_config, with_defaults
+from canopen_control.master.plan import CONSUMER, NodePlan, PlanInput, make_plan
 from canopen_control.od.concise import concise_of
-from canopen_control.yamltree import Node, Problems, nearest
+from canopen_control.yamlfile.convert import convert
+from canopen_control.yamlfile.reader import tree
 
 if TYPE_CHECKING:
     from canopen_control.od.issues import Issue
     from canopen_control.od.model import ObjectDictionary
+    from canopen_control.yamlfile.node import Node
+    from canopen_control.yamlfile.problems import Problems
 
 __all__ = [
     "BusConfig",
@@ -52,7 +52,6 @@ __all__ = [
 
 _SECTIONS = ("options", "master", "defaults", "nodes")
 _IGNORED_ID = 255  # a node that ros2_canopen's generator leaves out
-_TRANSITIONS = range(17)  # of the CiA 402 power state machine; 0 and 1 are the drive's own
 
 
 @dataclass(frozen=True)
@@ -86,7 +85,7 @@ def read_bus(path: str | Path, *, peer_merge: bool = False) -> BusConfig:
 
 def inspect_bus(path: str | Path, *, peer_merge: bool = False) -> tuple[BusConfig, Problems]:
     """Read as `read_bus` does and return what could be read with all problems; what is no YAML at all raises."""
-    root = yamltree.tree(path)
+    root = tree(path)
     reader = _Reader(Path(path), root, peer_merge)
     config = reader.read()
     notes = tuple(str(warning) for warning in root.problems.warnings)
@@ -99,7 +98,7 @@ class _Reader:
     def __init__(self, path: Path, root: Node, peer_merge: bool) -> None:
         self._path, self._root, self._peer_merge = path, root, peer_merge
         options = root.get("options")
-        self._options: Options = options.convert(Options, Options()) if options is not None else Options()
+        self._options: Options = convert(options, Options, Options()) if options is not None else Options()
         self._sources = Sources(path.parent, self._options.dcf_path)
         self._unused: dict[str, str] = {}
         self._doubled: set[str] = set()  # nodes whose id another one has: all their COB-IDs follow from that
@@ -134,7 +133,7 @@ class _Reader:
         if section is None:
             self._root.error("no `master` section; it needs at least node_id and sync_period")
             return MasterConfig()
-        master: MasterConfig = section.convert(MasterConfig, MasterConfig())
+        master: MasterConfig = convert(section, MasterConfig, MasterConfig(), ignored=UNUSED_MASTER)
         self._note_unused(section, UNUSED_MASTER)
         if master.channel:
             channel = self._sources.expanded(master.channel)
@@ -160,12 +159,12 @@ class _Reader:
         for name, node in pairs:
             if name.startswith(".") or (section is None and name in _SECTIONS):
                 continue
-            merged = self._merged(name, node, defaults)
+            merged = with_defaults(name, node, defaults, peer_merge=self._peer_merge)
             self._note_unused(merged, UNUSED_NODE)
             if (place := merged.get("node_id")) is not None and place.value == _IGNORED_ID:
                 place.warning(f"{name} is left out: node_id {_IGNORED_ID} stands for no node")
                 continue
-            if (config := self._node(name, merged, master)) is not None:
+            if (config := node_config(name, merged, master, self._options)) is not None:
                 found[name] = (config, merged)
         if not found and not self._root.problems.errors:
             self._root.error("no nodes; list the drives under `nodes:`")
@@ -175,83 +174,6 @@ class _Reader:
         for name, place in self._root.keys().items():
             if name not in _SECTIONS and not name.startswith("."):
                 place.error(f"unknown key {name!r}{nearest(name, _SECTIONS)}; a node belongs under `nodes:`")
-
-    def _merged(self, name: str, node: Node, defaults: Node | None) -> Node:
-        """Merge as asked for, and say where the other way would give another value."""
-        if defaults is None:
-            return node
-        ours, theirs = node.over(defaults), _peer_merged(node, defaults)
-        for key, place in node.keys().items():
-            if (default := defaults.get(key)) is None or default.value == node.value:
-                continue
-            here, there = _plain(ours, key), _plain(theirs, key)
-            if here == there:
-                continue
-            if self._peer_merge:
-                place.warning(f"{name} has {key}: {_brief(here)}, but --peer-merge takes {_brief(there)} of `defaults`")
-            else:
-                place.warning(
-                    f"the node's own {key} counts; ros2_canopen takes {_brief(there)} of `defaults` (--peer-merge)"
-                )
-        return theirs if self._peer_merge else ours
-
-    def _node(self, name: str, node: Node, master: MasterConfig) -> NodeConfig | None:
-        keys: NodeKeys | None = node.convert(NodeKeys)
-        if keys is None:
-            return None
-        values = {each.name: getattr(keys, each.name) for each in fields(keys)}
-        values |= self._units(keys, node)
-        values["required"] = self._required(keys, node)
-        values["effort_mode"] = self._effort_mode(keys, node)
-        for number in keys.transition_timeouts_ms:
-            if number not in _TRANSITIONS:
-                place = node.get("transition_timeouts_ms") or node
-                place.error(f"no transition {number}; CiA 402 numbers them 0 to {_TRANSITIONS[-1]}")
-        return NodeConfig(
-            **values,
-            name=name,
-            line=node.line,
-            multiplier=keys.heartbeat_multiplier or master.heartbeat_multiplier or self._options.heartbeat_multiplier,
-            life_factor=keys.life_time_factor or keys.retry_factor or self._options.retry_factor,
-        )
-
-    def _required(self, keys: NodeKeys, node: Node) -> bool:
-        """Whether the robot waits for the node: `required`, else `mandatory`, else whether it is booted at all."""
-        place = node.get("required") or node
-        if None not in (keys.required, keys.mandatory) and keys.required != keys.mandatory:
-            place.error("`required` and `mandatory` mean the same and differ; keep one")
-        if not keys.boot and (keys.required or keys.mandatory):
-            place.error("a node with `boot: false` is never started, so nothing can wait for it")
-        wanted = keys.mandatory if keys.required is None else keys.required
-        return keys.boot if wanted is None else wanted
-
-    @staticmethod
-    def _effort_mode(keys: NodeKeys, node: Node) -> int | None:
-        if None not in (keys.effort_mode, keys.torque_mode) and keys.effort_mode != keys.torque_mode:
-            (node.get("torque_mode") or node).error(
-                "`torque_mode` and `effort_mode` mean the same and differ; keep one"
-            )
-        return keys.torque_mode if keys.effort_mode is None else keys.effort_mode
-
-    @staticmethod
-    def _units(keys: NodeKeys, node: Node) -> dict[str, float]:
-        """Turn units by name into the scales; or check the scales as they are given."""
-        named = [key for key in ("counts_per_revolution", "gear_ratio", "reversed") if node.get(key) is not None]
-        scales = [key for key in SCALES if node.get(key) is not None]
-        if not named:
-            _check_scales(keys, node)
-            return {}
-        place = node.keys()[named[0]]
-        if scales:
-            place.error(f"{', '.join(named)} and {', '.join(scales)} say the same twice; keep one way")
-        elif keys.counts_per_revolution is None:
-            place.error(f"{named[0]} needs counts_per_revolution, the position counts of one turn of the motor")
-        else:
-            try:
-                return named_scales(keys.counts_per_revolution, keys.gear_ratio, bool(keys.reversed))
-            except ValueError as error:
-                (node.get("gear_ratio") or node).error(str(error))
-        return {}
 
     def _note_unused(self, node: Node, unused: dict[str, str]) -> None:
         for key in node.keys():  # noqa: SIM118 - a Node is no mapping
@@ -267,7 +189,7 @@ class _Reader:
                 if (found := self._dictionary(config, node)) is None:
                     continue
                 if (node_id := found[1].node_id or 0) == 0:
-                    node.error(f"missing key 'node_id'; {config.dcf} has none either")
+                    node.error(f"missing key 'node_id'; {config.identity.dcf} has none either")
                     continue
                 nodes[name] = (replace(config, node_id=node_id), node)
             place = node.get("node_id") or node
@@ -294,12 +216,12 @@ class _Reader:
     def _dictionary(self, config: NodeConfig, node: Node) -> tuple[Path, ObjectDictionary] | None:
         place = node.get("dcf") or node
         try:
-            path = self._sources.find(config.dcf, config.dcf_path)
+            path = self._sources.find(config.identity.dcf, config.identity.dcf_path)
             return path, self._sources.dictionary(path, config.node_id or None)
         except NotFound as error:
             place.error(str(error))
         except ConfigError as error:
-            place.error(f"{config.dcf}: {error}")
+            place.error(f"{config.identity.dcf}: {error}")
         return None
 
     def _plan(
@@ -325,25 +247,25 @@ class _Reader:
                 spare_cob_ids=self._spare_cob_ids,
             )
         )
-        if plan.axes and not config.allow_unsupervised and not _supervised(config, od):
+        if plan.axes and not config.supervision.allow_unsupervised and not _supervised(config, od, plan):
             complain(
                 "dcf",
-                "nothing would stop this drive when the master dies: it has neither a heartbeat consumer (0x1016) "
-                "nor node guarding; `allow_unsupervised: true` accepts that",
+                "nothing would stop this drive when the master dies: it has neither a heartbeat consumer (0x1016) that "
+                "can be set nor node guarding; `allow_unsupervised: true` accepts that",
             )
         return plan
 
     def _downloads(self, config: NodeConfig, node: Node, od: ObjectDictionary) -> tuple[tuple[int, int, bytes], ...]:
         """Read `configuration_file`, or the ParameterValues of a DCF given as `dcf`."""
-        if not config.configuration_file:
+        if not config.boot.configuration_file:
             return tuple(concise_of(od))
         place = node.get("configuration_file") or node
         try:
-            return self._sources.downloads(config.configuration_file, config.dcf_path, config.node_id)
+            return self._sources.downloads(config.boot.configuration_file, config.identity.dcf_path, config.node_id)
         except NotFound as error:
             place.error(str(error))
         except (ConfigError, ValueError) as error:
-            place.error(f"{config.configuration_file}: {error}")
+            place.error(f"{config.boot.configuration_file}: {error}")
         return ()
 
     @staticmethod
@@ -361,44 +283,13 @@ class _Reader:
         return place
 
 
-def _peer_merged(node: Node, defaults: Node) -> Node:
-    """Return the node with the keys of `defaults` in place of its own, as ros2_canopen's generator merges."""
-    if node.kind not in ("mapping", "null") or defaults.kind != "mapping":
-        return node.over(defaults)
-    pairs = {key.text: (key, value) for key, value in [*node.pairs(), *defaults.pairs()]}
-    return Node.mapping(Node("mapping", node.line, node.column, node.where, node.problems), pairs)
-
-
-def _plain(node: Node, key: str) -> Any:  # noqa: ANN401 - what stands there
-    value = node.get(key)
-    return None if value is None else value.value
-
-
 def _named(config: NodeConfig, place: Node, text: str) -> str:
     """Name the node, unless the place does, or is common to several: then it is told once for all of them."""
     return text if "." in place.where else f"{config.name}: {text}"
 
 
-def _brief(value: object) -> str:
-    return "another" if isinstance(value, dict | list) else repr(value)
-
-
-def _check_scales(keys: NodeKeys, node: Node) -> None:
-    """Refuse scales that move nothing; warn where one way and back do not cancel: command and feedback would differ."""
-    for key in SCALES:
-        if not 1e-15 < abs(getattr(keys, key)) < 1e15:
-            (node.get(key) or node).error(f"{key} {getattr(keys, key)!r} cannot be used: finite and not 0 is wanted")
-            return
-    for what in ("pos", "vel"):
-        given = node.get(f"scale_{what}_to_dev") or node.get(f"scale_{what}_from_dev")
-        product = getattr(keys, f"scale_{what}_to_dev") * getattr(keys, f"scale_{what}_from_dev")
-        if given is not None and abs(product - 1) > 0.01:
-            given.warning(
-                f"scale_{what}_to_dev times scale_{what}_from_dev is {product:.6g}, not 1: "
-                "what is commanded and what comes back would differ"
-            )
-
-
-def _supervised(config: NodeConfig, od: ObjectDictionary) -> bool:
-    heartbeat = (0x1016, 1) in od and config.heartbeat_consumer is not False
-    return heartbeat or (config.guarded and (0x100C, 0) in od)
+def _supervised(config: NodeConfig, od: ObjectDictionary, plan: NodePlan) -> bool:
+    heartbeat = (
+        any(write.index == CONSUMER for write in plan.writes) and config.supervision.heartbeat_consumer is not False
+    )
+    return heartbeat or (config.supervision.guarded and (0x100C, 0) in od)

@@ -2,12 +2,13 @@
 
 The names are the device's: a TPDO comes in here, an RPDO goes out. The law of this file: after `compile` no object is
 looked up by index, a received frame is one dictionary look-up and one unpack, and an object that several RPDOs map
-(the controlword of most drives) has one value in all of them.
+(the controlword of most drives) has one value in all of them. An RPDO that moves an axis is sent by itself, with every
+SYNC or from time to time; any other one, an I/O module's, is sent when somebody wrote a value, and until then never.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from canopen_control.cia301.pdo import MappedObject, PdoCodec
 from canopen_control.frame import RECORD
@@ -15,7 +16,7 @@ from canopen_control.frame import RECORD
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-    from canopen_control.master.draft import PdoLayout
+    from canopen_control.master.plan_builder import PdoLayout
     from canopen_control.od.model import Value
 
 __all__ = ["Input", "Output", "ProcessImage", "ReceivedPdo", "SentPdo"]
@@ -31,10 +32,11 @@ class ReceivedPdo:
 
     `values` are the raw numbers in mapping order; before the first frame they are zeros and `stamp` is -1. `every` is
     in how many SYNCs it is sent, 0 for one that comes by events. While `expected` its absence is counted in `silent`,
-    by `supervision.PdoWatch`, which sets `overdue` when `patience` SYNCs went by.
+    from `since` on, by `supervision.PdoWatch`, which sets `overdue` when `allowed_silence` SYNCs went by.
     """
 
     __slots__ = (
+        "allowed_silence",
         "checked",
         "cob_id",
         "codec",
@@ -45,11 +47,11 @@ class ReceivedPdo:
         "long",
         "missed",
         "overdue",
-        "patience",
         "short",
         "silent",
+        "since",
         "stamp",
-        "told",
+        "told_lengths",
         "unpack",
         "values",
     )
@@ -64,8 +66,9 @@ class ReceivedPdo:
         self.length = self.codec.length
         self.every = transmission_type if transmission_type in CYCLIC_SYNCHRONOUS else 0
         self.allow(MISSED_SYNCS)
-        self.expected = self.overdue = self.told = False
-        self.checked = self.silent = 0
+        self.expected = self.overdue = False
+        self.told_lengths = 0  # a bit for each wrong length that was told
+        self.checked = self.silent = self.since = 0
         self.values: tuple[Value, ...] = (0,) * len(objects)
         self.stamp = _NEVER
         self.count = self.short = self.long = 0
@@ -101,9 +104,9 @@ class ReceivedPdo:
     def allow(self, missed: int) -> None:
         """Let so many of its frames stay away before it is overdue."""
         self.missed = missed
-        self.patience = missed * self.every if self.every else _NO_END
+        self.allowed_silence = missed * self.every if self.every else _NO_END
 
-    def preset(self, position: int, value: int) -> None:
+    def preset(self, position: int, value: Value) -> None:
         """Give the value that counts until the first frame comes."""
         self.values = (*self.values[:position], value, *self.values[position + 1 :])
 
@@ -138,13 +141,23 @@ class Input:
 
 
 class Output:
-    """One object that RPDOs carry, at `places` in them: `set` marks each of them as changed."""
+    """One object that RPDOs carry, at `places` in them: `set` marks each of them as changed.
 
-    __slots__ = ("places", "value")
+    `driven`: it moves an axis.
+    """
+
+    __slots__ = ("driven", "places", "value")
 
     def __init__(self) -> None:
-        self.value = 0
+        self.value: Any = 0  # most often, and for all that moves an axis, an integer
+        self.driven = False
         self.places: list[tuple[SentPdo, int]] = []
+
+    def drive(self) -> None:
+        """Move an axis from now on: the RPDOs that carry it are sent by themselves."""
+        self.driven = True
+        for pdo, _ in self.places:
+            pdo.repeated = pdo.changed = True
 
     def set(self, value: int) -> None:
         """Give the raw number of the next frames."""
@@ -154,14 +167,39 @@ class Output:
                 pdo.values[position] = value
                 pdo.changed = True
 
+    def write(self, value: Value) -> None:
+        """Give the value of the next frames, which are due also where it is the present one."""
+        self.know(value)
+        for pdo, _ in self.places:
+            pdo.changed = True
+
+    def know(self, value: Value) -> None:
+        """Take what the node holds by other ways; later frames carry it, none is due for it."""
+        self.value = value
+        for pdo, position in self.places:
+            pdo.values[position] = value
+            pdo.changed = pdo.changed or pdo.repeated
+
 
 class SentPdo:
     """One RPDO of a node, its record ready to be sent; `enabled` only while the node is operational.
 
-    `values` are the raw numbers in mapping order, written by their outputs.
+    `values` are the raw numbers in mapping order, written by their outputs. `repeated`: it is sent by itself.
     """
 
-    __slots__ = ("changed", "cob_id", "codec", "count", "cyclic", "enabled", "idle", "outputs", "record", "values")
+    __slots__ = (
+        "changed",
+        "cob_id",
+        "codec",
+        "count",
+        "cyclic",
+        "enabled",
+        "idle",
+        "outputs",
+        "record",
+        "repeated",
+        "values",
+    )
 
     def __init__(
         self, cob_id: int, objects: Sequence[MappedObject], outputs: Sequence[Output], *, cyclic: bool
@@ -182,10 +220,15 @@ class SentPdo:
         self._carry(outputs)
 
     def _carry(self, outputs: Sequence[Output]) -> None:
-        self.outputs, self.changed = outputs, True
+        self.outputs = outputs
+        self.repeated = self.changed = any(output.driven for output in outputs)
         self.values: list[Value] = [output.value for output in outputs]
         for position, output in enumerate(outputs):
             output.places.append((self, position))
+
+    def start(self) -> None:
+        """Be sent from now on, the node being operational: at once where it is sent by itself."""
+        self.enabled, self.changed = True, self.repeated
 
     def pack(self) -> None:
         """Make the record of the values; LocalProtocolError for one that does not fit, and the record stays."""
@@ -196,8 +239,8 @@ class SentPdo:
 class ProcessImage:
     """The process data of a bus. Add the PDOs of every node, then exchange.
 
-    `inputs` maps the COB-ID of a TPDO to its `ReceivedPdo`; `refresh` is after how many cycles an unchanged RPDO is
-    sent again, so that a frame lost on the wire does not stay lost.
+    `inputs` maps the COB-ID of a TPDO to its `ReceivedPdo`; `refresh` is after how many cycles an unchanged RPDO that
+    moves an axis is sent again, so that a frame lost on the wire does not stay lost.
     """
 
     def __init__(self, refresh: int = 5) -> None:
@@ -231,11 +274,11 @@ class ProcessImage:
         """Return the outputs of a node's objects, made where there are none yet."""
         return [self._outputs.setdefault((node_id, mapped.index, mapped.subindex), Output()) for mapped in objects]
 
-    def preset(self, node_id: int, values: Mapping[tuple[int, int], int]) -> None:
+    def preset(self, node_id: int, values: Mapping[tuple[int, int], Value]) -> None:
         """Let process data begin with what the node says of itself, by (index, subindex)."""
         for (index, subindex), value in values.items():
             if (output := self._outputs.get((node_id, index, subindex))) is not None:
-                output.set(value)
+                output.know(value)
             if (present := self._inputs.get((node_id, index, subindex))) is not None:
                 present.pdo.preset(present.position, value)
 
@@ -249,10 +292,10 @@ class ProcessImage:
 
     def collect(self, sync: bytes = b"") -> bytes:
         """Return the records of one cycle: the RPDOs that are due, then the one of the SYNC."""
-        records, patience = self._records, self.refresh - 1
+        records, idle_limit = self._records, self.refresh - 1
         records.clear()
         for pdo in self.outputs:
-            if pdo.enabled and (pdo.changed or pdo.cyclic or pdo.idle >= patience):
+            if pdo.enabled and (pdo.changed or (pdo.repeated and (pdo.cyclic or pdo.idle >= idle_limit))):
                 if pdo.changed:
                     pdo.pack()
                 pdo.idle = 0

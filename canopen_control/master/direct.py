@@ -1,4 +1,4 @@
-"""Straight onto a bus without a running master: a port, and the services of CiA 301 as calls that wait.
+"""SDO, NMT and LSS on a bus without a running master, as calls that wait for the answer.
 
 The law of this file: the cores decide, this only moves their frames and waits until the request is done. An SDO server
 has one client: whoever uses this on the bus of a running robot keeps off that robot's nodes. A wait that is broken off,
@@ -15,11 +15,11 @@ from typing import TYPE_CHECKING, Protocol
 from canopen_control.bus.channel import open_port
 from canopen_control.bus.port import BusEventKind
 from canopen_control.cia301.lss_master import LssMaster
-from canopen_control.cia301.nmt import ERROR_CONTROL_COB_ID, MAX_NODE_ID, NmtMaster, NmtUnconfirmed, state_of_byte
+from canopen_control.cia301.nmt import ERROR_CONTROL_COB_ID, NmtMaster, NmtState, NmtUnconfirmed, state_of_byte
 from canopen_control.cia301.sdo_client import SdoClient
 from canopen_control.cia301.sdo_records import SHORTEST_RUN, deliver
-from canopen_control.errors import BusClosed, BusOff, CanopenError
-from canopen_control.frame import BROADCAST, RECORD, RECORD_SIZE, CanFrame, pack_records
+from canopen_control.errors import BusClosed, BusOff, CanopenError, SdoStopped, SdoTimeout
+from canopen_control.frame import BROADCAST, MAX_NODE_ID, RECORD, RECORD_SIZE, CanFrame, pack_records
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
     from canopen_control.bus.port import Port
     from canopen_control.cia301.lss_master import LssRequest, LssResult
-    from canopen_control.cia301.nmt import NmtCommand, NmtConfirmed, NmtState
+    from canopen_control.cia301.nmt import NmtCommand, NmtConfirmed
     from canopen_control.cia301.sdo_client import SdoRequest
 
 __all__ = ["PARALLEL", "Core", "DirectBus"]
@@ -72,9 +72,14 @@ class DirectBus:
         self._errors = port.stats.errors
 
     @classmethod
-    def open(cls, channel: str, *, label: str = "direct", timeout_s: float = 0.5, retries: int = 1) -> DirectBus:
-        """Open a channel; raises ConfigError for a name that is none, BusError for one that cannot be opened."""
-        return cls(open_port(channel, label=label), timeout_s=timeout_s, retries=retries)
+    def open(
+        cls, channel: str, *, label: str = "direct", timeout_s: float = 0.5, retries: int = 1, join: bool = True
+    ) -> DirectBus:
+        """Open a channel that somebody may answer on; `join` is as in `open_port`.
+
+        Raises ConfigError for a name that is none, BusError for one that cannot be opened.
+        """
+        return cls(open_port(channel, label=label, join=join), timeout_s=timeout_s, retries=retries)
 
     def __enter__(self) -> DirectBus:
         return self
@@ -119,7 +124,7 @@ class DirectBus:
             ]
             self.serve([self.client(node_id) for node_id in batch], partial(_all_done, requests))
             for node_id, request in requests:
-                found[node_id, request.index, request.subindex] = request.error or request.data
+                found[node_id, request.index, request.subindex] = self._error(request) or request.data
         return found
 
     def client(self, node_id: int) -> SdoClient:
@@ -138,9 +143,16 @@ class DirectBus:
             self.port.send(pack_records(client.frames()))
             raise
         client.events()
-        if request.error is not None:
-            raise request.error
+        if (error := self._error(request)) is not None:
+            raise error
         return request.data
+
+    def _error(self, request: SdoRequest) -> CanopenError | None:
+        """Return why a request failed; a silence is explained where a heartbeat has told the reason."""
+        error = request.error
+        if isinstance(error, SdoTimeout) and self.heard.get(error.node_id) is NmtState.STOPPED:
+            return SdoStopped(error)
+        return error
 
     def _run(self, client: SdoClient, request: SdoRequest) -> None:
         """Do what `serve` does, for one client: its bookkeeping for many would cost a third of a round trip."""
@@ -161,14 +173,14 @@ class DirectBus:
 
     # -- NMT
 
-    def command(self, command: NmtCommand, node_id: int, patience_s: float) -> list[NmtConfirmed | NmtUnconfirmed]:
-        """Send an NMT command, 0 for all nodes, and return who showed within `patience_s` what became of it.
+    def command(self, command: NmtCommand, node_id: int, timeout_s: float) -> list[NmtConfirmed | NmtUnconfirmed]:
+        """Send an NMT command, 0 for all nodes, and return who showed within `timeout_s` what became of it.
 
         Only heartbeats and boot-ups can confirm: a node without them is `NmtUnconfirmed` with the state None, and for
         all nodes it is left out.
         """
-        patience = round(patience_s * 1e9)
-        master = NmtMaster(retry_ns=patience, tries=1, reset_timeout_ns=patience)
+        timeout = round(timeout_s * 1e9)
+        master = NmtMaster(retry_ns=timeout, tries=1, reset_timeout_ns=timeout)
         nodes = range(1, MAX_NODE_ID + 1) if node_id == BROADCAST else (node_id,)
         master.command(command, node_id, time.monotonic_ns(), confirm_by=nodes)
         self.serve([master], lambda: master.next_deadline() is None)

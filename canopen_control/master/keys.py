@@ -4,44 +4,38 @@ The law of this file: every key that ros2_canopen reads stands here. It is eithe
 `UNUSED_MASTER` or `UNUSED_NODE` with what takes its place, and then named once to the user; none is dropped silently.
 Times have the format's own units: us where named sync, ms where named heartbeat, boot, timer or `_ms`.
 
-What this package adds, all of it optional (ros2_canopen ignores unknown keys, so a file with them still serves it):
-
-- `master`: `channel`, where the bus is (can0, local:NAME, ...); `--can` goes before it.
-- A robot folder may hold more buses in files `bus_NAME.yml`, all with the SYNC period of `bus.yml`.
-- `required`: the robot does not start without the node (default: what `mandatory` says, else true).
-- `recovery`: how far a node that comes back goes by itself: `boot`, or `enable`d again too.
-- `missed_syncs`: after how many SYNCs without its synchronous TPDOs a node's feedback is stale, and the robot stops.
-- `following_error_action`: what bit 13 of the statusword leads to.
-- `transition_timeout_ms`, `transition_timeouts_ms`: what a drive may take for a transition; the same by number.
-- `heartbeat_multiplier` of a node holds for both directions of its supervision.
-- `sync_overflow` of the master is written to the nodes (0x1019) too.
-- `counts_per_revolution`, `gear_ratio`, `reversed`: the units by name, instead of the four scales.
-- `allow_unsupervised`: accepts a drive that nothing would stop when the master dies.
-- `save_configuration`: subindex of 0x1010 to store with, after a boot that changed something.
+What each key means is said in `docs/words.py`, of which the reference of bus.yml is made. What this package adds to
+ros2_canopen's keys is optional, and a file with it still serves ros2_canopen, which ignores keys that it does not know.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
+from canopen_control.frame import MAX_NODE_ID
 from canopen_control.od.model import BIT_RATES
-from canopen_control.yamltree import setting
+from canopen_control.yamlfile.convert import derived, part, setting
 
 __all__ = [
     "SCALES",
     "UNUSED_MASTER",
     "UNUSED_NODE",
     "AxisUnits",
+    "BootKeys",
+    "IdentityKeys",
     "MasterConfig",
+    "MotionKeys",
     "NodeConfig",
-    "NodeKeys",
     "Options",
     "PdoConfig",
     "PdoObject",
+    "RosKeys",
     "SdoEntry",
-    "named_scales",
+    "SupervisionKeys",
+    "UnitKeys",
+    "named_scale",
 ]
 
 DEFAULT_HEARTBEAT_MS = 100  # where bus.yml asks for none: a dead partner is always noticed
@@ -142,7 +136,7 @@ class Options:
 class MasterConfig:
     """The master; `boot_time` 0 waits for required nodes for ever, `boot_timeout` is that of a boot's SDO answers."""
 
-    node_id: int = setting(1, low=1, high=127)
+    node_id: int = setting(1, low=1, high=MAX_NODE_ID)
     channel: str = ""
     baudrate: int = setting(1000, choices=BIT_RATES)
     sync_period: int = setting(0, low=0, high=10_000_000)
@@ -152,25 +146,6 @@ class MasterConfig:
     heartbeat_producer: int = setting(0, low=0, high=0xFFFF)
     boot_time: int = setting(5000, low=0, high=3_600_000)
     boot_timeout: int | None = setting(None, low=1, high=600_000)
-    heartbeat_consumer: bool = True
-    vendor_id: int = setting(0, low=0, high=0xFFFFFFFF)
-    product_code: int = setting(0, low=0, high=0xFFFFFFFF)
-    revision_number: int = setting(0, low=0, high=0xFFFFFFFF)
-    serial_number: int = setting(0, low=0, high=0xFFFFFFFF)
-    time_cob_id: int = setting(0x100, low=0, high=0xFFFFFFFF)
-    emcy_inhibit_time: int = setting(0, low=0, high=0xFFFF)
-    error_behavior: dict[int, int] = field(default_factory=dict)
-    nmt_inhibit_time: int = setting(0, low=0, high=0xFFFF)
-    start: bool = True
-    start_nodes: bool = True
-    start_all_nodes: bool = False
-    reset_all_nodes: bool = False
-    stop_all_nodes: bool = False
-    driver: str = ""
-    package: str = ""
-    namespace: str = ""
-    remappings: Any = None
-    dcf_path: str = ""
 
     @property
     def heartbeat_ms(self) -> int:
@@ -179,14 +154,24 @@ class MasterConfig:
 
 
 @dataclass(frozen=True)
-class NodeKeys:
-    """The keys of a node after `defaults` were merged in; scales are SI per device unit (from) and back (to)."""
+class IdentityKeys:
+    """Which device it is, and which file describes it."""
 
     dcf: str
-    node_id: int = setting(0, low=1, high=127)
     dcf_path: str = ""
     revision_number: int | None = setting(None, low=0, high=0xFFFFFFFF)
     serial_number: int | None = setting(None, low=0, high=0xFFFFFFFF)
+    software_file: str = ""
+    software_version: int = setting(0, low=0, high=0xFFFFFFFF)
+
+
+@dataclass(frozen=True)
+class SupervisionKeys:
+    """How the master and the node notice that the other is gone; `multiplier` and `life_factor` are what holds.
+
+    Those come of the node's own key, the master's or the file's (heartbeat_multiplier; life_time_factor, retry_factor).
+    """
+
     heartbeat_multiplier: float | None = setting(None, low=1.0, high=100.0)
     heartbeat_consumer: bool | None = None
     heartbeat_producer: int = setting(0, low=0, high=0xFFFF)
@@ -194,67 +179,10 @@ class NodeKeys:
     life_time_factor: int = setting(0, low=0, high=0xFF)
     retry_factor: int | None = setting(None, low=1, high=255)
     error_behavior: dict[int, int] = setting(factory=dict, low=0, high=0xFF)  # noqa: RUF009 - makes a field
-    time_cob_id: int | None = setting(None, low=0, high=0xFFFFFFFF)
-    rpdo: dict[int, PdoConfig] = field(default_factory=dict)
-    tpdo: dict[int, PdoConfig] = field(default_factory=dict)
-    sdo: list[SdoEntry] = field(default_factory=list)
-    boot: bool = True
-    mandatory: bool | None = None
-    required: bool | None = None
     allow_unsupervised: bool = False
-    reset_communication: bool = True
-    software_file: str = ""
-    software_version: int = setting(0, low=0, high=0xFFFFFFFF)
-    configuration_file: str = ""
-    restore_configuration: int = setting(0, low=0, high=0x7F)
-    save_configuration: int = setting(0, low=0, high=0x7F)
-    sdo_timeout_ms: int = setting(500, low=1, high=60_000)
-    boot_timeout_ms: int = setting(1000, low=1, high=600_000)
-    position_mode: int | None = setting(None, low=-128, high=127)
-    velocity_mode: int | None = setting(None, low=-128, high=127)
-    effort_mode: int | None = setting(None, low=-128, high=127)
-    torque_mode: int | None = setting(None, low=-128, high=127)  # what the other documentation calls effort_mode
-    scale_pos_to_dev: float = 1000.0
-    scale_pos_from_dev: float = 0.001
-    scale_vel_to_dev: float = 1000.0
-    scale_vel_from_dev: float = 0.001
-    scale_eff_from_dev: float = 0.001
-    offset_pos_to_dev: float = 0.0
-    offset_pos_from_dev: float = 0.0
-    channels: list[AxisUnits] = field(default_factory=list)
-    counts_per_revolution: float | None = setting(None, low=1e-9, high=1e12)
-    gear_ratio: float | list[int] | None = setting(None, low=1e-9, high=1e9)  # noqa: RUF009 - makes a field
-    reversed: bool | None = None
-    homing_timeout_seconds: float = setting(10.0, low=0.001, high=3600.0)
-    recovery: Literal["boot", "enable"] = "boot"
     missed_syncs: int = setting(3, low=1, high=1000)
-    following_error_action: Literal["stop", "warn", "ignore"] = "stop"
-    transition_timeout_ms: int = setting(5000, low=1, high=600_000)
-    transition_timeouts_ms: dict[int, int] = setting(factory=dict, low=1, high=600_000)  # noqa: RUF009 - makes a field
-    driver: str = ""
-    package: str = ""
-    namespace: str = ""
-    remappings: Any = None
-    polling: bool | None = None
-    period: int | None = None
-    non_transmit_timeout: int | None = None
-    diagnostics: Any = None
-    enable_lazy_load: bool | None = None
-    switching_state: int | None = None
-    num_channels: int | None = None
-    channel_names: list[str] | None = None
-    channel: int | None = None
-
-
-@dataclass(frozen=True)
-class NodeConfig(NodeKeys):
-    """A node as the rest of the package sees it: its keys, and what follows from them and the other sections."""
-
-    required: bool = True
-    name: str = ""
-    line: int = 0
-    multiplier: float = 3.0  # heartbeat_multiplier: the node's, the master's, the file's
-    life_factor: int = 3  # life_time_factor, retry_factor of the node, of the file
+    multiplier: float = derived(3.0)
+    life_factor: int = derived(3)
 
     @property
     def heartbeat_ms(self) -> int:
@@ -271,7 +199,58 @@ class NodeConfig(NodeKeys):
         """After which silence the node counts as lost; 0 for a guarded one."""
         return round(self.heartbeat_ms * self.multiplier * 1e6)
 
-    def units_of(self, axis: int) -> dict[str, float]:
+
+@dataclass(frozen=True)
+class BootKeys:
+    """Whether and how the node is booted, and what is written to it then."""
+
+    wanted: bool = setting(True, key="boot")
+    mandatory: bool | None = None
+    required: bool | None = None
+    reset_communication: bool = True
+    configuration_file: str = ""
+    restore_configuration: int = setting(0, low=0, high=0x7F)
+    save_configuration: int = setting(0, low=0, high=0x7F)
+    sdo_timeout_ms: int = setting(500, low=1, high=60_000)
+    boot_timeout_ms: int = setting(1000, low=1, high=600_000)
+    time_cob_id: int | None = setting(None, low=0, high=0xFFFFFFFF)
+    rpdo: dict[int, PdoConfig] = field(default_factory=dict)
+    tpdo: dict[int, PdoConfig] = field(default_factory=dict)
+    sdo: list[SdoEntry] = field(default_factory=list)
+
+    def pdos(self, kind: str) -> dict[int, PdoConfig]:
+        """Return the PDOs that bus.yml configures, by number; `kind` is "rpdo" or "tpdo"."""
+        return self.rpdo if kind == "rpdo" else self.tpdo
+
+
+@dataclass(frozen=True)
+class UnitKeys:
+    """What the device's numbers mean: SI units per device unit (from) and back (to), in numbers or by name."""
+
+    scale_pos_to_dev: float = 1000.0
+    scale_pos_from_dev: float = 0.001
+    scale_vel_to_dev: float = 1000.0
+    scale_vel_from_dev: float = 0.001
+    scale_eff_from_dev: float = 0.001
+    offset_pos_to_dev: float = 0.0
+    offset_pos_from_dev: float = 0.0
+    channels: list[AxisUnits] = field(default_factory=list)
+    counts_per_revolution: float | None = setting(None, low=1e-9, high=1e12)
+    gear_ratio: float | list[int] | None = setting(None, low=1e-9, high=1e9)  # noqa: RUF009 - makes a field
+    reversed: bool | None = None
+
+    def with_scale(self, to_device: float) -> UnitKeys:
+        """Return these with all four scales made of one, device units per SI unit."""
+        back = 1 / to_device
+        return replace(
+            self,
+            scale_pos_to_dev=to_device,
+            scale_pos_from_dev=back,
+            scale_vel_to_dev=to_device,
+            scale_vel_from_dev=back,
+        )
+
+    def of_axis(self, axis: int) -> dict[str, float]:
         """Return the arguments of `units.Scale` for an axis, those of `channels` before the node's own."""
         own = self.channels[axis] if axis < len(self.channels) else AxisUnits()
         names = (*SCALES, "scale_eff_from_dev", "offset_pos_to_dev", "offset_pos_from_dev")
@@ -279,10 +258,53 @@ class NodeConfig(NodeKeys):
         return {name.removeprefix("scale_"): value for name, value in chosen.items()}
 
 
-def named_scales(
-    counts_per_revolution: float, gear_ratio: float | list[int] | None, mirrored: bool
-) -> dict[str, float]:
-    """Return the four scales of `counts_per_revolution` of the motor, `gear_ratio` motor turns per turn of the joint.
+@dataclass(frozen=True)
+class MotionKeys:
+    """How the drive's axes are moved and what is done when they stop."""
+
+    position_mode: int | None = setting(None, low=-128, high=127)
+    velocity_mode: int | None = setting(None, low=-128, high=127)
+    effort_mode: int | None = setting(None, low=-128, high=127)
+    torque_mode: int | None = setting(None, low=-128, high=127)  # what the other documentation calls effort_mode
+    homing_timeout_seconds: float = setting(10.0, low=0.001, high=3600.0)
+    recovery: Literal["boot", "enable"] = "boot"
+    following_error_action: Literal["stop", "warn", "ignore"] = "stop"
+    ignore_remote: bool = False
+    transition_timeout_ms: int = setting(5000, low=1, high=600_000)
+    transition_timeouts_ms: dict[int, int] = setting(factory=dict, low=1, high=600_000)  # noqa: RUF009 - makes a field
+
+
+@dataclass(frozen=True)
+class RosKeys:
+    """What the ROS bridge calls the node and its axes."""
+
+    driver: str = ""
+    namespace: str = ""
+    remappings: Any = None
+    channel_names: list[str] | None = None
+
+
+@dataclass(frozen=True)
+class NodeConfig:
+    """A node of bus.yml after `defaults` were merged in; `line` is where it stands.
+
+    `required`: the robot waits for it. Where `node_id` is missing it is that of the device's file.
+    """
+
+    identity: IdentityKeys = part()  # noqa: RUF009 - makes a field
+    supervision: SupervisionKeys = part()  # noqa: RUF009 - makes a field
+    boot: BootKeys = part()  # noqa: RUF009 - makes a field
+    units: UnitKeys = part()  # noqa: RUF009 - makes a field
+    motion: MotionKeys = part()  # noqa: RUF009 - makes a field
+    ros: RosKeys = part()  # noqa: RUF009 - makes a field
+    node_id: int = setting(0, low=1, high=MAX_NODE_ID)
+    name: str = derived("")
+    line: int = derived(0)
+    required: bool = derived(True)
+
+
+def named_scale(counts_per_revolution: float, gear_ratio: float | list[int] | None, mirrored: bool) -> float:
+    """Return the counts per radian of a joint: of one turn of the motor, and `gear_ratio` motor turns per joint turn.
 
     ValueError for a gear ratio that is none.
     """
@@ -290,5 +312,4 @@ def named_scales(
         if len(gear_ratio) != 2 or not all(part > 0 for part in gear_ratio):
             raise ValueError("gear_ratio is a number above 0, or [motor turns, joint turns]")
         gear_ratio = gear_ratio[0] / gear_ratio[1]
-    to_device = counts_per_revolution * (gear_ratio or 1.0) / (2 * math.pi) * (-1 if mirrored else 1)
-    return {name: to_device if name.endswith("to_dev") else 1 / to_device for name in SCALES}
+    return counts_per_revolution * (gear_ratio or 1.0) / (2 * math.pi) * (-1 if mirrored else 1)

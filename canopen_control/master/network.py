@@ -14,8 +14,10 @@ from canopen_control.cia301.heartbeat import HeartbeatConsumer, HeartbeatProduce
 from canopen_control.cia301.nmt import NmtCommand, NmtState, nmt_frame, state_of_byte
 from canopen_control.cia301.sync import SyncProducer
 from canopen_control.frame import BROADCAST, RECORD, CanFrame, Service, cob_id, pack_records
+from canopen_control.master.boot_pdos import value_of
 from canopen_control.master.cycle import ProcessImage
-from canopen_control.master.node import RemoteNode
+from canopen_control.master.foreign import ForeignMaster
+from canopen_control.master.remote_node import RemoteNode
 from canopen_control.master.supervision import PdoWatch
 
 if TYPE_CHECKING:
@@ -24,7 +26,7 @@ if TYPE_CHECKING:
     from canopen_control.master.boot import BootResult
     from canopen_control.master.config import BusConfig
     from canopen_control.master.cycle import ReceivedPdo
-    from canopen_control.master.events import Event
+    from canopen_control.master.event_log import Event
 
 __all__ = ["Network"]
 
@@ -43,7 +45,8 @@ class Network:
         self.image = ProcessImage(refresh=max(1, REFRESH_NS // cycle_ns))
         self.outgoing: list[CanFrame] = []
         """What waits for `take`."""
-        self._pdo_watch = PdoWatch()
+        self.pdo_watch = PdoWatch(config.master.sync_period * 1000)
+        self._since: int | None = None  # of what a late process reads: when no frame waited to be read
         self._pdo_owner: dict[ReceivedPdo, RemoteNode] = {}
         self._to_boot: list[RemoteNode] = []
         self._guarding: GuardingMaster | None = None
@@ -61,8 +64,11 @@ class Network:
         self._by_id = {node.node_id: node for node in self.nodes.values()}
         self._handlers: dict[int, Callable[[bytes, int, int], None]] = {}
         self._pdos: dict[int, ReceivedPdo] = {}
+        self._foreign = ForeignMaster(name, report, self._wake)
         for node in self.nodes.values():
             self._connect(node)
+        for can_id, handler in self._foreign.handlers(config.master.node_id, self.sync.cob_id, self._by_id):
+            self._handlers.setdefault(can_id, handler)
 
     def start(self, now: int) -> None:
         """Send the master's boot-up and begin the boot of every node."""
@@ -70,7 +76,7 @@ class Network:
         self._producer.state = NmtState.OPERATIONAL
         self.outgoing.extend(self._producer.frames())
         for node in self.nodes.values():
-            if node.config.boot:
+            if node.config.boot.wanted:
                 node.begin_boot(now)
         self._collect()
 
@@ -79,13 +85,14 @@ class Network:
         """The identifiers that `receive` has a use for."""
         return self._handlers.keys()
 
-    def receive(self, records: bytes, now: int) -> None:
-        """Take whole records as a port gives them."""
+    def receive(self, records: bytes, now: int, since: int | None = None) -> None:
+        """Take whole records as a port gives them; those a late process reads came between `since` and `now`."""
+        self._since, stamp = since, now if since is None else since
         handlers, pdos = self._handlers, self._pdos
         for can_id, length, data in RECORD.iter_unpack(records):
             pdo = pdos.get(can_id)
             if pdo is not None and length == pdo.length:
-                pdo.values, pdo.stamp = pdo.unpack(data), now  # as `ReceivedPdo.receive` does, without the calls
+                pdo.values, pdo.stamp = pdo.unpack(data), stamp  # as `ReceivedPdo.receive` does, without the calls
                 pdo.count += 1
             elif (handler := handlers.get(can_id)) is None:
                 self.unknown += 1
@@ -103,9 +110,16 @@ class Network:
         if self._guarding is not None:
             self._guarding.tick(now)
         self._supervise(now)
+        self._foreign.tick(now)
         for node in self.nodes.values():
             node.tick(now)
         self._collect()
+
+    def was_away(self, nanoseconds: int) -> None:
+        """Take that for so long nothing was sent: no node was asked for its guarding answer."""
+        if self._guarding is not None:
+            self._guarding.postpone(nanoseconds)
+            self._stale = True
 
     def next_deadline(self) -> int | None:
         """Return when `tick` has something to do."""
@@ -136,13 +150,19 @@ class Network:
 
     def synced(self, now: int) -> None:
         """Count what the SYNC before the one just sent was not answered; whoever sends it."""
-        for pdo in self._pdo_watch.sync():
+        for pdo in self.pdo_watch.sync(now):
             self._pdo_owner[pdo].on_pdo(pdo, now)
 
     def hear_sync(self, on_sync: Callable[[int], None]) -> None:
         """Leave SYNC to somebody else and call `on_sync(now)` for each that comes."""
         self._sync_elsewhere = True
-        self._handlers[self.sync.cob_id] = lambda _data, _length, now: on_sync(now)
+        can_id, period = self.sync.cob_id, self.config.master.sync_period * 1000
+
+        def heard(_data: bytes, _length: int, now: int) -> None:
+            on_sync(now)
+            self._foreign.on_expected_sync(can_id, period, now, self._since is not None)
+
+        self._handlers[can_id] = heard
 
     def bus_failed(self, text: str, now: int) -> None:
         """Take every node for lost: the bus carries nothing. `bus_back` boots them anew."""
@@ -178,12 +198,13 @@ class Network:
             wake=self._wake,
             guard=lambda on, now: self._guard(node, on, now),
             lay_out=lambda result: self._lay_out(node, result),
+            written=lambda index, subindex, data: self._written(node, index, subindex, data),
         )
         for layout in node.plan.tpdos:
             pdo = self.image.add_tpdo(node.node_id, layout.cob_id, layout.objects, layout.transmission_type)
-            pdo.allow(node.config.missed_syncs)
+            pdo.allow(node.config.supervision.missed_syncs)
             node.received.append(pdo)
-            self._pdo_watch.add(pdo)
+            self.pdo_watch.add(pdo)
             self._pdo_owner[pdo] = node
         for layout in node.plan.rpdos:
             node.sent.append(self.image.add_rpdo(node.node_id, layout.cob_id, layout.objects, layout.transmission_type))
@@ -206,12 +227,12 @@ class Network:
 
         def on_heartbeat(data: bytes, length: int, now: int) -> None:
             frame = CanFrame(error_control, data[:length])
-            self._consumer.receive(frame, now)
+            self._consumer.receive(frame, now, self._since)
             if self._guarding is not None:
-                self._guarding.receive(frame, now)
-            happened = self._supervise(now)
+                self._guarding.receive(frame, now, self._since)
+            happened = self._supervise(now, self._since)
             if length == 1 and data[0] & 0x7F:
-                node.on_state(state_of_byte(data[0] & 0x7F), now)
+                node.on_state(state_of_byte(data[0] & 0x7F), now, self._since)
             if happened or not node.ready:  # else only its deadline is later, which `tick` finds by itself
                 self._collect_from(node)
 
@@ -219,6 +240,8 @@ class Network:
         for pdo in node.received:
             handlers[pdo.cob_id] = self._checked(node, pdo)
             self._pdos[pdo.cob_id] = pdo
+        for sent in node.sent:
+            handlers.setdefault(sent.cob_id, self._foreign.on_rpdo(sent.cob_id, node))
 
     def _lay_out(self, node: RemoteNode, result: BootResult) -> None:
         """Exchange process data as the boot found or made them; they begin with the node's own values."""
@@ -235,8 +258,21 @@ class Network:
         for planned, sent in zip(node.plan.rpdos, node.sent, strict=True):
             layout = own.get(("rpdo", planned.number), planned)
             if (sent.cob_id, sent.codec.objects) != (layout.cob_id, layout.objects):
+                if sent.cob_id not in self._pdos:
+                    self._handlers.pop(sent.cob_id, None)
                 sent.use(layout, self.image.outputs_of(node.node_id, layout.objects))
+                self._handlers.setdefault(sent.cob_id, self._foreign.on_rpdo(sent.cob_id, node))
+                self.on_rerouted()
         self.image.preset(node.node_id, result.presets)
+
+    def _written(self, node: RemoteNode, index: int, subindex: int, data: bytes) -> None:
+        """Take what an SDO wrote into the RPDOs that carry the object, so that none of them undoes it."""
+        output = self.image.output(node.node_id, index, subindex)
+        if output is None or output.driven:
+            return
+        mapped = next(each for sent in node.sent for each in sent.codec.objects if each[:2] == (index, subindex))
+        if (value := value_of(mapped, data)) is not None:
+            output.know(value)
 
     def _checked(self, node: RemoteNode, pdo: ReceivedPdo) -> Callable[[bytes, int, int], None]:
         """Return what takes a TPDO of a length that is not its own."""
@@ -254,17 +290,18 @@ class Network:
 
     def _guard(self, node: RemoteNode, on: bool, now: int) -> None:
         """Guard a node from now on, or no longer; for those without a heartbeat."""
-        if not node.config.guarded:
+        keys = node.config.supervision
+        if not keys.guarded:
             return
         if self._guarding is None:
             self._guarding = GuardingMaster()
         if on:
-            self._guarding.watch(node.node_id, node.config.guard_time * 1_000_000, node.config.life_factor, now)
+            self._guarding.watch(node.node_id, keys.guard_time * 1_000_000, keys.life_factor, now)
         else:
             self._guarding.unwatch(node.node_id)
         self._stale = True
 
-    def _supervise(self, now: int) -> bool:
+    def _supervise(self, now: int, since: int | None = None) -> bool:
         """Hand the nodes what the consumers saw; returns whether that was anything."""
         events = self._consumer.events()
         happened = bool(events)
@@ -274,7 +311,7 @@ class Network:
                 node.on_guarding(guarded, now)
         for event in events:
             if (node := self._by_id.get(event.node_id)) is not None:
-                node.on_heartbeat(event, now)
+                node.on_heartbeat(event, now, since)
         return happened
 
     def _collect(self) -> None:
@@ -290,7 +327,7 @@ class Network:
         self._stale = True
 
     def _earliest(self) -> int | None:
-        deadlines = [self._producer.next_deadline(), self._consumer.next_deadline()]
+        deadlines = [self._producer.next_deadline(), self._consumer.next_deadline(), self._foreign.deadline]
         if self._guarding is not None:
             deadlines.append(self._guarding.next_deadline())
         deadlines.extend(node.next_deadline() for node in self.nodes.values())

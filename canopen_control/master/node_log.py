@@ -1,4 +1,4 @@
-"""What a node gives to tell beside its boot: emergencies, process data that stay away, a second node with its id.
+"""Events of a node beside its boot: emergencies, missing process data, a second node with its id.
 
 The law of this file: every sentence names the node and says what it means or what helps. Emergencies are kept (the
 errors that last) whatever is told of them; a flood is told in sum.
@@ -6,15 +6,16 @@ errors that last) whatever is told of them; a flood is told in sum.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from canopen_control.cia301.emcy import EmcyConsumer
 from canopen_control.cia301.emcy_codes import error_text
-from canopen_control.master.events import Event, Level
+from canopen_control.master.event_log import Event, Level
 from canopen_control.master.supervision import DuplicateWatch, EmcyGate
+from canopen_control.rpc.messages.state import EventDetails
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable
 
     from canopen_control.cia301.emcy import EmcyMessage
     from canopen_control.master.config import NodeConfig
@@ -39,10 +40,10 @@ class NodeLog:
         self.errors = EmcyConsumer(config.node_id)
         self._name, self._report = config.name, report
         self._gate = EmcyGate()
-        self._duplicates = DuplicateWatch(config.heartbeat_ms * 1_000_000)
+        self._duplicates = DuplicateWatch(config.supervision.heartbeat_ms * 1_000_000)
 
     def tell(
-        self, now: int, kind: str, text: str, level: Level = Level.INFO, details: Mapping[str, Any] | None = None
+        self, now: int, kind: str, text: str, level: Level = Level.INFO, details: EventDetails | None = None
     ) -> None:
         """Tell something about the node; `text` goes on after its name and a colon."""
         self._report(Event(now, kind, self._name, f"{self.who}: {text}", level, details))
@@ -87,23 +88,23 @@ class NodeLog:
             self.tell(now, "pdo_stale", f"no {what} for {pdo.silent} SYNCs; what it carries is stale", Level.ERROR)
 
     def malformed(self, pdo: ReceivedPdo, length: int, now: int) -> None:
-        """Tell, once per boot and TPDO, that its length is not the mapping's."""
-        if pdo.told:
+        """Tell that a TPDO's length is not the mapping's: each wrong length once per boot and TPDO."""
+        if pdo.told_lengths & 1 << length:
             return
-        pdo.told = True
+        pdo.told_lengths |= 1 << length
         kind, reaction = ("short", "it is dropped") if length < pdo.codec.length else ("long", "the rest is ignored")
         text = f"its TPDO 0x{pdo.cob_id:03X} is too {kind}: {length} bytes instead of {pdo.codec.length}; {reaction}"
         self.tell(now, f"pdo_{kind}", text, Level.WARNING)
 
-    def heartbeat(self, now: int) -> None:
+    def heartbeat(self, now: int, since: int | None = None) -> None:
         """Take a heartbeat: too many of them come from two nodes."""
-        if self._duplicates.heartbeat(now):
+        if self._duplicates.heartbeat(now, since):
             self._tell_duplicate("its heartbeats come twice as often as configured", now)
 
-    def boot_up(self, now: int) -> None:
+    def boot_up(self, now: int, since: int | None = None) -> None:
         """Take a boot-up: whatever was wrong before is gone, and two at once come from two nodes."""
         self.errors.forget()
-        if self._duplicates.boot_up(now):
+        if self._duplicates.boot_up(now, since):
             self._tell_duplicate("two boot-ups came at once", now)
 
     def _tell_duplicate(self, what: str, now: int) -> None:
@@ -111,9 +112,5 @@ class NodeLog:
         self.tell(now, "duplicate_node", text, Level.ERROR)
 
 
-def _details(message: EmcyMessage) -> dict[str, Any]:
-    return {
-        "error_code": message.error_code,
-        "error_register": message.error_register,
-        "data": message.data.hex(),
-    }
+def _details(message: EmcyMessage) -> EventDetails:
+    return EventDetails(message.error_code, message.error_register, message.data.hex())

@@ -1,4 +1,4 @@
-"""What a node has to be told before it may run: bus.yml and EDS become a list of SDO writes and a PDO layout.
+"""The configuration plan of a node: a list of SDO writes and a PDO layout, made of bus.yml and the EDS.
 
 The law of the file: everything is decided here, before the first frame is sent, and whatever does not fit (an object
 the EDS lacks, a value out of its type, a mapping over 64 bits) is an error of the configuration, not of the boot.
@@ -17,16 +17,16 @@ from typing import TYPE_CHECKING
 
 from canopen_control.cia301.heartbeat import consumer_entry
 from canopen_control.cia402.objects import AXES, CONTROLWORD, STATUSWORD, axis_index
-from canopen_control.master.draft import Draft, PdoLayout, PlannedWrite
+from canopen_control.master.plan_builder import PdoLayout, PlanBuilder, PlannedWrite
 from canopen_control.master.plan_pdos import is_pdo_record, plan_downloaded_pdos, plan_pdos
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from canopen_control.master.keys import MasterConfig, NodeConfig
+    from canopen_control.master.keys import MasterConfig, NodeConfig, SupervisionKeys
     from canopen_control.od.model import ObjectDictionary
 
-__all__ = ["Identity", "NodePlan", "PdoLayout", "PlanInput", "PlannedWrite", "make_plan"]
+__all__ = ["CONSUMER", "Identity", "NodePlan", "PdoLayout", "PlanInput", "PlannedWrite", "make_plan"]
 
 CONSUMER, PRODUCER, GUARD_TIME, LIFE_TIME, ERROR_BEHAVIOUR = 0x1016, 0x1017, 0x100C, 0x100D, 0x1029
 TIME_COB_ID, SYNC_OVERFLOW = 0x1012, 0x1019
@@ -104,51 +104,61 @@ class PlanInput:
 def make_plan(given: PlanInput) -> NodePlan:
     """Plan a node; where something was complained of the plan is not to be used."""
     node, od = given.node, given.od
-    draft = Draft(node, od, given.complain, given.warn, given.spare_cob_ids, given.downloads)
-    heartbeat_ms = _plan_error_control(draft, given.master)
-    _plan_sync_counter(draft, given.master)
-    _plan_downloads(draft)
+    builder = PlanBuilder(node, od, given.complain, given.warn, given.spare_cob_ids, given.downloads)
+    heartbeat_ms = _plan_error_control(builder, given.master)
+    _plan_sync_counter(builder, given.master)
+    _plan_downloads(builder)
     for kind in ("rpdo", "tpdo"):
-        plan_pdos(draft, kind)
-    _plan_sdo_list(draft)
-    _plan_interpolation(draft, given.master.sync_period)
+        plan_pdos(builder, kind)
+    _plan_sdo_list(builder)
+    _plan_interpolation(builder, given.master.sync_period)
     return NodePlan(
         node.name,
         node.node_id,
         given.source,
         _identity(node, od),
-        draft.ordered_writes(),
-        tuple(draft.layouts["rpdo"]),
-        tuple(draft.layouts["tpdo"]),
+        builder.ordered_writes(),
+        tuple(builder.layouts["rpdo"]),
+        tuple(builder.layouts["tpdo"]),
         tuple(_axes(od)),
-        round(heartbeat_ms * node.multiplier * _MILLISECOND),
+        round(heartbeat_ms * node.supervision.multiplier * _MILLISECOND),
         {address: entry.name for address, entry in od.entries.items()},
         {index: info.name for index, info in od.objects.items()},
-        guard=(node.guard_time * _MILLISECOND, node.life_factor) if node.guarded and not heartbeat_ms else None,
-        keep_alive=not node.reset_communication,
-        software_version=node.software_version,
-        software_file=node.software_file,
-        restore=_store_object(draft, 0x1011, node.restore_configuration, "restore_configuration"),
-        save=_store_object(draft, 0x1010, node.save_configuration, "save_configuration"),
-        boot_up_ns=node.boot_timeout_ms * _MILLISECOND,
+        guard=_guard(node.supervision) if node.supervision.guarded and not heartbeat_ms else None,
+        keep_alive=not node.boot.reset_communication,
+        software_version=node.identity.software_version,
+        software_file=node.identity.software_file,
+        restore=_store_object(builder, 0x1011, node.boot.restore_configuration, "restore_configuration"),
+        save=_store_object(builder, 0x1010, node.boot.save_configuration, "save_configuration"),
+        boot_up_ns=node.boot.boot_timeout_ms * _MILLISECOND,
         sdo_timeout_ns=given.master.boot_timeout * _MILLISECOND if given.master.boot_timeout else None,
     )
 
 
+def _guard(keys: SupervisionKeys) -> tuple[int, int]:
+    return keys.guard_time * _MILLISECOND, keys.life_factor
+
+
 def _identity(node: NodeConfig, od: ObjectDictionary) -> Identity:
-    """Take vendor and product from the EDS; revision and serial only where bus.yml gives them (0 checks nothing)."""
+    """Take vendor and product from the EDS; revision and serial only where bus.yml gives them (0 checks nothing).
+
+    Only where the EDS has the subindex: of 0x1018 a device must have no more than the vendor (CiA 301, 7.5.2.21), and
+    some have not even that. What [DeviceInfo] says cannot be asked of them.
+    """
 
     def default(index: int, subindex: int, device: int | None) -> int:
         entry = od.get(index, subindex)
-        return entry.default if entry is not None and isinstance(entry.default, int) else device or 0
+        if entry is None:
+            return 0
+        return entry.default if isinstance(entry.default, int) else device or 0
 
     return Identity(
         device_type=default(0x1000, 0, None),
         vendor_id=default(0x1018, 1, od.device.vendor_number),
         product_code=default(0x1018, 2, od.device.product_number),
-        revision_number=node.revision_number or 0,
-        serial_number=node.serial_number or 0,
-        eds_revision=0 if node.revision_number is not None else default(0x1018, 3, od.device.revision_number),
+        revision_number=node.identity.revision_number or 0,
+        serial_number=node.identity.serial_number or 0,
+        eds_revision=0 if node.identity.revision_number is not None else default(0x1018, 3, od.device.revision_number),
     )
 
 
@@ -159,120 +169,159 @@ def _axes(od: ObjectDictionary) -> Iterator[int]:
             yield controlword - CONTROLWORD
 
 
-def _store_object(draft: Draft, index: int, subindex: int, key: str) -> int:
-    if subindex and (index, subindex) not in draft.od:
-        draft.complain(key, f"0x{index:04X}:{subindex:02X} is not in {draft.node.dcf}")
+def _store_object(builder: PlanBuilder, index: int, subindex: int, key: str) -> int:
+    if subindex and (index, subindex) not in builder.od:
+        builder.complain(key, f"0x{index:04X}:{subindex:02X} is not in {builder.file}")
     return subindex
 
 
-def _plan_error_control(draft: Draft, master: MasterConfig) -> int:
+def _plan_error_control(builder: PlanBuilder, master: MasterConfig) -> int:
     """Let the drive watch the master and be watched: 0x1016, 0x1012, 0x1017, guarding, 0x1029. Return its period."""
-    node, od = draft.node, draft.od
-    if (CONSUMER, 1) in od and node.heartbeat_consumer is not False:
-        timeout = min(round(master.heartbeat_ms * node.multiplier), 0xFFFF)
-        reason = "" if node.heartbeat_consumer else "the drive notices when the master dies"
-        draft.write(CONSUMER, 1, consumer_entry(master.node_id, timeout), "heartbeat_consumer", reason)
-    elif node.heartbeat_consumer:
-        draft.complain("heartbeat_consumer", f"0x1016:01 is not in {node.dcf}, so the node cannot watch the master")
-    if node.time_cob_id is not None:
-        draft.write(TIME_COB_ID, 0, node.time_cob_id, "time_cob_id")
-    period = _plan_producer(draft)
+    keys, od = builder.node.supervision, builder.od
+    if (CONSUMER, 1) in od and keys.heartbeat_consumer is not False:
+        timeout = min(round(master.heartbeat_ms * keys.multiplier), 0xFFFF)
+        reason = "" if keys.heartbeat_consumer else "the drive notices when the master dies"
+        free = (sub for sub in od.subindices(CONSUMER)[1:] if builder.can_write(CONSUMER, sub))
+        builder.write(CONSUMER, next(free, 1), consumer_entry(master.node_id, timeout), "heartbeat_consumer", reason)
+    elif keys.heartbeat_consumer:
+        builder.complain(
+            "heartbeat_consumer", f"0x1016:01 is not in {builder.file}, so the node cannot watch the master"
+        )
+    if builder.node.boot.time_cob_id is not None:
+        builder.write(TIME_COB_ID, 0, builder.node.boot.time_cob_id, "time_cob_id")
+    period = _plan_producer(builder)
     for key, index, value in (
-        ("guard_time", GUARD_TIME, node.guard_time),
-        ("life_time_factor", LIFE_TIME, node.life_time_factor),
+        ("guard_time", GUARD_TIME, keys.guard_time),
+        ("life_time_factor", LIFE_TIME, keys.life_time_factor),
     ):
         if value:
-            draft.write(index, 0, value if node.guarded else 0, key)
-    if node.guarded and not node.life_time_factor:
-        draft.write(LIFE_TIME, 0, node.life_factor, "guard_time", "the node notices when it is guarded no more")
-    for subindex, value in node.error_behavior.items():
-        draft.write(ERROR_BEHAVIOUR, subindex, value, "error_behavior")
+            builder.write(index, 0, value if keys.guarded else 0, key)
+    if keys.guarded and not keys.life_time_factor:
+        builder.write(LIFE_TIME, 0, keys.life_factor, "guard_time", "the node notices when it is guarded no more")
+    for subindex, value in keys.error_behavior.items():
+        builder.write(ERROR_BEHAVIOUR, subindex, value, "error_behavior")
     for offset in _axes(od):
-        _plan_abort_reaction(draft, offset)
+        _plan_abort_reaction(builder, offset)
     return period
 
 
-def _plan_producer(draft: Draft) -> int:
+def _plan_producer(builder: PlanBuilder) -> int:
     """Return the node's heartbeat period in ms, and write it unless the `sdo:` list or a file does."""
-    node = draft.node
-    asked = draft.asked_value(PRODUCER)
-    if asked is not None and not node.heartbeat_producer:
+    keys = builder.node.supervision
+    asked = builder.asked_value(PRODUCER)
+    if asked is not None and not keys.heartbeat_producer:
         return asked
-    if node.heartbeat_ms and (PRODUCER, 0) not in draft.od and not node.heartbeat_producer:
-        draft.warn("dcf", f"0x1017 is not in {node.dcf}: nobody notices when this node dies; give it guard_time")
-        return 0
-    if node.heartbeat_ms:
-        reason = "" if node.heartbeat_producer else "the master notices when the drive dies"
-        draft.write(PRODUCER, 0, node.heartbeat_ms, "heartbeat_producer", reason)
-    return node.heartbeat_ms
+    if keys.heartbeat_ms and not keys.heartbeat_producer and not builder.can_write(PRODUCER, 0):
+        period = builder.default(PRODUCER, 0) or 0
+        if not period:
+            cannot = "cannot be written" if (PRODUCER, 0) in builder.od else f"is not in {builder.file}"
+            builder.warn("dcf", f"0x1017 {cannot}: nobody notices when this node dies; give it guard_time")
+        return period
+    if keys.heartbeat_ms:
+        reason = "" if keys.heartbeat_producer else "the master notices when the drive dies"
+        builder.write(PRODUCER, 0, keys.heartbeat_ms, "heartbeat_producer", reason)
+    return keys.heartbeat_ms
 
 
-def _plan_abort_reaction(draft: Draft, offset: int) -> None:
+def _plan_abort_reaction(builder: PlanBuilder, offset: int) -> None:
     """Let a lost master stop the motor: 0x6007 where it exists, else 0x1029:1 = stopped."""
-    node, od = draft.node, draft.od
-    if node.heartbeat_consumer is False and not node.guarded:
+    keys, od = builder.node.supervision, builder.od
+    if keys.heartbeat_consumer is False and not keys.guarded:
         return
-    if (ABORT_CONNECTION + offset, 0) in od:
-        if not draft.asked_for(ABORT_CONNECTION + offset):
-            draft.write(ABORT_CONNECTION + offset, 0, FAULT_REACTION, "dcf", _STOPS)
-        return
-    asked = 1 in node.error_behavior or draft.asked_for(ERROR_BEHAVIOUR)
+    index = ABORT_CONNECTION + offset
+    if (index, 0) in od:
+        if builder.asked_for(index):
+            return
+        builder.write(index, 0, FAULT_REACTION, "dcf", _STOPS)
+        if builder.can_write(index, 0) or builder.default(index, 0):
+            return
+    asked = 1 in keys.error_behavior or builder.asked_for(ERROR_BEHAVIOUR)
     if not offset and (ERROR_BEHAVIOUR, 1) in od and not asked:
-        draft.write(ERROR_BEHAVIOUR, 1, STOPPED, "error_behavior", _STOPS)
+        builder.write(ERROR_BEHAVIOUR, 1, STOPPED, "error_behavior", _STOPS)
 
 
-def _plan_sync_counter(draft: Draft, master: MasterConfig) -> None:
-    if not master.sync_overflow or draft.asked_for(SYNC_OVERFLOW):
+def _plan_sync_counter(builder: PlanBuilder, master: MasterConfig) -> None:
+    if not master.sync_overflow or builder.asked_for(SYNC_OVERFLOW):
         return
-    if (SYNC_OVERFLOW, 0) in draft.od:
-        draft.write(SYNC_OVERFLOW, 0, master.sync_overflow, "dcf", "the master's SYNC carries a counter")
+    if (SYNC_OVERFLOW, 0) in builder.od:
+        builder.write(SYNC_OVERFLOW, 0, master.sync_overflow, "dcf", "the master's SYNC carries a counter")
     else:
-        draft.warn("dcf", f"0x1019 is not in {draft.node.dcf}, and SYNC carries a counter: it may answer EMCY 0x8240")
+        builder.warn("dcf", f"0x1019 is not in {builder.file}, and SYNC carries a counter: it may answer EMCY 0x8240")
 
 
-def _plan_downloads(draft: Draft) -> None:
+def _plan_downloads(builder: PlanBuilder) -> None:
     """Plan what a concise DCF or a DCF downloads, but the PDOs that bus.yml configures itself."""
-    for index, subindex, data in draft.downloads:
+    for index, subindex, data in builder.downloads:
         if not is_pdo_record(index):
-            draft.write_raw(index, subindex, data, draft.download_reason)
-    plan_downloaded_pdos(draft)
+            builder.write_raw(index, subindex, data, builder.download_reason)
+    plan_downloaded_pdos(builder)
 
 
-def _plan_sdo_list(draft: Draft) -> None:
+def _plan_sdo_list(builder: PlanBuilder) -> None:
     seen: dict[tuple[int, int], object] = {}
-    for number, entry in enumerate(draft.node.sdo):
+    for number, entry in enumerate(builder.node.boot.sdo):
         address = entry.index, entry.sub_index
         if seen.get(address) == entry.value:
-            draft.warn(
+            builder.warn(
                 f"sdo[{number}].index",
                 f"0x{address[0]:04X}:{address[1]:02X} is written twice; was one meant for another?",
             )
         seen[address] = entry.value
-        draft.write(*address, _signature(entry.value), f"sdo[{number}]")
+        builder.write(*address, _signature(entry.value), f"sdo[{number}]")
 
 
-def _plan_interpolation(draft: Draft, sync_period_us: int) -> None:
+def _plan_interpolation(builder: PlanBuilder, sync_period_us: int) -> None:
     """Interpolate over the SYNC period; where bus.yml says another time it is written, and warned of."""
     if not sync_period_us:
         return
-    value, exponent = _interpolation(sync_period_us)
-    for offset in _axes(draft.od):
+    for offset in _axes(builder.od):
         index = INTERPOLATION + offset
-        if (index, 1) not in draft.od:
+        if (index, 1) not in builder.od:
             continue
-        if draft.asked_for(index):
-            asked = draft.asked_value(index, 1), draft.asked_value(index, 2)
-            if None not in asked and asked != (value, exponent):
-                number = next((n for n, entry in enumerate(draft.node.sdo) if entry.index == index), 0)
-                draft.warn(
-                    f"sdo[{number}]",
-                    f"0x{index:04X} is {asked[0]} * 10^{asked[1]} s, SYNC comes every {sync_period_us / 1e6:g} s: "
-                    "positions would be interpolated over the wrong time",
-                )
-            continue
-        reason = "interpolation over the SYNC period"
-        draft.write(index, 1, value, "dcf", reason, optional=True)
-        draft.write(index, 2, exponent, "dcf", reason, optional=True)
+        if builder.asked_for(index):
+            _compare_interpolation(builder, index, sync_period_us)
+        else:
+            _add_interpolation(builder, index, sync_period_us)
+
+
+def _compare_interpolation(builder: PlanBuilder, index: int, sync_period_us: int) -> None:
+    asked = builder.asked_value(index, 1), builder.asked_value(index, 2)
+    if None not in asked and asked != _interpolation(sync_period_us):
+        number = next((n for n, entry in enumerate(builder.node.boot.sdo) if entry.index == index), 0)
+        builder.warn(
+            f"sdo[{number}]",
+            f"0x{index:04X} is {asked[0]} * 10^{asked[1]} s, SYNC comes every {sync_period_us / 1e6:g} s: "
+            "positions would be interpolated over the wrong time",
+        )
+
+
+def _add_interpolation(builder: PlanBuilder, index: int, sync_period_us: int) -> None:
+    """Add the SYNC period, in the drive's own unit where that cannot be written (it is `ro` in one EDS out of six)."""
+    value, exponent = _interpolation(sync_period_us)
+    reason = "interpolation over the SYNC period"
+    if not builder.can_write(index, 2):
+        fixed = builder.signed_default(index, 2)
+        fitting = None if fixed is None else _in_unit(sync_period_us, fixed)
+        if fitting is None:
+            unit = "an unknown unit" if fixed is None else f"10^{fixed} s"
+            builder.warn(
+                "dcf",
+                f"0x{index:04X}:02, the unit of the interpolation period, cannot be written, and {sync_period_us} us "
+                f"cannot be told in {unit}; done without ({reason})",
+            )
+            return
+        value = fitting
+    builder.write(index, 1, value, "dcf", reason, optional=True)
+    if builder.can_write(index, 1) and builder.can_write(index, 2):
+        builder.write(index, 2, exponent, "dcf", reason, optional=True)
+
+
+def _in_unit(period_us: int, exponent: int) -> int | None:
+    """Return a period as a whole number of 10^exponent seconds, None where it is none of one byte."""
+    if not -9 <= exponent <= 1:
+        return None
+    value, rest = divmod(period_us * 1000, 10 ** (exponent + 9))
+    return value if not rest and 0 < value <= 0xFF else None
 
 
 def _interpolation(period_us: int) -> tuple[int, int]:

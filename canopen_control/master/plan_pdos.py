@@ -11,7 +11,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from canopen_control.cia301.cob_id import EXTENDED_BIT
 from canopen_control.cia301.pdo import (
     DUMMY_TYPES,
     INVALID_BIT,
@@ -22,12 +21,12 @@ from canopen_control.cia301.pdo import (
     parse_mapping_entry,
 )
 from canopen_control.cia301.remap import is_restricted
-from canopen_control.frame import rpdo_cob_id, tpdo_cob_id
-from canopen_control.master.draft import PdoLayout
+from canopen_control.frame import EXTENDED_BIT, rpdo_cob_id, tpdo_cob_id
+from canopen_control.master.plan_builder import PdoLayout
 
 if TYPE_CHECKING:
-    from canopen_control.master.draft import Draft
     from canopen_control.master.keys import PdoConfig
+    from canopen_control.master.plan_builder import PlanBuilder
     from canopen_control.od.model import Entry
 
 __all__ = [
@@ -83,44 +82,44 @@ def is_pdo_record(index: int) -> bool:
     return pdo_of(index) is not None
 
 
-def plan_pdos(draft: Draft, kind: str) -> None:
+def plan_pdos(builder: PlanBuilder, kind: str) -> None:
     """Configure the PDOs that bus.yml lists, in its order; use or switch off the others."""
-    configured: dict[int, PdoConfig] = getattr(draft.node, kind)
+    configured = builder.node.boot.pdos(kind)
     downloaded = {
-        number for index, _, _ in draft.downloads for which, number in [pdo_of(index) or ("", 0)] if which == kind
+        number for index, _, _ in builder.downloads for which, number in [pdo_of(index) or ("", 0)] if which == kind
     }
     for number, pdo in configured.items():
-        _plan_pdo(draft, kind, number, pdo)
+        _plan_pdo(builder, kind, number, pdo)
     for number in range(1, COUNT + 1):
-        cob_id = draft.default(COMMUNICATION[kind] + number - 1, 1)
+        cob_id = builder.default(COMMUNICATION[kind] + number - 1, 1)
         if number in configured or cob_id is None or cob_id & INVALID_BIT:
             continue
         if number in downloaded or not (configured or downloaded):
-            _adopt(draft, kind, number, cob_id)
+            _adopt(builder, kind, number, cob_id)
         else:
             reason = "live by default, configured by nobody"
             index = COMMUNICATION[kind] + number - 1
-            draft.write(index, 1, cob_id | INVALID_BIT, kind, reason, optional=True, pdo=(kind, number))
+            builder.write(index, 1, cob_id | INVALID_BIT, kind, reason, optional=True, pdo=(kind, number))
 
 
-def plan_downloaded_pdos(draft: Draft) -> None:
+def plan_downloaded_pdos(builder: PlanBuilder) -> None:
     """Plan the PDO records of a file, in the order that a device accepts, unless bus.yml configures the PDO itself."""
     records: dict[tuple[str, int], dict[tuple[int, int], bytes]] = {}
-    for index, subindex, data in draft.downloads:
-        if (pdo := pdo_of(index)) is not None and pdo[1] not in getattr(draft.node, pdo[0]):
+    for index, subindex, data in builder.downloads:
+        if (pdo := pdo_of(index)) is not None and pdo[1] not in builder.node.boot.pdos(pdo[0]):
             records.setdefault(pdo, {})[index, subindex] = data  # the last word of a file that writes it several times
     for (kind, number), values in records.items():
-        _plan_record(draft, kind, number, values)
+        _plan_record(builder, kind, number, values)
 
 
-def _plan_record(draft: Draft, kind: str, number: int, values: dict[tuple[int, int], bytes]) -> None:
+def _plan_record(builder: PlanBuilder, kind: str, number: int, values: dict[tuple[int, int], bytes]) -> None:
     """Order what a file says of one PDO: invalid, settings, mapping, valid again if it is to be."""
     communication, mapping, pdo = COMMUNICATION[kind] + number - 1, MAPPING[kind] + number - 1, (kind, number)
-    reason = draft.download_reason
-    cob_id = draft.default(communication, 1) or 0
+    reason = builder.download_reason
+    cob_id = builder.default(communication, 1) or 0
 
     def put(index: int, subindex: int, data: bytes) -> None:
-        draft.write_raw(index, subindex, data, reason, pdo=pdo)
+        builder.write_raw(index, subindex, data, reason, pdo=pdo)
 
     put(communication, 1, (cob_id | INVALID_BIT).to_bytes(4, "little"))
     for (index, subindex), data in values.items():
@@ -128,7 +127,7 @@ def _plan_record(draft: Draft, kind: str, number: int, values: dict[tuple[int, i
             put(index, subindex, data)
     slots = {subindex: data for (index, subindex), data in values.items() if index == mapping and subindex}
     if slots or (mapping, 0) in values:
-        count = draft.default(mapping, 0) or 0
+        count = builder.default(mapping, 0) or 0
         put(mapping, 0, b"\0")
         for slot in sorted(slots):
             if slot <= count:
@@ -138,47 +137,47 @@ def _plan_record(draft: Draft, kind: str, number: int, values: dict[tuple[int, i
         put(communication, 1, cob_id.to_bytes(4, "little"))
 
 
-def _adopt(draft: Draft, kind: str, number: int, cob_id: int) -> None:
+def _adopt(builder: PlanBuilder, kind: str, number: int, cob_id: int) -> None:
     """Use a PDO as the device has it, or as a file has made it."""
-    objects = _mapped(draft, kind, number, None)
+    objects = _mapped(builder, kind, number, None)
     if objects:
-        transmission = draft.default(COMMUNICATION[kind] + number - 1, 2)
-        draft.layouts[kind].append(PdoLayout(number, cob_id & 0x7FF, _or_255(transmission), objects))
+        transmission = builder.default(COMMUNICATION[kind] + number - 1, 2)
+        builder.layouts[kind].append(PdoLayout(number, cob_id & 0x7FF, _or_255(transmission), objects))
 
 
-def _plan_pdo(draft: Draft, kind: str, number: int, pdo: PdoConfig) -> None:
+def _plan_pdo(builder: PlanBuilder, kind: str, number: int, pdo: PdoConfig) -> None:
     key, index = f"{kind}.{number}", COMMUNICATION[kind] + number - 1
-    if not 1 <= number <= COUNT or (index, 1) not in draft.od:
-        known = sum((COMMUNICATION[kind] + each, 1) in draft.od for each in range(COUNT))
-        draft.complain(key, f"{draft.node.dcf} has no {kind.upper()} {number} (0x{index:04X}); it has {known}")
+    if not 1 <= number <= COUNT or (index, 1) not in builder.od:
+        known = sum((COMMUNICATION[kind] + each, 1) in builder.od for each in range(COUNT))
+        builder.complain(key, f"{builder.file} has no {kind.upper()} {number} (0x{index:04X}); it has {known}")
         return
-    off = not pdo.enabled and (draft.default(index, 1) or 0) & INVALID_BIT
-    wanted = _Wanted(kind, number, key, _cob_id(draft, kind, number, pdo), _settings(pdo), pdo.mapping is not None)
-    _write(draft, wanted, 1, wanted.cob_id | INVALID_BIT, _STORED if off else "")
+    off = not pdo.enabled and (builder.default(index, 1) or 0) & INVALID_BIT
+    wanted = _Wanted(kind, number, key, _cob_id(builder, kind, number, pdo), _settings(pdo), pdo.mapping is not None)
+    _write(builder, wanted, 1, wanted.cob_id | INVALID_BIT, _STORED if off else "")
     if not pdo.enabled:
         return
-    objects = _mapped(draft, kind, number, pdo)
-    _plan_live(draft, wanted, objects)
-    transmission = pdo.transmission if pdo.transmission is not None else draft.default(index, 2)
-    draft.layouts[kind].append(PdoLayout(number, wanted.cob_id & 0x7FF, _or_255(transmission), objects))
+    objects = _mapped(builder, kind, number, pdo)
+    _plan_live(builder, wanted, objects)
+    transmission = pdo.transmission if pdo.transmission is not None else builder.default(index, 2)
+    builder.layouts[kind].append(PdoLayout(number, wanted.cob_id & 0x7FF, _or_255(transmission), objects))
 
 
-def _plan_live(draft: Draft, wanted: _Wanted, objects: tuple[MappedObject, ...]) -> None:
+def _plan_live(builder: PlanBuilder, wanted: _Wanted, objects: tuple[MappedObject, ...]) -> None:
     for subindex, value in wanted.settings:
         if value is not None:
-            same = value == draft.default(wanted.communication, subindex)
-            _write(draft, wanted, subindex, value, _STORED if same else "")
+            same = value == builder.default(wanted.communication, subindex)
+            _write(builder, wanted, subindex, value, _STORED if same else "")
     if wanted.remaps:
         pdo, mapping = (wanted.kind, wanted.number), wanted.mapping
-        draft.write(mapping, 0, 0, wanted.key, pdo=pdo)
+        builder.write(mapping, 0, 0, wanted.key, pdo=pdo)
         for slot, mapped in enumerate(objects, 1):
-            draft.write(mapping, slot, mapping_entry(mapped), f"{wanted.key}.mapping[{slot - 1}]", pdo=pdo)
-        draft.write(mapping, 0, len(objects), wanted.key, pdo=pdo)
-    _write(draft, wanted, 1, wanted.cob_id)
+            builder.write(mapping, slot, mapping_entry(mapped), f"{wanted.key}.mapping[{slot - 1}]", pdo=pdo)
+        builder.write(mapping, 0, len(objects), wanted.key, pdo=pdo)
+    _write(builder, wanted, 1, wanted.cob_id)
 
 
-def _write(draft: Draft, wanted: _Wanted, subindex: int, value: int, reason: str = "") -> None:
-    draft.write(wanted.communication, subindex, value, wanted.key, reason, pdo=(wanted.kind, wanted.number))
+def _write(builder: PlanBuilder, wanted: _Wanted, subindex: int, value: int, reason: str = "") -> None:
+    builder.write(wanted.communication, subindex, value, wanted.key, reason, pdo=(wanted.kind, wanted.number))
 
 
 def _settings(pdo: PdoConfig) -> tuple[tuple[int, int | None], ...]:
@@ -187,70 +186,73 @@ def _settings(pdo: PdoConfig) -> tuple[tuple[int, int | None], ...]:
     return tuple(zip(_SETTINGS, (pdo.transmission, pdo.inhibit_time, timer, pdo.sync_start), strict=True))
 
 
-def _cob_id(draft: Draft, kind: str, number: int, pdo: PdoConfig) -> int:
+def _cob_id(builder: PlanBuilder, kind: str, number: int, pdo: PdoConfig) -> int:
     """Return the COB-ID with bit 30 as the EDS has it; an enabled PDO without one gets the predefined."""
-    default, key = draft.default(COMMUNICATION[kind] + number - 1, 1) or 0, f"{kind}.{number}"
+    default, key = builder.default(COMMUNICATION[kind] + number - 1, 1) or 0, f"{kind}.{number}"
     if isinstance(pdo.cob_id, int):
         if pdo.cob_id & EXTENDED_BIT or is_restricted(pdo.cob_id & 0x7FF):
-            draft.complain(f"{key}.cob_id", f"COB-ID 0x{pdo.cob_id:X} is none a PDO may have (CiA 301, table 42)")
+            builder.complain(f"{key}.cob_id", f"COB-ID 0x{pdo.cob_id:X} is none a PDO may have (CiA 301, table 42)")
         return (pdo.cob_id & ~INVALID_BIT) | default & NO_RTR_BIT
     if pdo.cob_id is None and default & 0x7FF:
         return default & ~INVALID_BIT
     if number > _PREDEFINED_COUNT:
-        return _spare(draft, key, pdo) | default & NO_RTR_BIT
-    predefined = _PREDEFINED[kind](number, draft.node.node_id)
+        return _spare(builder, key, pdo) | default & NO_RTR_BIT
+    predefined = _PREDEFINED[kind](number, builder.node.node_id)
     if pdo.cob_id is None and pdo.enabled:
-        draft.warn(key, f"no cob_id here and none in {draft.node.dcf}; 0x{predefined:03X}, the predefined one, is used")
+        builder.warn(
+            key,
+            f"no cob_id here and none in {builder.file}; 0x{predefined:03X}, the predefined one, is used",
+        )
     return predefined | default & NO_RTR_BIT
 
 
-def _spare(draft: Draft, key: str, pdo: PdoConfig) -> int:
+def _spare(builder: PlanBuilder, key: str, pdo: PdoConfig) -> int:
     """Return the next COB-ID of those that ros2_canopen's generator gives to PDOs above 4."""
     if not pdo.enabled:
         return 0
     if pdo.cob_id is None:
-        draft.complain(key, "only PDO 1 to 4 have a predefined COB-ID; give cob_id a number, or auto")
+        builder.complain(key, "only PDO 1 to 4 have a predefined COB-ID; give cob_id a number, or auto")
         return 0
-    if (spare := next(draft.spare_cob_ids)) > _LAST_SPARE:
-        draft.complain(key, "no COB-ID is left for auto; give cob_id a number")
+    if (spare := next(builder.spare_cob_ids)) > _LAST_SPARE:
+        builder.complain(key, "no COB-ID is left for auto; give cob_id a number")
     return spare
 
 
-def _mapped(draft: Draft, kind: str, number: int, pdo: PdoConfig | None) -> tuple[MappedObject, ...]:
+def _mapped(builder: PlanBuilder, kind: str, number: int, pdo: PdoConfig | None) -> tuple[MappedObject, ...]:
     """Return the objects of a PDO, from bus.yml or as the device has them, with the types the EDS gives them."""
     key = f"{kind}.{number}.mapping"
-    wanted = _default_mapping(draft, kind, number)
+    wanted = _default_mapping(builder, kind, number)
     if pdo is not None and pdo.mapping is not None:
         wanted = [(entry.index, entry.sub_index) for entry in pdo.mapping]
-    found = [_map_one(draft, kind, f"{key}[{slot}]", *address) for slot, address in enumerate(wanted)]
+    found = [_map_one(builder, kind, f"{key}[{slot}]", *address) for slot, address in enumerate(wanted)]
     objects = tuple(mapped for mapped in found if mapped is not None)
     if (bits := sum(mapped.bits for mapped in objects)) > MAX_BITS:
-        draft.complain(key, f"{bits} bits, a PDO holds {MAX_BITS}")
-    slots = sum((MAPPING[kind] + number - 1, slot) in draft.od for slot in range(1, 65))
+        builder.complain(key, f"{bits} bits, a PDO holds {MAX_BITS}")
+    slots = sum((MAPPING[kind] + number - 1, slot) in builder.od for slot in range(1, 65))
     if pdo is not None and pdo.mapping is not None and 0 < slots < len(objects):
-        draft.complain(key, f"{len(objects)} objects, {kind.upper()} {number} of {draft.node.dcf} holds {slots}")
+        builder.complain(key, f"{len(objects)} objects, {kind.upper()} {number} of {builder.file} holds {slots}")
     return objects
 
 
-def _map_one(draft: Draft, kind: str, key: str, index: int, subindex: int) -> MappedObject | None:
+def _map_one(builder: PlanBuilder, kind: str, key: str, index: int, subindex: int) -> MappedObject | None:
     if index in DUMMY_TYPES and not subindex:
-        return _map_dummy(draft, kind, key, index)
-    entry = draft.od.get(index, subindex)
+        return _map_dummy(builder, kind, key, index)
+    entry = builder.od.get(index, subindex)
     if entry is None:
-        draft.complain(key, f"0x{index:04X}:{subindex:02X} is not in {draft.node.dcf}")
+        builder.complain(key, f"0x{index:04X}:{subindex:02X} is not in {builder.file}")
         return None
     bits = entry.data_type.bits
     if not _mappable(entry, kind):
-        draft.complain(key, f"0x{index:04X}:{subindex:02X} {entry.name} cannot be mapped into a {kind.upper()}")
+        builder.complain(key, f"0x{index:04X}:{subindex:02X} {entry.name} cannot be mapped into a {kind.upper()}")
     elif bits is None:
-        draft.complain(key, f"0x{index:04X}:{subindex:02X} {entry.name} has no fixed length")
+        builder.complain(key, f"0x{index:04X}:{subindex:02X} {entry.name} has no fixed length")
     return None if bits is None else MappedObject(index, subindex, bits, entry.data_type)
 
 
-def _map_dummy(draft: Draft, kind: str, key: str, index: int) -> MappedObject:
+def _map_dummy(builder: PlanBuilder, kind: str, key: str, index: int) -> MappedObject:
     """Fill a gap of an RPDO with a data type, where the device allows it ([DummyUsage])."""
-    if kind != "rpdo" or index not in draft.od.dummy_usage:
-        draft.complain(key, f"the dummy 0x{index:04X} is none that {draft.node.dcf} allows in a {kind.upper()}")
+    if kind != "rpdo" or index not in builder.od.dummy_usage:
+        builder.complain(key, f"the dummy 0x{index:04X} is none that {builder.file} allows in a {kind.upper()}")
     return MappedObject(index, 0, DUMMY_TYPES[index].bits or 0, DUMMY_TYPES[index])
 
 
@@ -258,10 +260,10 @@ def _mappable(entry: Entry, kind: str) -> bool:
     return entry.rpdo_mappable if kind == "rpdo" else entry.tpdo_mappable
 
 
-def _default_mapping(draft: Draft, kind: str, number: int) -> list[tuple[int, int]]:
+def _default_mapping(builder: PlanBuilder, kind: str, number: int) -> list[tuple[int, int]]:
     mapping = MAPPING[kind] + number - 1
-    count = draft.default(mapping, 0) or 0
-    entries = [draft.default(mapping, slot) or 0 for slot in range(1, min(count, 64) + 1)]
+    count = builder.default(mapping, 0) or 0
+    entries = [builder.default(mapping, slot) or 0 for slot in range(1, min(count, 64) + 1)]
     return [parse_mapping_entry(value)[:2] for value in entries if value]
 
 

@@ -1,7 +1,7 @@
-"""What a boot asks for while it runs: the words between `boot.boot` and whoever runs it (`boot_task.BootTask`).
+"""The requests that a boot (`boot.boot`) yields and that its runner (`boot_task.BootTask`) answers.
 
-The law of this file: a request is data, answered by what its docstring says, or by `SdoAbort` or `SdoTimeout` thrown
-into the generator.
+A request is data, answered by what its docstring says, or by `SdoAbort`, `SdoTimeout` or
+`SdoLengthError` thrown into the generator.
 """
 
 from __future__ import annotations
@@ -9,14 +9,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from canopen_control.errors import BootError, SdoAbort, SdoTimeout
+from canopen_control.errors import BootError, SdoAbort, SdoLengthError, SdoStopped, SdoTimeout
 
 if TYPE_CHECKING:
     from collections.abc import Generator
 
     from canopen_control.cia301.nmt import NmtCommand, NmtState
-    from canopen_control.master.draft import PdoLayout
     from canopen_control.master.plan import NodePlan
+    from canopen_control.master.plan_builder import PdoLayout
+    from canopen_control.od.model import Value
 
 __all__ = [
     "LETTERS",
@@ -24,11 +25,11 @@ __all__ = [
     "AwaitBootUp",
     "AwaitHeartbeat",
     "AwaitState",
+    "BootTransfers",
     "Command",
     "Read",
     "Request",
     "Step",
-    "Traffic",
     "Write",
     "boot_error",
     "reason_of",
@@ -116,7 +117,7 @@ Request = Step | Read | Write | Command | AwaitBootUp | AwaitState | AwaitHeartb
 Answer = bytes | bool | int | None
 
 
-class Traffic:
+class BootTransfers:
     """The SDO requests of one boot, counted, and what it has to tell besides.
 
     `adopted` are the PDOs that are used as the node has them, `presets` the values that process data begin with.
@@ -127,7 +128,7 @@ class Traffic:
         self.writes = 0
         self.warnings: list[str] = []
         self.adopted: list[tuple[str, PdoLayout]] = []
-        self.presets: dict[tuple[int, int], int] = {}
+        self.presets: dict[tuple[int, int], Value] = {}
         self._before = 0
 
     @property
@@ -140,16 +141,30 @@ class Traffic:
         self._before = self.writes
 
     def read(self, index: int, subindex: int = 0) -> Generator[Request, Answer, bytes]:
-        """Upload; raises SdoAbort, SdoTimeout."""
+        """Upload; raises SdoAbort, SdoTimeout, SdoLengthError."""
         self.reads += 1
         data = yield Read(index, subindex)
         return data if isinstance(data, bytes) else b""
 
     def try_read(self, index: int, subindex: int = 0) -> Generator[Request, Answer, bytes | None]:
-        """Upload what a node need not have, or need not show: None where it refuses; raises SdoTimeout."""
+        """Upload what a node need not have, or need not show: None where it refuses.
+
+        Raises SdoTimeout, SdoLengthError.
+        """
         try:
             return (yield from self.read(index, subindex))
         except SdoAbort:
+            return None
+
+    def held(self, index: int, subindex: int = 0) -> Generator[Request, Answer, bytes | None]:
+        """Upload what is to be compared: None, and a warning, for what has another length than the EDS says.
+
+        Raises SdoTimeout.
+        """
+        try:
+            return (yield from self.try_read(index, subindex))
+        except SdoLengthError as error:
+            self.warnings.append(f"0x{index:04X}:{subindex:02X}: {error.answered} by its EDS; taken as another value")
             return None
 
     def number(self, index: int, subindex: int = 0, *, signed: bool = False) -> Generator[Request, Answer, int | None]:
@@ -170,8 +185,12 @@ def boot_error(plan: NodePlan, letter: str, detail: str) -> BootError:
     return BootError(plan.node_id, letter, f"{LETTERS[letter]}: {detail}", plan.name)
 
 
-def reason_of(error: SdoAbort | SdoTimeout) -> str:
+def reason_of(error: SdoAbort | SdoTimeout | SdoLengthError) -> str:
     """Return why an SDO request failed, without the node and object that the caller names itself."""
     if isinstance(error, SdoAbort):
         return f"abort 0x{error.code:08X} ({error.text})"
+    if isinstance(error, SdoLengthError):
+        return error.answered
+    if isinstance(error, SdoStopped):
+        return f"no answer within {error.seconds:g} s; {error.hint}"
     return f"no answer within {error.seconds:g} s; is the node powered, on this bus and its node id right?"

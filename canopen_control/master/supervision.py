@@ -1,4 +1,4 @@
-"""What the master notices about a node beside its heartbeat: stale PDOs, two devices with one id, floods of EMCY.
+"""Supervision of a node beside its heartbeat: stale PDOs, duplicate node ids, floods of EMCY.
 
 The law of this file: nothing here acts. Each watch takes what it sees, allocates nothing while all is well, and
 returns what is to be told, once per occasion and never faster than the log can bear.
@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Final
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from canopen_control.master.cycle import ReceivedPdo
 
@@ -19,13 +19,21 @@ _SECOND: Final = 1_000_000_000
 _EMCY_PER_SECOND: Final = 10
 _WINDOW_PERIODS: Final = 10
 _DOUBLE: Final = 16  # heartbeats in ten periods: more than jitter explains
+_FORGET_NS: Final = 10 * _SECOND
 _BOOT_UPS_APART_NS: Final = 100_000_000  # less than any device needs from one boot-up to the next
 
 
 class PdoWatch:
-    """Counts the SYNCs that the synchronous TPDOs of a bus let pass; sets `overdue` of those that stay away."""
+    """Counts the SYNCs that the synchronous TPDOs of a bus let pass; sets `overdue` of those that stay away.
 
-    def __init__(self) -> None:
+    SYNCs that a late process sends close together count as one: their answers have the time that `period_ns` apart
+    would give them, and `least_ns` at least. `look` is called before anything is overdue, to have what waits read.
+    """
+
+    def __init__(self, period_ns: int = 0) -> None:
+        self.look: Callable[[], None] = lambda: None
+        self.least_ns = 0
+        self._period = period_ns
         self._pdos: list[ReceivedPdo] = []
         self._changes: list[ReceivedPdo] = []
 
@@ -34,7 +42,7 @@ class PdoWatch:
         if pdo.every:
             self._pdos.append(pdo)
 
-    def sync(self) -> Sequence[ReceivedPdo]:
+    def sync(self, now: int = 0) -> Sequence[ReceivedPdo]:
         """Count a SYNC that nothing can have answered yet; return the TPDOs that became overdue, or came back."""
         changes = self._changes
         if changes:
@@ -43,16 +51,32 @@ class PdoWatch:
             if pdo.count != pdo.checked:
                 pdo.checked = pdo.count
                 if pdo.silent:
-                    pdo.silent = 0
-                    if pdo.overdue:
-                        pdo.overdue = False
-                        changes.append(pdo)
+                    self._came(pdo)
             elif pdo.expected:
+                if not pdo.silent:
+                    pdo.since = now
                 pdo.silent += 1
-                if pdo.silent == pdo.patience:
+                if pdo.silent >= pdo.allowed_silence and not pdo.overdue and self._is_late(pdo, now):
                     pdo.overdue = True
                     changes.append(pdo)
         return changes
+
+    def _came(self, pdo: ReceivedPdo) -> None:
+        pdo.silent = 0
+        if pdo.overdue:
+            pdo.overdue = False
+            self._changes.append(pdo)
+
+    def _is_late(self, pdo: ReceivedPdo, now: int) -> bool:
+        """Whether an answer had its time and does not wait to be read; half a period for the jitter of SYNC."""
+        time = max((2 * pdo.allowed_silence - 3) * self._period // 2, self.least_ns - self._period)
+        if now - pdo.since < time:
+            return False
+        self.look()
+        if pdo.count == pdo.checked:
+            return pdo.expected
+        pdo.checked, pdo.silent = pdo.count, 0
+        return False
 
 
 class EmcyGate:
@@ -87,33 +111,38 @@ class EmcyGate:
 
 
 class DuplicateWatch:
-    """Tells that two devices share a node id: heartbeats at twice the rate, or two boot-ups at once."""
+    """Tells that two devices share a node id: heartbeats at twice the rate, or two boot-ups at once.
+
+    A frame came between `since`, when none waited to be read, and `now`: what a late process reads in one go says
+    nothing of a rate. It is told again when for ten seconds nothing looked like it.
+    """
 
     def __init__(self, period_ns: int) -> None:
         self._period = period_ns
         self._window = 0
         self._count = 0
         self._boot_up = -_SECOND
-        self._told = False
+        self._sign = -_FORGET_NS
 
-    def heartbeat(self, now: int) -> bool:
+    def heartbeat(self, now: int, since: int | None = None) -> bool:
         """Take a heartbeat; True when it is the one that gives the second device away."""
         if not self._period:
             return False
-        if now - self._window >= _WINDOW_PERIODS * self._period:
+        late = since is not None and now - since >= self._period
+        if late or now - self._window >= _WINDOW_PERIODS * self._period:
             self._window, self._count = now, 0
-        self._count += 1
-        if self._count < _DOUBLE or self._told:
-            return False
-        self._told = True
-        return True
+        self._count += not late
+        return self._count >= _DOUBLE and self._is_new(now)
 
-    def boot_up(self, now: int) -> bool:
+    def boot_up(self, now: int, since: int | None = None) -> bool:
         """Take a boot-up; True when another one came too shortly before."""
-        close = now - self._boot_up < _BOOT_UPS_APART_NS
+        late = since is not None and now - since >= _BOOT_UPS_APART_NS
+        close = now - self._boot_up < _BOOT_UPS_APART_NS and not late
         self._boot_up = now
         self._window = self._count = 0
-        if not close or self._told:
-            return False
-        self._told = True
-        return True
+        return close and self._is_new(now)
+
+    def _is_new(self, now: int) -> bool:
+        """Take a sign; whether the last one is long gone."""
+        before, self._sign = self._sign, now
+        return now - before >= _FORGET_NS

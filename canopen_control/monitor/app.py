@@ -26,8 +26,10 @@ from textual.widgets import Footer, Input, RichLog, Static, TabbedContent, TabPa
 from canopen_control.errors import CanopenError, ConfigError
 from canopen_control.monitor.frames import parse_filter
 from canopen_control.monitor.picture import DRIVE_COLUMNS, JOINT_COLUMNS
+from canopen_control.monitor.sources import SOURCE
 from canopen_control.monitor.style import CSS, MARK_STYLES, TONE_STYLES
 from canopen_control.monitor.tables import FRAME_COLUMNS, LiveTable, frame_rows
+from canopen_control.rpc.messages.robot import AxisRequest, Release, Stop
 from canopen_control.trace.lines import LineWriter
 
 if TYPE_CHECKING:
@@ -40,6 +42,7 @@ if TYPE_CHECKING:
     from canopen_control.monitor.picture import LogLine, Picture
     from canopen_control.monitor.sources import Source
     from canopen_control.monitor.tap import BusTap
+    from canopen_control.rpc.messages.declare import Request
 
 __all__ = ["MonitorApp"]
 
@@ -57,17 +60,18 @@ _LATE_S: Final = 0.9 * PERIOD_S
 
 
 class MonitorApp(App[None]):
-    """The screen of one source."""
+    """The monitor's screen, of a robot or of a bare bus."""
 
     CSS = CSS
     TITLE = "canopen-control monitor"
     ENABLE_COMMAND_PALETTE = False
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("space", "stop", "STOP", priority=True),
-        Binding("r", "release", "Release STOP"),
+        Binding("q", "quit", "Quit"),
+        Binding("r", "release", "Release"),
         Binding("e", "axis('enable')", "Enable"),
         Binding("d", "axis('disable')", "Disable"),
-        Binding("f", "axis('fault-reset')", "Fault reset"),
+        Binding("f", "axis('fault-reset')", "Reset"),
         Binding("E", "axis('enable', 'all')", "Enable all", show=False),
         Binding("D", "axis('disable', 'all')", "Disable all", show=False),
         Binding("F", "axis('fault-reset', 'all')", "Reset all", show=False),
@@ -75,7 +79,6 @@ class MonitorApp(App[None]):
         Binding("p", "pause", "Pause"),
         *(Binding(str(number), f"tab('{tab}')", tab, show=False) for number, tab in enumerate(_TABS, 1)),
         Binding("escape", "leave_filter", "Back", show=False),
-        Binding("q", "quit", "Quit"),
         Binding("ctrl+c", "quit", "Quit", show=False, priority=True),
     ]
 
@@ -222,19 +225,19 @@ class MonitorApp(App[None]):
     def action_stop(self) -> None:
         """Ramp to zero, disable, and latch."""
         if self.source.can_command:
-            self._ask("STOP", "stop", {"latch": True})
+            self._ask("STOP", Stop(latch=True, source=SOURCE))
         else:
             self.notify("listening only: this monitor sends nothing, so it cannot stop anything", severity="warning")
 
     def action_release(self) -> None:
         """Let go of a latched STOP."""
-        self._ask("release", "release", {})
+        self._ask("release", Release(source=SOURCE))
 
     def action_axis(self, action: str, node: str = "") -> None:
         """Enable, disable or fault-reset the selected drive, or all."""
         who = node or (self._drives.selected or "").partition("/")[0]
         if who:
-            self._ask(f"{action} {who}", "axis", {"action": action, "node": who})
+            self._ask(f"{action} {who}", AxisRequest(action=action, node=who))
 
     def action_tab(self, name: str) -> None:
         """Show one of the tabs."""
@@ -268,12 +271,12 @@ class MonitorApp(App[None]):
         self._logs["trace"].clear()
         self.action_leave_filter()
 
-    def _ask(self, what: str, method: str, params: dict[str, Any]) -> None:
+    def _ask(self, what: str, request: Request[Any]) -> None:
         """Ask the robot on a thread of its own, and tell how it went."""
 
         def ask() -> None:
             try:
-                self.source.command(method, params)
+                self.source.command(request)
             except CanopenError as error:
                 self._told.append((f"{what}: {error}", "error"))
             else:

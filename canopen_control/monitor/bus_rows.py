@@ -1,6 +1,6 @@
 """The tables of a bare bus, made of what its nodes say by themselves: heartbeats, TPDOs, emergencies, SDO answers.
 
-The law of the file: sans-IO, times in ns; nobody is asked anything. When a node should be heard again is learnt from
+Sans-IO, times in ns; nobody is asked anything. When a node should be heard again is learnt from
 the node: its longest silence so far. Twice that is stale, five times that is dead; a node heard once is given a second.
 """
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 __all__ = ["BusTable"]
 
 _SECOND: Final = 1_000_000_000
-_PATIENCE_NS: Final = (
+_UNKNOWN_PACE_NS: Final = (
     500_000_000  # of a node whose pace is not known yet: stale after twice, dead after five times that
 )
 _OWN: Final = ("hb", "emcy", "pdo", "sdo")  # services in which a node speaks for itself
@@ -169,16 +169,16 @@ class BusTable:
     def _row(self, node_id: int, node: _Node, now: int) -> tuple[Cell, ...]:
         name = self.network.name_of(node_id)
         axis = node.axes.get(0) or _Axis()
-        pace = max(node.longest_ns, _PATIENCE_NS) / _SECOND
+        pace = max(node.longest_ns, _UNKNOWN_PACE_NS) / _SECOND
         state = None if axis.statusword is None else decode_statusword(axis.statusword)
         return (
             plain(f"{name} ({node_id})" if name else f"node {node_id}"),
             _nmt_cell(node.nmt),
             state_cell(state),
-            plain("-" if axis.mode is None else mode_name(axis.mode)),
-            age_cell((now - node.last_ns) / _SECOND, stale=2 * pace, dead=5 * pace),
-            sdo_cell(node.reads, node.writes, node.failed),
             Cell(node.error, Tone.BAD if node.error else Tone.PLAIN),
+            age_cell((now - node.last_ns) / _SECOND, stale=2 * pace, dead=5 * pace),
+            plain("-" if axis.mode is None else mode_name(axis.mode)),
+            sdo_cell(node.reads, node.writes, node.failed),
             plain(_flags(axis)),
         )
 

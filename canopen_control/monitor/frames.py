@@ -1,6 +1,6 @@
 """The frames of a bus as the monitor keeps them: one row for each identifier, and the newest that a filter wants.
 
-The law of the file: bounded, whatever the bus does. A filter is one line of words with commas between them: a service
+Bounded, whatever the bus does. A filter is one line of words with commas between them: a service
 (`pdo`, `sdo`, ...), a node (name, or its number), an identifier or a range of them (`0x181`, `0x180-0x1FF`), `changes`.
 Words of one kind are alternatives, different kinds must all hold; nothing is everything.
 """

@@ -9,16 +9,22 @@ from __future__ import annotations
 import threading
 import time
 from collections import deque
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final, TypeVar
 
 from canopen_control.client import RobotClient
 from canopen_control.errors import CanopenError, RemoteError
+from canopen_control.rpc.messages.robot import ROBOT, GetLayout, GetStatus, Subscribe
+from canopen_control.rpc.messages.state import RobotEvent, StateSample
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
+    from canopen_control.rpc.messages.declare import Request
+    from canopen_control.rpc.messages.layout import BusLayout
+
 __all__ = ["RobotLink"]
 
+A = TypeVar("A")
 RATE: Final = 5.0  # Hz
 AGAIN_S: Final = 1.0
 _TIMEOUT_S: Final = 2.0  # of what the robot answers at once
@@ -36,11 +42,11 @@ class RobotLink:
     def __init__(self, name: str | None = None) -> None:
         self.name = name
         self.why = "not connected yet"
-        self.layouts: Mapping[str, Any] = {}
-        self.state: Mapping[str, Any] | None = None
+        self.layouts: Mapping[str, BusLayout] = {}
+        self.state: StateSample | None = None
         self.on_sample: Callable[[], None] = lambda: None
-        self._events: deque[dict[str, Any]] = deque(maxlen=_KEPT_EVENTS)
-        self._told: deque[dict[str, Any]] = deque(maxlen=_REPEATED)
+        self._events: deque[RobotEvent] = deque(maxlen=_KEPT_EVENTS)
+        self._told: deque[RobotEvent] = deque(maxlen=_REPEATED)
         self._heard = 0.0
         self._robot: RobotClient | None = None
         self._closed = threading.Event()
@@ -64,19 +70,19 @@ class RobotLink:
         """Whether the state is that of now."""
         return self.state is not None and time.monotonic() - self._heard < _SILENCE_S
 
-    def events(self) -> list[dict[str, Any]]:
+    def events(self) -> list[RobotEvent]:
         """Return what happened since the last call."""
         found = []
         while self._events:
             found.append(self._events.popleft())
         return found
 
-    def call(self, method: str, params: Mapping[str, Any], patience: float) -> Any:  # noqa: ANN401 - what JSON holds
-        """Ask the robot and wait up to `patience` seconds; RemoteError. For threads that may wait."""
+    def ask(self, request: Request[A], timeout: float) -> A:
+        """Ask the robot and wait up to `timeout` seconds; RemoteError. For threads that may wait."""
         robot = self._robot
         if robot is None:
-            raise RemoteError("BusClosed", f"{method} does not reach the robot: {self.why}")
-        return robot.request(method, dict(params), patience)
+            raise RemoteError("BusClosed", f"{ROBOT.of(type(request)).name} does not reach the robot: {self.why}")
+        return robot.ask(request, timeout)
 
     def _run(self) -> None:
         while not self._closed.is_set():
@@ -91,23 +97,23 @@ class RobotLink:
 
     def _begin(self, robot: RobotClient) -> None:
         self.name = robot.robot
-        robot.call("subscribe", state_rate=RATE, events=True)
-        self.layouts = robot.call("layout")["buses"]
-        for event in robot.call("status")["events"]:
+        robot.ask(Subscribe(state_rate=RATE, events=True))
+        self.layouts = robot.ask(GetLayout()).buses
+        for event in robot.ask(GetStatus()).events:
             self._keep(event)
         self._robot, self.why = robot, ""
 
     def _follow(self, robot: RobotClient) -> None:
         while not self._closed.is_set():
             for message in robot.messages(_SILENCE_S):
-                if "event" in message:
-                    self._keep(message["event"])
-                elif "state" in message:
-                    self.state, self._heard, self.why = message["state"], time.monotonic(), ""
+                if isinstance(message, RobotEvent):
+                    self._keep(message)
+                elif isinstance(message, StateSample):
+                    self.state, self._heard, self.why = message, time.monotonic(), ""
                     self.on_sample()
             self.why = f"robot {self.name} has been silent for more than {_SILENCE_S:g} s; does it hang?"
 
-    def _keep(self, event: dict[str, Any]) -> None:
+    def _keep(self, event: RobotEvent) -> None:
         """Keep an event unless it was told before: the stream repeats what the status had."""
         if event not in self._told:
             self._told.append(event)

@@ -28,7 +28,8 @@ __all__ = [
     "state_cell",
 ]
 
-DRIVE_COLUMNS: Final = ("drive", "NMT", "CiA 402", "mode", "heard", "SDO", "error", "statusword")
+#: what matters most comes first: a terminal of 80 columns shows no more than the beginning
+DRIVE_COLUMNS: Final = ("drive", "NMT", "CiA 402", "error", "heard", "mode", "SDO", "statusword")
 JOINT_COLUMNS: Final = ("joint", "command", "velocity", "position", "effort")
 
 

@@ -15,18 +15,21 @@ from canopen_control.monitor.frames import FrameTable, TraceLog
 from canopen_control.monitor.link import RobotLink
 from canopen_control.monitor.robot_rows import is_emergency, log_line, picture_of, without_robot
 from canopen_control.monitor.tap import BusTap
+from canopen_control.rpc.messages.robot import ROBOT
 from canopen_control.trace.network import NetworkDescription, network_of_layout
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from canopen_control.monitor.picture import LogLine, Picture
+    from canopen_control.rpc.messages.declare import Request
+    from canopen_control.rpc.messages.layout import BusLayout
     from canopen_control.trace.decoder import DecodedFrame
 
-__all__ = ["BusSource", "RobotSource", "Source"]
+__all__ = ["SOURCE", "BusSource", "RobotSource", "Source"]
 
 SOURCE: Final = "monitor"
-PATIENCE_S: Final = 20.0  # of a stop or an enable: the drives take their ramps
+TIMEOUT_S: Final = 20.0  # of a stop or an enable: the drives take their ramps
 
 
 class Source(Protocol):
@@ -63,7 +66,7 @@ class Source(Protocol):
     def emergencies(self) -> list[LogLine]:
         """Return the emergencies since the last call."""
 
-    def command(self, method: str, params: Mapping[str, Any]) -> None:
+    def command(self, request: Request[Any]) -> None:
         """Ask the robot and wait; RemoteError. For threads that may wait."""
 
 
@@ -76,7 +79,7 @@ class RobotSource:
         self.frames, self.trace = FrameTable(), TraceLog()
         self.taps: list[BusTap] = []
         self._link = RobotLink(name)
-        self._layouts: Mapping[str, Any] = {}
+        self._layouts: Mapping[str, BusLayout] = {}
         self._networks: list[NetworkDescription] = []
         self._listening = False
         self._emergencies: list[LogLine] = []
@@ -132,9 +135,9 @@ class RobotSource:
         found, self._emergencies = self._emergencies, []
         return found
 
-    def command(self, method: str, params: Mapping[str, Any]) -> None:
+    def command(self, request: Request[Any]) -> None:
         """Ask the robot."""
-        self._link.call(method, {**params, "source": SOURCE}, PATIENCE_S)
+        self._link.ask(request, TIMEOUT_S)
 
     def _tap(self) -> None:
         """Listen to the buses of a robot that was found, or has come back, perhaps with others; or not any more."""
@@ -191,9 +194,11 @@ class BusSource:
         """Return the emergencies since the last call."""
         return self._table.emergencies()
 
-    def command(self, method: str, params: Mapping[str, Any]) -> None:  # noqa: ARG002 - as every source has it
+    def command(self, request: Request[Any]) -> None:
         """Refuse: this source never sends."""
-        raise RemoteError("LocalProtocolError", f"{method}: this monitor only listens on {self.network.channel}")
+        raise RemoteError(
+            "LocalProtocolError", f"{ROBOT.of(type(request)).name}: this monitor only listens on {self.network.channel}"
+        )
 
     def _take(self, decoded: DecodedFrame) -> None:
         self._table.feed(decoded)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
-from canopen_control.bus.stamps import receive_stamped
+from canopen_control.bus.port_abilities import receive_stamped
 from canopen_control.errors import BusError, ConfigError
 from canopen_control.frame import frames_of
 from canopen_control.monitor.frames import LoadMeter

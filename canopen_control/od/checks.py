@@ -1,4 +1,4 @@
-"""Whether the parts of an object dictionary agree with each other and with the standards, as issues.
+"""Checks an object dictionary for contradictions in itself and with the standards; finds issues.
 
 Nothing is changed. PDO defaults: CiA 301, 7.5.2.35 to 7.5.2.38; number of subindices: 7.4.4 and CiA 306-1, 4.6.3.3;
 mandatory objects: CiA 301, 7.5.1; types of the drive profile: CiA 402-2 and -3 (the file's types are used all the
@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from canopen_control.od.eds_sections import clip
 from canopen_control.od.eds_values import parse_number
+from canopen_control.od.limits import forbidden_limit
 from canopen_control.od.model import DataType, DeviceInfo, ObjectCode
 from canopen_control.od.pdos import MAX_BITS, pdos_of
 from canopen_control.od.profile402 import AXIS_STEP, DEVICE_PROFILE, TYPES
@@ -49,6 +50,9 @@ def _where(entry: Entry) -> str:
 
 
 def _check_limits(entry: Entry, report: Report) -> None:
+    if wrong := forbidden_limit(entry):
+        report.note(entry.line, "limit-forbidden", f"{_where(entry)} ({clip(entry.name)}): {wrong}")
+        return
     for name, value in (("default", entry.default), ("parameter value", entry.parameter_value)):
         if not isinstance(value, int | float):
             continue

@@ -15,7 +15,7 @@ from canopen_control.od.model import DataType
 if TYPE_CHECKING:
     from canopen_control.od.model import Entry, Value
 
-__all__ = ["REALS", "decode", "default_of", "encode", "zero_of"]
+__all__ = ["REALS", "decode", "default_of", "encode", "fitted", "zero_of"]
 
 REALS = {DataType.REAL32: struct.Struct("<f"), DataType.REAL64: struct.Struct("<d")}
 _TEXT = {DataType.VISIBLE_STRING: "latin-1", DataType.UNICODE_STRING: "utf-16-le"}
@@ -50,6 +50,24 @@ def decode(data: bytes, data_type: DataType) -> Value:
     if data_type is DataType.BOOLEAN:
         return data[0] & 1
     return int.from_bytes(data, "little", signed=data_type.signed)
+
+
+def fitted(data: bytes, data_type: DataType, *, told: bool = True) -> bytes | None:
+    """Return what an upload brought as the bytes of its type; None where they are no value of it.
+
+    Fewer bytes are never made up for. More are cut where they say nothing: zeros behind a number (all ones behind a
+    negative one), as from devices that answer everything in four bytes, or any where the server did not tell how many
+    count (`told`).
+    """
+    if (bits := data_type.bits) is None:
+        return data
+    size = (bits + 7) // 8
+    if len(data) <= size:
+        return data if len(data) == size else None
+    filling = 0xFF if data_type.signed and data[size - 1] & 0x80 else 0
+    if not told or (data_type.is_integer and all(byte == filling for byte in data[size:])):
+        return data[:size]
+    return None
 
 
 def zero_of(data_type: DataType) -> Value:

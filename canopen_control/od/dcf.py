@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from canopen_control.od.codec import encode
 from canopen_control.od.eds_device import (
@@ -23,7 +23,7 @@ from canopen_control.od.eds_device import (
 )
 from canopen_control.od.eds_entry import EntryReader
 from canopen_control.od.eds_sections import Section
-from canopen_control.od.eds_values import format_value
+from canopen_control.od.eds_values import format_value, real_bits
 from canopen_control.od.issues import Report
 from canopen_control.od.model import (
     BIT_RATES,
@@ -210,7 +210,7 @@ def _commissioning(od: ObjectDictionary, kept: dict[str, str], is_dcf: bool) -> 
             yield kept[name], old
         return
     more = od.commissioning
-    lines: dict[str, Any] = {
+    lines: dict[str, object] = {
         "NodeID": od.node_id,
         "NodeName": more.node_name,
         "Baudrate": (od.bitrate or 0) // 1000,
@@ -297,6 +297,8 @@ def _entry_keys(entry: Entry, told: Entry | None, code: ObjectCode, node_id: int
             return ""
         if relative and isinstance(value, int):
             return f"$NODEID+0x{value - node_id:X}"
+        if isinstance(value, float) and entry.data_type.is_real:
+            return real_bits(value, entry.data_type)
         return format_value(value, entry.data_type)
 
     def same(*fields: str) -> bool:

@@ -49,11 +49,6 @@ class EdsFile:
     issues: list[Issue]
     encoding: str = "utf-8-sig"
 
-    def worst(self) -> Severity | None:
-        """Return the highest severity among the issues, or None where there is no issue."""
-        found = {issue.severity for issue in self.issues}
-        return next((severity for severity in Severity if severity in found), None)
-
 
 def read_eds(path: str | Path, node_id: int | None = None) -> EdsFile:
     """Read the file at `path`; `node_id` (1 to 127) stands for $NODEID and goes before the file's own.

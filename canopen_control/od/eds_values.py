@@ -19,7 +19,7 @@ from canopen_control.od.model import DataType
 if TYPE_CHECKING:
     from canopen_control.od.model import Value
 
-__all__ = ["Doubt", "Number", "Parsed", "format_value", "parse_number", "parse_value"]
+__all__ = ["Doubt", "Number", "Parsed", "format_value", "parse_number", "parse_value", "real_bits"]
 
 _NUMBER = re.compile(r"([+-]?)(?:0[xX]([0-9A-Fa-f]+)|0([0-7]+)|([0-9]+))([uUlL]*)", re.ASCII)
 _DECIMAL = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]{1,4})?", re.ASCII)
@@ -93,6 +93,15 @@ def format_value(value: Value, data_type: DataType) -> str:
     if isinstance(value, int) and not data_type.signed and (data_type.bits or 0) > 8:
         return f"0x{value:0{(data_type.bits or 0) // 4}X}"
     return str(value)
+
+
+def real_bits(value: float, data_type: DataType) -> str:
+    """Return a REAL32 or REAL64 as its bits in hexadecimal: the one way to write it that every reader of files takes.
+
+    Lely's dcfgen refuses a whole file for one REAL with a decimal point.
+    """
+    layout = REALS[data_type]
+    return f"0x{int.from_bytes(layout.pack(value), 'little'):0{2 * layout.size}X}"
 
 
 def _parse(text: str) -> Number:
@@ -193,8 +202,7 @@ def _format_real(value: float, data_type: DataType) -> str:
     text = repr(value)
     if _DECIMAL.fullmatch(text):
         return text
-    layout = REALS[data_type]  # not a number, or infinite: only the bits tell
-    return f"0x{int.from_bytes(layout.pack(value), 'little'):0{2 * layout.size}X}"
+    return real_bits(value, data_type)  # not a number, or infinite: only the bits tell
 
 
 def _bytes(text: str, _data_type: DataType) -> Parsed:

@@ -1,4 +1,4 @@
-"""What is odd about an EDS or DCF file, and where.
+"""Issues of an EDS or DCF file: what is odd, how bad, and where.
 
 An issue never stops the reading. ERROR: a value is lost or contradicts another, so the device cannot be as described.
 WARNING: a doubt, with what was made of it. NOTE: allowed or harmless, but worth knowing. The codes are stable, for

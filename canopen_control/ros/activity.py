@@ -14,9 +14,12 @@ from canopen_control.ros.endpoint import Endpoint
 from canopen_control.ros.interfaces import interface
 from canopen_control.ros.joint_states import time_message
 from canopen_control.ros.qos import LATCHED
+from canopen_control.rpc.messages.robot import ListHardware
 
 if TYPE_CHECKING:
     from canopen_control.ros.endpoint import Ros
+    from canopen_control.rpc.messages.robot import HardwareReading
+    from canopen_control.rpc.messages.state import RobotEvent, StateSample
 
     States = dict[str, str]
 
@@ -39,30 +42,26 @@ class Activity(Endpoint):
         self._asking, self._due = False, True
         self._next = self._time = 0.0
 
-    def on_event(self, event: dict[str, Any]) -> None:
+    def on_event(self, event: RobotEvent) -> None:
         """Look at the hardware with the next sample: it may be what has changed."""
         del event
         self._due = True
 
-    def on_state(self, state: dict[str, Any]) -> None:
+    def on_state(self, state: StateSample) -> None:
         """Ask for the hardware if anything may have changed."""
-        self._time = float(state["time"])
-        controllers = dict(state.get("controllers") or {})
+        self._time = state.time
+        controllers = dict(state.controllers)
         # a clock that was set back does not silence it
         idle = controllers == self._controllers and not self._due and self._time < self._next <= self._time + _PERIOD_S
         if self._asking or idle:
             return
         self._controllers, self._next = controllers, self._time + _PERIOD_S
         self._asking, self._due = True, False
-        self._ros.ask("hardware", {}, self._on_hardware)
+        self._ros.ask(ListHardware(), self._on_hardware)
 
-    def _on_hardware(self, answer: Any, error: str | None) -> None:  # noqa: ANN401 - what JSON holds
+    def _on_hardware(self, answer: list[HardwareReading] | None, error: str | None) -> None:
         self._asking = False
-        hardware: States = {}
-        try:
-            hardware = {} if error else {str(each["name"]): str(each["state"]) for each in answer}
-        except (KeyError, TypeError) as unread:
-            error = f"the robot's answer cannot be read: {type(unread).__name__}: {unread}"
+        hardware = {each.name: each.state for each in answer or ()}
         if error is not None:
             self._ros.warn("activity", f"controller_manager/activity: {error}")
         elif (self._controllers, hardware) != self._told:

@@ -19,9 +19,8 @@ from canopen_control.client import RobotClient, select_robot
 from canopen_control.errors import CanopenError
 from canopen_control.host.reactor import Reactor
 from canopen_control.host.spawn import lifeline_fd
-from canopen_control.ros.available import from_wheels, require_ros
-from canopen_control.ros.environment import describe, prepare
-from canopen_control.ros.options import Options, with_parameters
+from canopen_control.ros.bridge_options import Options, with_parameters
+from canopen_control.ros.installation import describe, from_wheels, prepare, require_ros
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -33,7 +32,7 @@ __all__ = ["main"]
 NODE_NAME: Final = "canopen_control_bridge"
 _RETRY_NS: Final = 500_000_000
 _TIMEOUT_S: Final = 2.0  # for the robot to answer
-_PATIENCE_S: Final = 1.5  # for rclpy to end
+_RCLPY_END_S: Final = 1.5  # for rclpy to end
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -56,7 +55,9 @@ def _parse(argv: list[str]) -> tuple[argparse.Namespace, list[str]]:
     parser = argparse.ArgumentParser(prog="python -m canopen_control.ros.bridge", description="Show a robot to ROS 2.")
     parser.add_argument("--name", help="the robot (default: the only one that runs)")
     parser.add_argument("--namespace", default="", help="of all relative names, for several robots in one graph")
-    parser.add_argument("--rate", type=float, default=50.0, metavar="HZ", help="of what is published (default: 50)")
+    parser.add_argument(
+        "--rate", type=float, default=0.0, metavar="HZ", help="at most (default: as often as controllers publish)"
+    )
     parser.add_argument(
         "--tf", action=argparse.BooleanOptionalAction, default=True, help="publish /tf and /tf_static (default: on)"
     )
@@ -139,7 +140,7 @@ class Bridge:
 
     def _close(self) -> None:
         """Leave; a thread that hangs in rclpy is not waited for."""
-        giving_up = threading.Timer(_PATIENCE_S, os._exit, (0,))
+        giving_up = threading.Timer(_RCLPY_END_S, os._exit, (0,))
         giving_up.daemon = True
         giving_up.start()
         if not self._end_session():

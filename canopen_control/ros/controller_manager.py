@@ -8,20 +8,34 @@ file: `set_parameters`, by which a spawner hands over the files of --param-file,
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 from canopen_control.ros.endpoint import Endpoint
 from canopen_control.ros.interfaces import interface
+from canopen_control.rpc.messages.robot import (
+    ROBOT,
+    CleanupController,
+    ConfigureController,
+    ListControllers,
+    ListControllerTypes,
+    ListHardware,
+    LoadController,
+    SetHardwareState,
+    SwitchControllers,
+    UnloadController,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
-    from canopen_control.ros.endpoint import Ros
-    from canopen_control.ros.service import Reply, RosMessage
-
-    Json = dict[str, Any]
+    from canopen_control.ros.endpoint import Reply, Ros, RosMessage
+    from canopen_control.rpc.messages.declare import Done, Request
+    from canopen_control.rpc.messages.robot import ComponentState, HardwareReading, InterfaceReading
+    from canopen_control.rpc.messages.state import ControllerReading
 
 __all__ = ["STATES", "ControllerManagerServices"]
+
+A = TypeVar("A")
 
 _STRICT: Final = 2
 _BASE_CLASS: Final = "controller_interface::ControllerInterface"
@@ -55,11 +69,15 @@ class ControllerManagerServices(Endpoint):
         return [
             ("list_controllers", "ListControllers", self._list_controllers),
             ("list_controller_types", "ListControllerTypes", self._list_types),
-            ("load_controller", "LoadController", self._by_name("load")),
-            ("configure_controller", "ConfigureController", self._by_name("configure")),
+            ("load_controller", "LoadController", self._by_name(lambda name: LoadController(controller=name))),
+            (
+                "configure_controller",
+                "ConfigureController",
+                self._by_name(lambda name: ConfigureController(controller=name)),
+            ),
             ("switch_controller", "SwitchController", self._switch),
-            ("unload_controller", "UnloadController", self._by_name("unload")),
-            ("cleanup_controller", "CleanupController", self._by_name("cleanup")),
+            ("unload_controller", "UnloadController", self._by_name(lambda name: UnloadController(controller=name))),
+            ("cleanup_controller", "CleanupController", self._by_name(lambda name: CleanupController(controller=name))),
             ("reload_controller_libraries", "ReloadControllerLibraries", self._reload),
             ("list_hardware_components", "ListHardwareComponents", self._list_components),
             ("list_hardware_interfaces", "ListHardwareInterfaces", self._list_interfaces),
@@ -71,42 +89,42 @@ class ControllerManagerServices(Endpoint):
     def _list_controllers(self, _request: RosMessage, response: RosMessage, reply: Reply) -> None:
         make = interface("controller_manager_msgs/msg/ControllerState")
 
-        def fill(answer: list[Json]) -> None:
+        def fill(answer: tuple[ControllerReading, ...]) -> None:
             response.controller = [
                 make(
-                    name=each["name"],
-                    state=each["state"],
-                    type=each["type"],
-                    update_rate=int(each.get("update_rate") or 0),
-                    claimed_interfaces=list(each["claimed_interfaces"]),
-                    required_command_interfaces=list(each["required_command_interfaces"]),
-                    required_state_interfaces=list(each["required_state_interfaces"]),
+                    name=each.name,
+                    state=each.state,
+                    type=each.type,
+                    update_rate=each.update_rate,
+                    claimed_interfaces=list(each.claims),
+                    required_command_interfaces=list(each.required_command_interfaces),
+                    required_state_interfaces=list(each.required_state_interfaces),
                 )
                 for each in answer
             ]
 
-        self._ask("controllers", {}, fill, response, reply)
+        self._ask(ListControllers(), fill, response, reply)
 
     def _list_types(self, _request: RosMessage, response: RosMessage, reply: Reply) -> None:
         def fill(answer: list[str]) -> None:
             response.types = list(answer)
             response.base_classes = [_BASE_CLASS] * len(answer)
 
-        self._ask("controller_types", {}, fill, response, reply)
+        self._ask(ListControllerTypes(), fill, response, reply)
 
-    def _by_name(self, method: str) -> Callable[[Any, Any, Reply], None]:
+    def _by_name(self, make: Callable[[str], Request[Done]]) -> Callable[[Any, Any, Reply], None]:
         def handler(request: RosMessage, response: RosMessage, reply: Reply) -> None:
-            self._ask(method, {"controller": request.name}, lambda _: _succeed(response), response, reply)
+            self._ask(make(request.name), lambda _: _succeed(response), response, reply)
 
         return handler
 
     def _switch(self, request: RosMessage, response: RosMessage, reply: Reply) -> None:
-        params = {
-            "activate": list(request.activate_controllers),
-            "deactivate": list(request.deactivate_controllers),
-            "strict": request.strictness == _STRICT,
-        }
-        self._ask("switch", params, lambda _: _succeed(response), response, reply)
+        wanted = SwitchControllers(
+            activate=tuple(request.activate_controllers),
+            deactivate=tuple(request.deactivate_controllers),
+            strict=request.strictness == _STRICT,
+        )
+        self._ask(wanted, lambda _: _succeed(response), response, reply)
 
     def _reload(self, _request: RosMessage, response: RosMessage, reply: Reply) -> None:
         """Refuse: Python code is loaded once, the runtime must be started anew."""
@@ -125,87 +143,79 @@ class ControllerManagerServices(Endpoint):
     def _list_components(self, _request: RosMessage, response: RosMessage, reply: Reply) -> None:
         make = interface("controller_manager_msgs/msg/HardwareComponentState")
 
-        def fill(answer: list[Json]) -> None:
+        def fill(answer: list[HardwareReading]) -> None:
             response.component = [
                 make(
-                    name=each["name"],
-                    type=each["type"],
-                    plugin_name=each["plugin"],
-                    class_type=each["plugin"],
-                    rw_rate=int(each.get("rate") or 0),
-                    state=self._lifecycle(each["state"]),
-                    command_interfaces=self._interfaces(each["command_interfaces"]),
-                    state_interfaces=self._interfaces(each["state_interfaces"]),
+                    name=each.name,
+                    type=each.type,
+                    plugin_name=each.plugin,
+                    class_type=each.plugin,
+                    rw_rate=each.rate,
+                    state=self._lifecycle(each.state),
+                    command_interfaces=self._interfaces(each.command_interfaces),
+                    state_interfaces=self._interfaces(each.state_interfaces),
                 )
                 for each in answer
             ]
 
-        self._ask("hardware", {}, fill, response, reply)
+        self._ask(ListHardware(), fill, response, reply)
 
     def _list_interfaces(self, _request: RosMessage, response: RosMessage, reply: Reply) -> None:
-        def fill(answer: list[Json]) -> None:
-            for kind in ("command_interfaces", "state_interfaces"):
-                every = sorted((one for each in answer for one in each[kind]), key=lambda one: str(one["name"]))
-                setattr(response, kind, self._interfaces(every))
+        def fill(answer: list[HardwareReading]) -> None:
+            commands = [one for each in answer for one in each.command_interfaces]
+            states = [one for each in answer for one in each.state_interfaces]
+            response.command_interfaces = self._interfaces(sorted(commands, key=lambda one: one.name))
+            response.state_interfaces = self._interfaces(sorted(states, key=lambda one: one.name))
 
-        self._ask("hardware", {}, fill, response, reply)
+        self._ask(ListHardware(), fill, response, reply)
 
     def _set_component_state(self, request: RosMessage, response: RosMessage, reply: Reply) -> None:
         wanted = request.target_state
         by_id = {number: label for label, number in STATES.items()}
         label = wanted.label or by_id.get(wanted.id, "unknown")
 
-        def fill(answer: Json) -> None:
-            response.ok = answer["state"] == label
-            response.state = self._lifecycle(answer["state"])
+        def fill(answer: ComponentState) -> None:
+            response.ok = answer.state == label
+            response.state = self._lifecycle(answer.state)
 
-        self._ask("set_hardware_state", {"component": request.name, "state": label}, fill, response, reply)
+        self._ask(SetHardwareState(component=request.name, state=label), fill, response, reply)
 
     def _lifecycle(self, label: str) -> RosMessage:
         return self._state_class(id=STATES.get(label, 0), label=label)
 
-    def _interfaces(self, told: Iterable[Json]) -> list[Any]:
+    def _interfaces(self, told: Iterable[InterfaceReading]) -> list[Any]:
         make = interface("controller_manager_msgs/msg/HardwareInterface")
         return [
             make(
-                name=each["name"],
+                name=each.name,
                 data_type="double",
-                is_available=bool(each["available"]),
-                is_claimed=bool(each.get("claimed", False)),
+                is_available=each.available,
+                is_claimed=each.claimed,
             )
             for each in told
         ]
 
     def _ask(
         self,
-        method: str,
-        params: Json,
-        fill: Callable[[Any], object],
+        asked: Request[A],
+        fill: Callable[[A], object],
         response: RosMessage,
         reply: Reply,
     ) -> None:
         """Ask the robot; `fill` puts its answer into the response, a refusal leaves it as it is and is told."""
+        method = ROBOT.of(type(asked)).name
 
-        def answer(result: RosMessage, error: str | None) -> None:
-            if error is None:
-                error = _filled(fill, result)
+        def answer(result: A | None, error: str | None) -> None:
+            if result is not None:
+                fill(result)
             if error is not None:
                 self._ros.warn(f"controller_manager/{method}", f"{method}: {error}")
                 if hasattr(response, "message"):
                     response.message = error
             reply(response)
 
-        self._ros.ask(method, params, answer)
+        self._ros.ask(asked, answer)
 
 
 def _succeed(response: RosMessage) -> None:
     response.ok = True
-
-
-def _filled(fill: Callable[[Any], object], result: RosMessage) -> str | None:
-    """Put an answer into a response; return what is wrong with it, if anything."""
-    try:
-        fill(result)
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        return f"the robot's answer cannot be read: {type(error).__name__}: {error}"
-    return None

@@ -1,33 +1,29 @@
 """What `/diagnostics` says of nodes, controllers and the cycle, as plain values: this file imports no ROS.
 
 The law of the file (REP 107): OK when it does what it should; WARN when it is not available and that may be meant (an
-axis that is not enabled, a controller that is not active); ERROR when something is broken: a node that is missing or in
-fault. The message is one sentence, the values are what a person looks at next.
+axis or robot that is not enabled, a controller that is not active); ERROR when something is broken: a node that is
+missing or in fault. The message is one sentence, the values are what a person looks at next.
 """
 
 from __future__ import annotations
 
-import enum
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+from canopen_control.rpc.messages.health import Health, judge_node
+from canopen_control.rpc.messages.samples import DiagnosticsSample
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from canopen_control.ros.conversions import ControllerView
+    from canopen_control.rpc.messages.samples import JointDiagnosis
+    from canopen_control.rpc.messages.state import ControllerReading, NodeReading, StateSample
 
-__all__ = ["Diagnosis", "Severity", "diagnose"]
+__all__ = ["Diagnosis", "diagnose"]
 
-_FAULTS = ("FAULT", "FAULT_REACTION_ACTIVE")
-_ENABLED = "OPERATION_ENABLED"
-
-
-class Severity(enum.IntEnum):
-    """The levels of diagnostic_msgs/msg/DiagnosticStatus."""
-
-    OK = 0
-    WARN = 1
-    ERROR = 2
-    STALE = 3
+_TROUBLE: Final = {
+    "fault": (Health.ERROR, "the robot is in fault"),
+    "disabled": (Health.WARN, "the robot is not enabled"),
+}
 
 
 class Diagnosis(NamedTuple):
@@ -35,79 +31,66 @@ class Diagnosis(NamedTuple):
 
     name: str
     hardware_id: str
-    level: Severity
+    level: Health
     message: str
     values: dict[str, str]
 
 
 def diagnose(
-    robot: str, state: Mapping[str, Any], controllers: Mapping[str, ControllerView], missed_before: int = 0
+    robot: str, state: StateSample, controllers: Mapping[str, ControllerReading], missed_before: int = 0
 ) -> list[Diagnosis]:
     """Return a status of every node, every controller, what diagnostics broadcasters tell, and the cycle.
 
     `missed_before` is what was told last time.
     """
-    nodes = [_node(robot, name, node) for name, node in state["nodes"].items()]
+    nodes = [_node(robot, name, node) for name, node in state.nodes.items()]
     loaded = [_controller(robot, each) for each in controllers.values()]
-    judged = [_told(robot, name, each) for name, told in (state.get("diagnostics") or {}).items() for each in told]
+    judged = [_told(robot, name, each) for name, told in state.told(DiagnosticsSample).items() for each in told.joints]
     return [*nodes, *loaded, *judged, _cycle(robot, state, missed_before)]
 
 
-def _node(robot: str, name: str, node: Mapping[str, Any]) -> Diagnosis:
-    axes = [axis for axis in node.get("axes") or () if axis.get("cia402_state") is not None]
-    states = [str(axis["cia402_state"]) for axis in axes]
-    level, message = _judge_node(node, states)
-    age = node.get("age_s")
+def _node(robot: str, name: str, node: NodeReading) -> Diagnosis:
+    axes = [axis for axis in node.axes if axis.state is not None]
+    level, message = judge_node(node)
     values = {
-        "node id": str(node["node_id"]),
-        "bus": str(node.get("bus")),
-        "NMT state": str(node.get("nmt_state") or "unknown"),
-        "age": "never seen" if age is None else f"{age:.3f} s",
+        "node id": str(node.node_id),
+        "bus": node.bus,
+        "NMT state": node.nmt_state or "unknown",
+        "age": "never seen" if node.age is None else f"{node.age:.3f} s",
     }
     for axis in axes:
-        values[f"{axis['joint']} state"] = str(axis["cia402_state"])
-        values[f"{axis['joint']} mode"] = str(axis.get("mode") or "none")
-        values[f"{axis['joint']} statusword"] = (
-            f"0x{axis['statusword']:04X}" if axis.get("statusword") is not None else "-"
-        )
-    return Diagnosis(f"{robot}: {name}", f"node {node['node_id']}", level, message, values)
+        values[f"{axis.joint} state"] = str(axis.state)
+        values[f"{axis.joint} mode"] = axis.mode or "none"
+        values[f"{axis.joint} statusword"] = "-" if axis.statusword is None else f"0x{axis.statusword:04X}"
+    return Diagnosis(f"{robot}: {name}", f"node {node.node_id}", level, message, values)
 
 
-def _judge_node(node: Mapping[str, Any], states: list[str]) -> tuple[Severity, str]:
-    error = node.get("error") or next((axis["error"] for axis in node.get("axes") or () if axis.get("error")), None)
-    if any(state in _FAULTS for state in states):
-        return Severity.ERROR, str(error or "the drive is in fault")
-    if not node.get("ready", True):
-        return Severity.ERROR, str(error or f"not ready, NMT state {node.get('nmt_state') or 'unknown'}")
-    if error:
-        return Severity.WARN, str(error)
-    waiting = [state for state in states if state != _ENABLED]
-    if waiting:
-        return Severity.WARN, f"not enabled: {', '.join(waiting).replace('_', ' ').lower()}"
-    return Severity.OK, "operational"
-
-
-def _controller(robot: str, controller: ControllerView) -> Diagnosis:
-    level = Severity.OK if controller.active else Severity.WARN
+def _controller(robot: str, controller: ControllerReading) -> Diagnosis:
+    level = Health.OK if controller.active else Health.WARN
     values = {"type": controller.type, "joints": ", ".join(controller.joints)}
     return Diagnosis(f"{robot}: {controller.name}", robot, level, controller.state, values)
 
 
-def _told(robot: str, broadcaster: str, status: Mapping[str, Any]) -> Diagnosis:
-    values = {key: "unknown" if value is None else f"{value:g}" for key, value in status["values"].items()}
-    name = f"{robot}: {broadcaster}: {status['name']}"
-    return Diagnosis(name, robot, Severity(status["level"]), str(status["message"]), values)
+def _told(robot: str, broadcaster: str, status: JointDiagnosis) -> Diagnosis:
+    values = {key: "unknown" if value is None else f"{value:g}" for key, value in status.values.items()}
+    name = f"{robot}: {broadcaster}: {status.name}"
+    return Diagnosis(name, robot, Health(status.level), status.message, values)
 
 
-def _cycle(robot: str, state: Mapping[str, Any], missed_before: int) -> Diagnosis:
-    cycle = state["cycle"]
-    missed = int(cycle["missed"]) - missed_before
-    level = Severity.WARN if missed > 0 else Severity.OK
-    message = f"{missed} cycles missed since the last report" if missed > 0 else f"the robot is {state['state']}"
-    if state["state"] == "fault":
-        level, message = Severity.ERROR, "the robot is in fault"
-    values = {"period": f"{cycle['period_s'] * 1e3:g} ms", "count": str(cycle["count"]), "missed": str(cycle["missed"])}
-    for key, label in (("late_max_s", "latest start"), ("work_max_s", "longest work")):
-        if cycle.get(key) is not None:
-            values[label] = f"{cycle[key] * 1e3:.3f} ms"
+def _cycle(robot: str, state: StateSample, missed_before: int) -> Diagnosis:
+    cycle = state.cycle
+    missed = cycle.missed - missed_before
+    level = Health.WARN if missed > 0 else Health.OK
+    message = f"{missed} cycles missed since the last report" if missed > 0 else f"the robot is {state.state}"
+    if state.state in _TROUBLE:
+        level, message = _TROUBLE[state.state]
+    if state.hint:
+        message = f"{message}; {state.hint}"
+    values = {
+        "period": f"{cycle.period_s * 1e3:g} ms",
+        "count": str(cycle.count),
+        "missed": str(cycle.missed),
+        "latest start": f"{cycle.late_max_s * 1e3:.3f} ms",
+        "longest work": f"{cycle.work_max_s * 1e3:.3f} ms",
+    }
     return Diagnosis(f"{robot}: cycle", robot, level, message, values)

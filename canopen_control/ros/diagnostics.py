@@ -19,6 +19,7 @@ from canopen_control.ros.qos import EVENTS
 
 if TYPE_CHECKING:
     from canopen_control.ros.endpoint import Ros
+    from canopen_control.rpc.messages.state import RobotEvent, StateSample
 
 __all__ = ["Diagnostics", "Events", "log_message"]
 
@@ -35,16 +36,16 @@ class Diagnostics(Endpoint):
         self._next, self._missed = 0.0, 0
         self._levels: dict[str, int] = {}
 
-    def on_state(self, state: dict[str, Any]) -> None:
+    def on_state(self, state: StateSample) -> None:
         """Publish when it is time, or when something has become better or worse."""
         told = diagnose(self._ros.robot, state, self._ros.controllers, self._missed)
         levels = {each.name: int(each.level) for each in told}
-        time = state["time"]
+        time = state.time
         # a clock that was set back does not silence it
         if levels == self._levels and time < self._next <= time + _PERIOD_S:
             return
         self._next, self._levels = time + _PERIOD_S, levels
-        self._missed = int(state["cycle"]["missed"])
+        self._missed = state.cycle.missed
         message = DiagnosticArray(status=[_status(each) for each in told])
         message.header.stamp = time_message(time)
         self._publisher.publish(message)
@@ -61,7 +62,7 @@ class Events(Endpoint):
         self._ros, self._log = ros, interface("rcl_interfaces/msg/Log")
         self._publisher = ros.node.create_publisher(self._log, "~/events", EVENTS)
 
-    def on_event(self, event: dict[str, Any]) -> None:
+    def on_event(self, event: RobotEvent) -> None:
         """Publish an event."""
         self._publisher.publish(log_message(self._log, event, self._ros.robot))
 
@@ -70,13 +71,13 @@ class Events(Endpoint):
         self._ros.node.destroy_publisher(self._publisher)
 
 
-def log_message(log: Any, event: dict[str, Any], robot: str) -> Any:  # noqa: ANN401 - somebody's generator's class
+def log_message(log: Any, event: RobotEvent, robot: str) -> Any:  # noqa: ANN401 - somebody's generator's class
     """Return an event of the API as a `log`, the class of rcl_interfaces/msg/Log."""
     message = log()
-    message.stamp = time_message(event["time"])
-    message.level = _LEVELS.get(str(event.get("level")), _LEVELS["info"])
-    message.name = str(event.get("node") or robot)
-    message.msg, message.function = str(event["text"]), str(event["kind"])
+    message.stamp = time_message(event.time)
+    message.level = _LEVELS.get(event.level, _LEVELS["info"])
+    message.name = event.node or robot
+    message.msg, message.function = event.text, event.kind
     return message
 
 

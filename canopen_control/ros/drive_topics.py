@@ -22,13 +22,16 @@ from canopen_control.ros.endpoint import Endpoint
 from canopen_control.ros.interfaces import interface
 from canopen_control.ros.joint_states import time_message
 from canopen_control.ros.nodes import NMT_STATES
-from canopen_control.ros.objects import Address, as_uint32, of_uint32
 from canopen_control.ros.qos import EVENTS, LATCHED, LATEST
-from canopen_control.ros.sdo import write_object
+from canopen_control.ros.sdo_services import write_object
+from canopen_control.ros.sdo_values import Address, as_uint32, of_uint32
+from canopen_control.rpc.messages.robot import PdoWrite
 
 if TYPE_CHECKING:
     from canopen_control.ros.endpoint import Ros
     from canopen_control.ros.nodes import NodeView
+    from canopen_control.rpc.messages.robot import MappedValue
+    from canopen_control.rpc.messages.state import NodeReading, RobotEvent, StateSample
 
 __all__ = ["DriveTopics"]
 
@@ -54,31 +57,31 @@ class DriveTopics(Endpoint):
         self._listeners = 0
         self._objects: dict[tuple[int, int], int] = {}
 
-    def on_state(self, state: dict[str, Any]) -> None:
+    def on_state(self, state: StateSample) -> None:
         """Publish a sample of this node."""
         self._count_listeners()
-        node = state["nodes"].get(self._view.name)
+        node = state.nodes.get(self._view.name)
         if node is None:
             return
         self._publish_nmt(node)
-        axes = node.get("axes") or ()
+        axes = node.axes
         if axes and self._joint_states.get_subscription_count():
-            self._publish_joints(state, [str(axis["joint"]) for axis in axes])
+            self._publish_joints(state, [axis.joint for axis in axes])
 
-    def on_event(self, event: dict[str, Any]) -> None:
+    def on_event(self, event: RobotEvent) -> None:
         """Publish an EMCY message of this node."""
-        if event.get("node") == self._view.name and str(event.get("kind")).startswith("emcy"):
+        if event.node == self._view.name and event.kind.startswith("emcy"):
             self._emcy.publish(self._emergency(event))
 
-    def on_process_data(self, nodes: dict[str, Any]) -> None:
+    def on_process_data(self, nodes: dict[str, list[MappedValue]]) -> None:
         """Publish what has come of this node."""
         if not self._listeners:
             return
-        for index, subindex, data in nodes.get(self._view.name, ()):
-            if len(data) > 8:
+        for each in nodes.get(self._view.name, ()):
+            if len(each.data) > 4:
                 continue  # of more than 32 bits: COData has no room
-            value = self._objects[index, subindex] = as_uint32(bytes.fromhex(data))
-            self._rpdo.publish(self._object(index=index, subindex=subindex, data=value))
+            value = self._objects[each.index, each.subindex] = as_uint32(each.data)
+            self._rpdo.publish(self._object(index=each.index, subindex=each.subindex, data=value))
 
     def close(self) -> None:
         """Leave the topics."""
@@ -96,33 +99,33 @@ class DriveTopics(Endpoint):
             for (index, subindex), value in self._objects.items():
                 self._rpdo.publish(self._object(index=index, subindex=subindex, data=value))
 
-    def _publish_nmt(self, node: dict[str, Any]) -> None:
-        told = NMT_STATES.get(node.get("nmt_state"), "ERROR")
+    def _publish_nmt(self, node: NodeReading) -> None:
+        told = NMT_STATES.get(node.nmt_state, "ERROR")
         if told != self._told:
             self._told = told
             self._nmt.publish(String(data=told))
 
-    def _publish_joints(self, state: dict[str, Any], joints: list[str]) -> None:
+    def _publish_joints(self, state: StateSample, joints: list[str]) -> None:
         """Publish the state under the node's name, as ros2_canopen does; with several axes, the joints' names."""
         message = JointState()
-        message.header.stamp = time_message(state["time"])
-        names, message.position, message.velocity, message.effort = joint_arrays(state["joints"], joints)
+        message.header.stamp = time_message(state.time)
+        names, message.position, message.velocity, message.effort = joint_arrays(state.joints, joints)
         message.name = [self._view.name] if len(joints) == 1 and names else names
         self._joint_states.publish(message)
 
-    def _emergency(self, event: dict[str, Any]) -> DiagnosticArray:
+    def _emergency(self, event: RobotEvent) -> DiagnosticArray:
         """Return an event as a message; one that sums up a flood has no values."""
-        level = _LEVELS.get(str(event.get("level")), DiagnosticStatus.WARN)
-        status = DiagnosticStatus(level=level, name=self._view.name, message=str(event["text"]))
+        level = _LEVELS.get(event.level, DiagnosticStatus.WARN)
+        status = DiagnosticStatus(level=level, name=self._view.name, message=event.text)
         status.hardware_id = f"node {self._view.node_id}"
-        if (details := event.get("details")) is not None:
+        if (details := event.details) is not None:
             status.values = [
-                KeyValue(key="error_code", value=f"0x{details['error_code']:04X}"),
-                KeyValue(key="error_register", value=f"0x{details['error_register']:02X}"),
-                KeyValue(key="data", value=bytes.fromhex(details["data"]).hex(" ")),
+                KeyValue(key="error_code", value=f"0x{details.error_code or 0:04X}"),
+                KeyValue(key="error_register", value=f"0x{details.error_register or 0:02X}"),
+                KeyValue(key="data", value=bytes.fromhex(details.data or "").hex(" ")),
             ]
         message = DiagnosticArray(status=[status])
-        message.header.stamp = time_message(event["time"])
+        message.header.stamp = time_message(event.time)
         return message
 
     def _on_tpdo(self, message: Any) -> None:  # noqa: ANN401 - a class made by somebody's generator
@@ -142,8 +145,8 @@ class DriveTopics(Endpoint):
         except ValueError as error:
             self._tell(f"{address}: {error}")
             return
-        params = {"node": node, "index": address.index, "subindex": address.subindex, "data": value.hex()}
-        self._ros.ask("pdo_write", params, lambda _result, error: self._tell(error))
+        request = PdoWrite(node=node, index=address.index, subindex=address.subindex, data=value)
+        self._ros.ask(request, lambda _result, error: self._tell(error))
 
     def _tell(self, error: str | None) -> None:
         if error is not None:

@@ -1,4 +1,4 @@
-"""What every topic and service of the bridge is made with, and the two shapes that a feature has.
+"""The base of every topic and service of the bridge: what it is given, what it is told, and services that answer later.
 
 The law of the file: publishing is done on the bridge's own thread, when the robot has sent something; callbacks of ROS
 run on the spinner's thread, and only hand over.
@@ -6,17 +6,27 @@ run on the spinner's thread, and only hand over.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Final, Generic, NamedTuple, Protocol, TypeVar
+
+from canopen_control.rpc.messages.samples import Sample
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from canopen_control.ros.asker import Answer
-    from canopen_control.ros.conversions import ControllerView
     from canopen_control.ros.rcl import Node
-    from canopen_control.ros.service import Handler
+    from canopen_control.rpc.messages.declare import Request
+    from canopen_control.rpc.messages.robot import CommandController, MappedValue, TwistController
+    from canopen_control.rpc.messages.state import ControllerReading, RobotEvent, StateSample
 
-__all__ = ["Endpoint", "Ros"]
+    Reply = Callable[[Any], object]
+    #: takes a request, a response to be filled, and what sends it; once
+    Handler = Callable[[Any, Any, Reply], object]
+
+__all__ = ["COMMANDER", "Endpoint", "NewSamples", "Ros", "RosMessage", "serve"]
+
+A = TypeVar("A")
+S = TypeVar("S", bound=Sample)
+COMMANDER: Final = "ros"  # who commands, in the robot's status
 
 
 class Ros(Protocol):
@@ -27,9 +37,9 @@ class Ros(Protocol):
 
     node: Node
     robot: str
-    controllers: dict[str, ControllerView]
+    controllers: dict[str, ControllerReading]
 
-    def command(self, controller: str, method: str, params: dict[str, Any]) -> None:
+    def command(self, request: CommandController | TwistController) -> None:
         """Send the newest command of a controller."""
 
     def warn(self, key: str, text: str) -> None:
@@ -53,24 +63,65 @@ class Ros(Protocol):
     def watch_process_data(self, watcher: object, wanted: bool) -> None:
         """Have the robot tell what its TPDOs carry, to `on_process_data`, while anybody wants it."""
 
-    def ask(self, method: str, params: dict[str, Any], answer: Answer) -> None:
+    def ask(self, request: Request[A], answer: Callable[[A | None, str | None], object]) -> None:
         """Ask the robot, and have `answer(result, error)` called on the reactor's thread, where this is called too."""
+
+
+class NewSamples(Generic[S]):
+    """The samples of one kind, each once: a topic gets a message for each time that a controller publishes."""
+
+    def __init__(self, kind: type[S]) -> None:
+        self._kind = kind
+        self._times: dict[str, float] = {}
+
+    def of(self, state: StateSample) -> dict[str, S]:
+        """Return those that were published since the last call, by controller."""
+        told = state.told(self._kind)
+        new = {name: each for name, each in told.items() if self._times.get(name) != each.time}
+        self._times = {name: each.time for name, each in told.items()}
+        return new
 
 
 class Endpoint:
     """Topics of one controller, or of the whole robot; what it does not override it does not care for."""
 
-    def on_controller(self, controller: ControllerView) -> None:
+    def on_controller(self, controller: ControllerReading) -> None:
         """Learn that the controller it belongs to has changed."""
 
-    def on_state(self, state: dict[str, Any]) -> None:
+    def on_state(self, state: StateSample) -> None:
         """Take a sample of the state stream."""
 
-    def on_event(self, event: dict[str, Any]) -> None:
+    def on_event(self, event: RobotEvent) -> None:
         """Learn that something has happened."""
 
-    def on_process_data(self, nodes: dict[str, Any]) -> None:
-        """Take what has come in TPDOs: `{node: [[index, subindex, hex], ...]}`."""
+    def on_process_data(self, nodes: dict[str, list[MappedValue]]) -> None:
+        """Take what has come in TPDOs, by node."""
 
     def close(self) -> None:
         """Leave the graph."""
+
+
+RosMessage = Any
+"""A message or what else rclpy hands over: classes of somebody's generator, without types."""
+
+
+class _Taken(NamedTuple):
+    request: RosMessage
+    response: RosMessage
+
+
+def serve(node: Node, kind: type, name: str, handler: Handler) -> RosMessage:
+    """Make a service whose answer may come later, from another thread.
+
+    `handler(request, response, reply)` is called on the executor's thread and must not block. rclpy answers a service
+    when its callback returns, and its EventsExecutor takes no coroutine. So the callback here only collects the
+    request, and what the executor then sends through the service's `send_response` starts the work.
+    """
+    service = node.create_service(kind, name, _Taken)
+    send = service.send_response
+
+    def start(taken: _Taken, header: object) -> None:
+        handler(taken.request, taken.response, lambda response: send(response, header))
+
+    service.send_response = start
+    return service

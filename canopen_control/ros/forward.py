@@ -11,12 +11,13 @@ from typing import TYPE_CHECKING
 from std_msgs.msg import Float64MultiArray
 
 from canopen_control.ros.conversions import wrong
-from canopen_control.ros.endpoint import Endpoint
+from canopen_control.ros.endpoint import COMMANDER, Endpoint
 from canopen_control.ros.qos import SYSTEM_DEFAULT
+from canopen_control.rpc.messages.robot import CommandController
 
 if TYPE_CHECKING:
-    from canopen_control.ros.conversions import ControllerView
     from canopen_control.ros.endpoint import Ros
+    from canopen_control.rpc.messages.state import ControllerReading
 
 __all__ = ["ForwardCommands"]
 
@@ -24,13 +25,13 @@ __all__ = ["ForwardCommands"]
 class ForwardCommands(Endpoint):
     """The subscription of one forward controller."""
 
-    def __init__(self, ros: Ros, controller: ControllerView) -> None:
+    def __init__(self, ros: Ros, controller: ControllerReading) -> None:
         self._ros, self._controller = ros, controller
         self._subscription = ros.subscribe(
             Float64MultiArray, f"{controller.name}/commands", self._on_message, SYSTEM_DEFAULT
         )
 
-    def on_controller(self, controller: ControllerView) -> None:
+    def on_controller(self, controller: ControllerReading) -> None:
         """Know whether it is active, and how many joints it has."""
         self._controller = controller
 
@@ -44,4 +45,6 @@ class ForwardCommands(Endpoint):
         if refusal is not None:
             self._ros.warn(f"{self._controller.name}/commands", refusal)
             return
-        self._ros.command(self._controller.name, "command", {"values": values})
+        self._ros.command(
+            CommandController(controller=self._controller.name, values=values, source=COMMANDER, dead_man=True)
+        )

@@ -1,7 +1,7 @@
 """`~/gpio_states` of a GPIO broadcaster: inputs and outputs of the drives and of <gpio> parts, by their names.
 
-The law of the file: a control_msgs/DynamicJointState, as on `/dynamic_joint_states`, published with every sample while
-the broadcaster is active; what is not known is nan. Bits are numbers, as 0x60FD and 0x60FE hold them.
+The law of the file: a control_msgs/DynamicJointState, as on `/dynamic_joint_states`, published once per update
+of the broadcaster; what is not known is nan. Bits are numbers, as 0x60FD and 0x60FE hold them.
 """
 
 from __future__ import annotations
@@ -9,34 +9,36 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
-from canopen_control.ros.endpoint import Endpoint
+from canopen_control.ros.endpoint import Endpoint, NewSamples
 from canopen_control.ros.interfaces import interface
 from canopen_control.ros.joint_states import time_message
 from canopen_control.ros.qos import SYSTEM_DEFAULT
+from canopen_control.rpc.messages.samples import GpioSample
 
 if TYPE_CHECKING:
-    from canopen_control.ros.conversions import ControllerView
     from canopen_control.ros.endpoint import Ros
+    from canopen_control.rpc.messages.state import ControllerReading, StateSample
 
 __all__ = ["GpioStates"]
 
 
 class GpioStates(Endpoint):
-    """The publisher of one broadcaster; the state stream holds its values under "gpio", by controller and part."""
+    """The publisher of one broadcaster."""
 
-    def __init__(self, ros: Ros, controller: ControllerView) -> None:
-        self._ros, self._name = ros, controller.name
+    def __init__(self, ros: Ros, controller: ControllerReading) -> None:
+        self._ros, self._name, self._samples = ros, controller.name, NewSamples(GpioSample)
         self._message = interface("control_msgs/msg/DynamicJointState")
         self._values = interface("control_msgs/msg/InterfaceValue")
         self._publisher = ros.node.create_publisher(self._message, f"{self._name}/gpio_states", SYSTEM_DEFAULT)
 
-    def on_state(self, state: dict[str, Any]) -> None:
-        """Publish a sample."""
-        parts = (state.get("gpio") or {}).get(self._name)
-        if parts is None:
+    def on_state(self, state: StateSample) -> None:
+        """Publish what is new."""
+        sample = self._samples.of(state).get(self._name)
+        if sample is None:
             return
+        parts = sample.parts
         message = self._message(joint_names=list(parts), interface_values=[self._of(each) for each in parts.values()])
-        message.header.stamp = time_message(state["time"])
+        message.header.stamp = time_message(sample.time)
         self._publisher.publish(message)
 
     def close(self) -> None:
@@ -44,5 +46,5 @@ class GpioStates(Endpoint):
         self._ros.node.destroy_publisher(self._publisher)
 
     def _of(self, values: dict[str, float | None]) -> Any:  # noqa: ANN401 - a class made by somebody's generator
-        known = [math.nan if value is None else float(value) for value in values.values()]
+        known = [math.nan if value is None else value for value in values.values()]
         return self._values(interface_names=list(values), values=known)

@@ -13,10 +13,9 @@ import time
 from typing import TYPE_CHECKING, Any, Final
 
 from canopen_control.errors import CanopenError, ConfigError
-from canopen_control.ros.available import from_wheels, require_ros
-from canopen_control.ros.environment import prepare
+from canopen_control.ros.installation import from_wheels, prepare, require_ros
 from canopen_control.ros.interfaces import interface
-from canopen_control.ros.plain import fill
+from canopen_control.ros.message_text import fill
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -87,10 +86,6 @@ class Graph:
     def type_of(self, topic: str, seconds: float) -> str:
         """Return the type of a topic; CanopenError when nobody has it in time, or with several types."""
         return self._only(topic, self._node.get_topic_names_and_types, "topic", seconds)
-
-    def service_type(self, service: str, seconds: float) -> str:
-        """Return the type of a service; CanopenError when nobody serves it in time."""
-        return self._only(service, self._node.get_service_names_and_types, "service", seconds)
 
     def _only(self, name: str, names: Callable[[], Names], what: str, seconds: float) -> str:
         absolute = name if name.startswith("/") else f"/{name}"

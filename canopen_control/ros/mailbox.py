@@ -16,11 +16,10 @@ T = TypeVar("T")
 
 
 class Mailbox(Generic[T]):
-    """Newest value by name; `put` from any thread, `take` by the one that was woken. `superseded` counts the others."""
+    """Newest value by name; `put` from any thread, `take` by the one that was woken."""
 
     def __init__(self, interval_ns: int) -> None:
         self.interval_ns = interval_ns
-        self.superseded = 0
         self._lock = threading.Lock()
         self._waiting: dict[str, T] = {}
         self._sent: dict[str, int] = {}
@@ -29,7 +28,6 @@ class Mailbox(Generic[T]):
     def put(self, name: str, value: T) -> bool:
         """Leave the newest value; True when somebody must be woken to `take` it."""
         with self._lock:
-            self.superseded += name in self._waiting
             self._waiting[name] = value
             wake, self._woken = not self._woken, True
             return wake

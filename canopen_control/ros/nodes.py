@@ -10,12 +10,14 @@ from __future__ import annotations
 
 import re
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
-    Json = Mapping[str, Any]
+    from canopen_control.rpc.messages.layout import Layout
+    from canopen_control.rpc.messages.robot import NodeListing, NodePlace
+    from canopen_control.rpc.messages.state import NodeReading
 
 __all__ = ["NMT_STATES", "Channel", "NodeView", "nodes_of", "resolve", "ros_name"]
 
@@ -59,17 +61,16 @@ class NodeView(NamedTuple):
         return dict(self.remappings).get(path, path)
 
 
-def nodes_of(answer: Json, namespace: str, layout: Json | None = None, states: Json | None = None) -> list[NodeView]:
-    """Return the nodes of the API's answer; `namespace` is the bridge's.
-
-    `layout` is the API's answer of that name, `states` are the nodes of its status.
-    """
-    mapped = dict(_mapped(layout or {}))
+def nodes_of(
+    listing: NodeListing, namespace: str, layout: Layout | None = None, states: Mapping[str, NodeReading] | None = None
+) -> list[NodeView]:
+    """Return the nodes of the API's listing; `namespace` is the bridge's, `states` are the nodes of its status."""
+    mapped = {} if layout is None else dict(_mapped(layout))
     return [
         _node(each, namespace)._replace(
-            rpdo=mapped.get(each["name"], {}), channels=_channels(each, (states or {}).get(each["name"]) or {})
+            rpdo=mapped.get(each.name, {}), channels=_channels(each, (states or {}).get(each.name))
         )
-        for each in answer.get("nodes") or ()
+        for each in listing.nodes
     ]
 
 
@@ -88,34 +89,30 @@ def resolve(namespace: str, name: str, node: str = "") -> str:
     return f"/{namespace.strip('/')}/{name}" if namespace.strip("/") else f"/{name}"
 
 
-def _node(told: Mapping[str, Any], bridges: str) -> NodeView:
-    name, own = str(told["name"]), str(told.get("namespace") or "")
-    namespace = own or bridges
-    rules = told.get("remappings")
-    pairs = rules.items() if isinstance(rules, dict) else ()
+def _node(told: NodePlace, bridges: str) -> NodeView:
+    namespace = told.namespace or bridges
     remappings = tuple(
-        (resolve(namespace, str(old), ros_name(name)), resolve(namespace, str(new), ros_name(name)))
-        for old, new in pairs
+        (resolve(namespace, old, ros_name(told.name)), resolve(namespace, new, ros_name(told.name)))
+        for old, new in told.remappings.items()
     )
-    return NodeView(name, int(told["node_id"]), namespace, remappings, "Lifecycle" in str(told.get("driver") or ""))
+    return NodeView(told.name, told.node_id, namespace, remappings, "Lifecycle" in (told.driver or ""))
 
 
-def _mapped(layout: Json) -> Iterator[tuple[str, dict[tuple[int, int], int]]]:
+def _mapped(layout: Layout) -> Iterator[tuple[str, dict[tuple[int, int], int]]]:
     """Yield the name of each node, and what its RPDOs map."""
-    for bus in (layout.get("buses") or {}).values():
-        for node in bus["nodes"]:
-            objects = [each for pdo in node["pdos"] if pdo["direction"] == "rpdo" for each in pdo["objects"]]
-            yield node["name"], {(each["index"], each["subindex"]): each["bits"] for each in objects}
+    for bus in layout.buses.values():
+        for node in bus.nodes:
+            objects = [each for pdo in node.pdos if pdo.direction == "rpdo" for each in pdo.objects]
+            yield node.name, {(each.index, each.subindex): each.bits for each in objects}
 
 
-def _channels(told: Json, state: Json) -> tuple[Channel, ...]:
-    axes, names = state.get("axes") or (), told.get("channel_names")
+def _channels(told: NodePlace, state: NodeReading | None) -> tuple[Channel, ...]:
+    axes = () if state is None else state.axes
     if len(axes) < 2:
         return ()
-    names = [ros_name(str(name)) for name in names] if isinstance(names, list) else []
-    node = ros_name(str(told["name"]))
-    numbers = [int(axis.get("axis", place)) for place, axis in enumerate(axes)]
+    names = [ros_name(name) for name in told.channel_names or ()]
+    node = ros_name(told.name)
     return tuple(
-        Channel(str(axis["joint"]), names[number] if number < len(names) else f"{node}/{ros_name(axis['joint'])}")
-        for number, axis in zip(numbers, axes, strict=True)
+        Channel(axis.joint, names[axis.axis] if axis.axis < len(names) else f"{node}/{ros_name(axis.joint)}")
+        for axis in axes
     )

@@ -8,43 +8,58 @@ controller is told and the rest goes on; only the end of the connection ends the
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, TypeVar
 
-from canopen_control.errors import RemoteError
+from canopen_control.client.stream import outpaced, stream_rate
+from canopen_control.errors import RemoteError, UnreadableMessage
+from canopen_control.host.sockets import socket_path
 from canopen_control.ros.activity import Activity
-from canopen_control.ros.asker import Asker
 from canopen_control.ros.controller_manager import ControllerManagerServices
-from canopen_control.ros.conversions import ControllerView, controllers_of
-from canopen_control.ros.description import RobotDescription
 from canopen_control.ros.diagnostics import Diagnostics, Events
+from canopen_control.ros.drive_services import DriveServices, MasterServices, Targets
 from canopen_control.ros.drive_topics import DriveTopics
-from canopen_control.ros.drives import DriveServices, MasterServices, Targets
+from canopen_control.ros.endpoint import serve as make_service
 from canopen_control.ros.frames import Frames
-from canopen_control.ros.lifecycle import Lifecycle
+from canopen_control.ros.lifecycle_services import Lifecycle
 from canopen_control.ros.mailbox import Mailbox
 from canopen_control.ros.nodes import NodeView, nodes_of
-from canopen_control.ros.service import serve as make_service
+from canopen_control.ros.robot_description import RobotDescription
 from canopen_control.ros.shared_twist import SharedTwist
 from canopen_control.ros.sim_clock import SimClock
 from canopen_control.ros.spinner import Spinner
 from canopen_control.ros.table import endpoints_for
-from canopen_control.ros.throttle import Throttle
+from canopen_control.ros.throttle import Refusals, Throttle
 from canopen_control.ros.topic_hardware import TopicHardware
+from canopen_control.rpc.messages.robot import (
+    ROBOT,
+    GetDescription,
+    GetLayout,
+    GetNodes,
+    GetStatus,
+    ListControllers,
+    Subscribe,
+    Tell,
+)
+from canopen_control.rpc.messages.state import RobotEvent, StateSample
+from canopen_control.rpc.reactor_client import ReactorClient
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from canopen_control.client import RobotClient
     from canopen_control.host.reactor import Reactor
-    from canopen_control.ros.asker import Answer
-    from canopen_control.ros.endpoint import Endpoint
-    from canopen_control.ros.options import Options
+    from canopen_control.ros.bridge_options import Options
+    from canopen_control.ros.endpoint import Endpoint, Handler, Reply
     from canopen_control.ros.rcl import Context, Node
-    from canopen_control.ros.service import Handler, Reply
+    from canopen_control.rpc.messages.declare import Request
+    from canopen_control.rpc.messages.robot import CommandController, RobotPush, TwistController
+    from canopen_control.rpc.messages.state import ControllerReading
+
+    Command = CommandController | TwistController
 
 __all__ = ["Session"]
 
-Message = dict[str, Any]
+A = TypeVar("A")
 _JOIN_S: Final = 1.0
 
 
@@ -66,16 +81,20 @@ class Session:
         self._options = options
         self.node, self._reactor, self._client, self._on_end = node, reactor, client, on_end
         self.robot = client.robot
-        self.controllers: dict[str, ControllerView] = {}
+        self.controllers: dict[str, ControllerReading] = {}
         self._endpoints: dict[str, list[Endpoint]] = {}
         self._common: list[Endpoint] = []
         self._told: dict[str, str] = {}
         self._throttle = Throttle()
-        self._mailbox: Mailbox[tuple[str, Message]] = Mailbox(0)
+        self._rate = options.rate
+        self._outpaced: str | None = None
+        self._refusals = Refusals()
+        self._mailbox: Mailbox[Command] = Mailbox(0)
         self._process_data_watchers: set[object] = set()
         self._ended = False
         self._spinner = Spinner(node, context, self._on_callback_error)
-        self._asker = Asker(client.robot, reactor)
+        path = socket_path("robot", client.robot)
+        self._asker = ReactorClient(ROBOT, path, reactor, label=f"robot {client.robot}")
 
     def _make_common(self, urdf: str, nodes: list[NodeView]) -> None:
         """Make the topics of the robot as a whole; what cannot be made is told, the others are there."""
@@ -122,12 +141,13 @@ class Session:
 
     def open(self) -> None:
         """Subscribe on both sides and begin; raises RemoteError."""
-        client, status = self._client, self._client.call("status")
-        self._mailbox.interval_ns = round(float(status["cycle"]["period_s"]) * 1e9)
+        client, status = self._client, self._client.ask(GetStatus())
+        self._mailbox.interval_ns = round(status.cycle.period_s * 1e9)
+        self._rate = stream_rate(status.cycle, self._options.rate)
         namespace = str(self.node.get_namespace())
-        nodes = nodes_of(client.call("nodes"), namespace, client.call("layout"), status["nodes"])
-        self._make_common(client.call("description")["urdf"], nodes)
-        client.call("subscribe", state_rate=self._options.rate, events=True, pdos=False)
+        nodes = nodes_of(client.ask(GetNodes()), namespace, client.ask(GetLayout()), status.nodes)
+        self._make_common(client.ask(GetDescription()).urdf, nodes)
+        client.ask(Subscribe(state_rate=self._options.rate or self._rate, events=True))
         self._reactor.add_reader(client.fileno(), self._on_readable)
         self._reactor.call_soon(self._on_readable)  # what came together with an answer makes no descriptor readable
         self._spinner.start()
@@ -147,9 +167,9 @@ class Session:
 
     # ------------------------------------------------------------------------------------------- for endpoints
 
-    def command(self, controller: str, method: str, params: Message) -> None:
+    def command(self, request: Command) -> None:
         """Send the newest command of a controller, at most one per cycle; from any thread."""
-        if self._mailbox.put(controller, (method, {"controller": controller, "source": "ros", **params})):
+        if self._mailbox.put(request.controller, request):
             self._reactor.call_threadsafe(self._deliver)
 
     def warn(self, key: str, text: str) -> None:
@@ -204,11 +224,11 @@ class Session:
         watchers = self._process_data_watchers
         (watchers.add if wanted else watchers.discard)(watcher)
         if (wanted or not watchers) and not self._ended:
-            self._client.notify("subscribe", state_rate=self._options.rate, events=True, pdos=wanted)
+            self._client.notify(Subscribe(state_rate=self._rate, events=True, pdos=wanted))
 
-    def ask(self, method: str, params: Message, answer: Answer) -> None:
+    def ask(self, request: Request[A], answer: Callable[[A | None, str | None], object]) -> None:
         """Ask the robot, and have `answer(result, error)` called; both on the reactor's thread."""
-        self._asker.ask(method, params, answer)
+        self._asker.ask(request, answer)
 
     # ------------------------------------------------------------------------------------------- robot to ROS
 
@@ -218,23 +238,24 @@ class Session:
         try:
             for message in self._client.messages(0):
                 self._on_message(message)
+        except UnreadableMessage as error:  # the next sample is read when it comes
+            self.warn("message", str(error))
         except RemoteError as error:
             self._end(error)
 
-    def _on_message(self, message: Message) -> None:
-        state, event, pdos = message.get("state"), message.get("event"), message.get("pdos")
-        if state is not None:
-            self._follow(state.get("controllers") or {})
+    def _on_message(self, message: RobotPush) -> None:
+        if isinstance(message, StateSample):
+            self._follow(message.controllers)
             for endpoint in self._all():
-                self._guarded(endpoint, endpoint.on_state, state)
-        elif event is not None:
+                self._guarded(endpoint, endpoint.on_state, message)
+        elif isinstance(message, RobotEvent):
             for endpoint in self._all():
-                self._guarded(endpoint, endpoint.on_event, event)
-        elif pdos is not None:
+                self._guarded(endpoint, endpoint.on_event, message)
+        else:
             for endpoint in self._common:
-                self._guarded(endpoint, endpoint.on_process_data, pdos["nodes"])
+                self._guarded(endpoint, endpoint.on_process_data, message.nodes)
 
-    def _guarded(self, endpoint: Endpoint, action: Callable[[Message], object], message: Message) -> None:
+    def _guarded(self, endpoint: Endpoint, action: Callable[[A], object], message: A) -> None:
         try:
             action(message)
         except Exception as error:  # noqa: BLE001 - one topic's trouble is not the others'
@@ -248,7 +269,7 @@ class Session:
         """Make and remove topics when a controller was loaded, switched or unloaded."""
         if told == self._told:
             return
-        controllers = controllers_of(self._client.call("controllers"))
+        controllers = {each.name: each for each in self._client.ask(ListControllers())}
         for name in [name for name in self._endpoints if name not in controllers]:
             self._forget(name)
         for name, controller in controllers.items():
@@ -260,8 +281,16 @@ class Session:
             for endpoint in self._endpoints[name]:
                 endpoint.on_controller(controller)
         self.controllers, self._told = controllers, told
+        self._tell_outpaced()
 
-    def _made(self, controller: ControllerView) -> list[Endpoint]:
+    def _tell_outpaced(self) -> None:
+        """Tell once who publishes more often than ROS is given it."""
+        text = outpaced(self.controllers.values(), self._rate)
+        if text is not None and text != self._outpaced:
+            self.ask(Tell(kind="ros_rate", text=f"ROS: {text}"), lambda _done, _error: None)
+        self._outpaced = text
+
+    def _made(self, controller: ControllerReading) -> list[Endpoint]:
         try:
             return endpoints_for(self, controller)
         except Exception as error:  # noqa: BLE001 - a name of ros2_controllers.yaml that ROS refuses
@@ -280,14 +309,15 @@ class Session:
         if self._ended:
             return
         commands, later = self._mailbox.take(self._reactor.now())
-        for controller, (method, params) in commands.items():
-            self._asker.ask(method, params, partial(self._on_command_answered, controller))
+        for controller, request in commands.items():
+            self._asker.ask(request, partial(self._on_command_answered, controller))
         if later is not None:
             self._reactor.call_at(later, self._deliver)
 
     def _on_command_answered(self, controller: str, _result: object, error: str | None) -> None:
-        if error is not None and not self._ended:
-            self.warn(f"{controller}/refused", error)
+        said = None if self._ended else self._refusals.answered(controller, error)
+        if said is not None:
+            self.node.get_logger().warning(said)
 
     def _on_callback_error(self, error: Exception) -> None:
         self.warn("callback", f"a callback failed: {type(error).__name__}: {error}")
@@ -298,6 +328,6 @@ class Session:
             self._on_end(str(error))
 
 
-def _topics(controller: ControllerView) -> tuple[object, ...]:
+def _topics(controller: ControllerReading) -> tuple[object, ...]:
     """Return what its topics follow from."""
     return controller.type, controller.topic, controller.publishes

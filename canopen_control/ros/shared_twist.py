@@ -6,7 +6,7 @@ the command is refused.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from canopen_control.ros.diff_drive import send_twist
 from canopen_control.ros.endpoint import Endpoint
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from geometry_msgs.msg import Twist, TwistStamped
 
     from canopen_control.ros.endpoint import Ros
+    from canopen_control.rpc.messages.state import StateSample
 
 __all__ = ["SharedTwist"]
 
@@ -27,7 +28,7 @@ class SharedTwist(Endpoint):
         self._ros, self._topic = ros, topic
         self._subscription = TwistSubscription(ros, topic, self._on_message, kind)
 
-    def on_state(self, state: dict[str, Any]) -> None:
+    def on_state(self, state: StateSample) -> None:
         """Follow who publishes."""
         self._subscription.look(state)
 

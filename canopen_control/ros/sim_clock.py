@@ -16,6 +16,7 @@ from canopen_control.ros.qos import SYSTEM_DEFAULT
 
 if TYPE_CHECKING:
     from canopen_control.ros.endpoint import Ros
+    from canopen_control.rpc.messages.state import StateSample
 
 __all__ = ["SimClock"]
 
@@ -27,9 +28,9 @@ class SimClock(Endpoint):
         self._ros = ros
         self._publisher: Any = None  # rclpy has no types
 
-    def on_state(self, state: dict[str, Any]) -> None:
+    def on_state(self, state: StateSample) -> None:
         """Publish the time of a sample."""
-        seconds = state.get("sim_time")
+        seconds = state.sim_time
         if seconds is None:
             return
         if self._publisher is None:

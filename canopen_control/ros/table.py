@@ -1,6 +1,6 @@
-"""Which topics a controller has: by the kind of its commands, by what it says to publish, or by its type.
+"""Which topics a controller has: by the kind of its commands, by the kind of its samples, by what it says to publish.
 
-A new kind of controller gets a line here and an `Endpoint` in a file of its own.
+A new kind of command or sample gets a line here and an `Endpoint` in a file of its own.
 """
 
 from __future__ import annotations
@@ -16,31 +16,32 @@ from canopen_control.ros.joint_states import JointStates
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from canopen_control.ros.conversions import ControllerView
     from canopen_control.ros.endpoint import Endpoint, Ros
+    from canopen_control.rpc.messages.state import ControllerReading
 
-    Factory = Callable[[Ros, ControllerView], Endpoint]
+    Factory = Callable[[Ros, ControllerReading], Endpoint]
 
 __all__ = ["endpoints_for"]
 
 #: by where its commands come (`topic` of the API)
 BY_TOPIC: Final[dict[str | None, tuple[Factory, ...]]] = {
     "commands": (ForwardCommands,),
-    "cmd_vel": (TwistCommands, BaseOdometry),
+    "cmd_vel": (TwistCommands,),
 }
 #: by the last word of each topic that it tells (`publishes` of the API)
 BY_PUBLISHED: Final[dict[str, Factory]] = {
     "joint_states": JointStates,
     "dynamic_joint_states": DynamicJointStates,
 }
-#: by its type
-BY_TYPE: Final[dict[str, tuple[Factory, ...]]] = {
-    "canopen_control/GpioBroadcaster": (GpioStates,),
+#: by the kind of its samples (`tells` of the API)
+BY_SAMPLE: Final[dict[str | None, tuple[Factory, ...]]] = {
+    "odometry": (BaseOdometry,),
+    "gpio": (GpioStates,),
 }
 
 
-def endpoints_for(ros: Ros, controller: ControllerView) -> list[Endpoint]:
+def endpoints_for(ros: Ros, controller: ControllerReading) -> list[Endpoint]:
     """Make the topics of one controller."""
     published = [make for kind, make in BY_PUBLISHED.items() if controller.published(kind) is not None]
-    factories = (*BY_TOPIC.get(controller.topic, ()), *published, *BY_TYPE.get(controller.type, ()))
+    factories = (*BY_TOPIC.get(controller.topic, ()), *BY_SAMPLE.get(controller.tells, ()), *published)
     return [make(ros, controller) for make in factories]

@@ -1,8 +1,16 @@
-"""A sentence that is said at most once per interval, however often it becomes true."""
+"""Keeps what repeats itself out of the log: a sentence once per interval, refused commands with their number.
+
+This file imports no ROS.
+"""
 
 from __future__ import annotations
 
-__all__ = ["Throttle"]
+import re
+from typing import Final
+
+__all__ = ["Refusals", "Throttle"]
+
+_NUMBERS: Final = re.compile(r"[-+]?[0-9]+(?:\.[0-9]+)?(?:e[-+]?[0-9]+)?")
 
 
 class Throttle:
@@ -19,3 +27,28 @@ class Throttle:
             return False
         self._last[key] = now
         return True
+
+
+class Refusals:
+    """Commands that a controller refuses, by its name: told when that begins and when it ends, with their number.
+
+    A publisher that goes on while the drives are off is refused fifty times a second for one reason; another reason is
+    told again, whatever numbers stand in it.
+    """
+
+    def __init__(self) -> None:
+        self._reasons: dict[str, str] = {}
+        self._counts: dict[str, int] = {}
+
+    def answered(self, controller: str, error: str | None) -> str | None:
+        """Take the answer to a command, None for one that was taken; return what is to be said, if anything."""
+        if error is None:
+            count = self._counts.pop(controller, 0)
+            self._reasons.pop(controller, None)
+            return f"{controller} takes commands again, {count} were refused" if count > 1 else None
+        self._counts[controller] = self._counts.get(controller, 0) + 1
+        reason = _NUMBERS.sub("#", error)
+        if self._reasons.get(controller) == reason:
+            return None
+        self._reasons[controller] = reason
+        return error

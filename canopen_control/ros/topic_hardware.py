@@ -10,17 +10,19 @@ timeout, so `trigger_joint_command_threshold` must be -1: otherwise that package
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 from sensor_msgs.msg import JointState
 
 from canopen_control.ros.conversions import joint_arrays
-from canopen_control.ros.endpoint import Endpoint
+from canopen_control.ros.endpoint import COMMANDER, Endpoint
 from canopen_control.ros.joint_states import time_message
 from canopen_control.ros.qos import LATEST
+from canopen_control.rpc.messages.robot import CommandController
 
 if TYPE_CHECKING:
     from canopen_control.ros.endpoint import Ros
+    from canopen_control.rpc.messages.state import StateSample
 
 __all__ = ["TopicHardware", "commanded"]
 
@@ -36,11 +38,11 @@ class TopicHardware(Endpoint):
         self._publisher = ros.node.create_publisher(JointState, states, LATEST)
         self._message = JointState()
 
-    def on_state(self, state: dict[str, Any]) -> None:
+    def on_state(self, state: StateSample) -> None:
         """Publish every joint; what is not known is nan, which that package ignores."""
         message = self._message
-        message.header.stamp = time_message(state["time"])
-        message.name, message.position, message.velocity, message.effort = joint_arrays(state["joints"])
+        message.header.stamp = time_message(state.time)
+        message.name, message.position, message.velocity, message.effort = joint_arrays(state.joints)
         self._publisher.publish(message)
 
     def close(self) -> None:
@@ -61,7 +63,9 @@ class TopicHardware(Endpoint):
             wanted = [values.get((joint, controller.interface)) for joint in controller.joints]
             command = [value for value in wanted if value is not None]
             if len(command) == len(wanted):
-                self._ros.command(controller.name, "command", {"values": command})
+                self._ros.command(
+                    CommandController(controller=controller.name, values=command, source=COMMANDER, dead_man=True)
+                )
 
 
 def commanded(names: list[str], arrays: dict[str, list[float]]) -> dict[tuple[str, str], float]:

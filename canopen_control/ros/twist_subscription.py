@@ -7,7 +7,7 @@ the other type have gone, and between two looks.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 from geometry_msgs.msg import Twist, TwistStamped
 
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from canopen_control.ros.endpoint import Ros
+    from canopen_control.rpc.messages.state import StateSample
 
 __all__ = ["AUTO", "TwistSubscription"]
 
@@ -47,9 +48,9 @@ class TwistSubscription:
         if wanted:
             self._subscribe(f"{_PACKAGE}{wanted}")
 
-    def look(self, state: dict[str, Any]) -> None:
+    def look(self, state: StateSample) -> None:
         """Look, from time to time, who publishes; for every sample of the state stream."""
-        time = state["time"]
+        time = state.time
         # a clock that was set back does not blind it
         if not self._auto or time < self._next <= time + _LOOK_S:
             return

@@ -1,4 +1,4 @@
-"""What a robot is made of, put together from its files: buses with their nodes, hardware components, joints.
+"""Builds a robot from its files: buses with their nodes, hardware components, joints.
 
 The law of this file: nothing is opened and nothing moves. Buses are made only where something of the description is on
 one; a tag that nobody can build is refused with the line it stands at.
@@ -13,19 +13,19 @@ from canopen_control.errors import RobotConfigError
 from canopen_control.hardware.interfaces import InterfaceRegistry
 from canopen_control.hardware.plugins import Kind, kind_of, made_up, transmitted
 from canopen_control.hardware.system import CanopenSystem
-from canopen_control.runtime.bus import RobotBus
+from canopen_control.runtime.robot_bus import RobotBus
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from canopen_control.errors import BusError
-    from canopen_control.hardware.description import Ros2ControlSystem
-    from canopen_control.hardware.groups import StopGroup
     from canopen_control.hardware.joint import JointDrive
+    from canopen_control.hardware.stop_group import StopGroup
     from canopen_control.host.reactor import Reactor
-    from canopen_control.master.events import Event
-    from canopen_control.master.node import RemoteNode
+    from canopen_control.master.event_log import Event
+    from canopen_control.master.remote_node import RemoteNode
     from canopen_control.runtime.setup import RobotSetup
+    from canopen_control.urdf.ros2_control import Ros2ControlSystem
 
 __all__ = ["Assembly"]
 
@@ -49,7 +49,7 @@ class Assembly:
     bus_by_node: dict[str, RobotBus] = field(default_factory=dict)
     joints: dict[str, JointDrive] = field(default_factory=dict)
     systems: list[CanopenSystem] = field(default_factory=list)
-    _groups: dict[str, StopGroup] = field(default_factory=dict)
+    _groups: dict[str, StopGroup[JointDrive]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         setup = self.setup
@@ -91,7 +91,7 @@ class Assembly:
         try:
             system = CanopenSystem(tag, nodes, self.report, self._groups)
         except RobotConfigError as error:
-            raise RobotConfigError(f"{self.setup.files.description}:{tag.line}: {error}") from error
+            raise RobotConfigError(f"{self.setup.files.description}:{tag.place.line}: {error}") from error
         self.systems.append(system)
         self.joints.update((joint.joint, joint) for joint in system.joints)
         self.registry.register(transmitted(system, tag))

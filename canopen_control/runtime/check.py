@@ -8,30 +8,30 @@ start would do. A finding is told once.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from canopen_control.controllers.params import read_controllers
 from canopen_control.errors import CanopenError, ConfigError
-from canopen_control.hardware.description import read_description
 from canopen_control.host.reactor import Reactor
 from canopen_control.host.timer import ManualClock
 from canopen_control.master.budget import HIGH, budget_of
 from canopen_control.master.config import inspect_bus
 from canopen_control.runtime import check_rules
+from canopen_control.runtime.check_data import Finding, Severity, sorted_findings
 from canopen_control.runtime.core import RobotCore
-from canopen_control.runtime.finding import Finding, Severity, sorted_findings
 from canopen_control.runtime.setup import clashes_of, read_robot
+from canopen_control.urdf.description import read_description
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
     from pathlib import Path
 
     from canopen_control.controllers.params import ControllersFile
-    from canopen_control.hardware.description import Description
     from canopen_control.master.budget import Budget
     from canopen_control.master.config import BusConfig
-    from canopen_control.runtime.files import RobotFiles
-    from canopen_control.yamltree import Problem
+    from canopen_control.runtime.robot_files import RobotFiles
+    from canopen_control.urdf.description import Description
+    from canopen_control.yamlfile.problems import Problem
 
 __all__ = ["CheckOptions", "CheckReport", "check_robot"]
 
@@ -181,8 +181,7 @@ def _one_bus(buses: dict[str, BusConfig]) -> BusConfig | None:
     if first is None:
         return None
     nodes = {name: node for bus in buses.values() for name, node in bus.nodes.items()}
-    changes: dict[str, Any] = {"nodes": nodes, "plans": {}}
-    return replace(first, **changes)
+    return replace(first, nodes=nodes, plans={})
 
 
 def _period_ns(config: BusConfig, control: ControllersFile | None) -> int:

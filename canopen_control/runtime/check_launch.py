@@ -10,17 +10,16 @@ import re
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final
 
-from canopen_control.errors import RobotConfigError
-from canopen_control.hardware.urdf import read_document
-from canopen_control.runtime.finding import Finding, Severity
-from canopen_control.yamltree import nearest
+from canopen_control.errors import RobotConfigError, nearest
+from canopen_control.runtime.check_data import Finding, Severity
+from canopen_control.urdf.document import read_document
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
-    from canopen_control.hardware.urdf import Element
-    from canopen_control.runtime.checked_robot import CheckedRobot
+    from canopen_control.runtime.check_data import CheckedRobot
+    from canopen_control.urdf.document import Element
 
 __all__ = ["check_launch"]
 
@@ -55,7 +54,7 @@ class _Launch:
 
     def add(self, element: Element, severity: Severity, text: str, fix: str) -> None:
         """Add a finding at an element."""
-        self.findings.append(Finding(self.path, element.line, severity, text, fix))
+        self.findings.append(Finding(self.path, element.place.line, severity, text, fix))
 
 
 def check_launch(path: Path, robot: CheckedRobot) -> list[Finding]:
@@ -171,4 +170,4 @@ def _transmissions(launch: _Launch) -> Iterator[Finding]:
             if joint in description.joints and joint not in known:
                 text = f"joint {joint!r} has no <transmission>, so {name} finds no interface of it"
                 fix = "add a <transmission> with a SimpleTransmission, its joint and its actuator"
-                yield Finding(description.path, description.joints[joint].line, Severity.ERROR, text, fix)
+                yield Finding(description.path, description.joints[joint].place.line, Severity.ERROR, text, fix)

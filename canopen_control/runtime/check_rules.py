@@ -7,32 +7,34 @@ WARNING. The rules of wheels and of launch files have files of their own.
 
 from __future__ import annotations
 
+import math
 import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
+from canopen_control.controllers.command_life import DEFAULT_LIFE_S, ENDLESS
 from canopen_control.controllers.types import make_controller
-from canopen_control.errors import CanopenError, ConfigError
+from canopen_control.errors import CanopenError, ConfigError, nearest
 from canopen_control.hardware.plugins import KNOWN, Kind
+from canopen_control.rpc.messages.robot import STREAM_RATE
+from canopen_control.runtime.check_data import CheckedRobot, Finding, Severity
 from canopen_control.runtime.check_launch import check_launch
 from canopen_control.runtime.check_wheels import WHEEL_RULES
-from canopen_control.runtime.checked_robot import CheckedRobot
-from canopen_control.runtime.finding import Finding, Severity
-from canopen_control.yamltree import nearest
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
     from canopen_control.controllers.params import ControllerConfig, ControllersFile
-    from canopen_control.hardware.description import ControlJoint, Description, Ros2ControlSystem
     from canopen_control.master.config import BusConfig
-    from canopen_control.runtime.files import RobotFiles
+    from canopen_control.runtime.robot_files import RobotFiles
+    from canopen_control.urdf.description import Description
+    from canopen_control.urdf.ros2_control import ControlJoint, Ros2ControlSystem
 
 __all__ = ["find", "findings_of"]
 
 LEGAL_NAME: Final = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 """What ROS takes for the name of a node, which every controller is."""
-_PLACED: Final = re.compile(r"(?P<path>[^\s:][^:]*):(?P<line>\d+)(?::\d+)?: (?P<text>.+)")
+_PLACED: Final = re.compile(r"(?P<path>[^\s:][^:]*):(?P<line>\d+)(?::(?P<column>\d+))?: (?P<text>.+)")
 _TRANSLATED: Final = (" is read as ", " has no effect")
 """What the warnings say of keys of other distributions, which are worth knowing and no mistakes."""
 _COUNT: Final = re.compile(r"\d+ errors")
@@ -64,7 +66,8 @@ def findings_of(text: str, path: str, line: int, severity: Severity) -> Iterator
     for each in text.splitlines():
         placed = _PLACED.fullmatch(each)
         if placed is not None:
-            yield Finding(placed["path"], int(placed["line"]), severity, placed["text"])
+            column = int(placed["column"] or 0)
+            yield Finding(placed["path"], int(placed["line"]), severity, placed["text"], column=column)
         elif each.strip() and not each.startswith("    ") and not _COUNT.fullmatch(each):
             yield Finding(path, line, severity, _unplaced(each, path))
 
@@ -164,7 +167,7 @@ def _why_not(joint: str, kind: str, parts: dict[str, ControlJoint], description:
         return f"joint {joint!r} has no place in the {tag} of {where}", f"add it to {tag}, or nothing drives it"
     if kind not in parts[joint].command_interfaces:
         has = ", ".join(parts[joint].command_interfaces) or "none"
-        fix = f'add <command_interface name="{kind}"/> at {where}:{parts[joint].line}'
+        fix = f'add <command_interface name="{kind}"/> at {where}:{parts[joint].place.line}'
         return f"joint {joint!r} has no command interface {kind!r}; it has {has}", fix
     return "", ""
 
@@ -199,13 +202,13 @@ def _device(robot: CheckedRobot, tag: Ros2ControlSystem, joint: ControlJoint) ->
     if name is not None and name not in nodes:
         what = f"actuator {name!r}" if robot.description.ros1 else f"device_name {name!r}"
         text = f"joint {joint.name}: {what} is no node of {robot.bus.path}{nearest(name, nodes)}"
-        yield Finding(path, joint.line, Severity.ERROR, text, "use a name that stands under nodes:")
+        yield Finding(path, joint.place.line, Severity.ERROR, text, "use a name that stands under nodes:")
     elif name is None and node_id is None:
         text = f"joint {joint.name} of {tag.name}: no device_name; the nodes of {robot.bus.path} are {', '.join(nodes)}"
-        yield Finding(path, joint.line, Severity.ERROR, text, 'add <param name="device_name">NODE</param>')
+        yield Finding(path, joint.place.line, Severity.ERROR, text, 'add <param name="device_name">NODE</param>')
     elif name is None and node_id not in [str(each.node_id) for each in nodes.values()]:
         text = f"joint {joint.name}: no node of {robot.bus.path} has node_id {node_id}"
-        yield Finding(path, joint.line, Severity.ERROR, text, "use the node_id of a node")
+        yield Finding(path, joint.place.line, Severity.ERROR, text, "use the node_id of a node")
 
 
 def _no_hardware(robot: CheckedRobot) -> Iterator[Finding]:
@@ -222,7 +225,7 @@ def _plugins(robot: CheckedRobot) -> Iterator[Finding]:
     for tag in description.hardware:
         if tag.plugin not in KNOWN:
             text = f"no hardware plugin {tag.plugin!r}{nearest(tag.plugin, KNOWN)}"
-            yield Finding(description.path, tag.line, Severity.ERROR, text, "use that, or --mock or --real")
+            yield Finding(description.path, tag.place.line, Severity.ERROR, text, "use that, or --mock or --real")
     for plugin in description.gazebo:
         name = plugin.filename.rpartition("/")[2]
         hint = nearest(name, GAZEBO_PLUGINS)
@@ -256,6 +259,27 @@ def _update_rate(robot: CheckedRobot) -> Iterator[Finding]:
         text = f"update_rate {rate} Hz is more than the bus carries: the SYNC of {bus.path} comes at {cycle:g} Hz"
         fix = f"set update_rate: {cycle:g}, or sync_period: {1_000_000 // rate}"
         yield Finding(control.path, line, Severity.WARNING, text, fix)
+    elif line and 0 < rate * sync * 1.5 < 1_000_000:  # a rate that is nearer to the cycle's is the cycle's
+        cycle = 1_000_000 / sync
+        text = f"controllers run at {rate} Hz, though the SYNC of {bus.path} comes at {cycle:g} Hz"
+        yield Finding(control.path, line, Severity.NOTE, text, f"set update_rate: {cycle:g} to have them in each cycle")
+
+
+def _publish_rates(robot: CheckedRobot) -> Iterator[Finding]:
+    """Hold how often controllers publish against how often ROS and bags ask for it."""
+    if robot.control is None:
+        return
+    sync = robot.bus.master.sync_period if robot.bus is not None else 0
+    most = min(robot.control.update_rate, 1_000_000 / sync if sync else math.inf)
+    for name, controller in robot.configured.items():
+        updates = min(controller.update_rate or most, most)
+        rate = 0.0 if controller.tells is None else min(controller.publish_rate or updates, updates)
+        if rate > STREAM_RATE:
+            config = robot.config(name)
+            line = config.params.line("publish_rate") or config.params.line("update_rate") or config.line
+            text = f"{name} publishes at {rate:g} Hz, ROS and bags ask for {STREAM_RATE:g} Hz by themselves"
+            fix = f"run the bridge with --ros-args -p rate:={rate:.1f}, record with --rate {rate:g}"
+            yield Finding(config.path, line, Severity.NOTE, text, fix)
 
 
 def _timeouts(robot: CheckedRobot) -> Iterator[Finding]:
@@ -271,6 +295,12 @@ def _timeouts(robot: CheckedRobot) -> Iterator[Finding]:
                 fix = f"give {2 * COMMAND_PERIOD_S:g} s or more: teleop and `twist` send every {COMMAND_PERIOD_S:g} s"
                 yield Finding(config.path, config.params.line(key) or config.line, Severity.WARNING, text, fix)
 
+        for notice in controller.notices:
+            if notice.kind == ENDLESS:
+                line = config.params.line("command_timeout") or config.params.line("cmd_vel_timeout") or config.line
+                fix = f"give the time after which silence is a stop, such as {DEFAULT_LIFE_S:g} s"
+                yield Finding(config.path, line, Severity.WARNING, notice.text, fix)
+
 
 COMMAND_PERIOD_S: Final = 0.1
 """How often teleop and this package's own command line send: at 10 Hz."""
@@ -285,5 +315,6 @@ RULES: Final[tuple[Callable[[CheckedRobot], Iterator[Finding]], ...]] = (
     _joints,
     _devices,
     _update_rate,
+    _publish_rates,
     _timeouts,
 )

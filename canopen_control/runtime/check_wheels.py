@@ -1,6 +1,6 @@
 """The classic mistakes of robots on wheels: sizes, sides, signs, frames, and limits that freeze.
 
-The law of the file: REP 103: x is forward, y to the left, and a wheel that drives forward turns about +y. Sizes are
+REP 103: x is forward, y to the left, and a wheel that drives forward turns about +y. Sizes are
 compared as they are written, before the multipliers, which are calibration.
 """
 
@@ -9,20 +9,19 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Final
 
-from canopen_control.controllers.diff_drive import DiffDriveController
-from canopen_control.controllers.diff_drive_params import frozen_by_jerk
+from canopen_control.errors import nearest
 from canopen_control.master.keys import SCALES
-from canopen_control.runtime.finding import Finding, Severity
-from canopen_control.yamltree import nearest
+from canopen_control.runtime.check_data import Finding, Severity
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
+    from canopen_control.controllers.base import WheelBase
     from canopen_control.controllers.params import ControllerConfig
-    from canopen_control.hardware.description import UrdfJoint
-    from canopen_control.hardware.wheels import WheelGeometry
     from canopen_control.master.config import NodeConfig
-    from canopen_control.runtime.checked_robot import CheckedRobot
+    from canopen_control.runtime.check_data import CheckedRobot
+    from canopen_control.urdf.joint import Joint
+    from canopen_control.urdf.wheels import WheelGeometry
 
 __all__ = ["WHEEL_RULES"]
 
@@ -30,10 +29,10 @@ SAME: Final = 0.01
 """Lengths that differ by less than one per cent are the same."""
 
 
-def _bases(robot: CheckedRobot) -> Iterator[tuple[DiffDriveController, ControllerConfig]]:
+def _bases(robot: CheckedRobot) -> Iterator[tuple[str, WheelBase, ControllerConfig]]:
     for name, controller in robot.configured.items():
-        if isinstance(controller, DiffDriveController):
-            yield controller, robot.config(name)
+        if (base := controller.wheel_base()) is not None:
+            yield name, base, robot.config(name)
 
 
 def _line(config: ControllerConfig, *names: str) -> int:
@@ -41,12 +40,11 @@ def _line(config: ControllerConfig, *names: str) -> int:
 
 
 def _jerk(robot: CheckedRobot) -> Iterator[Finding]:
-    for base, config in _bases(robot):
-        for axis, limits in (("linear.x", base.params.linear), ("angular.z", base.params.angular)):
-            if frozen_by_jerk(limits):
-                text = f"{base.name}: {axis}.max_jerk: 0 freezes the robot: it can neither start nor begin to brake"
-                fix = f"remove it, or give {axis}.has_jerk_limits: false"
-                yield Finding(config.path, _line(config, f"{axis}.max_jerk"), Severity.ERROR, text, fix)
+    for name, base, config in _bases(robot):
+        for axis in base.frozen:
+            text = f"{name}: {axis}.max_jerk: 0 freezes the robot: it can neither start nor begin to brake"
+            fix = f"remove it, or give {axis}.has_jerk_limits: false"
+            yield Finding(config.path, _line(config, f"{axis}.max_jerk"), Severity.ERROR, text, fix)
 
 
 def _frames(robot: CheckedRobot) -> Iterator[Finding]:
@@ -54,29 +52,29 @@ def _frames(robot: CheckedRobot) -> Iterator[Finding]:
     if description is None:
         return
     parents = {joint.child: joint for joint in description.joints.values()}
-    for base, config in _bases(robot):
-        odom, child = base.frame_ids()
+    for name, base, config in _bases(robot):
+        odom, child = base.odom_frame, base.base_frame
         joint = parents.get(child)
         line = _line(config, "odom_frame_id", "base_frame_id")
         if child not in description.links:
-            text = f"{base.name}: base_frame_id {child!r} is no link of {description.path}"
+            text = f"{name}: base_frame_id {child!r} is no link of {description.path}"
             hint = nearest(child, description.links)
             yield Finding(
                 config.path, _line(config, "base_frame_id"), Severity.WARNING, text + hint, "use a link's name"
             )
-        elif joint is not None and base.params.enable_odom_tf:
+        elif joint is not None and base.publishes_tf:
             text = (
-                f"{base.name}: {child} gets two parents: {odom} by odometry, and {joint.parent} by the "
-                f"{joint.type} joint {joint.name} ({description.path}:{joint.line})"
+                f"{name}: {child} gets two parents: {odom} by odometry, and {joint.parent} by the "
+                f"{joint.type} joint {joint.name} ({description.path}:{joint.place.line})"
             )
             fix = f"remove that joint and its parent, or set base_frame_id: {_root(parents, child)}"
             yield Finding(config.path, line, Severity.WARNING, text, fix)
         elif odom in description.links:
-            text = f"{base.name}: odom_frame_id {odom!r} is a link of {description.path} already"
+            text = f"{name}: odom_frame_id {odom!r} is a link of {description.path} already"
             yield Finding(config.path, line, Severity.WARNING, text, "call it odom")
 
 
-def _root(parents: dict[str, UrdfJoint], link: str) -> str:
+def _root(parents: dict[str, Joint], link: str) -> str:
     """Return the root of the tree a link hangs in."""
     seen: set[str] = set()
     while link in parents and link not in seen:
@@ -89,17 +87,10 @@ def _sizes(robot: CheckedRobot) -> Iterator[Finding]:
     geometry = robot.geometry
     if geometry is None:
         return
-    for base, config in _bases(robot):
-        params = base.params
-        wheels = (*params.left, *params.right)
-        yield from _size(
-            base.name,
-            config,
-            "wheel_separation",
-            params.wheel_separation,
-            geometry.separation(params.left, params.right),
-        )
-        yield from _size(base.name, config, "wheel_radius", params.wheel_radius, geometry.radius(wheels))
+    for name, base, config in _bases(robot):
+        separation, radius = geometry.separation(base.left, base.right), geometry.radius((*base.left, *base.right))
+        yield from _size(name, config, "wheel_separation", base.separation, separation)
+        yield from _size(name, config, "wheel_radius", base.radius, radius)
 
 
 def _size(name: str, config: ControllerConfig, key: str, used: float, urdf: float | None) -> Iterator[Finding]:
@@ -117,18 +108,18 @@ def _sides(robot: CheckedRobot) -> Iterator[Finding]:
     geometry, description = robot.geometry, robot.description
     if geometry is None or description is None:
         return
-    for base, config in _bases(robot):
-        left, right = (_middle(geometry, side) for side in (base.params.left, base.params.right))
+    for name, base, config in _bases(robot):
+        left, right = (_middle(geometry, side) for side in (base.left, base.right))
         if left is not None and right is not None and left < right:
-            text = f"{base.name}: the left wheels are on the right of the robot ({left:g} m and {right:g} m along y)"
+            text = f"{name}: the left wheels are on the right of the robot ({left:g} m and {right:g} m along y)"
             line = _line(config, "left_wheel_names", "left_wheel")
             yield Finding(config.path, line, Severity.WARNING, text, "swap left and right wheel names")
-        for name in (*base.params.left, *base.params.right):
-            axis = geometry.axis(name)
+        for wheel in (*base.left, *base.right):
+            axis = geometry.axis(wheel)
             if axis is not None and axis[1] < -0.5:
-                text = f"joint {name}: its axis points to the right, so a positive velocity drives backwards"
-                joint = description.joints[name]
-                yield Finding(description.path, joint.line, Severity.WARNING, text, "turn its <axis> round")
+                text = f"joint {wheel}: its axis points to the right, so a positive velocity drives backwards"
+                joint = description.joints[wheel]
+                yield Finding(description.path, joint.place.line, Severity.WARNING, text, "turn its <axis> round")
 
 
 def _middle(geometry: WheelGeometry, joints: Sequence[str]) -> float | None:
@@ -142,21 +133,21 @@ def _scales(robot: CheckedRobot) -> Iterator[Finding]:
     if bus is None:
         return
     for node in bus.nodes.values():
-        signs = {key: math.copysign(1.0, getattr(node, key)) for key in SCALES}
+        signs = {key: math.copysign(1.0, getattr(node.units, key)) for key in SCALES}
         if len(set(signs.values())) > 1:
             negative = ", ".join(key for key, sign in signs.items() if sign < 0)
             text = f"node {node.node_id} ({node.name}): only {negative} is negative; position, velocity and both ways"
             fix = "give all four scales the same sign, or the drive runs away from its set-point"
             yield Finding(bus.path, node.line, Severity.ERROR, f"{text} turn the same way", fix)
-    for base, _ in _bases(robot):
+    for _, base, _ in _bases(robot):
         yield from _mirrored(robot, base)
 
 
-def _mirrored(robot: CheckedRobot, base: DiffDriveController) -> Iterator[Finding]:
+def _mirrored(robot: CheckedRobot, base: WheelBase) -> Iterator[Finding]:
     """Two drives that face each other turn opposite ways: one of the signs between motor and wheel is negative."""
     assert robot.bus is not None  # asked by `_scales`
-    left = [each for name in base.params.left if (each := _drive(robot, name)) is not None]
-    right = [each for name in base.params.right if (each := _drive(robot, name)) is not None]
+    left = [each for name in base.left if (each := _drive(robot, name)) is not None]
+    right = [each for name in base.right if (each := _drive(robot, name)) is not None]
     for (one, sign), (other, other_sign) in zip(left, right, strict=False):
         if sign == other_sign:
             text = (
@@ -176,7 +167,7 @@ def _drive(robot: CheckedRobot, joint: str) -> tuple[NodeConfig, bool] | None:
         for part in tag.joints:
             node = robot.bus.nodes.get(part.parameters.get("device_name", ""))
             if part.name == joint and node is not None:
-                return node, node.scale_vel_to_dev * ratios.get(joint, 1.0) < 0.0
+                return node, node.units.scale_vel_to_dev * ratios.get(joint, 1.0) < 0.0
     return None
 
 

@@ -9,14 +9,15 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 import time
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING
 
 from canopen_control.errors import CanopenError, SdoAbort
-from canopen_control.host.logfile import state_dir
+from canopen_control.host.files import state_dir, write_whole
 from canopen_control.master.direct import DirectBus
+from canopen_control.od.codec import fitted
+from canopen_control.od.model import DataType
 from canopen_control.runtime.speed_cap import SpeedCap
 
 if TYPE_CHECKING:
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
 __all__ = [
     "SLOW",
     "Clearance",
-    "Doubt",
+    "SlowReason",
     "config_hash",
     "doubt",
     "explain",
@@ -56,7 +57,7 @@ class Clearance:
 
 
 @dataclass(frozen=True, slots=True)
-class Doubt:
+class SlowReason:
     """Why a robot has to be slow, and which of its joints."""
 
     why: str
@@ -81,7 +82,7 @@ def read_serials(setup: RobotSetup) -> dict[str, int | None]:
     """
     found: dict[str, int | None] = {}
     for name, bus in setup.buses.items():
-        with DirectBus.open(setup.channels[name], label="clearance", timeout_s=_ANSWER_S) as direct:
+        with DirectBus.open(setup.channels[name], label="clearance", timeout_s=_ANSWER_S, join=False) as direct:
             answers = direct.read_many((node.node_id, *_SERIAL) for node in bus.nodes.values())
         for node in bus.nodes.values():
             answer = answers[node.node_id, *_SERIAL]
@@ -91,7 +92,8 @@ def read_serials(setup: RobotSetup) -> dict[str, int | None]:
 
 def _serial(answer: bytes | CanopenError) -> int | None:
     if isinstance(answer, bytes):
-        return int.from_bytes(answer, "little")
+        whole = fitted(answer, DataType.UNSIGNED32)
+        return None if whole is None else int.from_bytes(whole, "little")
     return 0 if isinstance(answer, SdoAbort) else None
 
 
@@ -108,9 +110,7 @@ def keep_pass(setup: RobotSetup, serials: Mapping[str, int], joints: Iterable[st
     path.parent.mkdir(parents=True, exist_ok=True)
     channels = ", ".join(setup.channels.values())
     passed = Clearance(config_hash(setup), dict(serials), time.time(), channels, tuple(joints))
-    fresh = path.with_suffix(".new")
-    fresh.write_text(json.dumps(asdict(passed), indent=2) + "\n")
-    os.replace(fresh, path)
+    write_whole(path, f"{json.dumps(asdict(passed), indent=2)}\n".encode())
     return path
 
 
@@ -121,7 +121,7 @@ def find_pass(setup: RobotSetup) -> Clearance | None:
         serials = {str(name): int(serial) for name, serial in held["serials"].items()}
         joints = tuple(str(joint) for joint in held["joints"])
         return Clearance(str(held["config"]), serials, float(held["time"]), str(held["channel"]), joints)
-    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return None
 
 
@@ -139,7 +139,7 @@ def explain(setup: RobotSetup, passed: Clearance | None, serials: Mapping[str, i
     return None
 
 
-def doubt(setup: RobotSetup) -> Doubt | None:
+def doubt(setup: RobotSetup) -> SlowReason | None:
     """Look for a pass and ask the drives for their serial numbers; return what speaks against full speed, if anything.
 
     Raises BusError where a channel cannot be opened.
@@ -148,9 +148,9 @@ def doubt(setup: RobotSetup) -> Doubt | None:
     passed = find_pass(setup)
     why = explain(setup, passed, {} if passed is None else read_serials(setup))
     if why is not None or passed is None:
-        return Doubt(why or "", joints)
+        return SlowReason(why or "", joints)
     left = tuple(joint for joint in joints if joint not in passed.joints)
-    return Doubt(f"the pre-flight could not turn {', '.join(left)}", left) if left else None
+    return SlowReason(f"the pre-flight could not turn {', '.join(left)}", left) if left else None
 
 
 def limit_speed(robot: RobotCore, joints: Collection[str], limit: float = SLOW) -> list[str]:

@@ -9,30 +9,50 @@ from __future__ import annotations
 
 import enum
 import time
+from functools import partial
 from typing import TYPE_CHECKING, Final
 
-from canopen_control.cia301.nmt import NmtCommand
 from canopen_control.controllers.manager import ControllerManager
-from canopen_control.errors import BusError, CanopenError, ControlError, UnknownName
+from canopen_control.errors import BusError, CanopenError
 from canopen_control.hardware.command_limits import CommandLimits
 from canopen_control.hardware.interfaces import ERROR
 from canopen_control.hardware.joint import Action
-from canopen_control.hardware.wheels import WheelGeometry
-from canopen_control.master.events import Event, EventLog, Level
+from canopen_control.hardware.stop_group import regroup
+from canopen_control.master.event_log import Event, EventLog, Level
 from canopen_control.runtime.assembly import Assembly
+from canopen_control.runtime.axis_request import (
+    ALONE,
+    AxisRequest,
+    ProbeReading,
+    axes_of,
+    begin_action,
+    find_node,
+    whole_bases,
+)
 from canopen_control.runtime.latch import StopLatch
 from canopen_control.runtime.pacer import Pacer
-from canopen_control.runtime.request import AxisRequest, ProbeReading, begin_action
-from canopen_control.runtime.wanted import load_controller, prepare_controllers
+from canopen_control.runtime.readiness import (
+    by_stop_group,
+    cause,
+    claimed_off,
+    ending,
+    hint,
+    in_fault,
+    refusal,
+    settled,
+    why_not_started,
+)
+from canopen_control.runtime.robot_bus import RobotBus
+from canopen_control.runtime.startup_controllers import prepare_controllers, require_active, switch_controllers
+from canopen_control.urdf.wheels import WheelGeometry
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Iterable, Sequence
 
+    from canopen_control.controllers.trajectory.goal import Goal
     from canopen_control.hardware.interfaces import HardwareComponent
-    from canopen_control.hardware.joint import JointDrive
     from canopen_control.host.reactor import Reactor
-    from canopen_control.master.node import RemoteNode
-    from canopen_control.runtime.bus import RobotBus
+    from canopen_control.master.remote_node import RemoteNode
     from canopen_control.runtime.setup import RobotSetup
 
 __all__ = ["RobotCore", "RobotState"]
@@ -43,10 +63,11 @@ _NEVER: Final = 1 << 62  # boot_time 0: wait for the nodes for ever
 
 
 class RobotState(enum.Enum):
-    """What the robot is doing as a whole."""
+    """What the robot is doing as a whole; DISABLED: drives that a controller claims are off and wait for an enable."""
 
     STARTING = "starting"
     RUNNING = "running"
+    DISABLED = "disabled"
     FAULT = "fault"
     STOPPING = "stopping"
     STOPPED = "stopped"
@@ -81,38 +102,60 @@ class RobotCore:
         self.joints, self.systems, self._bus_by_node = made.joints, made.systems, made.bus_by_node
         self.manager = ControllerManager(
             self.registry,
-            setup.controllers.update_rate,
+            setup.update_rate,
+            cycle=setup.cycle_ns / 1e9,
             joints=setup.description.movable_joints,
-            geometry=WheelGeometry(setup.description),
+            geometry=WheelGeometry(setup.description.model),
+            description=setup.description.joints,
         )
+        self.manager.why_waiting = partial(refusal, self.joints)
+        self.manager.explain = partial(cause, self.joints)
+        self.manager.running.divide = partial(by_stop_group, self.joints)
         self._phase = RobotState.STARTING
-        self._activated = False
-        self._missed = self._tell_missed_at = 0
+        self._activated = self._was_latched = False
         self._deadline = 0
         self._stopping_until = 0
         self._requests: list[AxisRequest] = []
         if setup.controllers.manager.enforce_command_limits:
             self.manager.limiter = CommandLimits(setup.description, self.registry)
         prepare_controllers(setup, self.manager, self.registry)
+        self.manager.on_switched = self._regroup
 
     # ------------------------------------------------------------------------------------------- life
 
     @property
     def state(self) -> RobotState:
         """The state of the robot; FAULT while running and a node is missing or a drive is in fault."""
-        if self._phase is RobotState.RUNNING and self._in_fault():
+        if self._phase is not RobotState.RUNNING:
+            return self._phase
+        if in_fault(self.nodes.values(), self.joints.values()):
             return RobotState.FAULT
-        return self._phase
+        return RobotState.DISABLED if claimed_off(self.joints.values()) else RobotState.RUNNING
+
+    @property
+    def hint(self) -> str | None:
+        """What keeps it from moving, and what to do next, in one sentence; None while it could move, starts or ends."""
+        if self._phase is RobotState.STARTING:
+            return self.latch.hint  # it goes on to run when that is released
+        return self.latch.hint or hint(claimed_off(self.joints.values())) if self._phase is RobotState.RUNNING else None
+
+    def join(self) -> None:
+        """Open the buses, which starts those that a program serves; raises BusError. `start` begins."""
+        self._with_buses(RobotBus.join)
+
+    def has_heard(self, names: Iterable[str]) -> bool:
+        """Whether the boot-ups of these nodes have come since `join`; until then they are on their way."""
+        nodes = [self.nodes[name] for name in names]
+        return all(node.node_id in self.bus_of(node).booted_up for node in nodes)
 
     def start(self) -> None:
-        """Open the buses and begin; raises BusError when a channel cannot be opened."""
+        """Begin, on the buses that are opened if need be; raises BusError when a channel cannot be opened."""
+        if self._phase is not RobotState.STARTING:
+            return  # it was ended before it began
+        self._with_buses(RobotBus.open)
+        if self.failure is not None:
+            return  # a bus was gone again, and that was told
         now = self.reactor.now()
-        try:
-            for bus in self.buses.values():
-                bus.open()
-        except BaseException:
-            self.close()
-            raise
         for note in self.setup.notes:
             self.report(Event(now, "note", "", note))
         for bus in self.buses.values():
@@ -121,6 +164,15 @@ class RobotCore:
         times = [bus.master.boot_time for bus in self.setup.buses.values()]
         self._deadline = now + max(times, default=0) * 1_000_000 if all(times) else _NEVER
         self.pacer.start()
+
+    def _with_buses(self, verb: Callable[[RobotBus], None]) -> None:
+        """Do something to all buses; where that fails, leave them all."""
+        try:
+            for bus in self.buses.values():
+                verb(bus)
+        except BaseException:
+            self.close()
+            raise
 
     def shutdown(self, why: str) -> None:
         """Begin the end: ramp to zero, disable, leave the buses; a second call does nothing."""
@@ -131,6 +183,8 @@ class RobotCore:
         self._phase = RobotState.STOPPING
         self._stopping_until = now + STOP_TIMEOUT_NS
         self._release_all(now)
+        if not self.pacer.running:  # it has not begun: nothing turns, and no cycle would end it
+            self._end("has stopped before it began")
 
     def close(self) -> None:
         """Leave everything at once; for the end, or after a failed start."""
@@ -145,26 +199,51 @@ class RobotCore:
     # ------------------------------------------------------------------------------------------- verbs
 
     def report(self, event: Event) -> None:
-        """Tell everyone who listens."""
-        self.events.add(event)
-        if self.on_event is not None:
-            self.on_event(event)
+        """Tell everyone who listens; what repeats itself once, and then in sum."""
+        self._tell(self.events.add(event))
 
-    def command(self, controller: str, values: Sequence[float], source: str, stamp: float | None = None) -> None:
-        """Hand a command to a controller; `stamp` is when it was made, in Unix seconds. Raises ControlError."""
+    def _tell(self, events: Iterable[Event]) -> None:
+        if self.on_event is not None:
+            for event in events:
+                self.on_event(event)
+
+    def command(
+        self,
+        controller: str,
+        values: Sequence[float],
+        source: str,
+        stamp: float | None = None,
+        *,
+        holder: object = None,
+    ) -> None:
+        """Hand a command to a controller; `stamp` is when it was made, in Unix seconds. Raises ControlError.
+
+        With a `holder` the command ends as soon as `let_go` says that he is gone, else by its time-out alone.
+        """
         self.latch.refuse("a command to", controller)
+        if controller in self.setup.controllers.controllers:
+            require_active(self.setup, self.manager, controller)
         made = None if stamp is None else round(stamp * 1e9) - self.wall_offset_ns
-        self.manager.command(controller, values, self.reactor.now(), made)
+        self.manager.command(controller, values, self.reactor.now(), made, source=source, holder=holder)
         self.commander = source
 
+    def send_goal(self, controller: str, goal: Goal, source: str, *, holder: object = None) -> None:
+        """Hand a trajectory to a controller; with a `holder` it ends when `let_go` says that he is gone."""
+        self.latch.refuse("a trajectory to", controller)
+        if controller in self.setup.controllers.controllers:
+            require_active(self.setup, self.manager, controller)
+        self.manager.send_goal(controller, goal, self.reactor.now(), source=source, holder=holder)
+        self.commander = source
+
+    def let_go(self, holder: object) -> None:
+        """End what a commander has commanded who is gone, unless somebody else commands by now."""
+        self.manager.running.let_go(holder)
+
     def switch(self, activate: Sequence[str], deactivate: Sequence[str], *, strict: bool) -> None:
-        """Switch controllers, loading and configuring those that are not; raises ControlError."""
-        loaded = self.manager.states
-        for name in activate:
-            if name not in loaded:
-                load_controller(self.setup, self.manager, name)
-        self.latch.check_controllers(self.manager.get(name) for name in activate)
-        self.manager.switch(activate=activate, deactivate=deactivate, strict=strict)
+        """Switch controllers, loading and configuring those that are not; ControlError, and nothing is changed."""
+        switch_controllers(
+            self.setup, self.manager, activate, deactivate, strict=strict, check=self.latch.check_controllers
+        )
 
     def stop(self, done: Callable[[str | None], None], latched_by: str | None = None) -> None:
         """Ramp to zero and disable; `done(error)` when no drive moves under power any more.
@@ -175,7 +254,8 @@ class RobotCore:
         if latched_by is None:
             self.report(Event(now, "stop", "", "stop was commanded", Level.WARNING))
         else:
-            self.latch.hold(latched_by, self.manager.running, now)
+            self.latch.hold(latched_by, now)
+        self.manager.running.forget(now)
         for system in self.systems:
             system.stop(now)
         self._requests.append(AxisRequest(tuple(self.joints.values()), Action.DISABLE, now + STOP_TIMEOUT_NS, done))
@@ -189,29 +269,31 @@ class RobotCore:
         joint: str | None = None,
         method: int | None = None,
         mode: str | None = None,
-    ) -> None:
+    ) -> str:
         """Do something to the axes of a node, or of "all"; `done(error)` when it is reached. Raises ControlError.
 
-        `joint` is the one that is meant, of a node with several axes.
+        Axes that a base controller holds are used together; returns the sentence that says so, "" where they were
+        meant anyway. `joint` is the one that is meant, of a node with several axes.
         `method` is the homing method (None: what 0x6098 holds), `mode` the mode of operation by name or number.
         """
         now = self.reactor.now()
         self.latch.check_action(action)
-        joints = self._axes_of(name, joint)
-        patience = begin_action(action, joints, self.systems, now, method=method, mode=mode)
-        self._requests.append(AxisRequest(joints, action, now + REQUEST_TIMEOUT_NS + patience, done))
+        joints, together = whole_bases(axes_of(self.nodes, self.joints.values(), name, joint), action)
+        extra_ns = begin_action(action, joints, self.systems, now, method=method, mode=mode)
+        if action in ALONE:
+            self.manager.running.set_aside([each.joint for each in joints], now)
+        self._requests.append(AxisRequest(joints, action, now + REQUEST_TIMEOUT_NS + extra_ns, done))
+        if together:
+            self.report(Event(now, "together", "", together))
+        return together
 
     def touch_probe(self, name: str, done: Callable[[dict[str, int] | str], None]) -> None:
         """Read what the touch probes of a node caught; `done` gets the values by name, or a sentence."""
-        ProbeReading(self._axes_of(name)[0].axis, done)
+        ProbeReading(axes_of(self.nodes, self.joints.values(), name)[0].axis, done)
 
     def node(self, name: str) -> RemoteNode:
         """Return a node by its name or node id; raises UnknownName."""
-        for node in self.nodes.values():
-            if name in (node.name, str(node.node_id)):
-                return node
-        known = ", ".join(f"{node.name} ({node.node_id})" for node in self.nodes.values()) or "none"
-        raise UnknownName(f"no node {name!r}; there are: {known}")
+        return find_node(self.nodes, name)
 
     def bus_of(self, node: RemoteNode) -> RobotBus:
         """Return the bus a node is on."""
@@ -258,20 +340,15 @@ class RobotCore:
         """Tell what the cycle, whose frames are on their way, has brought."""
         if self._requests:
             self._requests = [request for request in self._requests if not request.settle(now)]
-        if self.pacer.missed != self._missed and now >= self._tell_missed_at:
-            self._tell_missed(now)
+        if missed := self.pacer.newly_missed(now):
+            text = f"a cycle was missed, {self.pacer.late_max / 1e6:.0f} ms late at worst; is the machine busy?"
+            self.report(Event(now, "cycle_missed", "", text, Level.WARNING, count=missed))
         for event in self.manager.events():
             self.report(Event(now, event.kind, "", event.text, _CONTROLLER_LEVELS.get(event.kind, Level.WARNING)))
+        if self.events.is_due(now):
+            self._tell(self.events.tick(now))
         for hook in self.after_cycle:
             hook(now)
-
-    def _tell_missed(self, now: int) -> None:
-        """Tell, at most once a second, that cycles and their SYNCs were left out because this process came late."""
-        missed, self._missed = self.pacer.missed - self._missed, self.pacer.missed
-        self._tell_missed_at = now + 1_000_000_000
-        cycles = "1 cycle" if missed == 1 else f"{missed} cycles"
-        text = f"{cycles} left out, {self.pacer.late_max / 1e6:.0f} ms late at worst; is the machine busy?"
-        self.report(Event(now, "sync_overrun", "", text, Level.WARNING))
 
     def _advance(self, now: int) -> None:
         """Take the next step of starting or stopping."""
@@ -282,34 +359,20 @@ class RobotCore:
 
     def _advance_start(self, now: int) -> None:
         missing = [node for node in self.nodes.values() if node.config.required and not node.ready]
+        self._was_latched |= self.latch.held
         if not missing and not self._activated and not self.latch.held:
             self._activated = True
             self._deadline = now + REQUEST_TIMEOUT_NS
             self._activate()
-        elif self._activated and (self._settled() or now > self._deadline):
+            for system in self.systems if self._was_latched else ():
+                system.stop(now)  # a release enables nothing
+        elif self._activated and (settled(self.nodes.values(), self.joints.values()) or now > self._deadline):
             self._phase = RobotState.RUNNING
-            self.report(Event(now, "running", "", f"{self.setup.name} runs: {', '.join(self.setup.wanted)}"))
+            self.report(Event(now, "running", "", f"{self.setup.name} runs: {', '.join(self.setup.to_activate)}"))
             if self.on_running is not None:
                 self.on_running()
         elif missing and now > self._deadline:
-            self._fail(self._why_silent() or "; ".join(self._why_missing(node) for node in missing))
-
-    def _why_silent(self) -> str:
-        """Say that nobody is there at all, where not one frame has come from any bus."""
-        silent = [bus for bus in self.buses.values() if bus.port is not None and bus.port.stats.rx == 0]
-        return "; ".join(
-            f"nobody answers on {bus.channel}: not one frame came from {', '.join(bus.config.nodes)} "
-            f"within {bus.config.master.boot_time / 1000:g} s; are the drives there, powered, "
-            f"and set to {bus.config.master.baudrate} kbit/s?"
-            for bus in (silent if len(silent) == len(self.buses) else ())
-        )
-
-    def _why_missing(self, node: RemoteNode) -> str:
-        if node.error and node.error.startswith(f"node {node.node_id}"):
-            return node.error
-        seconds = self.bus_of(node).config.master.boot_time / 1000
-        reason = node.error or f"not operational within {seconds:g} s; its boot got as far as {node.boot_step!r}"
-        return f"{node.who}: {reason}"
+            self.fail(why_not_started(self.buses.values(), [(self.bus_of(node), node) for node in missing]))
 
     def _advance_stop(self, now: int) -> None:
         late = now > self._stopping_until
@@ -317,13 +380,14 @@ class RobotCore:
             return
         if late:
             self.report(Event(now, "stop_timeout", "", "the drives did not confirm the stop in time", Level.ERROR))
+        how = ending(self.joints.values())  # as they are now: the reset takes their statuswords away
         for bus in self.buses.values():
-            # Back to the stored communication settings: the drives then no longer wait for this master's heartbeat.
-            for node in bus.network.nodes.values():
-                if node.config.reset_communication:  # a keep-alive node is left as it is
-                    bus.network.send_nmt(NmtCommand.RESET_COMMUNICATION, node.node_id)
-            bus.send_waiting()
-        self.report(Event(now, "stopped", "", f"{self.setup.name} has stopped, its drives are disabled"))
+            bus.release_nodes()
+        self._end(f"has stopped, {how}")
+
+    def _end(self, how: str) -> None:
+        self._tell(self.events.flush())
+        self.report(Event(self.reactor.now(), "stopped", "", f"{self.setup.name} {how}"))
         self.close()
         if self.on_stopped is not None:
             self.on_stopped()
@@ -334,14 +398,21 @@ class RobotCore:
             for component in self.registry.components:
                 component.configure()
                 component.activate()
-            self.switch(self.setup.wanted, (), strict=True)
+            self.switch(self.setup.to_activate, (), strict=True)
         except CanopenError as error:
-            self._fail(str(error))
+            self.fail(str(error))
 
-    def _fail(self, text: str) -> None:
+    def fail(self, text: str) -> None:
+        """End the run because of what `text` says."""
         self.failure = self.failure or text
         self.report(Event(self.reactor.now(), "failed", "", text, Level.ERROR))
         self.shutdown("the run failed")
+
+    def _regroup(self) -> None:
+        """Put together what the base controllers that are active now hold; one that would move in part is stopped."""
+        regroup(self.joints.values(), self.manager.bases, self.reactor.now())
+        for system in self.systems:
+            system.regroup()
 
     def _release_all(self, now: int) -> None:
         try:
@@ -351,44 +422,12 @@ class RobotCore:
         for system in self.systems:
             system.stop(now)
 
-    def _settled(self) -> bool:
-        """Whether no drive is on its way to be enabled any more: it is, or it has a reason not to be."""
-        claimed = [joint for joint in self.joints.values() if joint.claimed is not None]
-        waits = any(_is_absent(joint.node) for joint in claimed)  # and with it all that move together
-        return waits or self._in_fault() or all(joint.enabled or not joint.wanted for joint in claimed)
-
-    def _in_fault(self) -> bool:
-        return any(not node.ready or node.stale for node in self.nodes.values() if node.config.required) or any(
-            joint.machine.fault for joint in self.joints.values()
-        )
-
-    def _axes_of(self, name: str, only: str | None = None) -> tuple[JointDrive, ...]:
-        if name == "all":
-            joints = tuple(self.joints.values())
-        else:
-            node = self.node(name)
-            joints = tuple(joint for joint in self.joints.values() if joint.node is node)
-            if not joints:
-                raise ControlError(f"{node.who} drives no joint of the description")
-        if only is None:
-            return joints
-        meant = tuple(joint for joint in joints if joint.joint == only)
-        if not meant:
-            known = ", ".join(joint.joint for joint in joints) or "none"
-            raise UnknownName(f"{name} has no joint {only!r}; there are: {known}")
-        return meant
-
     def _on_bus_lost(self, error: BusError) -> None:
         """End the run: a bus that is gone carries no stop, the drives stop when our heartbeat is missing."""
         self.failure = self.failure or str(error)
         self.close()
         if self.on_stopped is not None:
             self.reactor.call_soon(self.on_stopped)
-
-
-def _is_absent(node: RemoteNode) -> bool:
-    """Whether a node is not there and need not be."""
-    return not node.ready and not node.config.required
 
 
 _CONTROLLER_LEVELS = {"activated": Level.INFO, "deactivated": Level.INFO, "error": Level.ERROR}

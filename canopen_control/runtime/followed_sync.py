@@ -1,6 +1,6 @@
 """A SYNC that the kernel sends and the cycle follows.
 
-The law of this file: the kernel's SYNC is heard like anybody's (what one socket sends comes to every other one), and
+The kernel's SYNC is heard like anybody's (what one socket sends comes to every other one), and
 the cycle's edges are held half a period after it. By then the drives' answers to it have come, and what the cycle
 writes has the other half to be on the wire before the next SYNC, at which the drives act upon it. When SYNC is not
 heard the cycle goes on by its own clock, the task is set up again, and that is told.
@@ -11,7 +11,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Protocol
 
 from canopen_control.errors import BusError
-from canopen_control.master.events import Event, Level
+from canopen_control.master.event_log import Event, Level
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -43,18 +43,18 @@ class FollowedSync:
         report: Callable[[Event], None],
     ) -> None:
         self._task, self._period_us, self._lead, self._report = task, period_us, lead, report
-        self._patience = max(_MISSED * period_us * 1000, _RETRY_NS // 2)
+        self._timeout = max(_MISSED * period_us * 1000, _RETRY_NS // 2)
         self._deadline = 0
         self._silent = False
 
     def start(self, now: int) -> None:
         """Let the kernel begin; raise BusError."""
         self._task.start(self._period_us)
-        self._deadline = now + self._patience
+        self._deadline = now + self._timeout
 
     def heard(self, now: int) -> None:
         """Take a SYNC that came over the bus."""
-        self._deadline = now + self._patience
+        self._deadline = now + self._timeout
         self._silent = False
         if self._lead is not None:
             self._lead(now)

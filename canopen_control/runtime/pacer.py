@@ -34,13 +34,21 @@ class Pacer:
         self.late_max = self.work_max = self.work = 0
         self.late_counts = [0] * (len(LATE_EDGES_NS) + 1)
         self._reactor, self._work = reactor, work
-        self._edge = 0
+        self._edge = self._told = self._tell_at = 0
         self._timer: Timer | None = None
 
     @property
     def running(self) -> bool:
         """Whether edges are coming."""
         return self._timer is not None
+
+    def newly_missed(self, now: int) -> int:
+        """Return how many edges were missed since it was last told, at most once a second; 0 for none to tell."""
+        missed = self.missed - self._told
+        if not missed or now < self._tell_at:
+            return 0
+        self._told, self._tell_at = self.missed, now + 1_000_000_000
+        return missed
 
     def start(self) -> None:
         """Begin with an edge one period from now."""

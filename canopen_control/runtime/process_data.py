@@ -1,8 +1,8 @@
-"""What travels in the PDOs of the nodes, object by object, for clients that want it as it came, and to send theirs.
+"""Process data for clients: what TPDOs carry, object by object as it came, and objects to send in RPDOs.
 
 The law of this file: nothing is looked at while nobody watches. A watcher is first told everything that has come, and
 after each cycle what has changed since; a value that changed several times within a cycle is told once. Values are the
-bytes of the object (CiA 301, 7.1), little endian, in hexadecimal, as SDO gives them. What moves an axis (controlword,
+bytes of the object (CiA 301, 7.1), little endian, as SDO gives them. What moves an axis (controlword,
 mode and targets, CiA 402-2) belongs to the controllers, which have limits and timeouts, and is written by nobody else.
 """
 
@@ -11,33 +11,22 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from canopen_control.cia301.pdo import PdoCodec
-from canopen_control.cia402 import objects
+from canopen_control.cia402.objects import MOTION
 from canopen_control.errors import CanopenError, ControlError
 from canopen_control.od.codec import decode, encode
+from canopen_control.rpc.messages.robot import MappedValue
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
     from canopen_control.cia301.pdo import MappedObject
     from canopen_control.master.cycle import ReceivedPdo
-    from canopen_control.master.node import RemoteNode
+    from canopen_control.master.remote_node import RemoteNode
     from canopen_control.od.model import Value
     from canopen_control.runtime.core import RobotCore
 
 __all__ = ["ProcessDataFeed", "write_mapped"]
 
-#: what moves an axis, by its index of axis 0
-MOTION = frozenset(
-    (
-        objects.CONTROLWORD,
-        objects.MODES_OF_OPERATION,
-        objects.TARGET_POSITION,
-        objects.TARGET_VELOCITY,
-        objects.TARGET_TORQUE,
-        objects.VL_TARGET_VELOCITY,
-        objects.INTERPOLATION_DATA,
-    )
-)
 _FIRST_OBJECT = 0x1000  # below it are the types, which fill gaps
 
 
@@ -50,7 +39,7 @@ class _Watched:
         self.node, self.pdo, self.objects = node, pdo, mapped
         self.count, self.values = 0, tuple[Any, ...]()
 
-    def changed(self) -> list[list[Any]]:
+    def changed(self) -> list[MappedValue]:
         """Return the objects that have another value than the last time."""
         pdo, before = self.pdo, self.values
         if pdo.count == self.count:
@@ -65,7 +54,7 @@ class _Watched:
 
 
 class ProcessDataFeed:
-    """The received process data of all nodes, as `{node: [[index, subindex, hex], ...]}`."""
+    """The received process data of all nodes, by node."""
 
     def __init__(self, nodes: Iterable[RemoteNode]) -> None:
         self._watched = [
@@ -74,9 +63,9 @@ class ProcessDataFeed:
             for layout, pdo in zip(node.plan.tpdos, node.received, strict=True)
         ]
 
-    def everything(self) -> dict[str, list[list[Any]]]:
+    def everything(self) -> dict[str, list[MappedValue]]:
         """Return all objects that have come since their node has booted."""
-        found: dict[str, list[list[Any]]] = {}
+        found: dict[str, list[MappedValue]] = {}
         for each in self._watched:
             if each.pdo.stamp >= 0:
                 pairs = zip(each.objects, each.pdo.values, strict=True)
@@ -85,9 +74,9 @@ class ProcessDataFeed:
                 )
         return found
 
-    def changes(self) -> dict[str, list[list[Any]]]:
+    def changes(self) -> dict[str, list[MappedValue]]:
         """Return what has changed since the last call; {} for nothing."""
-        found: dict[str, list[list[Any]]] = {}
+        found: dict[str, list[MappedValue]] = {}
         for each in self._watched:
             if told := each.changed():
                 found.setdefault(each.node, []).extend(told)
@@ -98,7 +87,7 @@ def write_mapped(robot: RobotCore, node: RemoteNode, index: int, subindex: int, 
     """Send an object in the RPDOs that map it, from the next cycle on; raises ControlError.
 
     It is refused for what moves an axis, for digital outputs that a controller commands, and while the node is not
-    operational. The value is sent again as all process data are, until another one is written or the node boots.
+    operational. An RPDO that moves no axis is sent once for it.
     """
     what = f"{node.who}: 0x{index:04X}:{subindex:02X}"
     output = robot.bus_of(node).network.image.output(node.node_id, index, subindex)
@@ -113,7 +102,7 @@ def write_mapped(robot: RobotCore, node: RemoteNode, index: int, subindex: int, 
             raise ControlError(f"{what} is commanded by {commanded.owner}; deactivate that controller first")
     if not node.ready:
         raise ControlError(f"{what} cannot be sent: the node is not operational: {node.error or 'it has not booted'}")
-    output.set(_number(data, mapped, what))
+    output.write(_number(data, mapped, what))
 
 
 def _number(data: bytes, mapped: MappedObject, what: str) -> int:
@@ -126,10 +115,10 @@ def _number(data: bytes, mapped: MappedObject, what: str) -> int:
     return value  # type: ignore[return-value]  # most often a number
 
 
-def _told(mapped: MappedObject, value: Value) -> list[Any]:
+def _told(mapped: MappedObject, value: Value) -> MappedValue:
     if isinstance(value, int):
         size = (mapped.bits + 7) // 8
         data = (value & ((1 << 8 * size) - 1)).to_bytes(size, "little")
     else:
         data = value if isinstance(value, bytes) else encode(value, mapped.data_type)
-    return [mapped.index, mapped.subindex, data.hex()]
+    return MappedValue(mapped.index, mapped.subindex, data)

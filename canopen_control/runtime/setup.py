@@ -12,20 +12,19 @@ from typing import TYPE_CHECKING
 from canopen_control.bus.channel import ChannelKind, parse_channel
 from canopen_control.controllers.params import read_controllers
 from canopen_control.controllers.types import is_broadcaster
-from canopen_control.errors import RobotConfigError
-from canopen_control.hardware.description import read_description
+from canopen_control.errors import RobotConfigError, nearest
 from canopen_control.hardware.plugins import Kind, kind_of
 from canopen_control.master.config import read_bus
-from canopen_control.runtime.files import MAIN_BUS
-from canopen_control.yamltree import nearest
+from canopen_control.runtime.robot_files import MAIN_BUS
+from canopen_control.urdf.description import DescriptionReader
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from canopen_control.controllers.params import ControllersFile
-    from canopen_control.hardware.description import Description
     from canopen_control.master.config import BusConfig
-    from canopen_control.runtime.files import RobotFiles
+    from canopen_control.runtime.robot_files import RobotFiles
+    from canopen_control.urdf.description import Description
 
 __all__ = ["BUS_NAME", "RobotSetup", "clashes_of", "read_robot"]
 
@@ -34,7 +33,7 @@ BUS_NAME = MAIN_BUS
 
 @dataclass(frozen=True, slots=True)
 class RobotSetup:
-    """What a robot is made of; `channels` maps bus names to channels, `wanted` are the controllers to activate."""
+    """What a robot is made of; `channels` maps bus names to channels, `to_activate` the controllers."""
 
     name: str
     files: RobotFiles
@@ -42,7 +41,7 @@ class RobotSetup:
     channels: dict[str, str]
     description: Description
     controllers: ControllersFile
-    wanted: tuple[str, ...]
+    to_activate: tuple[str, ...]
     mock: bool
     notes: tuple[str, ...]
     real: bool = False
@@ -58,6 +57,12 @@ class RobotSetup:
         """The period of the cycle: SYNC's, else that of the controllers."""
         sync = self.bus.master.sync_period * 1000 if self.buses else 0
         return sync or 1_000_000_000 // self.controllers.update_rate
+
+    @property
+    def update_rate(self) -> int:
+        """How often controllers run at most, in Hz: the manager's update_rate, else the cycle's, which is the most."""
+        cycle = max(1, round(1e9 / self.cycle_ns))
+        return min(self.controllers.update_rate, cycle) if "update_rate" in self.controllers.manager_lines else cycle
 
 
 def read_robot(
@@ -78,11 +83,13 @@ def read_robot(
     ros2_controllers.yaml is an error; `peer_merge` lets `defaults` of bus.yml win over the nodes; `kernel_sync` leaves
     SYNC to the kernel.
     """
-    buses = {each: read_bus(path, peer_merge=peer_merge) for each, path in files.buses.items()}
-    if problems := clashes_of(buses):
-        raise RobotConfigError("\n".join(problems))
-    control = read_controllers(files.controllers, strict=strict)
-    description = read_description(files.description, mappings={"use_mock_hardware": "true"} if mock else None)
+    mappings = {"use_mock_hardware": "true"} if mock else None
+    with DescriptionReader(files.description, mappings=mappings) as reader:  # xacro runs while the rest is read
+        buses = {each: read_bus(path, peer_merge=peer_merge) for each, path in files.buses.items()}
+        if problems := clashes_of(buses):
+            raise RobotConfigError("\n".join(problems))
+        control = read_controllers(files.controllers, strict=strict)
+        description = reader.result()
     if not buses:
         _refuse_drives(files, description, mock=mock, real=real)
     name = name or files.name
@@ -133,8 +140,8 @@ def _refuse_drives(files: RobotFiles, description: Description, *, mock: bool, r
     for tag in description.hardware:
         if kind_of(description, tag, mock=mock, real=real) is Kind.CANOPEN:
             raise RobotConfigError(
-                f"{files.controllers.parent} has no bus.yml, and {tag.name} at {description.path}:{tag.line} moves "
-                "CANopen drives; write one or give --bus, or run it with --mock"
+                f"{files.controllers.parent} has no bus.yml, and {tag.name} at {description.path}:{tag.place.line} "
+                "moves CANopen drives; write one or give --bus, or run it with --mock"
             )
 
 

@@ -1,205 +1,210 @@
-"""What a robot says of itself, as plain data: `status --json`, and the stream its clients watch.
-
-The law of this file: SI units, None where nothing is known (JSON has no nan), times in Unix seconds, and the same names
-as in bus.yml and the description. Keys may be added, never renamed.
-"""
+"""What a robot tells of itself, gathered: its status, the samples of its state, its nodes, their PDOs, its events."""
 
 from __future__ import annotations
 
-import math
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from canopen_control.cia402.modes import mode_name
-from canopen_control.controllers.broadcasters import DiagnosticsBroadcaster, GpioBroadcaster
-from canopen_control.controllers.diff_drive import DiffDriveController
-from canopen_control.hardware.simulation import SimulatedSystem
-from canopen_control.master.layout import layout_of
+from canopen_control.controllers.state_copy import finite
+from canopen_control.master.pdo_layout import layout_of
+from canopen_control.rpc.messages.layout import Layout
+from canopen_control.rpc.messages.robot import BusPlace, NodeIdentity, NodeListing, NodePlace
+from canopen_control.rpc.messages.state import (
+    AxisReading,
+    BootStep,
+    BusTraffic,
+    CycleTimes,
+    JointReading,
+    NodeReading,
+    RobotEvent,
+    SdoCounts,
+    StateSample,
+    Status,
+)
 from canopen_control.runtime.pacer import LATE_EDGES_NS
 
 if TYPE_CHECKING:
     from canopen_control.hardware.joint import JointDrive
-    from canopen_control.master.events import Event
-    from canopen_control.master.node import RemoteNode
+    from canopen_control.master.event_log import Event
+    from canopen_control.master.remote_node import RemoteNode
     from canopen_control.runtime.core import RobotCore
 
-__all__ = ["event_dict", "layout_dict", "nodes_dict", "odometry_dict", "state_dict", "status_dict"]
+__all__ = ["event_message", "layout_message", "nodes_message", "state_sample", "status_message"]
 
 _MAX_EVENTS = 50
 
 
-def status_dict(robot: RobotCore) -> dict[str, Any]:
+def status_message(robot: RobotCore) -> Status:
     """Return everything that `status --json` prints."""
-    return {
-        "robot": robot.setup.name,
-        **_common(robot),
-        "late_edges_s": [edge / 1e9 for edge in LATE_EDGES_NS],
-        "buses": {
-            name: {
-                "channel": bus.channel,
-                "rx": bus.port.stats.rx if bus.port else 0,
-                "tx": bus.port.stats.tx if bus.port else 0,
-                "lost": bus.port.stats.lost if bus.port else 0,
-                "unknown": bus.network.unknown,
-                "load": bus.load,
-            }
-            for name, bus in robot.buses.items()
-        },
-        "boot": [step for node in robot.nodes.values() for step in _boot_steps(node)],
-        "failure": robot.failure,
-        "commander": robot.commander,
-        "events": [event_dict(robot, event) for event in list(robot.events.recent)[-_MAX_EVENTS:]],
-    }
+    return Status(
+        robot=robot.setup.name,
+        state=robot.state.value,
+        hint=robot.hint,
+        latched=robot.latch.held,
+        latched_by=robot.latch.by,
+        cycle=_cycle(robot),
+        nodes=_nodes(robot),
+        joints=_joints(robot),
+        controllers=robot.manager.states,
+        late_edges_s=[edge / 1e9 for edge in LATE_EDGES_NS],
+        buses=_buses(robot),
+        boot=[step for node in robot.nodes.values() for step in _boot_steps(node)],
+        failure=robot.failure,
+        commander=robot.commander,
+        events=[event_message(robot, event) for event in robot.events.recent[-_MAX_EVENTS:]],
+    )
 
 
-def state_dict(robot: RobotCore) -> dict[str, Any]:
+def state_sample(robot: RobotCore) -> StateSample:
     """Return one sample of the state stream."""
-    return {
-        "time": (robot.reactor.now() + robot.wall_offset_ns) / 1e9,
-        **_common(robot),
-        "load": {name: bus.load for name, bus in robot.buses.items()},
-        "sim_time": simulated_seconds(robot),
-        "odometry": odometry_dict(robot),
-        "gpio": {each.name: finite_values(each) for each in robot.manager.running if isinstance(each, GpioBroadcaster)},
-        "diagnostics": {
-            each.name: [status.as_dict() for status in each.statuses()]
-            for each in robot.manager.running
-            if isinstance(each, DiagnosticsBroadcaster)
-        },
-    }
+    return StateSample(
+        time=(robot.reactor.now() + robot.wall_offset_ns) / 1e9,
+        state=robot.state.value,
+        hint=robot.hint,
+        latched=robot.latch.held,
+        latched_by=robot.latch.by,
+        cycle=_cycle(robot),
+        nodes=_nodes(robot),
+        joints=_joints(robot),
+        controllers=robot.manager.states,
+        load={name: bus.load for name, bus in robot.buses.items()},
+        sim_time=simulated_seconds(robot),
+        samples=robot.manager.running.samples(robot.wall_offset_ns),
+    )
 
 
 def simulated_seconds(robot: RobotCore) -> float | None:
     """Return how long the simulation has run, for `/clock`; None if nothing is simulated."""
-    return next(
-        (each.elapsed_ns / 1e9 for each in robot.registry.components if isinstance(each, SimulatedSystem)), None
+    times = (each.simulated_ns for each in robot.registry.components)
+    return next((each / 1e9 for each in times if each is not None), None)
+
+
+def nodes_message(robot: RobotCore) -> NodeListing:
+    """Return where each node is and which EDS describes it, for clients that talk to it in its own words."""
+    return NodeListing(
+        {name: BusPlace(bus.channel, bus.config.master.node_id) for name, bus in robot.buses.items()},
+        [
+            NodePlace(
+                name=name,
+                node_id=node.node_id,
+                bus=robot.bus_of(node).name,
+                eds=str(robot.bus_of(node).config.eds_paths[name].resolve()),
+                identity=NodeIdentity(**asdict(node.plan.identity)),
+                driver=node.config.ros.driver,
+                namespace=node.config.ros.namespace,
+                remappings=_texts(node.config.ros.remappings),
+                channel_names=node.config.ros.channel_names,
+                joints=[joint.joint for joint in robot.joints.values() if joint.node is node],
+            )
+            for name, node in robot.nodes.items()
+        ],
     )
 
 
-def finite_values(broadcaster: GpioBroadcaster) -> dict[str, dict[str, float | None]]:
-    """Return what a broadcaster of inputs and outputs tells, by joint and interface."""
-    return {
-        joint: {interface: _finite(value) for interface, value in values.items()}
-        for joint, values in broadcaster.by_joint().items()
-    }
+def _texts(given: Any) -> dict[str, str]:  # noqa: ANN401 - whatever stands in bus.yml
+    return {str(key): str(value) for key, value in given.items()} if isinstance(given, dict) else {}
 
 
-def odometry_dict(robot: RobotCore) -> dict[str, Any]:
-    """Return where each active diff drive controller believes to be; `time` is that of its last publication."""
-    return {
-        controller.name: {"time": (controller.stamp + robot.wall_offset_ns) / 1e9, **controller.sample()}
-        for controller in robot.manager.running
-        if isinstance(controller, DiffDriveController) and controller.publications
-    }
-
-
-def nodes_dict(robot: RobotCore) -> dict[str, Any]:
-    """Return where each node is and which EDS describes it, for clients that talk to it in its own words."""
-    return {
-        "buses": {
-            name: {"channel": bus.channel, "node_id": bus.config.master.node_id} for name, bus in robot.buses.items()
-        },
-        "nodes": [
-            {
-                "name": name,
-                "node_id": node.node_id,
-                "bus": robot.bus_of(node).name,
-                "eds": str(robot.bus_of(node).config.eds_paths[name].resolve()),
-                "identity": asdict(node.plan.identity),
-                "driver": node.config.driver,
-                "namespace": node.config.namespace,
-                "remappings": node.config.remappings,
-                "channel_names": node.config.channel_names,
-            }
-            for name, node in robot.nodes.items()
-        ],
-    }
-
-
-def layout_dict(robot: RobotCore) -> dict[str, Any]:
+def layout_message(robot: RobotCore) -> Layout:
     """Return what the PDOs of each bus carry, for those who listen to it."""
-    return {"buses": {name: layout_of(bus.config, bus.channel) for name, bus in robot.buses.items()}}
+    return Layout({name: layout_of(bus.config, bus.channel) for name, bus in robot.buses.items()})
 
 
-def event_dict(robot: RobotCore, event: Event) -> dict[str, Any]:
+def event_message(robot: RobotCore, event: Event) -> RobotEvent:
     """Return an event as clients see it."""
-    return {
-        "time": (event.time + robot.wall_offset_ns) / 1e9,
-        "kind": event.kind,
-        "node": event.node or None,
-        "level": event.level.name.lower(),
-        "text": event.text,
-        **({} if event.details is None else {"details": dict(event.details)}),
-    }
+    several = event.count >= 2
+    since = event.time if event.since is None else event.since
+    return RobotEvent(
+        time=(event.time + robot.wall_offset_ns) / 1e9,
+        kind=event.kind,
+        node=event.node or None,
+        level=event.level.name.lower(),
+        text=event.sentence,
+        count=event.count if several else 1,
+        since=(since + robot.wall_offset_ns) / 1e9 if several else None,
+        details=event.details,
+    )
 
 
-def _common(robot: RobotCore) -> dict[str, Any]:
-    now, pacer = robot.reactor.now(), robot.pacer
-    axes: dict[RemoteNode, list[dict[str, Any]]] = {}
+def _cycle(robot: RobotCore) -> CycleTimes:
+    pacer = robot.pacer
+    return CycleTimes(
+        pacer.period_ns / 1e9,
+        pacer.count,
+        pacer.missed,
+        pacer.late_max / 1e9,
+        pacer.work / 1e9,
+        pacer.work_max / 1e9,
+        pacer.late_counts,
+    )
+
+
+def _buses(robot: RobotCore) -> dict[str, BusTraffic]:
+    found = {}
+    for name, bus in robot.buses.items():
+        stats = bus.port.stats if bus.port else None
+        counts = (0, 0, 0) if stats is None else (stats.rx, stats.tx, stats.lost)
+        found[name] = BusTraffic(bus.channel, *counts, bus.network.unknown, bus.load)
+    return found
+
+
+def _nodes(robot: RobotCore) -> dict[str, NodeReading]:
+    now = robot.reactor.now()
+    axes: dict[RemoteNode, list[AxisReading]] = {}
     for joint in robot.joints.values():
         axes.setdefault(joint.node, []).append(_axis(joint))
-    return {
-        "state": robot.state.value,
-        "latched": robot.latch.held,
-        "latched_by": robot.latch.by,
-        "cycle": {
-            "period_s": pacer.period_ns / 1e9,
-            "count": pacer.count,
-            "missed": pacer.missed,
-            "late_max_s": pacer.late_max / 1e9,
-            "work_s": pacer.work / 1e9,
-            "work_max_s": pacer.work_max / 1e9,
-            "late_counts": pacer.late_counts,
-        },
-        "nodes": {name: _node(robot, node, now, axes.get(node, [])) for name, node in robot.nodes.items()},
-        "joints": _joints(robot),
-        "controllers": robot.manager.states,
-    }
+    return {name: _node(robot, node, now, axes.get(node, [])) for name, node in robot.nodes.items()}
 
 
-def _node(robot: RobotCore, node: RemoteNode, now: int, axes: list[dict[str, Any]]) -> dict[str, Any]:
+def _node(robot: RobotCore, node: RemoteNode, now: int, axes: list[AxisReading]) -> NodeReading:
     age = node.age_ns(now)
-    return {
-        "bus": robot.bus_of(node).name,
-        "node_id": node.node_id,
-        "nmt_state": node.nmt_state.name if node.nmt_state is not None else None,
-        "ready": node.ready,
-        "age_s": age / 1e9 if age is not None else None,
-        "error": node.error,
-        "sdo": {"reads": node.sdo_reads, "writes": node.sdo_writes, "failed": node.sdo_failed},
-        "axes": axes,
-    }
+    return NodeReading(
+        name=node.name,
+        node_id=node.node_id,
+        bus=robot.bus_of(node).name,
+        nmt_state=node.nmt_state.name if node.nmt_state is not None else None,
+        ready=node.ready,
+        age=age / 1e9 if age is not None else None,
+        error=node.error,
+        sdo=SdoCounts(node.sdo_reads, node.sdo_writes, node.sdo_failed),
+        axes=tuple(axes),
+    )
 
 
-def _axis(joint: JointDrive) -> dict[str, Any]:
+def _axis(joint: JointDrive) -> AxisReading:
     state, machine = joint.state, joint.machine
-    return {
-        "joint": joint.joint,
-        "axis": joint.axis.number,
-        "cia402_state": state.name if state is not None else None,
-        "statusword": joint.statusword if state is not None else None,
-        "mode": mode_name(machine.mode) if machine.mode is not None else None,
-        "error": joint.node.error if machine.fault else None,
-    }
+    return AxisReading(
+        joint.joint,
+        joint.axis.number,
+        state.name if state is not None else None,
+        joint.statusword if state is not None else None,
+        mode_name(machine.mode) if machine.mode is not None else None,
+        joint.node.error if machine.fault else None,
+    )
 
 
-def _joints(robot: RobotCore) -> dict[str, dict[str, float | None]]:
+def _joints(robot: RobotCore) -> dict[str, JointReading]:
+    """Return the values of all joints, None for those that are not finite."""
     joints: dict[str, dict[str, float | None]] = {}
     for state in robot.registry.state_interfaces:
-        values = joints.setdefault(state.joint, dict.fromkeys(("position", "velocity", "effort", "command")))
-        values[state.interface] = _finite(state.value)
+        joints.setdefault(state.joint, {})[state.interface] = finite(state.value)
+    commands: dict[str, float | None] = {}
     for command in robot.registry.command_interfaces:
-        if command.owner is not None and command.joint in joints:
-            joints[command.joint]["command"] = _finite(command.value)
-    return joints
+        if command.owner is not None:
+            commands[command.joint] = finite(command.value)
+    return {
+        name: JointReading(
+            name,
+            values.pop("position", None),
+            values.pop("velocity", None),
+            values.pop("effort", None),
+            commands.get(name),
+            values,
+        )
+        for name, values in joints.items()
+    }
 
 
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None
-
-
-def _boot_steps(node: RemoteNode) -> list[dict[str, Any]]:
-    return [
-        {"node": node.name, "step": step.name, "seconds": step.seconds, "error": step.error or None}
-        for step in node.boot_steps
-    ]
+def _boot_steps(node: RemoteNode) -> list[BootStep]:
+    return [BootStep(node.name, step.name, step.seconds, step.error or None) for step in node.boot_steps]

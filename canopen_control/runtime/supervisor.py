@@ -2,20 +2,22 @@
 
 The law of this file: every child hangs on a lifeline of this process, lives in a session of its own, and is ended here
 in order: clients first, drives last, when the robot has stopped. A child that dies is told with the last lines it said;
-it never ends the robot.
+it never ends the robot, and the ROS bridge is started again, a few times a minute: what dies again and again has a
+reason that a start does not mend, and its starts cost the robot's thread. What is started before the robot is waited
+for until it says that it is ready.
 """
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-from typing import TYPE_CHECKING
+from collections import deque
+from functools import partial
+from typing import TYPE_CHECKING, Final
 
 from canopen_control.bus.channel import may_host_virtual_drives, open_port, parse_channel
 from canopen_control.errors import CanopenError
-from canopen_control.host.environment import MODULE
+from canopen_control.host.environment import MODULE, lean_python
 from canopen_control.host.spawn import spawn, state_dir
-from canopen_control.master.events import Event, Level
+from canopen_control.master.event_log import Event, Level
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -23,19 +25,24 @@ if TYPE_CHECKING:
     from canopen_control.bus.port import Port
     from canopen_control.host.reactor import Reactor
     from canopen_control.host.spawn import Child
+    from canopen_control.host.timer import Timer
     from canopen_control.master.config import BusConfig
     from canopen_control.runtime.setup import RobotSetup
     from canopen_control.virtual.nodehost import NodeHost
 
-__all__ = ["Supervisor"]
+__all__ = ["DELAY_NS", "MOST", "WINDOW_NS", "Restarts", "Supervisor"]
 
+MOST: Final = 3  # restarts of a child within the window, then it is given up
+WINDOW_NS: Final = 60_000_000_000
+DELAY_NS: Final = 500_000_000  # before each restart, so that what the last one left behind is gone
+_DRIVE = "drive-"
+_READY_NS = 20_000_000_000  # for drives to be on the bus; a busy machine needs some
+_READY_EACH_NS = 500_000_000  # and for each of them, of a hundred
+_LISTENING_NS = 2_000_000_000  # for the recorder, which the robot can do without
+_LOOK_NS = 1_000_000_000
+_SILENCE_NS = 4_000_000_000  # of a recorder that says each second that it is there
 _GRACE_S = 5.0  # for a child to end by itself after SIGTERM
-#: a Python that needs nothing but the package's own folder starts in half the time
-_LEAN = (sys.executable, "-I", "-S", "-c")
-_RECORDER = (
-    f"import sys; sys.path.insert(0, {str(Path(__file__).parents[2])!r}); "
-    "from canopen_control.trace.flight import main; sys.exit(main())"
-)
+_RECORDER = lean_python("canopen_control.trace.flight")
 
 
 class Supervisor:
@@ -48,7 +55,11 @@ class Supervisor:
         self._clients: list[Child] = []
         self._recorder: Child | None = None
         self._hosts: list[tuple[NodeHost, Port]] = []
-        self._ending = False
+        self._awaited: dict[Child, Timer] = {}  # who has not said yet that he is ready, and his deadline
+        self._when_ready: Callable[[], object] | None = None
+        self._recorder_silent = False
+        self._ending = self._over = False
+        self._again: dict[Child, Callable[[], None]] = {}
 
     def start_drives(self, setup: RobotSetup) -> None:
         """Start a virtual drive for every node of bus.yml: a process each, or inside this one where the bus is."""
@@ -59,27 +70,123 @@ class Supervisor:
                 self._spawn_drives(setup.buses[name], channel)
 
     def start_client(
-        self, name: str, arguments: Sequence[str], *, ros: bool = False, inherit_stdout: bool = False
+        self,
+        name: str,
+        arguments: Sequence[str],
+        *,
+        ros: bool = False,
+        inherit_stdout: bool = False,
+        restarts: Restarts | None = None,
     ) -> None:
-        """Start a client: `python -m ARGUMENTS`."""
-        self._clients.append(self._spawn(name, arguments, ros=ros, inherit_stdout=inherit_stdout))
+        """Start a client: `python -m ARGUMENTS`; with `restarts` again when it dies."""
+        child = self._start([*MODULE, *arguments], name, ros=ros, inherit_stdout=inherit_stdout)
+        self._clients.append(child)
+        if restarts is not None:
+
+            def again() -> None:
+                self._restart(name, arguments, restarts, ros=ros, inherit_stdout=inherit_stdout)
+
+            self._again[child] = again
+
+    def _restart(
+        self, name: str, arguments: Sequence[str], restarts: Restarts, *, ros: bool, inherit_stdout: bool
+    ) -> None:
+        """Say what follows the death of a client, and start it again if that is it."""
+
+        def start() -> None:
+            if self._over:
+                return
+            try:
+                self.start_client(name, arguments, ros=ros, inherit_stdout=inherit_stdout, restarts=restarts)
+            except CanopenError as error:
+                self._report(Event(self._reactor.now(), "process_ended", "", str(error), Level.ERROR))
+
+        text = restarts.died(self._reactor.now())
+        level = Level.ERROR if restarts.given_up else Level.WARNING
+        self._report(Event(self._reactor.now(), "restart", "", f"process {name}: {text}", level))
+        if not restarts.given_up:
+            self._reactor.call_later(DELAY_NS, start)
 
     def start_recorder(self, buses: Mapping[str, str]) -> None:
         """Start the flight recorder, which listens on `buses` {name: channel}; without it the robot runs as well."""
         options = ["--name", self._name, *(f"--bus={name}={channel}" for name, channel in buses.items())]
         try:
-            self._recorder = self._start([*_LEAN, _RECORDER, *options], "flight")
+            self._recorder = self._start([*_RECORDER, *options], "flight", reports=True)
         except CanopenError as error:
             self._report(Event(self._reactor.now(), "no_recorder", "", str(error), Level.WARNING))
         else:
             self._clients.append(self._recorder)
+            self._listen_to_recorder()
+
+    def when_ready(self, begin: Callable[[], object], fail: Callable[[str], object]) -> None:
+        """Call `begin` once all that was started is ready, or has died, which is told; now if that is so.
+
+        `fail(sentence)` is called instead for a drive that is not ready in time.
+        """
+        self._when_ready = begin
+        drives_ns = _READY_NS + _READY_EACH_NS * len(self._drives)
+        for child in [child for child in (*self._drives, self._recorder) if child is not None]:
+            is_drive = child is not self._recorder
+            late = partial(self._late, child, fail) if is_drive else partial(self._without_recorder, child)
+            self._awaited[child] = self._reactor.call_later(drives_ns if is_drive else _LISTENING_NS, late)
+            child.watch_ready(self._reactor, partial(self._arrived, child))
+        self._look_whether_ready()
+
+    def _arrived(self, child: Child) -> None:
+        timer = self._awaited.pop(child, None)
+        if timer is not None:
+            timer.cancel()
+            self._look_whether_ready()
+
+    def _look_whether_ready(self) -> None:
+        if not self._awaited and self._when_ready is not None:
+            begin, self._when_ready = self._when_ready, None
+            begin()
+
+    def _late(self, child: Child, fail: Callable[[str], object]) -> None:
+        """End the run: a drive is there, and not on the bus."""
+        self._wait_no_more()
+        seconds = (_READY_NS + _READY_EACH_NS * len(self._drives)) / 1e9
+        said = " | ".join(child.last_lines()[-3:]) or "nothing yet"
+        fail(
+            f"process {child.name} (pid {child.pid}) was not ready within {seconds:g} s; it said: {said}; "
+            "is the machine too busy?"
+        )
+
+    def _without_recorder(self, child: Child) -> None:
+        text = "the flight recorder is not ready; what happens before it is will not be in a recording"
+        self._report(Event(self._reactor.now(), "no_recorder", "", text, Level.WARNING))
+        self._arrived(child)
+
+    def _wait_no_more(self) -> None:
+        self._when_ready = None
+        for timer in self._awaited.values():
+            timer.cancel()
+        self._awaited.clear()
+
+    def _listen_to_recorder(self) -> None:
+        """Tell that the recorder hangs or was stopped, and that it goes on."""
+        child = self._recorder
+        if child is None or child not in self._clients:
+            return
+        now = self._reactor.now()
+        silent = child.heard_at is not None and now - child.heard_at > _SILENCE_NS
+        if silent is not self._recorder_silent:
+            self._recorder_silent = silent
+            who = f"process {child.name} (pid {child.pid})"
+            text = f"{who} is silent: it hangs or was stopped, and what happens now is not recorded"
+            event = Event(now, "recorder_silent", "", text, Level.WARNING)
+            self._report(event if silent else Event(now, "recorder_back", "", f"{who} records again"))
+        self._reactor.call_later(_LOOK_NS, self._listen_to_recorder)
 
     def end_clients(self) -> None:
         """End the clients; a second call does nothing."""
+        self._over = True
         self._end(self._clients)
 
     def end(self) -> None:
         """End everything: clients, then drives; blocks for a few seconds at most, when the robot has stopped."""
+        self._wait_no_more()
         self.end_clients()
         if self._recorder is not None:  # nobody serves the API any more: what it wrote last is told for it
             for line in self._recorder.last_lines():
@@ -91,6 +198,11 @@ class Supervisor:
             host.close()
             port.close()
         self._hosts.clear()
+
+    @property
+    def driven(self) -> list[str]:
+        """The names of the nodes whose drives are processes that run."""
+        return [child.name.removeprefix(_DRIVE) for child in self._drives]
 
     @property
     def pids(self) -> dict[str, int]:
@@ -110,7 +222,7 @@ class Supervisor:
                 "--can",
                 channel,
             ]
-            self._drives.append(self._spawn(f"drive-{node.name}", arguments))
+            self._drives.append(self._start([*MODULE, *arguments], f"{_DRIVE}{node.name}", reports=True))
 
     def _host_drives(self, bus: BusConfig, channel: str) -> None:
         from canopen_control.virtual.device import make_device
@@ -121,12 +233,17 @@ class Supervisor:
             device = make_device(bus.eds_paths[node.name], node.node_id)
             self._hosts.append((NodeHost(self._reactor, port, [device]), port))
 
-    def _spawn(self, name: str, arguments: Sequence[str], *, ros: bool = False, inherit_stdout: bool = False) -> Child:
-        return self._start([*MODULE, *arguments], name, ros=ros, inherit_stdout=inherit_stdout)
-
-    def _start(self, argv: Sequence[str], name: str, *, ros: bool = False, inherit_stdout: bool = False) -> Child:
+    def _start(
+        self,
+        argv: Sequence[str],
+        name: str,
+        *,
+        ros: bool = False,
+        inherit_stdout: bool = False,
+        reports: bool = False,
+    ) -> Child:
         log_dir = None if inherit_stdout else state_dir(self._name)
-        child = spawn(argv, name=name, log_dir=log_dir, ros=ros, inherit_stdout=inherit_stdout)
+        child = spawn(argv, name=name, log_dir=log_dir, ros=ros, inherit_stdout=inherit_stdout, reports=reports)
         self.on_started(child.pid)
         child.watch(self._reactor, lambda returncode, lines: self._on_exit(child, returncode, lines))
         return child
@@ -135,6 +252,7 @@ class Supervisor:
         """Tell the death of a child; what it means for the robot shows on the bus or in a command that times out."""
         if self._ending or child not in (*self._drives, *self._clients):
             return
+        child.unwatch_ready(self._reactor)
         for children in (self._drives, self._clients):
             if child in children:
                 children.remove(child)
@@ -142,11 +260,16 @@ class Supervisor:
         said = f"; it said: {' | '.join(lines[-3:])}" if lines else ""
         text = f"process {child.name} (pid {child.pid}) {how}{said}"
         self._report(Event(self._reactor.now(), "process_ended", "", text, Level.ERROR))
+        self._arrived(child)  # nobody else can be waited for
+        again = self._again.pop(child, None)
+        if again is not None and not self._over:
+            again()
 
     def _end(self, children: list[Child]) -> None:
         self._ending = True
         for child in children:
             child.unwatch()
+            child.unwatch_ready(self._reactor)
             child.terminate()
         for child in children:
             if child.wait(_GRACE_S) is None:
@@ -159,3 +282,20 @@ class Supervisor:
 def hosts_virtual_drives(setup: RobotSetup) -> bool:
     """Whether all buses of the robot are of the kinds that no real drive can be on."""
     return all(may_host_virtual_drives(channel) for channel in setup.channels.values())
+
+
+class Restarts:
+    """How often a child that has died is started again; `given_up`: no more. Sans-IO, times in monotonic ns."""
+
+    def __init__(self) -> None:
+        self.given_up = False
+        self._times: deque[int] = deque(maxlen=MOST)
+
+    def died(self, now: int) -> str:
+        """Take note of a death, and return what follows in words."""
+        if len(self._times) == MOST and now - self._times[0] < WINDOW_NS:
+            self.given_up = True
+            return f"given up: it has been started again {MOST} times within a minute"
+        self._times.append(now)
+        recent = sum(now - each < WINDOW_NS for each in self._times)
+        return f"it is started again ({recent} of {MOST} times a minute)"

@@ -3,7 +3,7 @@
 The law of this file: the topics that the ROS bridge publishes, under the same names and with the same stamps, so that
 rqt, Foxglove, PlotJuggler and `ros2 bag` find what they know:
 
-    /joint_states                    sensor_msgs/JointState         every sample of an active broadcaster, on its topic
+    /joint_states                    sensor_msgs/JointState         every update of a broadcaster, on its topic
     /tf, /tf_static                  tf2_msgs/TFMessage             joints of the description, odometry
     /CONTROLLER/odom                 nav_msgs/Odometry              as often as the controller publishes
     /CONTROLLER/cmd_vel_out          geometry_msgs/TwistStamped     the twist that its limits left of a command
@@ -19,30 +19,31 @@ is nan. This is the only module that imports rosbags.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 from canopen_control.errors import ConfigError
-from canopen_control.ros.conversions import (
-    controllers_of,
-    diagonal,
-    joint_arrays,
-    quaternion_of_yaw,
-    stamp_of,
-    told_joints,
-)
+from canopen_control.host.files import failed, telling
+from canopen_control.ros.conversions import arrays_of, diagonal, positions_of, stamp_of
 from canopen_control.ros.diagnosis import diagnose
-from canopen_control.ros.transforms import Transform, read_joints
+from canopen_control.rpc.messages.samples import JointStatesSample, OdometrySample
+from canopen_control.urdf.geometry import Pose, from_yaw
+from canopen_control.urdf.joint import Transform
+from canopen_control.urdf.model import read_model
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Iterable
     from pathlib import Path
 
-    from canopen_control.ros.conversions import JointArrays
+    from canopen_control.rpc.messages.samples import Sample
+    from canopen_control.rpc.messages.state import ControllerReading, RobotEvent, StateSample
+    from canopen_control.urdf.geometry import Quaternion
 
 __all__ = ["BagWriter"]
 
-Json = dict[str, Any]
+S = TypeVar("S", bound="Sample")
+
 _LEVELS: Final = {"info": 20, "warning": 30, "error": 40}  # rcl_interfaces/msg/Log
+_CUT: Final = "the bag has no end: what is in it up to there can be had with `mcap recover`"
 _DIAGNOSTICS_S: Final = 1.0
 _LATCHED: Final = ("/tf_static", "/robot_description")
 _TYPES: Final = {
@@ -98,14 +99,16 @@ class BagWriter:
     missing, or when `path` is there already.
     """
 
-    def __init__(self, path: Path, robot: str, *, controllers: Iterable[Json] = (), urdf: str = "") -> None:
+    def __init__(
+        self, path: Path, robot: str, *, controllers: Iterable[ControllerReading] = (), urdf: str = ""
+    ) -> None:
         self.messages = 0
         self._robot, self._urdf = robot, urdf
         self._ros = _Ros()
-        self._controllers = controllers_of(controllers)
-        self._joints = read_joints(urdf) if urdf else []
-        self._writer = _open(path)
-        self._topics: dict[str, Any] = {}
+        self._controllers = {each.name: each for each in controllers}
+        self._joints = tuple(read_model(urdf).joints.values()) if urdf else ()
+        self._path, self._writer = path, _open(path)
+        self._topics: dict[str, object] = {}  # rosbags' connections
         self._last: dict[str, object] = {}  # by topic: what need not be written again
         self._missed = 0
 
@@ -117,109 +120,114 @@ class BagWriter:
 
     def close(self) -> None:
         """Finish the bag; a second call does nothing."""
-        if self._writer is not None:
-            self._writer.close()
-            self._writer = None
+        writer, self._writer = self._writer, None
+        if writer is not None:
+            with telling(self._path, _CUT):
+                writer.close()
 
-    def state(self, state: Json) -> None:
+    def state(self, state: StateSample) -> None:
         """Write a sample of the state stream."""
-        views = {
-            name: view._replace(state=state["controllers"].get(name, view.state))
-            for name, view in self._controllers.items()
+        self._controllers = {
+            name: each.became(state.controllers.get(name, each.state)) for name, each in self._controllers.items()
         }
-        self._controllers = views
-        for write in (self._describe, self._joint_states, self._transforms, self._commands, self._diagnostics):
+        for write in (self._describe, self._commands, self._diagnostics):
             write(state)
-        for name, sample in (state.get("odometry") or {}).items():
+        joint_states = self._new(state.told(JointStatesSample))
+        odometry = self._new(state.told(OdometrySample))
+        for name, states in joint_states.items():
+            self._joint_states(name, states)
+        for name, sample in odometry.items():
             self._odometry(name, sample)
+        self._transforms(state, joint_states.values(), odometry.values())
 
-    def event(self, event: Json) -> None:
+    def event(self, event: RobotEvent) -> None:
         """Write an event."""
-        name = ".".join(word for word in (self._robot, event.get("node")) if word)
-        level = _LEVELS.get(str(event.get("level")), _LEVELS["info"])
-        stamp = self._ros.time(event["time"])
-        text, kind = str(event.get("text", "")), str(event.get("kind", ""))
-        log = self._ros.make("rcl_interfaces/Log", stamp, level, name, text, "", kind, 0)
-        self._write("/rosout", event["time"], log)
+        name = ".".join(word for word in (self._robot, event.node) if word)
+        level = _LEVELS.get(event.level, _LEVELS["info"])
+        stamp = self._ros.time(event.time)
+        log = self._ros.make("rcl_interfaces/Log", stamp, level, name, event.text, "", event.kind, 0)
+        self._write("/rosout", event.time, log)
 
     # Messages ------------------------------------------------------------------------------------------------------
 
-    def _describe(self, state: Json) -> None:
+    def _describe(self, state: StateSample) -> None:
         if self._urdf and self._is_new("/robot_description", True):
-            self._write("/robot_description", state["time"], self._ros.make("std_msgs/String", self._urdf))
+            self._write("/robot_description", state.time, self._ros.make("std_msgs/String", self._urdf))
 
-    def _joint_states(self, state: Json) -> None:
-        if not self._controllers:
-            self._write_joint_states("/joint_states", "base_link", joint_arrays(state["joints"]), state)
-        for each in self._controllers.values():
-            topic = each.published("joint_states")
-            if each.active and topic is not None:
-                arrays = joint_arrays(told_joints(state["joints"], each), each.joints)
-                self._write_joint_states(f"/{topic}", each.frame_id, arrays, state)
+    def _joint_states(self, name: str, sample: JointStatesSample) -> None:
+        controller = self._controllers.get(name)
+        topic = None if controller is None else controller.published("joint_states")
+        if controller is not None and topic is not None:
+            arrays = arrays_of(sample.joints, sample.names)
+            header = self._ros.header(sample.time, controller.frame_id)
+            message = self._ros.make("sensor_msgs/JointState", header, arrays.names, *map(self._ros.floats, arrays[1:]))
+            self._write(f"/{topic}", sample.time, message)
 
-    def _write_joint_states(self, topic: str, frame: str, arrays: JointArrays, state: Json) -> None:
-        header = self._ros.header(state["time"], frame)
-        message = self._ros.make("sensor_msgs/JointState", header, arrays.names, *map(self._ros.floats, arrays[1:]))
-        self._write(topic, state["time"], message)
-
-    def _transforms(self, state: Json) -> None:
-        odometry = [each for each in (state.get("odometry") or {}).values() if each.get("enable_odom_tf", True)]
-        based = frozenset(each["child_frame_id"] for each in odometry)
-        positions = {name: value for name, each in state["joints"].items() if (value := each["position"]) is not None}
+    def _transforms(
+        self, state: StateSample, joint_states: Iterable[JointStatesSample], odometry: Iterable[OdometrySample]
+    ) -> None:
+        told = state.told(OdometrySample).values()
+        based = frozenset(each.child_frame_id for each in told if each.enable_odom_tf)
         joints = [each for each in self._joints if each.child not in based]
         if self._is_new("/tf_static", based):
-            self._send_transforms("/tf_static", state["time"], (each.transform({}) for each in joints if each.fixed))
-        moving = [each.transform(positions) for each in joints if not each.fixed]
-        self._send_transforms("/tf", state["time"], [*moving, *map(_of_odometry, odometry)])
+            fixed = (each.transform({}) for each in joints if each.fixed)
+            self._send_transforms("/tf_static", ((state.time, each) for each in fixed))
+        moving = [each for each in joints if not each.fixed]
+        moved = [(sample.time, each.transform(positions_of(sample))) for sample in joint_states for each in moving]
+        based_on = [(sample.time, _of_odometry(sample)) for sample in odometry if sample.enable_odom_tf]
+        self._send_transforms("/tf", [*moved, *based_on])
 
-    def _send_transforms(self, topic: str, time: float, transforms: Iterable[Transform | None]) -> None:
-        messages = [self._transform(each, time) for each in transforms if each is not None]
-        if messages:
-            self._write(topic, time, self._ros.make("tf2_msgs/TFMessage", messages))
+    def _send_transforms(self, topic: str, transforms: Iterable[tuple[float, Transform | None]]) -> None:
+        known = [(time, each) for time, each in transforms if each is not None]
+        if known:
+            messages = [self._transform(each, time) for time, each in known]
+            self._write(topic, max(time for time, _ in known), self._ros.make("tf2_msgs/TFMessage", messages))
 
     def _transform(self, transform: Transform, time: float) -> object:
         ros = self._ros
-        rotation = ros.make("geometry_msgs/Quaternion", *transform.rotation)
-        motion = ros.make("geometry_msgs/Transform", ros.vector(*transform.translation), rotation)
+        position, rotation = transform.pose
+        motion = ros.make("geometry_msgs/Transform", ros.vector(*position), self._quaternion(rotation))
         header = ros.header(time, transform.parent)
         return ros.make("geometry_msgs/TransformStamped", header, transform.child, motion)
 
-    def _commands(self, state: Json) -> None:
+    def _quaternion(self, rotation: Quaternion) -> object:
+        w, x, y, z = rotation
+        return self._ros.make("geometry_msgs/Quaternion", x, y, z, w)
+
+    def _commands(self, state: StateSample) -> None:
         """Write what forward controllers hold their joints to; a joint's command is known while it is claimed."""
         for name, view in self._controllers.items():
-            values = [state["joints"].get(joint, {}).get("command") for joint in view.joints]
+            known = [state.joints.get(joint) for joint in view.joints]
+            values = [None if joint is None else joint.command for joint in known]
             topic = f"/{name}/commands_out"
             if view.topic == "commands" and view.active and values and self._is_new(topic, values):
                 data = self._ros.floats(math.nan if value is None else value for value in values)
                 layout = self._ros.make("std_msgs/MultiArrayLayout", [], 0)
-                self._write(topic, state["time"], self._ros.make("std_msgs/Float64MultiArray", layout, data))
+                self._write(topic, state.time, self._ros.make("std_msgs/Float64MultiArray", layout, data))
 
-    def _odometry(self, name: str, sample: Json) -> None:
-        ros, time = self._ros, sample["time"]
-        if not self._is_new(f"/{name}/odom", time):
-            return
-        point = ros.make("geometry_msgs/Point", float(sample["x"]), float(sample["y"]), 0.0)
-        turned = ros.make("geometry_msgs/Quaternion", *quaternion_of_yaw(sample["heading"]))
-        pose = ros.make("geometry_msgs/Pose", point, turned)
-        covariances = (ros.floats(diagonal(sample.get(f"{each}_covariance") or ())) for each in ("pose", "twist"))
-        with_pose = ros.make("geometry_msgs/PoseWithCovariance", pose, next(covariances))
-        twist = ros.twist(sample["linear"], sample["angular"])
-        with_twist = ros.make("geometry_msgs/TwistWithCovariance", twist, next(covariances))
-        header = ros.header(time, sample["frame_id"])
-        message = ros.make("nav_msgs/Odometry", header, sample["child_frame_id"], with_pose, with_twist)
+    def _odometry(self, name: str, sample: OdometrySample) -> None:
+        ros, time = self._ros, sample.time
+        point = ros.make("geometry_msgs/Point", sample.x, sample.y, 0.0)
+        pose = ros.make("geometry_msgs/Pose", point, self._quaternion(from_yaw(sample.heading)))
+        spread = ros.floats(diagonal(sample.pose_covariance))
+        with_pose = ros.make("geometry_msgs/PoseWithCovariance", pose, spread)
+        twist, spread = ros.twist(sample.linear, sample.angular), ros.floats(diagonal(sample.twist_covariance))
+        with_twist = ros.make("geometry_msgs/TwistWithCovariance", twist, spread)
+        header = ros.header(time, sample.frame_id)
+        message = ros.make("nav_msgs/Odometry", header, sample.child_frame_id, with_pose, with_twist)
         self._write(f"/{name}/odom", time, message)
-        if sample.get("limited") is not None:
-            header = ros.header(time, sample["child_frame_id"])
-            stamped = ros.make("geometry_msgs/TwistStamped", header, ros.twist(*sample["limited"]))
+        if sample.limited is not None:
+            header = ros.header(time, sample.child_frame_id)
+            stamped = ros.make("geometry_msgs/TwistStamped", header, ros.twist(*sample.limited))
             self._write(f"/{name}/cmd_vel_out", time, stamped)
 
-    def _diagnostics(self, state: Json) -> None:
+    def _diagnostics(self, state: StateSample) -> None:
         last = self._last.get("/diagnostics")
-        if isinstance(last, float) and 0 <= state["time"] - last < _DIAGNOSTICS_S:
+        if isinstance(last, float) and 0 <= state.time - last < _DIAGNOSTICS_S:
             return
-        self._last["/diagnostics"] = float(state["time"])
+        self._last["/diagnostics"] = state.time
         found = diagnose(self._robot, state, self._controllers, self._missed)
-        self._missed = int(state["cycle"]["missed"])
+        self._missed = state.cycle.missed
         statuses = [
             self._ros.make(
                 "diagnostic_msgs/DiagnosticStatus",
@@ -231,10 +239,14 @@ class BagWriter:
             )
             for each in found
         ]
-        header = self._ros.header(state["time"], "")
-        self._write("/diagnostics", state["time"], self._ros.make("diagnostic_msgs/DiagnosticArray", header, statuses))
+        header = self._ros.header(state.time, "")
+        self._write("/diagnostics", state.time, self._ros.make("diagnostic_msgs/DiagnosticArray", header, statuses))
 
     # The bag -------------------------------------------------------------------------------------------------------
+
+    def _new(self, told: dict[str, S]) -> dict[str, S]:
+        """Return the samples that were published since they were last asked for: who looks twice writes once."""
+        return {name: each for name, each in told.items() if self._is_new(f"sample of {name}", each.time)}
 
     def _is_new(self, topic: str, value: object) -> bool:
         """Whether this differs from what was last asked about the topic."""
@@ -254,7 +266,11 @@ class BagWriter:
             self._topics[topic] = connection
         seconds, nanoseconds = stamp_of(unix_s)
         data = self._ros.store.serialize_cdr(message, kind)
-        self._writer.write(connection, seconds * 1_000_000_000 + nanoseconds, data)
+        try:
+            self._writer.write(connection, seconds * 1_000_000_000 + nanoseconds, data)
+        except OSError as error:
+            self._writer = None  # there is no room for its end either
+            raise failed(self._path, error, _CUT) from error
         self.messages += 1
 
 
@@ -267,7 +283,7 @@ def _open(path: Path) -> Any:  # noqa: ANN401 - rosbags' writer, or None once it
     except WriterError as error:
         raise ConfigError(f"{path}: there is something already; a bag gets a folder of its own") from error
     except OSError as error:
-        raise ConfigError(f"{path}: no bag can be written here: {error.strerror or error}") from error
+        raise failed(path, error, "no bag was begun") from error
     return writer
 
 
@@ -289,6 +305,6 @@ def _latched() -> object:
     )
 
 
-def _of_odometry(sample: Mapping[str, Any]) -> Transform:
-    translation = (float(sample["x"]), float(sample["y"]), 0.0)
-    return Transform(sample["frame_id"], sample["child_frame_id"], translation, quaternion_of_yaw(sample["heading"]))
+def _of_odometry(sample: OdometrySample) -> Transform:
+    pose = Pose((sample.x, sample.y, 0.0), from_yaw(sample.heading))
+    return Transform(sample.frame_id, sample.child_frame_id, pose)

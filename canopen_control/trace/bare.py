@@ -1,4 +1,4 @@
-"""A bus that nobody described but by EDS files: node ids and files, the PDOs as the files have them by default.
+"""Describes a bus by EDS files alone: node ids and files, the PDOs as the files have them by default.
 
 Nobody is asked who he is: that would be sending. So the files must say which node they describe: ``3=FILE``, a DCF that
 has its node id, or one file for every node.

@@ -1,6 +1,6 @@
 """A recording as a table: a row for each value, or, wide, a row for each frame and a column for each signal.
 
-The law of this file: values as they are (numbers stay numbers), the words beside them; times in Unix seconds.
+Values as they are (numbers stay numbers), the words beside them; times in Unix seconds.
 """
 
 from __future__ import annotations

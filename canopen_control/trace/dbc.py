@@ -1,4 +1,4 @@
-"""The PDO layout of a bus as a DBC file, which SavvyCAN, cantools and Vector's tools read.
+"""The PDO layout of a bus as a DBC file, which SavvyCAN, cantools and Vector's tools read; cantools writes it.
 
 The law of this file: raw values, as on the wire. A DBC can name whole values only, so statusword and controlword are
 cut into the parts that have names: put together again they are the word (`WORD_PARTS`). Beside the PDOs there are the
@@ -8,26 +8,29 @@ heartbeats, EMCY and NMT commands. Names of a DBC are C identifiers of at most 3
 from __future__ import annotations
 
 import re
+from collections import OrderedDict
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, NamedTuple
 
 from canopen_control.cia301.emcy_codes import ERROR_TEXTS
-from canopen_control.cia301.nmt import NmtCommand, NmtState
+from canopen_control.cia301.nmt import ERROR_CONTROL_COB_ID, NMT_COB_ID, NmtCommand, NmtState
 from canopen_control.cia402 import objects
 from canopen_control.cia402.modes import OperationMode
 from canopen_control.cia402.state import command_of, decode_statusword
+from canopen_control.errors import ConfigError
 from canopen_control.frame import EXTENDED_FLAG
-from canopen_control.od.model import DataType
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Iterable, Iterator, Mapping
+
+    from cantools.database.can import Message, Node, Signal
+    from cantools.database.namedsignalvalue import NamedSignalValue
 
     from canopen_control.trace.network import NetworkDescription, NodeDescription, PdoDescription, PdoObject
 
 __all__ = ["WORD_PARTS", "dbc_text"]
 
 _LONGEST = 32
-_NMT_COB_ID, _HEARTBEAT = 0x000, 0x700
 _HEARTBEAT_BITS = 7
 _MASTER = "master"
 
@@ -85,22 +88,35 @@ _VALUES: Mapping[tuple[int, str], Mapping[int, str]] = {
 }
 
 
+def dbc_text(network: NetworkDescription) -> str:
+    """Return the file; ConfigError where cantools, which writes it, is not installed."""
+    try:
+        from cantools.database.can import Database
+    except ImportError:
+        raise ConfigError("a DBC is written by cantools: pip install 'canopen-control[dbc]'") from None
+    senders = _senders(network)
+    messages = [_message(each) for each in _distinct(_messages(network, senders))]
+    database = Database(messages, nodes=[_node(name) for name in senders.values()], version="")
+    # Vector's tools read windows-1252; with a line feed at the end of a line, as DBC's have everywhere
+    return str(database.as_dbc_string()).replace("\r\n", "\n")
+
+
 @dataclass(slots=True)
 class _Signal:
-    """One line of a message; `real` 1 or 2 for a float of 32 or 64 bits."""
+    """One signal of a message."""
 
     name: str
     start: int
     bits: int
     signed: bool = False
-    real: int = 0
+    real: bool = False
     comment: str = ""
     values: Mapping[int, str] = field(default_factory=dict)
 
 
 @dataclass(slots=True)
 class _Message:
-    """One identifier; `receivers` take all its signals."""
+    """One identifier; `receiver` takes all its signals."""
 
     can_id: int
     name: str
@@ -116,18 +132,55 @@ class _Message:
         self.signals.append(signal)
 
 
-def dbc_text(network: NetworkDescription) -> str:
-    """Return the file; its lines end as DBC's do everywhere, with a line feed."""
-    senders = _senders(network)
-    messages = list(_messages(network, senders))
-    for number, message in enumerate(messages):
-        message.name = _unused(message.name, {each.name for each in messages[:number]})
-    lines = ['VERSION ""', "", "NS_ :", "", "BS_:", "", "BU_: " + " ".join(senders.values()), ""]
+def _distinct(messages: Iterable[_Message]) -> list[_Message]:
+    """Return the messages, each under a name that no other has."""
+    found: list[_Message] = []
     for message in messages:
-        lines += [*_message_lines(message), ""]
-    lines += [line for message in messages for line in _comment_lines(message)]
-    lines += [line for message in messages for line in _value_lines(message)]
-    return "\n".join(lines) + "\n"
+        message.name = _unused(message.name, {each.name for each in found})
+        found.append(message)
+    return found
+
+
+def _node(name: str) -> Node:
+    from cantools.database.can import Node
+
+    return Node(name, None)
+
+
+def _message(message: _Message) -> Message:
+    from cantools.database.can import Message
+
+    return Message(
+        message.can_id & 0x1FFFFFFF,
+        message.name,
+        message.length,
+        [_signal(each, message.receiver) for each in message.signals],
+        comment=_plain(message.comment) or None,
+        senders=[message.sender],
+        is_extended_frame=bool(message.can_id & EXTENDED_FLAG),
+        strict=False,
+    )
+
+
+def _signal(signal: _Signal, receiver: str) -> Signal:
+    from cantools.database.can import Signal
+    from cantools.database.conversion import BaseConversion
+
+    return Signal(
+        signal.name,
+        signal.start,
+        signal.bits,
+        is_signed=signal.signed,
+        conversion=BaseConversion.factory(is_float=signal.real, choices=_choices(signal) or None),
+        comment=_plain(signal.comment) or None,
+        receivers=[receiver],
+    )
+
+
+def _choices(signal: _Signal) -> OrderedDict[int, str | NamedSignalValue]:
+    from cantools.database.namedsignalvalue import NamedSignalValue
+
+    return OrderedDict((value, NamedSignalValue(value, _plain(text))) for value, text in signal.values.items())
 
 
 def _senders(network: NetworkDescription) -> dict[int, str]:
@@ -152,7 +205,7 @@ def _messages(network: NetworkDescription, senders: Mapping[int, str]) -> Iterat
 
 
 def _nmt(network: NetworkDescription, senders: Mapping[int, str]) -> _Message:
-    message = _Message(_NMT_COB_ID, "NMT", 2, _MASTER, "Vector__XXX", "NMT command (CiA 301, 7.2.8.2)")
+    message = _Message(NMT_COB_ID, "NMT", 2, _MASTER, "Vector__XXX", "NMT command (CiA 301, 7.2.8.2)")
     message.add(_Signal("NMT_command", 0, 8, values={int(each): _words(each.name) for each in NmtCommand}))
     nodes = {0: "all nodes", **{node_id: senders[node_id] for node_id in sorted(network.nodes)}}
     message.add(_Signal("NMT_node_id", 8, 8, values=nodes))
@@ -160,7 +213,9 @@ def _nmt(network: NetworkDescription, senders: Mapping[int, str]) -> _Message:
 
 
 def _heartbeat(node_id: int, name: str, sender: str) -> _Message:
-    message = _Message(_HEARTBEAT + node_id, _identifier(f"{name}_heartbeat"), 1, sender, _MASTER, f"node {node_id}")
+    message = _Message(
+        ERROR_CONTROL_COB_ID + node_id, _identifier(f"{name}_heartbeat"), 1, sender, _MASTER, f"node {node_id}"
+    )
     states = {int(each): _words(each.name) for each in NmtState}
     message.add(_Signal("NMT_state", 0, _HEARTBEAT_BITS, values=states))
     message.add(_Signal("toggle", _HEARTBEAT_BITS, 1))
@@ -208,14 +263,12 @@ def _signals(mapped: PdoObject, start: int, *, is_drive: bool) -> Iterator[_Sign
             f"{name[: _LONGEST - 1 - len(part.name)]}_{part.name}",
             start + part.start,
             part.bits,
-            False,
-            0,
-            text,
-            values,
+            comment=text,
+            values=values,
         )
     if not parts:
-        real = {DataType.REAL32: 1, DataType.REAL64: 2}.get(mapped.data_type, 0)
-        signed = mapped.data_type.signed or real > 0
+        real = mapped.data_type.is_real
+        signed = mapped.data_type.signed or real
         yield _Signal(name, start, mapped.bits, signed, real, comment, _VALUES.get((base, ""), {}))
 
 
@@ -236,37 +289,6 @@ def _unused(name: str, taken: set[str]) -> str:
     return candidate
 
 
-def _dbc_id(can_id: int) -> int:
-    return can_id & 0x1FFFFFFF | (0x80000000 if can_id & EXTENDED_FLAG else 0)
-
-
-def _message_lines(message: _Message) -> Iterator[str]:
-    yield f"BO_ {_dbc_id(message.can_id)} {message.name}: {message.length} {message.sender}"
-    for signal in message.signals:
-        sign = "-" if signal.signed else "+"
-        place = f"{signal.start}|{signal.bits}@1{sign}"
-        yield f' SG_ {signal.name} : {place} (1,0) [0|0] "" {message.receiver}'
-
-
-def _comment_lines(message: _Message) -> Iterator[str]:
-    can_id = _dbc_id(message.can_id)
-    if message.comment:
-        yield f'CM_ BO_ {can_id} "{_quoted(message.comment)}";'
-    for signal in message.signals:
-        if signal.comment:
-            yield f'CM_ SG_ {can_id} {signal.name} "{_quoted(signal.comment)}";'
-
-
-def _value_lines(message: _Message) -> Iterator[str]:
-    can_id = _dbc_id(message.can_id)
-    for signal in message.signals:
-        if signal.values:
-            pairs = " ".join(f'{value} "{_quoted(text)}"' for value, text in signal.values.items())
-            yield f"VAL_ {can_id} {signal.name} {pairs} ;"
-    for signal in message.signals:
-        if signal.real:
-            yield f"SIG_VALTYPE_ {can_id} {signal.name} : {signal.real};"
-
-
-def _quoted(text: str) -> str:
+def _plain(text: str) -> str:
+    """Return a text that every tool reads: ASCII, without the quotes that end it."""
     return text.encode("ascii", "replace").decode().replace("\\", "/").replace('"', "'").replace("\n", " ")

@@ -27,7 +27,7 @@ from canopen_control.trace.learn import LearnedPdos
 from canopen_control.trace.lss import lss_text
 from canopen_control.trace.network import NodeDescription
 from canopen_control.trace.sdo import SdoConversation
-from canopen_control.trace.values import News, NodeWords, SignalValue
+from canopen_control.trace.values import Change, NodeWords, SignalValue
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -52,7 +52,7 @@ class Mark(enum.IntEnum):
     ERROR = 3  # EMCY, abort, a drive that goes into fault
 
 
-_MARKS: Final = {News.NOTHING: Mark.PLAIN, News.CHANGE: Mark.NOTABLE, News.FAULT: Mark.ERROR}
+_MARKS: Final = {Change.NONE: Mark.PLAIN, Change.STATE: Mark.NOTABLE, Change.FAULT: Mark.ERROR}
 
 
 @dataclass(frozen=True, slots=True)
@@ -243,13 +243,13 @@ class Decoder:
             if state is NmtState.INITIALISING:
                 node.booted(self._time)
                 return _Said("boot-up", mark=Mark.NOTABLE)
-            name = state.name.replace("_", "-")
+            name = state.text
             toggle = ", toggle 1" if frame.data[0] & 0x80 else ""
             if silence := node.silence(self._time):
                 return _Said(f"{name}{toggle} (after {silence / 1e9:.2f} s of silence)", mark=Mark.WARNING)
             if before in (None, state):
                 return _Said(f"{name}{toggle}")
-            was = "after boot-up" if before is NmtState.INITIALISING else f"was {before.name.replace('_', '-')}"
+            was = "after boot-up" if before is NmtState.INITIALISING else f"was {before.text}"
             return _Said(f"{name}{toggle} ({was})", mark=Mark.NOTABLE)
 
         return said
@@ -261,7 +261,7 @@ class Decoder:
             text, value, is_abort, held = node.sdo.receive(frame.data, from_client=from_client)
             if held is not None and (learned := node.pdos.learn(held)) is not None:
                 self._relearn(node_id, *learned)
-            mark = Mark.ERROR if is_abort else _MARKS[node.words.take_news()]
+            mark = Mark.ERROR if is_abort else _MARKS[node.words.take_change()]
             return _Said(text, () if value is None else (value,), mark)
 
         return said
@@ -303,7 +303,7 @@ def _mapped(words: NodeWords, pdo: PdoDescription, codec: PdoCodec, data: bytes)
     text = "; ".join(f"{value.name} {value.text}" for value in values)
     if len(data) > codec.length:
         text += f"; {len(data)} bytes, {codec.length} are mapped"
-    return _Said(text or "nothing is mapped", values, _MARKS[words.take_news()])
+    return _Said(text or "nothing is mapped", values, _MARKS[words.take_change()])
 
 
 def _sync(frame: CanFrame) -> _Said:

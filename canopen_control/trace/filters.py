@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from canopen_control.errors import ConfigError
-from canopen_control.frame import EXTENDED_FLAG
+from canopen_control.frame import EXTENDED_FLAG, MAX_NODE_ID
 from canopen_control.trace.decoder import SERVICES, Mark
 
 if TYPE_CHECKING:
@@ -105,7 +105,7 @@ def _node_id(network: NetworkDescription, text: str) -> int:
         node_id = int(text, 0)
     except ValueError:
         node_id = 0
-    if not 1 <= node_id <= 127:
+    if not 1 <= node_id <= MAX_NODE_ID:
         known = ", ".join(node.name for node in network.nodes.values() if node.name) or "none with a name"
         raise ConfigError(f"no node {text!r}; give a node id, 1 to 127, or a name: {known}")
     return node_id

@@ -17,19 +17,22 @@ import os
 import signal
 import sys
 import time
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 from canopen_control.bus.channel import open_port, parse_channel
-from canopen_control.bus.stamps import Stamping, receive_stamped
+from canopen_control.bus.port_abilities import Stamping, receive_stamped
 from canopen_control.client.robot import RobotClient
 from canopen_control.errors import BusError, CanopenError
 from canopen_control.frame import RECORD_SIZE
-from canopen_control.host.lifeline import lifeline_fd
-from canopen_control.host.lines import encode
-from canopen_control.host.logfile import state_dir
+from canopen_control.host.files import state_dir
+from canopen_control.host.lifeline import Pulse, lifeline_fd
 from canopen_control.host.reactor import Reactor
+from canopen_control.rpc.messages.layout import Layout
+from canopen_control.rpc.messages.robot import GetLayout, GetStatus, Subscribe, Tell
+from canopen_control.rpc.messages.state import RobotEvent, StateSample
+from canopen_control.rpc.wire import text_of
 from canopen_control.trace.flight_ring import FrameRing, LineRing
-from canopen_control.trace.flight_trigger import AFTER_NS, Trigger, is_fault
+from canopen_control.trace.flight_trigger import AFTER_NS, Trigger, is_fault, is_sum
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -37,6 +40,8 @@ if TYPE_CHECKING:
 
     from canopen_control.bus.port import Port
     from canopen_control.host.timer import Timer
+    from canopen_control.rpc.messages.robot import RobotPush
+    from canopen_control.rpc.messages.state import Status
 
 __all__ = ["WINDOW_NS", "FlightRecorder", "flight_folder", "main"]
 
@@ -45,7 +50,8 @@ WINDOW_NS: Final = 60 * SECOND
 STATE_RATE: Final = 10.0  # Hz; the frames hold every cycle
 FRAME_BYTES, STATE_BYTES, EVENT_BYTES = 16 << 20, 16 << 20, 1 << 20
 _AGAIN_NS: Final = SECOND
-_PATIENCE_S: Final = 2.0  # of a request; meanwhile frames wait in the kernel
+_PULSE_NS: Final = SECOND
+_TIMEOUT_S: Final = 2.0  # of a request; meanwhile frames wait in the kernel
 _NICENESS: Final = 5  # the robot goes first
 
 
@@ -72,11 +78,12 @@ class FlightRecorder:
         self._timer: Timer | None = None
         self._ports: dict[str, Port] = {}
         self._robot: RobotClient | None = None
-        self._status: dict[str, Any] = {}
-        self._layout: dict[str, Any] = {}
+        self._status: Status | None = None
+        self._layout = Layout()
         self._repeated: set[bytes] = set()
         self._writer: tuple[int, int] | None = None  # process id and pipe of the copy that writes
         self._finished = False
+        self._pulse = Pulse()
 
     def start(self) -> None:
         """Listen; a bus that cannot be listened to is left out and noted in the file."""
@@ -84,7 +91,13 @@ class FlightRecorder:
             # others are inside one process, or have one owner
             if parse_channel(channel).kind.shared:
                 self._open(number, bus, channel)
+        self._beat()
         self._connect()
+
+    def _beat(self) -> None:
+        """Say that this process listens, to whoever started it."""
+        self._pulse.beat()
+        self._reactor.call_later(_PULSE_NS, self._beat)
 
     # Listening -----------------------------------------------------------------------------------------------------
 
@@ -122,35 +135,35 @@ class FlightRecorder:
         if self._finished:
             return
         try:
-            robot = RobotClient.connect(self.name, timeout=_PATIENCE_S)
+            robot = RobotClient.connect(self.name, timeout=_TIMEOUT_S)
         except CanopenError:  # not yet, not any more, or busy
             self._reactor.call_later(_AGAIN_NS, self._connect)
             return
         self._robot = robot
         try:
-            robot.call("subscribe", state_rate=STATE_RATE, events=True)
-            self._layout = robot.call("layout")
-            self._status = robot.call("status")
+            robot.ask(Subscribe(state_rate=STATE_RATE, events=True))
+            self._layout = robot.ask(GetLayout())
+            self._status = status = robot.ask(GetStatus())
         except CanopenError:
             self._disconnect()
             return
-        self._take_earlier_events()
+        self._take_earlier_events(status)
         self._reactor.add_reader(robot.fileno(), self._read)
         self._reactor.call_soon(self._read)  # what came while the requests were answered
 
-    def _take_earlier_events(self) -> None:
+    def _take_earlier_events(self, status: Status) -> None:
         """Take what happened before this process was there; the stream may repeat the newest of it."""
         known = set(self._events.lines())
-        self._repeated = {encode(event) for event in self._status.get("events", ())}
-        for event in self._status.get("events", ()):
-            if encode(event) not in known:
+        self._repeated = {text_of(event) for event in status.events}
+        for event in status.events:
+            if text_of(event) not in known:
                 self._on_event(event)
 
     def _refresh(self) -> None:
         """Ask for boot table, counters and the histogram of the cycle."""
         if self._robot is not None:
             with contextlib.suppress(CanopenError):
-                self._status = self._robot.call("status")
+                self._status = self._robot.ask(GetStatus())
 
     def _disconnect(self) -> None:
         if self._robot is not None:
@@ -168,16 +181,16 @@ class FlightRecorder:
         except CanopenError:
             self._disconnect()
 
-    def _take(self, message: dict[str, Any]) -> None:
-        if "state" in message:
-            self._states.add(encode(message["state"]), self._reactor.now())
-        elif isinstance(event := message.get("event"), dict) and encode(event) not in self._repeated:
-            self._on_event(event)
+    def _take(self, message: RobotPush) -> None:
+        if isinstance(message, StateSample):
+            self._states.add(text_of(message), self._reactor.now())
+        elif isinstance(message, RobotEvent) and text_of(message) not in self._repeated:
+            self._on_event(message)
 
-    def _on_event(self, event: dict[str, Any]) -> None:
+    def _on_event(self, event: RobotEvent) -> None:
         now = self._reactor.now()
-        self._events.add(encode(event), now)
-        if is_fault(event):
+        self._events.add(text_of(event), now)
+        if is_fault(event) and not is_sum(event):
             self._trigger.fault(event, now)
             self._plan()
 
@@ -197,7 +210,7 @@ class FlightRecorder:
                 self._write_aside(reason)
             self._plan()
 
-    def _write_aside(self, reason: dict[str, Any]) -> None:
+    def _write_aside(self, reason: RobotEvent) -> None:
         """Let a copy of this process write, and tell the robot when it has."""
         ours, theirs = os.pipe()
         child = os.fork()
@@ -223,28 +236,28 @@ class FlightRecorder:
         self._say(said or "the flight recorder could not write: its writing process died")
         self._plan()
 
-    def write(self, reason: dict[str, Any]) -> str:
+    def write(self, reason: RobotEvent) -> str:
         """Write the file now and here; return a sentence that says where it is, or why it is not."""
-        from canopen_control.trace.flight_file import candump_lines, save
+        from canopen_control.trace.flight_file import FlightMeta, candump_lines, save
 
         now, offset = self._reactor.now(), self._wall_offset_ns
         since = now - WINDOW_NS
-        meta = {
-            "robot": self.name,
-            "reason": reason,
-            "written": (now + offset) / 1e9,
-            "begin": (since + offset) / 1e9,
-            "buses": self.buses,
-            "unheard": [bus for bus in self.buses if bus not in self._ports],
-            "frames_lost": sum(port.stats.lost for port in self._ports.values()),
-            "faults_left_out": self._trigger.left_out,
-            "layout": self._layout,
-            "status": self._status,
-        }
+        meta = FlightMeta(
+            robot=self.name,
+            reason=reason,
+            written=(now + offset) / 1e9,
+            begin=(since + offset) / 1e9,
+            buses=self.buses,
+            unheard=tuple(bus for bus in self.buses if bus not in self._ports),
+            frames_lost=sum(port.stats.lost for port in self._ports.values()),
+            faults_left_out=self._trigger.left_out,
+            layout=self._layout,
+            status=self._status,
+        )
         can = candump_lines(self._frames.batches(since), list(self.buses), offset)
         try:
             path = save(flight_folder(self.name), meta, can, self._events.lines(), self._states.lines(since))
-        except (OSError, ValueError) as error:
+        except (CanopenError, OSError, ValueError) as error:
             return f"the flight recorder could not write what led to this: {error}"
         return f"flight recording: {path} (a page of it: canopen-control report)"
 
@@ -252,7 +265,7 @@ class FlightRecorder:
         """Tell the robot, whose users see its events; what it does not hear any more is told at the end."""
         if self._robot is not None:
             with contextlib.suppress(CanopenError):
-                self._robot.notify("tell", kind="flight", text=sentence)
+                self._robot.notify(Tell(kind="flight", text=sentence))
                 return
         self.said.append(sentence)
 
@@ -261,8 +274,9 @@ class FlightRecorder:
     def orphaned(self, ended: Callable[[], object]) -> None:
         """Note that the robot's process has died, and call `ended` when its drives have had time to react."""
         now = self._reactor.now()
-        died = {"time": (now + self._wall_offset_ns) / 1e9, "kind": "died", "node": None, "level": "error"}
-        self._on_event({**died, "text": "the process of the robot has died; its drives stop by themselves"})
+        text = "the process of the robot has died; its drives stop by themselves"
+        died = (now + self._wall_offset_ns) / 1e9
+        self._on_event(RobotEvent(time=died, kind="died", node=None, level="error", text=text))
         self._reactor.call_at(now + AFTER_NS, ended)
 
     def finish(self) -> None:
@@ -287,7 +301,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--name", required=True, help="the robot")
     parser.add_argument("--bus", action="append", default=[], metavar="NAME=CHANNEL", help="a bus to listen to")
     args = parser.parse_args(arguments)
-    os.nice(_NICENESS)
     with Reactor() as reactor:
         recorder = FlightRecorder(reactor, args.name, dict(bus.split("=", 1) for bus in args.bus))
         reactor.handle_signals({signal.SIGTERM: reactor.stop, signal.SIGINT: reactor.stop})

@@ -1,32 +1,42 @@
 """The file of a flight recorder: one zip that can be attached to a bug report and opened without this package.
 
-    meta.json     robot, `reason` and when, `buses` {name: channel}, `layout` and `status` as the API has them
+    meta.json     `FlightMeta`: robot, `reason` and when, `buses` {name: channel}, `layout` and `status` of the robot
     can.log       all frames of the window in candump's log format, the bus' name of bus.yml as the interface
-    events.jsonl  the run's events as in the API's stream, one a line; older than the window too
-    states.jsonl  the samples of the state stream
+    events.jsonl  the run's events as in the robot's stream, one a line; older than the window too
+    states.jsonl  the samples of the state stream, of which a `TimedSnapshot` is read
     eds/          the EDS files of the nodes, so that the frames can be decoded by name anywhere
 
 Times are Unix seconds, those of frames Unix ns. A file is complete or not there: it gets its name when it is whole. A
 folder keeps `MAX_FILES`; the oldest go.
+
+Anybody may have written what is read here: sizes are bounded before anything is unpacked, what the structures declare
+is checked, and the first thing that does not fit is told with its place. What they do not declare is left alone, so
+that a recording of another version is read as far as it is known.
 """
 
 from __future__ import annotations
 
-import contextlib
-import io
 import itertools
-import json
+import lzma
 import os
 import re
+import struct
 import time
 import zipfile
+import zlib
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, TypeVar
+from typing import TYPE_CHECKING, Final, TypeVar
 
 from canopen_control.bus.candump import interface_name, line_of, parse_line
 from canopen_control.errors import ConfigError
 from canopen_control.frame import CanFrame, frames_of
+from canopen_control.host.files import telling
+from canopen_control.rpc.messages.declare import Document
+from canopen_control.rpc.messages.layout import Layout
+from canopen_control.rpc.messages.quantities import Count, UnixTime
+from canopen_control.rpc.messages.state import RobotEvent, Status, TimedSnapshot
+from canopen_control.rpc.wire import decode, text_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
@@ -35,8 +45,10 @@ if TYPE_CHECKING:
 
 __all__ = [
     "MAX_FILES",
+    "NO_FAULT",
     "FlightFile",
     "FlightFrame",
+    "FlightMeta",
     "candump_lines",
     "is_flight_file",
     "newest",
@@ -49,20 +61,70 @@ T = TypeVar("T")
 FORMAT: Final = "canopen_control flight recording"
 VERSION: Final = 1
 MAX_FILES: Final = 20
+_LOST: Final = "nothing is left of this recording, those before it are"
 _CHUNK: Final = 10_000  # lines of the log that are made at once
+_STEP: Final = 1 << 16  # bytes that are unpacked at once
 _META, _CAN, _EVENTS, _STATES, _EDS = "meta.json", "can.log", "events.jsonl", "states.jsonl", "eds/"
+#: the start of a name -> bytes that it may unpack to: more than what the bounds of the recorder come to as text
+_LARGEST: Final = {_META: 16 << 20, _CAN: 96 << 20, _EVENTS: 4 << 20, _STATES: 32 << 20, _EDS: 16 << 20}
+_MOST_MEMBERS: Final = 1000
+_MOST_EDS: Final = 64 << 20  # bytes of all EDS files
+_UNREADABLE: Final = (
+    zipfile.BadZipFile, zlib.error, lzma.LZMAError, struct.error, KeyError, ValueError, EOFError, OverflowError,
+    RuntimeError, MemoryError,  # a password, and a compression that nobody knows, are the former
+)  # fmt: skip
 FlightFrame = tuple[int, str, CanFrame]  # Unix ns, name of the bus, frame
+
+
+NO_FAULT: Final = RobotEvent(time=0.0, kind="", node=None, level="info", text="nothing was reported to go wrong")
+
+
+class Misfit(ValueError):
+    """Something in a file that does not fit: a sentence with where it is."""
+
+
+class FlightFormat(Document, frozen=True, kw_only=True):
+    """Which file it is."""
+
+    format: str = ""
+    version: int = 0
+
+
+class FlightMeta(FlightFormat, frozen=True, kw_only=True):
+    """What a recording says of itself: `reason` is the fault it is about, `written` and `begin` are Unix seconds.
+
+    `unheard` are buses that could not be listened to, `frames_lost` came faster than they were recorded,
+    `faults_left_out` have no file of their own. `status` is None where the robot never answered.
+    """
+
+    format: str = FORMAT
+    version: int = VERSION
+    robot: str
+    reason: RobotEvent
+    written: UnixTime = 0.0
+    begin: float = 0.0
+    buses: dict[str, str] = {}  # noqa: RUF012 - msgspec makes a new one each time
+    unheard: tuple[str, ...] = ()
+    frames_lost: Count = 0
+    faults_left_out: Count = 0
+    layout: Layout = Layout()
+    status: Status | None = None
 
 
 @dataclass(slots=True)
 class FlightFile:
-    """What is in a file; `frames` are in order of time, `eds` holds the texts of the EDS files by file name."""
+    """What is in a file; `frames` are in order of time, `eds` holds the texts of the EDS files by file name.
 
-    meta: dict[str, Any]
-    events: list[dict[str, Any]] = field(default_factory=list)
-    states: list[dict[str, Any]] = field(default_factory=list)
+    `unread_lines` of its log are no frames; `notes` are sentences about what else is missing.
+    """
+
+    meta: FlightMeta
+    events: list[RobotEvent] = field(default_factory=list)
+    states: list[TimedSnapshot] = field(default_factory=list)
     frames: list[FlightFrame] = field(default_factory=list)
     eds: dict[str, bytes] = field(default_factory=dict)
+    unread_lines: int = 0
+    notes: tuple[str, ...] = ()
 
 
 def candump_lines(batches: Iterable[Batch], buses: Iterable[str], wall_offset_ns: int) -> Iterator[str]:
@@ -75,52 +137,57 @@ def candump_lines(batches: Iterable[Batch], buses: Iterable[str], wall_offset_ns
 
 def save(
     folder: Path,
-    meta: dict[str, Any],
+    meta: FlightMeta,
     can: Iterator[str],
     events: Iterable[bytes],
     states: Iterable[bytes],
 ) -> Path:
-    """Write a file about `meta["reason"]` into `folder`, and forget the oldest there; raises OSError."""
-    folder.mkdir(parents=True, exist_ok=True)
+    """Write a file about `meta.reason` into `folder`, and forget the oldest there; ConfigError and DiskFull."""
+    with telling(folder, "no recording was written"):
+        folder.mkdir(parents=True, exist_ok=True)
     path = _free_path(folder, meta)
     part = path.with_suffix(".part")
     try:
-        with zipfile.ZipFile(part, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
-            archive.writestr(_META, json.dumps({"format": FORMAT, "version": VERSION, **meta}, indent=1))
+        with telling(path, _LOST), zipfile.ZipFile(part, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
+            archive.writestr(_META, text_of(meta, indent=1))
             for name, lines in ((_EVENTS, events), (_STATES, states)):
                 archive.writestr(name, b"".join(line.rstrip(b"\n") + b"\n" for line in lines))
             with archive.open(_CAN, "w", force_zip64=True) as log:
                 while chunk := "".join(itertools.islice(can, _CHUNK)):
                     log.write(chunk.encode("ascii"))
             for path_of_eds in _eds_paths(meta):
-                with contextlib.suppress(OSError):
-                    archive.write(path_of_eds, _EDS + Path(path_of_eds).name)
-        part.rename(path)
+                if text := _bytes_of(path_of_eds):
+                    archive.writestr(_EDS + Path(path_of_eds).name, text)
+        with telling(path, _LOST):
+            part.rename(path)
     finally:
         part.unlink(missing_ok=True)
     _forget_oldest(folder)
     return path
 
 
-def _eds_paths(meta: dict[str, Any]) -> set[str]:
-    buses = meta.get("layout", {}).get("buses", {}).values()
-    return {node["eds"] for bus in buses for node in bus["nodes"] if node.get("eds")}
+def _bytes_of(path: str) -> bytes:
+    """Return what is in a file of somebody else's; nothing where it is gone meanwhile."""
+    try:
+        return Path(path).read_bytes()
+    except OSError:
+        return b""
 
 
-def _free_path(folder: Path, meta: dict[str, Any]) -> Path:
+def _eds_paths(meta: FlightMeta) -> set[str]:
+    return {node.eds for bus in meta.layout.buses.values() for node in bus.nodes if node.eds}
+
+
+def _free_path(folder: Path, meta: FlightMeta) -> Path:
     """Name it after when and why; the names of a folder sort by time."""
-    reason = meta["reason"]
-    stamp = time.strftime("%Y-%m-%dT%H-%M-%S", time.localtime(meta["written"]))
-    words = "-".join(re.sub(r"\W+", "_", str(word), flags=re.ASCII) for word in _words(reason))
+    stamp = time.strftime("%Y-%m-%dT%H-%M-%S", time.localtime(meta.written))
+    why = [word[:40] for word in (meta.reason.kind, meta.reason.node) if word]
+    words = "-".join(re.sub(r"\W+", "_", word, flags=re.ASCII) for word in why)
     path, number = folder / f"{stamp}-{words}.zip", 1
     while path.exists():
         number += 1
         path = folder / f"{stamp}-{words}-{number}.zip"
     return path
-
-
-def _words(reason: dict[str, Any]) -> list[str]:
-    return [str(reason[key])[:40] for key in ("kind", "node") if reason.get(key)]
 
 
 def _forget_oldest(folder: Path) -> None:
@@ -139,41 +206,77 @@ def is_flight_file(path: Path) -> bool:
 
 
 def read_flight(path: Path) -> FlightFile:
-    """Read a file; ConfigError in a sentence when it is none. Lines that cannot be read are counted in `meta`."""
+    """Read a file; ConfigError in a sentence when it is none. Lines of the log that are no frames are counted."""
     return _opened(path, _read)
 
 
-def read_meta(path: Path) -> dict[str, Any]:
+def read_meta(path: Path) -> FlightMeta:
     """Read only what a file says of itself; ConfigError as above."""
     return _opened(path, lambda _archive, meta: meta)
 
 
-def _opened(path: Path, read: Callable[[zipfile.ZipFile, dict[str, Any]], T]) -> T:
+def _opened(path: Path, read: Callable[[zipfile.ZipFile, FlightMeta], T]) -> T:
     try:
         with zipfile.ZipFile(path) as archive:
-            meta = json.loads(archive.read(_META))
-            if not isinstance(meta, dict) or meta.get("format") != FORMAT or meta.get("version") != VERSION:
+            if len(archive.infolist()) > _MOST_MEMBERS:
+                raise ConfigError(f"{path}: this is no flight recording: {len(archive.infolist())} files are in it")
+            text = _content(archive, _META)
+            said = _parsed(_META, text, FlightFormat)
+            if (said.format, said.version) != (FORMAT, VERSION):
                 raise ConfigError(f"{path}: this is no flight recording that this version can read")
-            return read(archive, meta)
+            return read(archive, _parsed(_META, text, FlightMeta))
     except OSError as error:
         raise ConfigError(f"{path}: {error.strerror or error}") from error
-    except (zipfile.BadZipFile, KeyError, ValueError, NotImplementedError) as error:
+    except Misfit as error:
+        raise ConfigError(f"{path}: this is no flight recording, or it is damaged: {error}") from error
+    except _UNREADABLE as error:
         raise ConfigError(f"{path}: this is no flight recording: {error}") from error
 
 
-def _read(archive: zipfile.ZipFile, meta: dict[str, Any]) -> FlightFile:
-    names = archive.namelist()
-    events, states = ([json.loads(line) for line in archive.read(name).splitlines()] for name in (_EVENTS, _STATES))
-    file = FlightFile(meta, events, states)
-    buses, unread = {interface_name(bus): bus for bus in meta.get("buses", {})}, 0
-    with io.TextIOWrapper(archive.open(_CAN), "ascii", "replace") as log:
-        for line in log:
-            found = parse_line(line)
-            if found is None:
-                unread += 1
-            else:
-                interface = line.split()[1]
-                file.frames.append((found[0], buses.get(interface, interface), found[1]))
-    file.meta["unread_lines"] = unread
-    file.eds = {os.path.basename(name): archive.read(name) for name in names if name.startswith(_EDS)}
+def _content(archive: zipfile.ZipFile, name: str) -> bytes:
+    """Return a file of the archive; what unpacks to more than a recorder writes is refused, whatever it claims."""
+    limit = next(size for start, size in _LARGEST.items() if name.startswith(start))
+    if archive.getinfo(name).file_size > limit:
+        raise _too_large(name, limit)
+    content = bytearray()
+    with archive.open(name) as member:
+        while chunk := member.read(_STEP):
+            content += chunk
+            if len(content) > limit:
+                raise _too_large(name, limit)
+    return bytes(content)
+
+
+def _too_large(name: str, limit: int) -> Misfit:
+    return Misfit(f"{name} is larger than {limit >> 20} MiB, which no recorder writes")
+
+
+def _parsed(where: str, text: bytes, kind: type[T]) -> T:
+    try:
+        found: T = decode(text, kind)
+    except ValueError as error:
+        raise Misfit(f"{where}: {error}") from None
+    return found
+
+
+def _lines(archive: zipfile.ZipFile, name: str, kind: type[T]) -> list[T]:
+    lines = enumerate(_content(archive, name).splitlines(), 1)
+    return [_parsed(f"{name}, line {number}", line, kind) for number, line in lines]
+
+
+def _read(archive: zipfile.ZipFile, meta: FlightMeta) -> FlightFile:
+    file = FlightFile(meta, _lines(archive, _EVENTS, RobotEvent), _lines(archive, _STATES, TimedSnapshot))
+    buses = {interface_name(bus): bus for bus in meta.buses}
+    for line in _content(archive, _CAN).decode("ascii", "replace").splitlines():
+        found = parse_line(line)
+        if found is None:
+            file.unread_lines += 1
+        else:
+            interface = line.split()[1]
+            file.frames.append((found[0], buses.get(interface, interface), found[1]))
+    for name in archive.namelist():
+        if name.startswith(_EDS) and os.path.basename(name):
+            file.eds[os.path.basename(name)] = _content(archive, name)
+            if sum(map(len, file.eds.values())) > _MOST_EDS:
+                raise _too_large("what is in " + _EDS, _MOST_EDS)
     return file

@@ -9,9 +9,12 @@ the gap is over is not written; it is counted in `left_out`.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING
 
-__all__ = ["AFTER_NS", "GAP_NS", "LONGEST_NS", "WIDEST_GAP_NS", "Trigger", "is_fault"]
+if TYPE_CHECKING:
+    from canopen_control.rpc.messages.state import RobotEvent
+
+__all__ = ["AFTER_NS", "GAP_NS", "LONGEST_NS", "WIDEST_GAP_NS", "Trigger", "is_fault", "is_sum"]
 
 SECOND = 1_000_000_000
 AFTER_NS = 3 * SECOND
@@ -23,9 +26,14 @@ _KINDS = frozenset({"bus_bus_off", "bus_down", "bus_closed", "bus_lost"})
 _NEVER = 1 << 62
 
 
-def is_fault(event: dict[str, Any]) -> bool:
+def is_fault(event: RobotEvent) -> bool:
     """Whether an event of the API's stream is a reason to write."""
-    return event.get("level") == "error" or event.get("kind") in _KINDS
+    return event.level == "error" or event.kind in _KINDS
+
+
+def is_sum(event: RobotEvent) -> bool:
+    """Whether an event sums up what was told when it came first."""
+    return event.since not in (None, event.time)
 
 
 class Trigger:
@@ -34,12 +42,12 @@ class Trigger:
     def __init__(self, keep_ns: int) -> None:
         self.left_out = 0
         self._keep_ns = keep_ns
-        self._reason: dict[str, Any] | None = None
+        self._reason: RobotEvent | None = None
         self._first = self._last = -_NEVER
         self._not_before = -_NEVER
         self._gap = GAP_NS
 
-    def fault(self, event: dict[str, Any], now: int) -> None:
+    def fault(self, event: RobotEvent, now: int) -> None:
         """Note a fault; the first one since the last file is the reason of the next."""
         if now - self._last >= CALM_NS:
             self._gap = GAP_NS
@@ -56,18 +64,18 @@ class Trigger:
             return None
         return max(min(self._last + AFTER_NS, self._first + LONGEST_NS), self._not_before)
 
-    def due(self, now: int) -> dict[str, Any] | None:
+    def due(self, now: int) -> RobotEvent | None:
         """Return the fault to write a file about, once; None when it is not time."""
         deadline = self.next_deadline()
         if deadline is None or now < deadline:
             return None
         return self._take(now)
 
-    def end(self, now: int) -> dict[str, Any] | None:
+    def end(self, now: int) -> RobotEvent | None:
         """Return the fault that nothing was written about yet, since the recording ends now."""
         return None if self._reason is None else self._take(now)
 
-    def _take(self, now: int) -> dict[str, Any] | None:
+    def _take(self, now: int) -> RobotEvent | None:
         reason, self._reason = self._reason, None
         if now - self._last > self._keep_ns:
             self.left_out += 1

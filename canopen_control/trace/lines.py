@@ -1,12 +1,13 @@
-"""Decoded frames as lines for people, and as plain data for scripts."""
+"""Decoded frames as lines for people, and as documents for scripts."""
 
 from __future__ import annotations
 
 import datetime
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from canopen_control.frame import ERROR_FLAG, EXTENDED_FLAG, REMOTE_FLAG
+from canopen_control.rpc.messages.declare import Document
 from canopen_control.trace.decoder import Mark
 
 if TYPE_CHECKING:
@@ -14,7 +15,7 @@ if TYPE_CHECKING:
     from canopen_control.trace.decoder import DecodedFrame
     from canopen_control.trace.network import NetworkDescription
 
-__all__ = ["LineWriter", "as_dict", "identifier_text"]
+__all__ = ["FrameDocument", "LineWriter", "ValueDocument", "document_of", "identifier_text"]
 
 _NS = 1_000_000_000
 _COLOURS = {Mark.ERROR: "\x1b[31m", Mark.WARNING: "\x1b[33m", Mark.NOTABLE: "\x1b[36m"}
@@ -65,35 +66,56 @@ def _data(decoded: DecodedFrame) -> str:
     return decoded.data.hex(" ").upper()
 
 
+class ValueDocument(Document, frozen=True):
+    """An object in a frame; `value` is bytes in hexadecimal, None for what is no number."""
+
+    index: int
+    subindex: int
+    name: str
+    value: int | float | str | None
+    text: str
+
+
+class FrameDocument(Document, frozen=True, kw_only=True):
+    """A frame as `trace --json` prints it: `time` in Unix seconds, `id` and `data` in hexadecimal."""
+
+    time: float
+    id: str
+    extended: bool
+    remote: bool
+    data: str
+    service: str
+    subject: str
+    node_id: int | None
+    node: str | None
+    text: str
+    mark: str
+    values: list[ValueDocument]
+
+
+def document_of(decoded: DecodedFrame) -> FrameDocument:
+    """Return a frame as a document."""
+    return FrameDocument(
+        time=decoded.time / _NS,
+        id=identifier_text(decoded.can_id),
+        extended=bool(decoded.can_id & EXTENDED_FLAG),
+        remote=bool(decoded.can_id & REMOTE_FLAG),
+        data=decoded.data.hex(),
+        service=decoded.service,
+        subject=decoded.subject,
+        node_id=decoded.node_id,
+        node=decoded.node or None,
+        text=decoded.text,
+        mark=decoded.mark.name.lower(),
+        values=[
+            ValueDocument(value.index, value.subindex, value.name, _plain(value.value), value.text)
+            for value in decoded.values
+        ],
+    )
+
+
 def _plain(value: Value) -> int | float | str | None:
     """Return a value as JSON has it: no bytes, no infinity."""
     if isinstance(value, bytes | bytearray):
         return value.hex()
     return None if isinstance(value, float) and not math.isfinite(value) else value
-
-
-def as_dict(decoded: DecodedFrame) -> dict[str, Any]:
-    """Return a frame as plain data: `time` in Unix seconds, bytes in hex, None for what is no number."""
-    return {
-        "time": decoded.time / _NS,
-        "id": identifier_text(decoded.can_id),
-        "extended": bool(decoded.can_id & EXTENDED_FLAG),
-        "remote": bool(decoded.can_id & REMOTE_FLAG),
-        "data": decoded.data.hex(),
-        "service": decoded.service,
-        "subject": decoded.subject,
-        "node_id": decoded.node_id,
-        "node": decoded.node or None,
-        "text": decoded.text,
-        "mark": decoded.mark.name.lower(),
-        "values": [
-            {
-                "index": value.index,
-                "subindex": value.subindex,
-                "name": value.name,
-                "value": _plain(value.value),
-                "text": value.text,
-            }
-            for value in decoded.values
-        ],
-    }

@@ -11,8 +11,8 @@ import time
 from typing import TYPE_CHECKING
 
 from canopen_control.bus.channel import ChannelKind, open_port, parse_channel
+from canopen_control.bus.port_abilities import receive_stamped
 from canopen_control.bus.record import RecordedFrame
-from canopen_control.bus.stamps import receive_stamped
 from canopen_control.errors import ConfigError
 from canopen_control.frame import frames_of
 
@@ -27,13 +27,13 @@ _IDLE_S = 0.25  # how often a silent bus lets the owner look at his clock
 
 
 def open_listener(channel: str, label: str, *, owner: str = "") -> Port:
-    """Open `channel` to listen; ConfigError where that cannot be while the robot `owner` has it."""
+    """Open `channel` to listen; BusNotOpen where nobody has it, ConfigError while the robot `owner` has it alone."""
     kind = parse_channel(channel).kind
     if kind.in_process:
         raise ConfigError(f"{channel} is inside one process, nobody else can listen; use local:NAME instead")
     if owner and kind is ChannelKind.PYTHON_CAN:
         raise ConfigError(f"{channel} has one owner, the running robot {owner}; nobody can listen beside it")
-    return open_port(channel, label=label)
+    return open_port(channel, label=label, join=True)
 
 
 def batches(

@@ -1,7 +1,7 @@
 """What is on a bus: who the nodes are, which objects they have, what their PDOs carry.
 
-Plain frozen data. It is made of a layout (the JSON that `master/layout.py` makes of a bus.yml and that a running robot
-gives by the API's `layout`), or of EDS files alone with the PDOs as they are by default. What is missing (an EDS that
+Plain frozen data. It is made of a layout (`master/pdo_layout.py` makes it of a bus.yml, a running robot gives it as
+`layout` of the API), or of EDS files alone with the PDOs as they are by default. What is missing (an EDS that
 cannot be read, a node nobody described) costs names, never frames.
 """
 
@@ -9,23 +9,25 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from types import MappingProxyType
+from typing import TYPE_CHECKING
 
-from canopen_control.cia301.cob_id import can_id_of
 from canopen_control.cia301.emcy import EMCY_COB_ID
 from canopen_control.cia301.pdo import MappedObject
 from canopen_control.cia301.sync import SYNC_COB_ID
 from canopen_control.cia402 import objects
 from canopen_control.errors import CanopenError
+from canopen_control.frame import can_id_of
 from canopen_control.od.eds import read_eds
 from canopen_control.od.model import DataType, ObjectCode
 from canopen_control.od.pdos import pdos_of
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Mapping
 
     from canopen_control.od.model import ObjectDictionary
     from canopen_control.od.pdos import Pdo
+    from canopen_control.rpc.messages.layout import BusLayout, MappedEntry, PdoLayout
 
 __all__ = [
     "NetworkDescription",
@@ -35,7 +37,6 @@ __all__ = [
     "address_text",
     "entry_name",
     "network_of_layout",
-    "node_of_eds",
     "pdos_by_default",
     "type_of",
 ]
@@ -164,28 +165,21 @@ def entry_name(od: ObjectDictionary | None, index: int, subindex: int) -> str:
     return f"{info.name}: {entry.name}"
 
 
-def network_of_layout(layout: Mapping[str, Any]) -> NetworkDescription:
-    """Make the description of one bus of a layout; an EDS that is gone or bad becomes a note."""
+def network_of_layout(layout: BusLayout, kept: Mapping[str, Path] = MappingProxyType({})) -> NetworkDescription:
+    """Make the description of one bus of a layout; an EDS that is gone or bad becomes a note.
+
+    `kept` are files that stand for those of the same name, as a recording has them.
+    """
     notes: list[str] = []
     nodes = {}
-    for each in layout["nodes"]:
-        od = _read(str(each["eds"]), int(each["node_id"]), notes) if each.get("eds") else None
-        pdos = tuple(_pdo_of_layout(pdo) for pdo in each["pdos"])
-        nodes[int(each["node_id"])] = NodeDescription(each["name"], each["node_id"], od, pdos, str(each["eds"] or ""))
+    for each in layout.nodes:
+        path = str(kept.get(Path(each.eds).name, each.eds)) if each.eds else ""
+        od = _read(path, each.node_id, notes) if path else None
+        pdos = tuple(_pdo_of_layout(pdo) for pdo in each.pdos)
+        nodes[each.node_id] = NodeDescription(each.name, each.node_id, od, pdos, path)
     return NetworkDescription(
-        str(layout["channel"]),
-        int(layout["bitrate"]),
-        layout["master_node_id"],
-        int(layout.get("sync_cob_id", SYNC_COB_ID)),
-        nodes,
-        tuple(notes),
+        layout.channel, layout.bitrate, layout.master_node_id, layout.sync_cob_id, nodes, tuple(notes)
     )
-
-
-def node_of_eds(path: str | Path, node_id: int, name: str = "") -> NodeDescription:
-    """Describe a node by its EDS alone, its PDOs as they are by default; raises `EdsError`."""
-    od = read_eds(path, node_id).od
-    return NodeDescription(name or Path(path).stem, node_id, od, pdos_by_default(od), str(path))
 
 
 def pdos_by_default(od: ObjectDictionary) -> tuple[PdoDescription, ...]:
@@ -217,21 +211,15 @@ def type_of(od: ObjectDictionary | None, index: int, subindex: int, bits: int) -
     return _RAW_TYPES.get(bits, DataType.UNSIGNED64 if bits % 8 else DataType.OCTET_STRING)
 
 
-def _pdo_of_layout(pdo: Mapping[str, Any]) -> PdoDescription:
-    return PdoDescription(
-        int(pdo["cob_id"]),
-        str(pdo["direction"]),
-        int(pdo["number"]),
-        tuple(_objects_of_layout(pdo["objects"])),
-        int(pdo.get("transmission_type", 255)),
-    )
+def _pdo_of_layout(pdo: PdoLayout) -> PdoDescription:
+    objects = tuple(_object_of_layout(each) for each in pdo.objects)
+    return PdoDescription(pdo.cob_id, pdo.direction, pdo.number, objects, pdo.transmission_type)
 
 
-def _objects_of_layout(layout: Iterable[Mapping[str, Any]]) -> Iterable[PdoObject]:
-    for each in layout:
-        index, subindex, data_type = int(each["index"]), int(each["subindex"]), DataType[str(each["data_type"])]
-        name = str(each["name"]) or address_text(index, subindex)
-        yield PdoObject(index, subindex, int(each["bits"]), data_type, name)
+def _object_of_layout(entry: MappedEntry) -> PdoObject:
+    name = entry.name or address_text(entry.index, entry.subindex)
+    data_type = DataType.__members__.get(entry.data_type) or type_of(None, entry.index, entry.subindex, entry.bits)
+    return PdoObject(entry.index, entry.subindex, entry.bits, data_type, name)
 
 
 def address_text(index: int, subindex: int) -> str:

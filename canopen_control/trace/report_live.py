@@ -7,15 +7,17 @@ A bus that only its own process can hear is left out and named.
 from __future__ import annotations
 
 import contextlib
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 from canopen_control.bus.channel import open_port, parse_channel
-from canopen_control.bus.stamps import receive_stamped
+from canopen_control.bus.port_abilities import receive_stamped
 from canopen_control.client.robot import RobotClient
 from canopen_control.errors import BusError, CanopenError
 from canopen_control.frame import frames_of
 from canopen_control.host.reactor import Reactor
-from canopen_control.trace.flight_file import FlightFile
+from canopen_control.rpc.messages.robot import GetLayout, GetStatus, Subscribe
+from canopen_control.rpc.messages.state import RobotEvent, StateSample
+from canopen_control.trace.flight_file import NO_FAULT, FlightFile, FlightMeta
 
 if TYPE_CHECKING:
     from canopen_control.bus.port import Port
@@ -29,20 +31,25 @@ _NS: Final = 1_000_000_000
 def watch(name: str | None, seconds: float) -> FlightFile:
     """Watch the robot `name`, or the only one, for `seconds`, less when it ends; ConfigError when there is none."""
     with RobotClient.connect(name) as robot, Reactor() as reactor:
-        layout = robot.call("layout")
-        channels = {bus: str(each["channel"]) for bus, each in layout["buses"].items()}
-        status = robot.call("status")
-        meta: dict[str, Any] = {"robot": robot.robot, "buses": channels, "layout": layout, "status": status}
-        file = FlightFile(meta, events=list(status["events"]))
+        layout, status = robot.ask(GetLayout()), robot.ask(GetStatus())
+        channels = {bus: each.channel for bus, each in layout.buses.items()}
+        file = FlightFile(FlightMeta(robot=robot.robot, reason=NO_FAULT), events=list(status.events))
         ports = _listen(reactor, channels, file)
-        meta["unheard"] = [bus for bus in channels if bus not in ports]
-        robot.call("subscribe", state_rate=RATE, events=True)
+        robot.ask(Subscribe(state_rate=RATE, events=True))
         reactor.add_reader(robot.fileno(), lambda: _read(reactor, robot, file))
         reactor.call_later(round(seconds * _NS), reactor.stop)
         reactor.run()
         with contextlib.suppress(CanopenError):
-            meta["status"] = robot.call("status")
-        meta["frames_lost"] = sum(port.stats.lost for port in ports.values())
+            status = robot.ask(GetStatus())
+        file.meta = FlightMeta(
+            robot=robot.robot,
+            reason=NO_FAULT,
+            buses=channels,
+            unheard=tuple(bus for bus in channels if bus not in ports),
+            frames_lost=sum(port.stats.lost for port in ports.values()),
+            layout=layout,
+            status=status,
+        )
         for port in ports.values():
             port.close()
     return file
@@ -51,10 +58,10 @@ def watch(name: str | None, seconds: float) -> FlightFile:
 def _read(reactor: Reactor, robot: RobotClient, file: FlightFile) -> None:
     try:
         for message in robot.messages(0):
-            if "state" in message:
-                file.states.append(message["state"])
-            elif "event" in message and message["event"] not in file.events:
-                file.events.append(message["event"])
+            if isinstance(message, StateSample):
+                file.states.append(message)
+            elif isinstance(message, RobotEvent) and message not in file.events:
+                file.events.append(message)
     except CanopenError:  # it has ended
         reactor.remove_reader(robot.fileno())
         reactor.stop()
@@ -65,7 +72,7 @@ def _listen(reactor: Reactor, channels: dict[str, str], file: FlightFile) -> dic
     for bus, channel in channels.items():
         if not parse_channel(channel).kind.shared:
             continue
-        ports[bus] = port = open_port(channel, label="report")
+        ports[bus] = port = open_port(channel, label="report", join=True)
 
         def receive(bus: str = bus, port: Port = port) -> None:
             try:

@@ -7,18 +7,21 @@ Whatever comes from a recording is escaped.
 from __future__ import annotations
 
 from html import escape
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
-from canopen_control import __version__
+from canopen_control.trace.report_facts import CycleFacts
 from canopen_control.trace.report_svg import Axis, bars, lines, timeline
 from canopen_control.trace.report_words import clock
+from canopen_control.version import __version__
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
+    from canopen_control.rpc.messages.state import BootStep
+    from canopen_control.trace.report_facts import EventFacts, FrameFacts, ReportFacts
+
 __all__ = ["page_of"]
 
-Json = dict[str, Any]
 _UNITS: Final = {"velocity": "rad/s", "position": "rad", "effort": "N m"}
 _MOST_EVENTS: Final = 500
 _STYLE: Final = """
@@ -53,9 +56,9 @@ tr.error{background:var(--badbg)}tr.warning{background:var(--warnbg)}tr.here td{
 """
 
 
-def page_of(facts: Json) -> str:
+def page_of(facts: ReportFacts) -> str:
     """Return the page of `facts_of` a recording."""
-    title = f"{facts['robot'] or 'CAN recording'}, {clock(facts['end'], date=True)}"
+    title = f"{facts.robot or 'CAN recording'}, {clock(facts.end, date=True)}"
     sections = (_summary, _timeline, _joints, _events, _boot, _cycle, _buses, _last_words, _frames)
     body = "\n".join(part for section in sections for part in section(facts))
     return (
@@ -64,7 +67,7 @@ def page_of(facts: Json) -> str:
         """<meta http-equiv="Content-Security-Policy" content="default-src 'none'; style-src 'unsafe-inline'">"""
         f"<title>{escape(title)}</title><style>{_STYLE}</style></head><body>\n<h1>{escape(title)}</h1>\n{body}\n"
         f'<p class="soft">Written by canopen-control {escape(__version__)}. Times are seconds from '
-        f"{escape(clock(facts['begin'], date=True))}; the dashed line is the first fault.</p>\n</body></html>\n"
+        f"{escape(clock(facts.begin, date=True))}; the dashed line is the first fault.</p>\n</body></html>\n"
     )
 
 
@@ -86,127 +89,127 @@ def _table(headings: Sequence[str], rows: Iterable[tuple[str, Sequence[tuple[str
     return f'<div class="wide"><table><thead><tr>{head}</tr></thead><tbody>\n{body}</tbody></table></div>'
 
 
-def _axis(facts: Json) -> Axis:
-    return Axis(0.0, facts["seconds"], facts["fault"]["at"] if facts["fault"] else None)
+def _axis(facts: ReportFacts) -> Axis:
+    return Axis(0.0, facts.seconds, facts.fault_at)
 
 
-def _summary(facts: Json) -> Iterator[str]:
+def _summary(facts: ReportFacts) -> Iterator[str]:
     said = "".join(
         f'<p class="{"first" if text.startswith("What went wrong first") else ""}">{escape(text)}</p>'
-        for text in facts["summary"]
+        for text in facts.summary
     )
-    yield f'<div class="sum {"bad" if facts["fault"] else ""}">{said}</div>'
+    yield f'<div class="sum {"bad" if facts.fault else ""}">{said}</div>'
 
 
-def _timeline(facts: Json) -> Iterator[str]:
+def _timeline(facts: ReportFacts) -> Iterator[str]:
     rows = []
-    for name, node in facts["nodes"].items():
-        rows += [
-            (f"{name}: {joint}" if len(node["axes"]) > 1 else name, spans) for joint, spans in node["axes"].items()
-        ]
-        rows.append((f"{name} NMT" if node["axes"] else name, node["nmt"]))
+    for name, node in facts.nodes.items():
+        rows += [(f"{name}: {joint}" if len(node.axes) > 1 else name, spans) for joint, spans in node.axes.items()]
+        rows.append((f"{name} NMT" if node.axes else name, node.nmt))
     if rows:
         yield _section(
             "States of the drives (CiA 402) and of their communication (NMT)", timeline("states", rows, _axis(facts))
         )
 
 
-def _joints(facts: Json) -> Iterator[str]:
+def _joints(facts: ReportFacts) -> Iterator[str]:
     drawn = []
-    for name, joint in facts["joints"].items():
-        unit, pair = _UNITS[joint["quantity"]], [("command", joint["command"]), ("actual", joint["actual"])]
-        drawn.append(lines(name, joint["time"], pair, _axis(facts), f"{joint['quantity']}, {unit}"))
-        drawn.append(lines("following error", joint["time"], [("error", joint["error"])], _axis(facts), unit))
+    for name, joint in facts.joints.items():
+        unit, pair = _UNITS[joint.quantity], [("command", joint.command), ("actual", joint.actual)]
+        drawn.append(lines(name, joint.time, pair, _axis(facts), f"{joint.quantity}, {unit}"))
+        drawn.append(lines("following error", joint.time, [("error", joint.error)], _axis(facts), unit))
     if any(drawn):
         key = '<p class="key"><b style="color:var(--cmd)">command</b> and <b style="color:var(--act)">actual</b></p>'
         yield _section("Joints", key + "".join(drawn))
 
 
-def _events(facts: Json) -> Iterator[str]:
-    events = facts["events"][-_MOST_EVENTS:]
-    rows = [(event["level"], _event_cells(event)) for event in events]
+def _events(facts: ReportFacts) -> Iterator[str]:
+    events = facts.events[-_MOST_EVENTS:]
+    rows = [(event.level, _event_cells(event)) for event in events]
     if rows:
-        left_out = len(facts["events"]) - len(events)
+        left_out = len(facts.events) - len(events)
         more = f'<p class="soft">{left_out} older ones are left out here.</p>' if left_out else ""
         yield _section("Events", more + _table(("s", "time", "node", "what happened"), rows), kind="long")
 
 
-def _event_cells(event: Json) -> list[tuple[str, str]]:
-    times = [("n", f"{event['at']:.3f}"), ("n", clock(event["time"]))]
-    return [*times, ("", event.get("node") or ""), ("", event["text"])]
+def _event_cells(event: EventFacts) -> list[tuple[str, str]]:
+    times = [("n", f"{event.at:.3f}"), ("n", clock(event.time))]
+    return [*times, ("", event.node or ""), ("", event.text)]
 
 
-def _frames(facts: Json) -> Iterator[str]:
-    if not facts["frames"]:
+def _frames(facts: ReportFacts) -> Iterator[str]:
+    if not facts.frames:
         return
-    fault = facts["fault"]["at"] if facts["fault"] else None
+    fault = facts.fault_at
     rows, told = [], False
-    for frame in facts["frames"]:
-        here = fault is not None and frame["time"] > fault and not told
+    for frame in facts.frames:
+        here = fault is not None and frame.time > fault and not told
         told = told or here
-        rows.append((f"{frame['mark']}{' here' if here else ''}", _frame_cells(frame, fault)))
+        rows.append((f"{frame.mark}{' here' if here else ''}", _frame_cells(frame, fault)))
     title = "Frames around the fault" if fault is not None else "The last frames"
     headings = _FRAME_HEADINGS if fault is not None else ("time", *_FRAME_HEADINGS[1:])
     yield _section(title, _table(headings, rows), kind="long")
 
 
-def _last_words(facts: Json) -> Iterator[str]:
-    if facts["last_words"] and facts["fault"]:
-        rows = [(frame["mark"], _frame_cells(frame, facts["fault"]["at"])) for frame in facts["last_words"]]
+def _last_words(facts: ReportFacts) -> Iterator[str]:
+    if facts.last_words and facts.fault:
+        rows = [(frame.mark, _frame_cells(frame, facts.fault.at)) for frame in facts.last_words]
         yield _section("The last that was heard of each node before the fault", _table(_FRAME_HEADINGS, rows))
 
 
 _FRAME_HEADINGS: Final = ("ms to fault", "id", "data", "node", "service", "what it says")
 
 
-def _frame_cells(frame: Json, fault: float | None) -> list[tuple[str, str]]:
-    time = f"{frame['time']:.4f} s" if fault is None else f"{1e3 * (frame['time'] - fault):+.2f}"
+def _frame_cells(frame: FrameFacts, fault: float | None) -> list[tuple[str, str]]:
+    time = f"{frame.time:.4f} s" if fault is None else f"{1e3 * (frame.time - fault):+.2f}"
     return [
         ("n", time),
-        ("m", frame["id"]),
-        ("m", frame["data"]),
-        ("", frame["node"]),
-        ("", frame["service"]),
-        ("", frame["text"]),
+        ("m", frame.id),
+        ("m", frame.data),
+        ("", frame.node),
+        ("", frame.service),
+        ("", frame.text),
     ]
 
 
-def _boot(facts: Json) -> Iterator[str]:
+def _boot(facts: ReportFacts) -> Iterator[str]:
     """Yield a row for each node: how long each step of its boot took, and its SDO traffic."""
-    nodes: dict[str, list[Json]] = {}
-    for step in facts["boot"]:
-        nodes.setdefault(step["node"], []).append(step)
-    steps = list(dict.fromkeys(step["step"] for step in facts["boot"]))
+    nodes: dict[str, list[BootStep]] = {}
+    for step in facts.boot:
+        nodes.setdefault(step.node, []).append(step)
+    steps = list(dict.fromkeys(step.step for step in facts.boot))
     if not steps:
         return
     rows = []
     for name, found in nodes.items():
-        took = {step["step"]: step for step in found}
+        took = {step.step: step for step in found}
         cells = [("", name), *(("n", _step_text(took.get(step))) for step in steps)]
-        cells.append(("n", f"{1e3 * sum(step['seconds'] or 0.0 for step in found):.1f}"))
-        sdo = facts["sdo"].get(name, {})
-        cells += [("n", str(sdo.get(key, ""))) for key in ("reads", "writes", "failed")]
-        errors = "; ".join(step["error"] for step in found if step["error"])
+        cells.append(("n", f"{1e3 * sum(step.seconds or 0.0 for step in found):.1f}"))
+        sdo = facts.sdo.get(name)
+        cells += [("n", str(each)) for each in (("", "", "") if sdo is None else (sdo.reads, sdo.writes, sdo.failed))]
+        errors = "; ".join(step.error for step in found if step.error)
         rows.append(("error" if errors else "", [*cells, ("", errors)]))
     headings = ("node", *(f"{step}, ms" for step in steps), "all, ms", "SDO reads", "writes", "failed", "")
     yield _section("Boot", _table(headings, rows))
 
 
-def _step_text(step: Json | None) -> str:
-    return "" if step is None or step["seconds"] is None else f"{1e3 * step['seconds']:.1f}"
+def _step_text(step: BootStep | None) -> str:
+    return "" if step is None or step.seconds is None else f"{1e3 * step.seconds:.1f}"
 
 
-def _cycle(facts: Json) -> Iterator[str]:
-    cycle = facts["cycle"]
-    edges = cycle.get("late_edges_s") or []
-    if not edges or len(cycle["late_counts"]) != len(edges) + 1:
+def _cycle(facts: ReportFacts) -> Iterator[str]:
+    cycle = facts.cycle
+    if not isinstance(cycle, CycleFacts) or not cycle.late_edges_s:
+        return
+    edges = cycle.late_edges_s
+    if len(cycle.late_counts) != len(edges) + 1:
         return
     names = [_duration(edge) for edge in edges]
-    drawn = bars("cycles", [*(f"≤ {name}" for name in names), f"> {names[-1]}"], cycle["late_counts"])
+    drawn = bars("cycles", [*(f"≤ {name}" for name in names), f"> {names[-1]}"], cycle.late_counts)
     if drawn:
         note = (
-            f'<p class="soft">How late the cycle of {1e3 * cycle["period_s"]:g} ms began; heights are logarithmic. '
-            f"The longest work of a cycle in the run took {1e3 * cycle['work_max_s']:.2f} ms.</p>"
+            f'<p class="soft">How late the cycle of {1e3 * cycle.period_s:g} ms began; heights are logarithmic. '
+            f"The longest work of a cycle in the run took {1e3 * cycle.work_max_s:.2f} ms.</p>"
         )
         yield _section("Jitter of the cycle", drawn + note)
 
@@ -215,10 +218,10 @@ def _duration(seconds: float) -> str:
     return f"{1e6 * seconds:g} µs" if seconds < 1e-3 else f"{1e3 * seconds:g} ms"
 
 
-def _buses(facts: Json) -> Iterator[str]:
-    for name, bus in facts["buses"].items():
-        percent = [100.0 * value for value in bus["load"]["value"]]
-        unit = f"% of {bus['bitrate'] / 1e6:g} Mbit/s"
-        drawn = lines(name, bus["load"]["time"], [("load", percent)], _axis(facts), unit, from_zero=True)
-        services = ", ".join(f"{count} {service}" for service, count in bus["services"].items())
-        yield _section(f"Load of bus {name}", f'{drawn}<p class="soft">{bus["frames"]} frames: {escape(services)}</p>')
+def _buses(facts: ReportFacts) -> Iterator[str]:
+    for name, bus in facts.buses.items():
+        percent = [100.0 * value for value in bus.load.value]
+        unit = f"% of {bus.bitrate / 1e6:g} Mbit/s"
+        drawn = lines(name, bus.load.time, [("load", percent)], _axis(facts), unit, from_zero=True)
+        services = ", ".join(f"{count} {service}" for service, count in bus.services.items())
+        yield _section(f"Load of bus {name}", f'{drawn}<p class="soft">{bus.frames} frames: {escape(services)}</p>')

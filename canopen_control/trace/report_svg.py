@@ -9,10 +9,12 @@ from __future__ import annotations
 
 import math
 from html import escape
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
+
+    from canopen_control.trace.report_facts import Span
 
 __all__ = ["Axis", "bars", "lines", "timeline"]
 
@@ -70,25 +72,29 @@ def _svg(title: str, height: float, parts: Sequence[str]) -> str:
     return f'<svg viewBox="0 0 {WIDTH} {height:g}" role="img" aria-label="{escape(title)}">{body}</svg>'
 
 
-def timeline(title: str, rows: Sequence[tuple[str, Sequence[dict[str, Any]]]], axis: Axis) -> str:
-    """Draw states over time: rows of (label, spans {"from", "to", "state"}); a state's class is ``s-`` and its name."""
+def timeline(title: str, rows: Sequence[tuple[str, Sequence[Span]]], axis: Axis) -> str:
+    """Draw states over time: rows of (label, spans); a state's class is ``s-`` and its name."""
     height = _ROW * len(rows)
     parts = list(_grid(axis, height))
     for number, (label, spans) in enumerate(rows):
         y = number * _ROW
         parts.append(f'<text class="label" x="{LEFT - 8}" y="{y + 17}" text-anchor="end">{escape(label)}</text>')
-        for span in spans:
-            left, right = axis.x(span["from"]), axis.x(span["to"])
-            words = (span["state"] or "unknown").replace("_", " ").lower()
-            width = max(right - left, 1.5)
-            shown = escape(words) if len(words) * 6.2 < width else ""
-            hint = escape(f"{words}, {span['from']:.3f} s to {span['to']:.3f} s")
-            parts.append(
-                f'<g><title>{hint}</title><rect class="s-{escape(span["state"] or "unknown")}" x="{left:.1f}" '
-                f'y="{y + 3}" width="{width:.1f}" height="{_ROW - 6}"/>'
-                f'<text class="in" x="{left + 5:.1f}" y="{y + 17}">{shown}</text></g>'
-            )
+        parts += [_span(span, axis, y) for span in spans]
     return _svg(title, height + _FOOT, [*parts, *_fault(axis, height)])
+
+
+def _span(span: Span, axis: Axis, y: float) -> str:
+    left, right = axis.x(span.begin), axis.x(span.end)
+    state = span.state or "unknown"
+    words = state.replace("_", " ").lower()
+    width = max(right - left, 1.5)
+    shown = escape(words) if len(words) * 6.2 < width else ""
+    hint = escape(f"{words}, {span.begin:.3f} s to {span.end:.3f} s")
+    return (
+        f'<g><title>{hint}</title><rect class="s-{escape(state)}" x="{left:.1f}" '
+        f'y="{y + 3}" width="{width:.1f}" height="{_ROW - 6}"/>'
+        f'<text class="in" x="{left + 5:.1f}" y="{y + 17}">{shown}</text></g>'
+    )
 
 
 def lines(

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import time
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from canopen_control.trace.report_facts import CycleFacts
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from canopen_control.trace.report_facts import ReportFacts
+
 __all__ = ["clock", "summary"]
 
-Json = dict[str, Any]
 _MOST = 4  # further faults that are listed
 
 
@@ -20,70 +23,70 @@ def clock(unix_s: float, *, date: bool = False) -> str:
     return f"{text}.{int(unix_s * 1000) % 1000:03d}"
 
 
-def summary(facts: Json) -> list[str]:
+def summary(facts: ReportFacts) -> list[str]:
     """Return the sentences: who and when, what went wrong first, what followed, how it ended, what is not known."""
     return [*_who(facts), *_wrong(facts), *_reaction(facts), *_cycle(facts), *_gaps(facts)]
 
 
-def _who(facts: Json) -> Iterator[str]:
-    drives = ", ".join(f"{name} (node {node['node_id']})" for name, node in facts["nodes"].items())
-    where = ", ".join(f"{name} ({channel})" for name, channel in facts["channels"].items())
+def _who(facts: ReportFacts) -> Iterator[str]:
+    drives = ", ".join(f"{name} (node {node.node_id})" for name, node in facts.nodes.items())
+    where = ", ".join(f"{name} ({channel})" for name, channel in facts.channels.items())
     heard = f" on {where}" if where else ""
     yield (
-        f"{facts['robot'] or 'A recording'}: {facts['seconds']:.1f} s up to {clock(facts['end'], date=True)}"
+        f"{facts.robot or 'A recording'}: {facts.seconds:.1f} s up to {clock(facts.end, date=True)}"
         f"{heard}; {drives or _no_drives(facts)}."
     )
 
 
-def _no_drives(facts: Json) -> str:
-    joints = ", ".join(facts["joints"])
-    return f"no bus, made-up hardware: {joints}" if joints and not facts["channels"] else "no node was seen"
+def _no_drives(facts: ReportFacts) -> str:
+    joints = ", ".join(facts.joints)
+    return f"no bus, made-up hardware: {joints}" if joints and not facts.channels else "no node was seen"
 
 
-def _wrong(facts: Json) -> Iterator[str]:
-    errors = [event for event in facts["events"] if event["level"] == "error" and event["at"] >= 0]
-    first = facts["fault"]
+def _wrong(facts: ReportFacts) -> Iterator[str]:
+    errors = [event for event in facts.events if event.level == "error" and event.at >= 0]
+    first = facts.fault
     if first is None:
         yield "Nothing was reported to go wrong in this time."
         return
-    yield f"What went wrong first, {first['at']:.3f} s into it ({clock(first['time'])}): {_sentence(first['text'])}"
-    later = [event for event in errors if event["time"] >= first["time"] and event["text"] != first["text"]]
+    yield f"What went wrong first, {first.at:.3f} s into it ({clock(first.time)}): {_sentence(first.text)}"
+    later = [event for event in errors if event.time >= first.time and event.text != first.text]
     for event in later[:_MOST]:
-        yield f"{1e3 * (event['time'] - first['time']):.0f} ms later: {_sentence(event['text'])}"
+        yield f"{1e3 * (event.time - first.time):.0f} ms later: {_sentence(event.text)}"
     if len(later) > _MOST:
         yield f"{len(later) - _MOST} more errors followed; they are in the list of events."
 
 
-def _reaction(facts: Json) -> Iterator[str]:
-    for joint, seconds in facts["stopped_after_s"].items():
+def _reaction(facts: ReportFacts) -> Iterator[str]:
+    for joint, seconds in facts.stopped_after_s.items():
         yield f"{joint} {'was not seen to stop' if seconds is None else f'stood still {seconds:.2f} s after that'}."
-    if facts["last_state"]:
-        yield f"At the end the robot was in state {facts['last_state']}."
+    if facts.last_state:
+        yield f"At the end the robot was in state {facts.last_state}."
 
 
-def _cycle(facts: Json) -> Iterator[str]:
-    cycle = facts["cycle"]
-    if not cycle or not cycle["count"]:
+def _cycle(facts: ReportFacts) -> Iterator[str]:
+    cycle = facts.cycle
+    if not isinstance(cycle, CycleFacts) or not cycle.count:
         return
-    share = f", {cycle['missed']} left out" if cycle["missed"] else ", none left out"
+    share = f", {cycle.missed} missed" if cycle.missed else ", none missed"
     yield (
-        f"{cycle['count']} cycles of {1e3 * cycle['period_s']:g} ms{share}; "
-        f"the latest of the run came {1e3 * cycle['late_max_s']:.2f} ms late."
+        f"{cycle.count} cycles of {1e3 * cycle.period_s:g} ms{share}; "
+        f"the latest of the run came {1e3 * cycle.late_max_s:.2f} ms late."
     )
 
 
-def _gaps(facts: Json) -> Iterator[str]:
+def _gaps(facts: ReportFacts) -> Iterator[str]:
     """Say what is missing here, so that nobody takes silence for good news."""
-    gaps = facts["gaps"]
-    if gaps["unheard"]:
-        yield f"Not listened to: {', '.join(gaps['unheard'])}; its frames are not in here."
-    if gaps["frames_lost"]:
-        yield f"{gaps['frames_lost']} frames were lost: they came faster than they were recorded."
-    if gaps["unread_lines"]:
-        yield f"{gaps['unread_lines']} lines of the log could not be read."
-    if gaps["faults_left_out"]:
-        yield f"{gaps['faults_left_out']} earlier faults of this run have no file of their own."
-    yield from (_sentence(note) for note in gaps["notes"])
+    gaps = facts.gaps
+    if gaps.unheard:
+        yield f"Not listened to: {', '.join(gaps.unheard)}; its frames are not in here."
+    if gaps.frames_lost:
+        yield f"{gaps.frames_lost} frames were lost: they came faster than they were recorded."
+    if gaps.unread_lines:
+        yield f"{gaps.unread_lines} lines of the log could not be read."
+    if gaps.faults_left_out:
+        yield f"{gaps.faults_left_out} earlier faults of this run have no file of their own."
+    yield from (_sentence(note) for note in gaps.notes)
 
 
 def _sentence(text: str) -> str:

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "AxisWords",
-    "News",
+    "Change",
     "NodeWords",
     "SignalValue",
     "bytes_text",
@@ -129,11 +129,11 @@ def decoded(data: bytes, data_type: DataType | None) -> Value:
         return bytes(data)
 
 
-class News(enum.IntEnum):
+class Change(enum.IntEnum):
     """What the last values of a node told that was not known before."""
 
-    NOTHING = 0
-    CHANGE = 1  # of state, command or mode
+    NONE = 0
+    STATE = 1  # of state, command or mode
     FAULT = 2  # it has come into a state of fault
 
 
@@ -145,7 +145,7 @@ class AxisWords:
     state: State | None = None
     controlword: int = 0
     command: Command | None = None
-    news: News = News.NOTHING
+    change: Change = Change.NONE
 
 
 class NodeWords:
@@ -171,11 +171,11 @@ class NodeWords:
             return name
         return objects.object_name(index) or ""
 
-    def take_news(self) -> News:
-        """Return the greatest news of the values since the last call, of all axes."""
-        greatest = max((axis.news for axis in self._axes.values()), default=News.NOTHING)
+    def take_change(self) -> Change:
+        """Return the greatest change that the values since the last call told, of all axes."""
+        greatest = max((axis.change for axis in self._axes.values()), default=Change.NONE)
         for axis in self._axes.values():
-            axis.news = News.NOTHING
+            axis.change = Change.NONE
         return greatest
 
     def text(self, index: int, subindex: int, value: Value) -> str:
@@ -208,7 +208,7 @@ class NodeWords:
 def _statusword(axis: AxisWords, value: int) -> str:
     state = decode_statusword(value)
     if state is not axis.state:
-        axis.news = max(axis.news, News.FAULT if is_faulty(state) and not is_faulty(axis.state) else News.CHANGE)
+        axis.change = max(axis.change, Change.FAULT if is_faulty(state) and not is_faulty(axis.state) else Change.STATE)
     axis.state = state
     return statusword_text(value, axis.mode)
 
@@ -217,14 +217,14 @@ def _controlword(axis: AxisWords, value: int) -> str:
     text = controlword_text(value, axis.controlword, axis.state, axis.mode)
     command, axis.controlword = command_of(value, axis.controlword), value
     if command is not axis.command:
-        axis.news = max(axis.news, News.CHANGE)
+        axis.change = max(axis.change, Change.STATE)
     axis.command = command
     return text
 
 
 def _mode_display(axis: AxisWords, value: int) -> str:
     if value != axis.mode:
-        axis.news = max(axis.news, News.CHANGE)
+        axis.change = max(axis.change, Change.STATE)
     axis.mode = value
     return _mode_text(value)
 

@@ -1,43 +1,53 @@
 """The process of the view: `python -m canopen_control.view.app`, or `canopen-control view`.
 
-The law of this file: two threads. The reactor's owns the connection, the dead man and everything that is drawn; the
-server's only hands over what a page does, STOP apart, which it sends itself. Started by `run` it ends with its lifeline
-or the robot; by hand it waits for the robot to come back. Whatever happens here, the robot does not notice.
+One thread and one loop: connection, dead man and pages. What may take time is asked on threads of its own, so that STOP
+never waits. Started by `run` it ends with its lifeline or the robot; by hand it waits for the robot to come back.
+Whatever happens here, the robot does not notice.
 """
 
 from __future__ import annotations
 
+import asyncio
+import contextlib
 import signal
 import sys
-import threading
+import time
 import traceback
 from functools import partial
 from typing import TYPE_CHECKING, Any, Final
 
+from nicegui import ui
+
 from canopen_control.client import select_robot
 from canopen_control.errors import CanopenError, RemoteError
-from canopen_control.host.reactor import Reactor
 from canopen_control.host.spawn import lifeline_fd
+from canopen_control.rpc.messages.robot import Tell
+from canopen_control.rpc.messages.state import RobotEvent
 from canopen_control.view.door import Door
-from canopen_control.view.link import Link, Welcome
-from canopen_control.view.page import Page
-from canopen_control.view.server import PageServer, listen
+from canopen_control.view.faults import look
+from canopen_control.view.link import Link
+from canopen_control.view.page import Page, build_waiting
+from canopen_control.view.robot import RobotView
+from canopen_control.view.server import PageServer, listen, silence
 from canopen_control.view.teleop import DeadMan
+from canopen_control.view.threads import in_thread
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Coroutine
 
-    import viser
-
-    from canopen_control.host.timer import Timer
-    from canopen_control.view.teleop import Motion
+    from canopen_control.rpc.messages.declare import Request
+    from canopen_control.rpc.messages.state import StateSample
+    from canopen_control.view.model import Welcome
+    from canopen_control.view.teleop import Command, Motion
 
 __all__ = ["ViewApp"]
 
 SEEN_HZ: Final = 25.0  # samples of the state while somebody looks
 UNSEEN_HZ: Final = 5.0
-_RETRY_NS: Final = 500_000_000
-_FAULTS_NS: Final = 3_000_000_000
+_TICK_S: Final = 0.2  # between two pictures: what is read, not watched
+_RETRY_S: Final = 0.5
+_FAULTS_S: Final = 3.0
+_SILENT_S: Final = 1.5  # a robot that runs says something 5 times a second
 
 
 class ViewApp:
@@ -49,98 +59,136 @@ class ViewApp:
     def __init__(
         self, name: str | None, host: str, port: int | None, *, teleop: bool, say: Callable[[str], None]
     ) -> None:
-        self._name, self._teleop, self._say = select_robot(name), teleop, say
+        self.name, self.teleop, self._say = select_robot(name), teleop, say
         listener = listen(host, port)
         self.door = Door(host, listener.getsockname()[1])
         self._lifeline = lifeline_fd()
-        self.reactor = Reactor()
-        self.reactor.on_error = self._on_error
-        self.server = PageServer(listener, self.door, self._name)
+        self.server = PageServer(listener, self.door, self.name, self._build, self.stop)
+        silence(say)
         self._link: Link | None = None
-        self._page: Page | None = None
-        self._shape: object = None
-        self._controllers: object = None
-        self._pages: set[int] = set()
+        self._lost, self._heard, self._silent = f"robot {self.name} is not connected", 0.0, False
+        self._pages: dict[str, Page] = {}
         self._dead_man = DeadMan(self._send)
-        self._letting_go: Timer | None = None
-        self.server.on_client_connect(self._on_page)
-        self.server.on_client_disconnect(self._on_page_closed)
+        self._letting_go: asyncio.TimerHandle | None = None
+        self._tasks: set[asyncio.Task[Any]] = set()
+        self._known: RobotView | None = None
+        self._controller_states: dict[str, str] | None = None
+        self._meshes = 0
 
-    def run(self) -> None:
+    @property
+    def robot(self) -> RobotView:
+        """What is known of the robot; only pages of a robot that was there ask."""
+        if self._known is None:
+            raise RemoteError("BusClosed", self._lost)
+        return self._known
+
+    # ------------------------------------------------------------------------------------ begin and end
+
+    async def run(self) -> None:
         """Serve until the end."""
-        reactor = self.reactor
-        reactor.handle_signals({signal.SIGTERM: reactor.stop, signal.SIGINT: reactor.stop})
-        try:
-            self.start()
-            reactor.run()
-        finally:
-            self.close()
-
-    def start(self) -> None:
-        """Begin; the reactor does the rest."""
+        loop = asyncio.get_running_loop()
+        loop.set_exception_handler(self._on_error)
+        for number in (signal.SIGTERM, signal.SIGINT):
+            loop.add_signal_handler(number, self.server.stop)
         if self._lifeline is not None:
-            self.reactor.add_reader(self._lifeline, self.reactor.stop)
-        self.reactor.call_soon(self._connect)
-        self.reactor.call_later(_FAULTS_NS, self._look_for_faults)
+            loop.add_reader(self._lifeline, self.server.stop)
+        try:
+            await self.server.serve(self._begin)
+        finally:
+            self._dead_man.let_go()
+            self._leave()
+            for task in self._tasks:
+                task.cancel()
 
-    def close(self) -> None:
-        """Let go of what is driven, and leave everything."""
-        self._dead_man.let_go()
-        self._leave()
-        self.server.stop()
-        self.reactor.close()
+    def _begin(self) -> None:
+        for endless in (self._connect(), self._tick_for_ever(), self._watch_faults()):
+            self._start(endless)
+
+    def _start(self, work: Coroutine[Any, Any, None]) -> None:
+        task = asyncio.get_running_loop().create_task(work)
+        self._tasks.add(task)
+        task.add_done_callback(self._done)
+
+    def _done(self, task: asyncio.Task[Any]) -> None:
+        self._tasks.discard(task)
+        if not task.cancelled() and (error := task.exception()) is not None:
+            self._complain(error)
+
+    def _on_error(self, _loop: object, context: dict[str, object]) -> None:
+        error = context.get("exception")
+        if isinstance(error, BaseException) and not isinstance(error, (ConnectionError, asyncio.CancelledError)):
+            self._complain(error)
+
+    def _complain(self, error: BaseException) -> None:
+        """Say it and go on: a page that cannot be drawn must not take the STOP button with it."""
+        self._say("".join(traceback.format_exception(error)).rstrip())
 
     # ------------------------------------------------------------------------------------ what a page may do
 
-    def stop(self) -> None:
-        """STOP, latched; RemoteError if the robot cannot be reached. From any thread."""
+    def stop(self) -> str | None:
+        """STOP, latched; the reason if the robot cannot be reached."""
+        if self._link is None:
+            return f"Robot {self.name} is not connected: {self._lost}. Use what else stops it."
+        self._dead_man.forget()  # nothing may be sent after STOP
+        try:
+            self._link.stop()
+        except CanopenError as error:
+            return str(error)
+        return f"Robot {self.name} does not answer; use what else stops it." if self._silent else None
+
+    async def ask(self, request: Request[Any]) -> str | None:
+        """Ask the robot and wait; returns the reason if it was not done."""
         link = self._link
-        if link is None:
-            raise RemoteError("BusClosed", f"robot {self._name} is not connected; use what else stops it")
-        link.stop()
+        return f"robot {self.name} is not connected" if link is None else await in_thread(partial(link.ask, request))
 
-    def ask(self, method: str, params: dict[str, Any]) -> str | None:
-        """Ask the robot and wait; returns the reason if it was not done. From any thread but the reactor's."""
-        link = self._link
-        return f"robot {self._name} is not connected" if link is None else link.ask(method, params)
-
-    def hold(self, page: int, motion: Motion, told: Callable[[str], None]) -> None:
-        """Take note that a page holds a button; from any thread."""
-        self.reactor.call_threadsafe(partial(self._hold, page, motion, told))
-
-    def _hold(self, page: int, motion: Motion, told: Callable[[str], None]) -> None:
-        if page not in self._pages:
+    def hold(self, page: str, motion: Motion, told: Callable[[str], None]) -> None:
+        """Take note that a page holds a button; `told` gets a sentence if it may not drive."""
+        if page not in self._pages or not self.teleop:
             return  # it was closed while this was on its way
-        if not self._dead_man.hold(page, motion, self.reactor.now()):
+        if not self._dead_man.hold(page, motion, time.monotonic_ns()):
             told("another page drives; it has to let go first")
         elif self._letting_go is None:
             self._watch_hold()
 
+    def let_go(self, page: str) -> None:
+        """End what a page drives, now."""
+        self._dead_man.leave(page)
+
     def _watch_hold(self) -> None:
         """Let go in time, and look again as long as somebody holds."""
-        self._dead_man.tick(self.reactor.now())
+        now = time.monotonic_ns()
+        self._dead_man.tick(now)
         deadline = self._dead_man.deadline
-        self._letting_go = None if deadline is None else self.reactor.call_at(deadline, self._watch_hold)
+        loop = asyncio.get_running_loop()
+        self._letting_go = None if deadline is None else loop.call_later((deadline - now) / 1e9, self._watch_hold)
 
-    def _send(self, method: str, params: dict[str, Any]) -> None:
+    def _send(self, command: Command) -> None:
         if self._link is not None:
-            self._link.send(method, params)
+            self._link.send(command)
 
     # ------------------------------------------------------------------------------------ who looks
 
-    async def _on_page(self, client: viser.ClientHandle) -> None:
-        self.reactor.call_threadsafe(partial(self._page_opened, client.client_id))
+    def _build(self) -> None:
+        """Make a page for who has just opened it."""
+        if self._known is None:
+            build_waiting(self.name, self._lost)
+            ui.timer(1.0, lambda: ui.navigate.reload() if self._known is not None else None)
+            return
+        page, client = Page(self), ui.context.client
+        page.show(self._known.picture(self._lost))
+        client.on_connect(lambda: self._page_opened(page))
+        client.on_disconnect(lambda: self._page_closed(client.id))
 
-    async def _on_page_closed(self, client: viser.ClientHandle) -> None:
-        self.reactor.call_threadsafe(partial(self._page_closed, client.client_id))
-
-    def _page_opened(self, page: int) -> None:
-        self._pages.add(page)
+    def _page_opened(self, page: Page) -> None:
+        self._pages[page.client.id] = page
+        robot = self.robot
+        page.send({"plots": {"anew": True, "rows": robot.history.rows()}, "trail": list(robot.trail.points)})
+        page.send({"scene": robot.scene_now(), **page.news(robot.picture(self._lost))})
         self._set_rate()
-        self._look_at_faults()
+        self.look_at_faults()
 
-    def _page_closed(self, page: int) -> None:
-        self._pages.discard(page)
+    def _page_closed(self, page: str) -> None:
+        self._pages.pop(page, None)
         self._dead_man.leave(page)
         self._set_rate()
 
@@ -149,106 +197,160 @@ class ViewApp:
             try:
                 self._link.subscribe(SEEN_HZ if self._pages else UNSEEN_HZ)
             except RemoteError as error:
-                self._lost(str(error))
+                self._drop(str(error))
 
-    def _look_for_faults(self) -> None:
-        self.reactor.call_later(_FAULTS_NS, self._look_for_faults)
-        if self._pages:
-            self._look_at_faults()
+    # ------------------------------------------------------------------------------------ what is shown
 
-    def _look_at_faults(self) -> None:
+    async def _tick_for_ever(self) -> None:
+        while True:
+            try:
+                self._tick()
+            except Exception as error:  # noqa: BLE001 - as `_complain` says
+                self._complain(error)
+            await asyncio.sleep(_TICK_S)
+
+    def _tick(self) -> None:
+        if self._known is None:
+            return
+        self._judge_silence()
+        picture, rows = self._known.picture(self._lost), self._known.history.take_news()
+        for page in list(self._pages.values()):
+            page.show(picture)
+            news = page.news(picture)
+            if rows:
+                news["plots"] = {"rows": rows}
+            page.send(news)
+
+    def _judge_silence(self) -> None:
+        """Take a robot that is connected and says nothing for lost, until it says something again."""
+        silent_s = time.monotonic() - self._heard
+        self._silent = self._link is not None and silent_s > _SILENT_S
+        if self._silent:
+            self._lost = f"Robot {self.name} has said nothing for {silent_s:.0f} s"
+
+    def _take(self, robot: RobotView, state: StateSample) -> None:
+        self._heard = time.monotonic()
+        self._silent, self._lost = False, ""
+        if state.controllers != self._controller_states:
+            self._controller_states = state.controllers
+            self._start(self._follow_controllers(robot))
+        changed = robot.take(state)
+        for page in list(self._pages.values()) if changed else ():
+            page.send({"scene": changed})
+
+    async def _follow_controllers(self, robot: RobotView) -> None:
+        """Ask until the robot answers, or is gone: a busy one must not leave the page without its buttons."""
+        link, asked_for = self._link, self._controller_states
+        while link is not None and link is self._link and asked_for is self._controller_states:
+            with contextlib.suppress(CanopenError):
+                robot.controllers = await in_thread(link.controllers)
+                return
+            await asyncio.sleep(_RETRY_S)
+
+    def look_at_faults(self) -> None:
         """Ask the virtual drives, on a thread of its own: one of them may hang."""
-        if self._page is not None:
-            threading.Thread(target=self._page.faults.refresh, name="faults", daemon=True).start()
+        self._start(self._look_at_faults())
 
-    # ------------------------------------------------------------------------------------ the robot
+    async def _look_at_faults(self) -> None:
+        if self._known is not None:
+            self._known.faults = await in_thread(partial(look, self._known.fault_desk))
 
-    def _connect(self) -> None:
-        try:
-            link = Link(self._name)
-        except CanopenError as error:
-            self._again(str(error))
-            return
-        try:
-            welcome = link.welcome()
-            self._show(welcome)
-            self._link, self._controllers = link, None
-            self.reactor.add_reader(link.fileno(), self._on_readable)
-            self._set_rate()
-        except RemoteError as error:
-            self._link = link
-            self._lost(str(error))
-            return
+    async def _watch_faults(self) -> None:
+        while True:
+            if self._pages:
+                await self._look_at_faults()
+            await asyncio.sleep(_FAULTS_S)
+
+    # ------------------------------------------------------------------------------------ the connection
+
+    async def _connect(self) -> None:
+        """Try until the robot is there; as a child of `run`, once."""
+        while (met := await self._meet()) is None:
+            if self._lifeline is not None:
+                self._say(self._lost)
+                self.server.stop()
+                return
+            await asyncio.sleep(_RETRY_S)
+        link, welcome = met
+        self._link, self._lost, self._heard = link, "", time.monotonic()
+        self._controller_states = None
+        self._learn(welcome)
         self._announce(link)
-        self.reactor.call_soon(self._on_readable)  # what came with an answer makes no descriptor readable
+        self._set_rate()
+        if self._link is link:
+            asyncio.get_running_loop().add_reader(link.fileno(), self._on_readable)
+            self._on_readable()  # what came with an answer makes no descriptor readable
+
+    async def _meet(self) -> tuple[Link, Welcome] | None:
+        try:
+            return await in_thread(partial(_meet, self.name))
+        except CanopenError as error:
+            self._lost = str(error)
+            return None
+
+    def _learn(self, welcome: Welcome) -> None:
+        """Take what the robot says of itself; pages made for another one are loaded anew."""
+        if self._known is not None and self._known.come_back(welcome):
+            return
+        self._known = RobotView(welcome, self._publish)
+        for note in self._known.scene.notes:
+            self._say(note)
+        for page in self._pages.values():
+            page.reload()
+
+    def _publish(self, content: bytes, kind: str) -> str:
+        self._meshes += 1
+        path = f"/mesh/{self._meshes}.{kind}"
+        self.server.add_file(path, content, "model/stl" if kind == "stl" else "model/gltf-binary")
+        return path
 
     def _announce(self, link: Link) -> None:
         """Tell where the page is: to who started it by hand, or through the robot to who watches `run`."""
         text = f"view: {self.door.url}"
         if self._lifeline is not None:
-            link.send("tell", {"kind": "view", "text": text})
+            link.send(Tell(kind="view", text=text))
         self._say(text)
 
-    def _show(self, welcome: Welcome) -> None:
-        """Make the page, unless the robot is the one that was there before."""
-        shape = (welcome.urdf, welcome.nodes, sorted(welcome.status["joints"]))
-        if self._page is not None and shape == self._shape:
-            return
-        self._shape = shape
-        self.server.scene.reset()
-        self.server.gui.reset()
-        self._page = Page(self.server, welcome, self, teleop=self._teleop)
-        for note in self._page.notes:
-            self._say(note)
-
     def _on_readable(self) -> None:
-        link, page = self._link, self._page
-        if link is None or page is None:
+        link, robot = self._link, self._known
+        if link is None or robot is None:
             return
-        newest = None
         try:
             for message in link.messages():
-                if (state := message.get("state")) is not None:
-                    newest = state
-                elif (event := message.get("event")) is not None:
-                    page.event(event)
-            if newest is not None:
-                self._follow_controllers(link, page, newest["controllers"])
-                page.state(newest, seen=bool(self._pages))
+                if isinstance(message, RobotEvent):
+                    robot.events.add(message)
+                else:
+                    self._take(robot, message)
         except RemoteError as error:
-            self._lost(str(error))
+            self._drop(str(error))
 
-    def _follow_controllers(self, link: Link, page: Page, told: dict[str, str]) -> None:
-        if told != self._controllers:
-            page.controllers(link.controllers())
-            self._controllers = told
-
-    def _lost(self, why: str) -> None:
+    def _drop(self, why: str) -> None:
+        """Take note that the robot is gone."""
+        if self._link is None:
+            return
         self._leave()
-        if self._page is not None:
-            self._page.lost(why)
+        self._lost = why
         self._say(why)
         if self._lifeline is not None:
-            self.reactor.stop()
+            self.server.stop()
         else:
-            self._again("")
-
-    def _again(self, why: str) -> None:
-        if self._lifeline is not None and why:
-            self._say(why)
-            self.reactor.stop()
-        else:
-            self.reactor.call_later(_RETRY_NS, self._connect)
+            self._start(self._connect())
 
     def _leave(self) -> None:
         link, self._link = self._link, None
         if link is not None:
-            self.reactor.remove_reader(link.fileno())
+            asyncio.get_running_loop().remove_reader(link.fileno())
             link.close()
 
-    def _on_error(self, error: BaseException) -> None:
-        """Say it and go on: a page that cannot be drawn must not take the STOP button with it."""
-        self._say("".join(traceback.format_exception(error)).rstrip())
+
+def _meet(name: str) -> tuple[Link, Welcome]:
+    """Connect and ask for all that a page needs to begin; waits."""
+    link = Link(name)
+    try:
+        return link, link.welcome()
+    except BaseException:
+        link.close()
+        raise
 
 
 def main(name: str | None, host: str, port: int | None, *, teleop: bool) -> None:
@@ -258,4 +360,4 @@ def main(name: str | None, host: str, port: int | None, *, teleop: bool) -> None
         sys.stdout.write(f"{text}\n")
         sys.stdout.flush()
 
-    ViewApp(name, host, port, teleop=teleop, say=say).run()
+    asyncio.run(ViewApp(name, host, port, teleop=teleop, say=say).run())

@@ -10,6 +10,6 @@ __all__ = ["require_view"]
 
 
 def require_view() -> None:
-    """Raise ConfigError with what to type when viser is not there."""
-    if importlib.util.find_spec("viser") is None:
-        raise ConfigError("the browser view needs viser: pip install 'canopen-control[view]'")
+    """Raise ConfigError with what to type when NiceGUI is not there."""
+    if importlib.util.find_spec("nicegui") is None:
+        raise ConfigError("the browser view needs NiceGUI: pip install 'canopen-control[view]'")

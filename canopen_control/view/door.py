@@ -25,8 +25,15 @@ _HEADERS: Final = {
     "X-Content-Type-Options": "nosniff",
     "X-Frame-Options": "DENY",  # nobody lays an invisible frame of our buttons over his own page
     "Referrer-Policy": "no-referrer",  # the address may hold the token
-    "Cache-Control": "no-store",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Cross-Origin-Opener-Policy": "same-origin",
 }
+_POLICY: Final = (
+    "default-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; font-src 'self' data:; "
+    "connect-src 'self' blob:; object-src 'none'; frame-src 'none'; "
+    "frame-ancestors 'none'; form-action 'none'; base-uri 'none'"
+)
+_FOREIGN: Final = ("cross-site", "same-site")
 _EVERY_ADDRESS: Final = ("", "0.0.0.0", "::")
 
 
@@ -45,26 +52,33 @@ class Door:
         address = f"http://{f'[{name}]' if ':' in name else name}:{self.port}/"
         return address if self.token is None else f"{address}?token={self.token}"
 
-    def refusal(self, path: str, headers: Mapping[str, str]) -> str | None:
+    def refusal(self, path: str, headers: Mapping[str, str], method: str = "GET") -> str | None:
         """Return why a request is refused, None if it may come in; `headers` by their canonical names."""
         host, origin = headers.get("Host", ""), headers.get("Origin")
         if self.token is None and host not in self._own_names():
             return f"this page is not {host!r}"
         if origin is None and headers.get("Upgrade", "").lower() == "websocket":
             return "a WebSocket without Origin: this door is for the browser that shows the page"
+        if origin is None and method not in ("GET", "HEAD"):
+            return f"{method} without Origin: this door is for the browser that shows the page"
         if origin is not None and origin != f"http://{host}":
             return f"pages of {origin!r} may not come in"
+        if headers.get("Sec-Fetch-Site", "none") in _FOREIGN and headers.get("Sec-Fetch-Mode") != "navigate":
+            return "another page may lead here, but not use what is here"
         if self.token is not None and not self._knows_token(path, headers):
             return "the token is missing or wrong; open the address that canopen-control view has printed"
         return None
 
-    def response_headers(self, path: str) -> dict[str, str]:
-        """Return what every page is sent with: it may ask nobody but us, and a right token becomes a cookie."""
+    def response_headers(self, path: str, nonce: str = "") -> dict[str, str]:
+        """Return what every answer is sent with: the page may ask nobody but us, and a right token becomes a cookie.
+
+        Scripts are our own files and those that carry `nonce`: text that came over a bus runs no script, however it
+        got into the page. The toolkit compiles its templates in the browser, which needs 'unsafe-eval', and sets styles
+        in place.
+        """
         headers = dict(_HEADERS)
-        headers["Content-Security-Policy"] = (
-            "default-src 'self' 'unsafe-inline' 'unsafe-eval' 'wasm-unsafe-eval' data: blob:; "
-            "connect-src 'self' ws: data: blob:; frame-ancestors 'none'; form-action 'none'; base-uri 'none'"
-        )
+        scripts = f"'self' 'nonce-{nonce}' 'unsafe-eval'" if nonce else "'none'"
+        headers["Content-Security-Policy"] = f"script-src {scripts}; {_POLICY}"
         if self.token is not None and self._fits(_token_of(path)):
             headers["Set-Cookie"] = f"{self.cookie}={self.token}; Path=/; HttpOnly; SameSite=Strict"
         return headers

@@ -6,62 +6,70 @@ answer, a second at most; it is called from threads that may.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Final
+import contextlib
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Final
 
+from canopen_control.client.drive import DriveClient
 from canopen_control.errors import RemoteError
-from canopen_control.host.lineclient import LineClient
-from canopen_control.host.sockets import list_sockets, socket_path
+from canopen_control.host.sockets import drive_name, list_sockets
+from canopen_control.rpc.messages.drive import ListFaults, SwitchFault
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterable
 
-__all__ = ["FaultDesk", "control_name"]
+    from canopen_control.rpc.messages.drive import FaultListing
+    from canopen_control.view.model import VirtualNode
+
+__all__ = ["FaultBoard", "FaultDesk", "look"]
 
 _TIMEOUT_S: Final = 1.0
-_KINDS: Final = ("local:", "memory:", "virtual:")
-
-
-def control_name(channel: str, node_id: int) -> str:
-    """Return the name of the control socket of a virtual node; the same that `virtual` gives it."""
-    bus = channel
-    for kind in _KINDS:
-        bus = bus.removeprefix(kind)
-    safe = "".join(letter if letter.isalnum() or letter in "-_" else "_" for letter in bus)
-    return f"{safe[:31]}-{node_id}"
 
 
 class FaultDesk:
-    """`nodes` is the runtime's answer to its method of that name."""
+    """Asks virtual drives for their faults and switches them; `nodes` are those of the robot, virtual or not."""
 
-    def __init__(self, nodes: Mapping[str, Any]) -> None:
-        channels = {name: str(bus["channel"]) for name, bus in nodes["buses"].items()}
-        self._sockets = {
-            str(node["name"]): control_name(channels[node["bus"]], int(node["node_id"])) for node in nodes["nodes"]
-        }
+    def __init__(self, nodes: Iterable[VirtualNode]) -> None:
+        self._nodes = {node.name: node for node in nodes}
 
     def drives(self) -> list[str]:
         """Return the nodes that are virtual and there."""
         alive = set(list_sockets("drive"))
-        return [name for name, socket in self._sockets.items() if socket in alive]
+        return [name for name, node in self._nodes.items() if drive_name(node.channel, node.node_id) in alive]
 
-    def faults(self, drive: str) -> list[dict[str, Any]]:
-        """Return every fault of a drive: name, does, reaction, once, on. RemoteError if it is not there."""
-        found: list[dict[str, Any]] = self._ask(drive, "faults", {})
-        return found
+    def faults(self, drive: str) -> tuple[FaultListing, ...]:
+        """Return every fault of a drive; RemoteError if it is not there."""
+        with self._connect(drive) as client:
+            return client.ask(ListFaults())
 
     def switch(self, drive: str, fault: str, *, on: bool) -> list[str]:
         """Switch a fault and return those that are on; RemoteError if the drive refuses or is not there."""
-        answer: dict[str, list[str]] = self._ask(drive, "fault", {"name": fault, "on": on})
-        return answer["active"]
+        with self._connect(drive) as client:
+            return client.ask(SwitchFault(name=fault, on=on)).active
 
-    def _ask(self, drive: str, method: str, params: dict[str, Any]) -> Any:  # noqa: ANN401 - what JSON holds
-        path = socket_path("drive", self._sockets[drive])
-        with LineClient(path, _TIMEOUT_S, label=f"the virtual drive {drive}") as client:
-            client.send({"id": 1, "method": method, "params": params}, _TIMEOUT_S)
-            while (answer := client.receive(_TIMEOUT_S)) is not None:
-                if answer.get("id") != 1:
-                    continue  # the greeting, and events
-                if "error" in answer:
-                    raise RemoteError(str(answer["error"]["kind"]), str(answer["error"]["message"]))
-                return answer["result"]
-        raise RemoteError("Timeout", f"the virtual drive {drive} does not answer")
+    def _connect(self, drive: str) -> DriveClient:
+        node = self._nodes.get(drive)
+        if node is None:
+            raise RemoteError("UnknownName", f"there is no drive {drive!r}")
+        return DriveClient.connect(node.channel, node.node_id, _TIMEOUT_S, label=f"the virtual drive {drive}")
+
+
+@dataclass(frozen=True, slots=True)
+class FaultBoard:
+    """What each virtual drive that is there can show, and what is on."""
+
+    drives: dict[str, tuple[FaultListing, ...]] = field(default_factory=dict)
+
+    @property
+    def active(self) -> dict[str, list[str]]:
+        """The faults that are on, by drive."""
+        return {drive: [fault.name for fault in faults if fault.on] for drive, faults in self.drives.items()}
+
+
+def look(desk: FaultDesk) -> FaultBoard:
+    """Ask every virtual drive that is there; one that went away between two questions is left out. Waits."""
+    found = {}
+    for drive in desk.drives():
+        with contextlib.suppress(RemoteError):
+            found[drive] = desk.faults(drive)
+    return FaultBoard(found)

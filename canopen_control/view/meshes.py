@@ -6,20 +6,25 @@ found or read is a sentence, and the robot is drawn without it.
 
 from __future__ import annotations
 
+import math
 import os
+import struct
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 from urllib.parse import unquote, urlsplit
 
 from canopen_control.errors import ConfigError
+from canopen_control.view.triangles import dae_triangles, obj_triangles
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Mapping, Sequence
 
-__all__ = ["find_mesh", "read_mesh"]
+    from canopen_control.view.triangles import Triangle
+
+__all__ = ["Mesh", "find_mesh", "read_mesh"]
 
 MAX_BYTES: Final = 50_000_000  # of a file; more stands still in a browser
-_READABLE: Final = (".stl", ".obj", ".ply", ".glb", ".gltf", ".off")
 
 
 def find_mesh(uri: str, description: str, environment: Mapping[str, str] | None = None) -> Path:
@@ -53,18 +58,67 @@ def _paths(environment: Mapping[str, str], key: str) -> list[str]:
     return [each for each in environment.get(key, "").split(os.pathsep) if each]
 
 
-def read_mesh(file: Path) -> Any:  # noqa: ANN401 - trimesh's types are wider than what is asked for
-    """Return the trimesh of a file; its `visual.kind` is None where it has no colours. ConfigError if unreadable."""
-    import trimesh
+@dataclass(frozen=True, slots=True)
+class Mesh:
+    """A file that the browser can read, and its format: "stl" or "glb"."""
 
-    if file.suffix.lower() not in _READABLE:
-        raise ConfigError(f"mesh {file}: {file.suffix} is not read; {', '.join(_READABLE)} are")
+    content: bytes
+    format: str
+
+
+def read_mesh(file: Path) -> Mesh:
+    """Return a mesh file as the browser reads it; ConfigError if it cannot be read."""
+    suffix = file.suffix.lower()
+    if suffix not in _READERS:
+        raise ConfigError(f"mesh {file}: {suffix or 'no ending'} is not read; {', '.join(_READERS)} are")
     if file.stat().st_size > MAX_BYTES:
         raise ConfigError(f"mesh {file}: larger than {MAX_BYTES // 1_000_000} MB; make a lighter one for the view")
     try:
-        mesh: Any = trimesh.load(file, force="mesh")
-    except Exception as error:
+        return _READERS[suffix](file.read_bytes())
+    except (OSError, ValueError, IndexError, KeyError) as error:
         raise ConfigError(f"mesh {file}: cannot be read: {error}") from error
-    if not len(mesh.faces):
-        raise ConfigError(f"mesh {file}: there are no faces in it")
-    return mesh
+
+
+def _read_stl(content: bytes) -> Mesh:
+    if content[:5] == b"solid" and b"facet" in content[:1000]:
+        faces = content.count(b"endfacet")
+    elif len(content) >= 84:
+        faces = int.from_bytes(content[80:84], "little")
+        if len(content) < 84 + 50 * faces:
+            raise ValueError(f"{faces} faces are announced, and the file ends before")
+    else:
+        raise ValueError("it is no STL file")
+    if not faces:
+        raise ValueError("there are no faces in it")
+    return Mesh(content, "stl")
+
+
+def _read_glb(content: bytes) -> Mesh:
+    if content[:4] != b"glTF":
+        raise ValueError("it is no binary glTF file")
+    return Mesh(content, "glb")
+
+
+def _as_stl(triangles: Sequence[Triangle]) -> Mesh:
+    """Return triangles as binary STL; normals are left to the reader, which makes them of the corners."""
+    if not triangles:
+        raise ValueError("there are no faces in it")
+    rows = bytearray(80) + len(triangles).to_bytes(4, "little")
+    for first, second, third in triangles:
+        rows += struct.pack("<12fH", *_normal(first, second, third), *first, *second, *third, 0)
+    return Mesh(bytes(rows), "stl")
+
+
+def _normal(a: tuple[float, ...], b: tuple[float, ...], c: tuple[float, ...]) -> tuple[float, float, float]:
+    u, v = [b[n] - a[n] for n in range(3)], [c[n] - a[n] for n in range(3)]
+    x, y, z = u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]
+    length = math.sqrt(x * x + y * y + z * z) or 1.0
+    return x / length, y / length, z / length
+
+
+_READERS: Final[dict[str, Callable[[bytes], Mesh]]] = {
+    ".stl": _read_stl,
+    ".obj": lambda content: _as_stl(obj_triangles(content)),
+    ".dae": lambda content: _as_stl(dae_triangles(content)),
+    ".glb": _read_glb,
+}

@@ -1,166 +1,128 @@
-"""The page of one robot: scene, controls, table, plots and log, put together and kept up to date.
+"""One page of the robot, as one browser has it: STOP, then the panels of the table below, then the feed.
 
-The law of this file: the scene moves with every sample, all else a few times a second, and nothing at all is made while
-nobody looks, the last 30 seconds apart. What has not changed is not sent again.
+STOP is plain HTML and needs nothing of what follows. A new panel is a file in `panels` and a line in `PANELS`.
 """
 
 from __future__ import annotations
 
-from collections import deque
-from typing import TYPE_CHECKING, Any, Final, Protocol
+from dataclasses import dataclass
+from functools import cache
+from html import escape
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
 
-from canopen_control.view.controls import DriveControls, StopControls
-from canopen_control.view.fault_panel import FaultPanel
-from canopen_control.view.faults import FaultDesk
-from canopen_control.view.model import read_model
-from canopen_control.view.plots import Plots, Sampler, commanded_interfaces
-from canopen_control.view.scene import RobotScene
-from canopen_control.view.style import ICONS, STYLE
-from canopen_control.view.teleop_panel import Driver, TeleopPanel
-from canopen_control.view.words import alarm, axis_rows, drive_table, event_log, head
+from nicegui import ui
+
+from canopen_control.view.elements.feed import Feed
+from canopen_control.view.panels.banner import BannerPanel
+from canopen_control.view.panels.drive import DrivePanel
+from canopen_control.view.panels.drives import DrivesPanel
+from canopen_control.view.panels.faults import FaultsPanel
+from canopen_control.view.panels.joints import JointsPanel
+from canopen_control.view.panels.log import LogPanel
+from canopen_control.view.panels.plots import PlotsPanel
+from canopen_control.view.panels.power import PowerPanel
+from canopen_control.view.panels.scene import ScenePanel
+from canopen_control.view.sampling import titles
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Mapping
 
-    import viser
+    from canopen_control.view.desk import Desk, Panel
+    from canopen_control.view.elements.feed import FeedMessage
+    from canopen_control.view.picture import Picture
 
-    from canopen_control.view.controls import Robot
-    from canopen_control.view.link import Welcome
-    from canopen_control.view.server import PageServer
+__all__ = ["PANELS", "Page", "Place", "build_waiting", "stop_html"]
 
-__all__ = ["Page", "RobotAndDriver"]
-
-_SLOW_S: Final = 0.2  # between two updates of what is read, not watched
-_EVENTS: Final = 100
-_REPEATED: Final = ("sync_overrun", "command_timeout")
-_LEFT_PX: Final = 340
-_RIGHT_PX: Final = 470
+_ELEMENTS: Final = Path(__file__).parent / "elements"
 
 
-class RobotAndDriver(Driver, Protocol):
-    """Everything a page may ask for."""
+@dataclass(frozen=True, slots=True)
+class Place:
+    """Where a panel stands: "side", "middle" or "right"; without a title it has no frame of its own."""
 
-    def stop(self) -> None:
-        """STOP, latched, at once."""
-        ...
+    key: str
+    where: str
+    title: str
+    make: Callable[[Desk], Panel]
+
+
+PANELS: Final = (
+    Place("banner", "side", "", BannerPanel),
+    Place("drive", "side", "Drive: hold a button", DrivePanel),
+    Place("power", "side", "Power", PowerPanel),
+    Place("faults", "side", "", FaultsPanel),
+    Place("scene", "middle", "", ScenePanel),
+    Place("drives", "right", "Drives", DrivesPanel),
+    Place("joints", "right", "Joints", JointsPanel),
+    Place("plots", "right", "", PlotsPanel),
+    Place("events", "right", "Events, newest first", LogPanel),
+)
+
+
+@cache
+def stop_html() -> str:
+    """Return STOP: a button, its style and its script, complete in themselves."""
+    style, html, script = ((_ELEMENTS / name).read_text() for name in ("page.css", "stop.html", "stop.js"))
+    return f"<style>{style}</style>\n{html}\n<script>{script}</script>"
+
+
+def build_waiting(robot: str, why: str) -> None:
+    """Make the page of a robot that has never been there: STOP, and why it does not reach anybody."""
+    ui.add_body_html(stop_html())
+    text = f"<div class='cc-head'><span class='cc-name'>{escape(robot)}</span></div>"
+    note = f"<div class='cc-cause cc-bad'>not connected<span>{escape(why)}</span></div>"
+    with ui.element("main").classes("cc-page"), ui.element("div").classes("cc-side"):
+        ui.html(f"<div class='cc-panel cc-p-banner'>{text}{note}</div>", sanitize=False)
 
 
 class Page:
-    """Made of what the robot said when the connection was made; `state` and `event` keep it up to date."""
+    """Made in the page that is current; `show` and `send` keep it up to date."""
 
-    def __init__(self, server: PageServer, welcome: Welcome, robot: RobotAndDriver, *, teleop: bool) -> None:
-        self._server, self._robot = server, welcome.robot
-        self._events: deque[Mapping[str, Any]] = deque(maxlen=_EVENTS)
-        for event in welcome.status["events"]:
-            self.event(event)
-        self._sampler = Sampler()
-        self._interfaces: dict[str, str] = {}
-        self._slow_at = 0.0
-        model = read_model(welcome.urdf)
-        self._scene = RobotScene(server, model, welcome.path)
-        self._left(welcome, robot)
-        self._teleop = TeleopPanel(server.gui, robot, model) if teleop else None
-        self.faults = FaultPanel(server.gui, FaultDesk(welcome.nodes))
-        linear = frozenset(joint.name for joint in model.joints if joint.kind == "prismatic")
-        self._right(welcome, linear)
+    def __init__(self, desk: Desk) -> None:
+        self._desk, self.client = desk, ui.context.client
+        self._commanded: Mapping[str, str] | None = None
+        self._lost: bool | None = None
+        self._latched: bool | None = None
+        self._linear = desk.robot.linear
+        ui.add_body_html(stop_html())
+        self._panels: list[Panel] = []
+        with ui.element("main").classes("cc-page"):
+            for where in ("side", "middle", "right"):
+                with ui.element("div").classes(f"cc-{where}"):
+                    self._panels += [self._place(place) for place in PANELS if place.where == where]
+        self._feed = Feed()
 
-    @property
-    def notes(self) -> list[str]:
-        """What could not be drawn."""
-        return self._scene.notes
+    def _place(self, place: Place) -> Panel:
+        if place.where == "middle":
+            return place.make(self._desk)
+        with ui.element("section").classes(f"cc-panel cc-p-{place.key}"):
+            if place.title:
+                ui.html(escape(place.title), sanitize=False, tag="h2")
+            return place.make(self._desk)
 
-    def _left(self, welcome: Welcome, robot: Robot) -> None:
-        gui = self._server.gui
-        gui.main_panel.dock_left()
-        gui.main_panel.set_width(_LEFT_PX)
-        gui.add_html(STYLE)
-        self._head = _Html(gui, head(self._robot, welcome.status))
-        self._stop = StopControls(gui, robot)
-        load = {name: bus["load"] for name, bus in welcome.status["buses"].items()}
-        self._alarm = _Html(gui, alarm(welcome.status | {"load": load}))  # as the stream has it: nothing jumps later
-        follow = gui.add_checkbox("Camera follows", initial_value=True, hint="keep the robot in the middle")
-        follow.on_update(lambda _event: self._scene.follow_robot(follow.value))
-        DriveControls(gui, robot, list(welcome.status["nodes"]))
+    def show(self, picture: Picture) -> None:
+        """Show what is known now; a few times a second."""
+        with self.client:
+            for panel in self._panels:
+                panel.show(picture)
 
-    def _right(self, welcome: Welcome, linear: frozenset[str]) -> None:
-        gui = self._server.gui
-        top, plots = gui.add_panel(), gui.add_panel()
-        with top.add_tab("Drives and events", ICONS["drives"]):
-            self._table = _Html(gui, drive_table(axis_rows(welcome.status)))
-            self._log = _Html(gui, event_log(self._events))
-        self._plots = Plots(self._server, plots, list(welcome.status["joints"]), list(welcome.status["buses"]), linear)
-        top.dock_right()
-        top.set_width(_RIGHT_PX)
-        plots.dock_below(top)
+    def news(self, picture: Picture) -> FeedMessage:
+        """Return what of the picture the feed has to tell this page: what has changed since the last time."""
+        found: FeedMessage = {}
+        if picture.commanded != self._commanded:
+            self._commanded = picture.commanded
+            found["titles"] = titles(picture.commanded, self._linear)
+        if bool(picture.lost) is not self._lost:
+            self._lost = found["lost"] = bool(picture.lost)
+        if picture.state.latched is not self._latched:
+            self._latched = found["latched"] = picture.state.latched
+        return found
 
-    # ------------------------------------------------------------------------------------------------ keeping up
+    def send(self, data: FeedMessage) -> None:
+        """Send to the page's scene and plots; nothing at all says that the view is alive."""
+        self._feed.send(data)
 
-    def controllers(self, controllers: Sequence[Mapping[str, Any]]) -> None:
-        """Follow the controllers: what they command, and what can be driven."""
-        self._interfaces = commanded_interfaces(controllers)
-        self._plots.name(self._interfaces)
-        if self._teleop is not None:
-            self._teleop.show(controllers)
-
-    def event(self, event: Mapping[str, Any]) -> None:
-        """Add to the log; what repeats itself stands there once, with how often it came."""
-        before = self._events[-1] if self._events else {}
-        times = 1
-        if event["kind"] in _REPEATED and event["kind"] == before.get("kind"):
-            times += self._events.pop().get("times", 1)
-        self._events.append({**event, "times": times})
-
-    def state(self, state: Mapping[str, Any], *, seen: bool) -> None:
-        """Take a sample of the stream; draw it if somebody looks."""
-        self._plots.history.add(state["time"], self._sampler.take(state, self._interfaces))
-        positions = {name: joint["position"] for name, joint in state["joints"].items()}
-        if self._teleop is not None:
-            self._teleop.follow(positions)
-        if not seen:
-            return
-        with self._server.atomic():
-            self._scene.move(positions, _pose_of(state))
-            if abs(state["time"] - self._slow_at) >= _SLOW_S:
-                self._slow_at = state["time"]
-                self._slowly(state)
-
-    def lost(self, why: str) -> None:
-        """Say that there is no connection."""
-        self._head.show(head(self._robot, None))
-        self._alarm.show(alarm(None, why))
-        self._table.show("<p class='cc-note'>No connection: nobody knows what the drives do.</p>")
-
-    def _slowly(self, state: Mapping[str, Any]) -> None:
-        rows = axis_rows(state)
-        self._head.show(head(self._robot, state))
-        self._alarm.show(alarm(state))
-        self._stop.show(latched=bool(state.get("latched")))
-        self._table.show(drive_table(rows))
-        self._log.show(event_log(self._events))
-        self._scene.tint({row.joint for row in rows if row.tone == "bad" and row.joint})
-        self._scene.draw_trail()
-        self._plots.update()
-
-
-class _Html:
-    """A piece of the page that is sent when it changes."""
-
-    def __init__(self, gui: viser.GuiApi, html: str) -> None:
-        self._html = html
-        self._handle = gui.add_html(_box(html))
-
-    def show(self, html: str) -> None:
-        if html != self._html:
-            self._html = html
-            self._handle.content = _box(html)
-
-
-def _box(html: str) -> str:
-    return f"<div class='cc-box'>{html}</div>"
-
-
-def _pose_of(state: Mapping[str, Any]) -> tuple[float, float, float] | None:
-    """Return where the first base controller believes to be, None if there is none."""
-    for each in (state.get("odometry") or {}).values():
-        return each["x"], each["y"], each["heading"]
-    return None
+    def reload(self) -> None:
+        """Load it anew: the robot is another one."""
+        self.client.run_javascript("location.reload()")

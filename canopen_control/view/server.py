@@ -1,41 +1,48 @@
-"""The page's server: viser's, behind our own door.
+"""The page's server: NiceGUI behind our own door, on a socket that is bound already.
 
-The law of this file: viser by itself listens on every address, takes WebSockets from any origin and opens a public
-relay when any client asks for one. So it is given a socket that is bound already, every request passes `door.Door`, and
-sharing is refused. The cure depends on how viser is built: its version is pinned, and a test asks from outside.
+The door is the outermost ASGI application, so that nothing of the toolkit is reached past it; and before the address is
+told, `probe` asks from outside as a foreign page would. A server that lets it in ends with a sentence.
 """
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
-import http
-import logging
+import os
 import socket
-import warnings
 from typing import TYPE_CHECKING, Any, Final
-from unittest import mock
 
-import rich
-import viser
-import websockets.asyncio.server
-from websockets.datastructures import Headers
-from websockets.http11 import Response
+os.environ.setdefault("NICEGUI_STORAGE_PATH", os.devnull)  # the page keeps nothing on disk
 
-from canopen_control.errors import ConfigError
+import uvicorn
+from fastapi import FastAPI
+from nicegui import app as toolkit
+from nicegui import ui
+from starlette.responses import PlainTextResponse
+
+from canopen_control.errors import ConfigError, ControlError
+from canopen_control.view.guard import Guard
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator, Sequence
 
-    from websockets.asyncio.server import ServerConnection
-    from websockets.http11 import Request
+    from starlette.requests import Request
+    from starlette.types import ASGIApp
 
     from canopen_control.view.door import Door
 
-__all__ = ["DEFAULT_PORT", "PageServer", "listen"]
+__all__ = ["DEFAULT_PORT", "PageServer", "door_problem", "listen"]
 
 DEFAULT_PORT: Final = 8080
 _OTHER_PORTS: Final = 20  # tried after the default one, which many programs like
-_MAX_MESSAGE: Final = 1 << 20  # bytes; a browser sends clicks and camera poses
+_MAX_MESSAGE: Final = 1 << 20  # bytes; a browser sends clicks
+_STRANGER: Final = "canopen-control-probe.invalid"
+_WEBSOCKET: Final = "/_nicegui_ws/socket.io/?EIO=4&transport=websocket"
+_UPGRADE: Final = (
+    "Connection: Upgrade", "Upgrade: websocket", "Sec-WebSocket-Version: 13",
+    "Sec-WebSocket-Key: Y2Fub3BlbiBjb250cm9sIQ==",
+)  # fmt: skip
+_PROBE_S: Final = 5.0
 
 
 def listen(host: str, port: int | None) -> socket.socket:
@@ -53,58 +60,137 @@ def listen(host: str, port: int | None) -> socket.socket:
     raise ConfigError(f"the page cannot listen on {where}: {reason}; choose another --host or --port")
 
 
-class PageServer(viser.ViserServer):
-    """A viser server that listens on `listener` and lets in whom `door` does; `label` is the title."""
+class PageServer:
+    """Serves `build` at / and `stop` at POST /stop; `stop` returns None, or the reason why it was not done."""
 
-    def __init__(self, listener: socket.socket, door: Door, label: str) -> None:
-        self.door = door
-        rich.get_console().quiet = True  # viser's own banner would tell another address
-        _quiet_handshakes()
-        real = websockets.asyncio.server.serve
+    def __init__(
+        self, listener: socket.socket, door: Door, title: str, build: Callable[[], None], stop: Callable[[], str | None]
+    ) -> None:
+        self.door, self._listener = door, listener
+        self._outer = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
+        self._outer.add_route("/stop", _stop_route(stop), methods=["POST"])
+        self._add_page(title, build)
+        self._server = _Server(
+            uvicorn.Config(
+                self._guarded(self._outer, door),
+                log_config=None,
+                access_log=False,
+                ws="websockets-sansio",
+                ws_max_size=_MAX_MESSAGE,
+                ws_per_message_deflate=False,  # nothing is compressed for a network that is a cable long
+                proxy_headers=False,
+                server_header=False,
+                timeout_graceful_shutdown=1,
+            )
+        )
 
-        def serve(handler: object, _host: object, _port: object, **options: Any) -> Any:  # noqa: ANN401 - not ours
-            options |= {
-                "process_request": _guarded(door, options["process_request"]),
-                "max_size": _MAX_MESSAGE,
-                "sock": listener,
-            }
-            return real(handler, **options)  # type: ignore[arg-type] # viser's handler, as it was
+    def _add_page(self, title: str, build: Callable[[], None]) -> None:
+        ui.page(
+            "/", title=title, viewport="width=device-width, initial-scale=1, viewport-fit=cover", response_timeout=10
+        )(build)
+        ui.run_with(
+            self._outer,
+            title=title,
+            tailwind=False,  # a compiler of styles in the browser: slow to start
+            binding_refresh_interval=None,
+            reconnect_timeout=3.0,
+            message_history_length=0,  # who was away gets what is, not what was
+            gzip_middleware_factory=None,
+            show_welcome_message=False,
+        )
 
-        with mock.patch.object(websockets.asyncio.server, "serve", serve), warnings.catch_warnings():
-            warnings.simplefilter("ignore", DeprecationWarning)
-            super().__init__(host=door.host, port=door.port, label=label, verbose=False)
-        self.gui.configure_theme(show_logo=False, show_share_button=False, dark_mode=False, brand_color=(38, 70, 120))
+    def _guarded(self, app: ASGIApp, door: Door) -> ASGIApp:
+        return Guard(app, door)
 
-    def request_share_url(self, verbose: bool = True) -> str | None:
-        """Refuse: nothing of this page leaves the computer through a relay."""
-        del verbose
-        return None
+    async def serve(self, ready: Callable[[], object]) -> None:
+        """Serve until `stop`; `ready` is called when the door has been tried. ControlError if it stands open."""
+        serving = asyncio.ensure_future(self._server.serve(sockets=[self._listener]))
+        try:
+            while not self._server.started and not serving.done():
+                await asyncio.sleep(0.01)
+            if not serving.done():
+                problem = await door_problem(self.door)
+                if problem is not None:
+                    raise ControlError(f"{problem}; the page is not served. Is the installed NiceGUI one we know?")
+                ready()
+            await serving
+        finally:
+            self._server.should_exit = True
+            await serving
+
+    def add_file(self, path: str, content: bytes, media_type: str) -> None:
+        """Serve a file of the robot's description, behind the same door."""
+
+        async def answer(_request: Request) -> Any:  # noqa: ANN401 - a response of starlette
+            from starlette.responses import Response
+
+            return Response(content, media_type=media_type)
+
+        self._outer.router.routes[:] = [each for each in self._outer.router.routes if getattr(each, "path", "") != path]
+        self._outer.add_route(path, answer, methods=["GET"])
+        self._outer.router.routes.insert(0, self._outer.router.routes.pop())  # before the toolkit, which takes all
+
+    def stop(self) -> None:
+        """End `serve`."""
+        self._server.should_exit = True
 
 
-def _guarded(
-    door: Door, serve_file: Callable[[ServerConnection, Request], Response | None]
-) -> Callable[[ServerConnection, Request], Response | None]:
-    def process(connection: ServerConnection, request: Request) -> Response | None:
-        with contextlib.suppress(KeyError):
-            del request.headers["Accept-Encoding"]  # nothing is compressed for a network that is a cable long
-        refused = door.refusal(request.path, request.headers)
-        if refused is not None:
-            return _answer(http.HTTPStatus.FORBIDDEN, f"403: {refused}\n")
-        response = serve_file(connection, request)
-        if response is not None:
-            for name, value in door.response_headers(request.path).items():
-                response.headers[name] = value
-        return response
-
-    return process
+class _Server(uvicorn.Server):
+    @contextlib.contextmanager
+    def capture_signals(self) -> Iterator[None]:
+        """Leave signals to the program."""
+        yield
 
 
-def _answer(status: http.HTTPStatus, text: str) -> Response:
-    body = text.encode()
-    headers = Headers({"Content-Type": "text/plain; charset=utf-8", "Content-Length": str(len(body))})
-    return Response(status.value, status.phrase, headers, body)
+def _stop_route(stop: Callable[[], str | None]) -> Callable[[Request], Any]:
+    async def answer(_request: Request) -> PlainTextResponse:
+        refused = stop()
+        return PlainTextResponse(refused or "STOP is sent.", 503 if refused else 200)
+
+    return answer
 
 
-def _quiet_handshakes() -> None:
-    """Keep refused and broken handshakes out of the log: a port scanner must not fill it."""
-    logging.getLogger("websockets.server").setLevel(logging.CRITICAL)
+async def door_problem(door: Door) -> str | None:
+    """Ask as those would who may not come in; return what is wrong if one of them is let in."""
+    host = f"127.0.0.1:{door.port}"
+    own, foreign = f"Host: {host}", f"Origin: http://{_STRANGER}"
+    asked: list[tuple[str, str, Sequence[str]]] = [
+        ("a request with a foreign Origin", "/", (own, foreign)),
+        ("a WebSocket with a foreign Origin", _WEBSOCKET, (own, foreign, *_UPGRADE)),
+        ("a WebSocket without Origin", _WEBSOCKET, (own, *_UPGRADE)),
+    ]
+    if door.token is None:
+        asked.append(("a request with a foreign Host", "/", (f"Host: {_STRANGER}",)))
+    else:
+        asked.append(("a request without the token", "/", (own,)))
+    for what, path, headers in asked:
+        try:
+            status = await asyncio.wait_for(_status(door, path, headers), _PROBE_S)
+        except (TimeoutError, OSError, ValueError):
+            return f"the page's own server does not answer {what}"
+        if status != 403:
+            return f"the page's door stands open: {what} is answered with {status} instead of 403"
+    return None
+
+
+async def _status(door: Door, path: str, headers: Sequence[str]) -> int:
+    host = {"0.0.0.0": "127.0.0.1", "": "127.0.0.1", "::": "::1"}.get(door.host, door.host)
+    reader, writer = await asyncio.open_connection(host, door.port)
+    try:
+        writer.write("\r\n".join([f"GET {path} HTTP/1.1", *headers, "", ""]).encode())
+        return int((await reader.readline()).split()[1])
+    except IndexError:
+        raise ValueError("no status line") from None
+    finally:
+        writer.close()
+
+
+def silence(say: Callable[[str], None]) -> None:
+    """Let the toolkit tell errors by `say`, and nothing else."""
+    import logging
+    import traceback
+
+    for name in ("nicegui", "uvicorn", "uvicorn.error", "asyncio", "engineio", "socketio", "websockets"):
+        logging.getLogger(name).addHandler(logging.NullHandler())
+        logging.getLogger(name).setLevel(logging.CRITICAL)
+    toolkit.on_exception(lambda error: say("".join(traceback.format_exception(error)).rstrip()))

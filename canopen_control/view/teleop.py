@@ -8,55 +8,58 @@ drives at a time; who comes second waits until the first has let go.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
+
+from canopen_control.rpc.messages.robot import CommandController, TwistController
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Sequence
 
-__all__ = ["HOLD_HZ", "LET_GO_NS", "DeadMan", "Motion", "joint_motion", "twist_motion"]
+__all__ = ["HOLD_HZ", "LET_GO_NS", "SOURCE", "Command", "DeadMan", "Motion", "joint_motion", "twist_motion"]
 
 HOLD_HZ: Final = 20.0
 LET_GO_NS: Final = 200_000_000
+SOURCE: Final = "view"
+Command = CommandController | TwistController
 
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """A method of the API with what moves and what rests: parameters of the command, `controller` among them."""
+    """What moves and what rests; the robot forgets both when this process dies."""
 
-    method: str
-    moving: Mapping[str, Any]
-    resting: Mapping[str, Any]
+    moving: Command
+    resting: Command
 
 
 def twist_motion(controller: str, linear: float, angular: float) -> Motion:
     """Return the motion of a base: m/s and rad/s."""
-    return Motion(
-        "twist",
-        {"controller": controller, "linear": linear, "angular": angular},
-        {"controller": controller, "linear": 0.0, "angular": 0.0},
+    moving, resting = (
+        TwistController(controller=controller, linear=ahead, angular=around, source=SOURCE, dead_man=True)
+        for ahead, around in ((linear, angular), (0.0, 0.0))
     )
+    return Motion(moving, resting)
 
 
 def joint_motion(controller: str, values: Sequence[float], resting: Sequence[float]) -> Motion:
     """Return the motion of joints to `values`; they rest at zero, or where they are if these are positions."""
-    return Motion(
-        "command",
-        {"controller": controller, "values": list(values)},
-        {"controller": controller, "values": list(resting)},
+    moved, rested = (
+        CommandController(controller=controller, values=list(each), source=SOURCE, dead_man=True)
+        for each in (values, resting)
     )
+    return Motion(moved, rested)
 
 
 class DeadMan:
-    """`send(method, params)` is called with every command."""
+    """Ends a motion whose held button falls silent; `send(request)` is called with every command."""
 
-    def __init__(self, send: Callable[[str, dict[str, Any]], object]) -> None:
+    def __init__(self, send: Callable[[Command], object]) -> None:
         self._send = send
-        self._driver: int | None = None
+        self._driver: str | None = None
         self._motion: Motion | None = None
         self._heard = 0
 
     @property
-    def driver(self) -> int | None:
+    def driver(self) -> str | None:
         """The page that drives, None if nobody does."""
         return self._driver
 
@@ -65,16 +68,16 @@ class DeadMan:
         """When `tick` is due, in ns."""
         return None if self._driver is None else self._heard + LET_GO_NS
 
-    def hold(self, page: int, motion: Motion, now: int) -> bool:
+    def hold(self, page: str, motion: Motion, now: int) -> bool:
         """Take note that a page holds a button; False if another one drives."""
         self.tick(now)
         if self._driver not in (None, page):
             return False
         before = self._motion
-        if before is not None and before.moving["controller"] != motion.moving["controller"]:
-            self._send(before.method, dict(before.resting))
+        if before is not None and before.moving.controller != motion.moving.controller:
+            self._send(before.resting)
         self._driver, self._motion, self._heard = page, motion, now
-        self._send(motion.method, dict(motion.moving))
+        self._send(motion.moving)
         return True
 
     def tick(self, now: int) -> None:
@@ -82,7 +85,7 @@ class DeadMan:
         if self._driver is not None and now - self._heard >= LET_GO_NS:
             self.let_go()
 
-    def leave(self, page: int) -> None:
+    def leave(self, page: str) -> None:
         """Let go, because the page has been closed; other pages' driving goes on."""
         if page == self._driver:
             self.let_go()
@@ -91,4 +94,8 @@ class DeadMan:
         """End the motion now."""
         motion, self._driver, self._motion = self._motion, None, None
         if motion is not None:
-            self._send(motion.method, dict(motion.resting))
+            self._send(motion.resting)
+
+    def forget(self) -> None:
+        """End the motion without a word: STOP has ended it."""
+        self._driver, self._motion = None, None

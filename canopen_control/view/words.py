@@ -1,24 +1,47 @@
-"""What the page says in words: pieces of HTML made of the runtime's plain data.
+"""What the page says: the robot's state, its drives and its events as words with a tone. No browser, no toolkit.
 
-The law of this file: everything that comes from outside is escaped, and a state is always said in words beside its
-colour.
+A state is always said in words beside its colour, and what to do next beside what is wrong. Pieces of HTML escape
+everything that comes from outside.
 """
 
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from html import escape
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
+
+from canopen_control.rpc.messages.health import Health, judge_axis
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
 
-__all__ = ["AxisRow", "active_faults", "alarm", "axis_rows", "drive_table", "event_log", "fault_text", "head"]
+    from canopen_control.rpc.messages.drive import FaultListing
+    from canopen_control.rpc.messages.state import AxisReading, JointReading, NodeReading, RobotEvent, StateSample
+
+__all__ = [
+    "BAD", "GOOD", "IDLE", "WARN", "AxisRow", "Banner", "active_faults", "axis_rows", "banner", "drive_table",
+    "event_log", "facts", "fault_text", "joint_table", "lost_banner",
+]  # fmt: skip
 
 GOOD, IDLE, WARN, BAD = "good", "idle", "warn", "bad"
 LATE_S: Final = 0.25  # a drive that has not been heard of for so long is shown with its age
 
+
+@dataclass(frozen=True, slots=True)
+class Banner:
+    """The robot in one line, how good that is, what is the matter, what to do, and the runtime's name for doing it."""
+
+    words: str
+    tone: str
+    cause: str = ""
+    advice: str = ""
+    action: str = ""
+
+
+NEEDS_ENABLE: Final = Banner(
+    "needs enable", WARN, "", "Nothing moves before the drives are enabled: press Enable.", "enable"
+)
 #: CiA 402 states: what they mean to who looks, and how good that is
 _STATES: Final = {
     "NOT_READY_TO_SWITCH_ON": ("starting up", IDLE),
@@ -30,20 +53,19 @@ _STATES: Final = {
     "FAULT_REACTION_ACTIVE": ("fault, stopping", BAD),
     "FAULT": ("fault", BAD),
 }
-#: runtime states
+#: what the runtime says of the robot as a whole; a word that it learns later is shown as it is
 _ROBOT: Final = {
-    "starting": ("starting", WARN),
-    "running": ("running", GOOD),
-    "fault": ("running, a drive is missing or in a fault", BAD),
-    "stopping": ("stopping", WARN),
-    "stopped": ("stopped", IDLE),
+    "starting": Banner("starting", WARN, "", "The drives are being booted."),
+    "running": Banner("running", GOOD),
+    "disabled": NEEDS_ENABLE,
+    "not_enabled": NEEDS_ENABLE,
+    "needs_enable": NEEDS_ENABLE,
+    "fault": Banner("fault", BAD, "", "Remove the cause, then press Reset fault, then Enable.", "fault-reset"),
+    "stopping": Banner("stopping", WARN, "", "The joints ramp to zero."),
+    "stopped": Banner("stopped", IDLE, "", "The robot has ended its run."),
 }
-_NOTE: Final = (
-    "<p class='cc-note'>STOP (or the space bar) ramps every joint to zero, disables the drives and stays latched. "
-    "No safety function (ISO 13850).</p>"
-)
-_FEW: Final = 3
 _LEVELS: Final = {"debug": IDLE, "info": IDLE, "warning": WARN, "error": BAD}
+_FEW: Final = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,23 +82,71 @@ class AxisRow:
     error: str
 
 
-def axis_rows(state: Mapping[str, Any]) -> list[AxisRow]:
-    """Return a row for every axis of a sample of the state stream."""
-    return [_row(name, node, axis) for name, node in state["nodes"].items() for axis in node["axes"] or [{"joint": ""}]]
+def banner(state: StateSample) -> Banner:
+    """Say how the robot is, what is the matter, and what to do next."""
+    if state.latched:
+        by = f" (by {state.latched_by})" if state.latched_by else ""
+        return Banner(
+            "STOP is latched", BAD, f"Latched{by}: nothing moves.", "Press Release STOP, then Enable.", "release"
+        )
+    known = _ROBOT.get(state.state.replace(" ", "_"), Banner(state.state or "unknown", WARN))
+    if known.tone == BAD:
+        return replace(known, cause=_causes(axis_rows(state)))
+    off = [axis for node in state.nodes.values() for axis in node.axes if axis.state != "OPERATION_ENABLED"]
+    if known.action == "enable" or (known.tone == GOOD and off):  # a stop that has ended leaves the drives disabled
+        who = _who_is_off(off, sum(len(node.axes) for node in state.nodes.values()))
+        return replace(NEEDS_ENABLE, cause=state.hint or who)
+    return known
 
 
-def _row(name: str, node: Mapping[str, Any], axis: Mapping[str, Any]) -> AxisRow:
-    words, tone = _STATES.get(str(axis.get("cia402_state")), ("no drive profile" if not node["axes"] else "", IDLE))
-    if not node["ready"]:
-        nmt = str(node["nmt_state"] or "").replace("_", "-").lower()
-        words, tone = (f"not ready, {nmt}", WARN) if nmt and node["age_s"] is not None else ("not there", BAD)
+def _who_is_off(off: list[AxisReading], axes: int) -> str:
+    if len(off) in (0, axes):
+        return "All drives are disabled."
+    return f"{', '.join(axis.joint for axis in off)} {'is' if len(off) == 1 else 'are'} disabled."
+
+
+def lost_banner(why: str) -> Banner:
+    """Say that nobody knows how the robot is."""
+    return Banner(
+        "not connected", BAD, f"STOP on this page does not reach the robot. {why}".strip(),
+        "What is shown here is old. Use what else stops it; the page goes on by itself when the robot is back.",
+    )  # fmt: skip
+
+
+def _causes(rows: Iterable[AxisRow]) -> str:
+    """Say which drives are in a fault or missing, and why."""
+    told = dict.fromkeys(f"{row.node}: {row.error or row.state}" for row in rows if row.tone == BAD)
+    return " · ".join(told) or "A drive is missing or in a fault."
+
+
+def axis_rows(state: StateSample) -> list[AxisRow]:
+    """Return a row for every axis, and for every node that has none."""
+    return [_row(node, axis) for node in state.nodes.values() for axis in node.axes or (None,)]
+
+
+def _row(node: NodeReading, axis: AxisReading | None) -> AxisRow:
+    words, tone = _STATES.get(axis.state or "", ("", IDLE)) if axis is not None else ("no drive profile", IDLE)
+    if not node.ready:
+        nmt = (node.nmt_state or "").replace("_", "-").lower()
+        words, tone = (f"not ready, {nmt}", WARN) if nmt and node.age is not None else ("not there", BAD)
     elif not words:
         words, tone = "no statusword", BAD
-    error = str(axis.get("error") or node["error"] or "")
+    verdict = judge_axis(node, axis)
+    if verdict.level is Health.ERROR:
+        tone = BAD
+    elif verdict.level is Health.WARN and tone == GOOD:
+        tone = WARN
+    error = (axis.error if axis is not None else None) or node.error or ""
     return AxisRow(
-        name, node["node_id"], str(axis.get("joint") or ""), words, BAD if node["error"] and tone != GOOD else tone,
-        str(axis.get("mode") or ""), _age(node["age_s"]), error,
-    )  # fmt: skip
+        node.name,
+        node.node_id,
+        axis.joint if axis is not None else "",
+        words,
+        tone,
+        (axis.mode or "") if axis is not None else "",
+        "not heard" if words == "not there" and node.age is not None and node.age < LATE_S else _age(node.age),
+        error,
+    )
 
 
 def _age(seconds: float | None) -> str:
@@ -88,7 +158,7 @@ def _age(seconds: float | None) -> str:
 
 
 def drive_table(rows: Iterable[AxisRow]) -> str:
-    """Return the table of drives."""
+    """Return the table of drives as HTML."""
     rows = list(rows)
     if not rows:
         return "<p class='cc-note'>No drives: this robot is simulated, or runs on mock hardware.</p>"
@@ -102,78 +172,80 @@ def _table_lines(rows: Iterable[AxisRow]) -> Iterator[str]:
         joint = f"<small>node {row.node_id}{' · ' if row.joint else ''}{escape(row.joint)}</small>"
         late = "" if row.age == "live" else " class='cc-late'"
         yield (
-            f"<tr><td><b>{escape(row.node)}</b><br>{joint}</td><td>{_chip(row.state, row.tone)}</td>"
+            f"<tr><td><b>{escape(row.node)}</b><br>{joint}</td><td>{chip(row.state, row.tone)}</td>"
             f"<td>{escape(row.mode) or '-'}</td><td{late}>{row.age}</td></tr>"
         )
         if row.error:
             yield f"<tr class='cc-error'><td colspan='4'>{escape(row.error)}</td></tr>"
 
 
-def head(robot: str, state: Mapping[str, Any] | None) -> str:
-    """Return the first line of the page: who it is and how it is; `state` None while there is no connection."""
-    words, tone = ("not connected", BAD) if state is None else _ROBOT.get(state["state"], (state["state"], IDLE))
-    if state is not None and state.get("latched"):
-        words, tone = "STOP is latched", BAD
-    return f"<div class='cc-head'><span class='cc-name'>{escape(robot)}</span>{_chip(words, tone)}</div>"
+def joint_table(joints: Mapping[str, JointReading], linear: frozenset[str], commanded: Mapping[str, str]) -> str:
+    """Return the table of joints as HTML; `linear` ones go in m, `commanded` is the interface of each that is."""
+    if not joints:
+        return "<p class='cc-note'>No joints.</p>"
+    lines = []
+    for name, joint in joints.items():
+        unit = "m" if name in linear else "rad"
+        interface = commanded.get(name, "")
+        command = f"{_number(joint.command)}<small>{escape(interface)}</small>" if joint.command is not None else "-"
+        lines.append(
+            f"<tr><td><b>{escape(name)}</b></td><td>{_number(joint.position)}<small>{unit}</small></td>"
+            f"<td>{_number(joint.velocity)}<small>{unit}/s</small></td><td>{_number(joint.effort)}</td><td>{command}</td></tr>"
+        )
+    titles = "<tr><th>joint</th><th>position</th><th>velocity</th><th>effort</th><th>command</th></tr>"
+    return f"<table class='cc-table cc-joints'>{titles}{''.join(lines)}</table>"
 
 
-def alarm(state: Mapping[str, Any] | None, why: str = "") -> str:
-    """Return what stands below STOP: whether it is latched, or does not reach the robot for the reason `why`."""
-    if state is None:
-        lost = "No connection to the robot. STOP does not reach it."
-        return f"<div class='cc-alarm cc-lost'>{lost}<br>{escape(why)}</div>"
-    facts = f"{_NOTE}<div class='cc-facts'>{' · '.join(_facts(state))}</div>"
-    if not state.get("latched"):
-        return facts
-    by = escape(str(state["latched_by"]))
-    return f"<div class='cc-alarm'>Latched by {by}: nothing moves before it is released.</div>{facts}"
+def _number(value: float | None) -> str:
+    if value is None:
+        return "-"
+    return f"{value:.3g}" if abs(value) >= 1000 else f"{value + 0.0:.2f}"
 
 
-def _facts(state: Mapping[str, Any]) -> Iterator[str]:
-    active = [name for name, each in state["controllers"].items() if each == "active"]
-    yield f"cycle {1e3 * state['cycle']['period_s']:g} ms"
-    missed = state["cycle"]["missed"]
-    yield f"{missed} missed" if missed else "none missed"
-    for bus, load in (state.get("load") or {}).items():
+def facts(state: StateSample) -> str:
+    """Return how the cycle and the buses do, in a line of HTML."""
+    return f"<div class='cc-facts'>{' · '.join(_facts(state))}</div>"
+
+
+def _facts(state: StateSample) -> Iterator[str]:
+    active = state.active
+    yield f"cycle {1e3 * state.cycle.period_s:g} ms"
+    yield f"{state.cycle.missed} missed" if state.cycle.missed else "none missed"
+    for bus, load in state.load.items():
         if load is not None:
             yield f"bus {escape(bus)} {100 * load:.1f} %"
     yield f"active: {escape(', '.join(active)) or 'no controller'}"
 
 
-def event_log(events: Iterable[Mapping[str, Any]]) -> str:
-    """Return the log, newest first."""
+def event_log(events: Iterable[RobotEvent]) -> str:
+    """Return the log as HTML, newest first."""
     lines = [
-        f"<div class='cc-event cc-{_LEVELS.get(event['level'], IDLE)}'><time>{_clock(event['time'])}</time>"
-        f"<span>{escape(event['text'])}{_times(event.get('times', 1))}</span></div>"
+        f"<div class='cc-event cc-{_LEVELS.get(event.level, IDLE)}'><time>{_clock(event.time)}</time>"
+        f"<span>{escape(event.text)}</span></div>"
         for event in reversed(list(events))
     ]
-    title = f"<div class='cc-note'>{'Events, newest first' if lines else 'Nothing has happened yet'}</div>"
-    return f"<div class='cc-log'>{title}{''.join(lines)}</div>"
+    return "".join(lines) or "<p class='cc-note'>Nothing has happened yet.</p>"
 
 
-def _times(count: int) -> str:
-    return f" <b>({count} times)</b>" if count > 1 else ""
-
-
-def fault_text(fault: Mapping[str, Any] | None) -> str:
-    """Explain a fault of a virtual drive."""
+def fault_text(fault: FaultListing | None) -> str:
+    """Explain a fault of a virtual drive, as HTML."""
     if fault is None:
         return "<p class='cc-note'>No virtual drive is there to be broken.</p>"
-    how = "once" if fault["once"] else "until it is switched off"
-    does = str(fault["does"])
-    what = f"I{does[1:]}" if does.startswith("its ") else f"The drive {does}"
-    return f"<p class='cc-note'>{escape(what)} ({how}).<br><b>A good master:</b> {escape(fault['reaction'])}.</p>"
+    how = "once" if fault.once else "until it is switched off"
+    what = f"I{fault.does[1:]}" if fault.does.startswith("its ") else f"The drive {fault.does}"
+    return f"<p class='cc-note'>{escape(what)} ({how}).<br><b>A good master:</b> {escape(fault.reaction)}.</p>"
 
 
 def active_faults(found: Mapping[str, Iterable[str]]) -> str:
-    """Say which faults are on, by drive."""
+    """Say which faults are on, by drive, as HTML."""
     lines = [f"{escape(drive)}: {escape(', '.join(names))}" for drive, names in found.items() if names]
     if not lines:
         return "<p class='cc-note'>No fault is on.</p>"
     return f"<p class='cc-note cc-on'><b>On now:</b><br>{'<br>'.join(lines)}</p>"
 
 
-def _chip(words: str, tone: str) -> str:
+def chip(words: str, tone: str) -> str:
+    """Return a word on a colour, as HTML."""
     return f"<span class='cc-chip cc-{tone}'>{escape(words)}</span>"
 
 

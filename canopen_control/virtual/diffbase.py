@@ -1,9 +1,9 @@
 """A diff-drive base on a floor: its pose, made from the way its two wheels have gone.
 
-The law of this file: wheels report points (time, way in metres) of their motion on a grid of their own, in whatever
-order and from whatever process; the pose is integrated exactly along the arc between neighbouring points, as far as
-both wheels are known. So the result depends on the motion alone, not on who reported when. A wheel that was not heard
-for ten seconds stands. Slip is noise on each wheel's steps, made from the seed and the number of the step.
+Wheels report points (time, way in metres) of their motion on a grid of their own, in whatever order and from whatever
+process; the pose is integrated exactly along the arc between neighbouring points, as far as both wheels are known. So
+the result depends on the motion alone, not on who reported when. A wheel that was not heard for ten seconds stands.
+Slip is noise on each wheel's steps, made from the seed and the number of the step.
 """
 
 from __future__ import annotations
@@ -13,15 +13,16 @@ import json
 import math
 import os
 from collections import deque
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, TypedDict
 
 from canopen_control.errors import ConfigError
+from canopen_control.rpc.messages.drive import BasePose
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-__all__ = ["LEFT", "RIGHT", "DiffBase", "Pose", "SharedBase", "slipped"]
+__all__ = ["LEFT", "RIGHT", "DiffBase", "SharedBase", "slipped"]
 
 LEFT, RIGHT = 0, 1
 SILENT_NS = 10_000_000_000
@@ -29,13 +30,15 @@ _MASK = (1 << 64) - 1
 Point = tuple[int, float]
 
 
-class Pose(NamedTuple):
-    """Metres and radians, at monotonic ns; the heading is not wrapped."""
+class _Record(TypedDict):
+    """Everything of a base, as its file holds it."""
 
     x: float
     y: float
     heading: float
     time_ns: int
+    last: list[Point | None]
+    next: list[list[Point]]
 
 
 class DiffBase:
@@ -58,9 +61,9 @@ class DiffBase:
                 self._next[wheel].append((time_ns, way))
         self._integrate()
 
-    def pose(self) -> Pose:
+    def pose(self) -> BasePose:
         """Return the pose at the last time that is known of both wheels."""
-        return Pose(self.x, self.y, self.heading, self.time_ns)
+        return BasePose(self.x, self.y, self.heading, self.time_ns)
 
     def _integrate(self) -> None:
         self._assume_standing()
@@ -98,14 +101,20 @@ class DiffBase:
 
     # -- as plain values, for a file
 
-    def dump(self) -> dict[str, Any]:
+    def dump(self) -> _Record:
         """Return everything, JSON-able."""
-        pose = {"x": self.x, "y": self.y, "heading": self.heading, "time_ns": self.time_ns}
-        return pose | {"last": self._last, "next": [list(each) for each in self._next]}
+        return {
+            "x": self.x,
+            "y": self.y,
+            "heading": self.heading,
+            "time_ns": self.time_ns,
+            "last": self._last,
+            "next": [list(each) for each in self._next],
+        }
 
-    def load(self, content: dict[str, Any]) -> None:
+    def load(self, content: _Record) -> None:
         """Take what `dump` gave."""
-        self.x, self.y, self.heading = (float(content[key]) for key in ("x", "y", "heading"))
+        self.x, self.y, self.heading = float(content["x"]), float(content["y"]), float(content["heading"])
         self.time_ns = int(content["time_ns"])
         self._last = [None if each is None else (int(each[0]), float(each[1])) for each in content["last"]]
         left, right = (deque((int(when), float(way)) for when, way in each) for each in content["next"])
@@ -136,7 +145,7 @@ class SharedBase:
         finally:
             fcntl.flock(fd, fcntl.LOCK_UN)
 
-    def pose(self) -> Pose:
+    def pose(self) -> BasePose:
         """Return the pose that all processes together have made."""
         fd = self._open()
         fcntl.flock(fd, fcntl.LOCK_SH)
@@ -160,7 +169,7 @@ class SharedBase:
             content = json.loads(os.pread(fd, 1 << 24, 0) or b"{}")
             if content:
                 self._base.load(content)
-        except (ValueError, KeyError, TypeError):
+        except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
             self._base = DiffBase(self._base.separation)
 
     def close(self) -> None:

@@ -1,8 +1,8 @@
-"""The time of one axis: its timers, its demand, and the plant that follows.
+"""The motion of one axis over time: its timers, its demand, and the plant that follows.
 
-The law of this file: time is events. Every timer is served at its own time, in order, whenever `advance` is called, so
-that what happens does not depend on how often anybody looks. A demand is made at an event and followed until the next.
-Its end, a limit switch and a following error are told to the owner through `Reactions`.
+Time is events. Every timer is served at its own time, in order, whenever `advance` is called, so that what happens does
+not depend on how often anybody looks. A demand is made at an event and followed until the next. Its end, a limit switch
+and a following error are told to the owner through `Reactions`.
 """
 
 from __future__ import annotations
@@ -10,8 +10,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Protocol
 
-from canopen_control.virtual.motion import Trajectory, hold
 from canopen_control.virtual.switches import Switches
+from canopen_control.virtual.trajectory import Trajectory, hold
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -31,10 +31,10 @@ class Reactions(Protocol):
     def arrived(self, now: int) -> None:
         """React to the end of the demand."""
 
-    def touched(self, side: int, now: int) -> None:
+    def limit_switch_hit(self, side: int, now: int) -> None:
         """React to a wired limit switch, -1 or 1."""
 
-    def left_behind(self, error: float, now: int) -> None:
+    def judge_following_error(self, error: float, now: int) -> None:
         """Judge a following error, in counts; called while the plant lags."""
 
     def sampled(self) -> None:
@@ -99,6 +99,11 @@ class Mover:
         else:
             self.plant.follow(self.demand, start, now)
 
+    @property
+    def time(self) -> int:
+        """The time the axis was brought to, 0 before it started."""
+        return self.now or 0
+
     # -- motion
 
     @property
@@ -152,11 +157,11 @@ class Mover:
     def _watch(self, now: int) -> None:
         if not self.plant.stiff and self.torque is None:
             self.at("follow", now + FOLLOW_NS, self._follow)
-        touch = self.switches.next_touch(self.demand, now) if self.torque is None else None
-        if touch is None:
+        hit = self.switches.next_hit(self.demand, now) if self.torque is None else None
+        if hit is None:
             self.cancel("switch")
         else:
-            self.at("switch", touch, self._touch)
+            self.at("switch", hit, self._hit_switch)
         self.watch_index(now)
         if "sample" not in self.timers and self.owner.wants_samples():
             self.at("sample", now + SAMPLE_NS, self._sample)
@@ -173,8 +178,8 @@ class Mover:
         self.owner.index_passed(place)
         self.watch_index(now)
 
-    def _touch(self, now: int) -> None:
-        self.owner.touched(int(math.copysign(1.0, self.demand.at(now)[1])), now)
+    def _hit_switch(self, now: int) -> None:
+        self.owner.limit_switch_hit(int(math.copysign(1.0, self.demand.at(now)[1])), now)
 
     def _follow(self, now: int) -> None:
         """Compare a plant that lags with its demand, until both stand together."""
@@ -182,7 +187,7 @@ class Mover:
             return
         position, velocity = self.demand.at(now)
         error = position - self.plant.position
-        self.owner.left_behind(error, now)
+        self.owner.judge_following_error(error, now)
         if velocity or now < self.demand.end_ns or abs(error) >= 0.5 or not self.standing:
             self.at("follow", now + FOLLOW_NS, self._follow)
 

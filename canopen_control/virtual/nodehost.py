@@ -1,9 +1,9 @@
 """Runs virtual nodes on a port, in a reactor: many nodes in one process, each frame only to those who listen to it.
 
-The law of this file: a turn takes everything the port has, hands each frame to the nodes of its identifier, and sends
-what they answer in one go. One timer serves all nodes; an idle drive costs nothing but its heartbeat. Nodes of one host
-hear each other as on a wire, although a sender does not get its own frames back. Without a bus the nodes live on, and
-react as drives that are off the bus do, until they are given another port.
+A turn takes everything the port has, hands each frame to the nodes of its identifier, and sends what they answer in one
+go. One timer serves all nodes; an idle drive costs nothing but its heartbeat. Nodes of one host hear each other as on a
+wire, although a sender does not get its own frames back. Without a bus the nodes live on, and react as drives that are
+off the bus do, until they are given another port.
 """
 
 from __future__ import annotations
@@ -11,8 +11,8 @@ from __future__ import annotations
 from functools import partial
 from typing import TYPE_CHECKING
 
-from canopen_control.bus.hearing import hear_only
 from canopen_control.bus.port import BusEventKind
+from canopen_control.bus.port_abilities import set_filter
 from canopen_control.cia301.sdo_records import deliver
 from canopen_control.errors import BusClosed
 from canopen_control.frame import RECORD, CanFrame, pack_records
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from canopen_control.bus.port import BusEvent, Port
     from canopen_control.host.reactor import Reactor, Timer
-    from canopen_control.virtual.node import VirtualNode
+    from canopen_control.virtual.virtual_node import VirtualNode
 
 __all__ = ["NodeHost"]
 
@@ -86,7 +86,7 @@ class NodeHost:
             return
         self.port, self._off = port, False
         self.reactor.add_reader(port, self._on_readable)
-        hear_only(port, self._routes)
+        set_filter(port, self._routes)
         self._tell_all(BusEventKind.UP)
 
     def wake(self, node: VirtualNode) -> None:
@@ -137,11 +137,12 @@ class NodeHost:
         due = [node for node, deadline in self._deadlines.items() if deadline is not None and deadline <= now]
         for node in due:
             node.tick(now)
-        self._reroute()
         self._finish(dict.fromkeys(due))
 
     def _finish(self, touched: dict[VirtualNode, None]) -> None:
-        """Send what the nodes have to say, tell what happened to them, set the timer."""
+        """Route what the nodes listen to now, send what they have to say, tell what happened to them, set the timer."""
+        if any(node.routes_version != self._versions[node] for node in touched):
+            self._reroute()
         outgoing: list[CanFrame] = []
         waiting = list(touched)
         echoes = 0
@@ -208,7 +209,8 @@ class NodeHost:
             for can_id in node.routes():
                 routes.setdefault(can_id, []).append(node)
         self._routes = {can_id: tuple(listeners) for can_id, listeners in routes.items()}
-        hear_only(self.port, self._routes)
+        if not self._off:
+            set_filter(self.port, self._routes)
 
     def _set_timer(self) -> None:
         at = min((deadline for deadline in self._deadlines.values() if deadline is not None), default=None)

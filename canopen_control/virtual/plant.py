@@ -1,9 +1,10 @@
-"""What hangs on the drive: motor and load, behind one Protocol so that another engine can replace them.
+"""What hangs on the drives: motor and load of each axis (`Plant`), and the engine behind all of them (`World`).
 
-The law of this file: a plant is moved from one time to another along the demand that the drive made, in closed form
-where its equation has one, otherwise in fixed steps that do not depend on when somebody looks. It knows counts,
-seconds and per mille of the rated torque, and nothing of CANopen. The position is the motor's own, never offset by a
-homing.
+Both are Protocols, so that another engine can replace ours: it is asked for the plant of each axis once, and then
+follows what the drives do to it. A plant is moved from one time to another along the demand that the drive made, in
+closed form where its equation has one, otherwise in fixed steps that do not depend on when somebody looks. It knows
+counts, seconds and per mille of the rated torque, and nothing of CANopen. The position is the motor's own, never offset
+by a homing.
 """
 
 from __future__ import annotations
@@ -12,10 +13,12 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
-if TYPE_CHECKING:
-    from canopen_control.virtual.motion import Piece, Trajectory
+from canopen_control.rpc.messages.drive import WorldState
 
-__all__ = ["IdealPlant", "LagPlant", "LoadedPlant", "Plant"]
+if TYPE_CHECKING:
+    from canopen_control.virtual.trajectory import Piece, Trajectory
+
+__all__ = ["IdealPlant", "LagPlant", "LoadedPlant", "PlainWorld", "Plant", "World"]
 
 
 class Plant(Protocol):
@@ -57,7 +60,7 @@ def _push(plant: IdealPlant | LagPlant, torque: Trajectory, start_ns: int, end_n
 
 @dataclass(slots=True)
 class IdealPlant:
-    """It is where the demand is, and stands still without power, as a small stepper does.
+    """A plant that is where the demand is, and stands still without power, as a small stepper does.
 
     In the torque modes it is a mass with viscous friction: `rated_velocity` is its final velocity at rated torque,
     `torque_time_constant` how long it takes to get there.
@@ -86,7 +89,7 @@ class IdealPlant:
 
 @dataclass(slots=True)
 class LagPlant:
-    """Its velocity follows the demand with a time constant, and decays with the coasting one without power.
+    """A plant whose velocity follows the demand with a time constant, and decays with the coasting one without power.
 
     The position error while moving is `time_constant` times the velocity, and nothing at rest.
     """
@@ -189,3 +192,36 @@ class LoadedPlant:
         self.position += 0.5 * (before + self.velocity) * seconds
         half = 0.5 * self.backlash
         self.load_position = max(self.position - half, min(self.position + half, self.load_position))
+
+
+class World(Protocol):
+    """An engine: makes the plant of each axis and knows what they do together."""
+
+    period_ns: int | None
+    """How often every axis wants to be brought to the present, although nothing happens; None: never."""
+
+    def plant(self, node_id: int, axis: int) -> Plant:
+        """Return the plant of an axis; asked once for each."""
+
+    def describe(self) -> WorldState:
+        """Return what there is beyond the axes."""
+
+    def close(self) -> None:
+        """End it."""
+
+
+class PlainWorld:
+    """Axes that do as they are told and know nothing of each other."""
+
+    period_ns: int | None = None
+
+    def plant(self, node_id: int, axis: int) -> Plant:  # noqa: ARG002 # they are all alike
+        """Return an ideal plant."""
+        return IdealPlant()
+
+    def describe(self) -> WorldState:
+        """Return nothing."""
+        return WorldState()
+
+    def close(self) -> None:
+        """Do nothing."""

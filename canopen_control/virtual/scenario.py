@@ -1,7 +1,8 @@
-"""A timeline of faults from a YAML file: what goes wrong with which drive, and when.
+"""Scenarios: a YAML file of what goes wrong with which drive, and when, and its playing.
 
-The law of this file: times count from the drives' ready line, and every mistake in the file is told at once, with its
-line, before anything runs.
+Times count from the drives' ready line, and every mistake in the file is told at once, with its line, before anything
+runs. A step goes through the node's control, as if somebody had asked for it there; one that cannot be done is told,
+and the others go on.
 
     steps:
       - {at: 5s, node: 3, fault: heartbeat_lost}              # on, and it stays
@@ -17,21 +18,42 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
-from canopen_control.errors import ConfigError
-from canopen_control.virtual.faults import FAULTS
-from canopen_control.virtual.timeline import Switching
-from canopen_control.yamltree import Node, Problems, load, nearest, position, setting
+from canopen_control.errors import ConfigError, nearest
+from canopen_control.frame import MAX_NODE_ID
+from canopen_control.rpc.messages.drive import SetPlant, SwitchFault
+from canopen_control.virtual.fault_table import FAULTS
+from canopen_control.yamlfile.convert import position, setting
+from canopen_control.yamlfile.node import Node  # noqa: TC001 - the type of a field is looked up at run time
+from canopen_control.yamlfile.reader import load
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Mapping, Sequence
     from pathlib import Path
 
-__all__ = ["ScenarioError", "Step", "read_scenario", "seconds_of"]
+    from canopen_control.host.reactor import Reactor
+    from canopen_control.virtual.control import NodeControl
+    from canopen_control.virtual.virtual_node import VirtualNode
+    from canopen_control.yamlfile.problems import Problems
+
+__all__ = ["ScenarioError", "Step", "Switching", "Timeline", "read_scenario", "seconds_of"]
 
 _TIME = re.compile(r"(\d+(?:\.\d+)?)\s*(ms|s)?")
 _LONGEST_S = 1e6
+
+
+@dataclass(frozen=True, slots=True)
+class Switching:
+    """What happens `at_ns` after the start: a fault goes on or off, or numbers of a plant are set."""
+
+    at_ns: int
+    node_id: int
+    fault: str = ""
+    on: bool = True
+    axis: int = 0
+    plant: tuple[tuple[str, float], ...] = ()
 
 
 class ScenarioError(ConfigError):
@@ -53,7 +75,7 @@ class Step:
     at: float | str
     fault: str = ""
     state: bool = True
-    node: int | None = setting(None, low=1, high=127)
+    node: int | None = setting(None, low=1, high=MAX_NODE_ID)
     axis: int = setting(0, low=0, high=7)
     length: float | str | None = setting(None, key="for")
     plant: dict[str, float] = setting(factory=dict)  # noqa: RUF009 - makes a field
@@ -107,3 +129,35 @@ def _nanoseconds(step: Step, value: float | str | None) -> int | None:
     except ValueError as error:
         step.here.error(str(error))
         return None
+
+
+class Timeline:
+    """Plays switchings on the nodes of one process through their control; starts when it is made.
+
+    `controls` is looked at when a step is due; `say` takes what could not be done, in a sentence.
+    """
+
+    def __init__(
+        self,
+        reactor: Reactor,
+        controls: Mapping[VirtualNode, NodeControl],
+        started_with: Mapping[int, VirtualNode],
+        say: Callable[[str], None],
+    ) -> None:
+        self._reactor, self._controls, self._nodes, self._say = reactor, controls, started_with, say
+        self._start = reactor.now()
+
+    def plan(self, switchings: Sequence[Switching]) -> None:
+        """Put all on the clock."""
+        for each in switchings:
+            self._reactor.call_at(self._start + each.at_ns, partial(self._play, each))
+
+    def _play(self, switching: Switching) -> None:
+        control = self._controls[self._nodes[switching.node_id]]
+        try:
+            if switching.fault:
+                control.do(SwitchFault(name=switching.fault, on=switching.on))
+            else:
+                control.do(SetPlant(numbers=dict(switching.plant), axis=switching.axis))
+        except ConfigError as error:
+            self._say(f"node {switching.node_id}: scenario: {error}")

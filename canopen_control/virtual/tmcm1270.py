@@ -1,12 +1,12 @@
-"""The personality of the TMCM-1270 (PD42-x-1270), a stepper drive of Trinamic for CANopen.
+"""The device model of the TMCM-1270 (PD42-x-1270), a stepper drive of Trinamic for CANopen.
 
-The law of this file: what its EDS and the public manuals of its family say, and nothing else. Positions are
-microsteps, velocities pps (microsteps per second), accelerations pps per second. Velocity, accelerations and the
-quick-stop ramp have no usable default: until they are written, nothing moves. In profile velocity 0x6083 decelerates
-too. Bits 5 and 9 of the controlword do nothing in profile position, where bit 12 shows a set-point under way. Bit 14 of
-the statusword is set while it moves, bit 15 is the direction. Homing method 35 needs no power. There is no 0x6007: what
-a lost heartbeat does is 0x1029:01, whose default goes to PRE-OPERATIONAL and lets the motor turn on; NMT STOPPED in
-operation is a fault.
+It does what its EDS and the public manuals of its family say, and nothing else. Positions are microsteps, velocities
+pps (microsteps per second), accelerations pps per second. Velocity, accelerations and the quick-stop ramp have no
+usable default: until they are written, nothing moves. In profile velocity 0x6083 decelerates too. Bits 5 and 9 of the
+controlword do nothing in profile position, where bit 12 shows a set-point under way. Bit 14 of the statusword is set
+while it moves, bit 15 is the direction. Homing method 35 needs no power. There is no 0x6007: what a lost heartbeat does
+is 0x1029:01, whose default goes to PRE-OPERATIONAL and lets the motor turn on; NMT STOPPED in operation is a fault. It
+answers no remote frames: bit 30 of its TPDOs' COB-IDs has to stay.
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ from __future__ import annotations
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
-from canopen_control.virtual.personality import Limit, Personality
+from canopen_control.virtual.device_model import DeviceModel, Limit
 
 if TYPE_CHECKING:
     from canopen_control.od.model import ObjectDictionary
-    from canopen_control.virtual.drive import VirtualDrive
+    from canopen_control.virtual.object_store import ObjectStore
 
 __all__ = ["IDENTITY", "TMCM1270", "is_tmcm1270"]
 
@@ -34,20 +34,19 @@ def is_tmcm1270(od: ObjectDictionary) -> bool:
     return tuple(None if entry is None else entry.value for entry in entries) == IDENTITY
 
 
-def _status_bits(drive: VirtualDrive) -> int:
-    velocity = drive.handler.measured_velocity(drive)
+def _velocity_bits(velocity: float) -> int:
     return (_MOVING if abs(velocity) >= 0.5 else 0) | (_NEGATIVE if velocity < 0.0 else 0)
 
 
-def _switches_disabled(drive: VirtualDrive) -> bool:
-    return drive.node.store.number(_SWITCHES) & _BOTH_DISABLED == _BOTH_DISABLED
+def _switches_disabled(store: ObjectStore) -> bool:
+    return store.number(_SWITCHES) & _BOTH_DISABLED == _BOTH_DISABLED
 
 
-def _microsteps(drive: VirtualDrive) -> int:
-    return drive.node.store.number(_MICROSTEPS)
+def _microsteps(store: ObjectStore) -> int:
+    return store.number(_MICROSTEPS)
 
 
-TMCM1270 = Personality(
+TMCM1270 = DeviceModel(
     name="TMCM-1270",
     unset_ramp=0.0,
     unset_velocity=0.0,
@@ -58,12 +57,13 @@ TMCM1270 = Personality(
     homes_without_power=True,
     counts_per_revolution=51_200,
     delays=MappingProxyType({4: _ENABLE_DELAY}),
+    rtr_supported=False,
     communication_data=bytes.fromhex("00FF000000"),
     rpdo_error=(0x6320, bytes.fromhex("00FF000000")),
     software_limit=Limit(0xFF01, b"\x01", b"\x02"),
     switch_limit=Limit(0xFF01, b"\x04", b"\x03"),
     switches_disabled=_switches_disabled,
-    status_bits=_status_bits,
+    velocity_bits=_velocity_bits,
     identity=MappingProxyType(
         {
             (0x1008, 0): "TMCM-1270",

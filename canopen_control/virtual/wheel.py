@@ -1,7 +1,7 @@
 """A wheel on a floor: a plant that reports the way it goes to the base it belongs to.
 
-The law of this file: the motion is the inner plant's; this one only cuts it at the points of a fixed grid, so that what
-is reported does not depend on when somebody looks. Points are handed over in bundles.
+The motion is the inner plant's; this one only cuts it at the points of a fixed grid, so that what is reported does not
+depend on when somebody looks. Points are handed over in bundles.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ from canopen_control.virtual.diffbase import slipped
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from canopen_control.virtual.motion import Trajectory
     from canopen_control.virtual.plant import Plant
+    from canopen_control.virtual.trajectory import Trajectory
 
 __all__ = ["GRID_NS", "Floor", "WheelPlant"]
 

@@ -1,6 +1,6 @@
 """What hangs on the axes of a process's drives, from a YAML file: plants, and a base that couples two of them.
 
-The law of this file: an engine is a `world.World`; ours is `OwnWorld`, another one is named in the file.
+An engine is a `plant.World`; ours is `OwnWorld`, another one is named in the file.
 
     seed: 1                        # of everything random
     default: {kind: ideal}         # the axes not named below; kinds: ideal, lag, loaded
@@ -28,18 +28,23 @@ import importlib
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 from canopen_control.errors import ConfigError
+from canopen_control.frame import MAX_NODE_ID
+from canopen_control.rpc.messages.drive import WorldState
 from canopen_control.virtual.diffbase import LEFT, RIGHT, DiffBase, SharedBase
 from canopen_control.virtual.plant import IdealPlant, LagPlant, LoadedPlant, Plant
 from canopen_control.virtual.wheel import WheelPlant
-from canopen_control.yamltree import Node, Problems, load, position, setting, tree
+from canopen_control.yamlfile.convert import position, setting
+from canopen_control.yamlfile.node import Node  # noqa: TC001 - the type of a field is looked up at run time
+from canopen_control.yamlfile.reader import load, tree
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from canopen_control.virtual.world import World
+    from canopen_control.virtual.plant import World
+    from canopen_control.yamlfile.problems import Problems
 
 __all__ = ["OwnWorld", "WorldError", "WorldFile", "read_world"]
 
@@ -72,7 +77,7 @@ class AxisFile:
     velocity_time_constant: float | None = setting(None, low=1e-4)
     here: Node = position()  # noqa: RUF009 - makes a field
 
-    def parameters(self) -> dict[str, Any]:
+    def parameters(self) -> dict[str, float]:
         """Return the plant's numbers that the file gives."""
         names = [field.name for field in dataclasses.fields(self) if field.name not in ("kind", "here")]
         return {name: value for name in names if (value := getattr(self, name)) is not None}
@@ -92,8 +97,8 @@ class AxisFile:
 class BaseFile:
     """The base of the file; lengths in metres."""
 
-    left: int = setting(low=1, high=127)
-    right: int = setting(low=1, high=127)
+    left: int = setting(low=1, high=MAX_NODE_ID)
+    right: int = setting(low=1, high=MAX_NODE_ID)
     wheel_radius: float = setting(low=1e-6)
     wheel_separation: float = setting(low=1e-6)
     counts_per_revolution: float = setting(low=1e-6)
@@ -139,14 +144,13 @@ class OwnWorld:
         self._wheels.append(wheel)
         return wheel
 
-    def describe(self) -> dict[str, object]:
+    def describe(self) -> WorldState:
         """Return the pose of the base."""
         if self._base is None:
-            return {}
+            return WorldState()
         for wheel in self._wheels:
             wheel.publish()
-        pose = self._base.pose()
-        return {"base": {"x": pose.x, "y": pose.y, "heading": pose.heading, "time_ns": pose.time_ns}}
+        return WorldState(self._base.pose())
 
     def close(self) -> None:
         """Let go of the shared file."""
@@ -158,7 +162,7 @@ def _address(name: str) -> tuple[int, int]:
     """Return node id and axis of ``3`` or ``3/1``; ValueError where it is neither."""
     node, _, axis = name.partition("/")
     address = int(node), int(axis or "0")
-    if not (1 <= address[0] <= 127 and 0 <= address[1] <= 7):
+    if not (1 <= address[0] <= MAX_NODE_ID and 0 <= address[1] <= 7):
         raise ValueError(name)
     return address
 

@@ -1,12 +1,14 @@
 """The boot bench: drives that boot are measured, one that does not is named."""
 
 import pytest
+from canopen_control_bench import boot
+from canopen_control_bench.fleet import write_fleet
+from canopen_control_bench.stage import stage
 
-from canopen_control.bench import boot
-from canopen_control.bench.fleet import write_fleet
-from canopen_control.bench.stage import stage
 from canopen_control.errors import CanopenError
 from canopen_control.master.config import read_bus
+
+pytestmark = pytest.mark.process
 
 
 def test_two_drives_boot_as_often_as_wanted(monkeypatch):

@@ -1,10 +1,10 @@
 """What the bridge costs: the measuring itself, and once in small with everybody there."""
 
 import pytest
+from canopen_control_bench import bridge
+from canopen_control_bench.runner import Options
+from canopen_control_bench.stage import stage
 
-from canopen_control.bench import bridge
-from canopen_control.bench.runner import Options
-from canopen_control.bench.stage import stage
 from canopen_control.errors import CanopenError, ConfigError
 
 

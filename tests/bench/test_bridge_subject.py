@@ -4,13 +4,12 @@ import time
 from types import SimpleNamespace
 
 import pytest
-
-from canopen_control.bench.bridge_subject import BridgeSubject
+from canopen_control_bench.bridge_subject import BridgeSubject
 
 
 def test_a_command_is_timed_by_what_it_holds_and_taken_as_standstill():
     taken, readers = [], []
-    robot = SimpleNamespace(command=lambda *command: taken.append(command), on_running=None, name="robby")
+    robot = SimpleNamespace(command=lambda *command, holder: taken.append(command), on_running=None, name="robby")
     api = SimpleNamespace(_robot=robot)
     reactor = SimpleNamespace(add_reader=lambda fd, callback: readers.append(fd))
     subject = BridgeSubject(SimpleNamespace(robot=robot, reactor=reactor, api=api))

@@ -3,10 +3,12 @@
 import os
 
 import pytest
+from canopen_control_bench.clients import on_a_terminal
+from canopen_control_bench.stage import stage
 
-from canopen_control.bench.clients import on_a_terminal
-from canopen_control.bench.stage import stage
 from canopen_control.errors import CanopenError
+
+pytestmark = pytest.mark.process
 
 
 def test_a_program_that_ends_on_its_terminal_is_told():

@@ -1,8 +1,7 @@
 """The cycle bench on the whole path: every contender on one bus with real processes, its bytes looked at."""
 
 import pytest
-
-from canopen_control.bench.cycle import (
+from canopen_control_bench.cycle import (
     CANOPEN,
     NAMES,
     OURS,
@@ -13,11 +12,15 @@ from canopen_control.bench.cycle import (
     rounds_of,
     wake_figure,
 )
-from canopen_control.bench.stage import ask_hub, stage
-from canopen_control.bench.turns import Turn
+from canopen_control_bench.stage import stage
+from canopen_control_bench.turns import Turn
+
+from canopen_control.bus.local import ask_hub
 from canopen_control.errors import CanopenError
+from canopen_control.rpc.messages.hub import DropFrames
 
 
+@pytest.mark.process
 def test_every_contender_has_the_right_bytes_and_is_measured():
     with stage() as played:
         turns = rounds_of(Arena(played, 2, 5000), NAMES, 1, lambda contender: contender.turn(30, 0))
@@ -27,6 +30,7 @@ def test_every_contender_has_the_right_bytes_and_is_measured():
     assert [figure.peer_name for figure in cpu_figures("free", turns)] == list(NAMES[1:])
 
 
+@pytest.mark.process
 def test_a_paced_turn_of_ours_tells_lateness_and_work_of_every_cycle():
     with stage() as played:
         turns = rounds_of(Arena(played, 2, 5000), (OURS,), 1, lambda contender: contender.turn(20, 5_000_000))
@@ -36,6 +40,7 @@ def test_a_paced_turn_of_ours_tells_lateness_and_work_of_every_cycle():
     assert min(turn.work_ns) > 0
 
 
+@pytest.mark.process
 @pytest.mark.parametrize("can_id", [0x182, 0x302, None])
 def test_a_bus_that_loses_frames_is_seen_by_the_listener_and_one_that_does_not_passes(can_id):
     anything = range(-4000, 4001)
@@ -45,7 +50,7 @@ def test_a_bus_that_loses_frames_is_seen_by_the_listener_and_one_that_does_not_p
             if can_id is None:
                 arena.check(contender, lambda number, position: anything)
                 return
-            ask_hub("bench", "drop", can_id=can_id, every=20)
+            ask_hub("bench", DropFrames(can_id=can_id, every=20))
             with pytest.raises(CanopenError, match="mistakes"):
                 arena.check(contender, lambda number, position: anything)
 

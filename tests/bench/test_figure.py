@@ -3,10 +3,9 @@
 import math
 
 import pytest
+from canopen_control_bench.figure import AT_LEAST, Figure, compared, limited, percentile, percentiles
 from hypothesis import given
 from hypothesis import strategies as st
-
-from canopen_control.bench.figure import AT_LEAST, Figure, compared, limited, percentile, percentiles
 
 
 def test_a_comparison_is_judged_by_the_median_of_the_rounds_ratios():

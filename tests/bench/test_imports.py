@@ -4,9 +4,11 @@ import os
 import sys
 
 import pytest
+from canopen_control_bench.imports import BARE, seconds_of
 
-from canopen_control.bench.imports import BARE, seconds_of
 from canopen_control.errors import CanopenError
+
+pytestmark = pytest.mark.process
 
 
 def test_a_command_that_waits_takes_longer_than_nothing():

@@ -3,15 +3,18 @@
 import struct
 
 import pytest
+from canopen_control_bench import latency
+from canopen_control_bench.cycle import ROBOT, Arena
+from canopen_control_bench.fleet import CONTROLLER, SCALE
+from canopen_control_bench.stage import stage
 
-from canopen_control.bench import latency
-from canopen_control.bench.cycle import ROBOT, Arena
-from canopen_control.bench.fleet import CONTROLLER, SCALE
-from canopen_control.bench.stage import stage
 from canopen_control.bus.channel import open_port
 from canopen_control.client.robot import RobotClient
 from canopen_control.errors import CanopenError
 from canopen_control.frame import CanFrame, pack_records
+from canopen_control.rpc.messages.robot import CommandController
+
+pytestmark = pytest.mark.process
 
 
 def rpdo(value):
@@ -19,7 +22,7 @@ def rpdo(value):
 
 
 def test_only_the_value_of_the_command_ends_its_time(monkeypatch):
-    monkeypatch.setattr(latency, "_PATIENCE_S", 0.2)
+    monkeypatch.setattr(latency, "_TIMEOUT_S", 0.2)
     with stage():
         talker, listener = open_port("local:latency"), open_port("local:latency")
         talker.send(pack_records([rpdo(5.0), CanFrame(0x282, bytes(8)), rpdo(5.01)]))
@@ -37,7 +40,9 @@ def test_commands_of_the_api_reach_the_wire():
         ours = arena.ours()
         client = RobotClient.connect(ROBOT)
         found = latency.command_latencies(
-            arena.channel, lambda value: client.notify("command", controller=CONTROLLER, values=[value] * 2), 5
+            arena.channel,
+            lambda value: client.notify(CommandController(controller=CONTROLLER, values=[value] * 2)),
+            5,
         )
         client.close()
         ours.leave()

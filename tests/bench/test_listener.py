@@ -3,8 +3,8 @@
 import struct
 
 import pytest
+from canopen_control_bench.listener import cycles_of, judge
 
-from canopen_control.bench.listener import cycles_of, judge
 from canopen_control.frame import CanFrame
 
 NODES = (2, 3)

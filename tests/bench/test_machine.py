@@ -6,8 +6,7 @@ import sys
 import time
 
 import pytest
-
-from canopen_control.bench.machine import apart, cpu_ns, describe, idle_part, may_be_realtime, resident_bytes
+from canopen_control_bench.machine import apart, cpu_ns, describe, idle_part, may_be_realtime, resident_bytes
 
 
 def test_cpu_of_a_process_is_what_the_process_itself_reads():
@@ -16,6 +15,7 @@ def test_cpu_of_a_process_is_what_the_process_itself_reads():
     assert before <= seen <= time.process_time_ns()
 
 
+@pytest.mark.process
 def test_cpu_of_nobody_is_none():
     pid = os.fork()
     if pid == 0:
@@ -36,6 +36,7 @@ def test_the_idle_part_is_a_part():
     assert part is None or 0.0 <= part <= 1.0
 
 
+@pytest.mark.process
 def test_trying_realtime_changes_nothing_here():
     before = os.sched_getscheduler(0)
     assert may_be_realtime() in (True, False)
@@ -49,6 +50,7 @@ def test_the_description_names_date_kernel_and_load():
     assert str(found["kernel"]).startswith(os.uname().sysname)
 
 
+@pytest.mark.process
 @pytest.mark.skipif(not hasattr(os, "sched_getaffinity"), reason="processors are chosen on Linux")
 def test_who_is_measured_has_a_processor_for_itself_until_the_end():
     everywhere = os.sched_getaffinity(0)

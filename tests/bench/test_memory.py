@@ -1,7 +1,10 @@
 """The memory bench: a leak of a hundred bytes a cycle is seen, and without one there is none."""
 
-from canopen_control.bench.memory import run
-from canopen_control.bench.stage import stage
+import pytest
+from canopen_control_bench.memory import run
+from canopen_control_bench.stage import stage
+
+pytestmark = pytest.mark.process
 
 
 def test_a_leak_is_seen_and_nothing_else():

@@ -1,8 +1,8 @@
 """A fleet of recordings: it runs, takes every TPDO of every cycle, and says when it does not."""
 
 import pytest
+from canopen_control_bench.recorded import RecordedFleet
 
-from canopen_control.bench.recorded import RecordedFleet
 from canopen_control.errors import CanopenError
 
 

@@ -4,10 +4,10 @@ import json
 from types import SimpleNamespace
 
 import pytest
+from canopen_control_bench import runner
+from canopen_control_bench.figure import compared, limited
 from support.benches import MACHINE
 
-from canopen_control.bench import runner
-from canopen_control.bench.figure import compared, limited
 from canopen_control.errors import CanopenError
 
 
@@ -47,7 +47,7 @@ def test_a_family_that_fails_does_not_take_the_others_with_it(monkeypatch):
 @pytest.mark.parametrize(
     ("as_is", "refused", "told"),
     [
-        (False, "", "awake for cycle, scale"),
+        (False, "", "awake for cycle, scale, services"),
         (False, "/dev/x: Permission denied", "may sleep (/dev/x: Permission denied)"),
         (True, "", "may sleep"),
     ],

@@ -1,11 +1,14 @@
 """The scale bench: periods by arithmetic; a fleet on a bus that is as slow as its wire loses nothing."""
 
 import pytest
+from canopen_control_bench import scale
+from canopen_control_bench.cycle import Arena
+from canopen_control_bench.stage import stage
 
-from canopen_control.bench import scale
-from canopen_control.bench.cycle import Arena
-from canopen_control.bench.stage import stage
 from canopen_control.errors import CanopenError
+from canopen_control.rpc.messages.hub import DropFrames, SetBitrate
+
+pytestmark = pytest.mark.process
 
 
 @pytest.mark.parametrize(
@@ -26,10 +29,10 @@ def test_two_drives_on_a_bus_of_one_megabit_lose_no_tpdo():
 def test_a_dropped_frame_is_seen(monkeypatch):
     asked = scale.ask_hub
 
-    def with_a_fault(bus, method, **params):
-        if params.get("bitrate"):
-            asked(bus, "drop", can_id=0x283, count=1)
-        return asked(bus, method, **params)
+    def with_a_fault(bus, request):
+        if isinstance(request, SetBitrate) and request.bitrate:
+            asked(bus, DropFrames(can_id=0x283, count=1))
+        return asked(bus, request)
 
     monkeypatch.setattr(scale, "ask_hub", with_a_fault)
     with stage() as played, pytest.raises(CanopenError, match="the hub dropped"):

@@ -4,9 +4,9 @@ import itertools
 from contextlib import contextmanager
 
 import pytest
+from canopen_control_bench import services
+from canopen_control_bench.sdo_client import Client
 
-from canopen_control.bench import services
-from canopen_control.bench.sdo_client import Client
 from canopen_control.errors import CanopenError
 
 

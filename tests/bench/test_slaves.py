@@ -3,7 +3,8 @@
 import itertools
 import struct
 
-from canopen_control.bench.slaves import ReplayPort
+from canopen_control_bench.slaves import ReplayPort
+
 from canopen_control.bus.channel import open_port
 from canopen_control.bus.memory import MemoryBus
 from canopen_control.frame import CanFrame, frames_of, pack_records

@@ -1,19 +1,20 @@
 """The soak: a drive that breaks stops all wheels, is mended and runs again; one that does not stop is seen."""
 
 import pytest
+from canopen_control_bench import soak
+from canopen_control_bench.cycle import Arena
+from canopen_control_bench.soak import FAULTS, Soak
+from canopen_control_bench.stage import stage
 
-from canopen_control.bench import soak
-from canopen_control.bench.cycle import Arena
-from canopen_control.bench.soak import FAULTS, Soak
-from canopen_control.bench.stage import stage
 from canopen_control.errors import CanopenError
-from canopen_control.virtual.faults import FAULTS as ALL
+from canopen_control.virtual.fault_table import FAULTS as ALL
 
 
 def test_its_faults_are_faults():
     assert set(FAULTS) <= set(ALL)
 
 
+@pytest.mark.process
 def test_a_drive_breaks_and_comes_back_and_one_that_is_none_does_not_stop_anything(monkeypatch):
     with stage() as played:
         arena = Arena(played, 2, 10_000, base=False)

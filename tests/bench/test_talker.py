@@ -2,9 +2,12 @@
 
 from collections import Counter
 
-from canopen_control.bench.listener import listening
-from canopen_control.bench.stage import stage
-from canopen_control.bench.talker import talk
+import pytest
+from canopen_control_bench.listener import listening
+from canopen_control_bench.stage import stage
+from canopen_control_bench.talker import talk
+
+pytestmark = pytest.mark.process
 
 
 def test_it_sends_what_it_says():

@@ -4,7 +4,7 @@ import io
 import json
 import sys
 
-from canopen_control.bench.turns import Turn, serve_turns
+from canopen_control_bench.turns import Turn, serve_turns
 
 
 def orders(monkeypatch, capsys, *lines):

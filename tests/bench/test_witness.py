@@ -3,10 +3,9 @@
 import os
 
 import pytest
-
-from canopen_control.bench.machine import may_be_realtime
-from canopen_control.bench.stage import stage
-from canopen_control.bench.witness import unwitnessed, watch
+from canopen_control_bench.machine import may_be_realtime
+from canopen_control_bench.stage import stage
+from canopen_control_bench.witness import unwitnessed, watch
 
 
 class Clock:
@@ -52,6 +51,7 @@ def test_a_stall_is_explained_by_one_that_overlaps_it(witnessed, left):
     assert unwitnessed([(10, 20)], witnessed) == left
 
 
+@pytest.mark.process
 @pytest.mark.skipif(not may_be_realtime(), reason="this user may not use SCHED_FIFO")
 def test_it_watches_until_it_is_told_to_end():
     with stage() as played:

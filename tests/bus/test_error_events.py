@@ -43,6 +43,9 @@ def test_errors_are_counted_and_lost_frames_added_up():
     ]
 
 
-@given(st.integers(0, 0x1FFFFFFF), st.binary(max_size=8))
+@given(st.integers(0, 0x1FFFFFFF), st.binary(max_size=8) | st.binary(min_size=8, max_size=8))
 def test_no_error_frame_raises(classes, data):
-    note_errors(pack_records([CanFrame(0x20000000 | classes, data)]), PortStats())
+    stats = PortStats()
+    events = note_errors(pack_records([CanFrame(0x20000000 | classes, data)]), stats)
+    assert all(event.kind in BusEventKind and event.text for event in events)
+    assert stats.errors == (len(data) == 8), "all that a kernel makes have eight bytes"

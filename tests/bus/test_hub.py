@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import select
@@ -10,18 +11,21 @@ import socket
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
+from support.host import eventually
+from support.jsonserver import line_of
 
 from canopen_control.bus.hello import HELLO_SIZE, VERSION, pack_hello, parse_hello
 from canopen_control.bus.hub import LINGER_NS, Hub
-from canopen_control.bus.local import LocalPort
+from canopen_control.bus.local import LocalPort, open_local
 from canopen_control.bus.timing import duration_ns, frame_bits
 from canopen_control.errors import CanopenError
 from canopen_control.frame import CanFrame, frames_of, pack_records
 from canopen_control.host.lineclient import LineClient
 from canopen_control.host.reactor import ManualClock, Reactor
-from canopen_control.host.sockets import list_sockets, lock, socket_path
+from canopen_control.host.sockets import list_sockets, lock, peer_pid, socket_path
 
 MS = 1_000_000
 
@@ -60,9 +64,9 @@ class Bench:
 
     def ask(self, method, **params):
         client = LineClient(socket_path("busctl", "bench"))
-        client.send({"id": 7, "method": method, "params": params})
+        client.send(line_of({"id": 7, "method": method, "params": params}))
         self.settle()
-        hello, answer = client.receive(1), client.receive(1)
+        hello, answer = json.loads(client.receive(1)), json.loads(client.receive(1))
         client.close()
         self.settle()
         assert hello["hello"]["bus"] == "bench"
@@ -194,6 +198,32 @@ def test_who_says_nothing_is_dropped_after_a_while_and_kept_nobody_waiting(bench
     assert silent.recv(1) == b""
 
 
+def test_a_crowd_that_says_nothing_keeps_nobody_out(bench):
+    crowd = []
+    for _ in range(70):
+        crowd.append(bench.connect())
+        bench.settle()
+    assert [sock.recv(1) for sock in crowd[:6]] == [b""] * 6  # the oldest made way
+    bench.join("late").close()
+
+
+def test_out_of_descriptors_it_looks_again_later_instead_of_spinning(bench):
+    accepted = []
+
+    def refuse():
+        accepted.append(bench.reactor.now())
+        raise OSError(errno.EMFILE, "Too many open files")
+
+    listener = bench.hub._greeter._listener
+    bench.hub._greeter._listener = SimpleNamespace(accept=refuse, fileno=listener.fileno, close=listener.close)
+    bench.connect()
+    bench.reactor.run_for(120 * MS)
+    assert 2 <= len(accepted) <= 4
+    bench.hub._greeter._listener = listener
+    bench.reactor.run_for(60 * MS)
+    bench.join("late")
+
+
 def test_another_version_is_answered_with_ours(bench):
     sock = bench.connect()
     sock.sendall(pack_hello(1, "future", VERSION + 1))
@@ -272,7 +302,7 @@ def test_a_full_wire_is_fully_loaded(bench):
 
 def test_delay_and_clear_through_the_control_socket(bench):
     a, b = bench.join("a"), bench.join("b")
-    assert bench.ask("delay", label="a", ms=5) == {"result": None}
+    assert bench.ask("delay", label="a", ms=5) == {"result": {}}
     a.send(pack_records([frame(1)]))
     bench.reactor.run_for(5 * MS - 1)
     assert received(b) == []
@@ -301,6 +331,21 @@ def test_a_second_hub_of_the_same_name_is_refused(bench):
         Hub(bench.reactor, "bench")
 
 
+def test_who_asks_before_anybody_has_joined_is_answered(bench):
+    assert bench.hub._control is None
+    assert bench.ask("status")["result"]["members"] == []
+
+
+def test_the_first_end_has_its_answer_before_the_control_socket_is_served(bench, monkeypatch):
+    greeted = []
+    sock = bench.connect()
+    monkeypatch.setattr(bench.hub, "_serve_control", lambda: greeted.append(sock.recv(HELLO_SIZE)))
+    sock.sendall(pack_hello(1, "first"))
+    bench.settle()
+    assert [parse_hello(each).label for each in greeted] == ["first"]
+
+
+@pytest.mark.process
 def test_the_hub_needs_the_standard_library_alone_and_little_of_it():
     program = (
         f"import json, sys; sys.path.insert(0, {str(Path(__file__).parents[2])!r});"
@@ -309,4 +354,12 @@ def test_the_hub_needs_the_standard_library_alone_and_little_of_it():
     done = subprocess.run([sys.executable, "-I", "-S", "-c", program], capture_output=True, check=True)
     loaded = {name.partition(".")[0] for name in json.loads(done.stdout)}
     assert "canopen_control" in loaded
-    assert not loaded & {"can", "numpy", "yaml", "asyncio", "dataclasses", "inspect"}
+    assert not loaded & {"can", "numpy", "yaml", "asyncio", "dataclasses", "inspect", "msgspec"}
+
+
+@pytest.mark.process
+def test_what_the_control_socket_needs_is_loaded_before_anybody_asks(runtime):
+    port = open_local("early", "me")
+    pid = peer_pid(port._socket)
+    assert eventually(lambda: "msgspec" in Path(f"/proc/{pid}/maps").read_text(), 20)
+    port.close()

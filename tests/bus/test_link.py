@@ -124,6 +124,7 @@ def test_an_interface_is_found_by_name():
     assert find_link("can7", Shell(VCAN0, CAN0)) is None
 
 
+@pytest.mark.process
 def test_the_machines_own_links_are_readable_json():
     assert all(isinstance(link, Link) for link in list_links())
 
@@ -259,5 +260,6 @@ def test_with_sudo_the_commands_go_through_it(monkeypatch):
     assert shell.ran == ["sudo -n true", "sudo -n ip link set vcan0 down"]
 
 
+@pytest.mark.process
 def test_a_command_is_run_and_its_output_kept_apart():
     assert run_command(("sh", "-c", "echo out; echo err >&2; exit 3")) == (3, "out\n", "err")

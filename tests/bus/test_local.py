@@ -13,16 +13,20 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from support.localbus import PATIENCE_S, hub_status, kill_hub, receive
+from support.jsonserver import json_server, say
+from support.localbus import TIMEOUT_S, hub_status, kill_hub, receive
 
 from canopen_control.bus.error_frames import bus_off_frame, overrun_frame
 from canopen_control.bus.hello import HELLO_SIZE, VERSION, pack_hello
-from canopen_control.bus.local import LocalPort, greet, open_local
+from canopen_control.bus.local import LocalPort, ask_hub, greet, open_local
 from canopen_control.bus.port import BusEventKind
-from canopen_control.bus.sendqueue import SEND_LIMIT
-from canopen_control.errors import BusClosed, BusError, ConfigError, LocalProtocolError
+from canopen_control.bus.port_parts import SEND_LIMIT
+from canopen_control.errors import BusClosed, BusError, BusNotOpen, ConfigError, LocalProtocolError
 from canopen_control.frame import RECORD_SIZE, CanFrame, frames_of, pack_records
+from canopen_control.host.reactor import Reactor
 from canopen_control.host.sockets import listen, socket_path
+from canopen_control.rpc.messages.declare import Done
+from canopen_control.rpc.messages.hub import Cut, GetHubStatus
 
 ROOT = Path(__file__).parents[2]
 
@@ -35,7 +39,7 @@ def frame(number):
 def wire():
     """A port and the hub's end of its connection."""
     ours, theirs = socket.socketpair()
-    theirs.settimeout(PATIENCE_S)
+    theirs.settimeout(TIMEOUT_S)
     port = LocalPort("test", ours, "me")
     yield port, theirs
     port.close()
@@ -185,15 +189,16 @@ def test_a_hub_that_goes_away_while_greeting_counts_as_none(data):
 # With a hub process
 
 
+@pytest.mark.process
 def test_the_first_opener_starts_a_hub_that_is_not_its_child(runtime):
     a = open_local("one", "a")
     b = open_local("one", "b")
     status = hub_status("one")
-    assert [(member["label"], member["pid"]) for member in status["members"]] == [
+    assert [(member.label, member.pid) for member in status.members] == [
         ("a", os.getpid()),
         ("b", os.getpid()),
     ]
-    parent = Path(f"/proc/{status['pid']}/stat").read_text().rpartition(")")[2].split()[1]
+    parent = Path(f"/proc/{status.pid}/stat").read_text().rpartition(")")[2].split()[1]
     assert int(parent) != os.getpid()
     a.send(pack_records([frame(1), frame(2)]))
     assert receive(b, 2) == [frame(1), frame(2)]
@@ -201,6 +206,7 @@ def test_the_first_opener_starts_a_hub_that_is_not_its_child(runtime):
     b.close()
 
 
+@pytest.mark.process
 def test_openers_that_race_start_one_hub(runtime):
     program = (
         "import sys; sys.path.insert(0, sys.argv[1]); from canopen_control.bus.local import open_local;"
@@ -214,26 +220,28 @@ def test_openers_that_race_start_one_hub(runtime):
     ]
     try:
         assert [child.stdout.readline() for child in children] == [b"joined\n"] * 4
-        assert {member["label"] for member in hub_status("race")["members"]} == {f"opener{n}" for n in range(4)}
+        assert {member.label for member in hub_status("race").members} == {f"opener{n}" for n in range(4)}
     finally:
         for child in children:
             child.communicate()
     assert [child.returncode for child in children] == [0] * 4
 
 
+@pytest.mark.process
 def test_a_killed_hub_is_noticed_and_the_next_opener_starts_another(runtime):
     port = open_local("dies", "a")
     kill_hub("dies")
-    assert select.select([port], [], [], PATIENCE_S)[0]
+    assert select.select([port], [], [], TIMEOUT_S)[0]
     with pytest.raises(BusClosed, match="the hub process is gone"):
         port.receive()
     port.close()
     assert socket_path("bus", "dies").exists(), "the stale socket is part of this test"
     again = open_local("dies", "a")
-    assert hub_status("dies")["members"][0]["label"] == "a"
+    assert hub_status("dies").members[0].label == "a"
     again.close()
 
 
+@pytest.mark.process
 def test_a_hub_that_cannot_start_is_one_sentence(runtime):
     listener = listen(socket_path("busctl", "taken"))
     with pytest.raises(BusError, match=r"bus local:taken: .*in use"):
@@ -244,3 +252,38 @@ def test_a_hub_that_cannot_start_is_one_sentence(runtime):
 def test_a_name_that_is_none_is_the_users_mistake(runtime):
     with pytest.raises(ConfigError):
         open_local("../etc")
+
+
+# Asking the hub
+
+
+@pytest.mark.process
+def test_a_hub_answers(runtime):
+    port = open_local("asked", "me")
+    assert ask_hub("asked", GetHubStatus()).members[0].label == "me"
+    assert ask_hub("asked", Cut("me")) == Done()
+    assert ask_hub("asked", GetHubStatus()).cut == ["me"]
+    with pytest.raises(ConfigError, match="nobody called 'you' on local:asked; there are: me"):
+        ask_hub("asked", Cut("you"))
+    port.close()
+
+
+def test_a_bus_that_nobody_has_open_is_said_to_be_so(runtime):
+    with pytest.raises(BusNotOpen, match="bus local:none: nobody has it open"):
+        ask_hub("none", GetHubStatus())
+
+
+def test_a_hub_of_another_version_is_no_mistake_of_the_request(runtime):
+    reactor = Reactor()
+    greet = lambda connection: say(connection, {"hello": {"bus": "old", "protocol": 1, "pid": 5}})  # noqa: E731
+    server = json_server(reactor, socket_path("busctl", "old"), greet, lambda *_: None)
+    thread = threading.Thread(target=reactor.run)
+    thread.start()
+    try:
+        with pytest.raises(BusError, match="the hub of bus local:old speaks protocol 1, this client 2"):
+            ask_hub("old", GetHubStatus())
+    finally:
+        reactor.call_threadsafe(reactor.stop)
+        thread.join()
+        server.close()
+        reactor.close()

@@ -11,12 +11,14 @@ from pathlib import Path
 
 import can
 import pytest
-from support.localbus import PATIENCE_S, kill_hub, receive
+from support.localbus import TIMEOUT_S, kill_hub, receive
 
 from canopen_control.bus.error_frames import bus_off_frame
 from canopen_control.bus.local import open_local
 from canopen_control.bus.plugin import LocalBus
 from canopen_control.frame import EXTENDED_FLAG, REMOTE_FLAG, CanFrame, pack_records
+
+pytestmark = pytest.mark.process
 
 ROOT = Path(__file__).parents[2]
 
@@ -54,7 +56,7 @@ def test_frames_of_each_kind_go_both_ways(port, bus, frame, fields):
     bus.send(can.Message(**fields))
     assert receive(port, 1) == [frame]
     port.send(pack_records([frame]))
-    message = bus.recv(PATIENCE_S)
+    message = bus.recv(TIMEOUT_S)
     assert {name: getattr(message, name) for name in fields} == fields
     assert message.channel == "local:plug"
 
@@ -62,19 +64,19 @@ def test_frames_of_each_kind_go_both_ways(port, bus, frame, fields):
 def test_many_frames_arrive_in_order(port, bus):
     frames = [CanFrame(0x181, bytes([n])) for n in range(100)]
     port.send(pack_records(frames))
-    assert [bus.recv(PATIENCE_S).data[0] for _ in range(100)] == list(range(100))
+    assert [bus.recv(TIMEOUT_S).data[0] for _ in range(100)] == list(range(100))
     assert bus.recv(0) is None
 
 
 def test_filters_are_python_cans(port, bus):
     bus.set_filters([{"can_id": 0x182, "can_mask": 0x7FF}])
     port.send(pack_records([CanFrame(0x181), CanFrame(0x182)]))
-    assert bus.recv(PATIENCE_S).arbitration_id == 0x182
+    assert bus.recv(TIMEOUT_S).arbitration_id == 0x182
 
 
 def test_an_error_frame_is_told(port, bus):
     port.send(pack_records([bus_off_frame()]))
-    message = bus.recv(PATIENCE_S)
+    message = bus.recv(TIMEOUT_S)
     assert message.is_error_frame
     assert message.arbitration_id == 0x40
 
@@ -84,12 +86,12 @@ def test_own_messages_come_back_on_request_alone(port, bus):
     assert bus.recv(0) is None
     with LocalBus("local:plug", receive_own_messages=True) as loud:
         loud.send(can.Message(arbitration_id=6, is_extended_id=False))
-        assert loud.recv(PATIENCE_S).arbitration_id == 6
+        assert loud.recv(TIMEOUT_S).arbitration_id == 6
 
 
 def test_its_descriptor_is_readable_when_a_frame_waits(port, bus):
     port.send(pack_records([CanFrame(1)]))
-    assert select.select([bus], [], [], PATIENCE_S)[0]
+    assert select.select([bus], [], [], TIMEOUT_S)[0]
 
 
 def test_can_fd_is_refused_with_a_sentence(bus):
@@ -100,7 +102,7 @@ def test_can_fd_is_refused_with_a_sentence(bus):
 def test_a_dead_hub_is_a_can_error(port, bus):
     kill_hub("plug")
     with pytest.raises(can.CanOperationError, match="the hub process is gone"):
-        bus.recv(PATIENCE_S)
+        bus.recv(TIMEOUT_S)
     with pytest.raises(can.CanOperationError, match="the hub process is gone"):
         bus.send(can.Message(arbitration_id=1))
 

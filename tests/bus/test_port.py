@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from canopen_control.bus.port import EVENT_LIMIT, BusEvent, BusEventKind, EventLog, PortStats, whole_records
+from canopen_control.bus.port import PortStats, whole_records
 from canopen_control.errors import LocalProtocolError
 
 
@@ -20,19 +20,3 @@ def test_a_cut_record_is_the_callers_mistake():
 
 def test_counters_begin_at_zero():
     assert PortStats() == PortStats(rx=0, tx=0, lost=0, errors=0, queued=0)
-
-
-def test_events_come_once_and_in_order():
-    log = EventLog()
-    log.add(BusEventKind.DOWN, "gone")
-    log.extend([BusEvent(BusEventKind.UP, "back")])
-    assert [event.text for event in log.drain()] == ["gone", "back"]
-    assert log.drain() == []
-
-
-def test_an_owner_who_never_asks_costs_no_memory():
-    log = EventLog()
-    for number in range(EVENT_LIMIT + 5):
-        log.add(BusEventKind.OVERRUN, str(number))
-    events = log.drain()
-    assert (len(events), events[0].text) == (EVENT_LIMIT, "5")

@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
+import importlib.util
 import queue
 import select
 import threading
 
 import can
 import pytest
-from support.localbus import PATIENCE_S, receive
+from hypothesis import given
+from hypothesis import strategies as st
+from support.localbus import TIMEOUT_S, receive
 
 from canopen_control.bus.channel import open_port
 from canopen_control.bus.error_frames import passive_frame
-from canopen_control.bus.messages import message_of
 from canopen_control.bus.port import BusEventKind
-from canopen_control.bus.pythoncan import PythonCanPort, known_interfaces
-from canopen_control.errors import BusClosed, BusError, InterfaceNotFound, LocalProtocolError
-from canopen_control.frame import EXTENDED_FLAG, REMOTE_FLAG, CanFrame, pack_records
+from canopen_control.bus.pythoncan import _PACKAGES, PythonCanPort, known_interfaces, message_of, record_of
+from canopen_control.errors import BusClosed, BusError, ConfigError, InterfaceNotFound, LocalProtocolError
+from canopen_control.frame import ERROR_FLAG, EXTENDED_FLAG, REMOTE_FLAG, CanFrame, pack_records
 
 FRAMES = [
     CanFrame(0x181, b"\x01\x02"),
@@ -73,7 +75,7 @@ def pair():
 
 
 def wait_for_event(port):
-    assert select.select([port], [], [], PATIENCE_S)[0]
+    assert select.select([port], [], [], TIMEOUT_S)[0]
     port.receive()
     (event,) = port.events()
     return event
@@ -121,7 +123,7 @@ def test_the_writer_sends_in_order(scripted):
     bus, port = scripted
     frames = [CanFrame(0x200, bytes([n])) for n in range(50)]
     port.send(pack_records(frames))
-    assert [bus.sent.get(timeout=PATIENCE_S).data[0] for _ in frames] == list(range(50))
+    assert [bus.sent.get(timeout=TIMEOUT_S).data[0] for _ in frames] == list(range(50))
     port.flush()
     assert port.wants_write is False
 
@@ -131,10 +133,10 @@ def test_a_refused_frame_is_tried_again_and_the_trouble_told_once(scripted):
     for _ in range(2):
         bus.send_errors.put(can.CanOperationError("transmit buffer full"))
     port.send(pack_records(FRAMES[:1]))
-    assert bus.sent.get(timeout=PATIENCE_S).arbitration_id == FRAMES[0].can_id
+    assert bus.sent.get(timeout=TIMEOUT_S).arbitration_id == FRAMES[0].can_id
     events = []
     while not events or events[-1].kind is not BusEventKind.UP:
-        assert select.select([port], [], [], PATIENCE_S)[0]
+        assert select.select([port], [], [], TIMEOUT_S)[0]
         port.receive()
         events += port.events()
     assert [event.kind for event in events] == [BusEventKind.DOWN, BusEventKind.UP]
@@ -172,12 +174,53 @@ def test_an_unknown_interface_is_answered_with_the_known_ones():
         open_port("nosuchthing:0")
 
 
+@pytest.mark.process
 def test_a_driver_that_is_not_there_is_one_sentence():
-    with pytest.raises(BusError, match=r"bus slcan:/dev/nonexistent@125000: .*is its driver installed"):
-        open_port("slcan:/dev/nonexistent@125000")
+    with pytest.raises(BusError, match=r"bus pcan:PCAN_USBBUS1@125000: .*is its driver installed"):
+        open_port("pcan:PCAN_USBBUS1@125000")
+
+
+@pytest.mark.parametrize(("interface", "package"), [("slcan", "pyserial"), ("gs_usb", "gs-usb")])
+def test_a_package_that_an_adapter_needs_is_named(monkeypatch, interface, package):
+    found = importlib.util.find_spec
+    absent = ("serial", "gs_usb")
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name, *more: None if name in absent else found(name, *more))
+    with pytest.raises(ConfigError, match=f"{interface} needs {package}, which .*: pip install {package}"):
+        open_port(f"{interface}:/dev/nonexistent@125000")
+
+
+def test_every_package_that_is_asked_for_belongs_to_an_interface_there_is():
+    assert set(_PACKAGES) <= set(known_interfaces())
 
 
 def test_the_known_interfaces_leave_out_what_has_a_better_way_in():
     known = known_interfaces()
     assert {"virtual", "pcan", "slcan"} <= set(known)
     assert not {"socketcan", "canopen_control"} & set(known)
+
+
+frames = st.one_of(
+    st.builds(CanFrame, st.integers(0, 0x7FF), st.binary(max_size=8)),
+    st.builds(
+        lambda can_id, data: CanFrame(can_id | EXTENDED_FLAG, data), st.integers(0, 2**29 - 1), st.binary(max_size=8)
+    ),
+    st.builds(
+        lambda can_id, length: CanFrame(can_id | REMOTE_FLAG, bytes(length)), st.integers(0, 0x7FF), st.integers(0, 8)
+    ),
+    st.builds(
+        lambda classes, data: CanFrame(classes | ERROR_FLAG, data),
+        st.integers(0, 2**29 - 1),
+        st.binary(min_size=8, max_size=8),
+    ),
+)
+
+
+@given(frames)
+def test_a_frame_becomes_a_message_and_the_same_frame_again(frame):
+    message = message_of(frame, 12.5, "local:x")
+    assert record_of(message) == pack_records([frame])
+    assert (message.timestamp, message.channel) == (12.5, "local:x")
+
+
+def test_a_can_fd_message_has_no_record():
+    assert record_of(can.Message(arbitration_id=1, is_fd=True, data=bytes(12))) is None

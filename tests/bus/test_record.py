@@ -1,7 +1,11 @@
 import itertools
 import os
+import subprocess
+import sys
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from canopen_control.bus.error_frames import bus_off_frame, overrun_frame
 from canopen_control.bus.record import FORMATS, RecordedFrame, Recording, RecordingWriter, format_of
@@ -152,3 +156,63 @@ def test_frames_are_in_the_file_after_a_flush(tmp_path):
     assert path.read_text().endswith("can0 000#0103\n")
     writer.close()
     writer.close()
+
+
+@pytest.mark.process
+@pytest.mark.parametrize("suffix", [".log", ".asc", ".blf", ".trc"])
+def test_a_full_disk_is_said_with_the_file_and_what_is_in_it(tmp_path, suffix):
+    """In a process of its own, whose files may have no more than 100 kB: the kernel refuses as a full disk does."""
+    path = tmp_path / f"run{suffix}"
+    script = f"""
+import resource, signal
+from canopen_control.bus.record import RecordingWriter
+from canopen_control.errors import DiskFull
+from canopen_control.frame import CanFrame
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000))
+writer = RecordingWriter({str(path)!r}, "can0")
+try:
+    with writer:
+        for number in range(30_000):
+            writer.write(1_700_000_000_000_000_000 + number * 1_000_037, CanFrame(number % 0x7FF, number.to_bytes(8)))
+except DiskFull as error:
+    print(writer.written)
+    print(error)
+"""
+    done = subprocess.run(
+        [sys.executable, "-P", "-W", "error", "-c", script], capture_output=True, text=True, check=True
+    )
+    assert done.stderr == ""
+    count, sentence = done.stdout.splitlines()
+    assert sentence == f"{path}: File too large; {count} frames are in it"
+    assert int(count) == len(list(Recording(path))) > 100
+
+
+@pytest.fixture(scope="module")
+def recordings(tmp_path_factory):
+    """Return a good recording of each format as bytes."""
+    folder = tmp_path_factory.mktemp("good")
+    for suffix in FORMATS:
+        with RecordingWriter(folder / f"x{suffix}", "can0") as writer:
+            for number in range(40):
+                frame = CanFrame(0x180 + number % 8, number.to_bytes(2, "little"))
+                writer.write(1_700_000_000_000_000_000 + number * 1_000_000, frame)
+    return {suffix: (folder / f"x{suffix}").read_bytes() for suffix in FORMATS}
+
+
+ODD = (b"", b"\xff\xff\xff\xff", b"\0\0\0\0", b"-1", b"9" * 5000, b"nan", b"1e999", b"LOBJ", b"\n", b"(", b"#")
+
+
+@given(data=st.data())
+def test_whatever_is_changed_in_a_recording_it_is_read_or_said(recordings, tmp_path_factory, data):
+    suffix = data.draw(st.sampled_from(sorted(recordings)))
+    content = bytearray(recordings[suffix])
+    for _ in range(data.draw(st.integers(1, 4))):
+        at = data.draw(st.integers(0, len(content)))
+        content[at : at + data.draw(st.sampled_from((0, 1, 4, 60)))] = data.draw(st.sampled_from(ODD))
+    path = tmp_path_factory.mktemp("odd") / f"x{suffix}"
+    path.write_bytes(content)
+    recording = Recording(path)
+    count = len(list(recording))
+    assert count <= 200
+    assert count or recording.problem or recording.skipped

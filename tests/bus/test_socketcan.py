@@ -15,7 +15,7 @@ from support.error_frames import DRIVER_FRAMES, NAMES
 
 from canopen_control.bus.error_frames import overrun_frame
 from canopen_control.bus.port import BusEventKind
-from canopen_control.bus.sendqueue import SEND_LIMIT
+from canopen_control.bus.port_parts import SEND_LIMIT
 from canopen_control.bus.socketcan import SocketCanPort, open_socketcan
 from canopen_control.errors import BusClosed, BusError, InterfaceDown, InterfaceNotFound, LocalProtocolError
 from canopen_control.frame import CanFrame, frames_of, pack_records
@@ -236,7 +236,7 @@ def filters(bench):
 
 
 def test_the_kernel_is_told_which_identifiers_are_wanted_and_only_when_they_change(bench):
-    bench.port.hear([0x703, 0x80, 0x40000703, 0x90000001])
+    bench.port.set_filter([0x703, 0x80, 0x40000703, 0x90000001])
     assert filters(bench) == [
         (0x80, 0xC00007FF),
         (0x703, 0xC00007FF),
@@ -244,14 +244,14 @@ def test_the_kernel_is_told_which_identifiers_are_wanted_and_only_when_they_chan
         (0x90000001, 0xDFFFFFFF),
     ]
     del bench.socket.options[101, 1]
-    bench.port.hear({0x80, 0x90000001, 0x40000703, 0x703})
+    bench.port.set_filter({0x80, 0x90000001, 0x40000703, 0x703})
     assert bench.socket.options == {}
-    bench.port.hear([])
+    bench.port.set_filter([])
     assert filters(bench) == []
 
 
 def test_the_wanted_identifiers_are_wanted_of_the_interface_made_again_too(bench):
-    bench.port.hear([0x703])
+    bench.port.set_filter([0x703])
     del bench.socket.options[101, 1]
     bench.socket.incoming = [failure(errno.ENODEV)]
     bench.received()
@@ -317,9 +317,9 @@ def test_a_kernel_that_says_no_time_is_helped_out_with_the_time_of_reading(bench
 
 
 def test_more_identifiers_than_the_kernel_can_choose_are_all_of_eleven_bits(bench):
-    bench.port.hear(range(513))
+    bench.port.set_filter(range(513))
     assert filters(bench) == [(0, 0x80000000)]
-    bench.port.hear(range(512))
+    bench.port.set_filter(range(512))
     assert len(filters(bench)) == 512
 
 

@@ -3,6 +3,7 @@ from __future__ import annotations
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 from support.services import MS, frame, vectors
 
 from canopen_control.cia301.abort import AbortCode
@@ -57,11 +58,97 @@ LENGTH_ERRORS = ["083#1082110000000000", "083#2082110000000000", vectors()["sync
 
 
 @pytest.mark.parametrize("text", LENGTH_ERRORS)
-def test_a_report_shows_its_register_bits_once(text):
+def test_a_report_is_taken_back_at_once(text):
+    producer, code = EmcyProducer(3), int.from_bytes(frame(text).data[:2], "little")
+    producer.report(code, 0, register=COMMUNICATION)
+    assert producer.frames() == [frame(text), frame("083#0000000000000000")]
+    assert (producer.error_register, producer.active, producer.history) == (0, (), (code,))
+
+
+def test_a_report_of_what_is_active_already_says_and_clears_nothing():
     producer = EmcyProducer(3)
-    producer.report(int.from_bytes(frame(text).data[:2], "little"), 0, register=COMMUNICATION)
-    assert producer.frames() == [frame(text)]
-    assert (producer.error_register, producer.active) == (0, ())
+    producer.raise_error(0x8110, COMMUNICATION, 0)
+    producer.frames()
+    producer.report(0x8110, 1, register=COMMUNICATION)
+    assert (producer.frames(), producer.active) == ([], (0x8110,))
+
+
+class Line(RuleBasedStateMachine):
+    """A producer and who hears it: register, history, frames and what the consumer keeps never disagree."""
+
+    def __init__(self):
+        super().__init__()
+        self.producer, self.consumer, self.raised = EmcyProducer(3, history_size=64), EmcyConsumer(3), []
+
+    def hear(self):
+        for sent in self.producer.frames():
+            self.consumer.receive(sent, 0)
+
+    @rule(code=st.integers(0x1000, 0x1007), bit=st.integers(1, 7))
+    def an_error_comes(self, code, bit):
+        if self.producer.raise_error(code, 1 << bit, 0):
+            self.raised.append(code)
+
+    @rule(code=st.integers(0x1000, 0x1007))
+    def an_error_goes(self, code):
+        self.producer.clear_error(code, 0)
+
+    @rule(code=st.integers(0x2000, 0x2003), bit=st.integers(1, 7))
+    def something_happens(self, code, bit):
+        self.producer.report(code, 0, register=1 << bit)
+        self.raised.append(code)
+
+    @rule()
+    def all_is_well(self):
+        for code in self.producer.active:
+            self.producer.clear_error(code, 0)
+
+    @invariant()
+    def one_truth(self):
+        self.hear()
+        assert self.consumer.register == self.producer.error_register
+        assert set(self.consumer.active) >= set(self.producer.active)
+        assert bool(self.consumer.active) == bool(self.producer.active)
+        assert self.producer.history == tuple(reversed(self.raised[-64:]))
+
+
+TestOneTruth = Line.TestCase
+
+
+def test_a_consumer_forgets_what_a_later_error_shows_gone():
+    consumer = EmcyConsumer(3)
+    for text in ("083#1082110000000000", "083#1042090000000000"):  # 0x8210 with bit 4, then 0x4210 without it
+        consumer.receive(frame(text), 0)
+    assert consumer.active == (0x4210,)
+
+
+def test_an_error_that_comes_again_with_another_bit_is_not_forgotten_with_the_first():
+    producer, consumer = EmcyProducer(3), EmcyConsumer(3)
+    producer.raise_error(0x1000, 1 << 1, 0)
+    producer.raise_error(0x1001, 1 << 1, 0)
+    producer.raise_error(0x1002, 1 << 2, 0)
+    producer.clear_error(0x1000, 0)  # nobody but the node can tell that it was this one
+    producer.raise_error(0x1000, 1 << 2, 0)
+    producer.clear_error(0x1001, 0)
+    for sent in producer.frames():
+        consumer.receive(sent, 0)
+    assert set(consumer.active) == set(producer.active) == {0x1000, 0x1002}
+
+
+def test_an_error_that_is_said_once_more_goes_with_its_own_bits():
+    consumer = EmcyConsumer(3)
+    for text in ("083#1042090000000000", "083#2042190000000000", "083#1042190000000000", "083#0000110000000000"):
+        consumer.receive(frame(text), 0)
+    assert consumer.active == (0x4220,)
+
+
+def test_an_error_without_any_bit_stays_until_an_error_reset():
+    consumer = EmcyConsumer(3)
+    for text in ("083#1082000000000000", "083#1042000000000000"):
+        consumer.receive(frame(text), 0)
+    assert consumer.active == (0x8210, 0x4210)
+    consumer.receive(frame("083#0000000000000000"), 0)
+    assert consumer.active == ()
 
 
 def test_a_cleared_error_says_what_remains():
@@ -72,8 +159,7 @@ def test_a_cleared_error_says_what_remains():
     assert producer.clear_error(0x8611, 1)
     assert not producer.clear_error(0x8611, 2)
     assert producer.frames() == [frame("083#0000110000000000")]
-    producer.clear_all(3)
-    producer.clear_all(4)
+    assert producer.clear_error(0x8130, 3)
     assert producer.frames() == [frame("083#0000000000000000")]
     assert producer.error_register == 0
 
@@ -81,7 +167,7 @@ def test_a_cleared_error_says_what_remains():
 def test_the_inhibit_time_spaces_messages_to_the_nanosecond_and_keeps_their_order():
     producer = EmcyProducer(3, inhibit_ns=100)
     for code in (0x1000, 0x2000, 0x3000):
-        producer.report(code, 0)
+        producer.raise_error(code, 1, 0)
     assert [f.data[1] for f in producer.frames()] == [0x10]
     assert producer.next_deadline() == 100
     producer.tick(99)
@@ -90,7 +176,7 @@ def test_the_inhibit_time_spaces_messages_to_the_nanosecond_and_keeps_their_orde
     assert ([f.data[1] for f in producer.frames()], producer.next_deadline()) == ([0x20], 200)
     producer.tick(500)
     assert ([f.data[1] for f in producer.frames()], producer.next_deadline()) == ([0x30], None)
-    producer.report(0x4000, 550)
+    producer.raise_error(0x4000, 1, 550)
     assert producer.frames() == []
     producer.tick(600)
     assert len(producer.frames()) == 1
@@ -98,8 +184,8 @@ def test_the_inhibit_time_spaces_messages_to_the_nanosecond_and_keeps_their_orde
 
 def test_a_flood_within_the_inhibit_time_is_bounded_and_counted():
     producer = EmcyProducer(3, inhibit_ns=100, queue_limit=4)
-    for _ in range(50):
-        producer.report(0x1000, 0)
+    for code in range(50):
+        producer.raise_error(0x1000 + code, 1, 0)
     assert producer.lost == 45
     producer.tick(10**9)
     assert len(producer.frames()) == 2  # the first, and one of those that waited
@@ -107,7 +193,7 @@ def test_a_flood_within_the_inhibit_time_is_bounded_and_counted():
 
 def test_the_history_is_newest_first_bounded_and_cleared_by_zero_only():
     producer = EmcyProducer(3, history_size=2)
-    producer.report(0x1000, 0)
+    producer.raise_error(0x1000, 1, 0)
     producer.report(0x8611, 0, b"\x34\x12\xff")
     producer.report(0x8130, 0)
     assert producer.history == (0x00008130, 0x12348611)
@@ -121,7 +207,7 @@ def test_the_history_is_newest_first_bounded_and_cleared_by_zero_only():
 def test_error_reset_is_not_in_the_history():
     producer = EmcyProducer(3)
     producer.raise_error(0x1000, 1, 0)
-    producer.clear_all(0)
+    producer.clear_error(0x1000, 0)
     assert producer.history == (0x1000,)
 
 
@@ -136,8 +222,8 @@ def test_what_may_not_be_sent_reaches_register_and_history_only(switch):
 
 def test_waiting_messages_are_dropped_where_the_state_carries_none():
     producer = EmcyProducer(3, inhibit_ns=100)
-    producer.report(0x1000, 0)
-    producer.report(0x2000, 0)
+    producer.raise_error(0x1000, 1, 0)
+    producer.raise_error(0x2000, 1, 0)
     producer.allowed = False
     producer.tick(100)
     assert len(producer.frames()) == 1

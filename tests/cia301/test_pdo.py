@@ -16,7 +16,6 @@ from canopen_control.cia301.pdo import (
     is_cyclic,
     is_event_driven,
     is_reserved,
-    is_synchronous,
     mapping_entry,
     parse_mapping_entry,
 )
@@ -226,7 +225,6 @@ def test_cob_id_entries_are_the_vectors_both_ways(vector):
         vector["extended"],
         int(vector["can_id"], 16),
     )
-    assert parameters.cob_id_value() == value
 
 
 def test_times_are_in_nanoseconds():
@@ -236,6 +234,5 @@ def test_times_are_in_nanoseconds():
 
 def test_transmission_types():
     assert [t for t in range(-1, 257) if is_reserved(t)] == [-1, *range(241, 252), 256]
-    assert [t for t in range(256) if is_synchronous(t)] == [*range(241), 252]
     assert [t for t in range(256) if is_cyclic(t)] == list(range(1, 241))
     assert [t for t in range(256) if is_event_driven(t)] == [254, 255]

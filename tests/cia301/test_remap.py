@@ -126,12 +126,18 @@ def test_writes_to_the_communication_record_of_a_tpdo(subindex, value, present, 
     assert rules(is_tpdo=True).check_communication(subindex, value, present) is answer
 
 
-def test_a_device_without_rtr_keeps_bit_30():
-    strict = rules(rtr_supported=False)
+def test_a_device_without_rtr_keeps_bit_30_of_its_tpdos():
+    strict = rules(is_tpdo=True, rtr_supported=False)
     assert strict.check_communication(1, 0x00000203, INVALID) is BAD
     assert strict.check_communication(1, 0x80000203, VALID) is BAD
     assert strict.check_communication(1, 0xC0000203, VALID) is None
     assert rules(extended_supported=True).check_communication(1, 0x60012345, INVALID) is None
+
+
+@pytest.mark.parametrize("value", [0x00000203, 0x40000203, 0x80000203, 0xC0000203])
+def test_bit_30_of_an_rpdo_means_nothing(value):
+    for present in (VALID, INVALID, PdoParameters(0x203), PdoParameters(0x203, enabled=False)):
+        assert rules(rtr_supported=False).check_communication(1, value, present) is None
 
 
 @pytest.mark.parametrize(

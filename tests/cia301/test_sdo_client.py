@@ -6,7 +6,8 @@ from support.sdo import MS, NODE, SECOND, Line, MemoryStore, frame
 from canopen_control.cia301.abort import AbortCode
 from canopen_control.cia301.sdo_client import SdoClient, SdoOptions
 from canopen_control.cia301.sdo_server import SdoServer
-from canopen_control.errors import BusClosed, LocalProtocolError, SdoAbort, SdoTimeout
+from canopen_control.errors import BusClosed, LocalProtocolError, SdoAbort, SdoLengthError, SdoTimeout
+from canopen_control.od.model import DataType, Entry
 
 HALF = 500 * MS
 
@@ -351,32 +352,62 @@ class TestBusy:
         assert (said(client), client.next_deadline()) == ([], None)
 
 
+ENTRIES = {
+    (0x6041, 0): Entry(0x6041, 0, "Statusword", DataType.UNSIGNED16),
+    (0x6060, 0): Entry(0x6060, 0, "Modes of operation", DataType.INTEGER8),
+    (0x1008, 0): Entry(0x1008, 0, "Name", DataType.VISIBLE_STRING),
+}
+
+
 class TestLengths:
+    @pytest.fixture
+    def client(self):
+        return SdoClient(NODE, name="left", entry_of=lambda *address: ENTRIES.get(address))
+
     def test_an_answer_without_a_length_is_cut_to_what_is_known(self, client):
-        request = client.read(0x6041, size=2, now=0)
+        request = client.read(0x6041, now=0)
         client.frames()
         hear(client, "583#4241600040060000")
         assert request.data == b"\x40\x06"
 
     def test_an_answer_without_a_length_has_four_bytes(self, client):
-        request = client.read(0x6041, now=0)
+        request = client.read(0x6042, now=0)
         client.frames()
-        hear(client, "583#4241600040060000")
+        hear(client, "583#4242600040060000")
         assert request.data == b"\x40\x06\0\0"
 
-    @pytest.mark.parametrize(("answer", "code"), [("43", 0x06070012), ("4F", 0x06070013)])
-    def test_an_answer_of_another_length_is_an_error(self, client, answer, code):
-        request = client.read(0x6041, size=2, now=0)
+    @pytest.mark.parametrize(
+        ("answer", "words"),
+        [
+            ("583#4F41600050000000", "node 3 (left): 0x6041:00 Statusword: answered 1 byte (50), UNSIGNED16 has 2"),
+            ("583#4341600050060100", "answered 4 bytes (50 06 01 00), UNSIGNED16 has 2"),
+        ],
+    )
+    def test_an_answer_of_another_length_is_an_error_and_the_next_one_counts(self, client, answer, words):
+        request, following = client.read(0x6041, now=0), client.read(0x6041)
         client.frames()
-        hear(client, f"583#{answer}41600040060000")
-        assert request.error.code == code
-
-    def test_a_lenient_client_fills_up_with_zeros(self):
-        client = SdoClient(NODE, options=SdoOptions(lenient=True))
-        request = client.read(0x6041, size=4, now=0)
+        hear(client, answer)
+        assert isinstance(request.error, SdoLengthError)
+        assert words in str(request.error)
         client.frames()
         hear(client, "583#4B41600040060000")
-        assert (request.error, request.data) == (None, b"\x40\x06\0\0")
+        assert (following.error, following.data) == (None, b"\x40\x06")
+
+    def test_a_device_that_answers_everything_in_four_bytes_is_understood(self, client):
+        for answer, index, data in (
+            ("583#4341600040060000", 0x6041, b"\x40\x06"),
+            ("583#43606000FFFFFFFF", 0x6060, b"\xff"),
+        ):
+            request = client.read(index, now=0)
+            client.frames()
+            hear(client, answer)
+            assert (request.error, request.data) == (None, data)
+
+    def test_what_has_no_fixed_length_is_not_judged(self, client):
+        request = client.read(0x1008, now=0)
+        client.frames()
+        hear(client, "583#4F08100041000000")
+        assert (request.error, request.data) == (None, b"A")
 
     def test_an_object_over_the_limit_is_refused(self):
         client = SdoClient(NODE, options=SdoOptions(max_size=100))

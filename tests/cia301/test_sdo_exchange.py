@@ -113,3 +113,28 @@ def test_a_block_upload_answered_plainly_is_a_plain_upload():
     client.frames()
     client.receive(frame("583#4318100186020000"), 0)
     assert request.data == b"\x86\2\0\0"
+
+
+def test_each_answer_leads_to_the_phase_that_has_a_name(exchange):
+    def phase(data=""):
+        exchange.out.clear()
+        if data:
+            exchange.receive(bytes.fromhex(data), 1)
+        return type(exchange.phase).__name__
+
+    assert phase() == "Phase"
+    exchange.start(SdoRequest(0x2000, 0, None, HALF), 0)
+    assert phase() == "AwaitingUpload"
+    assert phase("4100200009000000") == "Transferring"
+    exchange.cancel(BusClosed("vcan0"))  # its answer is still owed: the object is in quarantine
+    exchange.start(SdoRequest(0x2000, 0, None, HALF), 2)
+    assert phase() == "Probing"
+    assert phase("80001000 00000206") == "AwaitingUpload"
+    assert phase("80002000 21000008") == "Pausing"
+    exchange.tick(exchange.deadline)
+    assert phase() == "AwaitingUpload"
+    assert phase("80002000 00000206") == "Phase"
+    exchange.start(SdoRequest(0x2001, 0, bytes(9), HALF, True), 3)
+    assert phase() == "AwaitingBlockDownload"
+    assert phase("80012000 01000405") == "AwaitingDownload"  # the server knows no blocks: in segments then
+    assert exchange.block_supported is False

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from canopen_control.cia301.sdo_initiate import completed, fitted, initiate
+from canopen_control.cia301.sdo_initiate import completed, initiate, initiate_block
 from canopen_control.cia301.sdo_request import SdoOptions, SdoRequest
 
 OPTIONS = SdoOptions()
@@ -10,6 +10,10 @@ OPTIONS = SdoOptions()
 
 def request(length=None):
     return SdoRequest(0x2001, 2, None if length is None else bytes(length), 1)
+
+
+def begin(request, options, block):
+    return initiate_block(request, options) if block else initiate(request, options)
 
 
 @pytest.mark.parametrize(
@@ -25,7 +29,7 @@ def request(length=None):
     ],
 )
 def test_the_first_frame(length, block, first):
-    assert initiate(request(length), OPTIONS, block)[1].hex().upper() == first
+    assert begin(request(length), OPTIONS, block).hex().upper() == first
 
 
 @pytest.mark.parametrize(
@@ -34,7 +38,7 @@ def test_the_first_frame(length, block, first):
 )
 def test_the_first_frame_of_a_client_that_offers_nothing(length, block, first):
     options = SdoOptions(announce_size=False, crc=False)
-    data = initiate(request(length), options, block)[1]
+    data = begin(request(length), options, block)
     assert data[0] == int(first, 16)
     assert data[4:] in (bytes(4), b"\x7f\0\0\0")
 
@@ -59,18 +63,3 @@ def test_the_first_frame_of_a_client_that_offers_nothing(length, block, first):
 def test_a_cut_frame_is_whole_if_no_byte_that_counts_is_missing(data, whole):
     filled = completed(bytes.fromhex(data))
     assert filled == (bytes.fromhex(data).ljust(8, b"\0") if whole else b"")
-
-
-@pytest.mark.parametrize(
-    ("length", "size", "sized", "lenient", "result"),
-    [
-        (2, 2, True, False, (2, 0)),
-        (4, 2, False, False, (2, 0)),
-        (4, 2, True, False, (2, 0x06070012)),
-        (2, 4, True, False, (4, 0x06070013)),
-        (2, 4, True, True, (4, 0)),
-    ],
-)
-def test_what_is_read_is_fitted_to_what_is_known(length, size, sized, lenient, result):
-    data, code = fitted(bytes(length), size, sized, lenient)
-    assert (len(data), code) == result

@@ -63,7 +63,7 @@ def test_no_sequence_of_frames_breaks_the_client(steps):
             assert len(client._exchange.out) <= 140
         else:
             operate(client, step, now)
-        transfer = client._exchange._transfer
+        transfer = client._exchange.phase.transfer
         assert transfer is None or len(transfer.result) <= 60
     assert_usable(client, SdoServer(NODE, MemoryStore({(0x2000, 0): b"old"})), now)
 

@@ -3,7 +3,7 @@ from __future__ import annotations
 import pytest
 
 from canopen_control.cia301.abort import AbortCode
-from canopen_control.cia301.sdo_request import Patience, SdoOptions, SdoRequest
+from canopen_control.cia301.sdo_request import RetryBudget, SdoOptions, SdoRequest
 from canopen_control.errors import LocalProtocolError
 
 MS = 1_000_000
@@ -28,18 +28,18 @@ def test_a_write_of_nothing_is_a_write():
 
 
 def test_timeouts_and_toggle_errors_are_counted_apart():
-    patience = Patience(1)
-    timeouts = [patience.has_try(AbortCode.TIMED_OUT) for _ in range(2)]
-    toggles = [patience.has_try(AbortCode.TOGGLE_NOT_ALTERNATED) for _ in range(3)]
+    budget = RetryBudget(1)
+    timeouts = [budget.has_try(AbortCode.TIMED_OUT) for _ in range(2)]
+    toggles = [budget.has_try(AbortCode.TOGGLE_NOT_ALTERNATED) for _ in range(3)]
     assert (timeouts, toggles) == ([True, False], [True, True, False])
-    assert not patience.has_try(AbortCode.NO_OBJECT)
+    assert not budget.has_try(AbortCode.NO_OBJECT)
 
 
 def test_the_pause_never_leaves_the_time_for_it():
-    patience = Patience(1)
+    budget = RetryBudget(1)
     now, pauses = 0, []
-    while (until := patience.pause(AbortCode.DEVICE_STATE, 3000 * MS, now)) is not None:
+    while (until := budget.pause(AbortCode.DEVICE_STATE, 3000 * MS, now)) is not None:
         pauses.append((until - now) // MS)
         now = until
     assert pauses == [20, 40, 80, 160, 320, 500, 500, 500, 500]
-    assert patience.pause(AbortCode.NO_OBJECT, 3000 * MS, now) is None
+    assert budget.pause(AbortCode.NO_OBJECT, 3000 * MS, now) is None

@@ -24,7 +24,6 @@ from canopen_control.cia301.nmt import NmtCommand, NmtMaster, NmtSlave, NmtState
 from canopen_control.cia301.pdo import PdoParameters
 from canopen_control.cia301.rpdo import RpdoConsumer
 from canopen_control.cia301.sync import SyncConsumer, SyncProducer
-from canopen_control.cia301.time_of_day import TimeConsumer
 from canopen_control.cia301.tpdo import TpdoProducer
 from canopen_control.frame import CanFrame
 
@@ -113,7 +112,6 @@ CORES = [
     lambda: SyncConsumer(overflow=4, period_ns=MS),
     emcy_producer,
     lambda: EmcyConsumer(3, active_limit=4),
-    TimeConsumer,
     tpdo,
     rpdo,
     lambda: LssSlave(IDENTITY),
@@ -182,10 +180,10 @@ def test_memory_is_bounded_when_nobody_drains(make):
 
 
 def test_the_scale_sees_a_core_that_grows():
-    class Growing(TimeConsumer):
+    class Growing(SyncConsumer):
         """Keeps every frame, as no core may."""
 
-        __module__ = TimeConsumer.__module__
+        __module__ = SyncConsumer.__module__
 
         def receive(self, frame, now):
             self.__dict__.setdefault("kept", []).append(frame)

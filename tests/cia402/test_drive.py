@@ -749,6 +749,15 @@ def test_local_control_is_told_when_it_begins_and_ends_but_not_while_the_drive_s
     assert [type(event) for event in starting.events()] == [StateChanged]
 
 
+def test_a_drive_that_never_sets_bit_9_is_taken_as_it_is_where_that_is_asked_for():
+    machine = DriveMachine("x", ignore_remote=True)
+    machine.enable()
+    assert [machine.update(word, None, now) for now, word in enumerate((0x40, 0x21, 0x23))] == [0x06, 0x07, 0x0F]
+    assert machine.update(0x27, None, 3) == 0x0F
+    assert machine.remote
+    assert not [event for event in machine.events() if isinstance(event, ControlChanged)]
+
+
 # -- the cycle
 
 

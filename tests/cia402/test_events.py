@@ -47,6 +47,11 @@ SAID = [
         "no longer enabled, now SWITCHED_ON (statusword 0x0233); enable to go on",
     ),
     (EnableLost(1, None, None), "no longer enabled, now unknown (no statusword); enable to go on"),
+    (EnableLost(1, None, 0x0001), "no longer enabled, now unknown (statusword 0x0001); enable to go on"),
+    (
+        EnableLost(1, State.OPERATION_ENABLED, 0x0237),
+        "being disabled, still OPERATION_ENABLED (statusword 0x0237); enable to go on",
+    ),
     (
         ControlChanged(1, 0x0040),
         "under local control, controlword may be ignored (statusword 0x0040, bit 9 is 0)",

@@ -1,7 +1,11 @@
 from __future__ import annotations
 
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
 from canopen_control.cia402.events import ModeConfirmed, ModeTimedOut
-from canopen_control.cia402.mode_request import ModeRequest
+from canopen_control.cia402.mode_request import CONFIRMED, FAILED, TABLE, ModeRequest, ModeState, ModeTrigger
 
 
 def test_nothing_asked_for_is_confirmed_whatever_the_display_shows():
@@ -68,3 +72,52 @@ def test_a_drive_that_was_gone_confirms_again():
     request.forget_display()
     assert not request.confirmed
     assert request.update(8, 1000) == ModeConfirmed(1000, 8)
+
+
+def test_every_state_and_every_trigger_has_its_rows_and_can_be_reached():
+    assert set(TABLE) == set(ModeState)
+    reached = {ModeState.NONE}
+    for _ in ModeState:
+        reached |= {after for state in reached for after in TABLE[state].values()}
+    assert reached == set(ModeState)
+    assert {trigger for rows in TABLE.values() for trigger in rows} == set(ModeTrigger)
+
+
+@pytest.mark.parametrize("state", ModeState)
+def test_only_what_0x6061_shows_or_an_ask_for_what_it_shows_confirms(state):
+    for trigger, after in TABLE[state].items():
+        if after in CONFIRMED and state not in CONFIRMED:
+            assert trigger in (ModeTrigger.SHOWN, ModeTrigger.OVERDUE_STAYED)
+        if state in FAILED and after not in FAILED:
+            assert trigger in (ModeTrigger.ASK, ModeTrigger.ASK_AGAIN), "until somebody asks again"
+    assert TABLE[state][ModeTrigger.ASK] is ModeState.ASKED
+
+
+STEPS = st.one_of(
+    st.tuples(st.just("ask"), st.integers(1, 3)),
+    st.tuples(st.just("show"), st.none() | st.integers(0, 3)),
+    st.just(("gone", None)),
+)
+
+
+@given(st.lists(st.tuples(STEPS, st.integers(0, 60)), max_size=60))
+def test_a_confirmed_mode_is_the_one_that_0x6061_showed_last(steps):
+    request, now, display, asked = ModeRequest(100), 0, None, set()
+    for (what, value), passed in steps:
+        now += passed
+        if what == "ask":
+            asked.add(value)
+            before = request.mode
+            assert request.ask(value) is (value != before)
+            assert not request.failed
+        elif what == "gone":
+            display = None
+            request.forget_display()
+        else:
+            display = value
+            event = request.update(display, now)
+            assert request.failed or not isinstance(event, ModeTimedOut)
+            assert request.state in CONFIRMED + FAILED or request.deadline > now
+        assert request.mode is None or request.mode in asked
+        assert (request.mode is None) is (request.state in (ModeState.NONE, ModeState.REFUSED))
+        assert request.confirmed <= (request.mode in (None, display))

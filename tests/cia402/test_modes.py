@@ -84,3 +84,16 @@ def test_bit_10_means_nothing_in_the_cyclic_modes():
         assert 12 in MODE_BITS[mode].statusword
     assert 13 in MODE_BITS[OperationMode.CSP].statusword
     assert MODE_BITS[OperationMode.VL].statusword == {}
+
+
+def is_refused(mode, listed):
+    try:
+        require_mode(mode, listed)
+    except UnsupportedMode:
+        return True
+    return False
+
+
+def test_a_drive_that_lists_no_mode_is_not_judged():
+    assert is_refused(8, (OperationMode.PP,))
+    assert not is_refused(8, ())

@@ -1,15 +1,12 @@
-"""The verb `bench`: exit codes, files, which families."""
+"""The verb `bench`: its options are those of the package that measures, and a sentence where that is missing."""
 
 import argparse
-import json
+import sys
 
 import pytest
-from support.benches import MACHINE
 
-from canopen_control.bench.figure import compared, limited
-from canopen_control.bench.runner import FAMILIES, Report
 from canopen_control.cli import bench
-from canopen_control.errors import ConfigError
+from canopen_control.cli.main import main
 
 
 def parse(*words):
@@ -18,72 +15,31 @@ def parse(*words):
     return parser.parse_args(words)
 
 
-@pytest.fixture
-def measured(monkeypatch):
-    """Families that measure at once: one ratio, one limit, as many as asked for."""
-    asked = []
-    monkeypatch.setattr(bench.signal, "signal", lambda number, handler: None)
-
-    def run_families(names, options):
-        asked[:] = names
-        measured.options = options
-        figures = [
-            compared("ratio", "us", [(measured.ratio, 1)], peer_name="p", limit=0.5),
-            limited("n", "", [2], limit=1),
-        ]
-        return Report(MACHINE, {"cycle": figures}, options.quick)
-
-    monkeypatch.setattr(bench, "run_families", run_families)
-    measured.ratio = 0.4
-    measured.asked = asked
-    return measured
-
-
-def test_check_fails_on_a_limit_and_says_which(measured, capsys):
-    assert bench.run(parse()) == 0
-    assert bench.run(parse("--check")) == 1
-    assert "short: n: 2, must be at most 1" in capsys.readouterr().err
-
-
-def test_a_quick_check_fails_on_ratios_only(measured):
-    assert bench.run(parse("--quick", "--check")) == 0
-    measured.ratio = 0.6
-    assert bench.run(parse("--quick", "--check")) == 1
-
-
-def test_families_are_chosen(measured):
-    for words, names in (((), ["cycle"]), (("all",), [*FAMILIES]), (("--quick",), [*FAMILIES])):
-        bench.run(parse(*words))
-        assert measured.asked == names
-
-
-def test_the_machine_is_left_as_it_is_only_where_that_is_asked_for(measured):
-    for words, as_is in (((), False), (("--as-is",), True)):
-        bench.run(parse(*words))
-        assert measured.options.as_is is as_is
-
-
-def test_a_file_that_cannot_be_written_is_refused_before_anything_is_measured(measured, tmp_path):
-    for path in (tmp_path / "none" / "b.json", tmp_path):
-        with pytest.raises(ConfigError, match="cannot be written"):
-            bench.run(parse("--json", str(path)))
-    assert measured.asked == []
-
-
-def test_json_goes_to_a_file(measured, tmp_path):
-    bench.run(parse("--json", str(tmp_path / "b.json")))
-    assert json.loads((tmp_path / "b.json").read_text())["figures"]["cycle"][1]["ours"] == 2
-
-
-def test_an_unknown_family_is_a_usage_error():
+def test_options_and_families_are_those_of_the_bench(capsys):
+    assert parse("cycle", "--quick").family == ["cycle"]
     with pytest.raises(SystemExit):
-        parse("speed")
+        parse("--help")
+    assert "two drives: CPU, lateness" in capsys.readouterr().out
 
 
-def test_without_root_going_before_others_is_refused_in_a_sentence(measured, monkeypatch):
-    def refuse(*_):
-        raise PermissionError
+def test_it_runs_what_the_bench_runs(monkeypatch):
+    from canopen_control_bench import command
 
-    monkeypatch.setattr(bench.os, "setpriority", refuse)
-    with pytest.raises(ConfigError, match="only root may go before others"):
-        bench.run(parse("--nice", "-5"))
+    monkeypatch.setattr(command, "run", lambda args: 7 if args.quick else 0)
+    assert main(["bench", "--quick"]) == 7
+
+
+def test_without_the_package_a_sentence_says_where_it_is(monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "canopen_control_bench", None)
+    assert main(["bench", "cycle"]) == 2
+    said = capsys.readouterr().err
+    assert "not installed here" in said
+    assert "tools/bench" in said
+
+
+def test_a_module_that_the_bench_itself_misses_is_not_taken_for_the_bench(monkeypatch):
+    monkeypatch.delitem(sys.modules, "canopen_control_bench.command", raising=False)
+    monkeypatch.delattr("canopen_control_bench.command", raising=False)
+    monkeypatch.setitem(sys.modules, "canopen_control_bench.runner", None)
+    with pytest.raises(ModuleNotFoundError, match="runner"):
+        parse()

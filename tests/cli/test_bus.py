@@ -11,7 +11,10 @@ from support.localbus import receive, runtime_folders
 from canopen_control.bus import link as links
 from canopen_control.bus.local import open_local
 from canopen_control.cli.main import main
+from canopen_control.cli.support.node_names import KnownNode
 from canopen_control.frame import CanFrame, frames_of, pack_records
+
+pytestmark = pytest.mark.process
 
 VCAN0 = links.Link("vcan0", "vcan", is_up=True, traffic={"rx_packets": 3, "rx_dropped": 0})
 CAN0 = links.Link("can0", "can", is_up=False, state="BUS-OFF", bitrate=500_000, error_counters=(248, 0))
@@ -20,7 +23,7 @@ CAN0 = links.Link("can0", "can", is_up=False, state="BUS-OFF", bitrate=500_000, 
 @pytest.fixture(autouse=True)
 def runtime(monkeypatch):
     monkeypatch.setattr(links, "list_links", lambda run=None: [VCAN0, CAN0])
-    monkeypatch.setattr("canopen_control.cli.bus_interfaces.find_listeners", lambda name: [])
+    monkeypatch.setattr("canopen_control.cli.support.bus_interfaces.find_listeners", lambda name: [])
     with runtime_folders(monkeypatch.setenv) as folder:
         yield folder
 
@@ -116,7 +119,7 @@ def test_the_bit_rate_and_its_load(ports, capsys):
 @pytest.mark.parametrize(
     ("arguments", "code", "message"),
     [
-        (["status", "local:none"], 1, "bus local:none: nobody has it open"),
+        (["status", "local:none"], 2, "bus local:none: nobody has it open"),
         (["status", "virtual:x"], 2, "only local: buses and CAN interfaces can be looked at"),
         (["status", "can7"], 2, "no CAN interface 'can7'"),
         (["fault", "vcan0", "clear"], 2, "local: buses only"),
@@ -141,6 +144,49 @@ def test_a_label_that_is_not_there_is_answered_with_those_that_are(ports, capsys
     assert main(["bus", "fault", "local:cli", "cut", "right_drive"]) == 2
     assert "nobody called 'right_drive' on local:cli; there are: robot, left_drive" in capsys.readouterr().err
     assert list(frames_of(ports[0].receive())) == []
+
+
+@pytest.fixture
+def robby(monkeypatch):
+    """A robot runs on the bus, whose virtual drive is there as `drive 3`."""
+    known = [KnownNode("robby", "local:cli", 3, "left_drive", ("left_wheel_joint",))]
+    monkeypatch.setattr("canopen_control.cli.bus.known_nodes", lambda channel: known if channel == "local:cli" else [])
+    ports = [open_local("cli", label) for label in ("master", "drive 3")]
+    yield ports
+    for port in ports:
+        port.close()
+
+
+@pytest.mark.parametrize("word", ["left_drive", "left_wheel_joint", "3", "drive 3"])
+def test_a_virtual_drive_is_cut_by_every_name_that_its_user_knows(robby, word, capsys):
+    assert main(["bus", "fault", "local:cli", "cut", word]) == 0
+    assert main(["bus", "status", "local:cli"]) == 0
+    drive = next(line for line in capsys.readouterr().out.splitlines() if "drive 3" in line)
+    assert drive.split()[:3] == ["left_drive", "(drive", "3)"]
+    assert drive.endswith("cut")
+    assert main(["bus", "fault", "local:cli", "uncut", word]) == 0
+
+
+def test_a_drive_may_be_mended_after_its_process_has_gone(robby):
+    assert main(["bus", "fault", "local:cli", "cut", "left_drive"]) == 0
+    robby[1].close()
+    assert main(["bus", "fault", "local:cli", "uncut", "left_drive"]) == 0
+
+
+def test_delays_and_losses_are_told_by_these_names(robby, capsys):
+    assert main(["bus", "fault", "local:cli", "delay", "left_drive", "--ms", "3"]) == 0
+    assert main(["bus", "fault", "local:cli", "drop", "left_drive", "--count", "1"]) == 0
+    assert main(["bus", "status", "local:cli"]) == 0
+    said = capsys.readouterr().out
+    assert "delay of left_drive (drive 3): 3 ms" in said
+    assert "1 of 1" not in said
+    assert "from left_drive (drive 3), 0 of 1 lost" in said
+
+
+def test_who_is_not_there_is_answered_with_the_names_of_those_who_are(robby, capsys):
+    assert main(["bus", "fault", "local:cli", "cut", "right_drive"]) == 2
+    said = capsys.readouterr().err
+    assert "nobody called 'right_drive' on local:cli; there are: master, left_drive (drive 3)" in said
 
 
 def test_up_says_each_command(monkeypatch, capsys):

@@ -2,6 +2,7 @@
 
 import json
 
+import pytest
 from support.robots import copy_robby
 
 from canopen_control.cli.main import main
@@ -14,6 +15,14 @@ def test_a_good_robot_is_exit_code_0_with_its_bus_budget(capsys):
     assert lines[-2] == (
         "bus can: 775 to 935 bits in a cycle of 20 ms, load 4.9% of 1000 kbit/s, shortest possible period 0.94 ms"
     )
+
+
+@pytest.mark.parametrize("options", [["--no-drives"], ["--name", "x"]])
+def test_what_only_means_something_to_run_is_no_option(options, capsys):
+    with pytest.raises(SystemExit) as stop:
+        main(["check", "robby", *options])
+    assert stop.value.code == 2
+    assert f"unrecognized arguments: {' '.join(options)}" in capsys.readouterr().err
 
 
 def test_a_cycle_that_cannot_fit_is_exit_code_2(tmp_path, capsys):
@@ -38,6 +47,17 @@ def test_as_json_every_finding_has_its_place_and_every_bus_its_figures(tmp_path,
     assert said["buses"] == {}
     assert main(["check", "robby", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["buses"]["can"]["worst_bits"] == 935
+
+
+def test_as_json_a_finding_and_a_budget_have_the_keys_that_scripts_know(tmp_path, capsys):
+    config = copy_robby(tmp_path, bus={"baudrate: 1000": "baudrate: 20"})
+    main(["check", str(config), "--json"])
+    finding = json.loads(capsys.readouterr().out)["findings"][0]
+    assert list(finding) == ["path", "line", "column", "severity", "text", "fix"]
+    main(["check", "robby", "--json"])
+    budget = json.loads(capsys.readouterr().out)["buses"]["can"]
+    assert (budget["period_s"], budget["shortest_period_s"], budget["fits"]) == (0.02, 0.000935, True)
+    assert budget["frames"][0] == {"name": "SYNC", "cob_id": 128, "length": 0, "per_cycle": 1.0}
 
 
 def test_a_caret_stands_below_the_mistake(tmp_path, capsys):

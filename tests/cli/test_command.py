@@ -7,26 +7,26 @@ FORWARD = "robby_forward_controller"
 
 
 def commands(robot):
-    joints = robot.status()["joints"]
-    return [joints[f"{side}_wheel_joint"]["command"] for side in ("left", "right")]
+    joints = robot.status().joints
+    return [joints[f"{side}_wheel_joint"].command for side in ("left", "right")]
 
 
 def test_values_reach_the_joints_and_zeros_follow(mock_robot):
     assert main(["command", FORWARD, "2", "3", "--for", "0.3"]) == 0
     assert eventually(lambda: commands(mock_robot) == [0.0, 0.0])
-    joints = mock_robot.status()["joints"]
-    assert joints["right_wheel_joint"]["position"] > joints["left_wheel_joint"]["position"] > 0.2
+    joints = mock_robot.status().joints
+    assert joints["right_wheel_joint"].position > joints["left_wheel_joint"].position > 0.2
 
 
 def test_once_sends_it_once_and_leaves_the_end_to_the_controller(mock_robot):
     assert main(["command", FORWARD, "2", "3", "--once"]) == 0
     mock_robot.status()
-    assert mock_robot.status()["commander"] == "command"
+    assert mock_robot.status().commander == "command"
 
 
 def test_negative_values_are_values(mock_robot):
     assert main(["command", FORWARD, "-2", "-3.5", "--for", "0.2"]) == 0
-    assert mock_robot.status()["joints"]["left_wheel_joint"]["position"] < 0
+    assert mock_robot.status().joints["left_wheel_joint"].position < 0
 
 
 @pytest.mark.parametrize(

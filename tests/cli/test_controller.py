@@ -25,7 +25,9 @@ def test_the_list_tells_what_each_commands(controller):
     lines = controller("list").splitlines()
     assert lines[0].split() == ["controller", "type", "state", "commands", "joints"]
     (line,) = [line for line in lines if line.startswith(FORWARD)]
-    assert "active  velocity" in line
+    assert line.split()[2:4] == ["active", "velocity"]
+    (line,) = [line for line in lines if line.startswith(BASE)]
+    assert line.split()[2:] == ["unloaded", "-", "-"]
     (line,) = [line for line in lines if line.startswith(STATES)]
     assert "nothing: it broadcasts" in line
 
@@ -46,7 +48,7 @@ def test_a_controller_is_loaded_configured_switched_and_unloaded(controller):
     assert said == f"{FORWARD}: inactive\n{BASE}: active\n"
     assert controller("deactivate", BASE) == f"{BASE}: inactive\n"
     assert controller("unload", BASE) == f"{BASE}: unloaded\n"
-    assert BASE not in states(controller)
+    assert states(controller)[BASE] == "unloaded"
 
 
 def test_activate_does_what_is_missing(controller):

@@ -15,6 +15,8 @@ from canopen_control.errors import ConfigError
 from canopen_control.frame import CanFrame, pack_records
 from canopen_control.host.sockets import list_sockets
 
+pytestmark = pytest.mark.process
+
 
 @pytest.mark.parametrize(
     ("text", "ids"),

@@ -12,9 +12,10 @@ from support.virtualbench import servo
 
 from canopen_control.bus.channel import open_port
 from canopen_control.cli.main import main
+from canopen_control.cli.support.node_names import KnownNode
 from canopen_control.host.reactor import Reactor
 from canopen_control.virtual.control import NodeControl
-from canopen_control.virtual.faults import FAULTS
+from canopen_control.virtual.fault_table import FAULTS
 from canopen_control.virtual.nodehost import NodeHost
 
 CAN = "memory:cli-fault"
@@ -89,7 +90,8 @@ def test_what_a_fault_does_is_a_sentence_whatever_it_is_of(capsys):
         (["5", "cut", "on", "--can", CAN], "canopen-control bus fault CHANNEL cut"),
         (["5", "silent", "on"], "--can CHANNEL"),
         (["5", "silent", "on", "--can", "local:a/b"], "local:a/b"),
-        (["left_drive", "silent", "on", "--can", CAN], "'left_drive' is no node id"),
+        (["left_drive", "silent", "on", "--can", CAN], "no node 'left_drive' is known: no robot runs there"),
+        (["129", "silent", "on", "--can", CAN], "'129' is no node id"),
         (["list", "silent"], "takes no more words"),
     ],
 )
@@ -108,3 +110,18 @@ def test_a_drive_that_is_not_there_is_named_with_those_that_are(node, capsys):
 def test_without_any_drive_it_says_how_to_start_one(private_folders, capsys):
     assert main(["fault", "6", "silent", "on", "--can", "memory:other"]) == 1
     assert "there is none; canopen-control drive starts one" in capsys.readouterr().err
+
+
+def test_a_drive_of_a_running_robot_has_its_users_names_and_needs_no_channel(node, capsys, monkeypatch):
+    known = [KnownNode("robby", CAN, 5, "left_drive", ("left_wheel_joint",))]
+    monkeypatch.setattr("canopen_control.cli.fault.known_nodes", lambda _channel: known)
+    assert main(["fault", "left_drive", "silent", "on"]) == 0
+    assert main(["fault", "left_wheel_joint", "silent", "off"]) == 0
+    assert main(["fault", "5"]) == 0
+    assert capsys.readouterr().out.splitlines() == [
+        "node 5: silent",
+        "node 5: no fault is on",
+        "node 5: no fault is on",
+    ]
+    assert main(["fault", "right_drive", "silent"]) == 2
+    assert "no node 'right_drive' of a running robot; there are: left_drive (5)" in capsys.readouterr().err

@@ -1,6 +1,7 @@
 import importlib.util
 
 import pytest
+from support.localbus import end_hubs, open_local
 
 from canopen_control.cli.main import main
 
@@ -11,12 +12,21 @@ from canopen_control.cli.main import main
         (["--config", "robby"], "--config, --bus and --eds go with --can"),
         (["--name", "nobody"], "no robot 'nobody' is running"),
         (["--can", "local:x", "--config", "nowhere"], "nowhere"),
-        (["--can", "local:x"], "the monitor needs a terminal; for a script: canopen-control status --json"),
+        (["--can", "local:x"], "bus local:x: nobody has it open; no local bus is open now"),
     ],
 )
-def test_what_is_wrong_is_a_sentence_and_exit_code_2(arguments, sentence, capsys):
+def test_what_is_wrong_is_a_sentence_and_exit_code_2(private_folders, arguments, sentence, capsys):
     assert main(["monitor", *arguments]) == 2
     assert sentence in capsys.readouterr().err
+
+
+@pytest.mark.process
+def test_without_a_terminal_it_says_what_a_script_can_ask(private_folders, capsys):
+    port = open_local("x", "other")
+    assert main(["monitor", "--can", "local:x"]) == 2
+    assert "the monitor needs a terminal; for a script: canopen-control status --json" in capsys.readouterr().err
+    port.close()
+    end_hubs()
 
 
 def test_a_robot_and_a_bare_bus_exclude_each_other():

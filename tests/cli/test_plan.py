@@ -72,7 +72,7 @@ def live(private_folders):
 def test_against_a_live_bus_only_what_differs_is_shown(live, capsys):
     fresh = plan(capsys, "robby", "--against", "memory:plan", "--node", "left_drive").splitlines()
     assert fresh[0] == "node 3 (left_drive, TMCM-1270.eds): 37 writes, 0 of them added"
-    live.call(lambda: live.nodes[3].set(0x6083, 0, 16000))
+    live.call(lambda: live.nodes[3].store.set(0x6083, 0, 16000))
     assert "0x6083:00" not in plan(capsys, "robby", "--against", "memory:plan", "--node", "left_drive")
     assert "0x6083:00" in plan(capsys, "robby", "--against", "can=memory:plan", "--node", "right_drive")
 
@@ -82,7 +82,7 @@ def test_a_node_that_has_everything_needs_nothing(live, tmp_path, capsys):
         "master: {node_id: 1}\nnodes:\n  wheel: {dcf: TMCM-1270.eds, node_id: 3, heartbeat_consumer: false,\n"
         "    allow_unsupervised: true, heartbeat_producer: 1000, sdo: [{index: 0x2000, value: 5}]}\n"
     )
-    live.call(lambda: (live.nodes[3].set(0x2000, 0, 5), live.nodes[3].set(0x1017, 0, 1000)))
+    live.call(lambda: (live.nodes[3].store.set(0x2000, 0, 5), live.nodes[3].store.set(0x1017, 0, 1000)))
     assert plan(capsys, tmp_path, "--against", "memory:plan") == "node 3 (wheel, TMCM-1270.eds): nothing differs\n"
 
 

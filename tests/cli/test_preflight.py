@@ -9,7 +9,9 @@ from support.processes import Stage
 
 from canopen_control.cli import preflight
 from canopen_control.cli.main import main
-from canopen_control.cli.preflight_steps import Step
+from canopen_control.cli.support.preflight_steps import Step
+
+pytestmark = pytest.mark.process
 
 NODES = (3, 2)
 
@@ -145,7 +147,7 @@ def test_what_could_not_be_turned_is_said_and_not_covered_by_the_pass(monkeypatc
     interfaces = {"gripper": None, "wheel": "velocity", "lift": "position"}
     monkeypatch.setattr(preflight, "jog_interfaces", lambda _setup: interfaces)
     told, asked = [], []
-    flight = preflight.Flight(None, told.append, lambda question: asked.append(question) or True, 0.5)
+    flight = preflight.Preflight(None, told.append, lambda question: asked.append(question) or True, 0.5)
     assert flight.move() is True
     assert flight.covered == ["wheel"]
     stays = "; it is not turned, and stays slow with --real"
@@ -153,7 +155,7 @@ def test_what_could_not_be_turned_is_said_and_not_covered_by_the_pass(monkeypatc
     assert f"note  jog       lift: it is at its limit{stays}" in told
     assert [question for question in asked if "lift" in question or "gripper" in question] == []
     interfaces.pop("wheel")
-    flight = preflight.Flight(None, told.append, lambda _question: True, 0.5)
+    flight = preflight.Preflight(None, told.append, lambda _question: True, 0.5)
     monkeypatch.setattr(FakeJog, "joints", ("lift",))
     assert (flight.move(), flight.covered) == (False, [])
     assert told[-1] == "FAIL  jog       no joint could be turned"
@@ -163,7 +165,9 @@ def test_what_could_not_be_turned_is_said_and_not_covered_by_the_pass(monkeypatc
     ("options", "words"),
     [
         ([], "nobody is there to ask"),
-        (["--mock", "--yes"], "mock hardware needs no pre-flight"),
+        (["--mock"], "unrecognized arguments: --mock"),
+        (["--no-drives"], "unrecognized arguments: --no-drives"),
+        (["--real"], "unrecognized arguments: --real"),
         (["--speed", "5", "--yes"], "'5' is no speed above 0 and up to 1 rad/s"),
     ],
 )

@@ -1,3 +1,4 @@
+import errno
 import json
 import os
 import signal
@@ -14,6 +15,7 @@ from canopen_control.bus.record import FORMATS, Recording, RecordingWriter
 from canopen_control.cli.main import main
 from canopen_control.cli.record import Recorded
 from canopen_control.frame import CanFrame, pack_records
+from canopen_control.rpc.wire import plain
 
 
 @pytest.fixture
@@ -64,12 +66,13 @@ def recorded(path, frames, *options):
     sender = threading.Thread(target=send)
     sender.start()
     try:
-        return main(["record", "local:taken", "--can", str(path), *options])
+        return main(["record", "--can", "local:taken", "-o", str(path), *options])
     finally:
         sender.join(20)
         port.close()
 
 
+@pytest.mark.process
 def test_it_listens_until_it_is_ended_and_says_how_many_frames_there_are(folders, tmp_path, capsys):
     path, before = tmp_path / "x.log", signal.getsignal(signal.SIGTERM)
     frames = [CanFrame(0x80), CanFrame(0x183, b"\x37\x06\x03")]
@@ -82,6 +85,7 @@ def test_it_listens_until_it_is_ended_and_says_how_many_frames_there_are(folders
     assert signal.getsignal(signal.SIGTERM) is before
 
 
+@pytest.mark.process
 def test_json_tells_the_same_to_scripts(folders, tmp_path, capsys):
     path = tmp_path / "x.log"
     assert recorded(path, [CanFrame(0x80)], "--json") == 0
@@ -89,20 +93,65 @@ def test_json_tells_the_same_to_scripts(folders, tmp_path, capsys):
     assert (result["frames"], result["lost"], result["left_out"], result["channel"]) == (1, 0, 0, "local:taken")
 
 
+@pytest.mark.process
 def test_a_duration_ends_it(folders, tmp_path, capsys):
-    assert main(["record", "local:quiet", "--can", str(tmp_path / "x.blf"), "--duration", "0.1"]) == 0
+    port = open_local("quiet", "other")
+    assert main(["record", "--can", "local:quiet", "-o", str(tmp_path / "x.blf"), "--duration", "0.1"]) == 0
     assert "0 frames of local:quiet" in capsys.readouterr().out
+    port.close()
 
 
+@pytest.mark.process
+def test_the_old_form_is_understood_and_told(folders, tmp_path, capsys):
+    port = open_local("old", "other")
+    path = tmp_path / "x.log"
+    assert main(["record", "local:old", "--can", str(path), "--duration", "0.1"]) == 0
+    out, err = capsys.readouterr()
+    assert out.startswith(f"{path}: 0 frames of local:old")
+    new = f"write: record --can local:old -o {path}\n"
+    assert err == f"canopen-control: the old form, which ends with the next release; {new}"
+    port.close()
+
+
+@pytest.mark.process
+def test_a_full_disk_is_exit_code_1_with_what_is_in_the_file(monkeypatch, folders, tmp_path, capsys):
+    def write(self, _time_ns, _frame):
+        self._fail(OSError(errno.ENOSPC, "No space left on device"))
+
+    monkeypatch.setattr(RecordingWriter, "write", write)
+    port, path = open_local("full", "other"), tmp_path / "x.log"
+    ticking = threading.Timer(0.5, lambda: port.send(pack_records([CanFrame(0x80)])))
+    ticking.start()
+    assert main(["record", "--can", "local:full", "-o", str(path), "--duration", "10"]) == 1
+    ticking.join()
+    out, err = capsys.readouterr()
+    assert out.startswith(f"{path}: 0 frames of local:full in ")
+    assert err == f"canopen-control: {path}: No space left on device; 0 frames are in it\n"
+    port.close()
+
+
+@pytest.mark.process
+def test_a_bus_that_nobody_has_is_no_bus_to_record(folders, tmp_path, capsys):
+    port = open_local("robby", "other")
+    path = tmp_path / "x.log"
+    assert main(["record", "--can", "local:typo", "-o", str(path), "--duration", "0.1"]) == 2
+    assert "bus local:typo: nobody has it open; open now: local:robby;" in capsys.readouterr().err
+    assert not path.exists()
+    port.close()
+
+
+@pytest.mark.process
 @pytest.mark.parametrize(
     ("options", "words"),
     [
+        (["--can", "local:x"], "say where to record to, as in: canopen-control record -o run.log"),
         (["local:x"], "say where to record to"),
-        (["--can", "can0"], "the bus goes before it: canopen-control record can0 --can run.log"),
-        (["local:x", "--can", "run.db"], ".log, .asc, .blf, .trc"),
-        (["local:x", "--can", "/nowhere/run.log", "--duration", "0.1"], "/nowhere/run.log cannot be written"),
-        (["memory:x", "--can", "run.log"], "inside one process"),
-        (["--can", "run.log"], "no robot is running"),
+        (["local:x", "--can", "local:y", "-o", "run.log"], "two buses, local:x and local:y"),
+        (["--can", "local:x", "-o", "run.db"], ".log, .asc, .blf, .trc"),
+        (["--can", "memory:x", "-o", "run.log"], "inside one process"),
+        (["-o", "run.log"], "no robot is running"),
+        (["--can", "run.log"], "no robot is running"),  # the old form
+        (["--can", "local:x", "--bag", "run"], "--bag is of a robot, not of a bus"),
     ],
 )
 def test_what_cannot_be_recorded_is_a_sentence(folders, options, words, capsys):
@@ -112,7 +161,7 @@ def test_what_cannot_be_recorded_is_a_sentence(folders, options, words, capsys):
 
 def test_a_robot_without_a_bus_has_nothing_to_record(folders, capsys):
     with running("record-mock"):
-        assert main(["record", "--name", "record-mock", "--can", "run.log"]) == 2
+        assert main(["record", "--name", "record-mock", "-o", "run.log"]) == 2
     assert "has no bus: it runs on mock hardware" in capsys.readouterr().err
 
 
@@ -136,4 +185,6 @@ def test_what_is_not_in_the_file_is_said():
         "x.trc: 10 frames of can0 in 1.5 s, 2 lost: they came faster than they were read, "
         "3 left out: the format cannot hold them"
     )
-    assert whole.as_dict()["lost"] == 2
+    assert plain(whole.document) == {
+        "file": "x.trc", "channel": "can0", "frames": 10, "lost": 2, "left_out": 3, "seconds": 1.5,
+    }  # fmt: skip

@@ -44,6 +44,7 @@ def test_without_a_bus_it_tells_what_is_in_it(log, capsys):
     assert "Statusword 0x0637 OPERATION ENABLED" in capsys.readouterr().out
 
 
+@pytest.mark.process
 def test_it_plays_into_a_bus_where_nobody_is(folders, log, capsys):
     ear = open_local("bench", "ear")
     assert main(["replay", log, "--can", "local:bench"]) == 0
@@ -54,12 +55,14 @@ def test_it_plays_into_a_bus_where_nobody_is(folders, log, capsys):
     ear.close()
 
 
+@pytest.mark.process
 def test_json_tells_the_same_to_scripts(folders, log, capsys):
     assert main(["replay", log, "--can", "local:bench", "--json", "--speed", "100"]) == 0
     result = json.loads(capsys.readouterr().out)
     assert (result["frames"], result["lost"], result["left_out"]) == (5, 0, 0)
 
 
+@pytest.mark.process
 def test_where_a_node_of_it_is_alive_nothing_is_played(folders, log, capsys):
     ear = open_local("bench", "ear")
     with OnBus("local:bench", {3: TMCM, 9: TMCM}):
@@ -72,6 +75,7 @@ def test_where_a_node_of_it_is_alive_nothing_is_played(folders, log, capsys):
     ear.close()
 
 
+@pytest.mark.process
 def test_where_a_master_is_alive_nothing_is_played(folders, log, capsys):
     ear, master = open_local("bench", "ear"), open_local("bench", "master")
     stopped = threading.Event()
@@ -93,6 +97,7 @@ def test_where_a_master_is_alive_nothing_is_played(folders, log, capsys):
     ear.close()
 
 
+@pytest.mark.process
 def test_ctrl_c_ends_it_and_it_says_how_far_it_came(folders, log, capsys, monkeypatch):
     def interrupted(frames, port, played, *, speed):
         next(iter(frames))
@@ -114,4 +119,4 @@ def test_a_wrong_speed_is_a_sentence(log, capsys):
     with pytest.raises(SystemExit) as exit_:
         main(["replay", log, "--speed", "0"])
     assert exit_.value.code == 2
-    assert "a speed is 0.001 to 1000" in capsys.readouterr().err
+    assert "is no speed from 0.001 to 1000" in capsys.readouterr().err

@@ -8,7 +8,7 @@ from support.mockrobot import running
 
 from canopen_control.bus.record import RecordingWriter
 from canopen_control.cli.main import main
-from canopen_control.host.logfile import state_dir
+from canopen_control.host.files import state_dir
 
 
 @pytest.fixture

@@ -109,6 +109,7 @@ def test_the_bridge_is_started_by_hand_with_arguments_for_ros(program):
     assert said == "canopen-control: no robot 'nobody' is running\n"
 
 
+@pytest.mark.process
 def test_without_ros_it_says_how_to_get_it(tmp_path):
     code = f"""
 import importlib.util, sys

@@ -6,7 +6,7 @@ from canopen_control.cli import demo, run
 from canopen_control.cli.main import main
 from canopen_control.cli.run import add_arguments, read_setup
 from canopen_control.client import find_robots
-from canopen_control.master.events import Event
+from canopen_control.master.event_log import Event
 
 
 def parse(*arguments):
@@ -15,6 +15,7 @@ def parse(*arguments):
     return parser.parse_args(arguments)
 
 
+@pytest.mark.process
 def test_a_run_on_mock_hardware_ends_with_0_and_leaves_no_socket(capsys):
     assert main(["run", "robby", "--mock", "--duration", "0.3"]) == 0
     said = capsys.readouterr().out
@@ -22,6 +23,7 @@ def test_a_run_on_mock_hardware_ends_with_0_and_leaves_no_socket(capsys):
     assert find_robots() == []
 
 
+@pytest.mark.process
 def test_a_run_on_virtual_drives_in_this_process(capsys):
     assert main(["run", "robby", "--can", "memory:run", "--duration", "0.3"]) == 0
     said = capsys.readouterr().out
@@ -56,6 +58,7 @@ def test_a_mistake_of_the_user_is_one_sentence_and_exit_code_2(capsys, arguments
     assert find_robots() == []
 
 
+@pytest.mark.process
 def test_a_channel_that_is_not_there_is_exit_code_2_and_says_what_to_type(capsys):
     assert main(["run", "robby", "--can", "can7", "--real"]) == 2
     assert "can7" in capsys.readouterr().err
@@ -95,7 +98,7 @@ def test_ros_is_off_unless_it_is_asked_for():
 
 def test_the_setup_is_what_the_options_say():
     setup = read_setup(parse("robby", "--can", "vcan0", "--name", "two", "--controller", "robby_base_controller"))
-    assert (setup.name, setup.channels["can"], setup.wanted[-1]) == ("two", "vcan0", "robby_base_controller")
+    assert (setup.name, setup.channels["can"], setup.to_activate[-1]) == ("two", "vcan0", "robby_base_controller")
 
 
 def test_the_flight_recorder_is_on_unless_it_is_switched_off():

@@ -125,7 +125,7 @@ def test_eds_files_of_a_folder_match_too_and_what_is_none_is_named(bus, tmp_path
 def test_another_revision_is_remarked(bus, monkeypatch, tmp_path, capsys):
     shutil.copy(data_path("eds", TMCM), tmp_path / "mine.eds")
     monkeypatch.setattr(verb, "data_names", lambda kind: [])
-    bus.call(lambda: bus.nodes[2].set(0x1018, 3, 0x3001B))
+    bus.call(lambda: bus.nodes[2].store.set(0x1018, 3, 0x3001B))
     assert scan("--eds-dir", str(tmp_path)) == 0
     assert capsys.readouterr().out.splitlines()[1].endswith("mine.eds (for revision 0x0003001A)")
 
@@ -171,7 +171,7 @@ def test_a_robot_on_mock_hardware_has_no_bus(mock_robot, capsys):
         (["--can", "memory:empty", "--config", "nope"], 2, "none of the bundled robots ("),
         (["--can", "memory:empty", "--eds-dir", "/nope"], 2, "--eds-dir /nope: no such folder"),
         (["--can", "nonsense"], 2, "no such CAN interface"),
-        (["--can", "memory:empty", "--timeout", "-1"], 2, "seconds are wanted"),
+        (["--can", "memory:empty", "--timeout", "-1"], 2, "no time in seconds above 0"),
         ([], 2, "no robot is running"),
     ],
 )

@@ -1,6 +1,7 @@
 """The verb sdo, as its user sees it: through a running robot and straight on a bus."""
 
 import json
+import re
 import sys
 from io import BytesIO, TextIOWrapper
 
@@ -49,6 +50,46 @@ def test_a_running_robot_knows_the_names_and_types_of_each_node(robby, capsys):
     ]
 
 
+def test_a_value_is_said_as_trace_says_it(robby, bus, capsys):
+    robby.call(lambda: robby.nodes[3].store.set(0x6060, 0, 3))
+    for name in ("Statusword", "0x6502", "0x6060", "1017", "0x1001", "1800:2", "1600:1", "60FF"):
+        assert main(["sdo", "read", "left_drive", name]) == 0
+    state, *others = [line.partition(": 0x")[2].partition(": ")[2] for line in capsys.readouterr().out.splitlines()]
+    assert re.fullmatch(r"\d+ \(0x[0-9A-F]{4}\): [A-Z ]+(, .*)?", state)
+    assert others == [
+        "165 (0x000000A5): PP, PV, HM, CSP",
+        "3 (0x03): 3 PV",
+        "100 (0x0064): 100 ms",
+        "0 (0x00): no error",
+        "1 (0x01): every SYNC",
+        "1614807056 (0x60400010): 0x6040:00 Controlword, 16 bits",
+        "0 (0x00000000)",
+    ]
+    assert main(["sdo", "read", "3", "0x6041", *bus]) == 0  # by the profile where no EDS says otherwise
+    assert "SWITCH ON DISABLED" in capsys.readouterr().out
+
+
+def test_an_object_named_without_subindex_is_read_whole(robby, bus, capsys):
+    for name in ("0x1018", "Identity object"):
+        assert main(["sdo", "read", "left_drive", name]) == 0
+        lines = capsys.readouterr().out.splitlines()
+        assert [line.partition(": ")[2].partition(" ")[0] for line in lines] == [
+            f"0x1018:{sub:02X}" for sub in range(5)
+        ]
+    assert main(["sdo", "read", "left_drive", "0x1018", "--json"]) == 0
+    assert [each["subindex"] for each in json.loads(capsys.readouterr().out)] == [0, 1, 2, 3, 4]
+    assert main(["sdo", "read", "left_drive", "1018:0"]) == 0
+    assert main(["sdo", "read", "3", "1018", *bus]) == 0
+    assert len(capsys.readouterr().out.splitlines()) == 2
+
+
+def test_what_a_node_refuses_of_an_object_is_told_and_the_rest_is_read(bus, capsys):
+    assert main(["sdo", "read", "3", "0x1003", *bus, "--eds", GENERIC]) == 1  # this node has none of it
+    assert capsys.readouterr().err.count("abort 0x06020000") > 1
+    assert main(["sdo", "read", "3", "0x60C1", *bus, "--eds", GENERIC]) == 1
+    assert main(["sdo", "read", "3", "0x1018", *bus, "--eds", GENERIC]) == 0
+
+
 def test_what_is_written_through_the_robot_arrives_at_the_drive(robby, capsys):
     assert main(["sdo", "write", "left_drive", "Profile velocity", "1234"]) == 0
     assert capsys.readouterr().out == "node 3 (left_drive): 0x6081:00 Profile velocity: written 1234 (0x000004D2)\n"
@@ -69,7 +110,7 @@ def test_on_a_bare_bus_a_type_or_an_eds_is_told_and_reading_needs_neither(bus, c
     assert main(["sdo", "write", "5", "0x60FF", "-7", "--type", "i32", *bus]) == 0
     assert main(["sdo", "read", "5", "0x60FF", *bus]) == 0
     assert capsys.readouterr().out.splitlines() == [
-        "node 5: 0x1000:00: 131474 (0x00020192)",
+        "node 5: 0x1000:00: 131474 (0x00020192): profile 402",
         "node 5: 0x60FF:00: written -7 (0xFFFFFFF9)",
         "node 5: 0x60FF:00: 4294967289 (0xFFFFFFF9, signed -7)",
     ]
@@ -142,7 +183,7 @@ def test_a_file_may_be_a_stream(bus, monkeypatch):
         (["read", "0", "0x1000", "--can", "memory:sdorobot"], 2, "node ids are 1 to 127"),
         (["read", "9", "0x1000", "--can", "memory:sdorobot", "--timeout", "0.05"], 1, "no answer within 0.1 s"),
         (["read", "3", "0x1000", "--can", "nonsense"], 2, "no such CAN interface"),
-        (["read", "3", "0x1000", "--timeout", "0"], 2, "seconds are wanted, above 0 and at most 60"),
+        (["read", "3", "0x1000", "--timeout", "0"], 2, "no time in seconds above 0 and up to 60"),
         (["upload", "3", "0x1008", "/nope/x"], 2, "no folder /nope for /nope/x"),
         (["upload", "3", "0x1008", "/"], 2, "/ cannot be written: Is a directory"),
         (["download", "3", "0x1008", "/nope"], 2, "/nope cannot be read: No such file or directory"),

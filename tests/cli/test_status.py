@@ -1,11 +1,13 @@
 import contextlib
 
 import pytest
+from support.samples import event_of, sample_of, status_of
 
 from canopen_control.cli.main import main
 from canopen_control.cli.status import render
 from canopen_control.client import RobotClient
 from canopen_control.errors import RemoteError
+from canopen_control.rpc.messages.declare import Done
 
 STATE = {
     "state": "running",
@@ -28,7 +30,7 @@ STATE = {
 
 
 def test_a_line_for_the_robot_one_for_each_axis_and_the_errors_in_words():
-    lines = render(STATE)
+    lines = render(sample_of(STATE))
     assert lines[0] == "running, cycle 7 of 20 ms, 0 missed, active: forward"
     assert "left_drive (3)" in lines[2]
     assert "OPERATION ENABLED" in lines[2]
@@ -38,7 +40,7 @@ def test_a_line_for_the_robot_one_for_each_axis_and_the_errors_in_words():
 
 
 def test_mock_hardware_has_joints_without_nodes():
-    lines = render({**STATE, "nodes": {}})
+    lines = render(sample_of({**STATE, "nodes": {}}))
     assert any(line.split()[:5] == ["no", "drive", "-", "-", "left_wheel_joint"] for line in lines)
 
 
@@ -47,31 +49,38 @@ def test_mock_hardware_has_joints_without_nodes():
 )
 def test_a_target_has_the_unit_of_its_mode(mode, target):
     axes = [{"joint": "left_wheel_joint", "cia402_state": "OPERATION_ENABLED", "mode": mode}]
-    lines = render({**STATE, "nodes": {"left_drive": {**STATE["nodes"]["left_drive"], "axes": axes}}})
+    lines = render(sample_of({**STATE, "nodes": {"left_drive": {**STATE["nodes"]["left_drive"], "axes": axes}}}))
     assert f"  {target}  " in lines[2]
 
 
 def test_a_latched_stop_is_said_with_the_way_out_of_it():
-    lines = render({**STATE, "latched": True, "latched_by": "view"})
-    assert lines[1] == "STOP is latched (by view): canopen-control stop --release"
+    hint = "STOP is latched (by view): canopen-control stop --release"
+    lines = render(sample_of({**STATE, "state": "disabled", "latched": True, "latched_by": "view", "hint": hint}))
+    assert lines[0].startswith("disabled, cycle 7")
+    assert lines[1] == hint
 
 
 def test_an_error_says_which_node_has_it():
-    lines = render({**STATE, "nodes": {"left_drive": {**STATE["nodes"]["left_drive"], "error": "EMCY 0x4310"}}})
+    lines = render(
+        sample_of({**STATE, "nodes": {"left_drive": {**STATE["nodes"]["left_drive"], "error": "EMCY 0x4310"}}})
+    )
     assert lines[-1] == "  node 3 (left_drive): EMCY 0x4310"
 
 
 @pytest.mark.parametrize(
     ("event", "said"),
-    [(None, "canopen-control: robot gone has closed the connection\n"), ({"event": {"kind": "stopped"}}, "")],
+    [
+        (None, "canopen-control: robot gone has closed the connection\n"),
+        (event_of({"time": 1.0, "kind": "stopped"}), ""),
+    ],
 )
 def test_a_watch_says_that_the_robot_has_died_but_not_that_it_was_ended(monkeypatch, capsys, event, said):
     class Robot:
-        def call(self, *_args, **_how):
-            return {}
+        def ask(self, _request):
+            return Done()
 
         def messages(self, _timeout):
-            yield {"state": STATE}
+            yield sample_of(STATE)
             if event is not None:
                 yield event
             raise RemoteError("BusClosed", "robot gone has closed the connection")
@@ -81,3 +90,23 @@ def test_a_watch_says_that_the_robot_has_died_but_not_that_it_was_ended(monkeypa
     told = capsys.readouterr()
     assert told.out.startswith("running, cycle 7")
     assert told.err == said
+
+
+def test_a_failed_boot_step_does_not_say_again_what_stands_above(monkeypatch, capsys):
+    why = STATE["nodes"]["gone"]["error"]
+    steps = [
+        {"node": "gone", "step": "identify", "seconds": 0.5, "error": why},
+        {"node": "left_drive", "step": "identify", "seconds": 0.5, "error": "another reason"},
+    ]
+    events = [{"time": 1.0, "kind": "boot_failed", "node": "gone", "level": "error", "text": why}]
+
+    class Robot:
+        def ask(self, _request):
+            return status_of({**STATE, "boot": steps, "events": events})
+
+    monkeypatch.setattr(RobotClient, "connect", lambda _name: contextlib.nullcontext(Robot()))
+    assert main(["status"]) == 0
+    said = capsys.readouterr().out
+    assert said.count("no answer") == 1
+    assert "boot of gone: identify 500.0 ms failed; SDO: 0 read, 0 written, 0 failed\n" in said
+    assert "boot of left_drive: identify 500.0 ms failed: another reason" in said

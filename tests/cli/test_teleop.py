@@ -11,6 +11,7 @@ from canopen_control.cli.main import main
 from canopen_control.cli.teleop import ZEROS, Sender, choose, sides
 from canopen_control.client.teleop import Velocities
 from canopen_control.errors import ConfigError, RemoteError
+from canopen_control.rpc.messages.state import ControllerReading
 
 BASE, FORWARD = "robby_base_controller", "robby_forward_controller"
 MS = 1_000_000
@@ -23,8 +24,8 @@ def terminal(monkeypatch):
 
 
 def commands(robot):
-    joints = robot.status()["joints"]
-    return [joints[f"{side}_wheel_joint"]["command"] for side in ("left", "right")]
+    joints = robot.status().joints
+    return [joints[f"{side}_wheel_joint"].command for side in ("left", "right")]
 
 
 def stopped(robot):
@@ -134,7 +135,7 @@ def test_a_speed_is_above_0(option, value, capsys):
 
 
 def controller(name, state="active", topic="commands", joints=("left", "right"), interface="velocity"):
-    return {"name": name, "state": state, "topic": topic, "joints": list(joints), "interface": interface}
+    return ControllerReading(name=name, type="", state=state, topic=topic, joints=tuple(joints), interface=interface)
 
 
 BROADCASTER = controller("states", topic=None)
@@ -142,7 +143,7 @@ BROADCASTER = controller("states", topic=None)
 
 def test_the_active_base_controller_comes_first():
     found = choose([BROADCASTER, controller("wheels"), controller("base", topic="cmd_vel")], None)
-    assert found["name"] == "base"
+    assert found.name == "base"
 
 
 @pytest.mark.parametrize(

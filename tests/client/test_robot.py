@@ -2,17 +2,49 @@ from __future__ import annotations
 
 import threading
 import time
+from base64 import b64decode, b64encode
 
 import pytest
+from support.jsonserver import json_server, line_of, say
 
 from canopen_control.client import RobotClient, find_robots, select_robot
 from canopen_control.errors import ConfigError, LocalProtocolError, RemoteError
-from canopen_control.host.jsonlines import LineServer
-from canopen_control.host.lines import encode
 from canopen_control.host.reactor import Reactor
 from canopen_control.host.sockets import close_listener, listen, socket_path
+from canopen_control.rpc.messages.robot import (
+    Description,
+    GetDescription,
+    GetStatus,
+    Release,
+    RobotHello,
+    SdoData,
+    SdoRead,
+    SdoWrite,
+    Shutdown,
+    Stop,
+    Tell,
+)
+from canopen_control.rpc.messages.state import StateSample
 
-HELLO = {"hello": {"robot": "robby", "version": "0.1.0", "protocol": 1, "pid": 42}}
+HELLO = {"hello": {"robot": "robby", "version": "0.1.0", "protocol": 2, "pid": 42}}
+
+
+def text_of(number):
+    return b64encode(number.to_bytes(2, "big")).decode()
+
+
+def read(client, number):
+    """Ask for an object whose value is its index, and return that."""
+    return int.from_bytes(client.ask(SdoRead(node="a", index=number)).data, "big")
+
+
+def push(client, count):
+    """Have so many events pushed."""
+    client.ask(Tell(kind="push", text=str(count)))
+
+
+def told(number):
+    return {"time": number, "kind": "test", "level": "info", "node": None, "text": "it is"}
 
 
 class Robot:
@@ -24,26 +56,28 @@ class Robot:
         self.reactor.on_error = self.raised.append
         self.seen = []
         self.answers = {
-            "echo": lambda connection, request: {"result": request["params"]},
-            "nothing": lambda connection, request: None,
-            "refuse": lambda connection, request: {"error": {"kind": "InterfaceConflict", "message": "it is claimed"}},
-            "die": lambda connection, request: self.server.close(),
-            "push": lambda connection, request: self.push(connection, request["params"]["count"]),
+            "description": lambda connection, request: {"result": {"urdf": "<robot/>"}},
+            "sdo_read": lambda connection, request: {"result": {"data": text_of(request["params"]["index"])}},
+            "release": lambda connection, request: {"error": {"kind": "InterfaceConflict", "message": "it is claimed"}},
+            "status": lambda connection, request: None,
+            "stop": lambda connection, request: {"error": {"kind": "X", "message": "no"}},
+            "shutdown": lambda connection, request: self.server.close(),
+            "tell": lambda connection, request: self.push(connection, int(request["params"]["text"])),
         }
-        greet = (lambda connection: connection.send(hello)) if hello else (lambda connection: None)
-        self.server = LineServer(self.reactor, socket_path("robot", name), greet, self.on_message)
+        greet = (lambda connection: say(connection, hello)) if hello else (lambda connection: None)
+        self.server = json_server(self.reactor, socket_path("robot", name), greet, self.on_message)
         self.thread = threading.Thread(target=self.reactor.run)
 
     def push(self, connection, count):
         for number in range(count):
-            connection.send({"event": {"number": number}})
-        return {"result": count}
+            say(connection, {"event": told(number)})
+        return {"result": {}}
 
     def on_message(self, connection, request):
         self.seen.append(request)
         answer = self.answers[request["method"]](connection, request)
         if answer is not None and "id" in request:
-            connection.send({"id": request["id"], **answer})
+            say(connection, {"id": request["id"], **answer})
 
     def on_loop(self, callback):
         done = threading.Event()
@@ -110,14 +144,15 @@ def test_several_robots_are_named_and_one_must_be_chosen(run_folder):
 
 def test_the_robot_says_who_it_is(client):
     assert client.robot == "robby"
-    assert client.hello == HELLO["hello"]
+    assert client.hello == RobotHello("robby", "0.1.0", 2, 42)
     assert client.fileno() >= 0
 
 
 @pytest.mark.parametrize(
     ("hello", "sentence"),
     [
-        ({"hello": {"robot": "robby", "protocol": 2}}, "robot robby speaks protocol 2, this client 1; use the same"),
+        ({"hello": {"robot": "robby", "protocol": 1}}, "robot robby speaks protocol 1, this client 2; use the same"),
+        ({"hello": {"robot": 3, "protocol": 2}}, "greets in another way: Expected `str`, got `int`"),
         ({"hello": "you"}, "speaks protocol None"),
         ({"welcome": 1}, "speaks protocol None"),
         ({"error": {"kind": "BusError", "message": "too many connections"}}, "^too many connections$"),
@@ -154,24 +189,21 @@ def test_a_robot_that_dies_before_it_greets_is_gone(run_folder):
 # -- requests
 
 
-def test_a_call_has_parameters_and_a_result(robot, client):
-    assert client.call("echo", controller="c", values=[1.5, -2]) == {"controller": "c", "values": [1.5, -2]}
-    assert client.call("echo") == {}
-    assert robot.seen[0] == {"id": 1, "method": "echo", "params": {"controller": "c", "values": [1.5, -2]}}
-    assert robot.seen[1]["id"] == 2
-
-
-def test_parameters_may_have_any_name(client):
-    params = {"method": 1, "self": 2, "timeout": 3, "params": 4}
-    assert client.call("echo", **params) == params
-    assert client.request("echo", params) == params
+def test_a_request_has_parameters_and_an_answer(robot, client):
+    assert client.ask(SdoRead(node="a", index=7)) == SdoData(b"\0\7")
+    assert client.ask(GetDescription()) == Description("<robot/>")
+    asked = {"node": "a", "index": 7, "subindex": 0, "block": False, "timeout": None}
+    assert robot.seen == [
+        {"id": 1, "method": "sdo_read", "params": asked},
+        {"id": 2, "method": "description", "params": {}},
+    ]
 
 
 def test_a_refusal_has_the_kind_and_the_words_of_the_robot(client):
     with pytest.raises(RemoteError, match=r"^it is claimed$") as caught:
-        client.call("refuse")
+        client.ask(Release())
     assert caught.value.kind == "InterfaceConflict"
-    assert client.call("echo", still="fine") == {"still": "fine"}
+    assert read(client, 8) == 8
 
 
 @pytest.mark.parametrize(
@@ -179,59 +211,59 @@ def test_a_refusal_has_the_kind_and_the_words_of_the_robot(client):
     [("no", "RemoteError", "no"), ({}, "RemoteError", "refused without a reason"), ({"kind": "X"}, "X", "refused")],
 )
 def test_a_refusal_of_any_shape_is_a_sentence(robot, client, error, kind, sentence):
-    robot.answers["odd"] = lambda connection, request: {"error": error}
+    robot.answers["status"] = lambda connection, request: {"error": error}
     with pytest.raises(RemoteError, match=sentence) as caught:
-        client.call("odd")
+        client.ask(GetStatus())
     assert caught.value.kind == kind
 
 
 def test_a_call_that_takes_too_long_is_given_up_and_its_late_answer_is_nobodys(robot, client):
     late = {}
-    robot.answers["slow"] = lambda connection, request: late.update(connection=connection, id=request["id"])
+    robot.answers["status"] = lambda connection, request: late.update(connection=connection, id=request["id"])
     client.timeout = 0.02
-    with pytest.raises(RemoteError, match=r"robot robby has not answered 'slow' within 0.02 s") as caught:
-        client.call("slow")
+    with pytest.raises(RemoteError, match=r"robot robby has not answered 'status' within 0.02 s") as caught:
+        client.ask(GetStatus())
     assert caught.value.kind == "Timeout"
     client.timeout = 10
-    robot.on_loop(lambda: late["connection"].send({"id": late["id"], "result": "too late"}))
-    assert client.call("echo", a=1) == {"a": 1}
+    robot.on_loop(lambda: say(late["connection"], {"id": late["id"], "result": {}}))
+    assert read(client, 1) == 1
     assert client._awaited == {}
 
 
 def test_a_request_may_have_a_timeout_of_its_own(client):
     with pytest.raises(RemoteError, match=r"within 0.01 s"):
-        client.request("nothing", {}, timeout=0.01)
+        client.ask(GetStatus(), 0.01)
 
 
 def test_a_notification_is_not_answered(robot, client):
-    client.notify("refuse", a=1)
-    client.call("echo")
-    assert robot.seen[0] == {"method": "refuse", "params": {"a": 1}}
+    client.notify(Stop(latch=True))
+    read(client, 1)
+    assert robot.seen[0] == {"method": "stop", "params": {"latch": True, "source": None}}
 
 
 def test_a_robot_that_dies_in_the_middle_of_a_call_is_one_sentence(robot, client):
     with pytest.raises(
         RemoteError, match=r"^robot robby has closed the connection; it was shut down or has died$"
     ) as caught:
-        client.call("die")
+        client.ask(Shutdown())
     assert caught.value.kind == "BusClosed"
-    for use in (lambda: client.call("echo"), lambda: next(client.messages(1)), lambda: client.notify("echo")):
+    for use in (lambda: read(client, 1), lambda: next(client.messages(1)), lambda: client.notify(Stop())):
         with pytest.raises(RemoteError) as caught:
             use()
         assert caught.value.kind == "BusClosed"
 
 
-def test_what_json_cannot_say_is_the_callers_mistake_and_leaves_nothing_behind(client):
-    with pytest.raises(LocalProtocolError):
-        client.call("echo", value=float("nan"))
+def test_what_is_too_long_is_the_callers_mistake_and_leaves_nothing_behind(client):
+    with pytest.raises(LocalProtocolError, match="more than 65536"):
+        client.ask(Tell(kind="long", text="x" * 70_000))
     assert client._awaited == {}
-    assert client.call("echo") == {}
+    assert read(client, 1) == 1
 
 
 def test_a_complaint_about_the_line_itself_ends_the_conversation(robot, client):
-    robot.answers["complain"] = lambda connection, request: connection.refuse("RemoteProtocolError", "no such line")
+    robot.answers["status"] = lambda connection, request: connection.refuse("RemoteProtocolError", "no such line")
     with pytest.raises(RemoteError, match=r"^no such line$") as caught:
-        client.call("complain")
+        client.ask(GetStatus())
     assert caught.value.kind == "RemoteProtocolError"
 
 
@@ -239,8 +271,8 @@ def test_a_complaint_about_the_line_itself_ends_the_conversation(robot, client):
 
 
 def test_what_was_subscribed_to_comes_in_order_also_before_an_answer(client):
-    assert client.call("push", count=3) == 3
-    assert [message["event"]["number"] for message in client.messages(0)] == [0, 1, 2]
+    push(client, 3)
+    assert [event.time for event in client.messages(0)] == [0, 1, 2]
     assert list(client.messages(0)) == []
 
 
@@ -249,32 +281,32 @@ def test_messages_wait_as_long_as_they_are_told(robot, client):
     assert list(client.messages(0.02)) == []
     assert time.monotonic() - started >= 0.02
     (connection,) = robot.server.connections
-    later = threading.Timer(0.01, lambda: robot.on_loop(lambda: connection.send({"state": {"n": 1}})))
+    later = threading.Timer(0.01, lambda: robot.on_loop(lambda: say(connection, {"state": {"time": 1.0}})))
     later.start()
-    assert next(client.messages()) == {"state": {"n": 1}}
+    assert next(client.messages()) == StateSample(time=1.0)
     later.join()
 
 
 def test_what_has_come_is_yielded_before_the_end_is_told(robot, client):
-    client.call("push", count=2)
+    push(client, 2)
     robot.on_loop(robot.server.close)
     messages = client.messages(10)
-    assert [next(messages)["event"]["number"] for _ in range(2)] == [0, 1]
+    assert [next(messages).time for _ in range(2)] == [0, 1]
     with pytest.raises(RemoteError, match="closed the connection"):
         next(messages)
 
 
 def test_what_nobody_fetches_is_dropped_and_counted(client, monkeypatch):
-    monkeypatch.setattr("canopen_control.client.robot._KEPT_MESSAGES", 3)
-    client.call("push", count=5)
+    monkeypatch.setattr("canopen_control.rpc.client._KEPT", 3)
+    push(client, 5)
     assert client.dropped == 2
-    assert [message["event"]["number"] for message in client.messages(0)] == [2, 3, 4]
+    assert [event.time for event in client.messages(0)] == [2, 3, 4]
 
 
-def test_one_line_may_hold_state_encoded_for_many(robot, client):
-    robot.on_loop(lambda: robot.server.broadcast({"state": 1}))
-    robot.on_loop(lambda: robot.server.connections[0].send_encoded(encode({"state": 2})))
-    assert [message["state"] for message in client.messages(0)] == [1, 2]
+def test_several_lines_may_come_at_once(robot, client):
+    lines = line_of({"state": {"time": 1.0}}) + line_of({"state": {"time": 2.0}})
+    robot.on_loop(lambda: robot.server.connections[0].send(lines))
+    assert [sample.time for sample in client.messages(0)] == [1.0, 2.0]
 
 
 # -- threads
@@ -284,18 +316,18 @@ def test_many_threads_share_one_connection(client):
     wrong = []
 
     def ask(number):
-        asked = [{"number": number, "step": step} for step in range(50)]
-        wrong.extend(params for params in asked if client.call("echo", **params) != params)
+        asked = [100 * number + step for step in range(50)]
+        wrong.extend(each for each in asked if read(client, each) != each)
 
     def listen_to_events():
-        received.extend(message["event"]["number"] for message in client.messages(0.5))
+        received.extend(event.time for event in client.messages(0.5))
 
     received = []
     listening = threading.Thread(target=listen_to_events)
     threads = [threading.Thread(target=ask, args=(number,)) for number in range(6)]
     for thread in [listening, *threads]:
         thread.start()
-    assert client.call("push", count=20) == 20
+    push(client, 20)
     for thread in [*threads, listening]:
         thread.join(20)
         assert not thread.is_alive()
@@ -314,7 +346,7 @@ def test_a_call_is_answered_while_another_thread_reads(client):
     listening = threading.Thread(target=listen_for_ever)
     listening.start()
     for number in range(20):
-        assert client.call("echo", n=number) == {"n": number}
+        assert read(client, number) == number
     client.close()
     listening.join(10)
     assert stopped == [True]
@@ -325,7 +357,7 @@ def test_a_death_is_told_to_every_thread_that_waits(robot, client):
 
     def wait():
         try:
-            client.call("nothing")
+            client.ask(GetStatus())
         except RemoteError as error:
             told.append(error)
 
@@ -345,7 +377,20 @@ def test_closing_twice_is_fine_and_a_closed_client_says_so(client):
     client.close()
     client.close()
     with pytest.raises(RemoteError, match="closed"):
-        client.call("echo")
+        client.ask(GetStatus())
     with pytest.raises(RemoteError, match="closed"):
         next(client.messages(0))
     assert client.fileno() == -1
+
+
+# -- objects
+
+
+def test_a_long_object_goes_in_pieces(robot, client):
+    for method in ("sdo_data", "sdo_write"):
+        robot.answers[method] = lambda connection, request: {"result": {}}
+    data = bytes(range(250)) * 200
+    client.sdo_write(SdoWrite(node="3", index=0x2000, data=data, timeout=2.0), 5.0)
+    assert [each["method"] for each in robot.seen] == ["sdo_data", "sdo_data", "sdo_write"]
+    assert b"".join(b64decode(each["params"]["data"]) for each in robot.seen) == data
+    assert (robot.seen[2]["params"]["index"], robot.seen[2]["params"]["timeout"]) == (0x2000, 2.0)

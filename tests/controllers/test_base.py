@@ -14,6 +14,11 @@ def test_the_least_controller_claims_nothing_and_does_nothing():
     assert (idle.command_interface_names(), idle.state_interface_names(), idle.update_rate) == ([], [], 5)
     assert idle.update(0, 0.01) is ReturnType.OK
     assert idle.reference_interfaces() == ()
+    assert (idle.tells, idle.sample(0), idle.wheel_base()) == (None, None, None)
+    with pytest.raises(ControlError, match="idle has no odometry; it is no base controller"):
+        idle.set_odometry(0.0, 0.0, 0.0)
+    idle.stamp = 250_000_000
+    assert idle.published(1_000_000_000) == 1.25
     assert ALL_STATES == "*"
 
 

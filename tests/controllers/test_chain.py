@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from canopen_control.controllers.base import Controller
-from canopen_control.controllers.chain import in_order, users_of
+from canopen_control.controllers.chain import in_order, joints_of, users_of
 from canopen_control.hardware.interfaces import CommandInterface
 
 
@@ -34,6 +34,21 @@ def test_a_chain_stops_as_a_whole_and_others_go_on():
     assert names(users_of([middle], [bottom, middle, top, alone])) == ["top", "middle", "bottom"]
     assert names(users_of([alone], [bottom, middle, top, alone])) == ["alone"]
     assert users_of([alone], [bottom]) == []
+
+
+def test_the_joints_of_a_controller_are_found_through_those_it_commands():
+    left, right, base, top = (
+        Link("left", "wheel_1"),
+        Link("right", "wheel_2"),
+        Link("base", "left", "right"),
+        Link("top", "base"),
+    )
+    everybody = [left, right, base, top]
+    assert [joints_of(each, everybody) for each in (left, base, top)] == [
+        ["wheel_1"],
+        ["wheel_1", "wheel_2"],
+        ["wheel_1", "wheel_2"],
+    ]
 
 
 @given(st.dictionaries(st.integers(0, 6), st.sets(st.integers(0, 6), max_size=2), max_size=7))

@@ -1,12 +1,13 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 from typing import Any
 
 import pytest
 from support.control import DIFF_DRIVE, FORWARD, Hardware, S, add, manager, same, vectors
 
-from canopen_control.controllers.base import ControllerState
+from canopen_control.controllers.base import ControllerState, WheelBase
 from canopen_control.controllers.diff_drive import wheel_velocities
 from canopen_control.errors import ControlError
 from canopen_control.hardware.interfaces import ReturnType
@@ -256,9 +257,63 @@ def test_frames_carry_the_prefix_and_the_pose_can_be_set():
     assert (base.odometry.x, base.odometry.y, base.odometry.heading) == (1.0, 2.0, 3.0)
     with pytest.raises(ControlError, match="three finite numbers"):
         base.set_odometry(1.0, math.nan, 3.0)
-    sample = base.sample()
-    assert (sample["frame_id"], sample["child_frame_id"], sample["x"]) == ("r1/odom", "r1/base_link", 1.0)
-    assert sample["limited"] is None
+    assert base.sample(0) is None
+    control.command("base", [0.0, 0.0], 0)
+    control.update(S // 100, 0.01)
+    sample = base.sample(5 * S)
+    assert (sample.frame_id, sample.child_frame_id, sample.x) == ("r1/odom", "r1/base_link", 1.0)
+    assert (sample.time, sample.limited) == (5.01, None)
+
+
+def test_it_says_what_it_assumes_of_its_wheels_before_the_calibration():
+    jerk = {"linear__x__max_jerk": 0.0}
+    _, _, base = robot(wheel_separation_multiplier=2.0, left_wheel_radius_multiplier=3.0, tf_frame_prefix="r1", **jerk)
+    given = base.params
+    assert base.wheel_base() == WheelBase(
+        given.left,
+        given.right,
+        given.wheel_separation,
+        given.wheel_radius,
+        "r1/odom",
+        "r1/base_link",
+        True,
+        ("linear.x",),
+    )
+
+
+def publications(rate, seconds=2.0):
+    """Return the samples that two observers see in a cycle of 10 ms, the other one only in every third cycle."""
+    _, control, base = robot(publish_rate=rate, cmd_vel_timeout=0.0, publish_limited_velocity=True)
+    control.switch(["base"], now=0)
+    control.command("base", [0.5, 0.0], 0)
+    seen, other = [], []
+    for step in range(1, round(seconds * 100) + 1):
+        control.update(step * S // 100, 0.01)
+        seen.append(control.running.samples(7 * S)["base"])
+        if step % 3 == 0:
+            other.append(base.sample(7 * S))
+    return seen, other
+
+
+def test_the_list_tells_how_often_it_publishes():
+    _, control, base = robot(publish_rate=20.0)
+    assert (control.list()[0].tells, control.list()[0].publish_rate) == ("odometry", 20.0)
+    base.publish_rate = 1000.0
+    assert control.list()[0].publish_rate == 100.0
+    base.update_rate = 40
+    assert control.list()[0].publish_rate == 40.0
+
+
+@pytest.mark.parametrize(("rate", "every"), [(100.0, 1), (50.0, 2), (20.0, 5), (1000.0, 1), (0.6, 167)])
+def test_its_sample_is_of_the_last_publication_at_publish_rate_whoever_looks(rate, every):
+    seen, other = publications(rate)
+    stamps = list(dict.fromkeys(each.time for each in seen))
+    steps = [round((later - earlier) * 100) for earlier, later in pairwise(stamps)]
+    assert set(steps) <= {every, every + 1}
+    assert len(stamps) == pytest.approx(2.0 * min(rate, 100.0), abs=1)
+    assert (stamps[0], seen[0].limited) == (7.01, (0.5, 0.0))
+    by_stamp = {each.time: each for each in seen}
+    assert all(each == by_stamp[each.time] for each in (*seen, *other)), "a stamp has one content"
 
 
 def test_a_robot_that_does_what_it_is_told_drives_a_square_back_to_its_start():

@@ -22,6 +22,12 @@ def test_it_refuses_what_upstream_refuses(case):
         read_params(Params.of(case["params"]))
 
 
+def test_a_jerk_limit_of_0_freezes_its_axis_unless_it_is_switched_off():
+    frozen = {"linear.x.max_jerk": 0.0, "angular.z.max_jerk": 0.0, "angular.z.has_jerk_limits": False}
+    assert read_params(Params.of({**WHEELS, **frozen})).frozen == ("linear.x",)
+    assert read_params(Params.of(WHEELS)).frozen == ()
+
+
 def effective(limits: Limits) -> dict[str, float]:
     """What the limiter makes of limits: equal dictionaries limit equally."""
     limiter = RateLimiter(limits)

@@ -124,8 +124,8 @@ def test_a_timeout_is_told_once_and_the_next_command_takes_over():
     assert hardware.values() == [4.0, 5.0, 6.0]
 
 
-def test_without_a_timeout_the_last_command_is_held_forever():
-    hardware, control, _ = robot()
+def test_with_a_timeout_of_zero_the_last_command_is_held_forever():
+    hardware, control, _ = robot(command_timeout=0.0)
     control.switch(["forward"], now=0)
     control.command("forward", [1.0, 2.0, 3.0], 0)
     control.update(0, 0.01)

@@ -1,12 +1,13 @@
 from __future__ import annotations
 
-import math
+from itertools import pairwise
 
 import pytest
 from support.control import BROADCASTER, Hardware, S, add, manager, same, vectors
 
 from canopen_control.controllers.params import Params
 from canopen_control.errors import ControlError
+from canopen_control.ros.conversions import arrays_of
 
 CASES = [case for case in vectors("joint_state_broadcaster") if "expect_topic" not in case]
 TOPICS = [case for case in vectors("joint_state_broadcaster") if "expect_topic" in case]
@@ -33,80 +34,82 @@ def test_it_gathers_what_upstream_gathers(case):
         return
     control.switch(["states"], now=0)
     control.broadcast(S, 0.01)
-    assert states.names == (case["expect_name_jazzy"] if "expect_name_jazzy" in case else case["expect_name"])
-    assert len(states.positions) == len(states.velocities) == len(states.efforts) == len(states.names)
-    for key, array in (("expect_velocity", states.velocities), ("expect_effort", states.efforts)):
+    sample = states.sample(0)
+    arrays = arrays_of(sample.joints, sample.names)
+    assert arrays.names == (case["expect_name_jazzy"] if "expect_name_jazzy" in case else case["expect_name"])
+    for key, array in (("expect_velocity", arrays.velocity), ("expect_effort", arrays.effort)):
         assert all(same(a, b) for a, b in zip(array, case.get(key, array), strict=True))
     if "expect_extra_value" in case:
-        assert states.positions[3:] == [case["expect_extra_value"]] * 3
+        assert arrays.position[3:] == [case["expect_extra_value"]] * 3
     if "expect_dynamic_names" in case:
-        assert list(states.dynamic_joint_states()) == case["expect_dynamic_names"]
+        assert list(sample.joints) == case["expect_dynamic_names"]
     assert states.stamp == S
     del hardware
 
 
-def test_values_are_overwritten_in_place_and_missing_interfaces_stay_nan():
+def test_what_is_told_is_of_the_last_update_and_missing_interfaces_are_not_known():
     hardware = Hardware(states=("a/position", "b/velocity", "b/temperature"))
     control = manager(hardware)
     states = add(control, "states", BROADCASTER)
     control.switch(["states"], now=0)
-    positions = states.positions
     hardware.set("a/position", 1.5)
     hardware.set("b/velocity", 2.5)
     control.broadcast(S, 0.01)
-    assert states.positions is positions
-    assert states.names == ["a", "b"]
-    assert positions[0] == 1.5
-    assert math.isnan(positions[1])
-    assert states.velocities[1] == 2.5
-    assert math.isnan(states.dynamic_joint_states()["b"]["temperature"])
+    sample = states.sample(2 * S)
+    assert (sample.time, sample.names) == (3.0, ("a", "b"))
+    assert sample.joints == {"a": {"position": 1.5}, "b": {"velocity": 2.5, "temperature": None}}
+    hardware.set("a/position", 9.0)
+    assert states.sample(2 * S) == sample
+    assert control.running.samples(2 * S) == {"states": sample}
 
 
 def told(*states, **params):
-    control = manager(Hardware(states=states))
+    hardware = Hardware(states=states)
+    for number, name in enumerate(states):
+        hardware.set(name, number + 1.5)
+    control = manager(hardware)
     add(control, "states", BROADCASTER, **params)
+    assert control.running.samples(0) == {}
     control.switch(["states"], now=0)
-    return control.list()[0]
+    return control.running.samples(0)["states"]
 
 
-def test_the_list_tells_what_it_reads_once_it_runs():
-    control = manager(Hardware(states=("a/position",)))
-    add(control, "states", BROADCASTER)
-    assert control.list()[0].tells == {}
-    assert told("a/position", "b/velocity", "b/temperature").tells == {
-        "a": {"position": "position"},
-        "b": {"velocity": "velocity", "temperature": "temperature"},
+def test_it_tells_what_it_reads():
+    assert told("a/position", "b/velocity", "b/temperature").joints == {
+        "a": {"position": 1.5},
+        "b": {"velocity": 2.5, "temperature": 3.5},
     }
     few = told("a/position", "a/velocity", "b/position", joints=["a"], interfaces=["position"])
-    assert few.as_dict()["tells"] == {"a": {"position": "position"}}
+    assert (few.names, few.joints) == (("a",), {"a": {"position": 1.5}})
 
 
-def test_an_extra_joint_is_a_constant_unless_it_is_read():
-    zero = dict.fromkeys(("position", "velocity", "effort"))
-    info = told("a/position", extra_joints=["x", "a", "x"])
-    assert (info.joints, info.tells) == (("a", "x"), {"a": {"position": "position"}, "x": zero})
-    hardware = Hardware(states=("a/position",))
-    control = manager(hardware)
-    states = add(control, "states", BROADCASTER, extra_joints=["a", "x"])
-    hardware.set("a/position", 1.5)
-    control.switch(["states"], now=0)
-    assert states.positions == [1.5, 0.0]
-    assert math.isnan(states.velocities[0])
-    assert states.dynamic_joint_states() == {"a": {"position": 1.5}, "x": dict.fromkeys(zero, 0.0)}
+def test_an_extra_joint_is_zero_unless_it_is_read():
+    zero = dict.fromkeys(("position", "velocity", "effort"), 0.0)
+    sample = told("a/position", extra_joints=["x", "a", "x"])
+    assert (sample.names, sample.joints) == (("a", "x"), {"a": {"position": 1.5}, "x": zero})
 
 
 def test_a_mapped_interface_is_told_by_the_name_of_its_column():
-    info = told("a/angle", "a/position", "a/load", map_interface_to_joint_state__position="angle")
-    assert info.tells == {"a": {"position": "angle", "load": "load"}}
+    sample = told("a/angle", "a/position", "a/load", map_interface_to_joint_state__position="angle")
+    assert sample.joints == {"a": {"position": 1.5, "load": 3.5}}
+    assert sample.names == ("a",)
 
 
-def test_an_interface_may_be_mapped_to_another_column():
-    hardware = Hardware(states=("a/angle",))
-    control = manager(hardware)
-    states = add(control, "states", BROADCASTER, map_interface_to_joint_state__position="angle")
-    hardware.set("a/angle", 0.5)
+@pytest.mark.parametrize(("rate", "every"), [(0, 10), (100, 10), (50, 20), (60, 20), (30, 30), (10, 100), (200, 10)])
+def test_it_publishes_once_per_update_at_its_own_rate(rate, every):
+    """Every so many ms of a manager of 100 Hz; a cycle is taken when it is nearer to the period than the next one."""
+    control = manager(Hardware(states=("a/position",)))
+    add(control, "states", BROADCASTER, update_rate=rate)
     control.switch(["states"], now=0)
-    assert states.positions == [0.5]
+    stamps = []
+    for step in range(1, 101):
+        control.broadcast(step * S // 100, 0.01)
+        stamps += [
+            round(control.running.samples(0)["states"].time * 1000) for _ in range(2)
+        ]  # whoever looks sees the same
+    published = list(dict.fromkeys(stamps))
+    assert [later - earlier for earlier, later in pairwise(published[1:])] == [every] * (len(published) - 2)
+    assert len(published) >= 1000 // every - 1
 
 
 @pytest.mark.parametrize("case", TOPICS, ids=lambda case: case["name"])
@@ -132,5 +135,5 @@ def test_the_list_tells_its_topics_once_it_is_configured():
     assert control.list()[0].publishes == ()
     control.configure("states")
     (told,) = control.list()
-    assert told.as_dict()["publishes"] == ["joint_states", "dynamic_joint_states"]
+    assert told.publishes == ("joint_states", "dynamic_joint_states")
     assert told.frame_id == "world"

@@ -20,6 +20,8 @@ from canopen_control.errors import (
     UnsupportedMode,
 )
 from canopen_control.hardware.interfaces import InterfaceRegistry, LifecycleState, ReturnType
+from canopen_control.rpc.messages.samples import GpioSample, OdometrySample
+from canopen_control.rpc.wire import plain
 
 
 class Scripted(Controller):
@@ -263,7 +265,7 @@ def test_two_controllers_on_one_interface_in_one_request_are_refused(robot):
 def test_the_list_tells_what_a_client_shows(robot):
     _, control = robot
     control.switch(["both"], now=0)
-    info = control.list()[0].as_dict()
+    info = plain(control.list()[0])
     assert info == {
         "name": "both",
         "type": FORWARD,
@@ -276,9 +278,11 @@ def test_the_list_tells_what_a_client_shows(robot):
         "topic": "commands",
         "publishes": [],
         "frame_id": "",
-        "tells": {},
+        "tells": None,
         "is_broadcaster": False,
         "rejected": 0,
+        "update_rate": 100,
+        "publish_rate": 0.0,
     }
     assert control.list()[-1].topic is None
 
@@ -394,3 +398,34 @@ def test_a_limiter_sees_every_cycle_and_what_it_says_is_told():
     control.limiter = Limits()
     control.update(S, 0.01)
     assert control.events()[-1].text == "enforce_command_limits: l is limited after 0.01 s"
+
+
+class Telling(Controller):
+    tells = GpioSample
+
+    def sample(self, wall_offset_ns):
+        if isinstance(self.told, Exception):
+            raise self.told
+        return self.told
+
+
+def test_who_tells_nothing_has_no_sample_and_who_cannot_tell_has_failed():
+    control = manager(wheels())
+    put(control, Scripted("plain"))
+    for name in ("silent", "broken", "wrong"):
+        put(control, Telling(name))
+    names = ("silent", "broken", "wrong")
+    silent, broken, wrong = (control.get(name) for name in names)
+    silent.told, broken.told = None, ZeroDivisionError("no")
+    wrong.told = OdometrySample(time=0.0, x=0.0, y=0.0, heading=0.0)
+    control.switch(["plain", *names], now=0)
+    control.events()
+    for _ in range(2):
+        assert control.running.samples(0) == {}
+    silent.told = GpioSample(time=1.0, parts={})
+    assert control.running.samples(0) == {"silent": silent.told}
+    control.update(S, 0.01)
+    assert control.active == ("plain", "silent")
+    one, other = (each.text for each in control.events())
+    assert "broken was deactivated: sample raised ZeroDivisionError: no" in one
+    assert "wrong was deactivated: sample returned OdometrySample, which is not what it `tells`" in other

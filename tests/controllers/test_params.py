@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from canopen_control.controllers.params import Params, read_controllers
 from canopen_control.errors import RobotConfigError
-from canopen_control.yamltree import setting
+from canopen_control.yamlfile.convert import setting
 
 CONFIG = Path(__file__).parents[2] / "config"
 JAZZY = """\

@@ -5,8 +5,10 @@ from support.faultbench import CYCLE_MS, LEFT, RAMP_MS, RIGHT
 from support.generic import write_generic
 from support.robots import copy_robby
 
+from canopen_control.errors import NotEnabled
 from canopen_control.hardware.joint import Action
 
+BASE = "robby_base_controller"
 RECOVERY = {"  position_mode": "  recovery: enable\n  position_mode"}
 
 
@@ -80,7 +82,7 @@ def test_drives_are_enabled_in_the_same_cycle_however_long_each_takes(bench):
     robby.start()
     assert robby.axis(Action.DISABLE) is None
     robby.run(200)
-    robby.drives[LEFT].drives[0].extra_delay_ns = 300_000_000
+    robby.drives[LEFT].drives[0].power.transition_delay_ns.break_with(300_000_000)
     seen = []
     robby.robot.after_cycle.append(
         lambda _now: seen.append(tuple(each.axis.controlword.value for each in robby.robot.joints.values()))
@@ -101,6 +103,14 @@ def test_a_group_of_its_own_does_not_stop_the_others(bench, tmp_path):
     assert robby.standing(2)
     assert not robby.standing(3)
     assert robby.joint(3).enabled
+    robby.robot.command("velocity", [3.0, 3.0], "test")  # the other one goes on, and what is off keeps nothing
+    robby.run(300)
+    assert robby.velocity(3) == pytest.approx(3.0, rel=0.02)
+    robby.switch("drive_fault", on=False)
+    assert robby.axis(Action.FAULT_RESET) is None
+    assert robby.axis(Action.ENABLE) is None
+    robby.run(300)
+    assert robby.standing(2)
 
 
 @pytest.mark.parametrize(("action", "stops"), [("stop", True), ("warn", False), ("ignore", False)])
@@ -109,7 +119,7 @@ def test_a_following_error_leads_to_what_bus_yml_says(bench, tmp_path, action, s
     robby = bench(config=config, drives=(2, 3), controllers=["position"])
     robby.start()
     robby.events.clear()
-    robby.drives[2].drives[0].status_set = 1 << 13
+    robby.drives[2].drives[0].readings.statusword.forced.break_with(1 << 13)
     robby.hosts[2].wake(robby.drives[2])
     robby.run(200)
     told = robby.found("following_error")
@@ -123,10 +133,57 @@ def test_guarding_watches_a_drive_without_a_heartbeat(bench, tmp_path):
         "  heartbeat_consumer: true        # 0x1016": "  allow_unsupervised: true        # 0x1016",
     }
     robby = bench(config=copy_robby(tmp_path, bus=edits)).turning()
-    assert robby.robot.nodes["left_drive"].config.guarded
+    assert robby.robot.nodes["left_drive"].config.supervision.guarded
     assert robby.robot.nodes["left_drive"].nmt_state is not None
     robby.switch("silent")
     event, after = robby.told("guarding_lost")
     assert "no answer to node guarding" in event.text
     assert 200 <= after <= 300 + 100 + CYCLE_MS
     assert robby.stopped_after(RIGHT) <= after + RAMP_MS + 2 * CYCLE_MS
+
+
+@pytest.mark.parametrize("position_feedback", ["true", "false"])
+def test_a_base_waits_for_a_lost_drive_and_goes_on_once_it_is_enabled(bench, tmp_path, position_feedback):
+    """Its feedback is unknown meanwhile: it stands, its pose does not jump, and no switch of controllers is needed."""
+    edits = {"    position_feedback: true": f"    position_feedback: {position_feedback}"}
+    config = copy_robby(tmp_path, controllers=edits)
+    robby = bench(config=config, controllers=["joint_state_broadcaster", BASE])
+    robby.start()
+    rolling(robby)
+    robby.switch("spontaneous_reset")
+    robby.told("stop")
+    robby.until(lambda: robby.robot.nodes["left_drive"].ready)
+    robby.run(500)
+    base = robby.robot.manager.get(BASE)
+    at = base.odometry.x
+    assert BASE in robby.robot.manager.active
+    assert not robby.found("error")
+    with pytest.raises(NotEnabled, match="canopen-control axis enable all"):
+        robby.robot.command(BASE, [0.3, 0.0], "test")
+    assert robby.axis(Action.ENABLE) is None
+    robby.run(500)
+    assert robby.standing()
+    assert base.odometry.x == pytest.approx(at, abs=0.01)
+    rolling(robby)
+    assert base.odometry.x > at + 0.1
+    assert base.odometry.linear == pytest.approx(0.3, rel=0.05)
+
+
+def test_a_base_goes_on_by_itself_where_bus_yml_lets_the_drive(bench, tmp_path):
+    robby = bench(config=copy_robby(tmp_path, bus=RECOVERY), controllers=["joint_state_broadcaster", BASE])
+    robby.start()
+    rolling(robby)
+    robby.switch("spontaneous_reset")
+    robby.told("stop")
+    robby.until(lambda: robby.found("recovered"))
+    assert BASE in robby.robot.manager.active
+    robby.run(300)
+    assert robby.standing()  # the twist of before is forgotten
+    rolling(robby)
+
+
+def rolling(robby):
+    for _ in range(10):
+        robby.robot.command(BASE, [0.3, 0.0], "test")
+        robby.run(100)
+    assert not robby.standing()

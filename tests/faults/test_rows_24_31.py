@@ -107,7 +107,7 @@ def test_row_27_slow_transitions_are_waited_for_with_the_targets_at_rest(bench):
     answers = []
     robby.robot.axis(Action.ENABLE, "all", answers.append)
     while not answers:
-        robby.command(10.0, 10.0)
+        robby.publish(10.0, 10.0)
         robby.run(20)
         if not robby.powered(LEFT):
             targets = robby.robot.buses["can"].network.image

@@ -99,7 +99,7 @@ def test_row_35_no_velocity_is_left_in_the_drive_after_a_disable(turning):
     assert max(fastest) < 1
 
 
-def test_row_36_at_a_limit_switch_only_the_other_direction_is_followed(turning):
+def test_row_36_wheels_stop_together_at_a_limit_switch_and_only_the_other_direction_is_followed(turning):
     turning.victim = RIGHT  # it turns in its positive direction
     turning.switch("limit_switch")
     event, after = turning.told("limit")
@@ -107,12 +107,28 @@ def test_row_36_at_a_limit_switch_only_the_other_direction_is_followed(turning):
     assert "positive side" in event.text
     assert "0xFF01" in turning.texts("emcy")[0]
     turning.hold(10.0, 10.0, ms=1000)
-    assert turning.standing(RIGHT)
-    assert not turning.standing(LEFT)
+    assert turning.standing()
+    assert len(turning.found("limit")) == 1
+    turning.run(2500)
+    assert turning.axis(Action.ENABLE) is None
     turning.hold(-10.0, -10.0, ms=1000)
     assert turning.speed(RIGHT) < 0
+    assert turning.speed(LEFT) > 0
     assert len(turning.found("limit")) == 1
     assert turning.found("limit_left")
+
+
+def test_row_36_a_position_axis_at_its_limit_lets_the_others_go_on(servo):
+    robby = servo("position")
+    positions(robby, 20.0, 300)
+    robby.switch("limit_switch", node=2)
+    positions(robby, 20.0, 300)
+    (event,) = robby.found("limit")
+    assert "only the other direction is followed" in event.text
+    robby.run(500)
+    assert not robby.found("stop")
+    assert robby.joint(2).enabled
+    assert robby.joint(3).enabled
 
 
 def test_row_36_software_limits_are_read_and_respected(servo):

@@ -6,7 +6,7 @@ from support.generic import MODES, write_generic
 
 from canopen_control.cia402.state import TRANSITIONS, State
 from canopen_control.hardware.joint import Action
-from canopen_control.virtual.events import DriveStateChanged
+from canopen_control.virtual.node_events import DriveStateChanged
 
 NUMBERS = {(source, each.target): each.number for each in TRANSITIONS for source in each.sources}
 NODE = 2
@@ -121,7 +121,7 @@ def test_8_somebody_else_shuts_it_down(servo, machine):
 
 def test_9_its_voltage_is_taken_while_enabled(servo, machine):
     enable(servo)
-    servo.joint(NODE).switch_off()
+    servo.joint(NODE).give_up()
     machine.disable_voltage()
     servo.made(9)
 
@@ -130,7 +130,7 @@ def test_10_its_voltage_is_taken_while_switched_on(servo, machine):
     servo.joint(NODE).enable()
     servo.joint(NODE).group.busy = False  # nobody lets it through
     servo.until(lambda: machine.state is State.SWITCHED_ON)
-    servo.joint(NODE).switch_off()
+    servo.joint(NODE).give_up()
     machine.disable_voltage()
     servo.made(2, 3, 10)
 

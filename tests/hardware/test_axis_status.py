@@ -107,6 +107,13 @@ def test_a_drive_that_nobody_sees_is_told_to_quick_stop_and_then_to_take_its_pow
     assert status.blind_word(5 * BLIND_STOP_NS) == 0x02
 
 
+def test_the_power_of_a_load_that_would_fall_is_not_taken_by_a_master_that_sees_nothing():
+    axis = make_axis()
+    status = AxisStatus(axis, SimpleNamespace(mode=9), holds_load=True)
+    axis.pdo.overdue = True
+    assert status.blind_word(0) == status.blind_word(100 * BLIND_STOP_NS) == 0x02
+
+
 def test_a_mode_without_pdos_is_written_once_and_asked_for_until_it_shows():
     axis = make_axis(mode=False, display=False)
     mode = ModeBySdo(axis)

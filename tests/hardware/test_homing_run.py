@@ -4,7 +4,7 @@ import pytest
 from support.faultbench import FaultBench
 from support.generic import write_generic
 
-from canopen_control.errors import DriveError
+from canopen_control.errors import DriveError, NotYetEnabled
 from canopen_control.hardware.joint import Action
 
 
@@ -39,7 +39,8 @@ def test_commands_are_not_followed_meanwhile(servo):
     servo.robot.axis(Action.HOME, "2", answers.append, method=17)
     servo.run(100)
     before = servo.robot.buses["can"].network.image.output(2, 0x60FF).value
-    servo.robot.command("velocity", [5.0, 5.0], "test")
+    with pytest.raises(NotYetEnabled, match="homing is under way"):
+        servo.robot.command("velocity", [5.0, 5.0], "test")
     servo.run(100)
     assert not answers
     assert servo.robot.buses["can"].network.image.output(2, 0x60FF).value == before == 0

@@ -8,7 +8,8 @@ from support.robots import LEFT, RIGHT, Bench, copy_robby
 from canopen_control.cia402.modes import OperationMode
 from canopen_control.cia402.state import State
 from canopen_control.errors import RobotConfigError, UnsupportedMode
-from canopen_control.hardware.joint import Action, Wish
+from canopen_control.hardware.joint import Action, AxisState
+from canopen_control.runtime.axis_request import reached
 
 
 @pytest.fixture
@@ -50,7 +51,7 @@ def test_a_node_that_is_not_there_has_no_values(robby):
     joint = robby.joint(LEFT)
     assert math.isnan(joint.states["velocity"].value)
     assert joint.state is None
-    assert joint.wish is Wish.OFF
+    assert joint.power.state is AxisState.OFF
 
 
 def test_the_mode_of_bus_yml_wins_and_must_be_one_the_drive_has(robby, tmp_path):
@@ -97,7 +98,7 @@ def test_halt_holds_and_enable_goes_on(robby):
     joint.halt()
     robby.hold(5.0, 5.0, ms=500)
     assert robby.speed(LEFT) == 0
-    assert joint.reached(Action.HALT)
+    assert reached(joint, Action.HALT)
     joint.enable()
     robby.hold(5.0, 5.0, ms=500)
     assert robby.velocity(LEFT) == pytest.approx(5.0, rel=0.01)
@@ -111,7 +112,7 @@ def test_quick_stop_ends_disabled_or_holding_and_is_not_undone_by_commands(robby
     robby.hold(5.0, 5.0, ms=1000)
     assert robby.speed(LEFT) == 0
     assert joint.state is not State.OPERATION_ENABLED
-    assert joint.reached(Action.QUICK_STOP)
+    assert reached(joint, Action.QUICK_STOP)
 
 
 def test_standing_still_is_zero_without_a_sign(robby):

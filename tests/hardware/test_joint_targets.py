@@ -1,13 +1,15 @@
 """The claimed interface, its mode and its target."""
 
 import math
+from dataclasses import replace
 
 import pytest
 from support.generic import write_generic
-from support.robots import Bench
+from support.robots import Bench, copy_robby
 
 from canopen_control.cia402.modes import OperationMode
-from canopen_control.errors import UnsupportedMode
+from canopen_control.errors import DriveError, RobotConfigError, UnsupportedMode
+from canopen_control.hardware.joint_targets import choose_mode, listed_modes
 
 
 @pytest.fixture
@@ -63,3 +65,74 @@ def test_a_mode_that_does_not_serve_the_claim_follows_nothing(servo):
     servo.run(200)
     assert joint.axis.output(0x60FF).value == 0
     assert joint.targets.handshakes
+
+
+@pytest.fixture
+def bench(tmp_path):
+    benches = []
+
+    def make(config, **how):
+        benches.append(Bench(f"choice{len(benches)}", config=config, **how))
+        return benches[-1]
+
+    yield make
+    for each in benches:
+        each.close()
+
+
+def chosen(joint, interface):
+    return choose_mode(joint.axis, joint.parameters, interface)
+
+
+def test_cyclic_goes_before_profile_and_what_the_drive_reads_goes_before_its_eds(bench, tmp_path):
+    servo = bench(write_generic(tmp_path), drives=(2, 3), controllers=["velocity"])
+    joint = servo.joint(2)
+    assert chosen(joint, "velocity") is OperationMode.CSV
+    assert chosen(joint, "position") is OperationMode.CSP
+    assert chosen(joint, "effort") is OperationMode.CST
+    joint.parameters.values[0x6502, 0] = 1 << 0 | 1 << 1
+    assert chosen(joint, "position") is OperationMode.PP
+    assert chosen(joint, "velocity") is OperationMode.VL
+    with pytest.raises(UnsupportedMode):
+        chosen(joint, "effort")
+    assert listed_modes(joint.axis, joint.parameters) == (OperationMode.PP, OperationMode.VL)
+
+
+def test_a_mode_of_bus_yml_must_be_listed_and_its_target_mapped(bench, tmp_path):
+    robby = bench(str(copy_robby(tmp_path, bus={"  position_mode: 1\n": "  position_mode: 8\n  effort_mode: 1\n"})))
+    joint = robby.joint(3)
+    assert chosen(joint, "position") is OperationMode.CSP
+    joint.parameters.values[0x6502, 0] = 0x3FF
+    object.__setattr__(joint.node.config.motion, "velocity_mode", 2)
+    with pytest.raises(DriveError, match=r"no RPDO carries 0x6042:00, the target of mode VL"):
+        chosen(joint, "velocity")
+
+
+def test_a_list_of_nothing_says_nothing_and_bus_yml_has_the_word(bench, tmp_path):
+    servo = bench(write_generic(tmp_path, modes="velocity_mode: 3"), drives=(2, 3), controllers=["velocity"])
+    joint = servo.joint(2)
+    joint.parameters.values[0x6502, 0] = 0
+    assert chosen(joint, "position") is OperationMode.CSP  # the EDS tells
+    eds = joint.node.od.entries
+    eds[0x6502, 0] = replace(eds[0x6502, 0], default=None)
+    assert listed_modes(joint.axis, joint.parameters) == ()
+    assert chosen(joint, "velocity") is OperationMode.PV
+    with pytest.raises(DriveError, match=r"0x6502.* give position_mode in bus.yml"):
+        chosen(joint, "position")
+    joint.parameters.values[0x6502, 0] = 0x3EF  # the live drive goes before both
+    assert chosen(joint, "position") is OperationMode.CSP
+
+
+def test_an_interface_that_nothing_serves_is_an_error_of_the_description(bench, tmp_path):
+    config = copy_robby(
+        tmp_path, description={'<command_interface name="velocity"/>': '<command_interface name="colour"/>'}
+    )
+    with pytest.raises(RobotConfigError, match="no command interface 'colour'"):
+        bench(config)
+
+
+def test_outputs_must_be_mapped(bench, tmp_path):
+    new = '<command_interface name="velocity"/><command_interface name="digital_outputs"/>'
+    config = copy_robby(tmp_path, description={'<command_interface name="velocity"/>': new})
+    with pytest.raises(RobotConfigError, match="0x60FE"):
+        bench(config)

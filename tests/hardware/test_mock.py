@@ -9,15 +9,12 @@ from support.control import DIFF_DRIVE, S, add, same, vectors
 
 from canopen_control.controllers.manager import ControllerManager
 from canopen_control.errors import ControlError, UnknownInterface
-from canopen_control.hardware.description import (
-    ControlJoint,
-    InterfaceInfo,
-    Mimic,
-    Ros2ControlSystem,
-    read_description,
-)
 from canopen_control.hardware.interfaces import InterfaceRegistry, LifecycleState, ReturnType
 from canopen_control.hardware.mock import PLUGINS, GenericSystem
+from canopen_control.urdf.declared_interface import InterfaceInfo
+from canopen_control.urdf.description import read_description
+from canopen_control.urdf.joint import Mimic
+from canopen_control.urdf.ros2_control import ControlJoint, Ros2ControlSystem
 
 CASES = vectors("mock_generic_system")
 

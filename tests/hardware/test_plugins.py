@@ -1,18 +1,24 @@
 import pytest
 
 from canopen_control.errors import RobotConfigError
-from canopen_control.hardware.description import ControlJoint, Description, InterfaceInfo, Ros2ControlSystem, UrdfJoint
 from canopen_control.hardware.mock import GenericSystem
 from canopen_control.hardware.plugins import KNOWN, Kind, kind_of, made_up, transmitted
 from canopen_control.hardware.simulation import SimulatedSystem
-from canopen_control.hardware.transmission import Transmission, TransmittedSystem
+from canopen_control.hardware.transmitted_system import TransmittedSystem
+from canopen_control.urdf.declared_interface import InterfaceInfo
+from canopen_control.urdf.description import Description
+from canopen_control.urdf.document import Place
+from canopen_control.urdf.joint import Joint
+from canopen_control.urdf.model import RobotModel
+from canopen_control.urdf.ros2_control import ControlJoint, Ros2ControlSystem
+from canopen_control.urdf.transmission import Transmission
 
 JOINT = ControlJoint("j", {}, {"velocity": InterfaceInfo("velocity")}, {"position": InterfaceInfo("position")})
-ROBOT = Description("r.urdf", "", "r", joints={"j": UrdfJoint("j", "continuous", "a", "b")})
+ROBOT = Description("r.urdf", "", RobotModel("r", joints={"j": Joint("j", "continuous", "a", "b")}))
 
 
 def tag(plugin: str, **how) -> Ros2ControlSystem:
-    return Ros2ControlSystem("s", "system", plugin, joints=(JOINT,), line=7, **how)
+    return Ros2ControlSystem("s", "system", plugin, joints=(JOINT,), place=Place(7, 3), **how)
 
 
 @pytest.mark.parametrize(

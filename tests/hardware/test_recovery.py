@@ -5,8 +5,8 @@ from types import SimpleNamespace
 import pytest
 
 from canopen_control.errors import DriveError
+from canopen_control.hardware.axis_power import AxisState
 from canopen_control.hardware.recovery import Recovery
-from canopen_control.hardware.wishes import Wish
 
 
 def make(count=2):
@@ -20,11 +20,14 @@ def make(count=2):
             state=object(),
             standing=True,
             resume=True,
-            wish=Wish.OFF,
+            power=SimpleNamespace(state=AxisState.OFF),
             group=group,
             enabled=0,
+            wanted=False,
+            stopped=False,
         )
-        joint.enable = lambda joint=joint: setattr(joint, "enabled", joint.enabled + 1)
+        joint.stop = lambda now, joint=joint: setattr(joint, "stopped", True)
+        joint.enable = lambda joint=joint: vars(joint).update(enabled=joint.enabled + 1, wanted=True)
         group.joints.append(joint)
     events = []
     return Recovery(group.joints, events.append), group.joints, events
@@ -56,7 +59,7 @@ def moving(joint):
 
 
 def stopping(joint):
-    joint.wish = Wish.STOPPING
+    joint.power.state = AxisState.BRAKING
 
 
 @pytest.mark.parametrize("hinder", [unready, unloaded, faulted, moving, stopping])
@@ -74,6 +77,19 @@ def test_who_does_not_wait_is_left_alone():
     unready(joints[1])
     recovery.step(0)
     assert [joint.enabled for joint in joints] == [1, 0]
+
+
+def test_a_drive_that_refuses_keeps_the_others_of_its_group_off():
+    recovery, joints, events = make()
+
+    def refuse():
+        raise DriveError("no")
+
+    joints[1].enable = refuse
+    recovery.step(0)
+    assert joints[0].stopped
+    assert [event.kind for event in events] == ["recovered", "not_enabled", "not_enabled"]
+    assert "joint_0 stay disabled with joint_1 (drive_1)" in events[-1].text
 
 
 def test_a_drive_that_refuses_is_told():

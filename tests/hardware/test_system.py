@@ -7,7 +7,7 @@ from support.robots import LEFT, RIGHT, Bench, copy_robby
 from canopen_control.cia402.state import State
 from canopen_control.errors import ControlError, RobotConfigError, UnknownInterface
 from canopen_control.hardware.interfaces import LifecycleState, ReturnType
-from canopen_control.hardware.joint import Action, Wish
+from canopen_control.hardware.joint import Action, AxisState
 
 DEVICE = '<param name="device_name">${side}_drive</param>'
 VELOCITIES = ["left_wheel_joint/velocity", "right_wheel_joint/velocity"]
@@ -51,7 +51,7 @@ def test_deactivating_stops_what_no_controller_moves(robby):
     robby.start()
     robby.hold(10.0, 10.0, ms=500)
     robby.robot.systems[0].deactivate()
-    assert [robby.joint(side).wish for side in (LEFT, RIGHT)] == [Wish.STOPPING] * 2
+    assert [robby.joint(side).power.state for side in (LEFT, RIGHT)] == [AxisState.BRAKING] * 2
     robby.run(2000)
     assert (robby.speed(LEFT), robby.speed(RIGHT)) == (0, 0)
     assert not robby.joint(LEFT).machine.enabled
@@ -72,7 +72,7 @@ def test_releasing_the_interfaces_ramps_down_and_disables(robby):
     robby.start()
     robby.hold(10.0, 10.0, ms=500)
     robby.robot.switch([], ["robby_forward_controller"], strict=True)
-    assert all(joint.wish is Wish.STOPPING for joint in robby.robot.joints.values())
+    assert all(joint.power.state is AxisState.BRAKING for joint in robby.robot.joints.values())
     robby.until(lambda: robby.robot.systems[0].stopped)
     assert robby.speed(LEFT) == robby.speed(RIGHT) == 0
     robby.robot.switch(["robby_forward_controller"], [], strict=True)

@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from canopen_control.host.environment import LIFELINE, MODULE, READY, clean_environment
+from canopen_control.host.environment import LIFELINE, MODULE, READY, clean_environment, lean_python
 
 GUARD = "_ROS_WHEELS_BOOTSTRAP_COMPLETE"
 PREFIX = sys.prefix
@@ -74,7 +74,23 @@ def test_by_default_it_is_made_from_ours(monkeypatch):
     assert LIFELINE not in environment
 
 
+@pytest.mark.process
 def test_a_module_is_started_without_the_files_of_the_folder_it_is_started_in(tmp_path):
     (tmp_path / "json.py").write_text("raise ValueError('not the json of Python')")
     started = subprocess.run([*MODULE, "json.tool"], input="[1]", cwd=tmp_path, capture_output=True, text=True)
     assert json.loads(started.stdout) == [1], started.stderr
+
+
+@pytest.mark.process
+def test_a_lean_python_finds_the_package_and_msgspec_and_has_loaded_neither_site_nor_more():
+    *python, code = lean_python("canopen_control.rpc.wire")
+    told = "import canopen_control.rpc.wire, json, sys; print(json.dumps([*sys.modules]))"
+    done = subprocess.run(
+        [*python, code.replace("from canopen_control.rpc.wire import main; sys.exit(main())", told)],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    loaded = set(json.loads(done.stdout))
+    assert {"canopen_control.rpc.wire", "msgspec"} <= loaded
+    assert "site" not in loaded

@@ -4,9 +4,10 @@ import os
 import select
 
 import pytest
+from support.host import open_descriptors
 
 from canopen_control.host.environment import LIFELINE, READY
-from canopen_control.host.lifeline import lifeline_fd, report_failure, report_ready
+from canopen_control.host.lifeline import Pulse, lifeline_fd, report_failure, report_ready
 
 
 def test_a_process_without_a_lifeline_knows_it(monkeypatch, tmp_path):
@@ -34,8 +35,10 @@ def test_a_lifeline_is_found_again_and_not_passed_on(monkeypatch):
 
 def test_reporting_without_anybody_who_asks_does_nothing(monkeypatch):
     monkeypatch.delenv(READY, raising=False)
+    before = open_descriptors()
     report_ready()
     report_failure("x")
+    assert open_descriptors() == before
 
 
 def test_reporting_to_somebody_who_has_left_does_nothing(monkeypatch):
@@ -60,3 +63,25 @@ def test_a_report_is_one_line_and_the_last_word(monkeypatch, report, line):
     assert os.read(ours, 100) == line
     assert os.read(ours, 100) == b""
     os.close(ours)
+
+
+def test_a_pulse_is_heard_again_and_again_and_never_waits(monkeypatch):
+    ours, theirs = os.pipe()
+    monkeypatch.setenv(READY, str(theirs))
+    pulse = Pulse()
+    assert READY not in os.environ
+    pulse.beat()
+    pulse.beat()
+    assert os.read(ours, 100) == b"ready\nready\n"
+    for _ in range(20_000):  # nobody reads: the pipe is full long before
+        pulse.beat()
+    os.close(ours)
+    pulse.beat()
+    os.close(theirs)
+
+
+def test_a_pulse_that_nobody_listens_to_does_nothing(monkeypatch):
+    monkeypatch.delenv(READY, raising=False)
+    before = open_descriptors()
+    Pulse().beat()
+    assert open_descriptors() == before

@@ -22,6 +22,7 @@ from canopen_control.host.sockets import (
     check_name,
     close_listener,
     connect,
+    drive_name,
     list_sockets,
     listen,
     lock,
@@ -136,11 +137,14 @@ def test_a_parent_in_which_anybody_can_swap_it_is_refused(run_folder):
     runtime_dir()
 
 
-def test_a_runtime_folder_that_is_a_link_to_a_good_one_is_fine(monkeypatch, run_folder, tmp_path):
-    (tmp_path / "link").symlink_to(run_folder)
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "link"))
+def test_a_runtime_folder_that_is_a_link_to_a_good_one_is_fine(monkeypatch, run_folder, tmp_path_factory):
+    link = tmp_path_factory.mktemp("l") / "link"  # short, for a socket stands in it
+    link.symlink_to(run_folder)
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(link))
     path = socket_path("bus", "b")
-    close_listener(listen(path))
+    listener = listen(path)
+    assert (run_folder / path.relative_to(link)).is_socket()
+    close_listener(listener)
 
 
 def test_a_folder_that_cannot_be_made_is_a_sentence(run_folder, monkeypatch):
@@ -173,8 +177,9 @@ def test_what_could_lead_out_of_the_folder_is_no_name(run_folder, name):
 
 def test_the_longest_bus_has_drives(run_folder):
     bus = "b" * 32
-    socket_path("bus", bus)
-    socket_path("drive", f"{bus}-127")
+    for path in (socket_path("bus", bus), socket_path("drive", f"{bus}-127")):
+        assert bus in path.name
+        close_listener(listen(path))
 
 
 @pytest.fixture
@@ -214,6 +219,20 @@ def test_two_folders_that_are_too_long_do_not_meet(too_long, monkeypatch, tmp_pa
 def test_every_path_has_room_in_an_address(too_long):
     for kind, longest in KINDS.items():
         assert len(os.fsencode(socket_path(kind, "n" * longest))) <= 100
+
+
+@pytest.mark.parametrize(
+    ("channel", "node_id", "name"),
+    [
+        ("local:robby", 3, "robby-3"),
+        ("vcan0", 127, "vcan0-127"),
+        ("memory:a.b/c", 1, "a_b_c-1"),
+        ("local:" + "x" * 32, 5, "x" * 31 + "-5"),
+    ],
+)
+def test_the_socket_of_a_virtual_drive_is_named_after_bus_and_node(channel, node_id, name):
+    assert drive_name(channel, node_id) == name
+    assert socket_path("drive", name).name == f"drive-{name}.sock"
 
 
 # -- listening
@@ -291,6 +310,7 @@ def test_closing_twice_does_not_remove_a_successor(run_folder):
     close_listener(first)
     second = listen(path)
     close_listener(first)
+    assert path.is_socket()
     connect(path).close()
     close_listener(second)
 
@@ -318,6 +338,7 @@ def test_of_many_threads_that_start_at_once_one_serves(run_folder):
     close_listener(served[0])
 
 
+@pytest.mark.process
 def test_of_many_processes_that_start_at_once_one_serves(run_folder):
     path = socket_path("bus", "b")
     make_stale(path)
@@ -363,9 +384,12 @@ def test_a_lock_has_one_holder_and_says_who_is_late(run_folder):
 def test_whoever_holds_the_lock_of_a_path_may_start_its_server(run_folder):
     path = socket_path("bus", "b")
     with lock(path):
-        close_listener(listen(path))
+        listener = listen(path)
+        assert path.is_socket()
+        close_listener(listener)
 
 
+@pytest.mark.process
 def test_a_holder_that_dies_frees_the_lock(run_folder):
     path = socket_path("bus", "b")
     code = f"""
@@ -388,9 +412,17 @@ with lock(Path({str(path)!r})):
 def test_a_lock_through_a_link_is_refused(run_folder, tmp_path):
     path = socket_path("bus", "b")
     path.with_name("bus-b.sock.lock").symlink_to(tmp_path / "victim")
-    with pytest.raises(OSError, match="symbolic links"), lock(path):
+    with pytest.raises(ConfigError, match=r"b\.sock\.lock cannot be a lock: it is a symbolic link; remove"), lock(path):
         pass
     assert not (tmp_path / "victim").exists()
+
+
+@pytest.mark.parametrize("make", [os.mkfifo, os.mkdir])
+def test_a_lock_that_is_no_file_is_refused(run_folder, make):
+    path = socket_path("bus", "b")
+    make(path.with_name("bus-b.sock.lock"))
+    with pytest.raises(ConfigError, match=r"cannot be a lock: .*; remove it, and try again"), lock(path):
+        pass
 
 
 # -- who is there
@@ -427,6 +459,7 @@ def test_the_server_of_another_user_is_not_talked_to(run_folder, monkeypatch):
     close_listener(listener)
 
 
+@pytest.mark.process
 def test_the_kernel_tells_another_user_apart(monkeypatch):
     with tempfile.TemporaryDirectory() as folder, socket.socket(socket.AF_UNIX) as listener:
         listener.settimeout(10)

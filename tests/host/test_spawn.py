@@ -19,6 +19,8 @@ from canopen_control.host.reactor import ManualClock, Reactor
 from canopen_control.host.spawn import Child, spawn, spawn_detached
 from canopen_control.host.spawn import state_dir as logs
 
+pytestmark = pytest.mark.process
+
 SLEEP = python("import time; time.sleep(60)")
 #: waits for its lifeline to break, as every child of ours does
 FAITHFUL = python("""
@@ -112,12 +114,13 @@ def test_a_child_that_ended_before_it_was_watched_is_told_of_from_the_loop(child
 
 
 def test_a_child_no_longer_watched_is_not_told_of(children, real):
-    child = children(python(""))
-    child.watch(real, pytest.fail)
+    child, told = children(python("")), []
+    child.watch(real, lambda *end: told.append(end))
     child.unwatch()
     child.unwatch()
-    child.wait(20)
+    assert child.wait(20) == 0
     real.run_for(SECOND_NS // 50)
+    assert told == []
 
 
 def test_a_kernel_without_pidfd_is_asked_at_intervals(monkeypatch):
@@ -355,3 +358,37 @@ def test_a_child_finds_its_ros_although_another_environments_paths_leaked_into_o
     child = children([sys.executable, "-c", "import rclpy; print('found')"], ros=True)
     assert child.wait(60) == 0
     assert child.last_lines() == ["found"]
+
+
+def test_a_child_that_says_that_it_is_ready_is_waited_for_without_blocking(children, real):
+    told = []
+    child = children(
+        python("import time; from canopen_control.host.lifeline import report_ready; report_ready(); time.sleep(60)"),
+        reports=True,
+    )
+    child.watch_ready(real, lambda: told.append(child.poll()))
+    assert real.run_until(lambda: bool(told), 20 * SECOND_NS)
+    assert told == [None]
+    real.run_for(SECOND_NS // 20)
+    assert len(told) == 1
+    child.unwatch_ready(real)
+
+
+def test_a_child_that_can_not_say_it_any_more_is_not_waited_for(children, real):
+    told = []
+    child = children(python("pass"), reports=True)
+    child.watch_ready(real, lambda: told.append(True))
+    assert real.run_until(lambda: bool(told), 20 * SECOND_NS)
+
+
+def test_a_child_that_never_says_it_is_left_alone_and_its_pipe_closed(children, real):
+    before = open_descriptors()
+    child = children(SLEEP, reports=True)
+    child.watch_ready(real, lambda: pytest.fail("it has said nothing"))
+    real.run_for(SECOND_NS // 20)
+    child.unwatch_ready(real)
+    child.unwatch_ready(real)
+    child.kill()
+    child.wait(10)
+    child.cut_lifeline()
+    assert open_descriptors() == before

@@ -9,7 +9,7 @@ from support.robots import Bench
 from canopen_control.host.reactor import Reactor
 from canopen_control.host.timer import ManualClock
 from canopen_control.runtime.core import RobotCore, RobotState
-from canopen_control.runtime.files import find_robot
+from canopen_control.runtime.robot_files import find_robot
 from canopen_control.runtime.setup import read_robot
 
 ARM = "arm_position_controller"

@@ -7,8 +7,9 @@ import gc
 import sys
 
 import pytest
+from canopen_control_bench.recorded import RecordedFleet
 
-from canopen_control.bench.recorded import RecordedFleet
+pytestmark = pytest.mark.alone
 
 CYCLES = 30 * 64  # whole rounds of recordings: the bus of the tests keeps the frames of a round
 

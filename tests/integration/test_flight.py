@@ -9,7 +9,7 @@ from support.host import eventually
 from support.localbus import hub_status
 from support.processes import GONE_S, seconds_until
 
-from canopen_control.host.logfile import state_dir
+from canopen_control.host.files import state_dir
 from canopen_control.trace.flight import WINDOW_NS
 from canopen_control.trace.flight_file import newest, read_flight
 from canopen_control.trace.flight_trigger import AFTER_NS
@@ -33,8 +33,8 @@ def listening(name):
     """Wait until the recorder has heard half a second of the bus."""
 
     def heard():
-        members = hub_status(name)["members"]
-        return any(max(each["rx"], each["tx"]) > 200 for each in members if each["label"].startswith("flight recorder"))
+        members = hub_status(name).members
+        return any(max(each.rx, each.tx) > 200 for each in members if each.label.startswith("flight recorder"))
 
     return eventually(heard, 20)
 
@@ -51,16 +51,19 @@ def test_a_killed_drive_leaves_a_file_with_what_came_before_and_after_and_a_page
     assert robot.running
     file = recorded("flown")
     assert str(newest(folder("flown"))) == path
-    lost = next(event for event in file.events if event["kind"] == "heartbeat_lost")
-    assert (lost["node"], lost["level"]) == ("left_drive", "error")
-    assert file.meta["reason"]["time"] <= lost["time"]
-    died, end = seconds(file, LEFT_TPDO)[-1], file.meta["written"]
-    assert seconds(file, LEFT_TPDO)[0] < died < lost["time"]
-    assert end - lost["time"] + 0.1 >= AFTER_NS / 1e9  # the reaction is in it
-    assert seconds(file, RIGHT_TPDO)[-1] > lost["time"]
+    lost = next(event for event in file.events if event.kind == "heartbeat_lost")
+    assert (lost.node, lost.level) == ("left_drive", "error")
+    assert file.meta.reason.time <= lost.time
+    died, end = seconds(file, LEFT_TPDO)[-1], file.meta.written
+    assert seconds(file, LEFT_TPDO)[0] < died < lost.time
+    assert end - lost.time + 0.1 >= AFTER_NS / 1e9  # the reaction is in it
+    assert seconds(file, RIGHT_TPDO)[-1] > lost.time
     syncs = seconds(file, SYNC)
     assert len(syncs) == pytest.approx((syncs[-1] - syncs[0]) / 0.02, rel=0.05)
-    assert file.states[0]["time"] < died < lost["time"] < file.states[-1]["time"]
+    assert file.states[0].time < died < lost.time < file.states[-1].time
+    assert seconds(file, 0x000)[0] < syncs[0] + 0.1  # from the master's first words on
+    assert min(seconds(file, 0x600 + LEFT)) < min(seconds(file, LEFT_TPDO))  # the whole boot
+    assert any(event.kind == "ready" for event in file.events)
     assert set(file.eds) == {"TMCM-1270.eds"}
     page = stage.call("report", "-o", stage.place / "page.html")
     assert page.wait() == 0, page
@@ -91,8 +94,8 @@ def test_a_runtime_that_is_killed_is_a_fault_and_the_drives_reaction_is_recorded
     assert listening("crash")
     robot.end(signal.SIGKILL)
     file = recorded("crash")
-    assert file.meta["reason"]["kind"] == "died"
-    died = file.meta["reason"]["time"]
+    assert file.meta.reason.kind == "died"
+    died = file.meta.reason.time
     emergencies = [time for node_id in (2, 3) for time in seconds(file, 0x80 + node_id) if time > died]
     assert len(emergencies) >= 2  # both said 0x8130, the lost heartbeat
     assert seconds_until(lambda: "trace.flight" not in str(stage.survivors()), GONE_S) < GONE_S
@@ -101,10 +104,10 @@ def test_a_runtime_that_is_killed_is_a_fault_and_the_drives_reaction_is_recorded
 def test_a_run_that_fails_says_where_the_recording_is_although_it_has_ended(stage, tmp_path):
     robot = stage.robby("nohub")
     assert listening("nohub")
-    os.kill(hub_status("nohub")["pid"], signal.SIGKILL)
+    os.kill(hub_status("nohub").pid, signal.SIGKILL)
     assert robot.wait() == 1
     assert f"flight recording: {newest(folder('nohub'))}" in robot.out
-    assert recorded("nohub").meta["reason"]["kind"] == "bus_lost"
+    assert recorded("nohub").meta.reason.kind == "bus_lost"
 
 
 def test_a_run_without_faults_leaves_no_file_and_one_without_recorder_no_process(stage):

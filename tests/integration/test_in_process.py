@@ -24,14 +24,14 @@ def test_robby_in_one_process(stage, channel):
 
 
 def velocities(robot):
-    return [joint["velocity"] for joint in robot.status()["joints"].values()]
+    return [joint.velocity for joint in robot.status().joints.values()]
 
 
 @pytest.mark.parametrize("channel", ["local:library", "virtual:library", "memory:library"])
 def test_the_library_runs_a_robot_while_the_block_lasts(stage, private_folders, channel):
     threads = threading.active_count()
     with Robot.from_config("robby", can=channel) as robot:
-        assert robot.status()["state"] == "running"
+        assert robot.status().state == "running"
         robot.command(FORWARD, [10.0, 5.0])
         assert eventually(lambda: velocities(robot) == pytest.approx([10.0, 5.0], rel=0.01))
         with pytest.raises(ControlError, match="wants 2 values"):

@@ -12,6 +12,7 @@ from support.host import eventually
 
 from canopen_control.bus.record import Recording
 from canopen_control.client import RobotClient
+from canopen_control.rpc.messages.robot import GetStatus
 
 
 @pytest.fixture
@@ -22,9 +23,9 @@ def robot(stage):
 def test_what_is_recorded_is_told_as_it_was_told_live(stage, robot, tmp_path):
     log, dbc = tmp_path / "run.log", tmp_path / "heard.dbc"
     with RobotClient.connect("heard") as client:
-        before = client.call("status")
+        before = client.ask(GetStatus())
     live = stage.start("trace", "--json", "--name", "heard", "--service", "nmt,sdo,emcy,hb,pdo")
-    recorder = stage.start("record", "--can", log, "--json", "--name", "heard")
+    recorder = stage.start("record", "-o", log, "--json", "--name", "heard")
     assert eventually(lambda: '"pdo"' in live.out and log.exists() and log.stat().st_size > 0)
     assert stage.call("sdo", "read", "--name", "heard", "3", "0x1018:1").wait() == 0
     assert stage.call("nmt", "preop", "3", "--name", "heard").wait() == 0
@@ -54,9 +55,9 @@ def test_what_is_recorded_is_told_as_it_was_told_live(stage, robot, tmp_path):
     assert (refused.wait(), refused.out) == (2, "")
     assert "is the bus of the running robot heard" in refused.err
     with RobotClient.connect("heard") as client:
-        after = client.call("status")
-    assert after["cycle"]["count"] > before["cycle"]["count"]
-    assert after["buses"]["can"]["unknown"] == before["buses"]["can"]["unknown"]  # nobody sent anything new
+        after = client.ask(GetStatus())
+    assert after.cycle.count > before.cycle.count
+    assert after.buses["can"].unknown == before.buses["can"].unknown  # nobody sent anything new
 
 
 def test_a_reader_that_leaves_ends_the_trace_quietly(stage, robot):

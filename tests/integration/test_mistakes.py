@@ -159,7 +159,8 @@ def test_requests_that_a_robot_refuses(stage):
     stage.robby("refuses")
     for arguments, code, sentence in (
         (["command", "robby_forward_controller", 1], 1, "wants 2 values.*got 1; nothing was applied"),
-        (["command", "robby_base_controller", 1, 1], 2, "no controller 'robby_base_controller' is loaded"),
+        (["command", "robby_base_controller", 1, 1], 1, "robby_base_controller is unloaded.*switch --activate"),
+        (["command", "robby_bas_controller", 1, 1], 2, "no controller 'robby_bas_controller' is loaded"),
         (["twist", "robby_forward_controller", 1, 1], 1, "robby_forward_controller takes no twist"),
         (
             ["axis", "enable", "middle_drive"],

@@ -1,18 +1,21 @@
 """Drives that are killed, cut off, faulted and power-cycled under a running robot: it stops and goes on when it may."""
 
-import contextlib
 import signal
 import time
 
 import pytest
+from support.commander import Commander
 from support.guest import scaled
 from support.host import eventually
-from support.localbus import PATIENCE_S, hub_status
+from support.localbus import hub_status
 from support.processes import seconds_until
 
+from canopen_control.bus.local import ask_hub
 from canopen_control.client import RobotClient
-from canopen_control.host.lineclient import LineClient
-from canopen_control.host.sockets import socket_path
+from canopen_control.rpc.messages.hub import Cut, Uncut
+from canopen_control.rpc.messages.robot import GetStatus
+
+pytestmark = pytest.mark.alone
 
 LEFT, RIGHT = 3, 2
 SPEED = 10 / 0.003926990816987242  # microsteps/s at 10 rad/s
@@ -23,20 +26,6 @@ SLACK_S = scaled(0.15)  # of a busy machine
 CONTROLLERS = {"joint_state_broadcaster": "active", "robby_forward_controller": "active"}
 
 
-@contextlib.contextmanager
-def hub_control(name):
-    """What `bus fault` talks to, without the time that a process takes to start."""
-    client = LineClient(socket_path("busctl", name))
-    client.receive(PATIENCE_S)
-
-    def call(method, **params):
-        client.send({"id": 1, "method": method, "params": params})
-        assert "error" not in (answer := client.receive(PATIENCE_S)), answer
-
-    yield call
-    client.close()
-
-
 class Turning:
     """A robot whose wheels turn under a commander that never rests; the drives are processes of their own."""
 
@@ -44,7 +33,7 @@ class Turning:
         self.stage, self.name, self._probe = stage, name, probe
         self.drives = {node: stage.drive(name, node) for node in (LEFT, RIGHT)}
         self.robot = stage.robby(name, "--no-drives")
-        stage.start("command", "robby_forward_controller", 10, 10, "--name", name)
+        self.commander = Commander(name)
         self.probes = {node: probe(name, node) for node in (LEFT, RIGHT)}
         self.client = RobotClient.connect(name)
         assert eventually(self.turns), self.texts()
@@ -56,15 +45,15 @@ class Turning:
         return all(abs(self.probes[node].speed) < 1 for node in nodes)
 
     def status(self):
-        return self.client.call("status")
+        return self.client.ask(GetStatus())
 
     def texts(self):
-        return [event["text"] for event in self.status()["events"]]
+        return [event.text for event in self.status().events]
 
     def is_back(self):
         status = self.status()
-        assert status["controllers"] == CONTROLLERS, "never unloaded"
-        return all(node["ready"] for node in status["nodes"].values())
+        assert status.controllers == CONTROLLERS, "never unloaded"
+        return all(node.ready for node in status.nodes.values())
 
     def stays_down(self, seconds=0.5):
         end = time.monotonic() + seconds
@@ -84,6 +73,7 @@ class Turning:
         assert eventually(self.turns), self.texts()
 
     def end(self):
+        self.commander.end()
         self.client.close()
         assert self.robot.end() == 0, self.robot
 
@@ -106,7 +96,7 @@ def test_a_drive_that_is_killed_and_started_again(turning):
     robby.drives[LEFT].end(signal.SIGKILL)
     took = seconds_until(lambda: robby.standing(RIGHT), 5)
     assert took <= HEARTBEAT_S + CYCLE_S + RAMP_S + SLACK_S
-    assert robby.status()["state"] == "fault"
+    assert robby.status().state == "fault"
     assert eventually(lambda: any("node 3 (left_drive): no heartbeat" in text for text in robby.texts()))
     robby.stage.drive(robby.name, LEFT)
     assert eventually(robby.is_back)
@@ -119,16 +109,15 @@ def test_a_drive_that_is_killed_and_started_again(turning):
 @pytest.mark.parametrize("seconds", [0.5, 5.0])
 def test_a_cable_that_is_cut_for_a_while(turning, seconds):
     robby = turning(f"cut{round(seconds * 10)}")
-    pid = robby.probes[LEFT].hello["pid"]
-    label = next(each["label"] for each in hub_status(robby.name)["members"] if each["pid"] == pid)
-    with hub_control(robby.name) as hub:
-        hub("cut", label=label)
-        begin = time.monotonic()
-        took = seconds_until(lambda: robby.standing(RIGHT), 5)
-        assert took <= HEARTBEAT_S + CYCLE_S + RAMP_S + SLACK_S
-        assert took <= 0.3 + RAMP_S + SLACK_S, "already its missing TPDOs stop the robot"
-        time.sleep(max(0.0, begin + seconds - time.monotonic()))
-        hub("uncut", label=label)
+    pid = robby.probes[LEFT].hello.pid
+    label = next(each.label for each in hub_status(robby.name).members if each.pid == pid)
+    ask_hub(robby.name, Cut(label))
+    begin = time.monotonic()
+    took = seconds_until(lambda: robby.standing(RIGHT), 5)
+    assert took <= HEARTBEAT_S + CYCLE_S + RAMP_S + SLACK_S
+    assert took <= 0.3 + RAMP_S + SLACK_S, "already its missing TPDOs stop the robot"
+    time.sleep(max(0.0, begin + seconds - time.monotonic()))
+    ask_hub(robby.name, Uncut(label))
     assert eventually(robby.is_back)
     assert eventually(lambda: robby.standing(LEFT, RIGHT))
     robby.stays_down()
@@ -144,19 +133,19 @@ def test_a_drive_in_a_fault(turning):
     assert robby.axis("enable", "all") == 1
     assert robby.axis("fault-reset", "left_drive") == 1, "the cause lasts"
     robby.probes[LEFT].fault("drive_fault", on=False)
-    assert robby.status()["controllers"] == CONTROLLERS
+    assert robby.status().controllers == CONTROLLERS
     robby.goes_on(reset=True)
 
 
 def test_a_drive_that_loses_its_power_for_a_moment_while_driving(turning):
     robby = turning("power")
-    position = robby.status()["joints"]["left_wheel_joint"]["position"]
+    position = robby.status().joints["left_wheel_joint"].position
     robby.probes[LEFT].fault("spontaneous_reset")
     took = seconds_until(lambda: robby.standing(RIGHT), 5)
     assert took <= 2 * CYCLE_S + RAMP_S + SLACK_S
     assert eventually(robby.is_back)
     assert any("has restarted by itself" in text for text in robby.texts())
     robby.stays_down()
-    after = robby.status()["joints"]["left_wheel_joint"]["position"]
+    after = robby.status().joints["left_wheel_joint"].position
     assert 0 <= after - position < 10 * (took + 1), "continuous, although its counter began at 0 again"
     robby.goes_on()

@@ -11,6 +11,7 @@ from support.processes import DriveProbe, Stage
 from support.robots import PATIENT
 
 from canopen_control.client import RobotClient
+from canopen_control.rpc.messages.robot import GetStatus, SdoRead
 
 pytestmark = pytest.mark.ros
 TARGET = "canopen_interfaces/srv/COTargetDouble"
@@ -53,7 +54,7 @@ def call(scene):
 
 
 def powers(scene):
-    return [axis["state"] for axis in scene.drive.state["axes"]]
+    return [axis.state for axis in scene.drive.state.axes]
 
 
 def test_each_axis_is_disabled_and_enabled_alone(scene, call):
@@ -74,7 +75,7 @@ def test_each_axis_has_a_target_of_its_own(scene, call):
     assert call("/drive_one/two/target", TARGET, target=-2.0) == {"success": True}
 
     def speeds():
-        one, two = (axis["plant"]["velocity"] for axis in scene.drive.state["axes"])
+        one, two = (axis.plant.velocity for axis in scene.drive.state.axes)
         return one > 0 and abs(two + 2 * one) < 0.1 * abs(two)
 
     assert ros.eventually(speeds)
@@ -90,10 +91,10 @@ def test_objects_of_both_axes_are_told(scene):
 
 def test_a_mapped_object_travels_in_the_rpdo_without_any_sdo(scene, call):
     def writes():
-        return scene.client.call("status")["nodes"]["drive_one"]["sdo"]["writes"]
+        return scene.client.ask(GetStatus()).nodes["drive_one"].sdo.writes
 
     def outputs():
-        return scene.client.call("sdo_read", node="drive_one", index=OUTPUTS, subindex=1)["data"]
+        return scene.client.ask(SdoRead(node="drive_one", index=OUTPUTS, subindex=1)).data.hex()
 
     topic, before = "/drive_one/tpdo", writes()
     assert outputs() == "00000000"

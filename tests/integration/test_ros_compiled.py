@@ -116,10 +116,10 @@ def test_the_bridge_publishes_tf_with_the_real_package_where_it_is_installed(ins
         ros.Peer(number, "--interfaces") as peer,
     ):
         robot.bus_nodes = []
-        sample = {"time": 1.0, "x": 2.5, "y": 0.0, "heading": 0.0, "linear": 0.0, "angular": 0.0}
-        robot.more = {"odometry": {"base": {**sample, "frame_id": "odom", "child_frame_id": "base_link"}}}
+        sample = {"kind": "odometry", "time": 1.0, "x": 2.5, "y": 0.0, "heading": 0.0, "linear": 0.0, "angular": 0.0}
+        robot.samples = {"base": {**sample, "frame_id": "odom", "child_frame_id": "base_link"}}
         peer.order("subscribe", topic="/tf", of=TF)
-        robot.more["odometry"]["base"]["time"] += 0.01
+        robot.samples["base"]["time"] += 0.01
         (transform,) = _told(peer, robot)
         assert transform["transform"]["translation"]["x"] == 2.5
 
@@ -129,7 +129,7 @@ def _told(peer, robot):
     found = []
 
     def told():
-        robot.more["odometry"]["base"]["time"] += 0.01
+        robot.samples["base"]["time"] += 0.01
         found.extend(each["transforms"] for each in peer.waiting("/tf"))
         return found
 

@@ -11,7 +11,7 @@ from support import ros
 from support.processes import DriveProbe, Stage
 from support.robots import PATIENT_ROBBY, copy_robby
 
-pytestmark = pytest.mark.ros
+pytestmark = [pytest.mark.ros, pytest.mark.alone]
 TWIST, TF = "geometry_msgs/msg/Twist", "tf2_msgs/msg/TFMessage"
 ARRAY, JOINTS, ODOMETRY = "std_msgs/msg/Float64MultiArray", "sensor_msgs/msg/JointState", "nav_msgs/msg/Odometry"
 DONE = {"success": True, "message": ""}
@@ -179,7 +179,7 @@ def test_what_comes_after_ros_args_reaches_the_bridge_of_that_run(scene, call, n
     values = call(service.format("two"), kind, names=["rate", "cmd_vel_topic", "frame_prefix"])["values"]
     assert (values[0]["double_value"], values[1]["string_value"]) == (20.0, "drive")
     assert values[2]["string_value"] == "two/"
-    assert call(service.format("one"), kind, names=["rate"])["values"][0]["double_value"] == 50.0
+    assert call(service.format("one"), kind, names=["rate"])["values"][0]["double_value"] == 0.0  # every cycle
     assert "/two/joint_states" not in names("topics")
     scene.peer.order("subscribe", topic="/two/robby_base_controller/odom", of=ODOMETRY)
     scene.peer.order("publish", topic="/two/drive", of=TWIST, data={"linear": {"x": 0.2}}, rate=10)
@@ -195,8 +195,9 @@ def test_namespace_and_remappings_of_bus_yml_hold_on_the_running_robot(scene, ca
     assert {"/arm/right_drive/init", "/two/right_drive/halt", "/arm/left_drive/init"}.isdisjoint(names("services"))
     scene.peer.order("subscribe", topic="/arm/nmt", of="std_msgs/msg/String", qos="latched")
     assert scene.peer.message("/arm/nmt") == {"data": "START"}
-    assert call("/arm/right_drive/disable") == DONE
-    assert call("/arm/begin") == DONE
+    together = "robby_base_controller moves left_drive and right_drive together: {} is for all of them"
+    for path, verb in (("/arm/right_drive/disable", "disable"), ("/arm/begin", "enable")):
+        assert call(path) == {"success": True, "message": together.format(verb)}
 
 
 def test_lifecycle_drivers_of_bus_yml_come_up_and_go_down_by_the_manager(scene, call):

@@ -11,6 +11,9 @@ from support.host import eventually
 from support.listener import SYNC, Witness, missing
 
 from canopen_control.client import RobotClient
+from canopen_control.rpc.messages.robot import GetStatus, SdoRead, SwitchControllers
+
+pytestmark = pytest.mark.alone
 
 LEFT, RIGHT = 3, 2
 RAD = {LEFT: -0.003926990816987242, RIGHT: 0.003926990816987242}  # per microstep; the left motor is mirrored
@@ -96,27 +99,25 @@ def test_drives_are_enabled_only_once_the_controller_is_active_and_disabled_befo
     )
     robot.until("order runs")
     with RobotClient.connect("order") as client:
-        idle = client.call("status")["cycle"]["count"]
-        assert eventually(lambda: client.call("status")["cycle"]["count"] > idle + 25, scaled(10))
+        idle = client.ask(GetStatus()).cycle.count
+        assert eventually(lambda: client.ask(GetStatus()).cycle.count > idle + 25, scaled(10))
         assert not any(enabled(word) for node in (LEFT, RIGHT) for _, word in statuswords(sees.frames, node))
         assert not any(word & 0x08 for node in (LEFT, RIGHT) for _, word in controlwords(sees.frames, node))
-        client.call("switch", activate=["robby_forward_controller"], deactivate=[])
+        client.ask(SwitchControllers(activate=("robby_forward_controller",)))
         assert eventually(lambda: all(joint_enabled(client)))
-        activated = next(
-            event for event in client.call("status")["events"] if "robby_forward_controller" in event["text"]
-        )
+        activated = next(event for event in client.ask(GetStatus()).events if "robby_forward_controller" in event.text)
     assert robot.end() == 0, robot
     for node in (LEFT, RIGHT):
         first = next(time for time, word in controlwords(sees.frames, node) if word & 0x08)
-        assert first >= activated["time"] - 0.005  # the event bears the time at which its cycle began
+        assert first >= activated.time - 0.005  # the event bears the time at which its cycle began
         assert any(enabled(word) for _, word in statuswords(sees.frames, node))
         assert not enabled(statuswords(sees.frames, node)[-1][1])
     assert sees.lost == 0
 
 
 def joint_enabled(client):
-    nodes = client.call("status")["nodes"].values()
-    return [axis["cia402_state"] == "OPERATION_ENABLED" for node in nodes for axis in node["axes"]]
+    nodes = client.ask(GetStatus()).nodes.values()
+    return [axis.state == "OPERATION_ENABLED" for node in nodes for axis in node.axes]
 
 
 def test_sdo_of_another_client_at_the_same_time_disturbs_none_of_ours(stage, witness):
@@ -132,11 +133,11 @@ def test_sdo_of_another_client_at_the_same_time_disturbs_none_of_ours(stage, wit
     reader = threading.Thread(target=read_on)
     with RobotClient.connect("clash") as client:
         reader.start()
-        ours = [client.call("sdo_read", node="left_drive", index=0x1018, subindex=1)["data"] for _ in range(50)]
+        ours = [client.ask(SdoRead(node="left_drive", index=0x1018, subindex=1)).data.hex() for _ in range(50)]
         over.set()
         reader.join()
-        status = client.call("status")
+        status = client.ask(GetStatus())
     assert ours == ["86020000"] * 50
     assert set(theirs) == {3}
-    assert status["state"] == "running"
-    assert status["buses"]["can"]["lost"] == 0
+    assert status.state == "running"
+    assert status.buses["can"].lost == 0

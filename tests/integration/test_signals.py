@@ -10,6 +10,9 @@ from support.host import eventually
 from support.processes import GONE_S, seconds_until
 
 from canopen_control.client import RobotClient
+from canopen_control.rpc.messages.robot import GetStatus
+
+pytestmark = pytest.mark.alone
 
 SPEED = 10 / 0.003926990816987242
 
@@ -42,7 +45,7 @@ def test_while_the_wheels_turn_they_stop_along_the_ramp(stage, probe, number):
     for each in probes:
         assert each.speed == 0
         assert each.power == "SWITCH_ON_DISABLED"
-        assert each.state["errors"] == []
+        assert each.state.errors == []
 
 
 def test_a_second_ctrl_c_changes_nothing(stage, probe):
@@ -60,7 +63,7 @@ def test_while_a_drive_is_in_fault(stage, probe):
     robot = stage.robby("faulty")
     probe("faulty", 3).fault("undervoltage")
     with RobotClient.connect("faulty") as client:
-        assert eventually(lambda: client.call("status")["state"] == "fault")
+        assert eventually(lambda: client.ask(GetStatus()).state == "fault")
     assert robot.end(signal.SIGINT) == 0, robot
 
 
@@ -70,7 +73,7 @@ def test_while_the_bus_hangs(stage):
     os.kill(hub, signal.SIGSTOP)
     try:
         with RobotClient.connect("hangs") as client:
-            assert eventually(lambda: client.call("status")["state"] == "fault")
+            assert eventually(lambda: client.ask(GetStatus()).state == "fault")
         assert robot.end(signal.SIGINT) == 0, robot
     finally:
         os.kill(hub, signal.SIGCONT)

@@ -1,5 +1,6 @@
 """Teleop and monitor with real keys, in a real terminal: tmux types, and the drives say what became of it."""
 
+import contextlib
 import os
 import shlex
 import signal
@@ -7,10 +8,11 @@ import sys
 
 import pytest
 from support.host import eventually
+from support.localbus import open_local
 from support.processes import seconds_until
 from support.terminal import Tmux
 
-pytestmark = pytest.mark.tmux
+pytestmark = [pytest.mark.tmux, pytest.mark.alone]
 PROGRAM = f"{shlex.quote(sys.executable)} -m canopen_control"
 
 
@@ -91,8 +93,11 @@ def test_the_monitor_stops_the_robot_by_a_key_also_while_a_filter_is_typed(stage
 
 def test_a_bare_bus_is_shown_by_its_frames(stage, terminal):
     terminal.run(f"{PROGRAM} monitor --can local:bare --eds 3=TMCM-1270.eds")
-    terminal.until("nobody is heard")
-    stage.drive("bare", 3)
+    terminal.until("bus local:bare: nobody has it open")
+    with contextlib.closing(open_local("bare", "somebody")):
+        terminal.run(f"{PROGRAM} monitor --can local:bare --eds 3=TMCM-1270.eds")
+        terminal.until("nobody is heard")
+        stage.drive("bare", 3)
     terminal.until("TMCM-1270 (3)")
     terminal.until("PRE OPERATIONAL")
     terminal.keys("Space")

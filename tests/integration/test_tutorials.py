@@ -9,7 +9,7 @@ from support.configs import changed, found
 from support.robots import Bench
 
 from canopen_control.errors import RobotConfigError
-from canopen_control.runtime.files import RobotFiles
+from canopen_control.runtime.robot_files import RobotFiles
 from canopen_control.runtime.setup import read_robot
 
 TUTORIALS = Path(__file__).parents[1] / "data" / "tutorials"

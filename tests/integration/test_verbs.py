@@ -5,10 +5,14 @@ import re
 import signal
 
 import pytest
+from support.commander import Commander
 from support.host import eventually
 from support.processes import seconds_until
 
 from canopen_control.client import RobotClient
+from canopen_control.rpc.messages.robot import GetStatus
+
+pytestmark = pytest.mark.alone  # times of stops, and starts of drives that nobody waits for
 
 SPEED = 10 / 0.003926990816987242
 NUMBER = (int, float)
@@ -68,6 +72,14 @@ def robot(stage, probe):
         yield program, probes, client
 
 
+@pytest.fixture
+def commanding(robot):
+    """Command the wheels for the rest of the test, whatever becomes of it."""
+    commander = Commander("verbs")
+    yield
+    commander.end()
+
+
 def test_status_has_the_shape_that_is_fixed(stage, robot):
     program, _, _ = robot
     stage.call("command", "robby_forward_controller", 1, 1, "--for", 0.3)
@@ -106,17 +118,16 @@ def test_status_watch_prints_again_and_again_and_ends_with_the_robot(stage, robo
     assert "Traceback" not in watch.err
 
 
-def test_stop_ramps_and_disables_and_enable_goes_on(stage, robot):
+def test_stop_ramps_and_disables_and_enable_goes_on(stage, robot, commanding):
     _, probes, client = robot
-    stage.start("command", "robby_forward_controller", 10, 10)
     assert eventually(lambda: all(abs(each.speed) > 0.99 * SPEED for each in probes.values()))
     stop = stage.call("stop")
     assert (stop.wait(), stop.err) == (0, "")
     assert all(each.speed == 0 for each in probes.values())  # it is answered when they stand, not before
     assert all(each.power != "OPERATION_ENABLED" for each in probes.values())
-    assert client.call("status")["state"] == "running"
-    count = client.call("status")["cycle"]["count"]
-    assert eventually(lambda: client.call("status")["cycle"]["count"] > count + 25)
+    assert client.ask(GetStatus()).state == "disabled"
+    count = client.ask(GetStatus()).cycle.count
+    assert eventually(lambda: client.ask(GetStatus()).cycle.count > count + 25)
     assert all(each.speed == 0 for each in probes.values())  # although somebody still commands
     assert stage.call("axis", "enable", "all").wait() == 0
     assert eventually(lambda: all(abs(each.speed) > 0.99 * SPEED for each in probes.values()))
@@ -125,9 +136,8 @@ def test_stop_ramps_and_disables_and_enable_goes_on(stage, robot):
 
 
 @pytest.mark.parametrize(("node", "mine"), [("left_drive", {3}), ("2", {2}), ("all", {3, 2})])
-def test_axis_verbs_take_a_name_an_id_or_all(stage, robot, node, mine):
+def test_axis_verbs_take_a_name_an_id_or_all(stage, robot, commanding, node, mine):
     _, probes, client = robot
-    stage.start("command", "robby_forward_controller", 10, 10)
     assert eventually(lambda: all(abs(each.speed) > 0.99 * SPEED for each in probes.values()))
 
     def check(moving, powered):
@@ -148,21 +158,20 @@ def test_axis_verbs_take_a_name_an_id_or_all(stage, robot, node, mine):
         done = stage.call("axis", action, node)
         assert (done.wait(), done.out, done.err) == (0, f"{action} {node}: done\n", "")
         check(moving, powered)
-    assert client.call("status")["state"] == "running"
+    assert client.ask(GetStatus()).state == "running"
 
 
-def test_a_fault_stops_the_robot_and_wants_reset_and_enable(stage, robot):
+def test_a_fault_stops_the_robot_and_wants_reset_and_enable(stage, robot, commanding):
     program, probes, client = robot
-    stage.start("command", "robby_forward_controller", 10, 10)
     assert eventually(lambda: all(abs(each.speed) > 0.99 * SPEED for each in probes.values()))
     probes[3].fault("undervoltage")
     seconds_until(lambda: all(abs(each.speed) < 1 for each in probes.values()), 2)
     assert eventually(lambda: probes[2].power == "SWITCH_ON_DISABLED")
-    status = client.call("status")
-    assert status["state"] == "fault"
-    assert status["nodes"]["left_drive"]["axes"][0]["cia402_state"] == "FAULT"
-    assert "0x3220" in status["nodes"]["left_drive"]["error"] or "0x3120" in status["nodes"]["left_drive"]["error"]
-    assert any(event["level"] == "error" and "node 3 (left_drive)" in event["text"] for event in status["events"])
+    status = client.ask(GetStatus())
+    assert status.state == "fault"
+    assert status.nodes["left_drive"].axes[0].state == "FAULT"
+    assert "0x3220" in status.nodes["left_drive"].error or "0x3120" in status.nodes["left_drive"].error
+    assert any(event.level == "error" and "node 3 (left_drive)" in event.text for event in status.events)
     assert "left_drive" in program.out
 
     enable = stage.call("axis", "enable", "all")
@@ -174,7 +183,7 @@ def test_a_fault_stops_the_robot_and_wants_reset_and_enable(stage, robot):
     assert "left_drive" in reset.err
     probes[3].fault("undervoltage", on=False)
     assert stage.call("axis", "fault-reset", "left_drive").wait() == 0
-    assert eventually(lambda: client.call("status")["state"] == "running")
+    assert eventually(lambda: client.ask(GetStatus()).state == "disabled")
     assert all(each.speed == 0 and each.power != "OPERATION_ENABLED" for each in probes.values())
     assert stage.call("axis", "enable", "all").wait() == 0
     assert eventually(lambda: all(abs(each.speed) > 0.99 * SPEED for each in probes.values()))
@@ -182,14 +191,14 @@ def test_a_fault_stops_the_robot_and_wants_reset_and_enable(stage, robot):
 
 def test_a_fault_that_is_switched_on_by_the_command_line(stage, probe):
     """`drive --fault F@T` breaks it while the robot runs: a lost heartbeat, which is found and named."""
-    stage.drive("breaks", 3, "--fault", "heartbeat_lost@3s")
+    stage.drive("breaks", 3, "--fault", "heartbeat_lost@8s")
     stage.drive("breaks", 2)
     robot = stage.start("run", "robby", "--name", "breaks", "--can", "local:breaks", "--no-drives")
     robot.until("breaks runs")
     robot.until("node 3 (left_drive): no heartbeat")
     with RobotClient.connect("breaks") as client:
-        assert eventually(lambda: client.call("status")["state"] == "fault")
-        assert client.call("status")["nodes"]["right_drive"]["nmt_state"] == "OPERATIONAL"
+        assert eventually(lambda: client.ask(GetStatus()).state == "fault")
+        assert client.ask(GetStatus()).nodes["right_drive"].nmt_state == "OPERATIONAL"
     right = probe("breaks", 2)
     assert eventually(lambda: right.power == "SWITCH_ON_DISABLED")
     assert robot.end() == 0, robot
@@ -207,9 +216,9 @@ def test_base_controller_by_twist(stage):
     stage.robby("base", "--controller", "robby_base_controller")
     twist = stage.start("twist", "robby_base_controller", 0.1, 0)
     with RobotClient.connect("base") as client:
-        joints = lambda: [each["velocity"] for each in client.call("status")["joints"].values()]  # noqa: E731
+        joints = lambda: [each.velocity for each in client.ask(GetStatus()).joints.values()]  # noqa: E731
         moves = eventually(lambda: joints() == pytest.approx([0.1 / 0.035] * 2, rel=0.01))
-        assert moves, client.call("status")["events"][-12:]
+        assert moves, client.ask(GetStatus()).events[-12:]
         assert twist.end(signal.SIGINT) == 0, twist
         assert eventually(lambda: joints() == [0, 0])
 

@@ -14,16 +14,17 @@ import time
 from pathlib import Path
 
 import pytest
-from support.browser import BASE, LEFT_WHEEL, RIGHT_WHEEL, RobotPage, browser
+from support.browser import BASE, LEFT_WHEEL, RIGHT_WHEEL, RobotPage, browser, without_webgl
 from support.host import eventually
 from support.listener import Witness
 
-pytestmark = pytest.mark.browser
+pytestmark = [pytest.mark.browser, pytest.mark.alone]  # software rendering takes a processor
 
 ARTEFACTS = Path(os.environ.get("CANOPEN_CONTROL_ARTEFACTS") or Path(__file__).parents[2] / "build" / "pictures")
 STATUSWORD, VELOCITY = 0x6041, 0x606C
 LEFT, RIGHT = 3, 2
 STANDING = 20  # microsteps/s; 2546 are 10 rad/s
+SOCKET = "_nicegui_ws/socket.io/?EIO=4&transport=websocket"
 FORWARD, DIFF_DRIVE = "robby_forward_controller", "robby_base_controller"
 
 
@@ -48,6 +49,19 @@ class Show:
 
     def page(self):
         return RobotPage(self.chromium, self.url, self.size).open()
+
+    def ready(self, page):
+        """Do what the page says to do where the drives are not enabled: a busy machine may have stopped the robot."""
+        words = {"needs enable": "Enable", "fault": "Reset fault"}
+
+        def running():
+            for said, label in words.items():
+                if page.page.get_by_text(said, exact=True).first.is_visible():
+                    page.click(label)
+                    page.page.wait_for_timeout(500)
+            return page.page.get_by_text("running", exact=True).first.is_visible()
+
+        assert eventually(running, 60), page.text()
 
     def drive(self, *speeds):
         """Command the wheels, in rad/s, until the test ends; returns when both turn so fast."""
@@ -108,7 +122,7 @@ def turned(before, after):
 def test_the_wheels_turn_in_what_is_drawn_and_nobody_else_is_asked(show, keep):
     show = show("vturn")
     page = show.page()
-    page.tidy()
+    show.ready(page)
     still = [page.transform(wheel) for wheel in (LEFT_WHEEL, RIGHT_WHEEL)]
     time.sleep(1.0)
     assert [page.transform(wheel) for wheel in (LEFT_WHEEL, RIGHT_WHEEL)] == still  # what stands is drawn standing
@@ -140,10 +154,10 @@ def test_the_wheels_turn_in_what_is_drawn_and_nobody_else_is_asked(show, keep):
 def test_the_stop_click_stops_both_drives_within_300_ms_and_lasts_until_the_release(show, keep, record_property):
     show = show("vstop", size=(1000, 700))
     page = show.page()
-    page.tidy()
+    show.ready(page)
     show.drive(10.0, 10.0)
     page.page.evaluate(
-        "() => addEventListener('click', event => { "
+        "() => addEventListener('pointerdown', event => { "
         "window.clicked = (performance.timeOrigin + event.timeStamp) / 1000; }, {capture: true, once: true})"
     )
     page.click("STOP")
@@ -151,14 +165,14 @@ def test_the_stop_click_stops_both_drives_within_300_ms_and_lasts_until_the_rele
     record_property("stop_s", took)
     print(f"STOP: both drives stand {took:.3f} s after the click")
     assert took < 0.3
-    page.page.get_by_text("Latched by view").wait_for()
+    page.page.get_by_text("Latched (by view)").wait_for()
     keep(page, "stop_is_latched")
     # the command goes on being sent, and is refused
     refused = show.stage.call("command", FORWARD, 5, 5, "--once", "--name", "vstop")
     assert "STOP is latched (by view)" in refused.err
     assert max(abs(show.velocity(each)) for each in (LEFT, RIGHT)) <= STANDING
     page.click("Release STOP")
-    page.page.get_by_text("Latched by view").wait_for(state="hidden")
+    page.page.get_by_text("Latched (by view)").wait_for(state="hidden")
     page.click("Enable")
     page.page.get_by_text("enabled, follows commands").first.wait_for()
 
@@ -166,13 +180,13 @@ def test_the_stop_click_stops_both_drives_within_300_ms_and_lasts_until_the_rele
 def test_closing_the_page_while_driving_stops_the_robot(show, keep):
     show = show("vdrive", "--controller", DIFF_DRIVE, teleop=True)
     page = show.page()
-    page.tidy()
+    show.ready(page)
     start = page.transform(BASE)
     page.press("Forward")
     show.turning(3.0)
     time.sleep(1.5)
     keep(page, "driving")
-    assert math.dist(start[12:15], page.transform("/world")[12:15]) > 0.02  # the world moves under the robot
+    assert math.dist(start[12:15], page.transform(BASE)[12:15]) > 0.02
     begin = time.time()
     page.page.close()
     assert show.stood_after(begin) < 1.5  # the closing of a browser tab itself takes its time
@@ -183,6 +197,7 @@ def test_closing_the_page_while_driving_stops_the_robot(show, keep):
 def test_letting_go_of_the_button_stops_the_robot(show):
     show = show("vlet", "--controller", DIFF_DRIVE, teleop=True, size=(1200, 900))
     page = show.page()
+    show.ready(page)
     page.press("Forward")
     show.turning(3.0)
     begin = time.time()
@@ -190,11 +205,24 @@ def test_letting_go_of_the_button_stops_the_robot(show):
     assert show.stood_after(begin) < 1.5
 
 
+def test_one_button_after_another_drives(show):
+    show = show("vnext", "--controller", DIFF_DRIVE, teleop=True)
+    page = show.page()
+    show.ready(page)
+    for button in ("Forward", "Left", "Forward"):
+        page.press(button)
+        show.turning(0.5)
+        page.page.wait_for_timeout(600)  # it is held on, and not for a moment alone
+        assert abs(show.velocity(RIGHT)) > STANDING
+        page.page.mouse.up()
+        show.stood_after(time.time())
+
+
 def test_a_foreign_page_may_not_come_in(show, tmp_path):
     show = show("vdoor")
     page = show.page()
     (tmp_path / "evil.html").write_text(
-        f"<script>const socket = new WebSocket('{show.url.replace('http', 'ws')}', 'viser-v1.1.1');"
+        f"<script>const socket = new WebSocket('{show.url.replace('http', 'ws')}{SOCKET}');"
         "socket.onopen = () => { document.title = 'open'; }; socket.onclose = () => { document.title = 'refused'; };"
         "</script>"
     )
@@ -222,7 +250,7 @@ def test_a_foreign_page_may_not_come_in(show, tmp_path):
     for headers in ({"Origin": "http://evil.example"}, {"Host": "evil.example"}):
         with pytest.raises(urllib.error.HTTPError, match="403"):
             urllib.request.urlopen(urllib.request.Request(show.url, headers=headers), timeout=5)
-    assert "enabled, follows commands" in page.text()  # our own page is in
+    assert "node 3 · left_wheel_joint" in page.text()  # our own page is in
 
 
 class QuietHandler(http.server.SimpleHTTPRequestHandler):
@@ -235,11 +263,97 @@ def test_a_robot_that_is_started_again_is_on_the_same_page(show):
     page = show.page()
     show.run.send(signal.SIGINT)
     assert show.run.wait() == 0
-    page.page.get_by_text("No connection to the robot").wait_for()
+    page.page.get_by_text("not connected", exact=True).wait_for()
     assert "enabled, follows commands" not in page.text()
     show.stage.robby("vagain")
-    page.page.get_by_text("No connection to the robot").wait_for(state="hidden")
+    page.page.get_by_text("not connected", exact=True).wait_for(state="hidden")
     page.page.get_by_text("enabled, follows commands").first.wait_for()
+    assert not page.page.evaluate("document.documentElement.classList.contains('cc-no-robot')")
+
+
+def test_a_robot_that_hangs_reads_as_dead_and_speaks_again(show, keep):
+    show = show("vhang")
+    page = show.page()
+    os.kill(show.run.pid, signal.SIGSTOP)
+    try:
+        page.page.get_by_text("has said nothing for").wait_for()
+        assert "enabled, follows commands" not in page.text()
+        page.press("STOP")
+        page.page.get_by_text("STOP has not reached the robot").wait_for()
+        keep(page, "robot_hangs")
+    finally:
+        os.kill(show.run.pid, signal.SIGCONT)
+    page.page.get_by_text("not connected", exact=True).wait_for(state="hidden")
+    page.page.get_by_text("STOP is latched").wait_for()  # it was sent, and heard when it could be
+
+
+def test_a_page_whose_server_has_died_says_so_and_goes_on_when_it_is_back(show, keep):
+    show = show("vserver")
+    page = show.page()
+    port = show.url.split(":")[-1].strip("/")
+    show.view.send(signal.SIGKILL)
+    page.page.get_by_text("The page has lost its server.").wait_for()
+    page.press("STOP")
+    page.page.get_by_text("STOP has not reached the robot").wait_for()
+    keep(page, "server_is_dead")
+    show.stage.start("view", "--name", "vserver", "--port", port).until("view: http")
+    page.page.get_by_text("The page has lost its server.").wait_for(state="hidden")
+    page.page.get_by_text("node 3 · left_wheel_joint").wait_for()
+    page.press("STOP")
+    page.page.get_by_text("Latched (by view)").wait_for()
+
+
+def test_without_webgl_everything_but_the_picture_is_there(show, keep):
+    show = show("vflat", "--controller", DIFF_DRIVE, teleop=True)
+    with without_webgl(show.chromium) as flat:
+        page = RobotPage(flat, show.url).open(scene=False)
+        page.page.get_by_text("This browser draws no 3D").wait_for()
+        show.ready(page)
+        page.press("Forward")
+        show.turning(3.0)
+        keep(page, "without_webgl")
+        page.page.mouse.up()
+        page.page.keyboard.press("Space")
+        page.page.get_by_text("Latched (by view)").wait_for()
+
+
+def test_stop_is_there_within_two_seconds_and_before_the_toolkit(show, record_property):
+    show = show("vfirst")
+    page = RobotPage(show.chromium, show.url)
+    took = []
+    for _ in range(5):  # the first one loads the browser too
+        begin = time.monotonic()
+        page.page.goto(show.url, wait_until="commit")
+        page.page.get_by_role("button", name="STOP", exact=True).wait_for()
+        took.append(time.monotonic() - begin)
+    record_property("first_stop_s", min(took))
+    print(f"STOP is there after {', '.join(f'{each:.2f}' for each in took)} s")
+    busy = max(1.0, os.getloadavg()[0] / (os.cpu_count() or 1))  # two seconds are meant for a quiet machine
+    assert min(took) < 2.0 * busy
+    # and it works where nothing of the toolkit arrives
+    page.page.route("**/_nicegui/**", lambda route: route.abort())
+    page.page.goto(show.url, wait_until="commit")
+    page.press("STOP")
+    page.page.get_by_text("STOP is sent.").wait_for()
+    assert eventually(lambda: "latched" in show.stage.call("status", "--name", "vfirst").out, 10)
+
+
+def test_on_a_phone_stop_state_and_pad_are_in_sight_and_stop_under_the_thumb(show, keep):
+    show = show("vphone", "--controller", DIFF_DRIVE, teleop=True, size=(390, 844))
+    page = show.page()
+    for name in ("STOP", "Forward", "Left", "Back", "Right"):
+        box = page.page.get_by_role("button", name=name, exact=True).bounding_box()
+        assert box["x"] >= 0
+        assert box["x"] + box["width"] <= 390
+        assert box["y"] + box["height"] <= 844
+        assert box["y"] > 844 / 2 - 60, name  # where a thumb gets to
+        assert min(box["width"], box["height"]) >= 44  # and hits
+    assert page.page.get_by_text("running", exact=True).bounding_box()["y"] < 80
+    assert page.page.evaluate("document.documentElement.scrollWidth") == 390
+    page.page.evaluate("scrollTo(0, 99999)")
+    keep(page, "phone")
+    page.press("STOP")
+    page.page.get_by_text("Latched (by view)").wait_for()
 
 
 def test_run_shows_the_page_and_a_dead_page_hurts_nobody(stage, chromium):

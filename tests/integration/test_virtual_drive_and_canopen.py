@@ -159,7 +159,7 @@ def test_a_fault_is_an_emergency_and_its_reset_one_too():
         modes = [mode for mode in (3, 1, 8, 9) if node.sdo[0x6502].raw >> (mode - 1) & 1]
         enable(node, modes[0])
         device.drives[0].power.causes.add(0x4310)
-        device.drives[0].fault(0x4310, device.now, register=8)
+        device.drives[0].fault(0x4310, device.clock.now, register=8)
         assert eventually(lambda: state_of(node) & 0x4F == 0x08 and bool(heard))
         node.sdo[0x6040].raw = 0x80
         assert state_of(node) & 0x4F == 0x08

@@ -45,7 +45,8 @@ def test_the_wheel_carries_the_eds_files_and_the_robots_and_nothing_of_the_tests
     assert "canopen_control/data/eds/TMCM-1270.eds" in names
     assert "canopen_control/data/config/robby/bus.yml" in names
     assert "canopen_control/py.typed" in names
-    assert not [name for name in names if name.startswith(("tests", "tools"))]
+    assert "canopen_control_bench/command.py" in names
+    assert not [name for name in names if name.startswith(("tests", "tools")) or name.endswith(".pyc")]
 
 
 def test_the_installed_wheel_runs_robby_from_an_empty_folder(wheel, tmp_path):
@@ -58,6 +59,7 @@ def test_the_installed_wheel_runs_robby_from_an_empty_folder(wheel, tmp_path):
     said = run(program, "run", "robby", "--duration", "2", cwd=empty)
     assert "node 3 (left_drive): operational" in said
     assert "robby has stopped, its drives are disabled" in said
+    assert "two drives: CPU, lateness" in run(program, "bench", "--help", cwd=empty)
     assert list(empty.iterdir()) == []
     where = run(python, "-c", "import canopen_control; print(canopen_control.__file__)", cwd=empty)
     assert str(ROOT / "canopen_control") not in where

@@ -48,7 +48,8 @@ def test_an_independent_reader_finds_the_same_in_the_bundled_files(both):
         read = variable(independent, entry.index, entry.subindex)
         assert (read.data_type, read.access_type, read.name) == (entry.data_type, entry.access, entry.name)
         assert read.pdo_mappable == entry.pdo_mappable
-        assert (read.min, read.max, read.default) == (entry.low, entry.high, entry.default), hex(entry.index)
+        default = None if entry.data_type.is_real else entry.default  # it cannot read the bits, dcfgen nothing else
+        assert (read.min, read.max, read.default) == (entry.low, entry.high, default), hex(entry.index)
 
 
 def test_the_independent_reader_finds_the_same_groups(both):
@@ -65,7 +66,8 @@ def test_what_we_give_is_what_it_reads(both):
     assert set(given) == set(independent) - set(DUMMIES)
     for entry in ours:
         here, there = (variable(od, entry.index, entry.subindex) for od in (given, independent))
-        assert facts(here) == facts(there)
+        lost = {"default": None} if entry.data_type.is_real else {}  # by its reader of the file
+        assert facts(here) | lost == facts(there)
     device, other = given.device_information, independent.device_information
     assert device.allowed_baudrates == other.allowed_baudrates
     assert (device.vendor_number, device.product_number) == (other.vendor_number, other.product_number)

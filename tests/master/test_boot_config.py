@@ -5,8 +5,8 @@ from support.conversation import NO_OBJECT, READ_ONLY, Device, plan
 
 from canopen_control.errors import BootError
 from canopen_control.master.boot_config import compare_only, configure, store
-from canopen_control.master.draft import PlannedWrite
-from canopen_control.master.requests import Read, Traffic, Write
+from canopen_control.master.plan_builder import PlannedWrite
+from canopen_control.master.requests import BootTransfers, Read, Write
 from canopen_control.od.model import DataType
 
 
@@ -15,10 +15,10 @@ def u32(index, value, **how):
 
 
 def configured(device, *writes, **changes):
-    traffic = Traffic()
-    traffic.begin_configuration()
-    device.run(configure(plan(writes=writes, **changes), traffic))
-    return traffic
+    transfers = BootTransfers()
+    transfers.begin_configuration()
+    device.run(configure(plan(writes=writes, **changes), transfers))
+    return transfers
 
 
 def asked(device):
@@ -27,9 +27,9 @@ def asked(device):
 
 def test_what_the_node_holds_is_not_written_again():
     device = Device({(0x6083, 0): b"\x05\0\0\0"})
-    traffic = configured(device, u32(0x6083, 5))
+    transfers = configured(device, u32(0x6083, 5))
     assert asked(device) == ["Read"]
-    assert (traffic.reads, traffic.writes, traffic.warnings) == (1, 0, [])
+    assert (transfers.reads, transfers.writes, transfers.warnings) == (1, 0, [])
 
 
 def test_what_differs_is_written_and_read_back():
@@ -41,8 +41,8 @@ def test_what_differs_is_written_and_read_back():
 
 def test_a_value_that_the_drive_limits_is_a_warning_with_both_values():
     device = Device({(0x6083, 0): bytes(4)}, clamp={(0x6083, 0): b"\xe8\x03\0\0"})
-    traffic = configured(device, u32(0x6083, 16000))
-    assert traffic.warnings == [
+    transfers = configured(device, u32(0x6083, 16000))
+    assert transfers.warnings == [
         "ramp 0x6083:00 holds 0x000003e8 after 0x00003e80 was written; the node limits or rounds it"
     ]
 
@@ -62,8 +62,8 @@ def test_a_refused_write_is_letter_j_with_object_and_abort_text():
 
 def test_an_addition_that_the_node_refuses_is_done_without_and_told():
     device = Device(refuse={(0x60C2, 0): NO_OBJECT})
-    traffic = configured(device, u32(0x60C2, 1, reason="interpolation over the SYNC period", optional=True))
-    assert "it refuses ramp 0x60C2:00 (interpolation over the SYNC period): abort 0x06020000" in traffic.warnings[0]
+    transfers = configured(device, u32(0x60C2, 1, reason="interpolation over the SYNC period", optional=True))
+    assert "it refuses ramp 0x60C2:00 (interpolation over the SYNC period): abort 0x06020000" in transfers.warnings[0]
 
 
 def test_a_vital_addition_that_the_node_refuses_is_letter_j_with_the_way_out():
@@ -89,8 +89,8 @@ def test_a_word_to_store_is_given_only_when_something_was_written_before_it():
 
 def test_flash_is_given_time():
     device = Device({(0x6083, 0): bytes(4)})
-    traffic = configured(device, u32(0x6083, 5))
-    device.run(store(plan(save=1), traffic))
+    transfers = configured(device, u32(0x6083, 5))
+    device.run(store(plan(save=1), transfers))
     assert device.log[-1] == Write(0x1010, 1, b"save", 20_000_000_000)
 
 
@@ -104,6 +104,6 @@ def test_silence_in_the_middle_is_letter_j_with_the_object():
 def test_comparing_writes_nothing_and_names_each_object_once():
     device = Device({(0x6083, 0): bytes(4), (0x6084, 0): b"\x01\0\0\0"})
     writes = (u32(0x6083, 1), u32(0x6084, 1), u32(0x2FFF, 1, compare=False))
-    missing = device.run(compare_only(plan(writes=writes), Traffic()))
+    missing = device.run(compare_only(plan(writes=writes), BootTransfers()))
     assert [write.index for write in missing] == [0x6083]
     assert device.written == []

@@ -2,13 +2,16 @@
 
 import pytest
 from support.conversation import READ_ONLY, WRONG_STATE, Device, plan
+from support.iomodule import IO, with_io_module
+from support.robots import LEFT, RIGHT, Bench
 
 from canopen_control.cia301.pdo import MappedObject
 from canopen_control.errors import BootError
 from canopen_control.master.boot_pdos import configure_pdo
-from canopen_control.master.draft import PdoLayout, PlannedWrite
-from canopen_control.master.requests import Traffic
+from canopen_control.master.plan_builder import PdoLayout, PlannedWrite
+from canopen_control.master.requests import BootTransfers
 from canopen_control.od.model import DataType
+from canopen_control.runtime.process_data import write_mapped
 
 CONTROLWORD = MappedObject(0x6040, 0, 16, DataType.UNSIGNED16)
 MODE = MappedObject(0x6060, 0, 8, DataType.INTEGER8)
@@ -44,9 +47,9 @@ def device(*entries, cob_id=0x40000203, **how):
 
 
 def run(node, group=GROUP, **changes):
-    traffic = Traffic()
-    node.run(configure_pdo(plan(**{"rpdos": (LAYOUT,), **changes}), group, traffic))
-    return traffic
+    transfers = BootTransfers()
+    node.run(configure_pdo(plan(**{"rpdos": (LAYOUT,), **changes}), group, transfers))
+    return transfers
 
 
 def held(node):
@@ -87,28 +90,28 @@ MAPPING_FIXED = {(0x1600, slot): READ_ONLY for slot in range(9)}
 
 def test_a_fixed_mapping_that_carries_what_is_needed_is_adopted_with_its_order():
     node = device(0x60600008, 0x60400010, refuse=MAPPING_FIXED)
-    traffic = run(node)
-    kind, layout = traffic.adopted[0]
+    transfers = run(node)
+    kind, layout = transfers.adopted[0]
     assert (kind, layout.number, layout.cob_id) == ("rpdo", 1, 0x203)
     assert layout.objects == (MODE, CONTROLWORD)
     assert held(node)[0x1400, 1] == 0x40000203
-    assert "RPDO 1 is used as the node has it (0x6060:00, 0x6040:00): it refuses" in traffic.warnings[0]
+    assert "RPDO 1 is used as the node has it (0x6060:00, 0x6040:00): it refuses" in transfers.warnings[0]
 
 
 def test_further_objects_of_an_adopted_rpdo_are_kept_at_what_they_are():
     node = device(0x60400010, 0x60600008, 0x60FF0020, refuse=MAPPING_FIXED)
     node.objects[0x60FF, 0] = number(77)
-    traffic = run(node)
-    assert traffic.adopted[0][1].objects == (CONTROLWORD, MODE, MappedObject(0x60FF, 0, 32, DataType.UNSIGNED32))
-    assert traffic.presets == {(0x60FF, 0): 77}
+    transfers = run(node)
+    assert transfers.adopted[0][1].objects == (CONTROLWORD, MODE, MappedObject(0x60FF, 0, 32, DataType.UNSIGNED32))
+    assert transfers.presets == {(0x60FF, 0): 77}
 
 
 def test_an_object_that_another_rpdo_carries_keeps_its_type_and_its_value():
     other = PdoLayout(2, 0x303, 255, (TARGET,))
     node = device(0x60400010, 0x60600008, 0x60FF0020, refuse=MAPPING_FIXED)
-    traffic = run(node, rpdos=(LAYOUT, other))
-    assert traffic.adopted[0][1].objects == (CONTROLWORD, MODE, TARGET)
-    assert traffic.presets == {}
+    transfers = run(node, rpdos=(LAYOUT, other))
+    assert transfers.adopted[0][1].objects == (CONTROLWORD, MODE, TARGET)
+    assert transfers.presets == {}
 
 
 def test_a_fixed_mapping_that_lacks_an_object_leaves_the_pdo_invalid_and_names_it():
@@ -165,3 +168,78 @@ def test_silence_names_the_pdo_and_the_object():
     node.silent = True
     with pytest.raises(BootError, match="RPDO 1: 0x1400:01: no answer within 1 s"):
         run(node)
+
+
+@pytest.fixture(params=[255, 254, 0, 1])
+def robby(request, tmp_path):
+    bench = Bench(f"io{request.param}", config=with_io_module(tmp_path, request.param), drives=(LEFT, RIGHT, IO))
+    bench.start()
+    bench.io = bench.robot.node("io_module")
+    bench.until(lambda: bench.io.ready)
+    yield bench
+    bench.close()
+
+
+def sent(bench, can_id):
+    return [frame.data.hex() for label, frame in bench.bus.history if label == "master" and frame.can_id == can_id]
+
+
+def values(bench):
+    device = bench.drives[IO]
+    return [device.get(index, subindex) for index in (0x6200, 0x6411) for subindex in (1, 2)]
+
+
+def write_once(bench, index, subindex, data):
+    write_mapped(bench.robot, bench.io, index, subindex, bytes.fromhex(data))
+
+
+def test_nothing_is_sent_until_somebody_writes_and_then_once(robby):
+    robby.run(2000)
+    assert sent(robby, 0x205) + sent(robby, 0x305) == []
+    assert values(robby) == [0x0F, 0xA0, 100, -200]
+    assert sent(robby, 0x203), "a drive's go on"
+    write_once(robby, 0x6200, 1, "31")
+    robby.run(20)
+    assert sent(robby, 0x205) == ["31a0"], "what nobody wrote stays as the module has it"
+    order = [frame.can_id for label, frame in robby.bus.history if label == "master"]
+    assert 0x080 in order[order.index(0x205) :], "before the SYNC that follows"
+    robby.run(2000)
+    assert sent(robby, 0x205) == ["31a0"]
+    assert values(robby) == [0x31, 0xA0, 100, -200]
+    write_once(robby, 0x6200, 1, "31")
+    robby.run(100)
+    assert sent(robby, 0x205) == ["31a0"] * 2, "the same value again is written again"
+    assert sent(robby, 0x305) == []
+
+
+def test_an_rpdo_does_not_undo_what_sdo_wrote(robby):
+    write_once(robby, 0x6411, 2, "0100")
+    robby.run(100)
+    done = []
+    robby.io.write(0x6411, 1, bytes.fromhex("0700"), done.append)
+    robby.robot.bus_of(robby.io).send_waiting()
+    robby.until(lambda: done)
+    robby.run(1000)
+    assert sent(robby, 0x305) == ["64000100"]
+    assert values(robby)[2:] == [7, 1]
+    write_once(robby, 0x6411, 2, "0200")
+    robby.run(100)
+    assert sent(robby, 0x305)[-1] == "07000200"
+    assert values(robby)[2:] == [7, 2]
+
+
+def test_after_a_restart_it_begins_with_the_values_it_has_then(robby):
+    write_once(robby, 0x6200, 1, "31")
+    robby.run(100)
+    robby.power_off(IO)
+    robby.run(1000)
+    robby.power_on(IO)
+    robby.until(lambda: not robby.io.ready)
+    robby.until(lambda: robby.io.ready)
+    robby.bus.clear_history()
+    robby.run(1000)
+    assert sent(robby, 0x205) == []
+    assert values(robby) == [0x0F, 0xA0, 100, -200]
+    write_once(robby, 0x6200, 2, "01")
+    robby.run(100)
+    assert sent(robby, 0x205) == ["0f01"]

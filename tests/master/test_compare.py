@@ -14,7 +14,7 @@ from canopen_control.master.compare import (
     needed,
     reads_of,
 )
-from canopen_control.master.draft import PlannedWrite
+from canopen_control.master.plan_builder import PlannedWrite
 from canopen_control.od.model import DataType
 
 RPDO1 = ("rpdo", 1)

@@ -1,4 +1,3 @@
-import shutil
 import tempfile
 import textwrap
 from pathlib import Path
@@ -6,6 +5,7 @@ from pathlib import Path
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.busfile import NESTED, mistakes, mistakes_of_a_node, write
 
 from canopen_control.data_files import data_path
 from canopen_control.errors import BusConfigError
@@ -14,51 +14,21 @@ from canopen_control.master.config import read_bus
 ROBBY = data_path("config", "robby") / "bus.yml"
 
 
-def write(folder, text):
-    shutil.copy(data_path("eds", "TMCM-1270.eds"), folder)
-    path = folder / "bus.yml"
-    path.write_text(textwrap.dedent(text))
-    return path
-
-
-def mistakes(folder, text):
-    with pytest.raises(BusConfigError) as caught:
-        read_bus(write(folder, text))
-    return str(caught.value)
-
-
-NESTED = """\
-    master:
-      node_id: 1
-      sync_period: 20000
-    defaults:
-      dcf: TMCM-1270.eds
-      heartbeat_producer: 100
-      tpdo:
-        1: {enabled: true, transmission: 1}
-    nodes:
-      left_drive:
-        node_id: 3
-        heartbeat_producer: 50
-      right_drive: {node_id: 2}
-    """
-
-
 def test_robby_has_its_two_drives_with_opposite_signs():
     bus = read_bus(ROBBY)
     left, right = bus.nodes["left_drive"], bus.nodes["right_drive"]
     assert (left.node_id, right.node_id, bus.master.sync_period) == (3, 2, 20000)
-    assert left.scale_vel_to_dev == -right.scale_vel_to_dev
-    assert left.heartbeat_timeout_ns == 500_000_000
+    assert left.units.scale_vel_to_dev == -right.units.scale_vel_to_dev
+    assert left.supervision.heartbeat_timeout_ns == 500_000_000
     assert bus.eds_paths["left_drive"].name == "TMCM-1270.eds"
 
 
 def test_a_nodes_own_keys_win_over_the_defaults_at_every_depth(tmp_path):
     text = NESTED.replace("right_drive: {node_id: 2}", "right_drive: {node_id: 2, tpdo: {1: {event_timer: 7}}}")
     bus = read_bus(write(tmp_path, text))
-    assert bus.nodes["left_drive"].heartbeat_producer == 50
-    assert bus.nodes["right_drive"].heartbeat_producer == 100
-    tpdo = bus.nodes["right_drive"].tpdo[1]
+    assert bus.nodes["left_drive"].supervision.heartbeat_producer == 50
+    assert bus.nodes["right_drive"].supervision.heartbeat_producer == 100
+    tpdo = bus.nodes["right_drive"].boot.tpdo[1]
     assert (tpdo.transmission, tpdo.event_timer) == (1, 7)
 
 
@@ -131,7 +101,7 @@ def test_a_drive_that_nothing_would_stop_is_refused(tmp_path):
     text = NESTED.replace("node_id: 3\n", "node_id: 3\n        heartbeat_consumer: false\n")
     assert "nothing would stop this drive" in mistakes(tmp_path, text)
     accepted = text.replace("heartbeat_consumer: false", "heartbeat_consumer: false\n        allow_unsupervised: true")
-    assert read_bus(write(tmp_path, accepted)).nodes["left_drive"].allow_unsupervised
+    assert read_bus(write(tmp_path, accepted)).nodes["left_drive"].supervision.allow_unsupervised
 
 
 def test_a_missing_file_and_text_that_is_no_yaml_are_one_sentence_each(tmp_path):
@@ -203,67 +173,10 @@ def test_an_unknown_section_beside_nodes_is_no_silent_node(tmp_path):
     assert "unknown key 'option', did you mean 'options'?" in said
 
 
-MERGED = """\
-    master: {node_id: 1}
-    defaults:
-      dcf: TMCM-1270.eds
-      heartbeat_producer: 100
-      rpdo: {1: {mapping: [{index: 0x6040}]}}
-    nodes:
-      left:
-        node_id: 3
-        heartbeat_producer: 50
-        rpdo: {2: {mapping: [{index: 0x60FF}]}}
-    """
-
-
-def test_peer_merge_lets_whole_defaults_win_and_either_way_the_difference_is_told(tmp_path):
-    path = write(tmp_path, MERGED)
-    ours, theirs = read_bus(path), read_bus(path, peer_merge=True)
-    assert ours.nodes["left"].heartbeat_producer == 50
-    assert sorted(ours.nodes["left"].rpdo) == [1, 2]
-    assert theirs.nodes["left"].heartbeat_producer == 100
-    assert sorted(theirs.nodes["left"].rpdo) == [1]
-    told = [note for note in ours.notes if "bus.yml:9:" in note]
-    assert "the node's own heartbeat_producer counts; ros2_canopen takes 100 of `defaults` (--peer-merge)" in told[0]
-    told = [note for note in theirs.notes if "bus.yml:9:" in note]
-    assert "heartbeat_producer: 50, but --peer-merge takes 100 of `defaults`" in told[0]
-    assert [note for note in ours.notes if "bus.yml:10:" in note]
-
-
-def test_without_a_difference_nothing_is_told_of_merging(tmp_path):
-    text = MERGED.replace("heartbeat_producer: 50", "heartbeat_producer: 100").replace("{2: {map", "{1: {map")
-    text = text.replace("0x60FF", "0x6040")
-    assert not [note for note in read_bus(write(tmp_path, text)).notes if "merge" in note]
-
-
-@pytest.mark.parametrize(
-    ("keys", "required"),
-    [
-        ("", True),
-        ("mandatory: false", False),
-        ("mandatory: true", True),
-        ("required: false", False),
-        ("boot: false", False),
-        ("required: true, mandatory: true", True),
-    ],
-)
-def test_who_is_waited_for(tmp_path, keys, required):
-    text = NESTED.replace("right_drive: {node_id: 2}", "right_drive: {node_id: 2, " + keys + "}")
-    assert read_bus(write(tmp_path, text)).nodes["right_drive"].required is required
-
-
 @pytest.mark.parametrize(
     ("keys", "words"),
     [
-        ("required: true, mandatory: false", "mean the same and differ"),
-        ("boot: false, required: true", "nothing can wait for it"),
-        ("effort_mode: 4, torque_mode: 10", "`torque_mode` and `effort_mode` mean the same"),
-        ("gear_ratio: 2.0", "gear_ratio needs counts_per_revolution"),
-        ("counts_per_revolution: 1600, gear_ratio: [1]", "motor turns, joint turns"),
         ("recovery: maybe", "expected boot or enable, got the text 'maybe'"),
-        ("scale_vel_to_dev: 0.0", "finite and not 0 is wanted"),
-        ("transition_timeouts_ms: {17: 100}", "no transition 17"),
         ("name: other", "unknown key 'name'"),
         ("line: 3", "unknown key 'line'"),
         ("tpdo: {1: {cob_id: automatic}}", "cob_id"),
@@ -275,30 +188,12 @@ def test_who_is_waited_for(tmp_path, keys, required):
     ],
 )
 def test_what_cannot_be_is_told_at_its_key(tmp_path, keys, words):
-    text = NESTED.replace("right_drive: {node_id: 2}", "right_drive: {node_id: 2, " + keys + "}")
-    said = mistakes(tmp_path, text)
-    assert words in said, said
-    assert "bus.yml:13:" in said
+    assert words in mistakes_of_a_node(tmp_path, keys)
 
 
 def test_two_live_pdos_with_one_cob_id_are_refused(tmp_path):
     text = NESTED.replace("right_drive: {node_id: 2}", "right_drive: {node_id: 2, tpdo: {1: {cob_id: 0x183}}}")
     assert "COB-ID 0x183 of TPDO 1 of right_drive is already that of TPDO 1 of left_drive" in mistakes(tmp_path, text)
-
-
-def test_units_by_name_and_torque_mode_are_what_they_stand_for(tmp_path):
-    keys = "counts_per_revolution: 1600, gear_ratio: 2, reversed: true, torque_mode: 4"
-    text = NESTED.replace("right_drive: {node_id: 2}", "right_drive: {node_id: 2, " + keys + "}")
-    node = read_bus(write(tmp_path, text)).nodes["right_drive"]
-    assert node.scale_pos_to_dev == pytest.approx(-3200 / 6.283185307179586)
-    assert node.scale_pos_from_dev * node.scale_pos_to_dev == pytest.approx(1.0)
-    assert node.effort_mode == 4
-
-
-def test_scales_that_do_not_cancel_are_doubted(tmp_path):
-    text = NESTED.replace("right_drive: {node_id: 2}", "right_drive: {node_id: 2, scale_pos_to_dev: 254.6}")
-    notes = read_bus(write(tmp_path, text)).notes
-    assert any("scale_pos_to_dev times scale_pos_from_dev is 0.2546, not 1" in note for note in notes)
 
 
 def test_the_node_id_may_be_the_dcfs_and_255_leaves_a_node_out(tmp_path):

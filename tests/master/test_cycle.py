@@ -4,7 +4,7 @@ from canopen_control.cia301.pdo import MappedObject
 from canopen_control.errors import LocalProtocolError
 from canopen_control.frame import RECORD, RECORD_SIZE, frames_of
 from canopen_control.master.cycle import ProcessImage
-from canopen_control.master.draft import PdoLayout
+from canopen_control.master.plan_builder import PdoLayout
 from canopen_control.master.supervision import PdoWatch
 from canopen_control.od.model import DataType
 
@@ -21,6 +21,7 @@ def image_with_two_controlwords(**how):
     first = image.add_rpdo(3, 0x203, [CONTROLWORD, MODE], **how)
     second = image.add_rpdo(3, 0x303, [CONTROLWORD, TARGET_VELOCITY], **how)
     first.enabled = second.enabled = True
+    image.output(3, 0x6040).drive()
     return image
 
 

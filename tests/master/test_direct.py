@@ -18,6 +18,7 @@ from canopen_control.errors import (
     LocalProtocolError,
     RemoteProtocolError,
     SdoAbort,
+    SdoStopped,
     SdoTimeout,
 )
 from canopen_control.frame import CanFrame, pack_records
@@ -198,3 +199,13 @@ def test_a_heartbeat_among_the_segments_is_heard_and_disturbs_nothing(bus, monke
     assert bus.read(5, 0x2000, block=True) == data
     assert bus.heard == {9: NmtState.OPERATIONAL}
     assert (bus.client(5).retried, bus.client(5).ignored) == (0, 0)
+
+
+def test_a_node_heard_in_stopped_is_not_asked_whether_it_is_powered(bus, drives):
+    bus.write(3, 0x1017, 0, b"\x14\0")
+    bus.command(NmtCommand.STOP, 3, 0.5)
+    with pytest.raises(SdoStopped, match=r"node 3: 0x1000:00: no answer .* NMT STOPPED, .* `nmt preop`"):
+        bus.read(3, 0x1000)
+    assert isinstance(bus.read_many([(3, 0x1000, 0)])[3, 0x1000, 0], SdoStopped)
+    bus.command(NmtCommand.ENTER_PRE_OPERATIONAL, 3, 0.5)
+    assert bus.read(3, 0x1000)

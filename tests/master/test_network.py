@@ -121,7 +121,6 @@ def test_sync_of_somebody_else_is_heard_and_not_sent_and_its_missing_answers_are
     net, _ = network()
     net.start(0)
     heard = []
-    assert 0x80 not in net.identifiers
     net.hear_sync(heard.append)
     assert 0x80 in net.identifiers
     feed(net, 7, "080#")
@@ -135,6 +134,19 @@ def test_sync_of_somebody_else_is_heard_and_not_sent_and_its_missing_answers_are
         assert net.cycle(sync=True) == b""
         net.synced(9 * MS)
     assert received.silent > before
+
+
+@pytest.mark.parametrize(("between", "told"), [(20, 0), (19, 0), (10, 1)])
+def test_a_sync_beside_the_kernels_is_another_masters(between, told):
+    net, events = network()
+    net.start(0)
+    net.hear_sync(lambda _now: None)
+    for ms in range(0, 4000, between):
+        feed(net, ms * MS, "080#")
+        net.tick(ms * MS)
+    found = [event.text for event in events if event.kind == "other_master"]
+    assert len(found) == told
+    assert all("SYNC 0x080 beside the kernel's" in text for text in found)
 
 
 frames = st.builds(

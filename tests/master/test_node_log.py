@@ -7,15 +7,17 @@ import pytest
 from canopen_control.cia301.emcy import EmcyMessage
 from canopen_control.cia301.pdo import MappedObject
 from canopen_control.master.cycle import ReceivedPdo
-from canopen_control.master.events import Level
+from canopen_control.master.event_log import Level
+from canopen_control.master.keys import SupervisionKeys
 from canopen_control.master.node_log import NodeLog
 from canopen_control.od.model import DataType
+from canopen_control.rpc.messages.state import EventDetails
 
 
 @pytest.fixture
 def log():
     events = []
-    log = NodeLog(SimpleNamespace(node_id=3, name="left", heartbeat_ms=100), events.append)
+    log = NodeLog(SimpleNamespace(node_id=3, name="left", supervision=SupervisionKeys()), events.append)
     log.told = events
     return log
 
@@ -36,8 +38,8 @@ def test_what_an_emergency_holds_is_there_for_programs_too(log):
     hear(log, EmcyMessage(3, 0x4310, 9, b"\1\2"), 5)
     hear(log, EmcyMessage(3, 0, 0), 5)
     assert [event.details for event in log.told] == [
-        {"error_code": 0x4310, "error_register": 9, "data": "0102"},
-        {"error_code": 0, "error_register": 0, "data": "0000000000"},
+        EventDetails(error_code=0x4310, error_register=9, data="0102"),
+        EventDetails(error_code=0, error_register=0, data="0000000000"),
     ]
 
 
@@ -74,9 +76,9 @@ def test_process_data_are_told_when_they_go_and_come_and_never_were(log):
     pdo.overdue = False
     log.pdo(pdo, 2)
     assert [event.kind for event in log.told] == ["pdo_missing", "pdo_stale", "pdo_back"]
-    for length in (1, 1, 3):
+    for length in (1, 1, 3, 3, 1):
         log.malformed(pdo, length, 3)
-    assert [event.kind for event in log.told[3:]] == ["pdo_short"], "once"
+    assert [event.kind for event in log.told[3:]] == ["pdo_short", "pdo_long"], "each once"
 
 
 def test_a_restart_clears_the_errors_and_two_at_once_are_two_nodes(log):

@@ -92,3 +92,48 @@ def test_two_boot_ups_at_once_are_two_nodes_and_a_restart_is_not():
     assert not watch.boot_up(500 * MS)
     assert watch.boot_up(501 * MS)
     assert not watch.boot_up(502 * MS), "told once"
+
+
+def test_syncs_of_a_late_process_that_lie_close_together_are_no_three_misses():
+    pdo, _ = make_pdo(1)
+    watch = PdoWatch(20 * MS)
+    watch.add(pdo)
+    watch.sync(0)
+    assert not any(watch.sync(now * MS) for now in (1, 2, 21, 29))
+    assert list(watch.sync(41 * MS)) == [pdo]
+
+
+def test_drives_that_are_processes_have_the_time_of_a_process():
+    pdo, _ = make_pdo(1)
+    watch = PdoWatch(20 * MS)
+    watch.add(pdo)
+    watch.least_ns = 250 * MS
+    told = [now for now in range(0, 1000, 20) if watch.sync(now * MS)]
+    assert told == [240], "the first SYNC that nobody answered was one period before it was missed"
+
+
+def test_what_waits_to_be_read_has_come():
+    pdo, _ = make_pdo(1)
+    watch = PdoWatch(20 * MS)
+    watch.add(pdo)
+    watch.look = lambda: pdo.receive(bytes(8), 2, 60 * MS)
+    assert not any(watch.sync(now * MS) for now in range(0, 200, 20))
+    watch.look = lambda: None
+    assert any(watch.sync(now * MS) for now in range(200, 300, 20))
+
+
+def test_heartbeats_and_boot_ups_that_waited_for_a_late_reader_say_nothing_of_a_rate():
+    watch = DuplicateWatch(PERIOD)
+    assert not any(watch.heartbeat(2000 * MS, 0) for _ in range(20))
+    assert not any(watch.heartbeat(2000 * MS + number * PERIOD, 2000 * MS) for number in range(1))
+    assert not watch.boot_up(4000 * MS, 2500 * MS)
+    assert not watch.boot_up(4000 * MS, 2500 * MS)
+    told = [watch.heartbeat(5000 * MS + number * PERIOD // 2) for number in range(100)]
+    assert sum(told) == 1, "a true one is found afterwards"
+
+
+def test_a_second_device_is_told_again_when_it_was_away():
+    watch = DuplicateWatch(PERIOD)
+    assert sum(watch.heartbeat(number * PERIOD // 2) for number in range(400)) == 1
+    assert not any(watch.heartbeat((200 + number) * PERIOD) for number in range(150))
+    assert sum(watch.heartbeat(350 * PERIOD + number * PERIOD // 2) for number in range(400)) == 1

@@ -1,4 +1,5 @@
 import asyncio
+import html
 import threading
 
 import pytest
@@ -7,7 +8,7 @@ from canopen_control.cia402.modes import OperationMode
 from canopen_control.cia402.state import State
 from canopen_control.errors import RemoteError
 from canopen_control.frame import CanFrame
-from canopen_control.monitor.app import MonitorApp
+from canopen_control.monitor.app import PERIOD_S, MonitorApp
 from canopen_control.monitor.frames import FrameTable, TraceLog
 from canopen_control.monitor.picture import (
     DRIVE_COLUMNS,
@@ -20,6 +21,7 @@ from canopen_control.monitor.picture import (
     sdo_cell,
     state_cell,
 )
+from canopen_control.rpc.messages.robot import AxisRequest, Release, Stop
 from canopen_control.trace.decoder import Decoder
 from canopen_control.trace.network import NetworkDescription, NodeDescription
 from canopen_control.trace.values import statusword_text
@@ -67,10 +69,10 @@ class FakeSource:
         lines, self.emergency_lines = self.emergency_lines, []
         return lines
 
-    def command(self, method, params):
-        if self.hold is not None and method != "stop":
+    def command(self, request):
+        if self.hold is not None and not isinstance(request, Stop):
             self.hold.wait(10)
-        self.asked.append((method, params))
+        self.asked.append(request)
         if self.refusal:
             raise RemoteError("ControlError", self.refusal)
 
@@ -106,7 +108,7 @@ def text_of(app, name):
     return "\n".join(line.text for line in app.query_one(f"#{name}").lines)
 
 
-STOP = ("stop", {"latch": True})
+STOP = Stop(latch=True, source="monitor")
 
 
 # -- STOP
@@ -185,14 +187,14 @@ def test_a_refusal_is_told_as_it_is():
 @pytest.mark.parametrize(
     ("keys", "expected"),
     [
-        ("r", ("release", {})),
-        ("e", ("axis", {"action": "enable", "node": "left"})),
-        ("d", ("axis", {"action": "disable", "node": "left"})),
-        ("f", ("axis", {"action": "fault-reset", "node": "left"})),
-        (["down", "f"], ("axis", {"action": "fault-reset", "node": "right"})),
-        ("E", ("axis", {"action": "enable", "node": "all"})),
-        ("D", ("axis", {"action": "disable", "node": "all"})),
-        ("F", ("axis", {"action": "fault-reset", "node": "all"})),
+        ("r", Release(source="monitor")),
+        ("e", AxisRequest(action="enable", node="left")),
+        ("d", AxisRequest(action="disable", node="left")),
+        ("f", AxisRequest(action="fault-reset", node="left")),
+        (["down", "f"], AxisRequest(action="fault-reset", node="right")),
+        ("E", AxisRequest(action="enable", node="all")),
+        ("D", AxisRequest(action="disable", node="all")),
+        ("F", AxisRequest(action="fault-reset", node="all")),
     ],
 )
 def test_keys_ask_the_robot(keys, expected):
@@ -207,7 +209,7 @@ def test_a_click_selects_a_drive():
     async def check(app, pilot, source):
         await pilot.click("#drives", offset=(5, 2))
         await pilot.press("e")
-        assert await asked(pilot, source) == [("axis", {"action": "enable", "node": "right"})]
+        assert await asked(pilot, source) == [AxisRequest(action="enable", node="right")]
 
     on_screen(check)
 
@@ -383,7 +385,7 @@ def test_a_robot_without_drives_has_no_table_of_them_until_it_has():
         assert app.query_one("#drives").display
         assert app.focused is app.query_one("#drives")  # so that the arrow keys select one
         await pilot.press("down", "e")
-        assert await asked(pilot, source) == [("axis", {"action": "enable", "node": "right"})]
+        assert await asked(pilot, source) == [AxisRequest(action="enable", node="right")]
 
     on_screen(check, source)
 
@@ -451,3 +453,26 @@ def test_a_changing_number_does_not_have_the_screen_laid_out_again(monkeypatch):
             assert bool(laid_out) is expected
 
     on_screen(check)
+
+
+# -- a small terminal
+
+
+def test_on_80_columns_and_24_lines_the_errors_and_the_way_out_are_in_sight():
+    """What tmux, a serial console and an old laptop have: the error of a drive, and how to quit."""
+
+    async def check(app, pilot, source):
+        drive = dict(zip(DRIVE_COLUMNS, ("right_drive (2)", "● OPERATIONAL", "● OPERATION ENABLED"), strict=False))
+        drive |= {"error": "EMCY 0x3220 (DC link under-voltage)"}
+        source.rows = {"right": tuple(Cell(drive.get(title, "-")) for title in DRIVE_COLUMNS)}
+        shown = ""
+        for _ in range(200):  # a busy machine draws late
+            await pilot.pause(PERIOD_S)
+            shown = html.unescape(app.picture_svg()).replace("\xa0", " ")
+            if "EMCY 0x3220" in shown:
+                break
+        assert "EMCY 0x3220" in shown
+        for key in ("STOP", "Quit", "Release", "Enable", "Disable", "Reset", "Filter", "Pause"):
+            assert key in shown, key
+
+    on_screen(check, size=(80, 24))

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import pytest
 
 from canopen_control.cia301.pdo import MappedObject
@@ -5,8 +7,9 @@ from canopen_control.data_files import data_path
 from canopen_control.frame import CanFrame
 from canopen_control.monitor.bus_rows import BusTable, _Axis
 from canopen_control.monitor.picture import Tone
+from canopen_control.trace.bare import network_of_eds
 from canopen_control.trace.decoder import Decoder
-from canopen_control.trace.network import NetworkDescription, node_of_eds
+from canopen_control.trace.network import NetworkDescription
 
 MS = 1_000_000
 START = 1_700_000_000_000 * MS
@@ -16,7 +19,8 @@ class Bus:
     """A table behind its decoder; times in ms."""
 
     def __init__(self):
-        node = node_of_eds(data_path("eds", "TMCM-1270.eds"), 3, "left")
+        (node,) = network_of_eds("local:x", [f"3={data_path('eds', 'TMCM-1270.eds')}"]).nodes.values()
+        node = replace(node, name="left")
         network = NetworkDescription("local:x", nodes={3: node})
         self.decoder, self.table = Decoder(network), BusTable(network)
         self.statusword = next(pdo for pdo in node.pdos if any(each.index == 0x6041 for each in pdo.objects))
@@ -67,13 +71,13 @@ def test_a_tpdo_shows_the_state_and_the_flags(bus):
 
 def test_an_emergency_is_the_error_until_it_is_reset_and_a_line_of_its_own(bus):
     bus.hear(0x083, [0x10, 0x32, 0x04, 0, 0, 0, 0, 0])
-    assert bus.rows()["3"][6].startswith("✖ 0x3210 ")
+    assert bus.rows()["3"][3].startswith("✖ 0x3210 ")
     (line,) = bus.table.emergencies()
     assert line.tone is Tone.BAD
     assert line.text.startswith("node 3 (left): EMCY: 0x3210")
     assert bus.table.emergencies() == []
     bus.hear(0x083, [0, 0, 0, 0, 0, 0, 0, 0])
-    assert bus.rows()["3"][6] == ""
+    assert bus.rows()["3"][3] == ""
     assert len(bus.table.log()) == 2
 
 
@@ -83,7 +87,7 @@ def test_a_boot_up_forgets_what_the_node_was(bus):
     bus.hear(0x703, [0])
     row = bus.rows()["3"]
     assert row[1:3] == ["○ PRE OPERATIONAL", "-"]
-    assert row[6] == ""
+    assert row[3] == ""
 
 
 def test_sdo_traffic_is_counted_by_the_requests(bus):
@@ -92,7 +96,7 @@ def test_sdo_traffic_is_counted_by_the_requests(bus):
     bus.hear(0x583, [0x4B, 0x41, 0x60, 0, 0x37, 0x06, 0, 0])
     bus.hear(0x603, [0x2B, 0x40, 0x60, 0, 0x0F, 0, 0, 0])
     bus.hear(0x583, [0x80, 0x40, 0x60, 0, 0, 0, 0x02, 0x06])
-    assert bus.rows()["3"][5] == "▲ 1r 1w, 1 failed"
+    assert bus.rows()["3"][6] == "▲ 1r 1w, 1 failed"
 
 
 def test_who_is_only_spoken_to_has_no_row(bus):

@@ -5,6 +5,7 @@ from support.mockrobot import running
 from canopen_control.errors import RemoteError
 from canopen_control.monitor import link as link_module
 from canopen_control.monitor.link import RobotLink
+from canopen_control.rpc.messages.robot import LoadController, Stop
 
 
 @pytest.fixture
@@ -23,7 +24,7 @@ def test_it_finds_the_robot_loses_it_and_finds_it_again(link):
         with running():
             assert eventually(lambda: link.connected)
             assert link.name == "mock"
-            assert link.state["state"] == "running"
+            assert link.state.state == "running"
             assert link.why == ""
         assert eventually(lambda: link.state is None)
         assert "mock" in link.why
@@ -32,13 +33,13 @@ def test_it_finds_the_robot_loses_it_and_finds_it_again(link):
 def test_each_event_is_told_once_also_those_from_before(link):
     with running():
         assert eventually(lambda: link.connected)
-        texts = [event["text"] for event in link.events()]
+        texts = [event.text for event in link.events()]
         assert sum("mock runs" in text for text in texts) == 1
-        assert not [event for event in link.events() if "mock runs" in event["text"]]
-        link.call("stop", {"latch": True, "source": "test"}, 10.0)
+        assert not [event for event in link.events() if "mock runs" in event.text]
+        link.ask(Stop(latch=True, source="test"), 10.0)
         found = []
-        assert eventually(lambda: found.extend(link.events()) or any(each["kind"] == "stop_latched" for each in found))
-        assert sum(each["kind"] == "stop_latched" for each in found) == 1
+        assert eventually(lambda: found.extend(link.events()) or any(each.kind == "stop_latched" for each in found))
+        assert sum(each.kind == "stop_latched" for each in found) == 1
 
 
 def test_a_connection_that_broke_is_made_again_and_what_was_told_is_not_told_again(link):
@@ -55,11 +56,11 @@ def test_a_connection_that_broke_is_made_again_and_what_was_told_is_not_told_aga
 def test_commands_reach_the_robot_or_say_why_not(link):
     assert eventually(lambda: link.why.startswith("no robot is running"))
     with pytest.raises(RemoteError, match="stop does not reach the robot: no robot is running"):
-        link.call("stop", {}, 1.0)
+        link.ask(Stop(), 1.0)
     with running():
         assert eventually(lambda: link.connected)
-        with pytest.raises(RemoteError, match="no method 'dance'"):
-            link.call("dance", {}, 1.0)
+        with pytest.raises(RemoteError, match="nobody"):
+            link.ask(LoadController(controller="nobody"), 1.0)
 
 
 def test_a_robot_that_hangs_is_not_shown_as_connected(link, monkeypatch):

@@ -27,6 +27,7 @@ def receive_until(tap, found, count):
         tap.receive()
 
 
+@pytest.mark.process
 def test_it_hears_what_others_send_and_sends_nothing_itself(channel):
     found, ports = [], []
     with_others = open_port(channel, label="others")

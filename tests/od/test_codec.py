@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from canopen_control.od.codec import decode, default_of, encode, zero_of
+from canopen_control.od.codec import decode, default_of, encode, fitted, zero_of
 from canopen_control.od.model import DataType, Entry
 
 INTEGERS = [t for t in DataType if t.is_integer]
@@ -108,3 +108,30 @@ def test_what_a_node_holds_after_power_on():
         zero = default_of(Entry(0x2000, 0, "a", data_type))
         assert zero == zero_of(data_type)
         assert not any(encode(zero, data_type))
+
+
+@pytest.mark.parametrize(
+    ("data", "data_type", "whole"),
+    [
+        ("4006", DataType.UNSIGNED16, "4006"),
+        ("40", DataType.UNSIGNED16, None),
+        ("", DataType.UNSIGNED8, None),
+        ("40060000", DataType.UNSIGNED16, "4006"),
+        ("40060100", DataType.UNSIGNED16, None),
+        ("ffff", DataType.INTEGER8, "ff"),
+        ("ff00", DataType.INTEGER8, None),
+        ("7fff", DataType.INTEGER8, None),
+        ("ffff", DataType.UNSIGNED8, None),
+        ("0000c03f", DataType.REAL32, "0000c03f"),
+        ("0000c03f00000000", DataType.REAL32, None),
+        ("414200", DataType.VISIBLE_STRING, "414200"),
+        ("", DataType.DOMAIN, ""),
+    ],
+)
+def test_what_an_upload_brought_is_fitted_to_its_type_or_refused(data, data_type, whole):
+    assert fitted(bytes.fromhex(data), data_type) == (None if whole is None else bytes.fromhex(whole))
+
+
+def test_bytes_that_the_server_did_not_count_are_cut():
+    assert fitted(b"\x40\x06\xaa\xbb", DataType.UNSIGNED16, told=False) == b"\x40\x06"
+    assert fitted(b"\x40\x06\xaa\xbb", DataType.UNSIGNED64, told=False) is None

@@ -99,6 +99,10 @@ def test_a_dictionary_made_by_hand_comes_back():
     same(od, again)
 
 
+def test_a_real_is_written_as_its_bits_which_dcfgen_takes_too():
+    assert "DefaultValue=0x3F000000" in eds_text(made_by_hand()).splitlines()
+
+
 def test_compact_objects_are_written_out():
     head = section(
         "2000", ParameterName="T", ObjectType=8, DataType=7, AccessType="rw", CompactSubObj=2, DefaultValue=4

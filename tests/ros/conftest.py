@@ -47,6 +47,6 @@ def fresh(stage):
     stage.robot.told.clear()
     stage.robot.refusals.clear()
     stage.robot.answers.clear()
-    stage.robot.more = {}
+    stage.robot.more, stage.robot.samples = {}, {}
     stage.robot.switch(joint_state_broadcaster="active", forward="active", base="inactive")
     return stage

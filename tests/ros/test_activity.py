@@ -9,7 +9,8 @@ TOPIC, TYPE = "/controller_manager/activity", "controller_manager_msgs/msg/Contr
 
 
 def hardware(state):
-    return [{"name": "robby", "state": state}]
+    rest = {"type": "system", "plugin": "p", "rate": 50, "command_interfaces": [], "state_interfaces": []}
+    return [{"name": "robby", "state": state, **rest}]
 
 
 @pytest.fixture

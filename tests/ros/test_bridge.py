@@ -6,15 +6,20 @@ import json
 import os
 import select
 import signal
+import statistics
 import subprocess
 import sys
+from itertools import pairwise
 
 import pytest
 from support import ros
+from support.robots import copy_robby
 
-from canopen_control.client import find_robots
+from canopen_control.client import RobotClient, find_robots
 from canopen_control.host.environment import clean_environment
 from canopen_control.host.spawn import spawn
+from canopen_control.rpc.messages.robot import Subscribe
+from canopen_control.rpc.messages.state import RobotEvent
 
 pytestmark = pytest.mark.ros
 COMMANDS, TYPE = "/robby_forward_controller/commands", "std_msgs/msg/Float64MultiArray"
@@ -28,7 +33,7 @@ def number():
 
 def test_a_foreign_middleware_is_one_sentence_and_exit_code_1(number):
     with ros.bridge(number, RMW_IMPLEMENTATION="rmw_cyclonedds_cpp") as process:
-        output, _ = process.communicate(timeout=ros.PATIENCE)
+        output, _ = process.communicate(timeout=ros.TIMEOUT)
     assert process.returncode == 1
     assert output.startswith("canopen-control: RMW_IMPLEMENTATION is rmw_cyclonedds_cpp, but")
     assert output.count("\n") == 1
@@ -36,7 +41,7 @@ def test_a_foreign_middleware_is_one_sentence_and_exit_code_1(number):
 
 def test_without_a_robot_it_says_so(number):
     with ros.bridge(number) as process:
-        output, _ = process.communicate(timeout=ros.PATIENCE)
+        output, _ = process.communicate(timeout=ros.TIMEOUT)
     assert (process.returncode, output) == (1, "canopen-control: no robot 'fake' is running\n")
 
 
@@ -120,7 +125,7 @@ def test_parameters_come_from_a_file_and_names_are_remapped(number, tmp_path):
 
 def test_a_parameter_that_does_not_fit_is_one_sentence(number):
     with ros.FakeRobot(), ros.bridge(number, "--ros-args", "-p", "cmd_vel_type:=Quaternion") as process:
-        output, _ = process.communicate(timeout=ros.PATIENCE)
+        output, _ = process.communicate(timeout=ros.TIMEOUT)
     assert process.returncode == 1
     assert output.startswith("canopen-control: parameter cmd_vel_type is 'Quaternion'; there are: auto, Twist")
 
@@ -134,7 +139,7 @@ def test_a_parameter_that_does_not_fit_is_one_sentence(number):
 )
 def test_what_ros_does_not_take_is_one_line(number, arguments, words):
     with ros.FakeRobot(), ros.bridge(number, *arguments) as process:
-        output, _ = process.communicate(timeout=ros.PATIENCE)
+        output, _ = process.communicate(timeout=ros.TIMEOUT)
     assert process.returncode == 1
     assert output.startswith("canopen-control: ROS 2 could not be started: ")
     assert words in output
@@ -147,18 +152,18 @@ def test_the_frames_of_two_robots_in_one_graph_have_their_namespaces(number):
         ros.bridge(number, "--namespace", "/one", name="one"),
         ros.Peer(number, "--interfaces") as peer,
     ):
-        sample = {"time": 1.0, "x": 1.0, "y": 0.0, "heading": 0.0, "linear": 0.0, "angular": 0.0}
-        one.more = {"odometry": {"base": {**sample, "frame_id": "odom", "child_frame_id": "base_link"}}}
+        sample = {"kind": "odometry", "time": 1.0, "x": 1.0, "y": 0.0, "heading": 0.0, "linear": 0.0, "angular": 0.0}
+        one.samples = {"base": {**sample, "frame_id": "odom", "child_frame_id": "base_link"}}
         peer.order("subscribe", topic="/tf", of="tf2_msgs/msg/TFMessage")
         with ros.FakeRobot("two") as two, ros.bridge(number, "--frame-prefix", "second/", name="two"):
-            two.more = one.more
+            two.samples = one.samples
             seen = set()
 
             def both():
                 for message in peer.waiting("/tf"):
                     seen.update((each["header"]["frame_id"], each["child_frame_id"]) for each in message["transforms"])
                 for robot in (one, two):
-                    robot.more["odometry"]["base"]["time"] += 0.01
+                    robot.samples["base"]["time"] += 0.01
                 return {("one/odom", "one/base_link"), ("second/odom", "second/base_link")} <= seen
 
             assert ros.eventually(both)
@@ -167,11 +172,11 @@ def test_the_frames_of_two_robots_in_one_graph_have_their_namespaces(number):
 class Robby:
     """`canopen-control run robby --mock --ros` in a process of its own."""
 
-    def __init__(self, number, *arguments, with_ros=True):
+    def __init__(self, number, *arguments, with_ros=True, config="robby"):
         environment = ros.ros_environment(number)
         environment["_ROS_WHEELS_BOOTSTRAP_COMPLETE"] = "1"
         arguments = ["--ros", *arguments] if with_ros else arguments
-        command = [sys.executable, "-m", "canopen_control", "run", "robby", "--mock", *arguments]
+        command = [sys.executable, "-m", "canopen_control", "run", str(config), "--mock", *arguments]
         self.process = subprocess.Popen(
             command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
         )
@@ -181,7 +186,7 @@ class Robby:
 
     def __exit__(self, *_):
         self.process.terminate()
-        self.output, _ = self.process.communicate(timeout=ros.PATIENCE)
+        self.output, _ = self.process.communicate(timeout=ros.TIMEOUT)
 
     def bridge_pid(self):
         """Wait for the bridge; its command line is empty for a moment while the ROS wheels start it anew."""
@@ -212,6 +217,24 @@ def test_a_publisher_at_one_hertz_turns_both_wheels_and_joint_states_show_it(num
         later = peer.message("/joint_states", lambda message: message["position"][0] > turning["position"][0] + 1)
         assert later["velocity"] == [10.0, 10.0]
     assert robby.process.returncode == 0
+
+
+@pytest.mark.parametrize(
+    ("sync_ms", "update_rate", "own", "hz"), [(20, 50, 25, 25), (10, 100, 0, 100), (20, 10, 0, 10)]
+)
+def test_joint_states_come_once_per_update_of_their_broadcaster(number, tmp_path, sync_ms, update_rate, own, hz):
+    states = "JointStateBroadcaster\n"
+    rates = {"update_rate: 50 ": f"update_rate: {update_rate} ", states: f"{states}      update_rate: {own}\n"}
+    cycle = {"sync_period: 20000": f"sync_period: {sync_ms * 1000}"}
+    config = copy_robby(tmp_path, bus=cycle, controllers=rates)
+    count = max(20, hz // 2)
+    with Robby(number, config=config), ros.Peer(number) as peer:
+        peer.order("subscribe", topic="/joint_states", of="sensor_msgs/msg/JointState")
+        stamps = [peer.message("/joint_states")["header"]["stamp"] for _ in range(count)]
+    times = [stamp["sec"] + stamp["nanosec"] / 1e9 for stamp in stamps]
+    periods = [later - earlier for earlier, later in pairwise(times)]
+    assert statistics.median(periods) == pytest.approx(1 / hz, rel=0.05)
+    assert min(periods) > 0.0, "no update is told twice"
 
 
 def test_a_publisher_that_dies_stops_the_wheels_by_the_timeout(number):
@@ -276,3 +299,30 @@ def test_the_death_of_the_runtime_ends_the_bridge(number):
             assert select.select([pidfd], [], [], 5.0)[0], "the bridge still runs"
         finally:
             os.close(pidfd)
+
+
+def test_the_wheels_stop_with_a_killed_bridge_at_once_and_another_one_is_started(number, tmp_path):
+    """Without a time-out in the YAML, while a publisher goes on."""
+    config = copy_robby(tmp_path, controllers={"    command_timeout: 2.0 ": "    # "})
+    with Robby(number, config=config) as robby, ros.Peer(number) as peer:
+        first = robby.bridge_pid()
+        peer.order("subscribe", topic="/joint_states", of="sensor_msgs/msg/JointState")
+        peer.order("publish", topic=COMMANDS, of=TYPE, data={"data": [10.0, 10.0]}, rate=10)
+        peer.message("/joint_states", lambda message: message["velocity"] == [10.0, 10.0])
+        with RobotClient.connect("robby") as client:
+            client.ask(Subscribe(state_rate=50, events=True))
+            os.kill(first, signal.SIGKILL)
+            kinds, stood = [], False
+            for message in client.messages(10.0):
+                if isinstance(message, RobotEvent):
+                    kinds.append(message.kind)
+                elif "commander_gone" in kinds:
+                    stood = all(each.command == 0.0 for each in message.joints.values())
+                    break
+            assert stood
+            assert kinds[0] in ("commander_gone", "process_ended")
+        peer.waiting("/joint_states")
+        peer.message("/joint_states", lambda message: message["velocity"] == [10.0, 10.0])
+        assert robby.bridge_pid() != first
+    assert "ros is gone, and its command with it" in robby.output
+    assert "process ros: it is started again (1 of 3 times a minute)" in robby.output

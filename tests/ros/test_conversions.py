@@ -7,22 +7,25 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.ros import CONTROLLERS
+from support.samples import controllers_of
 
 from canopen_control.ros.conversions import (
-    controllers_of,
+    arrays_of,
     diagonal,
     joint_arrays,
-    quaternion_of_yaw,
+    positions_of,
     seconds_of,
     stamp_of,
-    told_joints,
     wrong,
 )
+from canopen_control.rpc.messages.samples import JointStatesSample
+from canopen_control.rpc.messages.state import JointReading
 
 JOINTS = {
-    "right": {"position": 2.0, "velocity": 20, "effort": None, "command": 1.0},
-    "left": {"position": 1.0, "velocity": None},
+    "right": JointReading("right", 2.0, 20.0, None, 1.0),
+    "left": JointReading("left", 1.0, None),
 }
+VIEWS = {each.name: each for each in controllers_of(CONTROLLERS)}
 
 
 def test_joints_come_alphabetically_unless_the_broadcaster_has_an_order():
@@ -45,27 +48,22 @@ def test_what_is_not_known_is_nan_and_all_arrays_have_one_length():
 
 
 def broadcaster(**told):
-    (view,) = controllers_of([{"name": "states", **told}]).values()
+    (view,) = controllers_of([{"name": "states", **told}])
     return view
 
 
-def test_a_broadcaster_tells_what_it_reads_by_its_names_and_extra_joints_as_zero():
-    zero = dict.fromkeys(("position", "velocity", "effort"))
-    tells = {"right": {"position": "velocity"}, "gone": {"position": "position"}, "x": zero}
-    view = broadcaster(joints=["right", "gone", "x"], tells=tells)
-    told = told_joints(JOINTS, view)
-    assert told == {"right": {"position": 20}, "x": dict.fromkeys(zero, 0.0)}
-    arrays = joint_arrays(told, view.joints)
-    assert (arrays.names, arrays.position) == (["right", "x"], [20.0, 0.0])
-    assert math.isnan(arrays.velocity[0])
-    assert arrays.velocity[1] == arrays.effort[1] == 0.0
+def test_what_a_broadcaster_tells_comes_in_its_order():
+    told = {"left": {"position": 1.0}, "lamp": {"on": 1.0}, "caster": {"position": 0.0, "velocity": None}}
+    arrays = arrays_of(told, ("caster", "left"))
+    assert (arrays.names, arrays.position) == (["caster", "left"], [0.0, 1.0])
+    assert all(map(math.isnan, (*arrays.velocity, *arrays.effort)))
+    assert arrays_of(told, ()) == ([], [], [], [])
 
 
-def test_a_broadcaster_that_does_not_say_what_it_tells_tells_every_state():
-    states = {"right": {"position": 2.0, "velocity": 20, "effort": None}, "left": {"position": 1.0, "velocity": None}}
-    assert told_joints(JOINTS, broadcaster()) == states
-    assert list(told_joints(JOINTS, broadcaster())) == ["left", "right"]
-    assert told_joints(JOINTS, broadcaster(joints=["gone", "left"])) == {"left": states["left"]}
+def test_positions_are_those_of_the_joints_of_a_joint_state_that_are_known():
+    joints = {"a": {"position": 1.0}, "b": {"position": None}, "c": {"velocity": 2.0}, "sensor": {"position": 9.0}}
+    sample = JointStatesSample(time=0.0, names=("a", "b", "c"), joints=joints)
+    assert positions_of(sample) == {"a": 1.0}
 
 
 @settings(deadline=None)
@@ -93,12 +91,8 @@ def test_a_covariance_is_a_diagonal_of_six():
     assert diagonal(()) == [0.0] * 36
 
 
-def test_a_quarter_turn_as_a_quaternion():
-    assert quaternion_of_yaw(math.pi / 2) == pytest.approx((0, 0, math.sqrt(0.5), math.sqrt(0.5)))
-
-
 def test_controllers_are_read_as_the_api_tells_them():
-    views = controllers_of(CONTROLLERS)
+    views = VIEWS
     assert list(views) == ["joint_state_broadcaster", "forward", "base"]
     assert (views["forward"].width, views["forward"].topic, views["forward"].active) == (2, "commands", True)
     assert (views["base"].topic, views["base"].active) == ("cmd_vel", False)
@@ -109,15 +103,15 @@ def test_controllers_are_read_as_the_api_tells_them():
 
 
 def test_a_topic_is_found_by_its_last_word():
-    (view,) = controllers_of([{"name": "x", "publishes": ["x/dynamic_joint_states", "x/joint_states"]}]).values()
+    view = broadcaster(publishes=["x/dynamic_joint_states", "x/joint_states"])
     assert view.published("joint_states") == "x/joint_states"
     assert view.published("dynamic_joint_states") == "x/dynamic_joint_states"
     assert view.published("states") is None
 
 
-def test_a_controller_of_an_older_runtime_has_the_width_it_claims_or_none():
-    assert controllers_of([{"name": "x", "claimed_interfaces": ["a/velocity"]}])["x"].width == 1
-    assert controllers_of([{"name": "x"}])["x"].width == 0
+def test_a_controller_has_the_width_that_it_claims_where_nothing_else_is_known():
+    assert broadcaster(claimed_interfaces=["a/velocity"]).width == 1
+    assert broadcaster().width == 0
 
 
 @pytest.mark.parametrize(
@@ -130,7 +124,7 @@ def test_a_controller_of_an_older_runtime_has_the_width_it_claims_or_none():
     ],
 )
 def test_a_command_that_the_robot_would_refuse_is_told_why(values, sentence):
-    refusal = wrong(values, controllers_of(CONTROLLERS)["forward"])
+    refusal = wrong(values, VIEWS["forward"])
     if sentence is None:
         assert refusal is None
     else:
@@ -138,6 +132,4 @@ def test_a_command_that_the_robot_would_refuse_is_told_why(values, sentence):
 
 
 def test_a_command_for_a_controller_that_is_not_active_is_told():
-    assert (
-        wrong([1.0, 2.0], controllers_of(CONTROLLERS)["base"]) == "base is inactive; activate it before commanding it"
-    )
+    assert wrong([1.0, 2.0], VIEWS["base"]) == "base is inactive; activate it before commanding it"

@@ -2,29 +2,36 @@ from __future__ import annotations
 
 import pytest
 from support.ros import CONTROLLERS, node
+from support.samples import controllers_of, sample_of
 
-from canopen_control.ros.conversions import controllers_of
-from canopen_control.ros.diagnosis import Severity, diagnose
+from canopen_control.ros.diagnosis import diagnose
+from canopen_control.rpc.messages.health import Health
+
+VIEWS = {view.name: view for view in controllers_of(CONTROLLERS)}
 
 
-def state(**changes):
+def state(more=(), **changes):
     drive = {
         **node(3, "left"),
         **{key: value for key, value in changes.items() if key in ("nmt_state", "ready", "error", "age_s")},
     }
     drive["axes"][0].update({key: value for key, value in changes.items() if key == "cia402_state"})
     cycle = {"period_s": 0.02, "count": 10, "missed": changes.get("missed", 0), "late_max_s": 0.001}
-    return {"time": 1.0, "state": changes.get("robot", "running"), "nodes": {"left_drive": drive}, "cycle": cycle}
+    document = {"time": 1.0, "state": changes.get("robot", "running"), "nodes": {"left_drive": drive}, "cycle": cycle}
+    return sample_of(document | dict(more))
 
 
 def told(name, **changes):
-    statuses = {each.name: each for each in diagnose("robby", state(**changes), controllers_of(CONTROLLERS))}
+    statuses = {
+        each.name: each
+        for each in diagnose("robby", state(**changes), {view.name: view for view in controllers_of(CONTROLLERS)})
+    }
     return statuses[f"robby: {name}"]
 
 
 def test_a_drive_that_runs_is_ok_and_shows_what_it_is():
     status = told("left_drive")
-    assert (status.level, status.message, status.hardware_id) == (Severity.OK, "operational", "node 3")
+    assert (status.level, status.message, status.hardware_id) == (Health.OK, "operational", "node 3")
     assert status.values == {
         "node id": "3", "bus": "can", "NMT state": "OPERATIONAL", "age": "0.010 s", "left state": "OPERATION_ENABLED",
         "left mode": "PROFILE_VELOCITY", "left statusword": "0x1637",
@@ -34,12 +41,12 @@ def test_a_drive_that_runs_is_ok_and_shows_what_it_is():
 @pytest.mark.parametrize(
     ("changes", "level", "message"),
     [
-        ({"cia402_state": "SWITCH_ON_DISABLED"}, Severity.WARN, "not enabled: switch on disabled"),
-        ({"cia402_state": "FAULT"}, Severity.ERROR, "the drive is in fault"),
-        ({"cia402_state": "FAULT", "error": "overheated"}, Severity.ERROR, "overheated"),
-        ({"ready": False, "error": "no heartbeat"}, Severity.ERROR, "no heartbeat"),
-        ({"ready": False, "nmt_state": None}, Severity.ERROR, "not ready, NMT state unknown"),
-        ({"error": "EMCY 0x8130"}, Severity.WARN, "EMCY 0x8130"),
+        ({"cia402_state": "SWITCH_ON_DISABLED"}, Health.WARN, "not enabled: switch on disabled"),
+        ({"cia402_state": "FAULT"}, Health.ERROR, "the drive is in fault"),
+        ({"cia402_state": "FAULT", "error": "overheated"}, Health.ERROR, "overheated"),
+        ({"ready": False, "error": "no heartbeat"}, Health.ERROR, "no heartbeat"),
+        ({"ready": False, "nmt_state": None}, Health.ERROR, "not ready, NMT state unknown"),
+        ({"error": "EMCY 0x8130"}, Health.WARN, "EMCY 0x8130"),
     ],
 )
 def test_what_is_wrong_with_a_drive_has_its_level(changes, level, message):
@@ -52,26 +59,32 @@ def test_a_node_never_seen_says_so():
 
 
 def test_a_controller_that_is_not_active_is_a_warning():
-    assert (told("base").level, told("base").message) == (Severity.WARN, "inactive")
-    assert told("forward").level is Severity.OK
+    assert (told("base").level, told("base").message) == (Health.WARN, "inactive")
+    assert told("forward").level is Health.OK
 
 
 def test_missed_cycles_are_told_once():
     statuses = diagnose("robby", state(missed=5), {}, missed_before=3)
-    assert (statuses[-1].level, statuses[-1].message) == (Severity.WARN, "2 cycles missed since the last report")
+    assert (statuses[-1].level, statuses[-1].message) == (Health.WARN, "2 cycles missed since the last report")
     statuses = diagnose("robby", state(missed=5), {}, missed_before=5)
-    assert (statuses[-1].level, statuses[-1].message) == (Severity.OK, "the robot is running")
+    assert (statuses[-1].level, statuses[-1].message) == (Health.OK, "the robot is running")
 
 
 def test_a_robot_in_fault_is_an_error():
-    assert told("cycle", robot="fault").level is Severity.ERROR
+    assert told("cycle", robot="fault").level is Health.ERROR
+
+
+def test_a_robot_whose_drives_are_off_is_a_warning_with_what_to_call():
+    hint = "left_drive is not enabled: canopen-control axis enable all"
+    sample = state({"hint": hint}, robot="disabled")
+    status = diagnose("robby", sample, {})[-1]
+    assert status.level is Health.WARN
+    assert status.message.endswith("not enabled; left_drive is not enabled: canopen-control axis enable all")
 
 
 def test_what_a_diagnostics_broadcaster_tells_is_among_them():
-    sample = state()
-    sample["diagnostics"] = {
-        "drives": [{"name": "left", "level": 3, "message": "no news for 0.75 s", "values": {"age": 0.75, "x": None}}]
-    }
+    judged = {"name": "left", "level": 3, "message": "no news for 0.75 s", "values": {"age": 0.75, "x": None}}
+    sample = state({"samples": {"drives": {"kind": "diagnostics", "time": 1.0, "joints": [judged]}}})
     (status,) = (each for each in diagnose("robby", sample, {}) if each.name == "robby: drives: left")
-    assert (status.level, status.message) == (Severity.STALE, "no news for 0.75 s")
+    assert (status.level, status.message) == (Health.STALE, "no news for 0.75 s")
     assert status.values == {"age": "0.75", "x": "unknown"}

@@ -9,8 +9,8 @@ from support.ros import eventually
 pytestmark = pytest.mark.ros
 STAMPED, PLAIN = "geometry_msgs/msg/TwistStamped", "geometry_msgs/msg/Twist"
 ODOMETRY = {
-    "time": 1_700_000_000.5, "x": 1.0, "y": 2.0, "heading": math.pi / 2, "linear": 0.5, "angular": -0.25,
-    "frame_id": "odom", "child_frame_id": "base_link", "limited": [0.4, -0.2],
+    "kind": "odometry", "time": 1_700_000_000.5, "x": 1.0, "y": 2.0, "heading": math.pi / 2, "linear": 0.5,
+    "angular": -0.25, "frame_id": "odom", "child_frame_id": "base_link", "limited": [0.4, -0.2],
     "pose_covariance": [0.001, 0.002, 0, 0, 0, 0.01], "twist_covariance": [0.1, 0, 0, 0, 0, 0.2],
 }  # fmt: skip
 
@@ -43,6 +43,7 @@ def test_a_stamped_twist_goes_to_the_runtime_with_its_stamp(driving):
         "angular": -0.25,
         "stamp": 12.5,
         "source": "ros",
+        "dead_man": True,
     }
 
 
@@ -55,7 +56,8 @@ def test_a_stamp_of_zero_is_now(driving):
 
 def test_a_plain_twist_has_its_own_topic(driving):
     driving.peer.order("publish", topic="/base/cmd_vel_unstamped", of=PLAIN, data=twist(0.1, 0.2), rate=20)
-    assert eventually(lambda: {"controller": "base", "linear": 0.1, "angular": 0.2, "source": "ros"} in twists(driving))
+    sent = {"controller": "base", "linear": 0.1, "angular": 0.2, "source": "ros", "dead_man": True}
+    assert eventually(lambda: sent in twists(driving))
     driving.peer.order("silence", topic="/base/cmd_vel_unstamped")
 
 
@@ -94,7 +96,7 @@ def test_odometry_is_published_once_for_each_new_sample(driving):
     peer, robot = driving.peer, driving.robot
     peer.order("subscribe", topic="/base/odom", of="nav_msgs/msg/Odometry", qos="latched")
     peer.order("subscribe", topic="/base/cmd_vel_out", of=STAMPED, qos="latched")
-    robot.more = {"odometry": {"base": ODOMETRY}}
+    robot.samples = {"base": ODOMETRY}
     odom = peer.message("/base/odom")
     limited = peer.message("/base/cmd_vel_out")
     assert (odom["header"]["frame_id"], odom["child_frame_id"]) == ("odom", "base_link")
@@ -106,5 +108,5 @@ def test_odometry_is_published_once_for_each_new_sample(driving):
     assert (velocity["twist"]["linear"]["x"], velocity["twist"]["angular"]["z"]) == (0.5, -0.25)
     assert velocity["covariance"][0::7] == [0.1, 0.0, 0.0, 0.0, 0.0, 0.2]
     assert (limited["twist"]["linear"]["x"], limited["twist"]["angular"]["z"]) == (0.4, -0.2)
-    robot.more = {"odometry": {"base": {**ODOMETRY, "time": 1_700_000_001.0, "limited": None}}}
+    robot.samples = {"base": {**ODOMETRY, "time": 1_700_000_001.0, "limited": None}}
     assert peer.message("/base/odom")["header"]["stamp"]["sec"] == 1_700_000_001, "the same sample was not repeated"

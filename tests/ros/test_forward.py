@@ -17,7 +17,7 @@ def test_a_message_becomes_a_command_of_that_controller(fresh):
     fresh.peer.order("publish", topic=TOPIC, of=TYPE, data={"data": [10.0, -5.5]}, rate=20)
     assert eventually(lambda: commands(fresh))
     fresh.peer.order("silence", topic=TOPIC)
-    assert commands(fresh)[0] == {"controller": "forward", "values": [10.0, -5.5], "source": "ros"}
+    assert commands(fresh)[0] == {"controller": "forward", "values": [10.0, -5.5], "source": "ros", "dead_man": True}
 
 
 def test_every_quality_of_service_is_accepted(fresh):

@@ -6,13 +6,14 @@ import pytest
 
 pytestmark = pytest.mark.ros
 BROADCASTER = {"name": "gpio", "type": "canopen_control/GpioBroadcaster", "state": "active", "topic": None,
-               "joints": [], "is_broadcaster": True}  # fmt: skip
+               "joints": [], "tells": "gpio", "is_broadcaster": True}  # fmt: skip
 TOPIC = "/gpio/gpio_states"
 
 
 def test_inputs_and_outputs_are_told_by_part_and_name(fresh, maker):
     fresh.robot.controllers.append(BROADCASTER)
-    fresh.robot.more = {"gpio": {"gpio": {"left": {"digital_inputs": 5.0}, "lamp": {"on": None, "dim": 0.5}}}}
+    parts = {"left": {"digital_inputs": 5.0}, "lamp": {"on": None, "dim": 0.5}}
+    fresh.robot.samples["gpio"] = {"kind": "gpio", "time": 1_700_000_000.25, "parts": parts}
     try:
         maker.order("subscribe", topic=TOPIC, of="control_msgs/msg/DynamicJointState", qos="latched")
         message = maker.message(TOPIC)

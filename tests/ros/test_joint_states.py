@@ -1,9 +1,10 @@
 from __future__ import annotations
 
 import math
+import time
 
 import pytest
-from support.ros import eventually, run_ros
+from support.ros import eventually, run_ros, stamp_of
 
 pytestmark = pytest.mark.ros
 TOPIC = "/joint_states"
@@ -16,13 +17,13 @@ def listening(stage):
     return stage
 
 
-def test_a_sample_of_the_robot_becomes_a_joint_state_of_that_time(listening, fresh):
+def test_what_a_broadcaster_tells_becomes_a_joint_state_of_that_time(listening, fresh):
     message = fresh.peer.message(TOPIC)
     assert message["name"] == ["left", "right"]
     assert message["position"] == [1.0, 2.0]
     assert message["velocity"] == [10.0, 20.0]
     assert [math.isnan(value) for value in message["effort"]] == [True, True]
-    assert message["header"]["stamp"] == {"sec": 1_700_000_000, "nanosec": 250_000_000}
+    assert stamp_of(message) == 1_700_000_000.25
     assert message["header"]["frame_id"] == "base_link"
 
 
@@ -87,18 +88,22 @@ def test_several_broadcasters_publish_on_their_own_with_their_own_frames(listeni
         del fresh.robot.controllers[-2:]
 
 
-def test_what_a_broadcaster_does_not_read_is_nan_and_an_extra_joint_is_zero(listening, fresh, maker):
-    zero = dict.fromkeys(("position", "velocity", "effort"))
-    few = local("few", "left", "caster", tells={"left": {"position": "position"}, "caster": zero})
+def test_what_a_broadcaster_does_not_know_is_nan_and_every_value_has_its_name(listening, fresh, maker):
+    zero = dict.fromkeys(("position", "velocity", "effort"), 0.0)
+    few = local("few", "left", "caster", publishes=["few/joint_states", "few/dynamic_joint_states"])
+    told = {"left": {"position": 1.0}, "caster": zero}
+    fresh.robot.samples["few"] = {"kind": "joint_states", "time": 5.0, "names": list(told), "joints": told}
+    fresh.robot.joints["caster"] = {**zero, "command": None}
     fresh.robot.controllers.append(few)
     try:
-        fresh.peer.order("subscribe", topic="/few/joint_states", of="sensor_msgs/msg/JointState", qos="default")
+        fresh.peer.order("subscribe", topic="/few/joint_states", of="sensor_msgs/msg/JointState", qos="latched")
         message = fresh.peer.message("/few/joint_states")
         assert (message["name"], message["position"]) == (["left", "caster"], [1.0, 0.0])
         assert math.isnan(message["velocity"][0])
         assert message["velocity"][1] == message["effort"][1] == 0.0
         dynamic = "/few/dynamic_joint_states"
         maker.order("subscribe", topic=dynamic, of="control_msgs/msg/DynamicJointState", qos="default")
+        fresh.robot.samples["few"]["time"] = 6.0
         message = maker.message(dynamic)
         assert message["joint_names"] == ["left", "caster"]
         left, caster = message["interface_values"]
@@ -106,6 +111,19 @@ def test_what_a_broadcaster_does_not_read_is_nan_and_an_extra_joint_is_zero(list
         assert (caster["interface_names"], caster["values"]) == (list(zero), [0.0] * 3)
     finally:
         fresh.robot.controllers.remove(few)
+        del fresh.robot.joints["caster"]
+
+
+def test_there_is_one_message_per_update_of_the_broadcaster_however_often_the_state_comes(listening, fresh):
+    told = {"kind": "joint_states", "names": ["left"], "joints": {"left": {"position": 4.5}}}
+    fresh.robot.samples["joint_state_broadcaster"] = {**told, "time": 1_750_000_000.0}
+    fresh.peer.message(TOPIC, lambda message: message["position"] == [4.5])
+    time.sleep(0.3)  # thirty samples of the state
+    assert fresh.peer.waiting(TOPIC) == []
+    for second in (1_750_000_001, 1_750_000_002):
+        fresh.robot.samples["joint_state_broadcaster"] = {**told, "time": float(second)}
+        assert fresh.peer.message(TOPIC)["header"]["stamp"] == {"sec": second, "nanosec": 0}
+    assert fresh.peer.waiting(TOPIC) == []
 
 
 def test_its_topics_move_when_it_is_configured_anew(listening, fresh):

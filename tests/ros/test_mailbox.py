@@ -22,7 +22,6 @@ def test_within_an_interval_the_newest_waits_and_the_others_are_superseded():
     assert box.take(1005) == ({}, 1020)
     assert not box.put("forward", 3), "somebody comes at 1020 anyway"
     assert box.take(1020) == ({"forward": 3}, None)
-    assert box.superseded == 1
 
 
 def test_controllers_do_not_wait_for_each_other():

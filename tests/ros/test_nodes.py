@@ -5,10 +5,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from canopen_control.ros.nodes import NMT_STATES, NodeView, nodes_of, resolve, ros_name
+from canopen_control.rpc.messages.layout import BusLayout, Layout, MappedEntry, NodeLayout, PdoLayout
+from canopen_control.rpc.messages.robot import NodeListing, NodePlace
+from canopen_control.rpc.messages.state import AxisReading, NodeReading
 
 
 def only(bridges="/", /, **told):
-    (node,) = nodes_of({"nodes": [{"name": "left_drive", "node_id": 3, **told}]}, bridges)
+    (node,) = nodes_of(NodeListing(nodes=[NodePlace(name="left_drive", node_id=3, **told)]), bridges)
     return node
 
 
@@ -34,13 +37,13 @@ def test_a_lifecycle_driver_is_known_by_its_name():
 
 
 def test_what_the_runtime_does_not_tell_has_defaults():
-    assert nodes_of({}, "/") == []
+    assert nodes_of(NodeListing(), "/") == []
     assert only() == NodeView("left_drive", 3, "/")
 
 
 def two_axes(**told):
-    axes = [{"joint": "shoulder", "axis": 0}, {"joint": "elbow", "axis": 1}]
-    (node,) = nodes_of({"nodes": [{"name": "arm", "node_id": 5, **told}]}, "/robot", None, {"arm": {"axes": axes}})
+    states = {"arm": NodeReading(name="arm", node_id=5, axes=(AxisReading("shoulder", 0), AxisReading("elbow", 1)))}
+    (node,) = nodes_of(NodeListing(nodes=[NodePlace(name="arm", node_id=5, **told)]), "/robot", None, states)
     return node
 
 
@@ -60,16 +63,16 @@ def test_a_channel_has_the_name_of_bus_yml():
 
 
 def test_a_node_with_one_axis_has_no_channels():
-    states = {"left_drive": {"axes": [{"joint": "wheel", "axis": 1}]}}
-    (node,) = nodes_of({"nodes": [{"name": "left_drive", "node_id": 3}]}, "/", None, states)
+    states = {"left_drive": NodeReading(name="left_drive", node_id=3, axes=(AxisReading("wheel", 1),))}
+    (node,) = nodes_of(NodeListing(nodes=[NodePlace(name="left_drive", node_id=3)]), "/", None, states)
     assert node.channels == ()
 
 
 def test_what_the_rpdos_map_comes_from_the_layout():
-    objects = [{"index": 0x60FE, "subindex": 1, "bits": 32}]
-    pdos = [{"direction": "rpdo", "objects": objects}, {"direction": "tpdo", "objects": [{"index": 0x6041}]}]
-    layout = {"buses": {"can": {"nodes": [{"name": "left_drive", "pdos": pdos}]}}}
-    (node,) = nodes_of({"nodes": [{"name": "left_drive", "node_id": 3}]}, "/", layout)
+    outputs, word = MappedEntry(0x60FE, 1, 32, "UNSIGNED32"), MappedEntry(0x6041, 0, 16, "UNSIGNED16")
+    pdos = (PdoLayout(0x203, "rpdo", 1, objects=(outputs,)), PdoLayout(0x183, "tpdo", 1, objects=(word,)))
+    layout = Layout({"can": BusLayout("local:x", 1_000_000, nodes=(NodeLayout("left_drive", 3, "", pdos),))})
+    (node,) = nodes_of(NodeListing(nodes=[NodePlace(name="left_drive", node_id=3)]), "/", layout)
     assert node.rpdo == {(0x60FE, 1): 32}
 
 

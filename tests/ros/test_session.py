@@ -42,10 +42,26 @@ def test_a_controller_whose_name_ros_refuses_has_no_topics_and_the_next_one_has(
     assert "\n" not in told
 
 
+def test_who_publishes_more_often_than_ros_is_given_is_told_once(fresh):
+    states = fresh.robot.controllers[0]
+    states["publish_rate"] = 500.0
+    try:
+        for state in ("active", "inactive", "active"):  # the bridge asks for the controllers each time
+            fresh.robot.switch(base=state)
+            assert eventually(lambda: fresh.robot.commands("controllers"))
+            assert eventually(lambda: fresh.robot.commands("tell"))
+            fresh.robot.told[:] = [each for each in fresh.robot.told if each["method"] != "controllers"]
+    finally:
+        del states["publish_rate"]
+    (told,) = fresh.robot.commands("tell")
+    assert told["kind"] == "ros_rate"
+    assert told["text"].startswith("ROS: joint_state_broadcaster (500 Hz): published more often than the state comes")
+
+
 def test_what_the_bridge_cannot_make_of_a_sample_does_not_end_it(fresh):
     fresh.peer.order("subscribe", topic="/joint_states", of="sensor_msgs/msg/JointState", qos="default")
     before = fresh.robot.joints
-    fresh.robot.joints = {"left": "garbage"}
+    fresh.robot.joints = {"left": {"position": "garbage"}}
     assert eventually(lambda: fresh.bridge.poll() is None and _warned(fresh))
     fresh.robot.joints = before
     fresh.peer.waiting("/joint_states")
@@ -55,4 +71,4 @@ def test_what_the_bridge_cannot_make_of_a_sample_does_not_end_it(fresh):
 def _warned(stage):
     if not hasattr(stage, "logging"):
         stage.logging = stage.peer.order("subscribe", topic="/rosout", of="rcl_interfaces/msg/Log", qos="latched")
-    return any(message["msg"].startswith("JointStates: ") for message in stage.peer.waiting("/rosout"))
+    return any("sent garbage" in message["msg"] for message in stage.peer.waiting("/rosout"))

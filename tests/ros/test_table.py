@@ -9,25 +9,25 @@ pytestmark = pytest.mark.ros
 def test_topics_follow_from_the_kind_of_a_controller():
     code = """
 from canopen_control.ros import table
-from canopen_control.ros.conversions import ControllerView
-def view(type, topic, publishes):
-    return ControllerView("c", type, "active", (), topic, False, 0, None, publishes)
+from canopen_control.rpc.messages.state import ControllerReading
+def view(tells, topic, publishes):
+    return ControllerReading(name="c", type="x/Y", state="active", tells=tells, topic=topic, publishes=publishes)
 class Ros:
     def subscribe(self, *args): pass
     create_publisher = subscribe
     @property
     def node(self): return self
-def names(type, topic, *publishes):
-    return [each.__class__.__name__ for each in table.endpoints_for(Ros(), view(type, topic, publishes))]
-assert names("velocity_controllers/JointGroupVelocityController", "commands") == ["ForwardCommands"]
-assert names("diff_drive_controller/DiffDriveController", "cmd_vel") == ["TwistCommands", "BaseOdometry"]
-broadcaster = "joint_state_broadcaster/JointStateBroadcaster"
+def names(tells, topic, *publishes):
+    return [each.__class__.__name__ for each in table.endpoints_for(Ros(), view(tells, topic, publishes))]
+assert names(None, "commands") == ["ForwardCommands"]
+assert names("odometry", "cmd_vel") == ["TwistCommands", "BaseOdometry"]
+broadcaster = "joint_states"
 assert names(broadcaster, None, "joint_states", "dynamic_joint_states") == ["JointStates", "DynamicJointStates"]
 assert names(broadcaster, None, "c/joint_states", "c/dynamic_joint_states") == ["JointStates", "DynamicJointStates"]
 assert names(broadcaster, None, "joint_states") == ["JointStates"]
 assert names(broadcaster, None) == []  # not configured yet
-assert names("canopen_control/GpioBroadcaster", None) == ["GpioStates"]
-assert names("somebody/Else", None) == []
-assert names("somebody/Else", "dance") == []
+assert names("gpio", None) == ["GpioStates"]
+assert names("diagnostics", None) == []
+assert names(None, "dance") == []
 """
     assert run_ros(code) == ""

@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from canopen_control.ros.throttle import Throttle
+from canopen_control.ros.throttle import Refusals, Throttle
 
 
 def test_a_sentence_is_said_at_once_and_then_once_per_interval():
@@ -13,3 +13,26 @@ def test_sentences_do_not_silence_each_other():
     assert throttle.allows("x", 0)
     assert throttle.allows("y", 1)
     assert not throttle.allows("x", 2)
+
+
+def test_a_reason_is_told_once_and_the_number_at_the_end():
+    refusals = Refusals()
+    assert refusals.answered("base", "not enabled") == "not enabled"
+    assert [refusals.answered("base", "not enabled") for _ in range(50)] == [None] * 50
+    assert refusals.answered("arm", "not enabled") == "not enabled"
+    assert refusals.answered("base", None) == "base takes commands again, 51 were refused"
+    assert refusals.answered("base", None) is None
+    assert refusals.answered("base", "not enabled") == "not enabled"
+
+
+def test_another_reason_is_told_again_and_another_number_in_it_is_not():
+    refusals = Refusals()
+    assert refusals.answered("base", "a twist that is 0.712 s old") is not None
+    assert refusals.answered("base", "a twist that is 13.4 s old") is None
+    assert refusals.answered("base", "latched") == "latched"
+
+
+def test_one_refusal_alone_needs_no_second_sentence():
+    refusals = Refusals()
+    refusals.answered("base", "being enabled")
+    assert refusals.answered("base", None) is None

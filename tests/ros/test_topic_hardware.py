@@ -24,7 +24,8 @@ def send(stage, **data):
 def settled(stage):
     """Return the commands once a last one has come through."""
     send(stage, name=["left", "right"], velocity=[99.0, 99.0])
-    assert ros.eventually(lambda: {"controller": "forward", "source": "ros", "values": [99.0, 99.0]} in commands(stage))
+    last = {"controller": "forward", "source": "ros", "dead_man": True, "values": [99.0, 99.0]}
+    assert ros.eventually(lambda: last in commands(stage))
     return [each["values"] for each in commands(stage) if each["values"] != [99.0, 99.0]]
 
 

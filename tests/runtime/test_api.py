@@ -2,34 +2,17 @@
 
 import pytest
 from support.apiclient import Client
-from support.robots import FORWARD, LEFT, Bench
+from support.robots import FORWARD, LEFT, RIGHT, Bench
 
 from canopen_control.runtime import api
 from canopen_control.runtime.api import ApiServer
 from canopen_control.runtime.core import RobotState
-from canopen_control.runtime.status import state_dict
-
-
-@pytest.fixture
-def robby():
-    bench = Bench("api")
-    bench.api = ApiServer(bench.robot)
-    bench.start()
-    yield bench
-    bench.api.close()
-    bench.close()
-
-
-@pytest.fixture
-def client(robby):
-    client = Client(robby)
-    yield client
-    client.close()
+from canopen_control.runtime.status import state_sample
 
 
 def test_the_server_says_who_it_is_first(client):
     hello = client.hello["hello"]
-    assert (hello["robot"], hello["protocol"]) == ("robby", 1)
+    assert (hello["robot"], hello["protocol"]) == ("robby", 2)
     assert hello["pid"] > 0
 
 
@@ -43,7 +26,7 @@ def test_status_has_the_documented_shape(client):
     assert (node["bus"], node["node_id"], node["nmt_state"], node["error"]) == ("can", 3, "OPERATIONAL", None)
     assert set(node["axes"][0]) >= {"cia402_state", "statusword", "mode", "error"}
     assert node["axes"][0]["cia402_state"] == "OPERATION_ENABLED"
-    assert set(status["joints"]["left_wheel_joint"]) == {"position", "velocity", "effort", "command"}
+    assert set(status["joints"]["left_wheel_joint"]) == {"name", "position", "velocity", "effort", "command", "others"}
     assert status["joints"]["left_wheel_joint"]["effort"] is None
     assert status["controllers"][FORWARD] == "active"
     assert {step["step"] for step in status["boot"]} == {"reset", "identify", "configure", "heartbeat", "start"}
@@ -73,18 +56,20 @@ def test_a_command_moves_the_wheels(robby, client):
     ("method", "params", "words"),
     [
         ("dance", {}, "no method 'dance'"),
-        ("command", {}, "values"),
+        ("command", {}, "missing required field `controller`"),
+        ("command", {"controller": FORWARD}, "missing required field `values`"),
         ("command", {"controller": "nobody", "values": [1.0]}, "nobody"),
         ("command", {"controller": FORWARD, "values": [1.0]}, "1"),
-        ("command", {"controller": FORWARD, "values": ["fast", "slow"]}, "fast"),
-        ("command", {"controller": FORWARD, "values": 3}, "parameter"),
+        ("command", {"controller": FORWARD, "values": [1, "slow"]}, "Expected `float`, got `str` - at `$.values[1]`"),
+        ("command", {"controller": FORWARD, "values": 3}, "Expected `array`, got `int` - at `$.values`"),
+        ("command", {"controller": FORWARD, "values": [1, 1], "speed": 3}, "unknown field `speed`"),
         ("subscribe", {"state_rate": -1}, "state_rate"),
         ("axis", {"action": "explode", "node": "all"}, "enable"),
         ("axis", {"action": "enable", "node": "nobody"}, "left_drive"),
         ("switch", {"activate": ["nobody"]}, "nobody"),
         ("nmt", {"command": "explode", "node": "all"}, "reset-node"),
         ("sdo_read", {"node": "left_drive"}, "index"),
-        ("sdo_write", {"node": "left_drive", "index": 0x6083, "data": "xyz"}, "parameter"),
+        ("sdo_write", {"node": "left_drive", "index": 0x6083, "data": "xyz"}, "base64"),
     ],
 )
 def test_what_cannot_be_done_is_refused_in_a_sentence_and_the_robot_goes_on(robby, client, method, params, words):
@@ -104,9 +89,9 @@ def test_what_cannot_be_done_is_refused_in_a_sentence_and_the_robot_goes_on(robb
         ("touch_probe", {"node": "left_drive"}, "ControlError"),
         ("nmt", {"command": "stop", "node": "nobody"}, "UnknownName"),
         ("sdo_read", {"node": "nobody", "index": 0x1000}, "UnknownName"),
-        ("sdo_write", {"node": "nobody", "index": 0x6083, "data": "00"}, "UnknownName"),
-        ("pdo_write", {"node": "nobody", "index": 0x6083, "data": "00"}, "UnknownName"),
-        ("pdo_write", {"node": "left_drive", "index": 0x6083, "data": "00"}, "ControlError"),
+        ("sdo_write", {"node": "nobody", "index": 0x6083, "data": "AA=="}, "UnknownName"),
+        ("pdo_write", {"node": "nobody", "index": 0x6083, "data": "AA=="}, "UnknownName"),
+        ("pdo_write", {"node": "left_drive", "index": 0x6083, "data": "AA=="}, "ControlError"),
         ("command", {"controller": "nobody", "values": [1.0]}, "UnknownName"),
         ("twist", {"controller": "nobody", "linear": 0, "angular": 0}, "UnknownName"),
         ("load", {"controller": "nobody"}, "UnknownName"),
@@ -147,7 +132,7 @@ def test_what_clients_are_told_is_made_between_the_cycles(robby, client, monkeyp
     order = []
     client.ask("subscribe", state_rate=50)
     robby.robot.after_cycle.append(lambda _now: order.append("cycle"))
-    monkeypatch.setattr(api, "state_dict", lambda robot: order.append("state") or state_dict(robot))
+    monkeypatch.setattr(api, "state_sample", lambda robot: order.append("state") or state_sample(robot))
     robby.run(100)
     told = [order[at - 1 : at + 2] for at, what in enumerate(order[:-1]) if what == "state"]
     assert told
@@ -192,16 +177,13 @@ def test_stop_and_axis_are_answered_when_they_are_done(robby, client):
     assert not robby.joint(LEFT).machine.enabled
 
 
-def test_objects_are_read_and_written_through_the_robots_own_client(client):
-    assert client.ask("sdo_read", node="left_drive", index=0x6083)["result"] == {"data": "803e0000"}
-    assert client.ask("sdo_write", node="3", index=0x6083, data="a00f0000")["result"] == {}
-    assert client.ask("sdo_read", node=3, index=0x6083, subindex=0)["result"] == {"data": "a00f0000"}
-    read = client.ask("sdo_read", node="left_drive", index=0x1008, block=True, timeout=2.0)["result"]
-    assert bytes.fromhex(read["data"]).startswith(b"TMCM-1270")
-    assert "timeout" in client.ask("sdo_read", node="left_drive", index=0x1008, timeout=-1)["error"]["message"]
-    error = client.ask("sdo_read", node="left_drive", index=0x5FF0)["error"]
-    assert error["kind"] == "SdoAbort"
-    assert "0x06020000" in error["message"]
+def test_an_axis_that_a_base_controller_holds_is_answered_for_with_the_whole_base(robby, client):
+    client.ask("switch", activate=["robby_base_controller"], deactivate=["robby_forward_controller"])
+    robby.until(lambda: robby.joint(LEFT).enabled)
+    told = "robby_base_controller moves left_drive and right_drive together: disable is for all of them"
+    assert client.ask("axis", action="disable", node="left_drive")["result"] == {"text": told}
+    assert not robby.joint(RIGHT).machine.enabled
+    assert client.ask("axis", action="enable", node="all")["result"] == {}
 
 
 def test_shutdown_is_answered_and_then_the_robot_ends(robby, client):
@@ -257,3 +239,15 @@ def test_a_client_may_tell_something_to_all_who_watch(robby, client):
 )
 def test_what_a_client_tells_is_a_word_and_a_printable_line(client, kind, text):
     assert "printable" in client.ask("tell", kind=kind, text=text)["error"]["message"]
+
+
+def test_those_who_watch_or_hold_leave_places_for_the_others(client, robby, monkeypatch):
+    monkeypatch.setattr(api, "MAX_KEPT", 1)
+    other = Client(robby)
+    assert client.ask("subscribe", events=True)["result"] == {}
+    assert client.ask("subscribe", state_rate=10)["result"] == {}
+    assert "end one of them" in other.ask("subscribe", events=True)["error"]["message"]
+    twist = {"controller": FORWARD, "values": [1.0, 1.0]}
+    assert "end one of them" in other.ask("command", **twist, dead_man=True)["error"]["message"]
+    assert other.ask("command", **twist)["result"] == {}
+    other.close()

@@ -1,29 +1,9 @@
 """The methods behind ros2_control's services, over the wire."""
 
 import pytest
-from support.apiclient import Client
-from support.robots import FORWARD, LEFT, Bench
-
-from canopen_control.runtime.api import ApiServer
+from support.robots import FORWARD, LEFT
 
 BASE = "robby_base_controller"
-
-
-@pytest.fixture
-def robby():
-    bench = Bench("control")
-    bench.api = ApiServer(bench.robot)
-    bench.start()
-    yield bench
-    bench.api.close()
-    bench.close()
-
-
-@pytest.fixture
-def client(robby):
-    client = Client(robby)
-    yield client
-    client.close()
 
 
 def states(client):

@@ -10,7 +10,7 @@ from canopen_control.errors import RobotConfigError
 from canopen_control.host.reactor import Reactor
 from canopen_control.host.timer import ManualClock
 from canopen_control.runtime.assembly import Assembly
-from canopen_control.runtime.files import find_robot
+from canopen_control.runtime.robot_files import find_robot
 from canopen_control.runtime.setup import read_robot
 
 

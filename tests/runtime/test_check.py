@@ -8,8 +8,8 @@ from support.robots import copy_robby
 
 from canopen_control.data_files import data_names, data_path
 from canopen_control.runtime.check import CheckOptions, check_robot
-from canopen_control.runtime.files import find_robot
-from canopen_control.runtime.finding import Severity
+from canopen_control.runtime.check_data import Severity
+from canopen_control.runtime.robot_files import find_robot
 
 
 def check(config, **options):
@@ -47,6 +47,13 @@ def test_mistakes_of_all_three_files_are_found_together_and_each_once(tmp_path):
         assert sum(words in error for error in errors) == 1, errors
     assert report.budgets == {}
     assert not report.passes()
+
+
+def test_a_link_that_stands_twice_is_told_with_its_place(tmp_path):
+    config = copy_robby(tmp_path, description={"</robot>": '  <link name="base_link"/>\n</robot>'})
+    (told,) = [each for each in check(config).findings if "stands twice" in each.text]
+    assert (told.severity, told.column) == (Severity.ERROR, 3)
+    assert re.fullmatch(r"link 'base_link' stands twice, first at .*robby\.urdf\.xacro:\d+:\d+; rename one", told.text)
 
 
 @pytest.mark.parametrize("name", ["bus.yml", "ros2_controllers.yaml", "robby.urdf.xacro"])

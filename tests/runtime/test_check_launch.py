@@ -5,7 +5,7 @@ import re
 import pytest
 from support.configs import changed, found
 
-from canopen_control.runtime.files import find_robot
+from canopen_control.runtime.robot_files import find_robot
 
 GOOD = """\
 <launch>

@@ -10,11 +10,11 @@ from support.configs import BASES, FIRST, ROBOTS, changed, found, line_of
 from canopen_control.controllers.params import read_controllers
 from canopen_control.data_files import data_path
 from canopen_control.errors import ConfigError
-from canopen_control.hardware.description import read_description
 from canopen_control.master.config import read_bus
+from canopen_control.runtime.check_data import Severity
 from canopen_control.runtime.check_rules import find, findings_of
-from canopen_control.runtime.files import find_robot
-from canopen_control.runtime.finding import Severity
+from canopen_control.runtime.robot_files import find_robot
+from canopen_control.urdf.description import read_description
 
 
 @pytest.mark.parametrize("name", ROBOTS)
@@ -157,6 +157,18 @@ def test_a_timeout_below_two_command_periods(name, tmp_path):
     ]
 
 
+@pytest.mark.parametrize("name", ["robby", "diffbot_sim", "mobile_base_ros1"])
+def test_a_timeout_of_zero_is_for_ever(name, tmp_path):
+    old, _, key = TIMEOUTS[name]
+    files = changed(tmp_path, name, controllers={old: f"{key}: 0.0"})
+    base = BASES[name][0] if name in BASES else FIRST[name]
+    assert found(files) == [
+        f"ros2_controllers.yaml:{line_of(files, 'controllers', f'{key}: 0.0')}: warning: {base}: {key} is 0, so a "
+        "command never ends by itself: what moves goes on when its sender dies; give the time after which silence is "
+        "a stop, such as 2 s"
+    ]
+
+
 @pytest.mark.parametrize("name", ["robby", "diffbot_sim", "arm6"])
 def test_an_update_rate_above_the_sync(name, tmp_path):
     files = changed(tmp_path, name, controllers={"update_rate: 50": "update_rate: 100"})
@@ -164,6 +176,30 @@ def test_an_update_rate_above_the_sync(name, tmp_path):
     assert found(files) == [
         f"ros2_controllers.yaml:{line}: warning: update_rate 100 Hz is more than the bus carries: the SYNC of bus.yml "
         "comes at 50 Hz; set update_rate: 50, or sync_period: 10000"
+    ]
+
+
+@pytest.mark.parametrize("name", ["robby", "diffbot_sim", "arm6"])
+def test_an_update_rate_below_the_sync(name, tmp_path):
+    files = changed(tmp_path / "1", name, controllers={"update_rate: 50": "update_rate: 10"})
+    line = line_of(files, "controllers", "update_rate")
+    assert (
+        f"ros2_controllers.yaml:{line}: note: controllers run at 10 Hz, though the SYNC of bus.yml comes at 50 Hz; "
+        "set update_rate: 50 to have them in each cycle"
+    ) in found(files, notes=True)
+    files = changed(tmp_path / "2", name, controllers={"update_rate: 50": "update_rate: 40"})
+    assert not any("controllers run at" in each for each in found(files, notes=True))
+
+
+def test_what_is_published_more_often_than_anybody_asks_for_is_told(tmp_path):
+    states = "JointStateBroadcaster\n"
+    edits = {"update_rate: 50": "update_rate: 500", states: f"{states}      update_rate: 250\n"}
+    files = changed(tmp_path, "robby", bus={"sync_period: 20000": "sync_period: 2000"}, controllers=edits)
+    told = [each for each in found(files, notes=True) if "ask for" in each]
+    assert told == [
+        f"ros2_controllers.yaml:{line_of(files, 'controllers', 'update_rate: 250')}: note: joint_state_broadcaster "
+        "publishes at 250 Hz, ROS and bags ask for 100 Hz by themselves; run the bridge with --ros-args -p "
+        "rate:=250.0, record with --rate 250"
     ]
 
 
@@ -218,16 +254,17 @@ def test_a_key_that_is_unknown_or_repeated(name, tmp_path):
     indent = key[: len(key) - len(key.lstrip())]
     files = changed(tmp_path, name, controllers={key: f"{indent}joimts: 1\n{key}"})
     (told,) = found(files)
-    assert re.match(r"ros2_controllers\.yaml:\d+: warning: .*unknown key 'joimts'", told)
+    assert re.match(r"ros2_controllers\.yaml:\d+:\d+: warning: .*unknown key 'joimts'", told)
     twice = changed(tmp_path / "2", name, controllers={key: f"{key.split(':')[0]}: 1\n{key}"})
     (told,) = found(twice)
-    assert re.match(r"ros2_controllers\.yaml:\d+: warning: .*duplicate key '\w+' \(first at line \d+\)", told)
+    assert re.match(r"ros2_controllers\.yaml:\d+:\d+: warning: .*duplicate key '\w+' \(first at line \d+\)", told)
 
 
 def test_sentences_without_a_place_have_that_of_the_controller():
     text = "a.yaml:3:5: x: wrong\n    x: 1\n    ^\nno left_wheel_names\n2 errors"
-    places = [(each.path, each.line, each.text) for each in findings_of(text, "b.yaml", 9, Severity.ERROR)]
-    assert places == [("a.yaml", 3, "x: wrong"), ("b.yaml", 9, "no left_wheel_names")]
+    found = findings_of(text, "b.yaml", 9, Severity.ERROR)
+    places = [(each.path, each.line, each.column, each.text) for each in found]
+    assert places == [("a.yaml", 3, 5, "x: wrong"), ("b.yaml", 9, 0, "no left_wheel_names")]
 
 
 def test_files_that_could_not_be_read_are_left_out():

@@ -2,6 +2,7 @@
 
 import pytest
 from support.robots import Bench, copy_robby
+from support.samples import status_dict
 
 from canopen_control.runtime import clearance
 from canopen_control.runtime.clearance import (
@@ -15,9 +16,8 @@ from canopen_control.runtime.clearance import (
     limit_speed,
     read_serials,
 )
-from canopen_control.runtime.files import find_robot
+from canopen_control.runtime.robot_files import find_robot
 from canopen_control.runtime.setup import read_robot
-from canopen_control.runtime.status import status_dict
 
 SERIALS = {"left_drive": 3, "right_drive": 2}
 JOINTS = ("left_wheel_joint", "right_wheel_joint")
@@ -118,6 +118,7 @@ def test_a_pass_covers_the_joints_that_were_turned(tmp_path, monkeypatch, privat
     assert why in ("" if found is None else found.why)
 
 
+@pytest.mark.process
 def test_serial_numbers_are_asked_of_the_drives(private_folders):
     from support.processes import Stage
 

@@ -4,6 +4,7 @@ import math
 
 import pytest
 from support.robots import FORWARD, LEFT, RIGHT, Bench, copy_robby, split_robby
+from support.samples import status_dict
 
 from canopen_control.bus.channel import open_port
 from canopen_control.bus.memory import MemoryBus
@@ -13,9 +14,8 @@ from canopen_control.hardware.joint import Action
 from canopen_control.host.reactor import Reactor
 from canopen_control.host.timer import ManualClock
 from canopen_control.runtime.core import RobotCore, RobotState
-from canopen_control.runtime.files import find_robot
+from canopen_control.runtime.robot_files import find_robot
 from canopen_control.runtime.setup import read_robot
-from canopen_control.runtime.status import status_dict
 from canopen_control.virtual.device import make_device
 from canopen_control.virtual.nodehost import NodeHost
 
@@ -179,7 +179,7 @@ def test_a_drive_that_comes_back_is_booted_by_itself_and_waits_for_an_enable(ben
     robby.until(lambda: robby.robot.state is RobotState.FAULT)
     robby.run(1000)
     robby.power_on(LEFT)
-    robby.until(lambda: robby.robot.state is RobotState.RUNNING)
+    robby.until(lambda: robby.robot.state is RobotState.DISABLED)
     robby.hold(5.0, 5.0, ms=500)
     assert robby.speed(LEFT) == robby.speed(RIGHT) == 0
     assert robby.joint(LEFT).states["position"].value == pytest.approx(position, abs=10.0)

@@ -48,7 +48,7 @@ def following(monkeypatch):
     def make(name):
         bench = Bench(name)
         bench.kernel = Kernel(bench)
-        monkeypatch.setattr("canopen_control.runtime.bus.KernelSync", lambda *_: bench.kernel)
+        monkeypatch.setattr("canopen_control.runtime.robot_bus.KernelSync", lambda *_: bench.kernel)
         bench.robot.buses["can"].leave_sync_to_kernel(bench.robot.pacer.lead)
         benches.append(bench)
         return bench

@@ -1,10 +1,9 @@
 """STOP that stays: in simulated time, on whole robots."""
 
-import math
-
 import pytest
-from support.apiclient import Client
+from support.apiclient import Client, base64_of
 from support.robots import FORWARD, LEFT, RIGHT, Bench, copy_robby
+from support.samples import state_dict, status_dict
 
 from canopen_control.cia402.state import State
 from canopen_control.errors import ControlError
@@ -12,7 +11,6 @@ from canopen_control.hardware.joint import Action
 from canopen_control.runtime.api import ApiServer
 from canopen_control.runtime.core import RobotState
 from canopen_control.runtime.latch import StopLatch, is_controlword
-from canopen_control.runtime.status import state_dict, status_dict
 
 NO_TIMEOUT = {"command_timeout: 2.0": "command_timeout: 0.0"}
 
@@ -101,9 +99,15 @@ def test_a_robot_that_is_latched_while_it_boots_waits_for_the_release(bench):
     robby.robot.stop(lambda _error: None, "a test")
     robby.run(3000)
     assert robby.robot.state is RobotState.STARTING
+    assert robby.robot.hint == "STOP is latched (by a test): canopen-control stop --release"
     assert not any(joint.enabled for joint in robby.robot.joints.values())
     robby.robot.latch.release("a test", robby.reactor.now())
-    robby.until(lambda: robby.robot.state is RobotState.RUNNING)
+    robby.until(lambda: robby.robot.state is not RobotState.STARTING)
+    robby.run(1000)
+    assert not any(joint.enabled for joint in robby.robot.joints.values())  # a release enables nothing
+    act(robby, Action.ENABLE)
+    robby.run(500)
+    assert all(joint.enabled for joint in robby.robot.joints.values())
 
 
 def test_a_drive_that_comes_back_under_a_latched_stop_stays_off(bench):
@@ -130,27 +134,6 @@ def test_status_and_stream_say_who_latched_it(bench):
     assert len(robby.texts("stop_latched")) == 1
 
 
-def test_a_position_target_from_before_is_forgotten_as_well():
-    calls = []
-
-    class Command:
-        interface, value = "position", 3.0
-
-    class Controller:
-        commands, states = (Command(),), ()
-
-        def on_deactivate(self, now):
-            calls.append("off")
-
-        def on_activate(self, commands, states, now):
-            calls.append("on")
-
-    latch = StopLatch(lambda _event: None)
-    latch.hold("a test", [Controller()], 5)
-    assert math.isnan(Controller.commands[0].value)
-    assert calls == ["off", "on"]
-
-
 @pytest.mark.parametrize(
     ("index", "expected"),
     [(0x6040, True), (0x6840, True), (0x9840, True), (0xA040, False), (0x6041, False), (0x2040, False)],
@@ -168,9 +151,11 @@ def test_the_api_latches_refuses_and_releases(bench):
         assert client.ask("stop", latch=True, source="the page")["result"] == {}
         answer = client.ask("command", controller=FORWARD, values=[1, 1])
         assert (answer["error"]["kind"], "latched" in answer["error"]["message"]) == ("ControlError", True)
-        answer = client.ask("sdo_write", node="left_drive", index=0x6040, subindex=0, data="0f00")
+        answer = client.ask("sdo_write", node="left_drive", index=0x6040, subindex=0, data=base64_of("0f00"))
         assert "controlword (0x6040)" in answer["error"]["message"]
-        assert "result" in client.ask("sdo_write", node="left_drive", index=0x6081, subindex=0, data="40060000")
+        assert "result" in client.ask(
+            "sdo_write", node="left_drive", index=0x6081, subindex=0, data=base64_of("40060000")
+        )
         assert client.ask("release", source="a test") == {"id": 1, "result": {}}
         assert client.ask("status")["result"]["latched"] is False
         assert client.ask("axis", action="enable", node="all")["result"] == {}
@@ -214,3 +199,45 @@ def test_who_is_no_dead_man_or_commands_no_more_ends_nothing(bench):
     robby.run(500)
     assert robby.velocity(LEFT) == pytest.approx(5.0, rel=0.02)
     api.close()
+
+
+def test_a_latch_outlives_its_process_and_a_release_ends_it(tmp_path):
+    told = []
+    first = StopLatch(told.append)
+    first.keep(tmp_path / "robby" / "stop_latched")
+    assert not first.held
+    first.hold("the page", 5)
+
+    second = StopLatch(told.append)
+    second.keep(tmp_path / "robby" / "stop_latched")
+    assert second.by == "the page"
+    second.tell(6)
+    assert "earlier run (by the page)" in told[-1].text
+    assert "canopen-control stop --release" in told[-1].text
+    second.release("a test", 7)
+
+    third = StopLatch(told.append)
+    third.keep(tmp_path / "robby" / "stop_latched")
+    third.tell(8)
+    assert not third.held
+    assert [event.kind for event in told] == ["stop_latched", "stop_latched", "stop_released"]
+
+
+@pytest.mark.parametrize("content", ["", "{}", "[1]", '{"by"', "7"])
+def test_a_latch_that_cannot_be_read_is_held(tmp_path, content):
+    (tmp_path / "stop_latched").write_text(content)
+    latch = StopLatch(lambda _event: None)
+    latch.keep(tmp_path / "stop_latched")
+    assert latch.held
+
+
+def test_a_latch_that_cannot_be_kept_holds_and_says_so(tmp_path):
+    (tmp_path / "file").write_text("")
+    told = []
+    latch = StopLatch(told.append)
+    latch.keep(tmp_path / "file" / "stop_latched")
+    latch.by = None
+    latch.hold("a test", 5)
+    assert latch.held
+    assert told[-1].kind == "latch_not_kept"
+    assert "the next run will not be latched" in told[-1].text

@@ -32,6 +32,16 @@ def test_edges_lie_on_the_grid_of_the_start(make):
     assert (pacer.count, pacer.missed) == (5, 0)
 
 
+def test_missed_edges_are_told_at_most_once_a_second_and_in_sum(make):
+    _, _, pacer = make(lambda _now: None)
+    second = 1_000_000_000
+    assert pacer.newly_missed(0) == 0
+    pacer.missed = 2
+    assert [pacer.newly_missed(now) for now in (1, 2)] == [2, 0]
+    pacer.missed = 5
+    assert [pacer.newly_missed(now) for now in (second, second + 1, second + 2)] == [0, 3, 0]
+
+
 def test_a_late_cycle_skips_what_it_missed_and_stays_on_the_grid(make):
     edges = []
 

@@ -1,7 +1,7 @@
 """Process data as the API's clients see and send them, byte by byte, in simulated time."""
 
 import pytest
-from support.apiclient import Client
+from support.apiclient import Client, base64_of
 from support.generic import write_generic
 from support.robots import Bench
 
@@ -23,7 +23,7 @@ def robot(tmp_path):
 
 
 def objects(told):
-    return {(index, subindex): bytes.fromhex(data) for index, subindex, data in told}
+    return {(each.index, each.subindex): each.data for each in told}
 
 
 def test_everything_that_has_come_is_told_with_the_width_it_was_mapped_with(robot):
@@ -131,8 +131,11 @@ def test_who_subscribes_to_pdos_gets_everything_first_and_then_what_changes(api)
     assert 15 <= len(told) <= 20, "one per cycle of 10 ms, while it accelerates"
     assert {node for nodes in told for node in nodes} == {"drive_one"}
     assert other.messages() == []
-    other.ask("pdo_write", node="drive_one", index=0x60FE, subindex=1, data="00000300")
-    assert "belongs to the controllers" in other.ask("pdo_write", node=2, index=0x6040, data="0f00")["error"]["message"]
+    other.ask("pdo_write", node="drive_one", index=0x60FE, subindex=1, data=base64_of("00000300"))
+    assert (
+        "belongs to the controllers"
+        in other.ask("pdo_write", node=2, index=0x6040, data=base64_of("0f00"))["error"]["message"]
+    )
     api.run(20)
     assert api.drives[2].get(OUTPUTS, 1) == 0x30000
     watcher.send(method="subscribe", params={"pdos": False})

@@ -2,7 +2,7 @@ import pytest
 from support.robots import copy_robby, split_robby
 
 from canopen_control.errors import ConfigError, RobotConfigError
-from canopen_control.runtime.files import find_robot
+from canopen_control.runtime.robot_files import find_robot
 from canopen_control.runtime.setup import read_robot
 
 ROBBY = find_robot("robby")
@@ -10,13 +10,13 @@ ROBBY = find_robot("robby")
 
 def test_without_a_choice_the_first_controller_that_is_no_broadcaster_runs():
     setup = read_robot(ROBBY)
-    assert setup.wanted == ("joint_state_broadcaster", "robby_forward_controller")
+    assert setup.to_activate == ("joint_state_broadcaster", "robby_forward_controller")
     assert setup.channels == {"can": "local:robby"}
     assert setup.cycle_ns == 20_000_000
 
 
 def test_a_chosen_controller_runs_beside_the_broadcasters():
-    assert read_robot(ROBBY, controllers=["robby_base_controller"]).wanted == (
+    assert read_robot(ROBBY, controllers=["robby_base_controller"]).to_activate == (
         "joint_state_broadcaster",
         "robby_base_controller",
     )
@@ -77,6 +77,14 @@ def test_two_buses_on_one_channel_would_be_two_masters_on_it(tmp_path):
         read_robot(find_robot(str(split_robby(tmp_path))), can=["can0", "right=can0"])
 
 
+@pytest.mark.parametrize(
+    ("written", "rate"), [("update_rate: 10", 10), ("update_rate: 50", 50), ("update_rate: 100", 50), ("", 50)]
+)
+def test_controllers_run_at_the_managers_update_rate_and_at_most_in_every_cycle(written, rate, tmp_path):
+    config = copy_robby(tmp_path, controllers={"update_rate: 50": written})
+    assert read_robot(find_robot(str(config))).update_rate == rate
+
+
 def test_buses_of_different_sync_periods_and_doubled_names_are_no_robot(tmp_path):
     config = split_robby(tmp_path)
     path = config / "bus_right.yml"
@@ -101,5 +109,5 @@ def test_the_kernel_sends_sync_only_where_there_is_one(tmp_path):
 def test_peer_merge_reaches_the_plan(tmp_path):
     changed = {"  left_drive:\n    node_id: 3\n": "  left_drive:\n    node_id: 3\n    heartbeat_producer: 50\n"}
     files = find_robot(str(copy_robby(tmp_path, bus=changed)))
-    assert read_robot(files).bus.nodes["left_drive"].heartbeat_producer == 50
-    assert read_robot(files, peer_merge=True).bus.nodes["left_drive"].heartbeat_producer == 100
+    assert read_robot(files).bus.nodes["left_drive"].supervision.heartbeat_producer == 50
+    assert read_robot(files, peer_merge=True).bus.nodes["left_drive"].supervision.heartbeat_producer == 100

@@ -2,10 +2,11 @@ import json
 
 import pytest
 from support.robots import LEFT, Bench, copy_robby
+from support.samples import event_dict, layout_dict, nodes_dict, state_dict, status_dict
 
 from canopen_control.errors import ControlError
-from canopen_control.master.events import Event
-from canopen_control.runtime.status import event_dict, layout_dict, nodes_dict, state_dict, status_dict
+from canopen_control.master.event_log import Event
+from canopen_control.rpc.messages.state import EventDetails
 
 
 def test_everything_is_plain_json_and_nan_is_none():
@@ -31,7 +32,7 @@ def test_a_state_sample_is_stamped_in_unix_time_and_lighter_than_the_status():
     assert "boot" not in state
     event = event_dict(bench.robot, bench.events[-1])
     assert set(event) == {"time", "kind", "node", "level", "text"}
-    emcy = Event(0, "emcy", "left_drive", "in words", details={"error_code": 0x4310})
+    emcy = Event(0, "emcy", "left_drive", "in words", details=EventDetails(error_code=0x4310))
     assert event_dict(bench.robot, emcy)["details"] == {"error_code": 0x4310}
     bench.close()
 
@@ -73,7 +74,8 @@ def test_the_stream_carries_the_odometry_of_an_active_base_controller():
     bench.start()
     bench.robot.command("robby_base_controller", [0.2, 0.0], "test")
     bench.run(400)
-    before = state_dict(bench.robot)["odometry"]["robby_base_controller"]
+    before = state_dict(bench.robot)["samples"]["robby_base_controller"]
+    assert before["kind"] == "odometry"
     assert before["x"] > 0.005
     assert (before["frame_id"], before["child_frame_id"]) == ("odom", "base_footprint")
     assert before["pose_covariance"] == [0.001, 0.001, 0.001, 0.001, 0.001, 0.01]
@@ -81,7 +83,7 @@ def test_the_stream_carries_the_odometry_of_an_active_base_controller():
     assert json.loads(json.dumps(before, allow_nan=False)) == before
     forward = Bench("status6")
     forward.start()
-    assert state_dict(forward.robot)["odometry"] == {}
+    assert list(state_dict(forward.robot)["samples"]) == ["joint_state_broadcaster"]
     for each in (bench, forward):
         each.close()
 
@@ -115,7 +117,8 @@ def test_a_simulation_tells_its_time_and_broadcasters_what_they_gather(tmp_path)
     bench.start()
     state = state_dict(bench.robot)
     assert state["sim_time"] is None
-    assert state["gpio"] == {"io": {f"{side}_wheel_joint": {"position": 0.0} for side in ("left", "right")}}
-    assert [each["message"] for each in state["diagnostics"]["health"]] == ["operational"] * 2
+    samples = state["samples"]
+    assert samples["io"]["parts"] == {f"{side}_wheel_joint": {"position": 0.0} for side in ("left", "right")}
+    assert [each["message"] for each in samples["health"]["joints"]] == ["operational"] * 2
     assert json.loads(json.dumps(state, allow_nan=False)) == state
     bench.close()

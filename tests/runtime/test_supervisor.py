@@ -1,14 +1,26 @@
+import os
+import re
 import signal
+import subprocess
+import sys
 
 import pytest
 
 from canopen_control.errors import CanopenError
 from canopen_control.host.reactor import Reactor
-from canopen_control.master.events import Level
-from canopen_control.runtime.files import find_robot
+from canopen_control.master.event_log import Level
+from canopen_control.runtime.robot_files import find_robot
 from canopen_control.runtime.setup import read_robot
-from canopen_control.runtime.supervisor import Supervisor, hosts_virtual_drives
+from canopen_control.runtime.supervisor import (
+    _RECORDER,
+    MOST,
+    WINDOW_NS,
+    Restarts,
+    Supervisor,
+    hosts_virtual_drives,
+)
 
+pytestmark = pytest.mark.process
 SECOND = 1_000_000_000
 
 
@@ -23,13 +35,16 @@ def supervisor():
 
 
 def gone(pid):
-    import os
-
     try:
         os.kill(pid, 0)
     except ProcessLookupError:
         return True
     return False
+
+
+def test_the_recorder_finds_what_it_imports_without_the_site_packages():
+    done = subprocess.run([*_RECORDER, "--help"], capture_output=True, text=True, timeout=60)
+    assert (done.returncode, done.stderr) == (0, "")
 
 
 def test_a_child_that_dies_is_told_with_its_last_words(supervisor):
@@ -43,12 +58,44 @@ def test_a_child_that_dies_is_told_with_its_last_words(supervisor):
 
 
 def test_a_child_that_is_killed_is_told_with_the_signal(supervisor):
-    import os
 
     supervisor.start_client("sleeper", ["asyncio"])
     os.kill(supervisor.pids["sleeper"], signal.SIGKILL)
     assert supervisor.reactor.run_until(lambda: bool(supervisor.events), 20 * SECOND)
     assert "signal 9" in supervisor.events[0].text
+
+
+def test_a_bridge_that_is_killed_is_started_again_three_times_a_minute(supervisor):
+    import os
+
+    supervisor.start_client("ros", ["asyncio"], restarts=Restarts())
+    pids = []
+    for _ in range(4):
+        assert supervisor.reactor.run_until(lambda: "ros" in supervisor.pids, 20 * SECOND)
+        pids.append(supervisor.pids["ros"])
+        os.kill(pids[-1], signal.SIGKILL)
+        deaths = len(pids)
+        assert supervisor.reactor.run_until(
+            lambda deaths=deaths: len([each for each in supervisor.events if each.kind == "restart"]) == deaths,
+            20 * SECOND,
+        )
+    assert len(set(pids)) == 4
+    told = [each.text for each in supervisor.events if each.kind == "restart"]
+    assert told[0] == "process ros: it is started again (1 of 3 times a minute)"
+    assert told[3] == "process ros: given up: it has been started again 3 times within a minute"
+    supervisor.reactor.run_for(SECOND)
+    assert "ros" not in supervisor.pids
+
+
+def test_nothing_is_started_again_while_everything_ends(supervisor):
+    import os
+
+    supervisor.start_client("ros", ["asyncio"], restarts=Restarts())
+    os.kill(supervisor.pids["ros"], signal.SIGKILL)
+    assert supervisor.reactor.run_until(lambda: bool(supervisor.events), 20 * SECOND)
+    supervisor.end()
+    supervisor.reactor.run_for(SECOND)
+    assert supervisor.pids == {}
 
 
 def test_ending_leaves_no_child_and_tells_nothing(supervisor):
@@ -87,7 +134,7 @@ def test_a_recorder_that_cannot_be_started_is_a_warning_and_no_more(supervisor, 
 
 def test_where_the_recorder_wrote_after_the_robots_end_is_told(supervisor, monkeypatch):
     script = "import signal; print('a line', flush=True); print('flight recording: x.zip', flush=True); signal.pause()"
-    monkeypatch.setattr("canopen_control.runtime.supervisor._RECORDER", script)
+    monkeypatch.setattr("canopen_control.runtime.supervisor._RECORDER", [sys.executable, "-c", script])
     supervisor.start_recorder({})
     child = supervisor._recorder
     assert supervisor.reactor.run_until(lambda: len(child.last_lines()) == 2, 20 * SECOND)
@@ -96,3 +143,113 @@ def test_where_the_recorder_wrote_after_the_robots_end_is_told(supervisor, monke
     assert [(event.kind, event.text) for event in supervisor.events] == [("flight", "flight recording: x.zip")]
     supervisor.end()
     assert len(supervisor.events) == 1
+
+
+SAYS_READY = (
+    "from canopen_control.host.lifeline import report_ready; import signal; "
+    "print('on my way', flush=True); {}; report_ready(); signal.pause()"
+)
+
+
+def drives_that(monkeypatch, code):
+    """Have the supervisor start two of these in place of drives."""
+    monkeypatch.setattr("canopen_control.runtime.supervisor.MODULE", (sys.executable, "-c", code))
+    return read_robot(find_robot("robby"), can=["local:nobody"])
+
+
+def test_the_robot_begins_when_its_drives_are_ready_and_not_before(supervisor, monkeypatch, tmp_path):
+    wait = f"import os, time; [time.sleep(0.01) for _ in iter(lambda: os.path.exists({str(tmp_path / 'go')!r}), True)]"
+    supervisor.start_drives(drives_that(monkeypatch, SAYS_READY.format(wait)))
+    began = []
+    supervisor.when_ready(lambda: began.append(True), pytest.fail)
+    assert supervisor.driven == ["left_drive", "right_drive"]
+    assert supervisor.reactor.run_for(SECOND // 2)
+    assert began == []
+    (tmp_path / "go").touch()
+    assert supervisor.reactor.run_until(lambda: bool(began), 20 * SECOND)
+    assert supervisor.events == []
+
+
+def test_what_has_nothing_to_wait_for_begins_at_once(supervisor):
+    began = []
+    supervisor.when_ready(lambda: began.append(True), pytest.fail)
+    assert began == [True]
+
+
+def test_a_drive_that_is_not_ready_in_time_is_named_with_what_it_said(supervisor, monkeypatch):
+    monkeypatch.setattr("canopen_control.runtime.supervisor._READY_NS", SECOND)
+    monkeypatch.setattr("canopen_control.runtime.supervisor._READY_EACH_NS", SECOND)
+    supervisor.start_drives(drives_that(monkeypatch, SAYS_READY.format("signal.pause()")))
+    failed = []
+    supervisor.when_ready(lambda: pytest.fail("it began"), failed.append)
+    assert supervisor.reactor.run_until(lambda: bool(failed), 20 * SECOND)
+    (text,) = failed
+    assert re.match(r"process drive-\w+ \(pid \d+\) was not ready within 3 s; it said: ", text)
+    assert "on my way" in text or "nothing yet" in text
+
+
+def test_a_drive_that_dies_before_it_is_ready_is_told_and_not_waited_for(supervisor, monkeypatch):
+    supervisor.start_drives(drives_that(monkeypatch, "raise SystemExit('no such thing')"))
+    began = []
+    supervisor.when_ready(lambda: began.append(len(supervisor.events)), pytest.fail)
+    assert supervisor.reactor.run_until(lambda: bool(began) and len(supervisor.events) == 2, 20 * SECOND)
+    assert all("no such thing" in event.text for event in supervisor.events)
+
+
+IDLES = [sys.executable, "-c", "import signal; signal.pause()"]
+
+
+def test_a_recorder_that_does_not_listen_in_time_is_a_warning_and_the_robot_begins(supervisor, monkeypatch):
+    monkeypatch.setattr("canopen_control.runtime.supervisor._RECORDER", IDLES)
+    monkeypatch.setattr("canopen_control.runtime.supervisor._LISTENING_NS", SECOND // 10)
+    supervisor.start_recorder({})
+    began = []
+    supervisor.when_ready(lambda: began.append(True), pytest.fail)
+    assert began == []
+    assert supervisor.reactor.run_until(lambda: bool(began), 20 * SECOND)
+    assert [event.kind for event in supervisor.events] == ["no_recorder"]
+
+
+BEATS = (
+    "import time; from canopen_control.host.lifeline import Pulse; pulse = Pulse()\n"
+    "while True: pulse.beat(); time.sleep(0.05)"
+)
+
+
+def test_a_recorder_that_is_stopped_is_told_and_so_is_that_it_goes_on(supervisor, monkeypatch):
+    for name, value in {"_RECORDER": [sys.executable, "-c", BEATS], "_LOOK_NS": SECOND // 20}.items():
+        monkeypatch.setattr(f"canopen_control.runtime.supervisor.{name}", value)
+    monkeypatch.setattr("canopen_control.runtime.supervisor._SILENCE_NS", SECOND // 2)
+    supervisor.start_recorder({})
+    began = []
+    supervisor.when_ready(lambda: began.append(True), pytest.fail)
+    assert supervisor.reactor.run_until(lambda: bool(began), 20 * SECOND)
+    assert supervisor.reactor.run_for(SECOND // 5)
+    assert supervisor.events == []
+    pid = supervisor.pids["flight"]
+    os.kill(pid, signal.SIGSTOP)
+    assert supervisor.reactor.run_until(lambda: bool(supervisor.events), 20 * SECOND)
+    os.kill(pid, signal.SIGCONT)
+    assert supervisor.reactor.run_until(lambda: len(supervisor.events) > 1, 20 * SECOND)
+    assert [event.kind for event in supervisor.events] == ["recorder_silent", "recorder_back"]
+    assert str(pid) in supervisor.events[0].text
+    os.kill(pid, signal.SIGKILL)
+    assert supervisor.reactor.run_until(lambda: len(supervisor.events) > 2, 20 * SECOND)
+    assert supervisor.events[2].kind == "process_ended"
+
+
+def test_three_times_a_minute_and_not_once_more():
+    restarts = Restarts()
+    said = [restarts.died(number * 1_000_000_000) for number in range(MOST)]
+    assert said[0] == "it is started again (1 of 3 times a minute)"
+    assert said[-1] == "it is started again (3 of 3 times a minute)"
+    assert not restarts.given_up
+    assert restarts.died(5_000_000_000).startswith("given up")
+    assert restarts.given_up
+
+
+def test_who_dies_now_and_then_is_never_given_up():
+    restarts = Restarts()
+    for number in range(50):
+        assert restarts.died(number * (WINDOW_NS // 2)).startswith("it is started again")
+    assert not restarts.given_up

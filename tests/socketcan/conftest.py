@@ -5,7 +5,7 @@ import subprocess
 
 import pytest
 from support.guest import GUEST, RawListener, ip, scaled_robby
-from support.processes import PATIENCE_S, Stage
+from support.processes import TIMEOUT_S, Stage
 
 
 def pytest_collection_modifyitems(items):
@@ -70,4 +70,4 @@ def tool():
 def end(process):
     if process.poll() is None:
         process.terminate()
-    process.communicate(timeout=PATIENCE_S)
+    process.communicate(timeout=TIMEOUT_S)

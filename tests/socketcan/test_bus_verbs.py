@@ -72,7 +72,7 @@ def test_status_tells_frames_who_listens_and_what_the_kernel_sends(stage, vcan, 
     sync = KernelSync(vcan, [CanFrame(0x80)])
     sync.start(10_000)
     with contextlib.closing(sync), contextlib.closing(open_port(vcan)) as port:
-        port.hear([0x181, 0x182])
+        port.set_filter([0x181, 0x182])
         pids = [tool("candump", vcan).pid, tool("candump", "any").pid, tool("cangen", vcan, "-g", "1000").pid]
         assert eventually(lambda: count_hearing(vcan) == 3)
         status = json.loads(stage.call("bus", "status", vcan, "--json").out)[vcan]

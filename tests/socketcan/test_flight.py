@@ -7,6 +7,7 @@ import pytest
 from canopen_control.bus.channel import open_port
 from canopen_control.frame import CanFrame, pack_records
 from canopen_control.host.reactor import Reactor
+from canopen_control.rpc.messages.state import RobotEvent
 from canopen_control.trace.flight import FlightRecorder, flight_folder
 from canopen_control.trace.flight_file import newest, read_flight
 
@@ -28,7 +29,7 @@ def test_frames_have_the_kernels_times_however_late_they_are_read(vcan):
         time.sleep(0.2)  # the recorder is busy: what it hears next is old by then
         seen = recorder._frames.size
         assert reactor.run_until(lambda: recorder._frames.size >= seen + 2 * 40, 20 * SECOND)
-        recorder._on_event({"kind": "fault", "level": "error", "text": "x"})
+        recorder._on_event(RobotEvent(kind="fault", level="error", text="x", time=time.time(), node=None))
         recorder.finish()
         frames = read_flight(newest(flight_folder("nobody"))).frames
         assert [str(frame) for _, _, frame in frames] == ["080#", "181#01", "182#"]

@@ -14,10 +14,11 @@ from canopen_control.bus.kernel_sync import KernelSync
 from canopen_control.client import RobotClient
 from canopen_control.errors import BusError
 from canopen_control.frame import CanFrame
+from canopen_control.rpc.messages.robot import GetStatus
 
 pytestmark = pytest.mark.socketcan
 NODES = (LEFT, RIGHT)
-PATIENCE_S = scaled(10)
+TIMEOUT_S = scaled(10)
 
 
 def gaps(listener, since=0.0):
@@ -76,6 +77,7 @@ OWNER = """
 import sys, time
 from canopen_control.bus.kernel_sync import KernelSync
 from canopen_control.frame import CanFrame
+from canopen_control.rpc.messages.robot import GetStatus
 sync = KernelSync(sys.argv[1], [CanFrame(0x80)])
 sync.start(10_000)
 print("sends", flush=True)
@@ -103,9 +105,9 @@ def test_a_robot_follows_the_kernels_sync_and_stops_it_at_the_end(stage, robby, 
     robot = stage.start("run", robby, "--name", "led", "--can", vcan, "--kernel-sync")
     robot.until("led runs")
     stage.start("command", "robby_forward_controller", 10, 10, "--name", "led")
-    assert eventually(lambda: at(hears, 10.0), PATIENCE_S)
+    assert eventually(lambda: at(hears, 10.0), TIMEOUT_S)
     since = time.time()
-    assert eventually(lambda: len(gaps(hears, since)) > 40, PATIENCE_S)
+    assert eventually(lambda: len(gaps(hears, since)) > 40, TIMEOUT_S)
     assert statistics.median(gaps(hears, since)) == pytest.approx(scaled(0.02), rel=0.02)
     found = sorted(gaps(hears, since))
     assert found[len(found) * 3 // 4] < 1.1 * scaled(0.02), "by the kernel; the guest itself may be held up at times"
@@ -113,9 +115,9 @@ def test_a_robot_follows_the_kernels_sync_and_stops_it_at_the_end(stage, robby, 
     phases = [(when - syncs[0]) % scaled(0.02) / scaled(0.02) for when, _ in hears.of(0x200 + LEFT)][-20:]
     assert 0.4 < statistics.median(phases) < 0.75, "RPDOs go out in the middle between two SYNCs"
     with RobotClient.connect("led") as client:
-        status = client.call("status")
-        assert not [event for event in status["events"] if event["kind"] == "sync_lost"]
-        assert status["state"] == "running"
+        status = client.ask(GetStatus())
+        assert not [event for event in status.events if event.kind == "sync_lost"]
+        assert status.state == "running"
     assert robot.end() == 0, robot
     assert silent(hears, 0.3)
     assert at(hears, 0.0)
@@ -130,11 +132,11 @@ def test_a_master_that_is_stopped_looks_dead_although_sync_goes_on_and_one_that_
     robot = stage.start("run", robby, "--name", "hung", "--can", vcan, "--no-drives", "--kernel-sync")
     robot.until("hung runs")
     stage.start("command", "robby_forward_controller", 10, 10, "--name", "hung")
-    assert eventually(lambda: at(hears, 10.0), PATIENCE_S)
+    assert eventually(lambda: at(hears, 10.0), TIMEOUT_S)
     robot.send(signal.SIGSTOP)
     time.sleep(scaled(0.05))
     syncs, beats = len(hears.of(SYNC)), len(hears.of(0x701))
-    stopped = eventually(lambda: all(abs(plant_speed(vcan, node)) < 1 for node in NODES), PATIENCE_S)
+    stopped = eventually(lambda: all(abs(plant_speed(vcan, node)) < 1 for node in NODES), TIMEOUT_S)
     assert stopped, "the drives miss its heartbeat"
     assert len(hears.of(SYNC)) - syncs > 3, "the kernel goes on"
     assert len(hears.of(0x701)) - beats == 0
@@ -149,12 +151,12 @@ def test_sync_comes_again_when_the_interface_was_made_again(stage, robby, vcan, 
     with RobotClient.connect("remade") as client:
 
         def ready():
-            return [node["ready"] for node in client.call("status")["nodes"].values()]
+            return [node.ready for node in client.ask(GetStatus()).nodes.values()]
 
         ip("link", "del", vcan)
-        assert eventually(lambda: not any(ready()), PATIENCE_S)
+        assert eventually(lambda: not any(ready()), TIMEOUT_S)
         assert stage.call("bus", "up", vcan).wait() == 0
         hears = listen(vcan, SYNC)
-        assert eventually(lambda: all(ready()), PATIENCE_S), robot.out
-        assert eventually(lambda: len(hears.of(SYNC)) > 3, PATIENCE_S)
+        assert eventually(lambda: all(ready()), TIMEOUT_S), robot.out
+        assert eventually(lambda: len(hears.of(SYNC)) > 3, TIMEOUT_S)
     assert robot.end() == 0, robot

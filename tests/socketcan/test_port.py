@@ -16,7 +16,7 @@ from support.host import eventually
 from canopen_control.bus.channel import open_port
 from canopen_control.bus.error_frames import lost_frames
 from canopen_control.bus.port import BusEventKind
-from canopen_control.bus.sendqueue import SEND_LIMIT
+from canopen_control.bus.port_parts import SEND_LIMIT
 from canopen_control.errors import InterfaceDown, InterfaceNotFound
 from canopen_control.frame import CanFrame, frames_of, pack_records
 
@@ -64,13 +64,13 @@ def test_frames_cross_and_a_sender_does_not_hear_himself(ports):
 
 def test_the_kernel_hands_over_the_wanted_identifiers_only(ports):
     ours, theirs = ports
-    theirs.hear([0x183, 0x40000703])
+    theirs.set_filter([0x183, 0x40000703])
     ours.send(pack_records([ONE, CanFrame(0x703, b"\5"), CanFrame(0x40000703, bytes(1)), CanFrame(0x80000183), THREE]))
     assert receive(theirs, 2) == [CanFrame(0x40000703, bytes(1)), THREE]
-    theirs.hear(range(600))
+    theirs.set_filter(range(600))
     ours.send(pack_records([CanFrame(0x80000183), CanFrame(0x7FF), THREE]))
     assert receive(theirs, 2) == [CanFrame(0x7FF), THREE]
-    theirs.hear([])
+    theirs.set_filter([])
     ours.send(pack_records([THREE]))
     assert receive(theirs, 1, 0.2) == []
     assert theirs.stats.rx == 4
@@ -112,7 +112,7 @@ def test_down_and_up_are_events_and_the_same_port_works_on(ports, vcan):
 
 def test_an_interface_made_again_is_another_one_and_is_bound_again_with_its_filters(ports, vcan):
     ours, theirs = ports
-    theirs.hear([0x182])
+    theirs.set_filter([0x182])
     ip("link", "del", vcan)
     for port in ports:
         assert receive(port, 1, 0.1) == []
@@ -131,7 +131,7 @@ def test_an_interface_made_again_is_another_one_and_is_bound_again_with_its_filt
 
 def test_who_only_listens_hears_an_interface_made_again_without_sending(vcan):
     with contextlib.closing(open_port(vcan)) as listener:
-        listener.hear([0x182])
+        listener.set_filter([0x182])
         ip("link", "del", vcan)
         assert receive(listener, 1, 0.1) == []
         assert "the interface is gone" in listener.events()[-1].text
@@ -197,7 +197,7 @@ def test_error_frames_come_through(ports, vcan):
     """
     told = [row for row in DRIVER_FRAMES if row.frame.can_id & 0x1FFFFFFF]
     assert [row.driver for row in DRIVER_FRAMES if row not in told] == ["mcp251x"]
-    ports[1].hear([0x80])
+    ports[1].set_filter([0x80])
     with socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW) as sender:
         sender.bind((vcan,))
         for row in DRIVER_FRAMES:

@@ -6,11 +6,12 @@ import pytest
 from support.guest import LEFT, NMT, RIGHT, SYNC, CandumpLine, eventually, ip, scaled, seconds_until
 
 from canopen_control.client import RobotClient
+from canopen_control.rpc.messages.robot import GetStatus
 
 pytestmark = pytest.mark.socketcan
 NODES = (LEFT, RIGHT)
 RAMP_S = 10 / 0.003926990816987242 / 16000  # to 10 rad/s, by 0x6083; of the plant, which knows no scale
-PATIENCE_S = scaled(10)
+TIMEOUT_S = scaled(10)
 
 
 def at(listener, speed):
@@ -30,9 +31,9 @@ def test_two_drives_and_the_robot_turn_both_wheels_at_ten_rad_per_second(stage, 
     robot = stage.start("run", robby, "--name", "wheels", "--can", vcan, "--duration", 8)
     robot.until("wheels runs")
     command = stage.start("command", "robby_forward_controller", 10, 10, "--for", 4, "--name", "wheels")
-    assert eventually(lambda: at(hears, 10.0), PATIENCE_S)
+    assert eventually(lambda: at(hears, 10.0), TIMEOUT_S)
     assert command.wait() == 0, command
-    assert eventually(lambda: at(hears, 0.0), PATIENCE_S)
+    assert eventually(lambda: at(hears, 0.0), TIMEOUT_S)
     assert robot.wait() == 0, robot
     assert robot.err == ""
     for node_id in NODES:
@@ -51,7 +52,7 @@ def test_the_base_controller_turns_the_wheels_by_a_twist(stage, robby, vcan, lis
     robot = stage.start("run", robby, "--name", "base", "--can", vcan, "--controller", "robby_base_controller")
     robot.until("base runs")
     stage.start("twist", "robby_base_controller", 0.35, 0, "--name", "base")
-    assert eventually(lambda: at(hears, 10.0), PATIENCE_S), "0.35 m/s on wheels of 0.035 m"
+    assert eventually(lambda: at(hears, 10.0), TIMEOUT_S), "0.35 m/s on wheels of 0.035 m"
     assert robot.end() == 0, robot
     assert hears.speeds(LEFT)[-1][1] == hears.speeds(RIGHT)[-1][1] == 0.0
 
@@ -64,7 +65,7 @@ def test_the_drives_are_processes_that_know_no_master(stage, robby, vcan, listen
     robot = stage.start("run", robby, "--name", "apart", "--can", vcan, "--no-drives")
     robot.until("apart runs")
     stage.start("command", "robby_forward_controller", 10, 10, "--name", "apart")
-    assert eventually(lambda: at(hears, 10.0), PATIENCE_S)
+    assert eventually(lambda: at(hears, 10.0), TIMEOUT_S)
     assert stage.call("stop", "--name", "apart").wait() == 0
     assert at(hears, 0.0)
     again = stage.call("drive", "--node-id", LEFT, "--eds", "TMCM-1270.eds", "--can", vcan)
@@ -91,7 +92,7 @@ def test_noise_at_full_rate_does_no_harm(stage, robby, vcan, listen, tool):
     robot = stage.start("run", robby, "--name", "noise", "--can", vcan)
     robot.until("noise runs")
     stage.start("command", "robby_forward_controller", 10, 10, "--name", "noise")
-    assert eventually(lambda: at(hears, 10.0), PATIENCE_S)
+    assert eventually(lambda: at(hears, 10.0), TIMEOUT_S)
     before = received(vcan)
     noises = [
         tool("cangen", vcan, "-g", "0", "-i", "-e"),  # any 29-bit identifier, any length
@@ -105,9 +106,9 @@ def test_noise_at_full_rate_does_no_harm(stage, robby, vcan, listen, tool):
     for noise in noises:
         noise.terminate()
     with RobotClient.connect("noise") as client:
-        status = client.call("status")
-    assert status["state"] == "running", status
-    assert {node["nmt_state"] for node in status["nodes"].values()} == {"OPERATIONAL"}
+        status = client.ask(GetStatus())
+    assert status.state == "running", status
+    assert {node.nmt_state for node in status.nodes.values()} == {"OPERATIONAL"}
     assert robot.end() == 0, robot
 
 
@@ -124,13 +125,13 @@ class Watch:
 
     @property
     def status(self):
-        return self._client.call("status")
+        return self._client.ask(GetStatus())
 
     def told(self, text):
-        return any(text in event["text"] for event in self.status["events"])
+        return any(text in event.text for event in self.status.events)
 
     def ready(self):
-        return [node["ready"] for node in self.status["nodes"].values()]
+        return [node.ready for node in self.status.nodes.values()]
 
 
 def moves_again(stage, name, hears):
@@ -138,7 +139,9 @@ def moves_again(stage, name, hears):
     assert at(hears, 0.0), "although somebody commands 10 rad/s"
     for action in ("fault-reset", "enable"):
         assert stage.call("axis", action, "all", "--name", name).wait() == 0
-    return eventually(lambda: at(hears, 10.0), PATIENCE_S)
+    assert at(hears, 0.0), "a command from before is forgotten"
+    stage.start("command", "robby_forward_controller", 10, 10, "--name", name)
+    return eventually(lambda: at(hears, 10.0), TIMEOUT_S)
 
 
 def test_an_interface_that_goes_down_stops_the_robot_and_up_brings_it_back(stage, robby, vcan, listen):
@@ -146,18 +149,18 @@ def test_an_interface_that_goes_down_stops_the_robot_and_up_brings_it_back(stage
     robot = stage.start("run", robby, "--name", "downs", "--can", vcan)
     robot.until("downs runs")
     command = stage.start("command", "robby_forward_controller", 10, 10, "--name", "downs")
-    assert eventually(lambda: at(hears, 10.0), PATIENCE_S)
+    assert eventually(lambda: at(hears, 10.0), TIMEOUT_S)
     with RobotClient.connect("downs") as client:
         watch = Watch(client)
         ip("link", "set", vcan, "down")
         assert seconds_until(lambda: watch.told(f"bus {vcan}: the interface is down"), 5) < 1.0
         assert eventually(lambda: not any(watch.ready()), scaled(2))
-        assert watch.status["state"] == "fault"
+        assert watch.status.state == "fault"
         ip("link", "set", vcan, "up")
         assert eventually(lambda: all(watch.ready()), scaled(10)), watch.status
         assert watch.told(f"bus {vcan}: up again")
     assert moves_again(stage, "downs", hears)
-    assert command.running
+    assert command.wait() == 1  # its drives were off
     assert robot.end() == 0, robot
 
 
@@ -172,7 +175,7 @@ def test_an_interface_that_is_removed_and_made_again_is_found_again(stage, robby
         ip("link", "del", vcan)
         assert seconds_until(lambda: watch.told(f"bus {vcan}: the interface is gone"), 5) < 1.0
         assert eventually(lambda: not any(watch.ready()), scaled(2))
-        assert watch.status["state"] == "fault"
+        assert watch.status.state == "fault"
         assert stage.call("bus", "up", vcan).wait() == 0
         hears = listen(vcan, 0x280 + LEFT, 0x280 + RIGHT)
         assert eventually(lambda: all(watch.ready()), scaled(10)), watch.status

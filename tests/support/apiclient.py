@@ -3,8 +3,14 @@
 import contextlib
 import json
 import socket
+from base64 import b64encode
 
 from canopen_control.host.sockets import socket_path
+
+
+def base64_of(text):
+    """Return bytes, given in hexadecimal, as the API has them."""
+    return b64encode(bytes.fromhex(text)).decode()
 
 
 class Client:
@@ -14,7 +20,7 @@ class Client:
         self._bench, self._buffer = bench, b""
         self.socket = socket.socket(socket.AF_UNIX)
         self.socket.setblocking(False)
-        self.socket.connect(str(socket_path("robot", "robby")))
+        self.socket.connect(str(socket_path("robot", bench.setup.name)))
         self.hello = self.next()
 
     def send(self, **message):

@@ -22,11 +22,9 @@ _ARGUMENTS = (
     "--disable-background-networking",
     "--disable-component-update",
 )
-_NODE = "path => window.__viserMutable.nodeRefFromName[path]"
-PATIENCE_MS = 60_000
-LEFT_WHEEL = "/world/robot/base_footprint/base_link/left_wheel"
-RIGHT_WHEEL = "/world/robot/base_footprint/base_link/right_wheel"
-BASE = "/world/robot"
+TIMEOUT_MS = 60_000
+LEFT_WHEEL, RIGHT_WHEEL = "left_wheel", "right_wheel"
+BASE = "base"
 
 
 @contextlib.contextmanager
@@ -41,6 +39,18 @@ def browser() -> Iterator[Browser]:
             yield running
         finally:
             running.close()
+
+
+@contextlib.contextmanager
+def without_webgl(running: Browser) -> Iterator[Browser]:
+    """Run another chromium, which draws no 3D, beside one that runs."""
+    flat = running.browser_type.launch(
+        executable_path=CHROMIUM, args=["--disable-gpu", "--disable-3d-apis", "--no-sandbox"]
+    )
+    try:
+        yield flat
+    finally:
+        flat.close()
 
 
 @contextlib.contextmanager
@@ -62,32 +72,26 @@ class RobotPage:
     def __init__(self, browser: Browser, url: str, size: tuple[int, int] = (1440, 900)) -> None:
         self.url = url
         self.page: Page = browser.new_page(viewport={"width": size[0], "height": size[1]})
-        self.page.set_default_timeout(PATIENCE_MS)
+        self.page.set_default_timeout(TIMEOUT_MS)
         self.requests: list[str] = []
         self.page.on("request", lambda request: self.requests.append(request.url))
         self.page.on("websocket", lambda websocket: self.requests.append(websocket.url))
 
-    def open(self) -> RobotPage:
-        """Open it and wait until the robot is there."""
-        self.page.goto(self.url)
+    def open(self, *, scene: bool = True) -> RobotPage:
+        """Open it and wait until the robot is there, with its `scene` if there is to be one."""
+        self.page.goto(self.url, wait_until="commit")
         self.page.get_by_role("button", name="STOP", exact=True).wait_for()
-        self.page.wait_for_function(f"path => !!({_NODE})(path)", arg=LEFT_WHEEL)
+        self.page.get_by_text("cycle 20 ms").wait_for()
+        if scene:
+            self.page.wait_for_function("() => !!window.ccScene")
         # Without a graphics card the first picture takes a busy machine many seconds, and nothing else is done then.
         self.page.evaluate("() => new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
-        self.page.wait_for_timeout(1500)  # nothing moves on it any more: a button that slides away is let go
+        self.page.wait_for_timeout(500)  # nothing moves on it any more: a button that slides away is let go
         return self
 
-    def tidy(self) -> None:
-        """Take away what viser says of a renderer without a graphics card."""
-        self.page.add_style_tag(content=".mantine-Notifications-root { display: none !important; }")
-
     def transform(self, node: str) -> list[float]:
-        """Return the sixteen numbers of a node's world matrix in the scene that three.js draws, column by column."""
-        matrix: list[float] = self.page.evaluate(
-            f"path => {{ const node = ({_NODE})(path); node.updateWorldMatrix(true, false); "
-            "return node.matrixWorld.elements.slice(); }",
-            node,
-        )
+        """Return the sixteen numbers of a link's world matrix in the scene that three.js draws, column by column."""
+        matrix: list[float] = self.page.evaluate("name => window.ccScene.place(name)", node)
         return matrix
 
     def press(self, label: str) -> None:

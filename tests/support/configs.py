@@ -4,11 +4,11 @@ import shutil
 
 from canopen_control.controllers.params import read_controllers
 from canopen_control.data_files import data_path
-from canopen_control.hardware.description import read_description
 from canopen_control.master.config import read_bus
+from canopen_control.runtime.check_data import Severity
 from canopen_control.runtime.check_rules import find
-from canopen_control.runtime.files import find_robot
-from canopen_control.runtime.finding import Severity
+from canopen_control.runtime.robot_files import find_robot
+from canopen_control.urdf.description import read_description
 
 ROBOTS = ("robby", "diffbot_sim", "mobile_base_ros1", "arm6")
 
@@ -41,13 +41,13 @@ BASES = {
 }
 
 
-def found(files, **how):
-    """Return the findings that are no notes, as text without the folder."""
+def found(files, *, notes=False, **how):
+    """Return the findings as text without the folder, those that are notes only where they are asked for."""
     findings = find(
         files, read_bus(files.bus), read_controllers(files.controllers), read_description(files.description), **how
     )
     folder = f"{files.bus.parent}/"
-    return [str(each).replace(folder, "") for each in findings if each.severity is not Severity.NOTE]
+    return [str(each).replace(folder, "") for each in findings if notes or each.severity is not Severity.NOTE]
 
 
 def line_of(files, which, text):

@@ -17,7 +17,7 @@ from canopen_control.hardware.interfaces import (
     StateInterface,
 )
 
-VECTORS = Path(__file__).parents[1] / "data" / "controllers.json"
+DATA = Path(__file__).parents[1] / "data"
 S = 1_000_000_000
 FORWARD = "forward_command_controller/ForwardCommandController"
 BROADCASTER = "joint_state_broadcaster/JointStateBroadcaster"
@@ -29,7 +29,7 @@ class Hardware:
 
     def __init__(self, *commands: str, states: tuple[str, ...] = (), name: str = "robot") -> None:
         self.name = name
-        self.state = LifecycleState.ACTIVE
+        self.state, self.simulated_ns = LifecycleState.ACTIVE, None
         self.command_interfaces = [CommandInterface(*each.rsplit("/", 1)) for each in commands]
         self.state_interfaces = [StateInterface(*each.rsplit("/", 1)) for each in states]
         self.calls: list[tuple[str, tuple[str, ...], tuple[str, ...]]] = []
@@ -71,12 +71,14 @@ class Hardware:
         next(each for each in self.state_interfaces if each.name == name).value = value
 
 
-def manager(*hardware: Hardware, rate: int = 100, joints: tuple[str, ...] | None = None) -> ControllerManager:
+def manager(
+    *hardware: Hardware, rate: int = 100, joints: tuple[str, ...] | None = None, cycle: float | None = None
+) -> ControllerManager:
     """Return a manager over components."""
     registry = InterfaceRegistry()
     for each in hardware:
         registry.register(each)
-    return ControllerManager(registry, rate, joints=joints)
+    return ControllerManager(registry, rate, joints=joints, cycle=cycle)
 
 
 def add(control: ControllerManager, name: str, type_name: str, **params: Any) -> Any:
@@ -88,9 +90,9 @@ def add(control: ControllerManager, name: str, type_name: str, **params: Any) ->
     return controller
 
 
-def vectors(group: str) -> list[Any]:
+def vectors(group: str, file: str = "controllers.json") -> list[Any]:
     """Return the cases of a group of the golden vectors, with nan and inf as numbers."""
-    groups = json.loads(VECTORS.read_text(encoding="utf-8"))["groups"]
+    groups = json.loads((DATA / file).read_text(encoding="utf-8"))["groups"]
     return next(_numbers(each["cases"]) for each in groups if each["id"] == group)
 
 
@@ -99,7 +101,7 @@ def _numbers(value: Any) -> Any:
         return [_numbers(each) for each in value]
     if isinstance(value, dict):
         return {key: _numbers(each) for key, each in value.items()}
-    return {"nan": math.nan, "inf": math.inf}.get(value, value) if isinstance(value, str) else value
+    return {"nan": math.nan, "inf": math.inf, "-inf": -math.inf}.get(value, value) if isinstance(value, str) else value
 
 
 def same(found: Any, wanted: Any, tolerance: float = 1e-9) -> bool:

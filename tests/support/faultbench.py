@@ -54,7 +54,7 @@ class FaultBench(Bench):
         """Wait until wheels stand, still commanded all the time; returns ms since the fault."""
         while not self.standing(*nodes):
             assert (self.reactor.now() - self.began) / 1e6 < ms, [event.text for event in self.events]
-            self.command(10.0, 10.0)
+            self.publish(10.0, 10.0)
             self.run(1)
         return (self.reactor.now() - self.began) / 1e6
 
@@ -70,7 +70,7 @@ class FaultBench(Bench):
     def stays_down(self, ms=1000):
         """Assert that commands alone move nothing."""
         for _ in range(ms // 100):
-            self.command(10.0, 10.0)
+            self.publish(10.0, 10.0)
             self.run(100)
             assert self.standing()
 

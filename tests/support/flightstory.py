@@ -1,14 +1,16 @@
 """A flight recording of robby in simulated time: its wheels turn, its left drive loses power, and it stops."""
 
-import json
-
+from msgspec.structs import replace
 from support.apiclient import Client
 from support.robots import FORWARD, LEFT, RIGHT, Bench
 
 from canopen_control.bus.channel import open_port
 from canopen_control.frame import frames_of, pack_records
+from canopen_control.rpc.messages.layout import Layout
+from canopen_control.rpc.messages.state import RobotEvent, Status, TimedSnapshot
+from canopen_control.rpc.wire import convert, text_of
 from canopen_control.runtime.api import ApiServer
-from canopen_control.trace.flight_file import FlightFile, candump_lines, save
+from canopen_control.trace.flight_file import NO_FAULT, FlightFile, FlightMeta, candump_lines, save
 from canopen_control.trace.flight_ring import Batch
 
 FAULT = "node 3 (left_drive)"
@@ -20,11 +22,13 @@ def record(name="story", seconds=4, power_off_after=2.0, velocity=(4.0, 4.0)):
     bench.api = ApiServer(bench.robot)
     bench.start()
     client = Client(bench)
-    layout, status = client.ask("layout")["result"], client.ask("status")["result"]
+    layout = convert(client.ask("layout")["result"], Layout)
+    status = convert(client.ask("status")["result"], Status)
     client.ask("subscribe", state_rate=10.0, events=True)
     port, offset = open_port(bench.channel, label="listener"), bench.robot.wall_offset_ns
-    file = FlightFile({"robot": "robby", "buses": {"can": bench.channel}, "layout": layout, "status": status})
-    file.events = list(status["events"])
+    buses = {"can": bench.channel}
+    file = FlightFile(FlightMeta(robot="robby", reason=NO_FAULT, buses=buses, layout=layout, status=status))
+    file.events = list(status.events)
     messages = client.messages()
     for ms in range(0, round(seconds * 1000), 2):
         off = power_off_after is not None and ms >= power_off_after * 1000
@@ -36,24 +40,19 @@ def record(name="story", seconds=4, power_off_after=2.0, velocity=(4.0, 4.0)):
         now = bench.reactor.now() + offset
         file.frames += [(now, "can", frame) for frame in frames_of(port.receive())]
         messages += client.messages()
-    file.states = [message["state"] for message in messages if "state" in message]
-    file.events += [message["event"] for message in messages if "event" in message]
+    file.states = [convert(message["state"], TimedSnapshot) for message in messages if "state" in message]
+    file.events += [convert(message["event"], RobotEvent) for message in messages if "event" in message]
     file.eds = {"TMCM-1270.eds": bench.setup.bus.eds_paths["left_drive"].read_bytes()}
     assert RIGHT in bench.drives
     for each in (port, client, bench.api, bench):
         each.close()
-    return json_clean(file)
-
-
-def json_clean(file):
-    """Return it as it would come from a file."""
-    return FlightFile(*json.loads(json.dumps([file.meta, file.events, file.states])), file.frames, file.eds)
+    return file
 
 
 def saved(file, folder):
     """Write it as the recorder would; return the path."""
     batches = (Batch(time, 0, pack_records([frame])) for time, _, frame in file.frames)
-    lines = [[json.dumps(each).encode() for each in part] for part in (file.events, file.states)]
-    reason = next(event for event in file.events if event["level"] == "error")
-    meta = {**file.meta, "reason": reason, "written": file.states[-1]["time"]}
+    lines = [[text_of(each) for each in part] for part in (file.events, file.states)]
+    reason = next(event for event in file.events if event.level == "error")
+    meta = replace(file.meta, reason=reason, written=file.states[-1].time)
     return save(folder, meta, candump_lines(batches, ["can"], 0), *lines)

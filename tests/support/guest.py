@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING
 
 from support.robots import copy_robby
 
-from canopen_control.host.lineclient import LineClient
-from canopen_control.virtual.control import control_path
+from canopen_control.client.drive import DriveClient
+from canopen_control.rpc.messages.drive import GetDriveState
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -155,16 +155,8 @@ class RawListener:
 
 def plant_speed(channel: str, node_id: int) -> float:
     """Return how fast the motor of a virtual drive turns, past the bus: in the drive's own units per second."""
-    line = LineClient(control_path(channel, node_id))
-    try:
-        assert "hello" in (line.receive(60) or {})
-        line.send({"id": 1, "method": "state"})
-        while (answer := line.receive(60)) is not None:
-            if answer.get("id") == 1:
-                return float(answer["result"]["axes"][0]["plant"]["velocity"])
-    finally:
-        line.close()
-    raise AssertionError(f"drive {node_id} on {channel} has not answered")
+    with DriveClient.connect(channel, node_id, 60) as drive:
+        return drive.ask(GetDriveState()).axes[0].plant.velocity
 
 
 class CandumpLine:

@@ -9,7 +9,7 @@ from support.robots import LEFT, MS, RIGHT, Bench
 
 from canopen_control.host.reactor import Reactor
 from canopen_control.runtime.core import RobotCore
-from canopen_control.runtime.files import find_robot
+from canopen_control.runtime.robot_files import find_robot
 from canopen_control.runtime.setup import read_robot
 
 CHANNEL = os.environ.get("CANOPEN_CONTROL_TEST_CHANNEL", "vcan0")

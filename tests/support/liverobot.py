@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from support.onbus import GENERIC, TMCM, OnBus
 
-from canopen_control.runtime.robot import Robot
+from canopen_control import Robot
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -11,15 +11,15 @@ import tempfile
 import time
 from typing import TYPE_CHECKING
 
-from canopen_control.bus.local import LocalPort, open_local
+from canopen_control.bus.local import LocalPort, ask_hub, open_local
 from canopen_control.frame import CanFrame, frames_of
-from canopen_control.host.lineclient import LineClient
-from canopen_control.host.sockets import list_sockets, socket_path
+from canopen_control.host.sockets import list_sockets
+from canopen_control.rpc.messages.hub import GetHubStatus, HubStatus
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-PATIENCE_S = 20.0
+TIMEOUT_S = 20.0
 
 
 @contextlib.contextmanager
@@ -41,24 +41,18 @@ def end_hubs() -> None:
         kill_hub(name, signal.SIGTERM)
 
 
-def hub_status(name: str) -> dict:
+def hub_status(name: str) -> HubStatus:
     """Ask a hub for its status."""
-    client = LineClient(socket_path("busctl", name))
-    try:
-        client.receive(PATIENCE_S)
-        client.send({"id": 1, "method": "status"})
-        return client.receive(PATIENCE_S)["result"]
-    finally:
-        client.close()
+    return ask_hub(name, GetHubStatus())
 
 
 def kill_hub(name: str, number: int = signal.SIGKILL) -> None:
     """Send a signal to a hub that is expected to end it, and wait until it has."""
-    pid = hub_status(name)["pid"]
+    pid = hub_status(name).pid
     fd = os.pidfd_open(pid)
     try:
         os.kill(pid, number)
-        assert select.select([fd], [], [], PATIENCE_S)[0], f"hub {pid} does not end"
+        assert select.select([fd], [], [], TIMEOUT_S)[0], f"hub {pid} does not end"
     finally:
         os.close(fd)
 
@@ -66,11 +60,11 @@ def kill_hub(name: str, number: int = signal.SIGKILL) -> None:
 def receive(port: LocalPort, count: int) -> list[CanFrame]:
     """Wait until a port has received `count` frames, and return them."""
     frames: list[CanFrame] = []
-    deadline = time.monotonic() + PATIENCE_S
+    deadline = time.monotonic() + TIMEOUT_S
     while len(frames) < count:
         assert select.select([port], [], [], deadline - time.monotonic())[0], f"only {len(frames)} of {count} came"
         frames += frames_of(port.receive())
     return frames
 
 
-__all__ = ["PATIENCE_S", "end_hubs", "hub_status", "kill_hub", "open_local", "receive", "runtime_folders"]
+__all__ = ["TIMEOUT_S", "end_hubs", "hub_status", "kill_hub", "open_local", "receive", "runtime_folders"]

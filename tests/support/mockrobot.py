@@ -2,7 +2,7 @@
 
 import contextlib
 
-from canopen_control.runtime.robot import Robot
+from canopen_control import Robot
 
 
 @contextlib.contextmanager

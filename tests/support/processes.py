@@ -19,14 +19,20 @@ from support.channel import channel_of, robby_of
 from support.host import eventually
 from support.localbus import end_hubs
 
-from canopen_control.host.lineclient import LineClient
-from canopen_control.virtual.control import control_path
+from canopen_control.client.drive import DriveClient
+from canopen_control.rpc.messages.drive import DriveState, GetDriveState, SwitchFault
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-PATIENCE_S = 20.0
+TIMEOUT_S = 20.0
 GONE_S = 10.0  # nobody may be there longer than this after the death of whom he depends on
+
+
+def go_first(pid: int) -> None:
+    """Let a robot go before the other tests of a busy machine, children and all, where the user may."""
+    with contextlib.suppress(PermissionError, ProcessLookupError):
+        os.setpriority(os.PRIO_PROCESS, pid, -10)
 
 
 class Program:
@@ -45,9 +51,7 @@ class Program:
                 stderr=err,
             )
         self.pid = self._process.pid
-        # The machine may be busy with other tests: where the user may, a robot goes before them, children and all.
-        with contextlib.suppress(PermissionError, ProcessLookupError):
-            os.setpriority(os.PRIO_PROCESS, self.pid, -10)
+        go_first(self.pid)
 
     @property
     def out(self) -> str:
@@ -61,7 +65,7 @@ class Program:
     def running(self) -> bool:
         return self._process.poll() is None
 
-    def until(self, text: str, seconds: float = PATIENCE_S) -> str:
+    def until(self, text: str, seconds: float = TIMEOUT_S) -> str:
         """Wait until it has printed `text`, and return the line that holds it."""
         assert eventually(lambda: text in self.out or not self.running, seconds), f"{self} has not said {text!r}"
         line = next((line for line in self.out.splitlines() if text in line), None)
@@ -72,14 +76,14 @@ class Program:
         """Send a signal, to this process alone."""
         self._process.send_signal(number)
 
-    def wait(self, seconds: float = PATIENCE_S) -> int:
+    def wait(self, seconds: float = TIMEOUT_S) -> int:
         """Wait for its end and return the exit code."""
         try:
             return self._process.wait(seconds)
         except subprocess.TimeoutExpired:
             raise AssertionError(f"{self} has not ended within {seconds} s") from None
 
-    def end(self, number: int = signal.SIGTERM, seconds: float = PATIENCE_S) -> int:
+    def end(self, number: int = signal.SIGTERM, seconds: float = TIMEOUT_S) -> int:
         """End it by a signal; returns the exit code."""
         if self.running:
             self.send(number)
@@ -104,7 +108,7 @@ class Stage:
         self.programs.append(program)
         return program
 
-    def call(self, *arguments: object, seconds: float = PATIENCE_S, **environment: str) -> Program:
+    def call(self, *arguments: object, seconds: float = TIMEOUT_S, **environment: str) -> Program:
         """Run `canopen-control ARGUMENTS` to its end."""
         program = self.start(*arguments, **environment)
         program.wait(seconds)
@@ -178,41 +182,31 @@ class DriveProbe:
     """A drive as it is, through its control socket: past the bus and past any master."""
 
     def __init__(self, bus: str, node_id: int) -> None:
-        self._line = LineClient(control_path(channel_of(bus), node_id))
-        self.hello = (self._line.receive(PATIENCE_S) or {})["hello"]
-        self._number = 0
-
-    def ask(self, method: str, **params: object) -> dict:
-        """Return the result of a method."""
-        self._number += 1
-        self._line.send({"id": self._number, "method": method, "params": params})
-        while (answer := self._line.receive(PATIENCE_S)) is not None:
-            if answer.get("id") == self._number:
-                assert "error" not in answer, answer
-                return answer["result"]
-        raise AssertionError(f"the drive has not answered {method}")
+        self._client = DriveClient.connect(channel_of(bus), node_id, TIMEOUT_S)
+        self.hello = self._client.hello
+        self.ask = self._client.ask
 
     @property
-    def state(self) -> dict:
+    def state(self) -> DriveState:
         """What the node says of itself."""
-        return self.ask("state")
+        return self.ask(GetDriveState())
 
     @property
     def speed(self) -> float:
         """The plant's velocity, in the drive's own units per second."""
-        return self.state["axes"][0]["plant"]["velocity"]
+        return self.state.axes[0].plant.velocity
 
     @property
     def power(self) -> str:
         """The CiA 402 state."""
-        return self.state["axes"][0]["state"]
+        return self.state.axes[0].state
 
     def fault(self, name: str, on: bool = True) -> None:
         """Switch a fault."""
-        self.ask("fault", name=name, on=on)
+        self.ask(SwitchFault(name=name, on=on))
 
     def close(self) -> None:
-        self._line.close()
+        self._client.close()
 
 
 def seconds_until(condition: Callable[[], bool], limit: float) -> float:

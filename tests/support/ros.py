@@ -11,19 +11,20 @@ import sys
 import tempfile
 import threading
 import time
+from base64 import b64decode, b64encode
 from pathlib import Path
 from queue import Empty, Queue
 
 from support import host
+from support.jsonserver import json_server, say
 
 from canopen_control.host.environment import clean_environment
-from canopen_control.host.jsonlines import LineServer
 from canopen_control.host.reactor import Reactor
 from canopen_control.host.sockets import socket_path
 
 ROOT = host.ROOT
 PEER = Path(__file__).with_name("ros_peer.py")
-PATIENCE = 20.0  # seconds that something may take which takes a fraction of one
+TIMEOUT = 20.0  # seconds that something may take which takes a fraction of one
 
 
 @contextlib.contextmanager
@@ -106,7 +107,7 @@ class Peer:
     def _read_errors(self):
         self._errors.extend(self._process.stderr)
 
-    def _answer(self, timeout=PATIENCE):
+    def _answer(self, timeout=TIMEOUT):
         try:
             return self._answers.get(timeout=timeout)
         except Empty:
@@ -123,9 +124,9 @@ class Peer:
 
     def call(self, service, of="std_srvs/srv/Trigger", /, **data):
         """Call a service that may take a drive's time, and return its response."""
-        return self.order("call", service=service, of=of, data=data, timeout=PATIENCE)["response"]
+        return self.order("call", service=service, of=of, data=data, timeout=TIMEOUT)["response"]
 
-    def message(self, topic, matching=lambda message: True, timeout=PATIENCE):
+    def message(self, topic, matching=lambda message: True, timeout=TIMEOUT):
         """Return the next message of a topic that it subscribed to, for which `matching` holds."""
         deadline, last = time.monotonic() + timeout, None
         while True:
@@ -152,7 +153,7 @@ class Peer:
         with contextlib.suppress(BrokenPipeError):  # it has died, and left an order unread
             self._process.stdin.close()
         try:
-            self._process.wait(PATIENCE)
+            self._process.wait(TIMEOUT)
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait()
@@ -162,12 +163,18 @@ class Peer:
         self._process.stderr.close()
 
 
+def stamp_of(message):
+    """Return the time in the header of a message, in Unix seconds, as it is in the fake robot."""
+    stamp = message["header"]["stamp"]
+    return round(stamp["sec"] + stamp["nanosec"] / 1e9, 2)
+
+
 URDF = "<robot name='fake'><link name='base'/></robot>"
 CONTROLLERS = [
     {"name": "joint_state_broadcaster", "type": "joint_state_broadcaster/JointStateBroadcaster", "state": "active",
      "joints": ["left", "right"], "interface": None, "claimed_interfaces": [], "required_command_interfaces": [],
      "required_state_interfaces": ["*"], "topic": None, "publishes": ["joint_states", "dynamic_joint_states"],
-     "frame_id": "base_link", "is_broadcaster": True, "rejected": 0},
+     "frame_id": "base_link", "tells": "joint_states", "is_broadcaster": True, "rejected": 0},
     {"name": "forward", "type": "forward_command_controller/ForwardCommandController", "state": "active",
      "joints": ["left", "right"], "interface": "velocity", "claimed_interfaces": ["left/velocity", "right/velocity"],
      "required_command_interfaces": ["left/velocity", "right/velocity"], "required_state_interfaces": [],
@@ -175,12 +182,15 @@ CONTROLLERS = [
     {"name": "base", "type": "diff_drive_controller/DiffDriveController", "state": "inactive",
      "joints": ["left", "right"], "interface": "velocity", "claimed_interfaces": [],
      "required_command_interfaces": ["left/velocity", "right/velocity"], "required_state_interfaces": [],
-     "topic": "cmd_vel", "is_broadcaster": False, "rejected": 0},
+     "topic": "cmd_vel", "tells": "odometry", "is_broadcaster": False, "rejected": 0},
 ]  # fmt: skip
 
 
 class FakeRobot:
-    """The API of a runtime, on a thread of its own: answers, pushes its state at 100 Hz, remembers what it was told."""
+    """The API of a runtime, on a thread of its own: answers, pushes its state at 100 Hz, remembers what it was told.
+
+    Its joint state broadcasters publish each time, a microsecond later; `samples` are what other controllers tell.
+    """
 
     def __init__(self, name="fake"):
         self.reactor, self.raised, self.told = Reactor(), [], []
@@ -191,9 +201,10 @@ class FakeRobot:
         self.nodes = {"left_drive": node(3, "left"), "right_drive": node(2, "right")}
         self.time, self.more, self.refusals, self.answers = 1_700_000_000.25, {}, {}, {}
         self._watching, self.urdf = [], URDF
+        self.samples, self._published = {}, 0
         self.process_data, self.watching_process_data, self.layout = {}, False, {"buses": {}}
         self.bus_nodes, self.holds, self._held = [], (), []
-        self._server = LineServer(
+        self._server = json_server(
             self.reactor, socket_path("robot", name), self._greet, self._on_message, self._on_close
         )
         self._name, self._thread = name, threading.Thread(target=self.reactor.run)
@@ -221,7 +232,11 @@ class FakeRobot:
 
     def event(self, **event):
         """Push an event."""
-        self.on_loop(lambda: [connection.send({"event": event}) for connection in self._watching])
+        self.on_loop(
+            lambda: [
+                say(connection, {"event": {"node": None, "level": "info", **event}}) for connection in self._watching
+            ]
+        )
 
     def switch(self, **states):
         """Change the states of controllers by name."""
@@ -230,21 +245,33 @@ class FakeRobot:
 
     def commands(self, method="command"):
         """Return the parameters of the commands that have come."""
-        return [message["params"] for message in list(self.told) if message["method"] == method]
+        return [_plain(message["params"]) for message in list(self.told) if message["method"] == method]
 
     def state(self):
         return {
             "time": self.time,
             "state": "running",
             "cycle": {"period_s": 0.02, "count": 1, "missed": 0},
-            "joints": self.joints,
-            "nodes": self.nodes,
+            "joints": {name: {"name": name, **each} for name, each in self.joints.items()},
+            "nodes": {name: {"name": name, **each} for name, each in self.nodes.items()},
             "controllers": {each["name"]: each["state"] for each in self.controllers},
+            "samples": {**self._joint_states(), **self.samples},
             **self.more,
         }
 
+    def _joint_states(self):
+        self._published += 1
+        time = self.time + self._published / 1e6
+        found = {}
+        for each in self.controllers:
+            if each["state"] == "active" and each.get("publishes"):
+                joints = {name: self.joints[name] for name in each["joints"] if name in self.joints}
+                told = {name: _values(joint) for name, joint in joints.items()}
+                found[each["name"]] = {"kind": "joint_states", "time": time, "names": list(told), "joints": told}
+        return found
+
     def _greet(self, connection):
-        connection.send({"hello": {"robot": self._name, "version": "0", "protocol": 1, "pid": os.getpid()}})
+        say(connection, {"hello": {"robot": self._name, "version": "0", "protocol": 2, "pid": os.getpid()}})
 
     def _on_close(self, connection):
         if connection in self._watching:
@@ -258,27 +285,27 @@ class FakeRobot:
         if message["params"].get("action") in self.holds:
             self._held.append((connection, message))
         elif "id" in message and method in self.refusals:
-            connection.send({"id": message["id"], "error": self.refusals[method]})
+            say(connection, {"id": message["id"], "error": self.refusals[method]})
         elif "id" in message:
-            connection.send({"id": message["id"], **self._outcome(method, message["params"])})
+            say(connection, {"id": message["id"], **self._outcome(method, message["params"])})
 
     def _subscribe(self, connection, params):
         if connection not in self._watching:
             self._watching.append(connection)
         self.watching_process_data = params.get("pdos", False)
         if self.watching_process_data:
-            connection.send({"pdos": {"time": self.time, "nodes": self.process_data}})
+            say(connection, {"pdos": {"time": self.time, "nodes": _encoded(self.process_data)}})
 
     def tell_process_data(self, **nodes):
         """Push what has changed: lists of [index, subindex, hex] by node."""
-        message = {"pdos": {"time": self.time, "nodes": nodes}}
-        self.on_loop(lambda: [connection.send(message) for connection in self._watching])
+        message = {"pdos": {"time": self.time, "nodes": _encoded(nodes)}}
+        self.on_loop(lambda: [say(connection, message) for connection in self._watching])
 
     def release(self):
         """Answer what was held back: the actions that `holds` names."""
         held, self._held, self.holds = self._held, [], ()
         for connection, message in held:
-            self.on_loop(lambda: connection.send({"id": message["id"], "result": {}}))  # noqa: B023 - waited for
+            self.on_loop(lambda: say(connection, {"id": message["id"], "result": {}}))  # noqa: B023 - waited for
 
     def _outcome(self, method, params):
         try:
@@ -289,20 +316,75 @@ class FakeRobot:
     def _answer(self, method, params):
         if method in self.answers:
             answer = self.answers[method]
-            return answer(params) if callable(answer) else answer
+            return _wired(answer(_plain(params)) if callable(answer) else answer)
         known = {
             "status": lambda: {**self.state(), "robot": self._name, "events": []},
             "controllers": lambda: self.controllers,
             "description": lambda: {"urdf": self.urdf},
             "nodes": lambda: {"buses": {}, "nodes": self.bus_nodes},
-            "layout": lambda: self.layout,
+            "layout": lambda: _laid_out(self.layout),
+            "hardware": list,
+            "controller_types": list,
         }
         return known.get(method, dict)()
 
     def _push(self):
         for connection in self._watching:
-            connection.send({"state": self.state()})
+            say(connection, {"state": self.state()})
         self.reactor.call_later(10_000_000, self._push)
+
+
+def _values(joint):
+    """Return the state interfaces of a joint by name."""
+    return {**{kind: joint.get(kind) for kind in ("position", "velocity", "effort")}, **joint.get("others", {})}
+
+
+def _laid_out(layout):
+    """Return a layout with what a test does not say."""
+    entry = {"data_type": "UNSIGNED32", "bits": 32, "subindex": 0}
+    pdo = {"cob_id": 0x200, "number": 1}
+    return {
+        "buses": {
+            name: {
+                "channel": "local:x",
+                "bitrate": 1_000_000,
+                **bus,
+                "nodes": [
+                    {
+                        "node_id": 3,
+                        **node,
+                        "pdos": [
+                            {**pdo, **each, "objects": [{**entry, **one} for one in each["objects"]]}
+                            for each in node["pdos"]
+                        ],
+                    }
+                    for node in bus["nodes"]
+                ],
+            }
+            for name, bus in layout["buses"].items()
+        }
+    }
+
+
+def _plain(params):
+    """Return parameters without those that say nothing, with data in hexadecimal."""
+    said = {key: value for key, value in params.items() if value is not None and (key, value) != ("block", False)}
+    return {**said, "data": b64decode(said["data"]).hex()} if "data" in said else said
+
+
+def _wired(answer):
+    """Return an answer whose data are given in hexadecimal as the API has it."""
+    if isinstance(answer, dict) and "data" in answer:
+        return {**answer, "data": b64encode(bytes.fromhex(answer["data"])).decode()}
+    return answer
+
+
+def _encoded(nodes):
+    """Return process data, given in hexadecimal, as the API has it."""
+    return {
+        name: [[index, subindex, b64encode(bytes.fromhex(data)).decode()] for index, subindex, data in objects]
+        for name, objects in nodes.items()
+    }
 
 
 def node(node_id, joint):
@@ -341,13 +423,13 @@ def bridge(number, *arguments, name="fake", **more):
     finally:
         process.terminate()
         try:
-            process.communicate(timeout=PATIENCE)
+            process.communicate(timeout=TIMEOUT)
         except subprocess.TimeoutExpired:
             process.kill()
             process.communicate()
 
 
-def eventually(condition, seconds=PATIENCE):
+def eventually(condition, seconds=TIMEOUT):
     """Wait for other processes; returns at once when the condition holds."""
     return host.eventually(condition, seconds)
 

@@ -5,7 +5,7 @@ import functools
 from canopen_control.data_files import data_path
 from canopen_control.frame import CanFrame
 from canopen_control.master.config import read_bus
-from canopen_control.master.layout import layout_of
+from canopen_control.master.pdo_layout import layout_of
 from canopen_control.trace.decoder import Decoder
 from canopen_control.trace.network import network_of_layout
 

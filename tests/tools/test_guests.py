@@ -108,9 +108,9 @@ def test_its_memory_is_in_the_folder_that_was_named_if_that_has_room(guest, tmp_
     assert list(tmp_path.iterdir()) == []
 
 
-def test_the_readmes_command_for_this_guest_runs(guest):
-    readme = (ROOT / "README.md").read_text(encoding="utf-8")
-    (line,) = re.findall(r"^ {4}(tools/socketcan_guest .*?)  +#", readme, re.MULTILINE)
+def test_the_command_of_the_docs_for_this_guest_runs(guest):
+    page = (ROOT / "docs" / "guide" / "hardware.md").read_text(encoding="utf-8")
+    (line,) = re.findall(r"^ {4}(tools/socketcan_guest .*?)  +#", page, re.MULTILINE)
     words = [
         str(Path(sys.executable).parent / word[10:]) if word.startswith(".venv/bin/") else word for word in line.split()
     ]

@@ -10,6 +10,7 @@ import sys
 import pytest
 from support.apiclient import Client
 from support.robots import FORWARD, LEFT, Bench
+from support.samples import controllers_of, event_of, sample_of
 
 from canopen_control.errors import ConfigError
 from canopen_control.runtime.api import ApiServer
@@ -80,12 +81,12 @@ def private_folders():
 @pytest.fixture(scope="module")
 def bag(story, tmp_path_factory):
     path = tmp_path_factory.mktemp("bag") / "run"
-    with BagWriter(path, "robby", controllers=story["controllers"], urdf=story["urdf"]) as writer:
+    with BagWriter(path, "robby", controllers=controllers_of(story["controllers"]), urdf=story["urdf"]) as writer:
         for message in story["messages"]:
             if "state" in message:
-                writer.state(message["state"])
+                writer.state(sample_of(message["state"]))
             elif "event" in message:
-                writer.event(message["event"])
+                writer.event(event_of(message["event"]))
     assert writer.messages > 0
     writer.close()
     return path
@@ -105,45 +106,41 @@ def read(path):
     return found
 
 
-def test_every_sample_is_a_joint_state_with_its_stamp(story, bag):
+def told(story):
+    return [each["samples"]["joint_state_broadcaster"] for each in states(story)]
+
+
+def test_every_update_of_the_broadcaster_is_a_joint_state_with_its_stamp(story, bag):
     messages = read(bag)["/joint_states"]
-    samples = states(story)
-    assert len(messages) == len(samples) > 100
-    for (stamp, message), sample in zip(messages, samples, strict=True):
+    assert len(messages) == len(told(story)) > 100
+    for (stamp, message), sample in zip(messages, told(story), strict=True):
         assert stamp / 1e9 == pytest.approx(sample["time"], abs=1e-6)
         assert message.header.stamp.sec == int(sample["time"])
+        assert message.name == sample["names"]
         for index, name in enumerate(message.name):
             joint = sample["joints"][name]
             for kind in ("position", "velocity", "effort"):
-                value, expected = getattr(message, kind)[index], joint[kind]
+                value, expected = getattr(message, kind)[index], joint.get(kind)
                 assert math.isnan(value) if expected is None else value == expected
 
 
-def test_each_broadcaster_is_written_on_its_topic_with_its_frame(story, tmp_path):
-    local = {"name": "west", "state": "active", "joints": ["left_wheel_joint"], "is_broadcaster": True,
-             "publishes": ["west/joint_states"], "frame_id": "west_base"}  # fmt: skip
+def test_each_broadcaster_is_written_on_its_topic_with_its_frame_once_per_update(story, tmp_path):
+    west = {"name": "west", "state": "active", "publishes": ["west/joint_states"], "frame_id": "west_base"}
     silent = {"name": "gpio", "state": "active", "is_broadcaster": True}
-    told = [silent, local, *story["controllers"]]
-    with BagWriter(tmp_path / "two", "robby", controllers=told, urdf=story["urdf"]) as writer:
-        writer.state(states(story)[-1])
+    readings = controllers_of([silent, west, *story["controllers"]])
+    joints = {"left_wheel_joint": {"position": 1.5}, "caster": dict.fromkeys(("position", "velocity", "effort"), 0.0)}
+    mine = {"kind": "joint_states", "time": 5.0, "names": ["left_wheel_joint", "caster"], "joints": joints}
+    with BagWriter(tmp_path / "two", "robby", controllers=readings, urdf=story["urdf"]) as writer:
+        for sample in states(story)[-3:]:
+            writer.state(sample_of({**sample, "samples": {**sample["samples"], "west": mine}}))
     found = read(tmp_path / "two")
-    ((_, west),), ((_, common),) = found["/west/joint_states"], found["/joint_states"]
-    assert (west.name, west.header.frame_id) == (["left_wheel_joint"], "west_base")
-    assert (sorted(common.name), common.header.frame_id) == (sorted(states(story)[-1]["joints"]), "base_link")
-
-
-def test_a_broadcaster_tells_only_what_it_reads(story, tmp_path):
-    zero = dict.fromkeys(("position", "velocity", "effort"))
-    tells = {"left_wheel_joint": {"position": "position"}, "caster": zero}
-    few = {"name": "few", "joints": list(tells), "publishes": ["joint_states"], "tells": tells}
-    sample = states(story)[60]
-    with BagWriter(tmp_path / "few", "robby", controllers=[few]) as writer:
-        writer.state({**sample, "controllers": {"few": "active"}})
-    ((_, message),) = read(tmp_path / "few")["/joint_states"]
-    assert message.name == ["left_wheel_joint", "caster"]
-    assert list(message.position) == [sample["joints"]["left_wheel_joint"]["position"], 0.0]
+    ((stamp, message),) = found["/west/joint_states"]
+    assert (stamp, message.name, message.header.frame_id) == (5 * 10**9, ["left_wheel_joint", "caster"], "west_base")
+    assert list(message.position) == [1.5, 0.0]
     assert math.isnan(message.velocity[0])
     assert message.velocity[1] == message.effort[1] == 0.0
+    assert [each.header.frame_id for _, each in found["/joint_states"]] == ["base_link"] * 3
+    assert len(found["/tf"]) == 3
 
 
 def test_commands_are_written_when_they_change_under_a_name_that_nobody_listens_to(bag):
@@ -180,12 +177,12 @@ def test_diagnostics_come_once_a_second_and_tell_the_loss(bag):
 
 def test_odometry_becomes_odom_tf_and_the_limited_twist(story, tmp_path):
     sample = {
-        "time": 1000.25, "x": 1.0, "y": 2.0, "heading": math.pi, "linear": 0.5, "angular": -0.25, "frame_id": "odom",
-        "child_frame_id": "base_link", "pose_covariance": [1, 2, 3, 4, 5, 6], "limited": [0.4, 0.1],
+        "kind": "odometry", "time": 1000.25, "x": 1.0, "y": 2.0, "heading": math.pi, "linear": 0.5, "angular": -0.25,
+        "frame_id": "odom", "child_frame_id": "base_link", "pose_covariance": [1, 2, 3, 4, 5, 6], "limited": [0.4, 0.1],
     }  # fmt: skip
     with BagWriter(tmp_path / "odom", "robby", urdf=story["urdf"]) as writer:
         for _ in range(2):  # published once, sampled twice
-            writer.state({**states(story)[0], "odometry": {"base": sample}})
+            writer.state(sample_of({**states(story)[0], "samples": {"base": sample}}))
     found = read(tmp_path / "odom")
     assert len(found["/base/odom"]) == len(found["/base/cmd_vel_out"]) == 1
     odometry = found["/base/odom"][0][1]
@@ -223,7 +220,7 @@ def test_rclpys_own_messages_say_the_same(story, bag):
     )
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout.splitlines()[-1])
-    sample, (stamp, message) = states(story)[60], found["/joint_states"][60]
+    sample, (stamp, message) = told(story)[60], found["/joint_states"][60]
     assert message["header"]["stamp"]["sec"] * 10**9 + message["header"]["stamp"]["nanosec"] == stamp
     left = message["name"].index("left_wheel_joint")
     assert message["velocity"][left] == sample["joints"]["left_wheel_joint"]["velocity"]

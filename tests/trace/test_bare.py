@@ -3,7 +3,7 @@ import shutil
 import pytest
 
 from canopen_control.data_files import data_path
-from canopen_control.errors import ConfigError
+from canopen_control.errors import ConfigError, EdsError
 from canopen_control.trace.bare import network_of_eds
 
 EDS = data_path("eds", "TMCM-1270.eds")
@@ -29,6 +29,8 @@ def test_a_folder_is_taken_by_the_node_ids_of_its_dcf_files(tmp_path):
     assert set(network_of_eds("", [str(tmp_path / "lift.dcf")]).nodes) == {5}
 
 
-def test_a_node_id_that_is_none_is_refused():
+def test_a_node_id_that_is_none_is_refused_and_so_is_a_file_that_is_not_there():
+    with pytest.raises(EdsError):
+        network_of_eds("can0", ["5=/nowhere.eds"])
     with pytest.raises(ConfigError, match="node ids are 1 to 127"):
         network_of_eds("", [f"200={EDS}"])

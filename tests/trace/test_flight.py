@@ -4,6 +4,7 @@ import json
 import os
 
 import pytest
+from msgspec.structs import replace
 from support.host import eventually
 from support.mockrobot import running
 
@@ -11,13 +12,15 @@ from canopen_control.bus.channel import open_port
 from canopen_control.errors import BusError
 from canopen_control.frame import CanFrame, pack_records
 from canopen_control.host.reactor import Reactor
-from canopen_control.master.events import Event, Level
+from canopen_control.master.event_log import Event, Level
+from canopen_control.rpc.messages.state import RobotEvent
 from canopen_control.trace import flight
 from canopen_control.trace.flight import FlightRecorder, flight_folder, main
 from canopen_control.trace.flight_file import newest, read_flight
 from canopen_control.trace.flight_trigger import AFTER_NS
 
 SECOND = 1_000_000_000
+FAULT = RobotEvent(time=1.0, kind="fault", node=None, level="error", text="x")
 
 
 @pytest.fixture
@@ -37,7 +40,8 @@ def robot():
 
 
 def fail(robot, text="it broke"):
-    core, reactor = robot._session.robot, robot._session.reactor
+    session = robot._background._session
+    core, reactor = session.robot, session.reactor
     reactor.call_threadsafe(lambda: core.report(Event(reactor.now(), "fault", "left_drive", text, Level.ERROR)))
 
 
@@ -57,11 +61,11 @@ def test_events_and_states_of_the_robot_are_in_the_file_and_the_robot_tells_wher
     assert reactor.run_until(lambda: recorder._states.size > 0, 5 * SECOND)
     recorder.finish()
     file = read_flight(newest(flight_folder("flight")))
-    assert file.meta["reason"]["text"] == "it broke"
-    assert file.meta["status"]["robot"] == "flight"
-    assert file.states[-1]["joints"]
-    assert "flight runs" in " ".join(event["text"] for event in file.events)  # from before the recorder was there
-    told = [event for event in robot.status()["events"] if event["kind"] == "flight"]
+    assert file.meta.reason.text == "it broke"
+    assert file.meta.status.robot == "flight"
+    assert file.states[-1].joints
+    assert "flight runs" in " ".join(event.text for event in file.events)  # from before the recorder was there
+    told = [event for event in robot.status().events if event.kind == "flight"]
     assert len(told) <= 1
     assert recorder.said == [] or told == []
 
@@ -80,22 +84,24 @@ def test_no_event_is_taken_twice(reactor, robot):
     recorder.finish()
 
 
+@pytest.mark.process
 def test_a_copy_writes_while_the_recorder_goes_on(reactor, robot, monkeypatch):
     recorder = FlightRecorder(reactor, "flight", {})
     recorder.start()
-    recorder._write_aside({"kind": "fault", "text": "aside"})
+    recorder._write_aside(replace(FAULT, text="aside"))
     assert reactor.run_until(lambda: recorder._writer is None, 10 * SECOND)
     path = newest(flight_folder("flight"))
-    assert read_flight(path).meta["reason"]["text"] == "aside"
+    assert read_flight(path).meta.reason.text == "aside"
     hear(reactor, recorder, f"flight recording: {path} (a page of it: canopen-control report)")
     assert recorder.said == []
     recorder.finish()
 
 
+@pytest.mark.process
 def test_a_copy_that_dies_is_told(reactor, monkeypatch):
     recorder = FlightRecorder(reactor, "nobody", {})
     monkeypatch.setattr(FlightRecorder, "write", lambda *_: os._exit(3))
-    recorder._write_aside({"kind": "fault"})
+    recorder._write_aside(FAULT)
     assert reactor.run_until(lambda: recorder._writer is None, 10 * SECOND)
     assert "could not write" in recorder.said[0]
     recorder.finish()
@@ -104,13 +110,14 @@ def test_a_copy_that_dies_is_told(reactor, monkeypatch):
 def test_a_folder_that_cannot_be_written_costs_a_sentence(reactor, monkeypatch, private_folders):
     (private_folders / "state").write_text("a file where a folder should be")
     recorder = FlightRecorder(reactor, "nobody", {})
-    recorder._on_event({"kind": "fault", "level": "error", "text": "x"})
+    recorder._on_event(FAULT)
     recorder.finish()
     assert "could not write" in recorder.said[0]
     recorder.finish()
     assert len(recorder.said) == 1
 
 
+@pytest.mark.process
 def test_frames_of_every_bus_are_recorded_and_nothing_is_sent(reactor):
     first, second = open_port("local:one", label="a"), open_port("local:two", label="b")
     recorder = FlightRecorder(reactor, "nobody", {"left": "local:one", "right": "local:two", "in": "memory:x"})
@@ -118,7 +125,7 @@ def test_frames_of_every_bus_are_recorded_and_nothing_is_sent(reactor):
     first.send(pack_records([CanFrame(0x181, b"\x01\x02"), CanFrame(0x80)]))
     second.send(pack_records([CanFrame(0x702, b"\x05")]))
     assert reactor.run_until(lambda: recorder._frames.size >= 3 * 16 + 2 * 24, 10 * SECOND)
-    recorder._on_event({"kind": "fault", "level": "error", "text": "x"})
+    recorder._on_event(FAULT)
     recorder.finish()
     file = read_flight(newest(flight_folder("nobody")))
     assert sorted((bus, str(frame)) for _, bus, frame in file.frames) == [
@@ -126,7 +133,7 @@ def test_frames_of_every_bus_are_recorded_and_nothing_is_sent(reactor):
         ("left", "181#0102"),
         ("right", "702#05"),
     ]
-    assert file.meta["unheard"] == ["in"]
+    assert file.meta.unheard == ("in",)
     assert first.receive() == second.receive() == b""
     for port in (first, second):
         port.close()
@@ -159,6 +166,7 @@ def test_a_bus_that_goes_is_left_and_the_recorder_stays(reactor, monkeypatch):
         os.close(fd)
 
 
+@pytest.mark.process
 def test_without_its_robot_it_waits_for_the_reaction_and_ends(reactor):
     recorder = FlightRecorder(reactor, "nobody", {})
     begin, ended = reactor.now(), []
@@ -167,7 +175,7 @@ def test_without_its_robot_it_waits_for_the_reaction_and_ends(reactor):
     assert ended[0] - begin >= AFTER_NS
     recorder.finish()
     assert eventually(lambda: newest(flight_folder("nobody")) is not None, 5)
-    assert read_flight(newest(flight_folder("nobody"))).meta["reason"]["kind"] == "died"
+    assert read_flight(newest(flight_folder("nobody"))).meta.reason.kind == "died"
 
 
 def test_the_arguments_are_checked(capsys):
@@ -178,14 +186,14 @@ def test_the_arguments_are_checked(capsys):
 
 def test_a_storm_of_faults_costs_bounded_memory_and_one_file(reactor):
     recorder = FlightRecorder(reactor, "nobody", {})
-    event = {"kind": "fault", "level": "error", "node": "left_drive"}
+    event = replace(FAULT, node="left_drive")
     for number in range(20_000):
-        recorder._on_event({**event, "text": f"storm {number} " + "x" * 80})
+        recorder._on_event(replace(event, text=f"storm {number} " + "x" * 80))
     assert recorder._events.size <= flight.EVENT_BYTES
     recorder.finish()
     (file,) = (read_flight(path) for path in flight_folder("nobody").iterdir())
-    assert file.meta["reason"]["text"].startswith("storm 0 ")
-    assert file.events[-1]["text"].startswith("storm 19999 ")
+    assert file.meta.reason.text.startswith("storm 0 ")
+    assert file.events[-1].text.startswith("storm 19999 ")
 
 
 def test_where_the_kernel_knows_when_a_frame_came_that_is_its_time(reactor):
@@ -198,7 +206,7 @@ def test_where_the_kernel_knows_when_a_frame_came_that_is_its_time(reactor):
     recorder = FlightRecorder(reactor, "nobody", {"can": "can0"})
     base = reactor.now() + recorder._wall_offset_ns - SECOND
     recorder._take_stamped(0, Stamped())
-    recorder._on_event({"kind": "fault", "level": "error", "text": "x"})
+    recorder._on_event(FAULT)
     recorder.finish()
     times = [time for time, _, _ in read_flight(newest(flight_folder("nobody"))).frames]
     assert times[1] - times[0] in (1_500_000, 1_499_000, 1_501_000)  # the file has microseconds

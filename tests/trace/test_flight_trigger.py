@@ -6,32 +6,50 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from canopen_control.trace.flight_trigger import AFTER_NS, GAP_NS, LONGEST_NS, WIDEST_GAP_NS, Trigger, is_fault
+from canopen_control.rpc.messages.state import RobotEvent
+from canopen_control.trace.flight_trigger import (
+    AFTER_NS,
+    GAP_NS,
+    LONGEST_NS,
+    WIDEST_GAP_NS,
+    Trigger,
+    is_fault,
+    is_sum,
+)
 
 S = 1_000_000_000
 KEEP = 50 * S
 
 
+def event(text="", kind="fault", level="error", **more):
+    return RobotEvent(time=1.0, kind=kind, node=None, level=level, text=text, **more)
+
+
 @pytest.mark.parametrize(
-    ("event", "expected"),
+    ("kind", "level", "expected"),
     [
-        ({"kind": "fault", "level": "error"}, True),
-        ({"kind": "bus_bus_off", "level": "warning"}, True),
-        ({"kind": "emcy", "level": "warning"}, False),
-        ({"kind": "running", "level": "info"}, False),
-        ({}, False),
+        ("fault", "error", True),
+        ("bus_bus_off", "warning", True),
+        ("emcy", "warning", False),
+        ("running", "info", False),
+        ("", "", False),
     ],
 )
-def test_a_fault_is_an_error_or_a_bus_that_carries_nothing(event, expected):
-    assert is_fault(event) is expected
+def test_a_fault_is_an_error_or_a_bus_that_carries_nothing(kind, level, expected):
+    assert is_fault(event(kind=kind, level=level)) is expected
+
+
+@pytest.mark.parametrize(("since", "expected"), [(None, False), (1.0, False), (0.5, True)])
+def test_a_sum_tells_of_more_than_its_own_moment(since, expected):
+    assert is_sum(event(since=since)) is expected
 
 
 def test_the_file_comes_when_the_reaction_is_over():
     trigger = Trigger(KEEP)
     assert trigger.next_deadline() is None
-    trigger.fault({"text": "first"}, 100 * S)
+    trigger.fault(event("first"), 100 * S)
     assert trigger.due(100 * S + AFTER_NS - 1) is None
-    assert trigger.due(100 * S + AFTER_NS) == {"text": "first"}
+    assert trigger.due(100 * S + AFTER_NS) == event("first")
     assert trigger.next_deadline() is None
     assert trigger.due(200 * S) is None
 
@@ -40,9 +58,9 @@ def test_more_faults_wait_together_but_not_for_ever():
     trigger = Trigger(KEEP)
     for tenth in range(300):
         now = 100 * S + tenth * S // 10
-        trigger.fault({"number": tenth}, now)
+        trigger.fault(event(str(tenth)), now)
         if (reason := trigger.due(now)) is not None:
-            assert reason == {"number": 0}
+            assert reason == event("0")
             assert now == 100 * S + LONGEST_NS
             return
     pytest.fail("no file in a storm")
@@ -52,7 +70,7 @@ def test_a_storm_makes_few_files_and_ever_fewer():
     trigger, written, end = Trigger(KEEP), [], 3600
     for tenth in range(end * 10):
         now = tenth * S // 10
-        trigger.fault({"number": tenth}, now)
+        trigger.fault(event(str(tenth)), now)
         if trigger.due(now) is not None:
             written.append(now)
     gaps = [later - earlier for earlier, later in itertools.pairwise(written)]
@@ -65,20 +83,20 @@ def test_a_storm_makes_few_files_and_ever_fewer():
 def test_calm_makes_the_gap_short_again():
     trigger = Trigger(KEEP)
     for start in (0, 60, 160):
-        trigger.fault({}, start * S)
+        trigger.fault(event(), start * S)
         assert trigger.due(start * S + AFTER_NS) is not None
-    trigger.fault({}, 1000 * S)
+    trigger.fault(event(), 1000 * S)
     assert trigger.due(1000 * S + AFTER_NS) is not None
-    trigger.fault({}, 1010 * S)
+    trigger.fault(event(), 1010 * S)
     assert trigger.next_deadline() == 1000 * S + AFTER_NS + GAP_NS
 
 
 def test_a_fault_that_is_not_in_the_window_any_more_is_counted_instead():
     trigger = Trigger(KEEP)
     for start in (0, 34, 98, 222):
-        trigger.fault({}, start * S)
+        trigger.fault(event(), start * S)
         assert trigger.due(start * S + AFTER_NS) is not None, start
-    trigger.fault({}, 230 * S)
+    trigger.fault(event(), 230 * S)
     deadline = trigger.next_deadline()
     assert deadline > 230 * S + KEEP
     assert trigger.due(deadline) is None
@@ -89,8 +107,8 @@ def test_a_fault_that_is_not_in_the_window_any_more_is_counted_instead():
 def test_the_end_writes_what_still_waits_and_nothing_twice():
     trigger = Trigger(KEEP)
     assert trigger.end(0) is None
-    trigger.fault({"text": "last"}, S)
-    assert trigger.end(S + 1) == {"text": "last"}
+    trigger.fault(event("last"), S)
+    assert trigger.end(S + 1) == event("last")
     assert trigger.end(S + 2) is None
 
 
@@ -102,6 +120,6 @@ def test_no_fault_is_forgotten_it_is_written_waits_or_is_counted(pauses):
         if trigger.due(now) is not None:
             assert last_file is None or now - last_file >= GAP_NS
             last_file = now
-        trigger.fault({}, now)
+        trigger.fault(event(), now)
         assert trigger.next_deadline() is not None
         assert trigger.next_deadline() <= max(now + AFTER_NS, (last_file or 0) + WIDEST_GAP_NS)

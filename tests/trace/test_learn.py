@@ -4,6 +4,8 @@ from support.robots import Bench
 from support.tracing import frame, robby_decoder, said
 
 from canopen_control.cia301.pdo import INVALID_BIT
+from canopen_control.cia301.remap import is_restricted
+from canopen_control.frame import EXTENDED_FLAG
 from canopen_control.od.model import DataType
 from canopen_control.trace.decoder import Decoder
 from canopen_control.trace.learn import LIMIT, LearnedPdos
@@ -81,9 +83,18 @@ def test_what_was_heard_wins_over_the_description():
     assert decoder.decode(frame(0x183, "370603")).text == "nobody said what it carries"
 
 
-@given(st.lists(st.tuples(st.integers(0x1400, 0x1BFF), st.integers(0, 255), st.integers(0, 0xFFFFFFFF)), max_size=50))
-def test_no_values_are_an_error(values):
-    taught([held(*each) for each in values])
+RECORDS = st.sampled_from([0x1400, 0x1401, 0x1600, 0x1601, 0x1800, 0x1A00])
+VALUES = st.sampled_from([0, 1, 2, 0x183, 0x603, 0x60410010, 0x606C0020, 0x20000040]) | st.integers(0, 0xFFFFFFFF)
+
+
+@given(st.lists(st.tuples(RECORDS | st.integers(0x1400, 0x1BFF), st.integers(0, 3), VALUES), max_size=50))
+def test_whatever_a_node_holds_what_is_known_could_be_on_the_bus(values):
+    for pdo, _ in taught([held(*each) for each in values]):
+        assert pdo.direction in ("rpdo", "tpdo")
+        assert 1 <= pdo.number <= 512
+        assert 0 < len(pdo.objects) <= 64
+        assert sum(each.bits for each in pdo.objects) <= 64
+        assert pdo.cob_id & EXTENDED_FLAG or not is_restricted(pdo.cob_id)
 
 
 def test_what_is_remembered_has_an_end():

@@ -1,10 +1,9 @@
-import json
-
 from support.tracing import frame, robby_decoder, robby_network
 
 from canopen_control.frame import ERROR_FLAG, EXTENDED_FLAG, REMOTE_FLAG
+from canopen_control.rpc.wire import plain
 from canopen_control.trace.decoder import DecodedFrame
-from canopen_control.trace.lines import LineWriter, as_dict, identifier_text
+from canopen_control.trace.lines import LineWriter, document_of, identifier_text
 from canopen_control.trace.values import SignalValue
 
 
@@ -30,8 +29,8 @@ def test_absolute_times_are_those_of_the_day():
 
 
 def test_colours_mark_what_deserves_a_look_and_nothing_else():
-    _, plain, fault = lines((0x183, "370603"), (0x183, "370603"), (0x083, "1186210000000000"), colour=True)
-    assert "\x1b" not in plain
+    _, ordinary, fault = lines((0x183, "370603"), (0x183, "370603"), (0x083, "1186210000000000"), colour=True)
+    assert "\x1b" not in ordinary
     assert fault.startswith("\x1b[31m")
     assert fault.endswith("\x1b[0m")
 
@@ -45,22 +44,23 @@ def test_identifiers_of_29_bits_and_error_classes_have_eight_digits():
     ]
 
 
-def test_a_frame_is_plain_data_for_scripts():
+def test_a_frame_is_a_document_for_scripts():
     decoder = robby_decoder()
-    plain = as_dict(decoder.decode(frame(0x183, "370603"), 1_500_000_000))
-    assert json.loads(json.dumps(plain)) == plain
-    assert (plain["time"], plain["id"], plain["data"], plain["node"]) == (1.5, "183", "370603", "left_drive")
-    assert plain["values"][0] == {
+    told = plain(document_of(decoder.decode(frame(0x183, "370603"), 1_500_000_000)))
+    assert list(told) == ["time", "id", "extended", "remote", "data", "service", "subject", "node_id", "node", "text",
+                          "mark", "values"]  # fmt: skip
+    assert (told["time"], told["id"], told["data"], told["node"]) == (1.5, "183", "370603", "left_drive")
+    assert told["values"][0] == {
         "index": 0x6041,
         "subindex": 0,
         "name": "Statusword",
         "value": 0x637,
         "text": "0x0637 OPERATION ENABLED, target reached",
     }
-    assert as_dict(decoder.decode(frame(0x080)))["node"] is None
+    assert document_of(decoder.decode(frame(0x080))).node is None
 
 
 def test_a_float_that_is_no_number_is_null_in_json():
     value = SignalValue(0x2000, 0, "x", float("nan"), "nan")
     decoded = DecodedFrame(0, 0x183, b"", "pdo", 3, "", "x nan", (value,))
-    assert json.loads(json.dumps(as_dict(decoded), allow_nan=False))["values"][0]["value"] is None
+    assert document_of(decoded).values[0].value is None

@@ -1,8 +1,11 @@
 import pytest
+from support.localbus import end_hubs
 
+from canopen_control.bus.channel import open_port
 from canopen_control.bus.memory import MemoryBus
-from canopen_control.errors import ConfigError
+from canopen_control.errors import BusNotOpen, ConfigError
 from canopen_control.frame import CanFrame, pack_records
+from canopen_control.host.sockets import list_sockets
 from canopen_control.trace.listen import batches, open_listener
 
 
@@ -27,6 +30,19 @@ def test_frames_come_in_batches_and_a_silent_bus_gives_empty_ones():
     assert listener.stats.tx == 0
     listener.close()
     sender.close()
+
+
+@pytest.mark.process
+def test_a_bus_that_nobody_has_open_is_not_made_by_who_listens(private_folders):
+    with pytest.raises(BusNotOpen, match="bus local:typo: nobody has it open; no local bus is open now"):
+        open_listener("local:typo", "trace")
+    assert list_sockets("bus") == []
+    port = open_port("local:robby", label="master")
+    with pytest.raises(BusNotOpen, match="open now: local:robby"):
+        open_listener("local:typo", "trace")
+    open_listener("local:robby", "trace").close()
+    port.close()
+    end_hubs()
 
 
 def test_what_nobody_else_can_hear_is_said():

@@ -1,19 +1,17 @@
-import json
-
-import pytest
 from support.tracing import robby_network
 
 from canopen_control.data_files import data_path
-from canopen_control.errors import EdsError
 from canopen_control.master.config import read_bus
-from canopen_control.master.layout import layout_of
+from canopen_control.master.pdo_layout import layout_of
+from canopen_control.od.eds import read_eds
 from canopen_control.od.model import DataType, Entry, ObjectCode, ObjectDictionary, ObjectInfo
+from canopen_control.rpc.messages.layout import BusLayout
+from canopen_control.rpc.wire import convert, plain
 from canopen_control.trace.network import (
     NetworkDescription,
     NodeDescription,
     entry_name,
     network_of_layout,
-    node_of_eds,
     pdos_by_default,
 )
 
@@ -37,9 +35,9 @@ def test_a_layout_gives_nodes_their_names_and_pdos():
 
 
 def test_an_eds_that_is_gone_costs_names_and_is_noted():
-    layout = layout_of(read_bus(data_path("config", "robby") / "bus.yml"))
+    layout = plain(layout_of(read_bus(data_path("config", "robby") / "bus.yml")))
     layout["nodes"][0]["eds"] = "/nowhere/at-all.eds"
-    network = network_of_layout(json.loads(json.dumps(layout)))
+    network = network_of_layout(convert(layout, BusLayout))
     assert network.nodes[3].od is None
     assert network.nodes[2].od is not None
     assert len(network.nodes[3].pdos) == 4
@@ -49,9 +47,8 @@ def test_an_eds_that_is_gone_costs_names_and_is_noted():
 
 
 def test_an_eds_alone_gives_the_pdos_that_are_live_by_default():
-    node = node_of_eds(EDS, 5)
-    assert node.name == "TMCM-1270"
-    assert {pdo.name: pdo.cob_id for pdo in node.pdos} == {
+    pdos = pdos_by_default(read_eds(EDS, 5).od)
+    assert {pdo.name: pdo.cob_id for pdo in pdos} == {
         "RPDO1": 0x205,
         "RPDO2": 0x305,
         "RPDO3": 0x405,
@@ -59,8 +56,6 @@ def test_an_eds_alone_gives_the_pdos_that_are_live_by_default():
         "TPDO2": 0x285,
         "TPDO3": 0x385,
     }
-    with pytest.raises(EdsError):
-        node_of_eds("/nowhere.eds", 5)
 
 
 def entries(*items):

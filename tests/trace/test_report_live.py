@@ -11,9 +11,9 @@ def test_samples_and_events_of_the_time_are_there():
     with running("watched"):
         file = watch("watched", 0.3)
     assert len(file.states) >= 5
-    assert file.meta["robot"] == "watched"
-    assert file.meta["status"]["boot"] == []
-    assert any(event["kind"] == "running" for event in file.events)
+    assert file.meta.robot == "watched"
+    assert file.meta.status.boot == []
+    assert any(event.kind == "running" for event in file.events)
     assert file.frames == []
 
 
@@ -25,7 +25,7 @@ def test_a_robot_that_ends_ends_the_watch():
         timer.start()
         file = watch("ending", 60.0)
         timer.join()
-    assert any(event["kind"] == "stopped" for event in file.events)
+    assert any(event.kind == "stopped" for event in file.events)
 
 
 def test_without_a_robot_it_says_so():

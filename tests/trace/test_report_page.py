@@ -3,6 +3,9 @@
 import html.parser
 import re
 
+from msgspec.structs import replace
+
+from canopen_control.trace.flight_file import NO_FAULT, FlightFile, FlightMeta
 from canopen_control.trace.report import facts_of
 from canopen_control.trace.report_page import page_of
 
@@ -67,15 +70,16 @@ def test_a_calm_run_shows_its_last_frames(calm_run):
 
 def test_what_is_in_a_recording_is_text_and_never_markup(lost_drive):
     evil = '"><script>alert(1)</script>'
-    lost_drive.meta["robot"] = evil
-    for event in lost_drive.events:
-        event["text"] = evil
-    lost_drive.meta["status"]["boot"][0]["error"] = evil
+    boot = [replace(step, error=evil) for step in lost_drive.meta.status.boot]
+    lost_drive.meta = replace(lost_drive.meta, robot=evil, status=replace(lost_drive.meta.status, boot=boot))
+    lost_drive.events = [replace(event, text=evil) for event in lost_drive.events]
     page = page_of(facts_of(lost_drive))
     assert "script" not in parsed(page).tags
     assert "&lt;script&gt;" in page
 
 
-def test_an_empty_recording_has_a_page(lost_drive):
-    lost_drive.events, lost_drive.states, lost_drive.frames, lost_drive.meta = [], [], [], {}
-    parsed(page_of(facts_of(lost_drive)))
+def test_an_empty_recording_has_a_page():
+    page = page_of(facts_of(FlightFile(FlightMeta(robot="", reason=NO_FAULT))))
+    parsed(page)
+    assert "Nothing was reported to go wrong" in page
+    assert "<svg" not in page

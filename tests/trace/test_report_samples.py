@@ -2,18 +2,19 @@
 
 import pytest
 
+from canopen_control.rpc.messages.state import AxisReading, CycleTimes, JointReading, NodeReading, Status, TimedSnapshot
+from canopen_control.trace.report_facts import NothingKnown, Span
 from canopen_control.trace.report_samples import Spans, cycle_of, joints_of, node_spans, stopped_after
 
 
-def sample(time, *, mode="PV", state="OPERATION_ENABLED", nmt="OPERATIONAL", **values):
-    joint = {"position": None, "velocity": None, "effort": None, "command": None, **values}
-    axis = {"joint": "wheel", "axis": 0, "cia402_state": state, "mode": mode}
-    return {
-        "time": time,
-        "joints": {"wheel": joint},
-        "nodes": {"drive": {"bus": "can", "node_id": 3, "nmt_state": nmt, "axes": [axis]}},
-        "cycle": {"period_s": 0.02, "count": 50 * time, "missed": 0, "late_max_s": 0.001, "work_max_s": 0.002},
-    }
+def sample(time, *, mode="PV", state="OPERATION_ENABLED", nmt="OPERATIONAL", late_counts=(), **values):
+    axis = AxisReading("wheel", state=state, mode=mode)
+    return TimedSnapshot(
+        time=time,
+        joints={"wheel": JointReading("wheel", **values)},
+        nodes={"drive": NodeReading(name="drive", bus="can", node_id=3, nmt_state=nmt, axes=(axis,))},
+        cycle=CycleTimes(period_s=0.02, count=50 * time, late_max_s=0.001, work_max_s=0.002, late_counts=late_counts),
+    )
 
 
 def test_a_state_lasts_until_another_is_seen():
@@ -21,20 +22,17 @@ def test_a_state_lasts_until_another_is_seen():
     for time, state in ((0.0, "A"), (1.0, "A"), (2.0, "B"), (3.0, None)):
         spans.see(time, state)
     assert spans.end(5.0) == [
-        {"from": 0.0, "to": 2.0, "state": "A"},
-        {"from": 2.0, "to": 3.0, "state": "B"},
-        {"from": 3.0, "to": 5.0, "state": None},
+        Span(0.0, 2.0, "A"),
+        Span(2.0, 3.0, "B"),
+        Span(3.0, 5.0, None),
     ]
     assert Spans().end(1.0) == []
 
 
 def test_spans_of_nodes_begin_at_the_recording():
     nodes = node_spans([sample(100), sample(101, state="FAULT"), sample(103, state="FAULT", nmt=None)], 100)
-    assert nodes["drive"]["nmt"] == [
-        {"from": 0, "to": 3, "state": "OPERATIONAL"},
-        {"from": 3, "to": 3, "state": None},
-    ]
-    assert [span["state"] for span in nodes["drive"]["axes"]["wheel"]] == ["OPERATION_ENABLED", "FAULT"]
+    assert nodes["drive"].nmt == [Span(0, 3, "OPERATIONAL"), Span(3, 3, None)]
+    assert [span.state for span in nodes["drive"].axes["wheel"]] == ["OPERATION_ENABLED", "FAULT"]
     assert node_spans([], 0) == {}
 
 
@@ -45,24 +43,29 @@ def test_spans_of_nodes_begin_at_the_recording():
 def test_a_command_is_compared_with_what_the_mode_makes_of_it(mode, quantity):
     values = {"position": 1.0, "velocity": 2.0, "effort": 3.0}
     joint = joints_of([sample(10, mode=mode, command=5.0, **values)], 10)["wheel"]
-    assert joint["quantity"] == quantity
-    assert joint["error"] == [5.0 - values[quantity]]
+    assert joint.quantity == quantity
+    assert joint.error == [5.0 - values[quantity]]
 
 
 def test_what_is_not_known_stays_unknown():
     joint = joints_of([sample(10, velocity=1.0), sample(11, command=1.0)], 10)["wheel"]
-    assert joint["error"] == [None, None]
-    assert joint["time"] == [0, 1]
+    assert joint.error == [None, None]
+    assert joint.time == [0, 1]
 
 
 def test_the_histogram_is_that_of_the_window():
-    states = [sample(1), sample(3)]
-    states[0]["cycle"]["late_counts"], states[1]["cycle"]["late_counts"] = [5, 1], [100, 3]
-    cycle = cycle_of(states, {"late_edges_s": [1e-5]})
-    assert cycle["late_counts"] == [95, 2]
-    assert cycle["count"] == 100
-    assert cycle_of([], {"cycle": states[1]["cycle"]})["late_counts"] == [100, 3]
-    assert cycle_of([], {}) == {}
+    states = [sample(1, late_counts=[5, 1]), sample(3, late_counts=[100, 3])]
+    cycle = cycle_of(states, Status(late_edges_s=[1e-5]))
+    assert cycle.late_counts == [95, 2]
+    assert cycle.late_edges_s == [1e-5]
+    assert cycle.count == 100
+    assert cycle_of([], Status(cycle=states[1].cycle)).late_counts == [100, 3]
+    assert cycle_of([], None) == cycle_of([], Status()) == NothingKnown()
+
+
+def test_a_histogram_that_begins_within_the_window_is_taken_as_it_is():
+    states = [sample(1), sample(3, late_counts=[100, 3])]
+    assert cycle_of(states, None).late_counts == [100, 3]
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from canopen_control.trace.report_facts import Span
 from canopen_control.trace.report_svg import LEFT, RIGHT, WIDTH, Axis, bars, lines, timeline
 
 AXIS = Axis(0.0, 10.0, 4.0)
@@ -53,7 +54,7 @@ def test_of_very_many_points_the_peak_stays():
 
 
 def test_a_span_tells_its_state_and_time():
-    drawn = timeline("states", [("<left>", [{"from": 1.0, "to": 9.0, "state": "FAULT"}])], AXIS)
+    drawn = timeline("states", [("<left>", [Span(1.0, 9.0, "FAULT")])], AXIS)
     root = ET.fromstring(drawn)
     assert root.find("g/title").text == "fault, 1.000 s to 9.000 s"
     assert root.find("g/rect").get("class") == "s-FAULT"
@@ -62,7 +63,7 @@ def test_a_span_tells_its_state_and_time():
 
 
 def test_a_span_too_short_for_its_word_keeps_it_as_a_hint():
-    root = ET.fromstring(timeline("states", [("left", [{"from": 1.0, "to": 1.001, "state": None}])], AXIS))
+    root = ET.fromstring(timeline("states", [("left", [Span(1.0, 1.001, None)])], AXIS))
     assert root.find("g/text").text is None
     assert "unknown" in root.find("g/title").text
 

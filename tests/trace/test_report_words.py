@@ -1,11 +1,14 @@
 """The first lines of a report."""
 
+from msgspec.structs import replace
+
+from canopen_control.rpc.messages.state import RobotEvent
 from canopen_control.trace.report import facts_of
 from canopen_control.trace.report_words import clock, summary
 
 
 def test_the_first_lines_name_robot_drives_and_the_fault(lost_drive):
-    said = facts_of(lost_drive)["summary"]
+    said = facts_of(lost_drive).summary
     assert said[0].startswith("robby: 4.0 s up to ")
     assert "left_drive (node 3), right_drive (node 2)" in said[0]
     assert said[1].startswith("What went wrong first, 2.")
@@ -16,18 +19,20 @@ def test_the_first_lines_name_robot_drives_and_the_fault(lost_drive):
 
 
 def test_a_storm_is_counted_instead_of_listed(lost_drive):
-    fault = facts_of(lost_drive)["fault"]
-    lost_drive.events += [{**fault, "time": fault["time"] + n, "text": f"more {n}"} for n in range(20)]
-    said = facts_of(lost_drive)["summary"]
+    fault = facts_of(lost_drive).fault
+    lost_drive.events += [
+        RobotEvent(time=fault.time + n, kind="x", node=None, level="error", text=f"more {n}") for n in range(20)
+    ]
+    said = facts_of(lost_drive).summary
     assert len(said) < 15
     assert any("more errors followed" in line for line in said)
 
 
 def test_cycles_that_were_left_out_are_told(calm_run):
     facts = facts_of(calm_run)
-    assert any("none left out" in line for line in summary(facts))
-    facts["cycle"]["missed"] = 3
-    assert any("3 left out" in line for line in summary(facts))
+    assert any("none missed" in line for line in summary(facts))
+    missed = replace(facts, cycle=replace(facts.cycle, missed=3))
+    assert any("3 missed" in line for line in summary(missed))
 
 
 def test_a_time_of_day_has_milliseconds():
@@ -36,7 +41,6 @@ def test_a_time_of_day_has_milliseconds():
 
 
 def test_hardware_that_is_made_up_is_called_that(calm_run):
-    for sample in calm_run.states:
-        sample["nodes"] = {}
-    calm_run.frames, calm_run.meta["buses"] = [], {}
-    assert "no bus, made-up hardware: left_wheel_joint, right_wheel_joint" in facts_of(calm_run)["summary"][0]
+    calm_run.states = [replace(sample, nodes={}) for sample in calm_run.states]
+    calm_run.frames, calm_run.meta = [], replace(calm_run.meta, buses={})
+    assert "no bus, made-up hardware: left_wheel_joint, right_wheel_joint" in facts_of(calm_run).summary[0]

@@ -78,6 +78,10 @@ def test_the_token_does_not_let_a_foreign_page_in(open_door):
 def test_the_page_may_ask_nobody_else_and_be_framed_by_nobody(door):
     headers = door.response_headers("/")
     assert "default-src 'self'" in headers["Content-Security-Policy"]
+    assert "script-src 'none'" in headers["Content-Security-Policy"]
+    assert (
+        "script-src 'self' 'nonce-abc' 'unsafe-eval';" in door.response_headers("/", "abc")["Content-Security-Policy"]
+    )
     assert "frame-ancestors 'none'" in headers["Content-Security-Policy"]
     assert headers["Referrer-Policy"] == "no-referrer"
 
@@ -96,3 +100,15 @@ def test_no_header_and_no_path_raises_or_comes_in_by_chance(path, origin, cookie
     door = Door("0.0.0.0", 8080, "secret")
     if "secret" not in path and "secret" not in cookie:
         assert door.refusal(path, {"Host": OWN, "Origin": origin, "Cookie": cookie}) is not None
+
+
+def test_what_changes_something_says_where_it_comes_from(door):
+    assert "POST without Origin" in door.refusal("/stop", {"Host": OWN}, "POST")
+    assert door.refusal("/stop", {"Host": OWN, "Origin": f"http://{OWN}"}, "POST") is None
+
+
+def test_another_page_may_lead_here_but_not_use_what_is_here(door):
+    foreign = {"Sec-Fetch-Site": "cross-site"}
+    assert ask(door, **foreign, **{"Sec-Fetch-Mode": "navigate"}) is None
+    assert ask(door, **foreign, **{"Sec-Fetch-Mode": "no-cors"}) is not None
+    assert ask(door, **{"Sec-Fetch-Site": "same-origin", "Sec-Fetch-Mode": "cors"}) is None

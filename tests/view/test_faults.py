@@ -2,13 +2,11 @@ import pytest
 from support.onbus import TMCM, OnBus
 
 from canopen_control.errors import RemoteError
-from canopen_control.view.faults import FaultDesk, control_name
-from canopen_control.virtual.control import NodeControl, control_path
+from canopen_control.view.faults import FaultDesk, look
+from canopen_control.view.model import VirtualNode
+from canopen_control.virtual.control import NodeControl
 
-NODES = {
-    "buses": {"can": {"channel": "memory:desk"}},
-    "nodes": [{"name": "left", "node_id": 3, "bus": "can"}, {"name": "right", "node_id": 2, "bus": "can"}],
-}
+NODES = (VirtualNode("left", "memory:desk", 3), VirtualNode("right", "memory:desk", 2))
 
 
 @pytest.fixture
@@ -20,22 +18,15 @@ def left():
         drives.call(control.close)
 
 
-@pytest.mark.parametrize(
-    ("channel", "node_id"), [("local:robby", 3), ("vcan0", 127), ("memory:a.b/c", 1), ("local:" + "x" * 32, 5)]
-)
-def test_the_name_is_the_one_that_the_virtual_node_gives_its_socket(channel, node_id):
-    assert control_path(channel, node_id).stem == f"drive-{control_name(channel, node_id)}"
-
-
 def test_only_drives_that_are_there_can_be_broken(left):
     assert FaultDesk(NODES).drives() == ["left"]
 
 
 def test_a_fault_is_switched_on_and_off(left):
     desk = FaultDesk(NODES)
-    name = desk.faults("left")[0]["name"]
+    name = desk.faults("left")[0].name
     assert desk.switch("left", name, on=True) == [name]
-    assert [fault["name"] for fault in desk.faults("left") if fault["on"]] == left.switches.active == [name]
+    assert look(desk).active["left"] == left.switches.active == [name]
     assert desk.switch("left", name, on=False) == []
 
 
@@ -48,3 +39,13 @@ def test_a_drive_that_is_not_there_is_told():
     assert FaultDesk(NODES).drives() == []
     with pytest.raises(RemoteError, match="virtual drive right is not running"):
         FaultDesk(NODES).faults("right")
+
+
+def test_a_name_that_nobody_has_is_told():
+    with pytest.raises(RemoteError, match="no drive 'x'"):
+        FaultDesk(NODES).switch("x", "silent", on=True)
+
+
+def test_who_goes_away_while_all_are_asked_is_left_out(left, monkeypatch):
+    monkeypatch.setattr(FaultDesk, "drives", lambda self: ["left", "right"])
+    assert list(look(FaultDesk(NODES)).drives) == ["left"]

@@ -1,3 +1,5 @@
+import struct
+
 import pytest
 
 from canopen_control.errors import ConfigError
@@ -64,14 +66,33 @@ def test_what_is_not_there_is_a_sentence(robot, uri, words):
         find_mesh(uri, str(robot), {})
 
 
-def test_a_mesh_is_read(robot):
-    mesh = read_mesh(find_mesh("../meshes/wheel.stl", str(robot), {}))
-    assert len(mesh.faces) == 2
-    assert mesh.visual.kind is None
+def test_a_mesh_is_read_as_it_is(robot):
+    file = find_mesh("../meshes/wheel.stl", str(robot), {})
+    mesh = read_mesh(file)
+    assert (mesh.format, mesh.content) == ("stl", file.read_bytes())
+
+
+def test_other_formats_become_stl(tmp_path):
+    (tmp_path / "a.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    mesh = read_mesh(tmp_path / "a.obj")
+    assert mesh.format == "stl"
+    assert struct.unpack("<12fH", mesh.content[84:]) == (0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0)
 
 
 def test_what_is_no_mesh_is_a_sentence(tmp_path):
-    for name, words in (("a.dae", "is not read"), ("b.stl", "cannot be read|no faces")):
+    for name, words in (
+        ("a.ply", "is not read"),
+        ("b.stl", "no STL"),
+        ("c.dae", "cannot be read"),
+        ("d.obj", "no faces"),
+        ("e.glb", "no binary"),
+    ):
         (tmp_path / name).write_text("nonsense")
         with pytest.raises(ConfigError, match=words):
             read_mesh(tmp_path / name)
+
+
+def test_an_stl_that_ends_too_early_is_a_sentence(tmp_path):
+    (tmp_path / "a.stl").write_bytes(bytes(80) + (1000).to_bytes(4, "little") + bytes(50))
+    with pytest.raises(ConfigError, match="1000 faces are announced"):
+        read_mesh(tmp_path / "a.stl")

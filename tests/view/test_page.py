@@ -1,145 +1,83 @@
-"""A whole page of robby, made of what a robot on mock hardware says of itself."""
-
-import copy
+"""A whole page of a robot, for a simulated user."""
 
 import pytest
-from support.mockrobot import running
 
-from canopen_control.view.link import Link
-from canopen_control.view.page import Page
-from canopen_control.view.scene import BASE
+pytest.importorskip("nicegui", reason="NiceGUI is not installed: pip install canopen-control[view]")
 
-DRIVE = {
-    "bus": "can", "node_id": 3, "nmt_state": "OPERATIONAL", "ready": True, "age_s": 0.01, "error": None,
-    "axes": [{"joint": "left_wheel_joint", "cia402_state": "OPERATION_ENABLED", "mode": "PV", "error": None}],
-}  # fmt: skip
+from nicegui import ui
+from support.pages import Desk, html, seen, state, visited
+
+from canopen_control.view.elements.feed import Feed
+from canopen_control.view.page import PANELS, Page, build_waiting, stop_html
 
 
-@pytest.fixture(scope="module")
-def said(tmp_path_factory):
-    """Return what robby says: welcome, and a sample of the stream."""
-    folder = tmp_path_factory.mktemp("p")
-    folder.chmod(0o700)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("XDG_RUNTIME_DIR", str(folder))
-        patch.setenv("XDG_STATE_HOME", str(folder))
-        with running():
-            link = Link("mock")
-            welcome, controllers = link.welcome(), link.controllers()
-            link.subscribe(50.0)
-            state = None
-            while state is None:
-                state = next((each["state"] for each in link.messages() if "state" in each), None)
-            link.close()
-    welcome.status["nodes"]["left_drive"] = copy.deepcopy(DRIVE)
-    return welcome, controllers, state | {"nodes": {"left_drive": DRIVE}}
+def made(desk, act):
+    async def show(user, page):
+        page.show(desk.picture())
+        return await act(user, page)
+
+    return visited(lambda: Page(desk), show)
 
 
-class Robot:
-    def stop(self):
-        pass
+def test_everything_is_on_the_page_and_stop_is_before_it():
+    desk = Desk()
 
-    def ask(self, method, params):
-        pass
+    async def act(user, _page):
+        await user.should_see("Disable")
+        return html(user), user._client.body_html
 
-    def hold(self, page, motion, told):
-        pass
-
-
-@pytest.fixture
-def make(server, said):
-    def make(**how):
-        page = Page(server, said[0], Robot(), **({"teleop": False} | how))
-        page.controllers(said[1])
-        return page
-
-    return make
+    text, body = made(desk, act)
+    for words in ("pair", "running", "enabled, follows commands", "2.50<small>velocity", "Nothing has happened"):
+        assert words in text
+    assert 'id="cc-stop-button"' in body
 
 
-@pytest.fixture
-def state(said):
-    return copy.deepcopy(said[2])
+def test_stop_asks_nobody_but_its_own_server_and_needs_nothing_else():
+    whole = stop_html()
+    assert "http" not in whole
+    assert "import" not in whole.split("<script>")[1]
+    for word in ("nicegui", "socket", "Vue", "THREE"):
+        assert word not in whole.split("<script>")[1]
 
 
-def test_everything_is_on_the_page(server, make, parts, state):
-    page = make()
-    page.state(state, seen=True)
-    assert {"STOP", "Release STOP", "left_drive", "Camera follows"} <= set(parts())
-    assert server.scene.get_handle_by_name(f"{BASE}/base_footprint/base_link/left_wheel") is not None
-    assert "enabled, follows commands" in page._table._handle.content
-    assert "running" in page._head._handle.content
-    assert page.notes == []
+def test_a_panel_is_a_line_of_the_table():
+    assert len({place.key for place in PANELS}) == len(PANELS)
+    assert {place.where for place in PANELS} == {"side", "middle", "right"}
 
 
-def test_driving_is_there_with_teleop_alone(server, make, parts):
-    make()
-    assert "Hold to drive" not in parts()
-    server.gui.reset()
-    make(teleop=True)
-    assert "Hold to drive" in parts()
+def test_only_news_are_told():
+    desk = Desk()
+
+    async def act(_user, page):
+        first = page.news(desk.picture())
+        same = page.news(desk.picture())
+        lost = page.news(desk.picture(state(latched=True), lost="gone"))
+        return first, same, lost
+
+    first, same, lost = made(desk, act)
+    assert first == {"titles": {"left": "left velocity, rad/s", "error": "Following error, rad/s"},
+                     "lost": False, "latched": False}  # fmt: skip
+    assert same == {}
+    assert lost == {"lost": True, "latched": True}
 
 
-def test_wheels_turn_with_every_sample_and_the_base_with_the_odometry(server, make, state):
-    page = make()
-    wheel = server.scene.get_handle_by_name(f"{BASE}/base_footprint/base_link/left_wheel")
-    state["joints"]["left_wheel_joint"]["position"] = 3.14159
-    page.state(state, seen=True)
-    assert wheel.wxyz[2] == pytest.approx(1.0, abs=1e-4)
-    assert tuple(server.scene.get_handle_by_name(BASE).position) == (0, 0, 0)
-    state["odometry"] = {"base": {"x": 1.0, "y": 2.0, "heading": 0.0}}
-    page.state(state, seen=True)
-    assert tuple(server.scene.get_handle_by_name(BASE).position) == (1, 2, 0)
+def test_what_is_sent_goes_through_the_feed(monkeypatch):
+    sent = []
+    monkeypatch.setattr(Feed, "send", lambda self, data: sent.append(data))
+
+    async def act(_user, page):
+        page.send({"scene": {}})
+
+    made(Desk(), act)
+    assert sent == [{"scene": {}}]
 
 
-def test_while_nobody_looks_only_the_plots_remember(server, make, state):
-    page = make()
-    wheel = server.scene.get_handle_by_name(f"{BASE}/base_footprint/base_link/left_wheel")
-    state["joints"]["left_wheel_joint"] |= {"position": 1.0, "velocity": 7.0}
-    page.state(state, seen=False)
-    assert wheel.wxyz[2] == 0.0
-    assert page._plots.history.columns(["left_wheel_joint actual"])[1].tolist() == [7.0]
+def test_a_robot_that_was_never_there_has_a_page_with_stop_and_the_reason():
+    async def act(user, _made):
+        return html(user), user._client.body_html, seen(ui.button)
 
-
-def test_a_latched_stop_and_its_way_out_are_shown(make, parts, state):
-    page = make()
-    page.state(state | {"latched": True, "latched_by": "view"}, seen=True)
-    assert "Latched by view" in page._alarm._handle.content
-    assert parts()["Release STOP"].visible
-
-
-def test_a_fault_is_red_in_table_and_scene(server, make, state):
-    page = make()
-    state["nodes"]["left_drive"]["axes"][0] |= {"cia402_state": "FAULT", "error": "overtemperature"}
-    page.state(state, seen=True)
-    assert "overtemperature" in page._table._handle.content
-    tyre = server.scene.get_handle_by_name(f"{BASE}/base_footprint/base_link/left_wheel/visual_0")
-    assert tuple(tyre.color) == (214, 40, 40)
-
-
-def test_events_are_shown_with_the_next_update(make, state):
-    page = make()
-    page.event({"time": state["time"], "kind": "x", "node": None, "level": "warning", "text": "something happened"})
-    page.state(state, seen=True)
-    assert "something happened" in page._log._handle.content
-
-
-def test_what_repeats_itself_stands_there_once(make, state):
-    page = make()
-    for _ in range(3):
-        page.event({"time": 1.0, "kind": "sync_overrun", "node": None, "level": "warning", "text": "1 cycle left out"})
-    page.event({"time": 2.0, "kind": "state", "node": None, "level": "info", "text": "one"})
-    page.event({"time": 2.0, "kind": "state", "node": None, "level": "info", "text": "two"})
-    page.state(state, seen=True)
-    html = page._log._handle.content
-    assert html.count("1 cycle left out") == 1
-    assert "(3 times)" in html
-    assert "one" in html
-
-
-def test_a_lost_connection_is_said(make):
-    page = make()
-    assert "enabled" in page._table._handle.content
-    page.lost("it has died")
-    assert "enabled" not in page._table._handle.content  # what was is not what is
-    assert "No connection" in page._alarm._handle.content
-    assert "it has died" in page._alarm._handle.content
+    text, body, buttons = visited(lambda: build_waiting("<robby>", "no robot '<robby>' is running"), act)
+    assert "&lt;robby&gt;" in text
+    assert "not connected" in text
+    assert 'id="cc-stop-button"' in body
+    assert buttons == []

@@ -1,29 +1,27 @@
 import pytest
+from support.pages import AXIS, FAULTS, NODE, drive_state, state
+from support.samples import event_of
 
-from canopen_control.view.words import active_faults, alarm, axis_rows, drive_table, event_log, fault_text, head
-
-
-def node(**changed):
-    axis = {"joint": "left_wheel_joint", "cia402_state": "OPERATION_ENABLED", "mode": "PV", "error": None}
-    axis |= changed.pop("axis", {})
-    whole = {"node_id": 3, "ready": True, "nmt_state": "OPERATIONAL", "age_s": 0.01, "error": None, "axes": [axis]}
-    return whole | changed
+from canopen_control.rpc.messages.drive import FaultListing
+from canopen_control.view.words import (
+    active_faults,
+    axis_rows,
+    banner,
+    drive_table,
+    event_log,
+    facts,
+    fault_text,
+    joint_table,
+    lost_banner,
+)
 
 
 def row(**changed):
-    return axis_rows({"nodes": {"left_drive": node(**changed)}})[0]
+    return axis_rows(drive_state(**changed))[0]
 
 
-def state(**changed):
-    whole = {
-        "state": "running",
-        "latched": False,
-        "latched_by": None,
-        "controllers": {"forward": "active", "base": "inactive"},
-        "cycle": {"period_s": 0.02, "missed": 0},
-        "load": {"can": 0.021},
-    }
-    return whole | changed
+def event(**changed):
+    return event_of({"time": 1.0, "kind": "x", "level": "info", "text": "it happened"} | changed)
 
 
 @pytest.mark.parametrize(
@@ -33,19 +31,26 @@ def state(**changed):
         ({"axis": {"cia402_state": "SWITCH_ON_DISABLED"}}, "disabled", "idle"),
         ({"axis": {"cia402_state": "FAULT"}}, "fault", "bad"),
         ({"axis": {"cia402_state": None}}, "no statusword", "bad"),
+        ({"axis": {"cia402_state": "A NEW ONE"}}, "no statusword", "bad"),
         ({"ready": False, "nmt_state": "PRE_OPERATIONAL"}, "not ready, pre-operational", "warn"),
         ({"ready": False, "nmt_state": None, "age_s": None}, "not there", "bad"),
-        ({"axes": []}, "no drive profile", "idle"),
     ],
 )
 def test_a_state_is_said_in_words_and_has_a_tone(changed, words, tone):
     assert (row(**changed).state, row(**changed).tone) == (words, tone)
 
 
+def test_a_node_without_axes_has_no_drive_profile():
+    found = axis_rows(state(nodes={"io": NODE | {"axes": []}}))[0]
+    assert (found.state, found.tone) == ("no drive profile", "idle")
+
+
 def test_an_error_is_told_and_colours_what_does_not_run():
     found = row(ready=False, error="lost: no heartbeat for 0.5 s", nmt_state=None)
     assert (found.error, found.tone) == ("lost: no heartbeat for 0.5 s", "bad")
     assert "no heartbeat" in drive_table([found])
+    assert row(error="too hot", axis={"cia402_state": "SWITCH_ON_DISABLED"}).tone == "bad"
+    assert row(error="too hot").tone == "warn", "it runs, as /diagnostics says"
 
 
 @pytest.mark.parametrize(
@@ -55,55 +60,101 @@ def test_the_age_is_said_when_it_matters(age, words):
     assert row(age_s=age).age == words
 
 
+def test_live_never_stands_beside_not_there():
+    found = row(ready=False, nmt_state=None, age_s=0.01)
+    assert (found.state, found.age) == ("not there", "not heard")
+
+
 def test_what_comes_from_outside_is_escaped():
     evil = "<script>alert(1)</script>"
-    html = drive_table(axis_rows({"nodes": {evil: node(error=evil, axis={"joint": evil, "mode": evil})}}))
-    html += head(evil, state(state=evil)) + head(evil, None) + alarm(None, evil)
-    html += alarm(state(latched=True, latched_by=evil, load={evil: 0.1}, controllers={evil: "active"}))
-    html += active_faults({evil: [evil]})
-    html += event_log([{"time": 0.0, "level": "error", "text": evil}])
-    html += fault_text({"does": evil, "reaction": evil, "once": False})
+    axis = AXIS | {"joint": evil, "mode": evil}
+    html = drive_table(axis_rows(state(nodes={evil: NODE | {"error": evil, "axes": [axis]}})))
+    html += facts(state(load={evil: 0.1}, controllers={evil: "active"}))
+    html += joint_table(state(joints={evil: {"command": 1.0}}).joints, frozenset(), {evil: evil})
+    html += active_faults({evil: [evil]}) + event_log([event(level="error", text=evil)])
+    html += fault_text(FaultListing(name=evil, does=evil, reaction=evil))
     assert "<script" not in html
 
 
-def test_below_stop_stands_what_counts():
-    assert "running" in head("robby", state())
-    assert "not connected" in head("robby", None)
-    html = alarm(state())
+@pytest.mark.parametrize(
+    ("changed", "words", "tone", "action"),
+    [
+        ({}, "running", "good", ""),
+        ({"state": "starting"}, "starting", "warn", ""),
+        ({"state": "disabled"}, "needs enable", "warn", "enable"),
+        ({"state": "needs enable"}, "needs enable", "warn", "enable"),
+        ({"state": "fault"}, "fault", "bad", "fault-reset"),
+        ({"state": "stopping"}, "stopping", "warn", ""),
+        ({"state": "hovering"}, "hovering", "warn", ""),
+        ({"latched": True, "state": "fault"}, "STOP is latched", "bad", "release"),
+    ],
+)
+def test_the_robot_is_said_in_words_with_what_to_do_next(changed, words, tone, action):
+    found = banner(state(**changed))
+    assert (found.words, found.tone, found.action) == (words, tone, action)
+    assert tone == "good" or found.advice or found.cause or found.words == "hovering"
+
+
+def test_running_with_drives_that_are_off_is_no_running():
+    found = banner(drive_state(axis={"cia402_state": "SWITCH_ON_DISABLED"}))
+    assert (found.words, found.action) == ("needs enable", "enable")
+    assert found.cause == "All drives are disabled."
+    axes = [AXIS, AXIS | {"joint": "lift", "cia402_state": "SWITCH_ON_DISABLED"}]
+    assert banner(state(nodes={"both": NODE | {"axes": axes}})).cause == "lift is disabled."
+
+
+def test_a_fault_names_its_causes_and_a_latch_who_holds_it():
+    found = banner(drive_state(axis={"cia402_state": "FAULT", "error": "too hot"}))
+    assert found.words == "needs enable"  # until the runtime says fault
+    nodes = {"left": NODE | {"ready": False, "nmt_state": None, "error": "lost: no heartbeat"}}
+    assert banner(state(state="fault", nodes=nodes)).cause == "left: lost: no heartbeat"
+    assert "view" in banner(state(latched=True, latched_by="view")).cause
+
+
+def test_what_is_lost_is_said_to_be_old_and_out_of_reach_of_stop():
+    found = lost_banner("it has died")
+    assert (found.words, found.action) == ("not connected", "")
+    assert "does not reach" in found.cause
+    assert "it has died" in found.cause
+    assert "old" in found.advice
+
+
+def test_below_the_state_stands_what_counts():
+    html = facts(state())
+    assert "cycle 20 ms" in html
+    assert "none missed" in html
     assert "bus can 2.1 %" in html
     assert "active: forward" in html
-    assert "atched by" not in html
-    assert "STOP is latched" in head("robby", state(latched=True))
-    assert "No safety function" in html
-    assert "Latched by view" in alarm(state(latched=True, latched_by="view"))
-    assert "STOP does not reach it" in alarm(None, "it has died")
 
 
-def test_a_robot_without_drives_says_so():
+def test_a_robot_without_drives_or_joints_says_so():
     assert "mock hardware" in drive_table([])
+    assert "No joints" in joint_table({}, frozenset(), {})
 
 
 def test_the_log_is_newest_first_and_marks_what_is_bad():
-    html = event_log([{"time": 1.0, "level": "info", "text": "old"}, {"time": 2.0, "level": "error", "text": "new"}])
+    html = event_log([event(text="old"), event(level="error", text="new")])
     assert html.index("new") < html.index("old")
     assert html.count("cc-bad") == 1
     assert "Nothing has happened" in event_log([])
 
 
+def test_a_sum_is_told_once_in_the_words_of_the_runtime():
+    assert event_log([event(count=3, text="it repeats (3 times in 2 s)")]).count("3 times") == 1
+
+
 def test_faults_are_explained():
-    assert "until it is switched off" in fault_text({"does": "is silent", "reaction": "stops", "once": False})
+    silent, hot = FAULTS
+    assert "until it is switched off" in fault_text(silent)
+    assert "The drive is hot (once)" in fault_text(hot)
+    own = FaultListing(name="silent", does="its heartbeats do not arrive")
+    assert ">Its heartbeats do not arrive (until" in fault_text(own)
     assert "No virtual drive" in fault_text(None)
     assert "No fault is on" in active_faults({"left": []})
     assert "left: silent, hot" in active_faults({"left": ["silent", "hot"]})
 
 
-def test_a_fault_of_what_is_the_drives_own_is_a_sentence_too():
-    told = {"reaction": "stops", "once": False}
-    assert "The drive resets (until" in fault_text({"does": "resets", **told})
-    assert ">Its heartbeats do not arrive (until" in fault_text({"does": "its heartbeats do not arrive", **told})
-
-
 def test_many_drives_take_a_line_each():
-    few, many = ({"nodes": {f"drive_{number}": node() for number in range(count)}} for count in (3, 4))
+    few, many = (state(nodes={f"drive_{number}": NODE for number in range(count)}) for count in (3, 4))
     assert "cc-many" not in drive_table(axis_rows(few))
     assert "cc-many" in drive_table(axis_rows(many))

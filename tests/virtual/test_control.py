@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import json
 import os
 from types import SimpleNamespace
 
@@ -10,35 +11,42 @@ from canopen_control.bus.memory import MemoryBus
 from canopen_control.frame import CanFrame, frames_of, pack_records
 from canopen_control.host.lineclient import LineClient
 from canopen_control.host.reactor import ManualClock, Reactor
-from canopen_control.virtual.control import NodeControl, control_path
+from canopen_control.host.sockets import socket_path
+from canopen_control.rpc.messages.declare import PROTOCOL
+from canopen_control.rpc.messages.drive import BasePose, WorldState
+from canopen_control.version import __version__
+from canopen_control.virtual.control import NodeControl
 from canopen_control.virtual.diffbase import DiffBase
-from canopen_control.virtual.faults import FAULTS
+from canopen_control.virtual.fault_table import FAULTS
 from canopen_control.virtual.nodehost import NodeHost
 from canopen_control.virtual.plant import LoadedPlant
 from canopen_control.virtual.wheel import WheelPlant
 
 
 class Controlled:
-    """A node with its control socket, and a client of it."""
+    """A node with its control socket, and a bare connection to it."""
 
-    def __init__(self, **kwargs):
+    def __init__(self, world=None, **kwargs):
         self.bus = MemoryBus("control")
         self.reactor = Reactor(ManualClock(S))
         self.listener = self.bus.open("listener")
         self.port = self.bus.open("drive")
         self.node = servo(**kwargs)
         self.host = NodeHost(self.reactor, self.port, [self.node])
-        self.control = NodeControl(self.host, self.node)
+        self.control = NodeControl(self.host, self.node, world)
         self.reactor.run_for(0)
-        self.client = LineClient(control_path(self.port.channel, 5))
+        self.client = LineClient(socket_path("drive", "control-5"))
         self.hello = self.receive()
 
     def receive(self):
         self.reactor.run_for(0)
-        return self.client.receive(1.0)
+        return json.loads(self.client.receive(1.0))
+
+    def send(self, **message):
+        self.client.send(json.dumps(message).encode() + b"\n")
 
     def call(self, method, **params):
-        self.client.send({"id": 1, "method": method, "params": params})
+        self.send(id=1, method=method, params=params)
         answer = self.receive()
         while "event" in answer:
             answer = self.receive()
@@ -67,21 +75,24 @@ def controlled():
         each.close()
 
 
-def test_the_socket_is_named_after_bus_and_node():
-    assert control_path("local:robby", 3).name == "drive-robby-3.sock"
-    assert control_path("vcan0", 12).name == "drive-vcan0-12.sock"
-    assert control_path("pcan:PCAN_USBBUS1@500000", 1).name == "drive-pcan_PCAN_USBBUS1_500000-1.sock"
-
-
 def test_it_says_who_it_is(controlled):
-    hello = {"node_id": 5, "name": "servo", "channel": "memory:control", "pid": os.getpid()}
-    assert controlled().hello == {"hello": hello}
+    assert controlled().hello == {
+        "hello": {
+            "node_id": 5,
+            "name": "servo",
+            "channel": "memory:control",
+            "version": __version__,
+            "protocol": PROTOCOL,
+            "pid": os.getpid(),
+        }
+    }
 
 
 def test_it_lists_all_faults_with_what_a_good_master_makes_of_them(controlled):
     listed = controlled().call("faults")
     assert [each["name"] for each in listed] == list(FAULTS)
     assert all(set(each) == {"name", "row", "acts", "does", "reaction", "once", "on"} for each in listed)
+    assert all(each["does"] and each["reaction"] for each in listed)
 
 
 def test_it_switches_faults_and_the_wire_shows_it_at_once(controlled):
@@ -108,46 +119,57 @@ def test_inputs_and_the_plant_can_be_set(controlled):
     c = controlled(plant=lambda axis: LoadedPlant())
     assert c.call("inputs", value=0x10008) == {}
     assert c.node.get(0x60FD) == 0x10008
-    assert c.call("plant", external=-50, stalled=1) == {}
+    assert c.call("plant", numbers={"external": -50, "stalled": True}) == {}
     plant = c.node.drives[0].mover.plant
     assert (plant.external, plant.stalled) == (-50.0, True)
 
 
 def test_numbers_of_a_motor_inside_a_wheel_are_reached_too(controlled):
     c = controlled(plant=lambda axis: WheelPlant(LoadedPlant(), DiffBase(0.4), 0, 0.001))
-    assert c.call("plant", external=-50) == {}
+    assert c.call("plant", numbers={"external": -50}) == {}
     assert c.node.drives[0].mover.plant.inner.external == -50.0
 
 
-def test_the_world_is_part_of_the_state(controlled):
-    c = controlled()
-    assert "world" not in c.call("state")
-    c.control._world = SimpleNamespace(describe=lambda: {"base": {"x": 1.5}})
-    assert c.call("state")["world"] == {"base": {"x": 1.5}}
+def test_a_node_alone_tells_of_no_world(controlled):
+    assert "world" not in controlled().call("state")
+
+
+def test_what_the_axes_do_together_is_told(controlled):
+    world = SimpleNamespace(describe=lambda: WorldState(BasePose(1.5, 0.0, 0.25, 7), {"spring": 2.0}))
+    told = {"base": {"x": 1.5, "y": 0.0, "heading": 0.25, "time_ns": 7}, "others": {"spring": 2.0}}
+    assert controlled(world=world).call("state")["world"] == told
 
 
 @pytest.mark.parametrize(
-    ("method", "params", "words"),
+    ("method", "params", "kind", "words"),
     [
-        ("nonsense", {}, "no method"),
-        ("fault", {"name": "nonsense"}, "no fault"),
-        ("fault", {"name": "silent", "on": "yes"}, "true or false"),
-        ("inputs", {"value": -1}, "32 bits"),
-        ("inputs", {"value": 1, "axis": 4}, "axis"),
-        ("plant", {"axis": 4}, "no such axis"),
-        ("plant", {"_STEP_NS": 1}, "no number"),
-        ("plant", {"position": "far"}, "no number"),
+        ("nonsense", {}, "LocalProtocolError", "no method 'nonsense'; there are: faults, fault, state, inputs, plant"),
+        ("fault", {}, "LocalProtocolError", "fault: Object missing required field `name`"),
+        ("fault", {"name": "silent", "on": "yes"}, "LocalProtocolError", "Expected `bool`, got `str` - at `$.on`"),
+        ("inputs", {"value": -1}, "LocalProtocolError", "`$.value`"),
+        ("plant", {"numbers": {"position": "far"}}, "LocalProtocolError", "`$.numbers[...]`"),
+        ("fault", {"name": "nonsense"}, "ConfigError", "no fault 'nonsense'"),
+        ("inputs", {"value": 1, "axis": 4}, "ConfigError", "the node has no axis 4; it has: 0"),
+        ("plant", {"numbers": {}, "axis": 4}, "ConfigError", "the node has no axis 4"),
+        ("plant", {"numbers": {"_STEP_NS": 1}}, "ConfigError", "no number"),
+        ("plant", {"numbers": {"follow": 1}}, "ConfigError", "no number"),
     ],
 )
-def test_what_it_cannot_do_is_an_error_in_words(controlled, method, params, words):
-    answer = controlled().call(method, **params)
-    assert answer["kind"] == "ConfigError"
+def test_what_it_cannot_do_is_an_error_in_words(controlled, method, params, kind, words):
+    answer = controlled(plant=lambda axis: LoadedPlant()).call(method, **params)
+    assert answer["kind"] == kind
     assert words in answer["message"]
+
+
+def test_of_several_numbers_none_is_set_where_one_is_wrong(controlled):
+    c = controlled(plant=lambda axis: LoadedPlant())
+    assert "colour" in c.call("plant", numbers={"external": -50, "colour": 1})["message"]
+    assert c.node.drives[0].mover.plant.external == 0.0
 
 
 def test_events_are_pushed_and_notifications_are_not_answered(controlled):
     c = controlled()
     c.control.push("NMT OPERATIONAL")
-    assert c.receive() == {"event": "NMT OPERATIONAL"}
-    c.client.send({"method": "fault", "params": {"name": "warning"}})
+    assert c.receive() == {"event": {"text": "NMT OPERATIONAL"}}
+    c.send(method="fault", params={"name": "warning"})
     assert c.call("state")["faults"] == ["warning"]

@@ -3,12 +3,16 @@ from __future__ import annotations
 import pytest
 from support.virtualbench import TMCM, Bench, T, entry, servo_od
 
+from canopen_control.data_files import data_path
 from canopen_control.errors import ConfigError, EdsError
 from canopen_control.od.model import ObjectDictionary
-from canopen_control.virtual.device import make_device, personality_of
-from canopen_control.virtual.personality import GENERIC
-from canopen_control.virtual.plant import LagPlant
+from canopen_control.virtual.device import device_model_of, make_device, make_devices
+from canopen_control.virtual.device_model import GENERIC
+from canopen_control.virtual.plant import LagPlant, PlainWorld
+from canopen_control.virtual.scenario import ScenarioError
 from canopen_control.virtual.tmcm1270 import TMCM1270
+
+EDS = data_path("eds", "generic_cia402.eds")
 
 
 def test_a_file_makes_a_device_and_one_dictionary_makes_many():
@@ -24,9 +28,9 @@ def test_a_file_that_is_not_there_and_a_fault_that_is_none_are_configuration_err
         make_device(TMCM, 3, ("nonsense",))
 
 
-def test_the_identity_brings_the_personality():
-    assert personality_of(make_device(TMCM, 3).od) is TMCM1270
-    assert personality_of(servo_od()) is GENERIC
+def test_the_identity_brings_the_device_model():
+    assert device_model_of(make_device(TMCM, 3).od) is TMCM1270
+    assert device_model_of(servo_od()) is GENERIC
 
 
 def test_each_axis_has_its_plant():
@@ -64,3 +68,47 @@ def test_an_empty_dictionary_makes_a_node_that_boots():
     bench.start()
     bench.sync()
     assert bench.node.operational
+
+
+def test_devices_without_files_are_plain_nodes_with_their_ids_as_serials():
+    devices = make_devices([2, 3], TMCM, print, faults=["warning"])
+    assert [node.node_id for node in devices.nodes] == [2, 3]
+    assert [node.get(0x1018, 4) for node in devices.nodes] == [2, 3]
+    assert (devices.timeline, type(devices.world)) == ((), PlainWorld)
+    assert [Bench(node).node.switches.active for node in devices.nodes] == [["warning"]] * 2
+
+
+def test_serials_count_up():
+    devices = make_devices([2, 3], TMCM, print, serial=100)
+    assert [node.get(0x1018, 4) for node in devices.nodes] == [100, 101]
+
+
+def test_files_give_timeline_plants_and_stored_values(tmp_path):
+    scenario, plant, store = tmp_path / "s.yml", tmp_path / "p.yml", tmp_path / "store"
+    scenario.write_text("steps: [{at: 1s, fault: silent}]")
+    plant.write_text('axes: {"3": {kind: lag}}')
+    options = {"scenario": scenario, "plant": plant, "store": store}
+    devices = make_devices([3], TMCM, print, **options)
+    assert devices.timeline[0].fault == "silent"
+    assert isinstance(devices.nodes[0].drives[0].mover.plant, LagPlant)
+    bench = Bench(devices.nodes[0])
+    bench.write(0x6083, 777)
+    bench.write(0x1010, 0x65766173, 1)
+    again = Bench(make_devices([3], TMCM, print, **options).nodes[0])
+    assert again.number(0x6083) == 777
+
+
+def test_a_node_that_lss_named_starts_with_that_id_in_the_next_process(tmp_path):
+    options = {"store": tmp_path / "store"}
+    node = make_devices([255], EDS, print, **options).nodes[0]
+    assert node.lss.slave.store(7, None)
+    assert make_devices([255], EDS, print, **options).nodes[0].node_id == 7
+
+
+def test_mistakes_are_told_before_anything_runs(tmp_path):
+    with pytest.raises(EdsError):
+        make_devices([3], tmp_path / "none.eds", print)
+    with pytest.raises(ConfigError, match="no LSS"):
+        make_devices([255], TMCM, print)
+    with pytest.raises(ScenarioError):
+        make_devices([3], TMCM, print, scenario=tmp_path / "none")

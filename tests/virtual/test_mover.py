@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from canopen_control.virtual import motion
+from canopen_control.virtual import trajectory
 from canopen_control.virtual.mover import SAMPLE_NS, Mover
 from canopen_control.virtual.plant import IdealPlant, LagPlant
 
@@ -17,10 +17,10 @@ class Owner:
     def arrived(self, now):
         self.told.append(("arrived", now))
 
-    def touched(self, side, now):
-        self.told.append(("touched", side, now))
+    def limit_switch_hit(self, side, now):
+        self.told.append(("limit switch", side, now))
 
-    def left_behind(self, error, now):
+    def judge_following_error(self, error, now):
         self.told.append(("behind", round(error), now))
 
     def sampled(self):
@@ -77,17 +77,17 @@ def test_a_timer_of_the_same_name_gives_way_and_may_set_itself_anew():
 
 def test_the_end_of_a_demand_is_told_once():
     mover, owner = powered()
-    mover.run(motion.ramp_to(0, 0.0, 0.0, 100.0, 100.0, 100.0), 0)
+    mover.run(trajectory.ramp_to(0, 0.0, 0.0, 100.0, 100.0, 100.0), 0)
     mover.advance(5 * S)
     assert owner.told == [("arrived", S)]
     assert (mover.plant.position, mover.plant.velocity) == (450.0, 100.0)
-    mover.run(motion.hold(5 * S, 450.0), 5 * S)
+    mover.run(trajectory.hold(5 * S, 450.0), 5 * S)
     assert owner.told[1:] == [("arrived", 5 * S)]
 
 
 def test_without_power_the_plant_is_released_and_the_demand_is_where_it_is():
     mover, _ = powered(LagPlant())
-    mover.run(motion.cruise(0, 0.0, 100.0), 0)
+    mover.run(trajectory.cruise(0, 0.0, 100.0), 0)
     mover.advance(S)
     mover.power(False, S)
     mover.advance(10 * S)
@@ -97,7 +97,7 @@ def test_without_power_the_plant_is_released_and_the_demand_is_where_it_is():
 
 def test_a_plant_that_lags_is_compared_until_both_stand():
     mover, owner = powered(LagPlant(time_constant=0.05))
-    mover.run(motion.move_to(0, 0.0, 0.0, 100.0, 1000.0, 1000.0, 1000.0), 0)
+    mover.run(trajectory.move_to(0, 0.0, 0.0, 100.0, 1000.0, 1000.0, 1000.0), 0)
     mover.advance(5 * S)
     errors = [item[1] for item in owner.told if item[0] == "behind"]
     assert max(errors) > 5
@@ -108,15 +108,15 @@ def test_a_plant_that_lags_is_compared_until_both_stand():
 def test_wired_switches_are_touched_where_they_are():
     mover, owner = powered()
     mover.switches.wired, mover.switches.positive = True, 50.0
-    mover.run(motion.cruise(0, 0.0, 100.0), 0)
+    mover.run(trajectory.cruise(0, 0.0, 100.0), 0)
     mover.advance(S)
-    assert ("touched", 1, S // 2) in owner.told
+    assert ("limit switch", 1, S // 2) in owner.told
 
 
 def test_moving_values_are_sampled_only_for_those_who_look():
     for wanted in (False, True):
         mover, owner = powered(samples=wanted)
-        mover.run(motion.move_to(0, 0.0, 0.0, 100.0, 1000.0, 1000.0, 1000.0), 0)
+        mover.run(trajectory.move_to(0, 0.0, 0.0, 100.0, 1000.0, 1000.0, 1000.0), 0)
         mover.advance(5 * S)
         end = mover.demand.end_ns
         assert owner.told.count("sampled") == (end // SAMPLE_NS + 1 if wanted else 0)
@@ -125,7 +125,7 @@ def test_moving_values_are_sampled_only_for_those_who_look():
 
 def test_a_shaft_moved_by_force_goes_on_from_there():
     mover, _ = powered()
-    mover.run(motion.cruise(0, 0.0, 100.0), 0)
+    mover.run(trajectory.cruise(0, 0.0, 100.0), 0)
     mover.advance(S)
     mover.displace(-30.0, S)
     mover.advance(2 * S)
@@ -134,7 +134,7 @@ def test_a_shaft_moved_by_force_goes_on_from_there():
 
 def test_a_torque_pushes_the_plant_and_its_ramp_has_an_end():
     mover, owner = powered()
-    mover.push(motion.ramp_to(0, 0.0, 0.0, 100.0, 200.0, 200.0), 0)
+    mover.push(trajectory.ramp_to(0, 0.0, 0.0, 100.0, 200.0, 200.0), 0)
     mover.advance(S)
     assert owner.told == [("arrived", S // 2)]
     assert mover.plant.velocity > 0

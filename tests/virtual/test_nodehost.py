@@ -120,11 +120,27 @@ def test_a_node_changed_from_outside_is_served(world):
     w = world(servo(5))
     node = w.host.nodes[0]
     w.heard.clear()
-    node.now = w.reactor.now()
-    node.emergency(0x4310, 8)
+    node.clock.now = w.reactor.now()
+    node.outbox.emergency(0x4310, 8)
     w.host.wake(node)
     w.reactor.run_for(0)
     assert [frame.can_id for _, frame in w.heard] == [0x085]
+
+
+def test_a_node_served_from_outside_during_its_reset_hears_again(world):
+    w = world(servo(5))
+    node = w.host.nodes[0]
+    w.send(CanFrame(0x000, bytes([0x81, 5])))  # reset node
+    assert CanFrame(0x605).can_id not in node.routes()
+    for _ in range(2000):  # as whoever polls the control socket: served before the timers of the same turn
+        w.reactor.clock.now_ns += MS
+        node.tick(w.reactor.now())
+        w.host.wake(node)
+        if 0x605 in node.routes():
+            break
+    w.heard.clear()
+    w.send(CanFrame(0x605, bytes.fromhex("4000100000000000")))
+    assert [frame.can_id for _, frame in w.heard if frame.can_id == 0x585] == [0x585]
 
 
 def test_without_a_bus_its_nodes_stop_by_themselves_and_with_another_port_they_go_on(world):
@@ -204,7 +220,8 @@ def test_where_a_frame_is_more_than_the_servers_each_comes_by_itself(world, why)
     if why == "stopped":
         w.send(CanFrame(0, b"\x02\x05"))
     elif why == "a second listener":
-        node._routes[0x605] = lambda frame, now, sdo=node._routes[0x605]: sdo(frame, now)
+        table = node._frames.table
+        table[0x605] = lambda frame, now, sdo=table[0x605]: sdo(frame, now)
     elif why == "a filter":
         node.filter = Everything()
     taken = frame_by_frame(node)

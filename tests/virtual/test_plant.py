@@ -6,15 +6,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from canopen_control.virtual import motion
-from canopen_control.virtual.plant import IdealPlant, LagPlant, LoadedPlant
+from canopen_control.rpc.messages.drive import WorldState
+from canopen_control.virtual import trajectory
+from canopen_control.virtual.plant import IdealPlant, LagPlant, LoadedPlant, PlainWorld
 
 MS, S = 1_000_000, 1_000_000_000
 
 
 def test_an_ideal_plant_is_where_the_demand_is_and_stands_without_power():
     plant = IdealPlant()
-    demand = motion.ramp_to(0, 0.0, 0.0, 100.0, 200.0, 200.0)
+    demand = trajectory.ramp_to(0, 0.0, 0.0, 100.0, 200.0, 200.0)
     plant.follow(demand, 0, S)
     assert (plant.position, plant.velocity) == demand.at(S)
     plant.release(S, 2 * S)
@@ -23,7 +24,7 @@ def test_an_ideal_plant_is_where_the_demand_is_and_stands_without_power():
 
 def test_a_lagging_plant_is_the_closed_form_of_a_step():
     plant = LagPlant(time_constant=0.1)
-    step = motion.cruise(0, 0.0, 100.0)
+    step = trajectory.cruise(0, 0.0, 100.0)
     plant.follow(step, 0, S // 10)
     assert plant.velocity == pytest.approx(100 * (1 - math.exp(-1)))
     assert plant.position == pytest.approx(100 * 0.1 - 0.1 * 100 * (1 - math.exp(-1)))
@@ -31,7 +32,7 @@ def test_a_lagging_plant_is_the_closed_form_of_a_step():
 
 def test_a_lagging_plant_follows_a_ramp_one_time_constant_behind():
     plant = LagPlant(time_constant=0.02)
-    ramp = motion.ramp_to(0, 0.0, 0.0, 1000.0, 500.0, 500.0)
+    ramp = trajectory.ramp_to(0, 0.0, 0.0, 1000.0, 500.0, 500.0)
     plant.follow(ramp, 0, S)
     assert plant.velocity == pytest.approx(500 * (1 - 0.02), abs=1e-6)
     plant.follow(ramp, S, 4 * S)
@@ -40,7 +41,7 @@ def test_a_lagging_plant_follows_a_ramp_one_time_constant_behind():
 
 @given(st.lists(st.integers(1, 400 * MS), min_size=1, max_size=12))
 def test_a_lagging_plant_looked_at_often_is_the_one_looked_at_once(steps):
-    demand = motion.move_to(0, 0.0, 0.0, 500.0, 300.0, 900.0, 400.0)
+    demand = trajectory.move_to(0, 0.0, 0.0, 500.0, 300.0, 900.0, 400.0)
     often, once = LagPlant(), LagPlant()
     clock = 0
     for step in steps:
@@ -60,7 +61,7 @@ def test_without_power_a_lagging_plant_coasts():
 
 @pytest.mark.parametrize("plant", [IdealPlant(), LagPlant()])
 def test_torque_ends_in_the_velocity_that_belongs_to_it(plant):
-    plant.push(motion.ramp_to(0, 0.0, 0.0, 500.0, 1000.0, 1000.0), 0, 10 * S)
+    plant.push(trajectory.ramp_to(0, 0.0, 0.0, 500.0, 1000.0, 1000.0), 0, 10 * S)
     assert plant.velocity == pytest.approx(plant.rated_velocity / 2, rel=1e-6)
     assert plant.torque == 500.0
 
@@ -72,14 +73,14 @@ def run_loaded(plant, demand, seconds, step=MS):
 
 
 def test_a_loaded_plant_follows_a_gentle_move_and_stands_at_its_end():
-    demand = motion.move_to(0, 0.0, 0.0, 5000.0, 10_000.0, 50_000.0, 50_000.0)
+    demand = trajectory.move_to(0, 0.0, 0.0, 5000.0, 10_000.0, 50_000.0, 50_000.0)
     plant = run_loaded(LoadedPlant(), demand, 2.0)
     assert plant.position == pytest.approx(5000, abs=2)
     assert abs(plant.velocity) < 5
 
 
 def test_a_loaded_plant_does_not_depend_on_who_looks_when():
-    demand = motion.move_to(0, 0.0, 0.0, 5000.0, 10_000.0, 50_000.0, 50_000.0)
+    demand = trajectory.move_to(0, 0.0, 0.0, 5000.0, 10_000.0, 50_000.0, 50_000.0)
     assert (
         run_loaded(LoadedPlant(), demand, 0.6).position
         == run_loaded(LoadedPlant(), demand, 0.6, 7 * MS // 7 * 3).position
@@ -87,7 +88,7 @@ def test_a_loaded_plant_does_not_depend_on_who_looks_when():
 
 
 def test_a_torque_limit_and_an_inertia_leave_it_behind():
-    demand = motion.ramp_to(0, 0.0, 0.0, 100_000.0, 2_000_000.0, 2_000_000.0)
+    demand = trajectory.ramp_to(0, 0.0, 0.0, 100_000.0, 2_000_000.0, 2_000_000.0)
     strong = run_loaded(LoadedPlant(torque_limit=3000.0), demand, 0.05)
     weak = run_loaded(LoadedPlant(torque_limit=500.0, inertia=1.0), demand, 0.05)
     assert weak.velocity < strong.velocity / 4
@@ -103,14 +104,23 @@ def test_gravity_moves_it_without_power_and_friction_holds_it():
 
 
 def test_a_stalled_shaft_does_not_move_and_backlash_leaves_the_load_behind():
-    stalled = run_loaded(LoadedPlant(stalled=True), motion.cruise(0, 0.0, 1000.0), 0.1)
+    stalled = run_loaded(LoadedPlant(stalled=True), trajectory.cruise(0, 0.0, 1000.0), 0.1)
     assert stalled.position == 0.0
     assert abs(stalled.torque) > 0.0
-    loose = run_loaded(LoadedPlant(backlash=100.0), motion.cruise(0, 0.0, 1000.0), 0.5)
+    loose = run_loaded(LoadedPlant(backlash=100.0), trajectory.cruise(0, 0.0, 1000.0), 0.5)
     assert loose.position - loose.load_position == pytest.approx(50.0)
 
 
 def test_torque_accelerates_a_loaded_plant_until_friction_and_viscosity_balance_it():
     plant = LoadedPlant(viscosity=0.01)
-    plant.push(motion.Trajectory(0, 0.0, (), 100.0), 0, 20 * S)
+    plant.push(trajectory.Trajectory(0, 0.0, (), 100.0), 0, 20 * S)
     assert plant.velocity == pytest.approx((100 - plant.friction) / 0.01, rel=0.01)
+
+
+def test_a_plain_world_gives_every_axis_a_plant_of_its_own():
+    world = PlainWorld()
+    first, second = world.plant(3, 0), world.plant(3, 1)
+    assert isinstance(first, IdealPlant)
+    assert first is not second
+    assert (world.describe(), world.period_ns) == (WorldState(), None)
+    world.close()

@@ -6,19 +6,22 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from support.virtualbench import MS, S, ready_tmcm, servo, servo_od
 
 from canopen_control.bus.memory import MemoryBus
+from canopen_control.bus.port import BusEvent, BusEventKind
 from canopen_control.errors import BusClosed
 from canopen_control.frame import CanFrame, frames_of, pack_records
 from canopen_control.host.reactor import ManualClock, Reactor
-from canopen_control.host.sockets import list_sockets
+from canopen_control.host.sockets import list_sockets, socket_path
+from canopen_control.rpc.messages.drive import WorldState
 from canopen_control.virtual import process
-from canopen_control.virtual.control import control_path
 from canopen_control.virtual.device import make_device
-from canopen_control.virtual.launch import NodeIdTaken
-from canopen_control.virtual.process import DriveProcess
-from canopen_control.virtual.timeline import Switching
+from canopen_control.virtual.node_id_check import NodeIdTaken
+from canopen_control.virtual.process import WINDOW_NS, DriveProcess, FoldedLog
+from canopen_control.virtual.scenario import Switching
 
 PORTS = []
 
@@ -63,6 +66,45 @@ def test_several_nodes_say_so(reactor):
     assert "drives 5, 6 (servo) ready on memory:process" in lines
 
 
+def test_a_controller_between_two_states_does_not_flood_the_log_with_what_the_node_makes_of_it(reactor):
+    node = servo(5)
+    _, drives, lines = started(reactor, [node])
+
+    def flood():
+        for _ in range(500):
+            for kind in (BusEventKind.ERROR_PASSIVE, BusEventKind.OVERRUN, BusEventKind.ERROR_ACTIVE):
+                node.bus_event(kind, reactor.now())
+                drives._host.wake(node)
+
+    reactor.call_later(S, flood)
+    reactor.call_later(12 * S, reactor.stop)
+    drives.run()
+    passive = [line for line in lines if "0x8120" in line]
+    assert len(passive) == 11
+    assert passive[-1].endswith("(490 more times in 10 s)")
+    assert len(lines) < 50
+
+
+def test_a_flood_of_error_frames_is_a_line_and_a_sum_for_each_kind(reactor):
+    _, drives, lines = started(reactor, [servo(5)])
+
+    def flood():
+        for number in range(1000):
+            for kind in (BusEventKind.ERROR_PASSIVE, BusEventKind.OVERRUN):
+                drives._on_bus_event(BusEvent(kind, f"{kind.value} {number}"))
+
+    reactor.call_later(S, flood)
+    reactor.call_later(12 * S, reactor.stop)
+    drives.run()
+    told = [line.split(" ", 1)[1].strip() for line in lines if "overrun" in line or "passive" in line]
+    assert [each.partition(" ")[2] if each[0].isdigit() else each for each in told] == [
+        "error-passive 0",
+        "overrun 0",
+        "error-passive 999 (999 more times in 10 s)",
+        "overrun 999 (999 more times in 10 s)",
+    ]
+
+
 def test_it_logs_state_changes_in_words(reactor):
     bus, drives, lines = started(reactor, [servo(5)])
     master = join(bus, "master")
@@ -87,7 +129,7 @@ def test_a_control_socket_that_is_served_already_means_that_the_id_is_taken(reac
     from canopen_control.host.sockets import listen
 
     _, drives, _ = started(reactor, [servo(5)])
-    taken = listen(control_path("memory:process", 5))
+    taken = listen(socket_path("drive", "process-5"))
     with pytest.raises(NodeIdTaken):
         drives.run()
     taken.close()
@@ -101,6 +143,26 @@ def test_without_its_parent_it_ends_at_once_when_nothing_turns(reactor, monkeypa
     assert reactor.now() < 2.1 * S
     assert "the parent process is gone" in lines[-1]
     os.close(read)
+
+
+def test_a_parent_that_died_while_it_was_starting_is_noticed(reactor, monkeypatch):
+    read, write = os.pipe()
+    os.close(write)
+    _, drives, lines = started(reactor, [servo(5)], monkeypatch, read)
+    reactor.call_later(10 * S, reactor.stop)
+    assert drives.run() == 0
+    assert reactor.now() < 2 * S
+    assert any("the parent process is gone" in line for line in lines)
+    os.close(read)
+
+
+def test_a_signal_while_it_is_starting_ends_it(reactor):
+    _, drives, lines = started(reactor, [servo(5)])
+    reactor.call_soon(lambda: os.kill(os.getpid(), signal.SIGTERM))
+    reactor.call_later(10 * S, reactor.stop)
+    assert drives.run() == 0
+    assert reactor.now() < 2 * S
+    assert lines
 
 
 @pytest.mark.parametrize(("watched", "seconds"), [(True, 0.5 + 2546 / 16000), (False, 5.0)])
@@ -192,7 +254,7 @@ def test_a_node_id_given_by_lss_renames_its_control_socket(reactor):
 def test_a_timeline_and_a_world_that_wants_to_know_its_axes_are_served(reactor):
     bus = MemoryBus("process")
     node, asked = servo(5), []
-    world = SimpleNamespace(period_ns=20 * MS, describe=dict)
+    world = SimpleNamespace(period_ns=20 * MS, describe=WorldState)
     node.advance_drives = lambda now, advance=node.advance_drives: (asked.append(now), advance(now))
     lines = []
     timeline = [Switching(S // 2, 5, "warning")]
@@ -201,3 +263,37 @@ def test_a_timeline_and_a_world_that_wants_to_know_its_axes_are_served(reactor):
     assert drives.run() == 0
     assert len(asked) >= 49
     assert any("fault warning on" in line for line in lines)
+
+
+@pytest.fixture
+def log_reactor():
+    made = Reactor(ManualClock(0))
+    yield made
+    made.close()
+
+
+def test_the_first_lines_of_a_kind_then_their_number(log_reactor):
+    written = []
+    log = FoldedLog(log_reactor, written.append)
+    for number in range(5):
+        log.tell("a", f"a {number}", 2)
+    log.tell("b", "b", 2)
+    assert written == ["a 0", "a 1", "b"]
+    log_reactor.run_for(WINDOW_NS + 1)
+    assert written == ["a 0", "a 1", "b", "a 4 (3 more times in 10 s)"]
+    log.tell("a", "a 5", 2)
+    assert written[-1] == "a 5"
+
+
+@given(st.lists(st.tuples(st.sampled_from("abc"), st.integers(0, 4 * WINDOW_NS)), max_size=200))
+def test_no_line_is_lost_from_the_sum(told):
+    log_reactor, written = Reactor(ManualClock(0)), []
+    log = FoldedLog(log_reactor, written.append)
+    for kind, at in told:
+        log_reactor.call_at(at, lambda kind=kind: log.tell(kind, kind, 3))
+    log_reactor.run_for(6 * WINDOW_NS)
+    log_reactor.close()
+    for kind in "abc":
+        lines = [line for line in written if line[0] == kind]
+        sums = sum(int(line.split("(")[1].split()[0]) for line in lines if "(" in line)
+        assert sums + sum("(" not in line for line in lines) == sum(each == kind for each, _ in told)

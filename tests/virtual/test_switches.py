@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import math
 
-from canopen_control.virtual import motion
+from canopen_control.virtual import trajectory
 from canopen_control.virtual.switches import Switches
 
 S = 1_000_000_000
@@ -19,11 +19,11 @@ def test_they_show_only_to_homing_unless_they_are_wired():
 
 def test_a_demand_runs_into_the_wired_one_in_its_way():
     switches = Switches(wired=True, negative=-10.0, positive=10.0)
-    assert switches.next_touch(motion.cruise(0, 0.0, 10.0), 0) == S
-    assert switches.next_touch(motion.cruise(0, 0.0, -5.0), 0) == 2 * S
-    assert switches.next_touch(motion.hold(0, 0.0), 0) is None
-    assert switches.next_touch(motion.cruise(0, 20.0, 1.0), 0) is None  # beyond it already
-    assert Switches(positive=10.0).next_touch(motion.cruise(0, 0.0, 10.0), 0) is None
+    assert switches.next_hit(trajectory.cruise(0, 0.0, 10.0), 0) == S
+    assert switches.next_hit(trajectory.cruise(0, 0.0, -5.0), 0) == 2 * S
+    assert switches.next_hit(trajectory.hold(0, 0.0), 0) is None
+    assert switches.next_hit(trajectory.cruise(0, 20.0, 1.0), 0) is None  # beyond it already
+    assert Switches(positive=10.0).next_hit(trajectory.cruise(0, 0.0, 10.0), 0) is None
 
 
 def test_an_active_one_bounds_the_motion_on_its_side():

@@ -10,7 +10,7 @@ MOVING, NEGATIVE = 1 << 14, 1 << 15
 def test_it_is_known_by_its_identity():
     assert is_tmcm1270(tmcm().od)
     assert not is_tmcm1270(servo_od())
-    assert tmcm().personality is TMCM1270
+    assert tmcm().model is TMCM1270
     assert tmcm().name == "TMCM-1270"
 
 

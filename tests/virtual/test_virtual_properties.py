@@ -13,8 +13,8 @@ from support.virtualbench import MS, REACHED, Bench, S, generic, servo
 
 from canopen_control.cia402.modes import supported_modes
 from canopen_control.virtual.device import make_device
+from canopen_control.virtual.drive_modes import MODES
 from canopen_control.virtual.plant import LagPlant, LoadedPlant
-from canopen_control.virtual.profiles import HANDLERS
 
 DEVIATIONS = sorted((Path(__file__).parents[1] / "od" / "deviations").glob("*.eds"))
 
@@ -24,7 +24,7 @@ DEVIATIONS = sorted((Path(__file__).parents[1] / "od" / "deviations").glob("*.ed
 
 def modes_of(b, axis=0):
     listed = b.node.store.number(0x6502 + 0x800 * axis, 0, -1)
-    return [int(mode) for mode in (HANDLERS if listed == -1 else supported_modes(listed))]
+    return [int(mode) for mode in (MODES if listed == -1 else supported_modes(listed))]
 
 
 def test_there_are_twelve_deviating_files():
@@ -215,7 +215,7 @@ def test_pp_never_says_target_reached_early(plant, moves, window, window_ms):
                 assert abs(b.drive.mover.plant.position - target) <= window + 0.5
     b.on(20)
     assert b.statusword & REACHED
-    assert abs(b.drive.mover.plant.position - b.drive.handler._target) <= window
+    assert abs(b.drive.mover.plant.position - b.drive.modes.active._target) <= window
 
 
 # -- whatever comes from the bus

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from canopen_control.virtual import motion
+from canopen_control.virtual import trajectory
 from canopen_control.virtual.plant import IdealPlant, LagPlant, LoadedPlant
 from canopen_control.virtual.wheel import GRID_NS, WheelPlant
 
@@ -27,7 +27,7 @@ def wheel(inner=None, metres=0.001, **kwargs):
 
 def test_it_moves_as_its_inner_plant_and_reports_the_way_on_a_grid():
     plant, floor = wheel()
-    demand = motion.ramp_to(0, 0.0, 0.0, 1000.0, 2000.0, 2000.0)
+    demand = trajectory.ramp_to(0, 0.0, 0.0, 1000.0, 2000.0, 2000.0)
     plant.follow(demand, 0, S)
     assert (plant.position, plant.velocity) == demand.at(S)
     plant.publish()
@@ -38,7 +38,7 @@ def test_it_moves_as_its_inner_plant_and_reports_the_way_on_a_grid():
 @pytest.mark.parametrize("inner", [IdealPlant, LagPlant, LoadedPlant])
 @given(st.lists(st.integers(1, 60 * MS), min_size=1, max_size=20))
 def test_what_it_reports_does_not_depend_on_who_looks_when(inner, steps):
-    demand = motion.move_to(0, 0.0, 0.0, 500.0, 3000.0, 9000.0, 9000.0)
+    demand = trajectory.move_to(0, 0.0, 0.0, 500.0, 3000.0, 9000.0, 9000.0)
     (often, first), (once, second) = wheel(inner()), wheel(inner())
     clock = 0
     for step in steps:
@@ -54,7 +54,7 @@ def test_what_it_reports_does_not_depend_on_who_looks_when(inner, steps):
 
 def test_at_rest_a_long_time_is_one_point():
     plant, floor = wheel()
-    plant.follow(motion.hold(0, 0.0), 0, 3600 * S)
+    plant.follow(trajectory.hold(0, 0.0), 0, 3600 * S)
     plant.release(3600 * S, 7200 * S)
     plant.publish()
     assert floor.points == [(3600 * S, 0.0), (7200 * S, 0.0)]
@@ -63,14 +63,14 @@ def test_at_rest_a_long_time_is_one_point():
 def test_a_reversed_wheel_goes_backwards_and_a_displaced_one_is_lifted():
     plant, floor = wheel(metres=-0.001)
     plant.position = 500.0
-    plant.follow(motion.linear_to(0, 500.0, 600.0, 0.1), 0, S // 10)
+    plant.follow(trajectory.linear_to(0, 500.0, 600.0, 0.1), 0, S // 10)
     plant.publish()
     assert floor.points[-1][1] == pytest.approx(-0.1)
 
 
 def test_a_torque_moves_it_too():
     plant, floor = wheel()
-    plant.push(motion.ramp_to(0, 0.0, 0.0, 500.0, 1000.0, 1000.0), 0, S)
+    plant.push(trajectory.ramp_to(0, 0.0, 0.0, 500.0, 1000.0, 1000.0), 0, S)
     plant.publish()
     assert floor.points[-1][1] == pytest.approx(plant.position * 0.001)
     plant.velocity = plant.torque = 0.0
@@ -79,7 +79,7 @@ def test_a_torque_moves_it_too():
 
 
 def test_slip_is_the_same_for_a_seed_however_it_is_looked_at():
-    demand = motion.cruise(0, 0.0, 1000.0)
+    demand = trajectory.cruise(0, 0.0, 1000.0)
     ways = []
     for step in (20 * MS, 7 * MS):
         plant, floor = wheel(slip=0.05, seed=3)

@@ -5,6 +5,7 @@ import sys
 import pytest
 from support.virtualbench import Bench, S, servo_od
 
+from canopen_control.rpc.messages.drive import WorldState
 from canopen_control.virtual.device import make_device
 from canopen_control.virtual.plant import IdealPlant, LagPlant, LoadedPlant
 from canopen_control.virtual.wheel import WheelPlant
@@ -45,7 +46,7 @@ def test_each_axis_has_the_plant_that_the_file_says(tmp_path):
 def test_an_empty_file_leaves_every_axis_ideal(tmp_path):
     made = world(tmp_path, "")
     assert isinstance(made.plant(3, 0), IdealPlant)
-    assert (made.describe(), made.period_ns) == ({}, None)
+    assert (made.describe(), made.period_ns) == (WorldState(), None)
     made.close()
 
 
@@ -66,11 +67,11 @@ def test_two_drives_move_the_base_they_are_wheels_of(tmp_path, share):
         right.on(0.02)
     for each in worlds:
         each.describe()
-    pose = worlds[0].describe()["base"]
+    pose = worlds[0].describe().base
     way = left.drive.mover.plant.position * METRES
-    assert pose["x"] == pytest.approx(way, abs=1000 * METRES * 0.005)  # to the last point of the grid
-    assert (pose["y"], pose["heading"]) == pytest.approx((0.0, 0.0), abs=1e-9)
-    assert pose["time_ns"] == pytest.approx(2 * S, abs=5e6)
+    assert pose.x == pytest.approx(way, abs=1000 * METRES * 0.005)  # to the last point of the grid
+    assert (pose.y, pose.heading) == pytest.approx((0.0, 0.0), abs=1e-9)
+    assert pose.time_ns == pytest.approx(2 * S, abs=5e6)
     assert right.number(0x6064, signed=True) == -left.number(0x6064, signed=True)
     for each in worlds:
         each.close()
@@ -105,7 +106,7 @@ def test_mistakes_are_told_with_their_line(tmp_path, text, words):
 
 def test_another_engine_can_replace_ours(tmp_path, monkeypatch):
     (tmp_path / "engine_of_test.py").write_text(
-        "from canopen_control.virtual.world import PlainWorld\n"
+        "from canopen_control.virtual.plant import PlainWorld\n"
         "class Engine(PlainWorld):\n    def __init__(self, path): self.path = path\n"
     )
     monkeypatch.syspath_prepend(str(tmp_path))

@@ -21,7 +21,7 @@ from canopen_control.errors import CanopenError
 from canopen_control.ros.interfaces.cdr import Codecs
 from canopen_control.ros.interfaces.classes import message_class, service_class
 from canopen_control.ros.interfaces.definition import parts_of
-from canopen_control.ros.interfaces.description import Registry, hash_text
+from canopen_control.ros.interfaces.type_description import Registry, hash_text
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

@@ -15,13 +15,13 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 from canopen_control.ros.interfaces import abi
 from canopen_control.ros.interfaces.abi import address, keep
 from canopen_control.ros.interfaces.definition import NESTED, Shape, parts_of
-from canopen_control.ros.interfaces.description import hash_of
+from canopen_control.ros.interfaces.type_description import hash_of
 
 if TYPE_CHECKING:
     from canopen_control.ros.interfaces.cdr import Codecs
     from canopen_control.ros.interfaces.definition import FieldType
-    from canopen_control.ros.interfaces.description import Description, Registry
     from canopen_control.ros.interfaces.libraries import Libraries
+    from canopen_control.ros.interfaces.type_description import DescribedStructure, Description, Registry
 
 __all__ = ["Capsules", "Supports"]
 
@@ -246,7 +246,7 @@ def _c_description(description: Description) -> abi.TypeDescription:
     )
 
 
-def _c_individual(described: Description) -> abi.IndividualDescription:
+def _c_individual(described: DescribedStructure) -> abi.IndividualDescription:
     fields = []
     for each in described["fields"]:
         kind = each["type"]

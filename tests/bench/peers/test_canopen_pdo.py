@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from canopen_control.bench.peers import canopen_pdo
+from canopen_control_bench.peers import canopen_pdo
 
 
 def test_it_is_independent_of_our_master():

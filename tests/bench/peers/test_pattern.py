@@ -1,6 +1,6 @@
 """The peers' pattern: each cycle its own values, so that a repeated or skipped cycle shows."""
 
-from canopen_control.bench.peers.pattern import STEPS, controlword, target
+from canopen_control_bench.peers.pattern import STEPS, controlword, target
 
 
 def test_neighbouring_cycles_and_drives_differ():

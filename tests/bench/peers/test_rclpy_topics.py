@@ -1,7 +1,7 @@
 """The other ROS programs (running: test_bridge)."""
 
-from canopen_control.bench.bridge_subject import CONTROLLER
-from canopen_control.bench.peers.rclpy_topics import COMMANDS, KINDS, TOPICS
+from canopen_control_bench.bridge_subject import CONTROLLER
+from canopen_control_bench.peers.rclpy_topics import COMMANDS, KINDS, TOPICS
 
 
 def test_both_are_listened_to_on_topics_of_the_same_kinds():

@@ -1,13 +1,15 @@
 """The peer of the services bench: canopen as client, on our bus and on its own, moves what it is given."""
 
-from canopen_control.bench.peers.sdo_canopen import import_eds, their_client, their_virtual_client
-from canopen_control.bench.services import check
-from canopen_control.bench.stage import EDS, stage
+import pytest
+from canopen_control_bench.peers.sdo_canopen import import_eds, their_client, their_virtual_client
+from canopen_control_bench.services import check
+from canopen_control_bench.stage import EDS, stage
 
 
+@pytest.mark.process
 def test_it_moves_blocks_on_both_buses():
     with stage() as played:
-        played.start("canopen_control.bench.sdo_client").line()
+        played.start("canopen_control_bench.sdo_client").line()
         for opener in (their_client, their_virtual_client):
             with opener() as client:
                 check(client, bytes(range(100)))

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from canopen_control.ros.interfaces.cdr import Codecs
-from canopen_control.ros.interfaces.description import Registry
+from canopen_control.ros.interfaces.type_description import Registry
 
 DEFINITIONS = {
     "p/msg/Empty": [],
@@ -66,10 +66,12 @@ def test_a_body_that_is_cut_is_refused(message, data):
 @settings(deadline=None)
 @given(st.binary(max_size=200))
 def test_garbage_is_a_message_or_a_value_error(body):
+    made = codecs()
     try:
-        codecs().decode("p/msg/All", body)
+        message = made.decode("p/msg/All", body)
     except ValueError:
         return
+    assert made.decode("p/msg/All", made.encode("p/msg/All", message)) is not None
 
 
 def test_a_length_of_four_gigabytes_allocates_nothing():

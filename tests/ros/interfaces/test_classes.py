@@ -5,7 +5,7 @@ from array import array
 import pytest
 
 from canopen_control.ros.interfaces.classes import MadeMessage, message_class, service_class
-from canopen_control.ros.interfaces.description import Registry
+from canopen_control.ros.interfaces.type_description import Registry
 
 
 @pytest.fixture

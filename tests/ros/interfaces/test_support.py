@@ -15,7 +15,7 @@ from pathlib import Path
 import importlib, numpy
 from rclpy.serialization import serialize_message, deserialize_message
 from canopen_control.ros.interfaces.cdr import Codecs
-from canopen_control.ros.interfaces.description import Registry
+from canopen_control.ros.interfaces.type_description import Registry
 from canopen_control.ros.interfaces.definition import parts_of
 share = Path(sys.prefix, "share")
 registry = Registry([share])
@@ -176,7 +176,7 @@ def test_a_request_of_another_layout_from_another_process_is_dropped_and_the_nex
     code = """
 import sys, threading
 from canopen_control.ros import interfaces, rcl
-from canopen_control.ros.service import serve
+from canopen_control.ros.endpoint import serve
 from canopen_control.ros.spinner import Spinner
 if sys.argv[1] == "stranger":
     interfaces._DEFINITIONS["canopen_interfaces/srv/COWrite"] = ["uint8 a", "---", "bool success"]

@@ -1,0 +1,116 @@
+"""What ports are built of: a log of events, a queue for what the kernel does not take, a descriptor that wakes."""
+
+from __future__ import annotations
+
+import socket
+from collections import deque
+from typing import TYPE_CHECKING, Final
+
+from canopen_control.bus.port import BusEvent
+from canopen_control.frame import RECORD_SIZE
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from canopen_control.bus.port import BusEventKind, Records
+
+__all__ = ["SEND_LIMIT", "EventLog", "SendQueue", "Wake"]
+
+EVENT_LIMIT: Final = 1000
+SEND_LIMIT: Final = 4096
+"""Frames that may wait: most of a second at 1 Mbit/s; what is older would only confuse."""
+
+
+class EventLog:
+    """What happened to a port and was not fetched yet: bounded, since an owner may never ask; the oldest go first."""
+
+    __slots__ = ("_events",)
+
+    def __init__(self) -> None:
+        self._events: deque[BusEvent] = deque(maxlen=EVENT_LIMIT)
+
+    def add(self, kind: BusEventKind, text: str) -> None:
+        """Note an event."""
+        self._events.append(BusEvent(kind, text))
+
+    def extend(self, events: Iterable[BusEvent]) -> None:
+        """Note several."""
+        self._events.extend(events)
+
+    def drain(self) -> list[BusEvent]:
+        """Return them, oldest first, and forget them."""
+        if not self._events:
+            return []
+        events = list(self._events)
+        self._events.clear()
+        return events
+
+
+class SendQueue:
+    """Frames that wait to be sent: bounded, the oldest dropped first, and a half-sent one never cut.
+
+    `data` begins with the rest of a half-sent record, if there is one.
+    """
+
+    __slots__ = ("data", "limit")
+
+    def __init__(self, limit: int = SEND_LIMIT) -> None:
+        self.data = bytearray()
+        self.limit = limit
+
+    def __len__(self) -> int:
+        """Frames that wait, a half-sent one included."""
+        return (len(self.data) + RECORD_SIZE - 1) // RECORD_SIZE
+
+    def put(self, records: Records) -> int:
+        """Append the rest of some records (only the first may be half sent); return how many were dropped for it."""
+        self.data += records
+        excess = len(self) - self.limit
+        if excess <= 0:
+            return 0
+        half_sent = len(self.data) % RECORD_SIZE
+        del self.data[half_sent : half_sent + excess * RECORD_SIZE]
+        return excess
+
+    def taken(self, size: int) -> None:
+        """Forget the first `size` bytes: the kernel has them."""
+        del self.data[:size]
+
+    def clear(self) -> int:
+        """Forget everything; return how many frames that were."""
+        count = len(self)
+        self.data.clear()
+        return count
+
+
+class Wake:
+    """A descriptor for ports that have none: `set` makes it readable, `clear` ends that. Any thread may."""
+
+    def __init__(self) -> None:
+        self._reader, self._writer = socket.socketpair()
+        self._reader.setblocking(False)
+        self._writer.setblocking(False)
+
+    def fileno(self) -> int:
+        """Return the descriptor to wait on, -1 once closed."""
+        return self._reader.fileno()
+
+    def set(self) -> None:
+        """Make the descriptor readable."""
+        try:
+            self._writer.send(b"!")
+        except OSError:  # full: it is readable already; closed: nobody waits
+            return
+
+    def clear(self) -> None:
+        """Make the descriptor unreadable."""
+        try:
+            while len(self._reader.recv(4096)) == 4096:
+                pass
+        except OSError:  # nothing there
+            return
+
+    def close(self) -> None:
+        """Give the descriptors back."""
+        self._reader.close()
+        self._writer.close()

@@ -1,0 +1,68 @@
+"""Types of arguments on the command line: numbers within bounds, refused in a sentence; and options of many verbs."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from typing import TYPE_CHECKING, Final
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+__all__ = ["LONGEST_S", "finite", "node_id", "number", "seconds", "timeout_seconds", "whole", "whole_number"]
+
+LONGEST_S: Final = 1e9  # some thirty years
+
+
+def number(what: str, accept: Callable[[float], bool]) -> Callable[[str], float]:
+    """Return what reads a number; one that is not accepted, or none, "is no WHAT"."""
+
+    def read(text: str) -> float:
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        if not (math.isfinite(value) and accept(value)):
+            raise argparse.ArgumentTypeError(f"{text!r} is no {what}")
+        return value
+
+    return read
+
+
+def whole_number(what: str, numbers: range) -> Callable[[str], int]:
+    """Return what reads a whole number, decimal or 0x; one that is not among `numbers`, or none, "is no WHAT"."""
+
+    def read(text: str) -> int:
+        try:
+            value = int(text, 0)
+        except ValueError:
+            value = None
+        if value is None or value not in numbers:
+            raise argparse.ArgumentTypeError(f"{text!r} is no {what}")
+        return value
+
+    return read
+
+
+node_id = whole_number("node id: 1 to 127", range(1, 128))
+seconds = number("time in seconds above 0", lambda value: 0.0 < value < LONGEST_S)
+timeout_seconds = number("time in seconds above 0 and up to 60", lambda value: 0.0 < value <= 60.0)
+
+
+def whole(text: str) -> int:
+    """Read a whole number, decimal or 0x."""
+    try:
+        return int(text, 0)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is no whole number, decimal or 0x") from None
+
+
+def finite(text: str) -> float:
+    """Read a number that can be commanded: neither nan nor infinite."""
+    try:
+        value = float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is no number") from None
+    if not math.isfinite(value):
+        raise argparse.ArgumentTypeError(f"{text} is no value that a drive could reach")
+    return value

@@ -1,0 +1,122 @@
+"""Commands from a shell: repeated until Ctrl-C or for a while, then zeros, so that nothing keeps moving unattended.
+
+The law of this file: what is repeated ends with this process, whatever ends that; `--once` lives out its time. Drives
+that are being enabled are waited for; where nothing can move the robot's sentence is the end, with exit code 1. A
+command ends without a new motion: zero ends a velocity and an effort; for a position zero is a place to go to, so a
+position is given up instead, and the joint holds where it is.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import signal
+import threading
+import time
+from typing import TYPE_CHECKING
+
+from canopen_control.cli.support.arguments import seconds
+from canopen_control.client import RobotClient
+from canopen_control.errors import RemoteError
+from canopen_control.host.signals import on_signals
+from canopen_control.rpc.messages.robot import ListControllers
+
+if TYPE_CHECKING:
+    import argparse
+    from collections.abc import Iterator
+
+    from canopen_control.rpc.messages.robot import CommandController, TwistController
+
+    Command = CommandController | TwistController
+    from collections.abc import Iterable
+
+    from canopen_control.rpc.messages.state import ControllerReading
+
+__all__ = ["add_repeat_arguments", "positions_of", "send", "values_at_the_end"]
+
+PERIOD_S = 0.1
+ENABLING_S = 3.0  # for drives that are being enabled
+_LOOK_S = 0.05
+_COMING = "NotYetEnabled"
+_OFF = "NotEnabled"
+
+
+def add_repeat_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare how long a command lasts."""
+    how = parser.add_mutually_exclusive_group()
+    how.add_argument("--for", type=seconds, metavar="S", dest="seconds", help="repeat for S seconds, then send zeros")
+    how.add_argument(
+        "--once", action="store_true", help="send it once; the controller's timeout decides how long it holds"
+    )
+    parser.add_argument("--name", help="the robot (default: the only one that runs)")
+
+
+def send(args: argparse.Namespace, moving: Command, zeros: Command) -> int:
+    """Send `moving` once or at 10 Hz, and `zeros` at the end of it; RemoteError for what the robot refuses."""
+    stopped = threading.Event()
+    with on_signals((signal.SIGTERM,), stopped.set), RobotClient.connect(args.name) as robot:
+        _begin(robot, moving, stopped)
+        if args.once:
+            return 0
+        end = None if args.seconds is None else time.monotonic() + args.seconds
+        try:
+            _repeat(robot, moving, end, stopped)
+        except KeyboardInterrupt:
+            pass  # the usual way to end it
+        finally:
+            with _where_nothing_moves():
+                robot.ask(zeros)
+    return 0
+
+
+@contextlib.contextmanager
+def _where_nothing_moves() -> Iterator[None]:
+    """Pass over a refusal because the drives are off: there is nothing to end."""
+    try:
+        yield
+    except RemoteError as error:
+        if error.kind not in (_COMING, _OFF):
+            raise
+
+
+def _begin(robot: RobotClient, moving: Command, stopped: threading.Event) -> None:
+    """Send it first, again while drives are being enabled."""
+    end = time.monotonic() + ENABLING_S
+    while True:
+        try:
+            robot.ask(moving)
+        except RemoteError as error:
+            if error.kind != _COMING or time.monotonic() > end or stopped.wait(_LOOK_S):
+                raise
+        else:
+            return
+
+
+def _repeat(robot: RobotClient, moving: Command, end: float | None, stopped: threading.Event) -> None:
+    while not stopped.is_set():
+        left = PERIOD_S if end is None else min(PERIOD_S, end - time.monotonic())
+        if left <= 0 or stopped.wait(left):
+            return
+        try:
+            robot.ask(moving)
+        except RemoteError as error:
+            if error.kind != _COMING:
+                raise
+
+
+def values_at_the_end(robot: str | None, controller: str, values: list[float]) -> list[float]:
+    """Return what ends a command: zeros, but positions as they are, which the joints hold once the connection is gone.
+
+    Where nothing is known of the controller, or it takes another number of values, these are zeros.
+    """
+    with RobotClient.connect(robot) as client:
+        controllers = client.ask(ListControllers())
+    positions = positions_of(controllers, controller)
+    if len(positions) != len(values):
+        return [0.0] * len(values)
+    return [value if position else 0.0 for value, position in zip(values, positions, strict=True)]
+
+
+def positions_of(controllers: Iterable[ControllerReading], name: str) -> list[bool]:
+    """Return for each value of a controller's command whether it is a position; nothing for an unknown controller."""
+    interfaces = [each for one in controllers if one.name == name for each in one.required_command_interfaces]
+    return [interface.endswith("/position") for interface in interfaces]

@@ -1,0 +1,207 @@
+"""Completion in a shell of verbs, options and the names of robots that run, as argcomplete asks for it.
+
+The law of the file: nothing here raises and nothing waits: what cannot be known at once is not offered. Only the module
+of the verb that stands on the line is imported.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Final, TypeVar
+
+import argcomplete
+from argcomplete.completers import DirectoriesCompleter, FilesCompleter, SuppressCompleter
+
+from canopen_control.cli.verbs import VERBS, parser_of
+from canopen_control.errors import CanopenError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Sequence
+
+    from canopen_control.rpc.messages.declare import Request
+
+    Found = Iterable[tuple[str, str]]
+
+__all__ = ["answer_shell", "parser_for"]
+
+A = TypeVar("A")
+FILES, DIRS = "@files", "@dirs"  # the paths that the typed word begins
+_PATHS: Final = {FILES: FilesCompleter(), DIRS: DirectoriesCompleter()}
+_TIMEOUT_S: Final = 0.3  # of a robot; who types does not wait
+_CAN_HARDWARE: Final = "280"  # ARPHRD_CAN, the type of a network interface in /sys
+
+
+def answer_shell() -> None:
+    """Tell the shell that has asked (its script sets _ARGCOMPLETE and COMP_LINE) what may stand there, and end."""
+    line = os.environ.get("COMP_LINE", "")[: int(os.environ.get("COMP_POINT", "0"))]
+    argcomplete.autocomplete(
+        parser_for(line.split()[1:]), always_complete_options=False, default_completer=SuppressCompleter()
+    )
+
+
+def parser_for(words: Sequence[str]) -> argparse.ArgumentParser:
+    """Return the parser of a line whose `words` follow the program's name, with completers; one verb's options only."""
+    parser = argparse.ArgumentParser(prog="canopen-control")
+    parser.add_argument("--version", action="version")
+    verb = words[0] if words else ""
+    verbs = parser.add_subparsers()
+    for name, text in VERBS.items():
+        verbs.add_parser(name, help=text)
+    with contextlib.suppress(CanopenError):  # of a verb whose package is missing only the name is known
+        if verb in VERBS:
+            verbs.choices[verb] = parser_of(verb)
+            _attach_completers(verbs.choices[verb], verb)
+    return parser
+
+
+def _attach_completers(parser: argparse.ArgumentParser, verb: str) -> None:
+    for action in parser._actions:  # noqa: SLF001 - no public way
+        if isinstance(action, argparse._SubParsersAction):  # noqa: SLF001 - argparse has no other name for it
+            for each in action.choices.values():
+                _attach_completers(each, verb)
+        elif action.choices is None:
+            name = next((each for each in action.option_strings if each.startswith("--")), action.dest)
+            keys = ((verb, name), name, str(action.metavar))
+            kind = next((_KINDS[key] for key in keys if key in _KINDS), None)
+            if kind is not None:
+                action.completer = _Completer(kind)  # type: ignore[attr-defined]  # where argcomplete looks for it
+
+
+class _Completer:
+    """What argcomplete asks for the values of one option or positional."""
+
+    def __init__(self, kind: Callable[[argparse.Namespace], Found]) -> None:
+        self.kind = kind
+
+    def __call__(
+        self, *, prefix: str, action: argparse.Action, parser: argparse.ArgumentParser, parsed_args: argparse.Namespace
+    ) -> dict[str, str]:
+        """Return explanations by word, as far as they can be known at once."""
+        found: dict[str, str] = {}
+        with contextlib.suppress(CanopenError, OSError, KeyError, ValueError):
+            for word, text in self.kind(parsed_args):
+                if word in _PATHS:
+                    paths = _PATHS[word](prefix=prefix, action=action, parser=parser, parsed_args=parsed_args)
+                    found.update(dict.fromkeys(paths, ""))
+                else:
+                    found[word] = text
+        return found
+
+
+def _robots(_line: argparse.Namespace) -> Found:
+    from canopen_control.client import find_robots
+
+    return [(name, "running") for name in find_robots()]
+
+
+def _ask(line: argparse.Namespace, request: Request[A]) -> A:
+    from canopen_control.client import RobotClient
+
+    with RobotClient.connect(line.name, timeout=_TIMEOUT_S) as robot:
+        return robot.ask(request)
+
+
+def _controllers(line: argparse.Namespace) -> Found:
+    from canopen_control.rpc.messages.robot import ListControllers
+
+    return [(each.name, each.state) for each in _ask(line, ListControllers())]
+
+
+def _nodes(line: argparse.Namespace) -> Found:
+    if getattr(line, "can", None) is not None:
+        return []  # a bare bus: node ids
+    from canopen_control.rpc.messages.robot import GetNodes
+
+    return [(each.name, f"node {each.node_id}") for each in _ask(line, GetNodes()).nodes]
+
+
+def _nodes_or_all(line: argparse.Namespace) -> Found:
+    yield "all", "every node"
+    yield from _nodes(line)
+
+
+def _drives(_line: argparse.Namespace) -> Found:
+    """Return the nodes of all running robots, as `fault` and `bus fault` take them."""
+    from canopen_control.cli.support.node_names import known_nodes
+
+    return [(node.name, f"node {node.node_id}") for node in known_nodes()]
+
+
+def _channels(_line: argparse.Namespace) -> Found:
+    from canopen_control.host.sockets import list_sockets
+
+    yield from ((f"local:{name}", "embedded bus") for name in list_sockets("bus"))
+    yield from _interfaces(_line)
+
+
+def _interfaces(_line: argparse.Namespace) -> Found:
+    for folder in sorted(Path("/sys/class/net").glob("*")):
+        with contextlib.suppress(OSError):
+            if (folder / "type").read_text().strip() == _CAN_HARDWARE:
+                yield folder.name, "SocketCAN"
+
+
+def _configs(_line: argparse.Namespace) -> Found:
+    from canopen_control.data_files import data_names
+
+    return [*((name, "bundled robot") for name in data_names("config")), (DIRS, "")]
+
+
+def _eds(_line: argparse.Namespace) -> Found:
+    from canopen_control.data_files import data_names
+
+    return [*((name, "bundled EDS") for name in data_names("eds")), (FILES, "")]
+
+
+def _faults(_line: argparse.Namespace) -> Found:
+    from canopen_control.virtual.fault_table import FAULTS
+
+    return [(fault.name, fault.does) for fault in FAULTS.values()]
+
+
+def _services(_line: argparse.Namespace) -> Found:
+    from canopen_control.trace.decoder import SERVICES
+
+    return [(service, "") for service in SERVICES]
+
+
+def _modes(_line: argparse.Namespace) -> Found:
+    from canopen_control.cia402.modes import OperationMode
+
+    return [(mode.name, f"mode {mode.value}") for mode in OperationMode if mode]
+
+
+#: (verb, option or positional), option or positional, or metavar -> what it may be
+_KINDS: Final[dict[tuple[str, str] | str, Callable[[argparse.Namespace], Found]]] = {
+    ("run", "--name"): lambda _line: (),  # a new one
+    ("demo", "--name"): lambda _line: (),
+    ("fault", "name"): _faults,
+    ("fault", "what"): lambda line: [("list", "explain all faults"), *_drives(line)],
+    ("bus", "label"): lambda line: [*_drives(line), ("master", "the running robot")],
+    ("drive", "--fault"): _faults,
+    ("axis", "mode"): _modes,
+    ("axis", "node"): _nodes_or_all,
+    ("nmt", "node"): _nodes_or_all,
+    "--service": _services,
+    ("record", "-o"): lambda _line: [(FILES, "")],
+    **{("eds", name): _eds for name in ("file", "files", "a", "b")},
+    "--name": _robots,
+    "--controller": _controllers,
+    "controller": _controllers,
+    "CONTROLLER": _controllers,
+    "node": _nodes,
+    "--node": _nodes,
+    "NODE": _nodes,
+    "CHANNEL": _channels,
+    "[BUS=]CHANNEL": _channels,
+    "INTERFACE": _interfaces,
+    "CONFIG": _configs,
+    "ROBOT": _configs,
+    "--eds": _eds,
+    "FILE": lambda _line: [(FILES, "")],
+    "FILE.html": lambda _line: [(FILES, "")],
+    "DIR": lambda _line: [(DIRS, "")],
+}

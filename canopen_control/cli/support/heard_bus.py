@@ -1,0 +1,152 @@
+"""What a verb that listens knows of a bus: from a running robot, from a robot's files, or from EDS files.
+
+The law of this file: a robot's files win over what runs, what runs wins over nothing; and whoever has no description
+still sees every frame, by the predefined connection set.
+"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, TypeVar
+
+from canopen_control.bus.channel import parse_channel
+from canopen_control.cli.support.target import find_eds, robot_on
+from canopen_control.client import RobotClient, find_robots
+from canopen_control.errors import ConfigError
+from canopen_control.rpc.messages.robot import GetLayout
+from canopen_control.trace.bare import network_of_eds
+from canopen_control.trace.network import NetworkDescription, network_of_layout
+
+if TYPE_CHECKING:
+    import argparse
+    from collections.abc import Mapping
+
+    from canopen_control.rpc.messages.layout import BusLayout
+
+__all__ = ["HeardBus", "add_network_arguments", "config_layout", "described", "heard_bus"]
+
+
+T = TypeVar("T")
+_NO_NAMES = "canopen-control: no names: give the robot (CONFIG, --name) or --eds"
+
+
+@dataclass(frozen=True, slots=True)
+class HeardBus:
+    """A bus to listen to; `owner` is the robot that runs on it, or empty.
+
+    `tell` says on standard error what is to be known of its names, best once the bus is open.
+    """
+
+    channel: str
+    network: NetworkDescription
+    owner: str = ""
+    nameless: bool = False
+
+    def tell(self) -> None:
+        """Say that there are no names, and what the description notes."""
+        if self.nameless:
+            print(_NO_NAMES, file=sys.stderr)
+        _tell(self.network)
+
+
+def add_network_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare CONFIG, --name, --bus and --eds."""
+    parser.add_argument("config", nargs="?", metavar="CONFIG", help="names from this robot: a folder or a bundled one")
+    parser.add_argument("--name", help="the running robot (default: the only one)")
+    parser.add_argument("--bus", metavar="NAME", help="which one, of a robot with several buses")
+    parser.add_argument(
+        "--eds",
+        action="append",
+        default=[],
+        metavar="[NODE=]FILE",
+        help="names from an EDS, for one node or all; or a folder of DCF files (repeatable)",
+    )
+
+
+def heard_bus(args: argparse.Namespace, channel: str | None) -> HeardBus:
+    """Return the bus to listen to: `channel`, else that of the running robot; ConfigError where there is none."""
+    layout: BusLayout | None
+    if channel is None:
+        _refuse_channel(args.config)
+        with RobotClient.connect(args.name) as robot:
+            layouts, owner = robot.ask(GetLayout()).buses, robot.robot
+        layout = chosen = _chosen(layouts, args.bus, f"robot {owner}")
+        channel = chosen.channel
+    else:
+        channel = str(parse_channel(channel))
+        owner, layout = _robot_there(channel)
+    network = _described(args, channel)
+    nameless = network is None and layout is None
+    if network is None:
+        network = NetworkDescription(channel) if layout is None else network_of_layout(layout)
+    return HeardBus(channel, replace(network, channel=channel), owner, nameless)
+
+
+def _refuse_channel(config: str | None) -> None:
+    """Raise ConfigError for a bus in place of CONFIG: elsewhere a channel is written without an option."""
+    if config is None or Path(config).is_dir():
+        return
+    try:
+        channel = parse_channel(config)
+    except ConfigError:
+        return
+    raise ConfigError(f"{channel} is a bus, no robot: write --can {channel}")
+
+
+def described(args: argparse.Namespace) -> NetworkDescription:
+    """Return the description for a file: by CONFIG, --eds, --name, or nothing but the predefined connection set."""
+    network = _described(args, "")
+    if network is None and args.name is not None:
+        with RobotClient.connect(args.name) as robot:
+            network = network_of_layout(_chosen(robot.ask(GetLayout()).buses, args.bus, f"robot {args.name}"))
+    if network is None:
+        print(_NO_NAMES, file=sys.stderr)
+        network = NetworkDescription()
+    _tell(network)
+    return network
+
+
+def _described(args: argparse.Namespace, channel: str) -> NetworkDescription | None:
+    """Return what the arguments describe, None where they describe nothing; --eds adds to a robot's nodes."""
+    by_eds = network_of_eds(channel, args.eds, find_eds) if args.eds else None
+    if args.config is None:
+        return by_eds
+    network = network_of_layout(config_layout(args.config, args.bus))
+    return network if by_eds is None else replace(network, nodes={**by_eds.nodes, **network.nodes})
+
+
+def config_layout(config: str, bus: str | None = None) -> BusLayout:
+    """Return the layout of one bus of a robot's files; ConfigError and BusConfigError."""
+    from canopen_control.master.config import read_bus
+    from canopen_control.master.pdo_layout import layout_of
+    from canopen_control.runtime.robot_files import find_buses
+
+    return layout_of(read_bus(_chosen(find_buses(config), bus, config)))
+
+
+def _chosen(buses: Mapping[str, T], name: str | None, whose: str) -> T:
+    """Return the one that is meant of several buses."""
+    if not buses:
+        raise ConfigError(f"{whose} has no bus: it runs on mock hardware, or simulated")
+    if name is None and len(buses) == 1:
+        return next(iter(buses.values()))
+    if name is None or name not in buses:
+        problem = f"{whose} has several buses" if name is None else f"{whose} has no bus {name!r}"
+        raise ConfigError(f"{problem}; choose with --bus: {', '.join(buses)}")
+    return buses[name]
+
+
+def _robot_there(channel: str) -> tuple[str, BusLayout | None]:
+    """Return name and layout of the robot that runs on `channel`; an empty name and None where none does."""
+    if not find_robots() or (found := robot_on(channel)) is None:
+        return "", None
+    with RobotClient.connect(found[0]) as robot:
+        layouts = robot.ask(GetLayout()).buses.values()
+    return found[0], next((layout for layout in layouts if layout.channel == channel), None)
+
+
+def _tell(network: NetworkDescription) -> None:
+    for note in network.notes:
+        print(f"canopen-control: {note}", file=sys.stderr)

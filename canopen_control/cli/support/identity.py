@@ -1,0 +1,118 @@
+"""Who a node says it is, which EDS file describes it, and how that fits to what a bus.yml expects.
+
+Vendor and product decide which EDS a node has (0x1018:01 and 02); the revision only chooses among
+several. What is expected is what the boot would refuse (CiA 302-2), where 0 stands for anything.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from canopen_control.errors import EdsError
+from canopen_control.od.codec import fitted
+from canopen_control.od.eds import read_eds
+from canopen_control.od.model import DataType
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+    from pathlib import Path
+
+    from canopen_control.od.model import ObjectDictionary
+
+__all__ = ["KnownEds", "NodeIdentity", "differences", "match_eds", "read_known"]
+
+#: field: (object, what it is called)
+FIELDS: dict[str, tuple[tuple[int, int], str]] = {
+    "device_type": ((0x1000, 0), "device type"),
+    "vendor_id": ((0x1018, 1), "vendor"),
+    "product_code": ((0x1018, 2), "product"),
+    "revision_number": ((0x1018, 3), "revision"),
+    "serial_number": ((0x1018, 4), "serial number"),
+}
+NAME = (0x1008, 0)
+
+
+@dataclass(frozen=True, slots=True)
+class NodeIdentity:
+    """0x1000, 0x1018 and 0x1008; None where the node has none."""
+
+    device_type: int | None = None
+    vendor_id: int | None = None
+    product_code: int | None = None
+    revision_number: int | None = None
+    serial_number: int | None = None
+    device_name: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class KnownEds:
+    """A file and the identity it is for."""
+
+    path: Path
+    vendor_id: int
+    product_code: int
+    revision_number: int
+
+
+def identity_of(data: Mapping[tuple[int, int], object]) -> NodeIdentity:
+    """Make the identity of what was read: bytes by address, anything else where the node has refused."""
+    numbers = {field: _number(data.get(address)) for field, (address, _) in FIELDS.items()}
+    name = data.get(NAME)
+    text = name.rstrip(b"\0").decode("latin-1") if isinstance(name, bytes) else None
+    return NodeIdentity(**numbers, device_name=text)
+
+
+def _number(data: object) -> int | None:
+    """Return an UNSIGNED32, as all of `FIELDS` are; None for what is none."""
+    whole = fitted(data, DataType.UNSIGNED32) if isinstance(data, bytes) else None
+    return None if whole is None else int.from_bytes(whole, "little")
+
+
+def read_known(paths: Iterable[Path]) -> tuple[list[KnownEds], list[str]]:
+    """Read the identities of EDS files; the second list says which could not be read and why."""
+    known, refused = [], []
+    for path in paths:
+        try:
+            od = read_eds(path).od
+        except EdsError as error:
+            refused.append(str(error))
+            continue
+        vendor = _default(od, 1, od.device.vendor_number)
+        product = _default(od, 2, od.device.product_number)
+        if product:  # without one it would fit to every device that tells nothing
+            known.append(KnownEds(path, vendor, product, _default(od, 3, od.device.revision_number)))
+    return known, refused
+
+
+def _default(od: ObjectDictionary, subindex: int, device: int | None) -> int:
+    """Return what a device of the file answers; 0 where the file lacks the subindex: nothing can be asked then."""
+    entry = od.get(0x1018, subindex)
+    if entry is None:
+        return 0
+    return entry.default if isinstance(entry.default, int) else device or 0
+
+
+def match_eds(identity: NodeIdentity, known: Iterable[KnownEds]) -> tuple[KnownEds | None, str]:
+    """Return the file that fits best, and a remark: another revision, or other files that fit as well."""
+    same = [
+        eds for eds in known if (eds.vendor_id, eds.product_code) == (identity.vendor_id or 0, identity.product_code)
+    ]
+    if not same:
+        return None, ""
+    exact = [eds for eds in same if eds.revision_number == identity.revision_number]
+    best = (exact or sorted(same, key=lambda eds: eds.revision_number))[-1]
+    if exact:
+        return best, ""
+    return best, f"for revision 0x{best.revision_number:08X}"
+
+
+def differences(identity: NodeIdentity, expected: Mapping[str, int]) -> list[str]:
+    """Return what is not as expected, in words; `expected` has the fields of `FIELDS`, 0 for anything."""
+    found = []
+    for field, (_, label) in FIELDS.items():
+        wanted, has = expected.get(field, 0), getattr(identity, field)
+        if wanted and wanted != has:
+            seen = "none" if has is None else f"0x{has:08X}"
+            found.append(f"{label} 0x{wanted:08X} expected, {seen} found")
+    return found

@@ -1,0 +1,168 @@
+"""What verbs print beside plain lines: progress of long work, tables, and lines that never hold a robot up.
+
+The law of this file: progress is for standard error, so that results stay clean; work that is quickly done says
+nothing; what it left on a terminal is wiped before anything else is printed. Without a terminal (a log, a pipe) there
+are no control characters.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import queue
+import sys
+import threading
+import time
+from typing import TYPE_CHECKING, Final, TextIO
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from typing import TextIO
+
+    Sample = tuple[int, int | None]
+    from collections.abc import Sequence
+
+__all__ = ["Announcer", "Progress", "Table", "watched"]
+
+SOON_S: Final = 0.5  # on a terminal: work that takes less shows nothing
+REDRAW_S: Final = 0.2
+PLAIN_S: Final = 5.0  # between two lines elsewhere
+_WAITING_LINES: Final = 1000
+_CLOSE_S: Final = 1.0  # for lines that wait when an announcer is closed
+
+
+class Progress:
+    """Tells how far `what` is: a line that is written over on a terminal, now and then a plain line elsewhere.
+
+    Use as a context manager, or call `end`; `quiet` says nothing at all.
+    """
+
+    def __init__(
+        self,
+        what: str,
+        unit: str = "",
+        *,
+        quiet: bool = False,
+        stream: TextIO | None = None,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._what, self._unit, self._clock = what, f" {unit}" if unit else "", clock
+        self._stream = sys.stderr if stream is None else stream
+        self._live = self._stream.isatty()
+        self._quiet = quiet
+        self._begin = clock()
+        self._due = self._begin + (SOON_S if self._live else PLAIN_S)
+        self._shown = False
+
+    def __enter__(self) -> Progress:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.end()
+
+    def at(self, done: int, total: int | None = None) -> None:
+        """Tell that `done` of `total` are over, if it is time to."""
+        now = self._clock()
+        if self._quiet or now < self._due:
+            return
+        self._due = now + (REDRAW_S if self._live else PLAIN_S)
+        self._say(f"{self._what}{_amount(done, total, self._unit)}, {now - self._begin:.0f} s")
+
+    def end(self) -> None:
+        """Wipe the line; a second call does nothing."""
+        if self._shown and self._live:
+            self._write("\r\x1b[K")
+        self._shown = False
+
+    def _say(self, line: str) -> None:
+        self._write(f"\r{line}\x1b[K" if self._live else f"{line}\n")
+        self._shown = True
+
+    def _write(self, text: str) -> None:
+        with contextlib.suppress(OSError, ValueError):  # nobody reads it any more: the work goes on
+            self._stream.write(text)
+            self._stream.flush()
+
+
+def _amount(done: int, total: int | None, unit: str) -> str:
+    if total:
+        return f": {done:,} of {total:,}{unit} ({100 * done // total} %)"
+    return f": {done:,}{unit}" if done else ""
+
+
+@contextlib.contextmanager
+def watched(progress: Progress, sample: Callable[[], Sample]) -> Iterator[None]:
+    """Ask `sample` how far it is, several times a second on a thread, while this one is busy with the work."""
+    over = threading.Event()
+
+    def watch() -> None:
+        while not over.wait(REDRAW_S / 2):
+            progress.at(*sample())
+
+    thread = threading.Thread(target=watch, name="progress", daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        over.set()
+        thread.join()
+        progress.end()
+
+
+class Announcer:
+    """Prints lines to `stream` on a thread of its own: a terminal that is stopped must not stop the robot.
+
+    What a stalled reader cannot take is dropped and counted in `dropped`.
+    """
+
+    def __init__(self, stream: TextIO) -> None:
+        self.dropped = 0
+        self._stream = stream
+        self._lines: queue.Queue[str | None] = queue.Queue(_WAITING_LINES)
+        self._thread = threading.Thread(target=self._print, name="announcer", daemon=True)
+        self._thread.start()
+
+    def say(self, line: str) -> None:
+        """Hand over a line; never waits."""
+        try:
+            self._lines.put_nowait(line)
+        except queue.Full:
+            self.dropped += 1
+
+    def close(self) -> None:
+        """Print what waits, for a second at most."""
+        try:
+            self._lines.put(None, timeout=_CLOSE_S)
+        except queue.Full:
+            return
+        self._thread.join(_CLOSE_S)
+
+    def _print(self) -> None:
+        while (line := self._lines.get()) is not None:
+            try:
+                print(line, file=self._stream, flush=True)
+            except (OSError, ValueError):  # the reader has gone; the robot goes on
+                self.dropped += 1
+
+
+class Table:
+    """Rows of text under headings: columns as wide as their widest cell, numbers to the right."""
+
+    def __init__(self, headings: Sequence[str]) -> None:
+        self._rows: list[Sequence[str]] = [headings]
+
+    def add(self, row: Sequence[str]) -> None:
+        """Append a row of as many cells as there are headings."""
+        self._rows.append(row)
+
+    def lines(self) -> list[str]:
+        """Return the finished lines, the headings first."""
+        widths = [max(len(row[column]) for row in self._rows) for column in range(len(self._rows[0]))]
+        return [
+            "  ".join(_cell(text, width) for text, width in zip(row, widths, strict=True)).rstrip()
+            for row in self._rows
+        ]
+
+
+def _cell(text: str, width: int) -> str:
+    number = text.lstrip("-")[:1].isdigit()
+    return text.rjust(width) if number else text.ljust(width)

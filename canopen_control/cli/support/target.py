@@ -1,0 +1,238 @@
+"""Whom a verb talks to: the nodes of a running robot through its API, or a bare bus.
+
+The law of this file: an SDO server has one client. The nodes of a running robot are reached through the robot alone; a
+bare bus on which a robot runs is open for the other nodes only.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Protocol
+
+from canopen_control.bus.channel import parse_channel
+from canopen_control.client import RobotClient, find_robots
+from canopen_control.data_files import data_path
+from canopen_control.errors import ConfigError, RemoteError
+from canopen_control.frame import MAX_NODE_ID
+from canopen_control.master.direct import DirectBus
+from canopen_control.od.eds import read_eds
+from canopen_control.rpc.messages.robot import MAX_OBJECT, GetNodes, NodeListing, SdoRead, SdoWrite
+
+if TYPE_CHECKING:
+    import argparse
+    from types import TracebackType
+
+    from canopen_control.od.model import ObjectDictionary
+
+__all__ = [
+    "LABEL",
+    "BusTarget",
+    "Place",
+    "RobotTarget",
+    "Target",
+    "add_target_arguments",
+    "find_eds",
+    "open_target",
+    "parse_node_id",
+    "robot_on",
+]
+
+LABEL = "canopen-control"  # what others on the bus see of a verb
+TIMEOUT_S = 15.0  # with a robot that has other requests for the node waiting
+_BYTES_PER_S = 1_000  # of the slowest transfer worth waiting for
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """A node: its id, the name and the EDS if known."""
+
+    node_id: int
+    name: str = ""
+    eds: Path | None = None
+
+    def __str__(self) -> str:
+        return f"node {self.node_id} ({self.name})" if self.name else f"node {self.node_id}"
+
+    def dictionary(self) -> ObjectDictionary | None:
+        """Read the EDS; None without one, EdsError for one that is none."""
+        return None if self.eds is None else read_eds(self.eds, self.node_id).od
+
+
+class Target(Protocol):
+    """Whoever carries SDO transfers."""
+
+    def place(self, node: str) -> Place:
+        """Return the node that is meant; ConfigError."""
+
+    def read(self, place: Place, index: int, subindex: int, *, block: bool = False) -> bytes:
+        """Upload an object; raises RemoteError or RemoteProtocolError."""
+
+    def write(self, place: Place, index: int, subindex: int, data: bytes) -> None:
+        """Download an object; raises RemoteError or RemoteProtocolError."""
+
+    def progress(self, place: Place) -> tuple[int, int | None]:
+        """Return how many bytes of the transfer under way are over, and of how many; from another thread."""
+
+    def close(self) -> None:
+        """Let go."""
+
+    def __enter__(self) -> Target: ...
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None
+    ) -> None: ...
+
+
+def add_target_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare --can and --name."""
+    where = parser.add_mutually_exclusive_group()
+    where.add_argument(
+        "--can", metavar="CHANNEL", help="straight on this bus (can0, local:NAME, ...), no robot running"
+    )
+    where.add_argument("--name", help="the running robot (default: the only one)")
+
+
+def open_target(args: argparse.Namespace) -> Target:
+    """Open what the arguments `can`, `name`, `eds` and `timeout` (seconds or None) say."""
+    eds = find_eds(args.eds) if args.eds else None
+    if args.can is not None:
+        return BusTarget(args.can, eds, args.timeout)
+    return RobotTarget(RobotClient.connect(args.name), eds, args.timeout)
+
+
+def find_eds(text: str) -> Path:
+    """Return the file, or the bundled one of that name; ConfigError where there is neither."""
+    path = Path(text).expanduser()
+    bundled = data_path("eds", text)
+    if not path.exists() and path.name == text and bundled.is_file():
+        return bundled
+    if not path.is_file():
+        raise ConfigError(f"no EDS file {text}")
+    return path
+
+
+def robot_on(channel: str) -> tuple[str, NodeListing] | None:
+    """Return name and node listing of the running robot whose bus is `channel`, or None."""
+    wanted = str(parse_channel(channel))
+    for name in find_robots():
+        try:
+            with RobotClient.connect(name, timeout=2.0) as robot:
+                listing = robot.ask(GetNodes())
+        except ConfigError:
+            continue  # it has ended meanwhile
+        except RemoteError as error:
+            if error.kind == "BusClosed":
+                continue
+            raise  # one that hangs may still hold the bus
+        if any(bus.channel == wanted for bus in listing.buses.values()):
+            return name, listing
+    return None
+
+
+class RobotTarget:
+    """The nodes of a running robot."""
+
+    def __init__(self, robot: RobotClient, eds: Path | None = None, timeout: float | None = None) -> None:
+        self.robot = robot
+        self._eds, self._timeout = eds, timeout
+        self.listing = robot.ask(GetNodes())
+
+    def __enter__(self) -> RobotTarget:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Leave the robot."""
+        self.robot.close()
+
+    @property
+    def places(self) -> list[Place]:
+        """All nodes, by node id."""
+        nodes = sorted(self.listing.nodes, key=lambda node: node.node_id)
+        return [Place(node.node_id, node.name, self._eds or Path(node.eds)) for node in nodes]
+
+    def place(self, node: str) -> Place:
+        """Return the node of a name or a node id; ConfigError with those there are."""
+        for place in self.places:
+            if node in (place.name, str(place.node_id)):
+                return place
+        known = ", ".join(f"{place.node_id} {place.name}" for place in self.places) or "none (mock hardware)"
+        raise ConfigError(
+            f"robot {self.robot.robot} has no node {node!r}; its nodes: {known}; for others on its bus use --can"
+        )
+
+    def read(self, place: Place, index: int, subindex: int, *, block: bool = False) -> bytes:
+        """Upload an object through the robot."""
+        request = SdoRead(node=str(place.node_id), index=index, subindex=subindex, block=block, timeout=self._timeout)
+        timeout = TIMEOUT_S + (MAX_OBJECT / _BYTES_PER_S if block else 0) + (self._timeout or 0)
+        return self.robot.ask(request, timeout).data
+
+    def write(self, place: Place, index: int, subindex: int, data: bytes) -> None:
+        """Download an object through the robot."""
+        if len(data) > MAX_OBJECT:
+            raise ConfigError(
+                f"{len(data)} bytes are more than the {MAX_OBJECT} a running robot passes on; "
+                "end it and write straight on the bus with --can"
+            )
+        request = SdoWrite(node=str(place.node_id), index=index, subindex=subindex, data=data, timeout=self._timeout)
+        self.robot.sdo_write(request, TIMEOUT_S + len(data) / _BYTES_PER_S + (self._timeout or 0))
+
+    def progress(self, place: Place) -> tuple[int, int | None]:  # noqa: ARG002 - as every target has it
+        """Return nothing: the robot does not tell how far a transfer is."""
+        return 0, None
+
+
+class BusTarget:
+    """All nodes of a bus, but those of a robot that runs on it."""
+
+    def __init__(self, channel: str, eds: Path | None = None, timeout: float | None = None) -> None:
+        self.owner = robot_on(channel)
+        self._eds = eds
+        self.bus = DirectBus.open(channel, label=LABEL, timeout_s=timeout or 0.5)
+
+    def __enter__(self) -> BusTarget:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Leave the bus."""
+        self.bus.close()
+
+    def place(self, node: str) -> Place:
+        """Return the node of a node id; ConfigError, also for a node that a running robot has."""
+        node_id = parse_node_id(node)
+        name, listing = self.owner or ("", NodeListing())
+        if any(node_id == each.node_id for each in listing.nodes):
+            raise ConfigError(
+                f"node {node_id} on {self.bus.port.channel} belongs to the running robot {name}, the one client of its "
+                f"SDO server; use --name {name} instead of --can"
+            )
+        return Place(node_id, "", self._eds)
+
+    def read(self, place: Place, index: int, subindex: int, *, block: bool = False) -> bytes:
+        """Upload an object."""
+        return self.bus.read(place.node_id, index, subindex, block=block)
+
+    def write(self, place: Place, index: int, subindex: int, data: bytes) -> None:
+        """Download an object."""
+        self.bus.write(place.node_id, index, subindex, data)
+
+    def progress(self, place: Place) -> tuple[int, int | None]:
+        """Return how far the transfer under way is."""
+        return self.bus.client(place.node_id).progress
+
+
+def parse_node_id(text: str) -> int:
+    """Return a node id, decimal or 0x; ConfigError with what it may be."""
+    try:
+        node_id = int(text, 0)
+    except ValueError:
+        raise ConfigError(f"node {text!r}: on a bare bus a node is a number, 1 to {MAX_NODE_ID}") from None
+    if not 1 <= node_id <= MAX_NODE_ID:
+        raise ConfigError(f"node {node_id}: node ids are 1 to {MAX_NODE_ID}")
+    return node_id

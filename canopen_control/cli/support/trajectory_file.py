@@ -1,0 +1,75 @@
+"""Files of trajectories, in the shape of trajectory_msgs/JointTrajectory: YAML or JSON."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Final
+
+from canopen_control.errors import ConfigError
+from canopen_control.rpc.messages.samples import TrajectoryPoint
+from canopen_control.yamlfile.convert import convert, setting
+from canopen_control.yamlfile.reader import tree
+
+__all__ = ["read_trajectory"]
+
+_MOST: Final = 1e9  # no joint and no clock of ours goes there: what is beyond, or no number, is a slip of the pen
+
+
+@dataclass(frozen=True)
+class _Duration:
+    """builtin_interfaces/Duration."""
+
+    sec: int = 0
+    nanosec: int = 0
+
+
+@dataclass(frozen=True)
+class _Point:
+    """trajectory_msgs/JointTrajectoryPoint."""
+
+    positions: tuple[float, ...] = setting((), low=-_MOST, high=_MOST)
+    velocities: tuple[float, ...] = setting((), low=-_MOST, high=_MOST)
+    accelerations: tuple[float, ...] = setting((), low=-_MOST, high=_MOST)
+    effort: tuple[float, ...] = setting((), low=-_MOST, high=_MOST)
+    time_from_start: float | _Duration = setting(0.0, low=-_MOST, high=_MOST)  # noqa: RUF009 - a field
+
+    @property
+    def time(self) -> float:
+        """Its time from start in s."""
+        given = self.time_from_start
+        return given.sec + given.nanosec / 1e9 if isinstance(given, _Duration) else given
+
+
+@dataclass(frozen=True)
+class _File:
+    """trajectory_msgs/JointTrajectory; its header has no effect: it begins when it is sent."""
+
+    joint_names: tuple[str, ...]
+    points: tuple[_Point, ...]
+    header: Any = None
+
+
+@dataclass(frozen=True)
+class _Goal:
+    """What holds a trajectory, as a goal does."""
+
+    trajectory: _File
+
+
+def read_trajectory(path: str) -> tuple[list[str], list[TrajectoryPoint]]:
+    """Return the joints and the points of a file; ConfigError with every mistake and its line."""
+    node = tree(path, error=ConfigError)
+    found = node.get("trajectory")
+    given = convert(node, _Goal, None) if found is not None else convert(node, _File, None)
+    node.problems.raise_if_any(ConfigError)
+    file: _File = given.trajectory if isinstance(given, _Goal) else given
+    return list(file.joint_names), [
+        TrajectoryPoint(
+            positions=list(each.positions),
+            velocities=list(each.velocities),
+            accelerations=list(each.accelerations),
+            effort=list(each.effort),
+            time_from_start=each.time,
+        )
+        for each in file.points
+    ]

@@ -1,0 +1,72 @@
+"""The verbs of the command line: what each is for, and its parser; a verb's module is imported when it is used."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+__all__ = ["VERBS", "parser_of"]
+
+VERBS = {
+    "run": "boot a robot and run its controllers",
+    "demo": "run a robot on virtual drives, with a live table and a short motion",
+    "drive": "run virtual drives",
+    "fault": "break a running virtual drive, and mend it",
+    "bus": "channels: list, status, up, down, faults",
+    "status": "what a running robot is doing",
+    "monitor": "drives, joints, events and frames as live tables, with a STOP key",
+    "command": "send a command to a controller, repeatedly",
+    "twist": "send a velocity to a base controller, repeatedly",
+    "trajectory": "play a trajectory of a file on an arm, end the one under way",
+    "teleop": "drive a base by keyboard",
+    "stop": "ramp all wheels to zero and disable the drives",
+    "shutdown": "stop, then end the runtime",
+    "controller": "list, load, configure, activate, deactivate, switch, unload controllers",
+    "axis": "enable, disable, halt, quick-stop or fault-reset drives",
+    "sdo": "read and write objects of a node, transfer files",
+    "nmt": "start, stop or reset nodes",
+    "preflight": "before the first run on real drives: look, jog slowly, try STOP",
+    "scan": "who is on a bus, which EDS fits, what bus.yml expects",
+    "lss": "give node ids and bit rates to nodes",
+    "check": "everything wrong with a robot's files, and what its buses carry",
+    "plan": "what a boot writes into each node, and what differs on a live bus",
+    "eds": "look into EDS and DCF files",
+    "trace": "what is said on a bus, decoded by name: live or from a recording",
+    "view": "the robot on a page of this computer: 3D, plots, drives, STOP",
+    "report": "one page of what went wrong: of the last fault, a recording, or a robot that runs",
+    "record": "write every frame of a bus to a file",
+    "replay": "play a recording into a bus, or tell what is in it",
+    "export": "the PDO layout as DBC, a recording as CSV",
+    "ros": "topics and services of ROS 2 without ros2cli; the bridge by hand",
+    "bench": "how fast this is here, beside its peers in the same run",
+    "completion": "completion of verbs, options and names in bash, zsh and fish",
+}
+
+
+def parser_of(verb: str) -> argparse.ArgumentParser:
+    """Return the parser of one of VERBS; its module is imported for that."""
+    module = importlib.import_module(f"canopen_control.cli.{verb}")
+    parser = argparse.ArgumentParser(
+        prog=f"canopen-control {verb}",
+        description=(module.__doc__ or "").strip(),
+        epilog=f"example: {module.EXAMPLE}",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    module.add_arguments(parser)
+    _give_examples(parser, module.EXAMPLE.splitlines())
+    return parser
+
+
+def _give_examples(parser: argparse.ArgumentParser, examples: Sequence[str]) -> None:
+    """Show the examples of an action in the help of that action too."""
+    for group in (each for each in parser._actions if isinstance(each, argparse._SubParsersAction)):  # noqa: SLF001 - no public way
+        for action in group.choices.values():
+            own = [line.strip() for line in examples if line.strip().startswith(f"{action.prog} ")]
+            if own:
+                action.epilog = "example: " + "\n         ".join(own)
+                action.formatter_class = argparse.RawDescriptionHelpFormatter
+            _give_examples(action, examples)

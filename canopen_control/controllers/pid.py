@@ -1,0 +1,149 @@
+"""A PID controller with anti-windup, as control_toolbox of ros2_control has it (jazzy).
+
+The law of the file: the integral is kept multiplied by its gain, so that another gain does not move it. Every
+anti-windup but `legacy` acts with the integral of the step before.
+"""
+
+from __future__ import annotations
+
+import enum
+import math
+import sys
+from dataclasses import dataclass
+from typing import Final
+
+__all__ = ["AntiWindup", "Gains", "Pid"]
+
+_EPSILON: Final = sys.float_info.epsilon
+
+
+class AntiWindup(enum.Enum):
+    """What keeps the integral from growing while the output is at its limit."""
+
+    BACK_CALCULATION = "back_calculation"
+    CONDITIONAL_INTEGRATION = "conditional_integration"
+    LEGACY = "legacy"
+    NONE = "none"
+
+
+@dataclass(frozen=True)
+class Gains:
+    """Gains, limits of the integral (`i_min`, `i_max`) and of the output (`u_min`, `u_max`), and the anti-windup.
+
+    `tracking_time` in s is that of the back calculation, 0 derives it from the gains; an error within `deadband` is
+    not integrated. `clamp_integral` is the ROS 1 way of `legacy`: the integral itself is kept within its limits at
+    once. Raises ValueError for limits that exclude each other and for a tracking time that is none.
+    """
+
+    p: float = 0.0
+    i: float = 0.0
+    d: float = 0.0
+    i_max: float = math.inf
+    i_min: float = -math.inf
+    u_max: float = math.inf
+    u_min: float = -math.inf
+    anti_windup: AntiWindup = AntiWindup.NONE
+    tracking_time: float = 0.0
+    deadband: float = _EPSILON
+    clamp_integral: bool = False
+
+    def __post_init__(self) -> None:
+        if not self.u_min < self.u_max:  # true for nan
+            raise ValueError(f"the output cannot be above {self.u_min} and below {self.u_max}; give u_min < u_max")
+        if self.i_min > 0.0 or self.i_max < 0.0:
+            raise ValueError(f"the integral is 0 at rest, which {self.i_min} to {self.i_max} excludes")
+        back = self.anti_windup is AntiWindup.BACK_CALCULATION
+        if back and not 0.0 <= self.tracking_time < math.inf:
+            raise ValueError(f"a tracking time constant of {self.tracking_time} s is none; give 0 or more")
+
+    @property
+    def tracking_time_used(self) -> float:
+        """The time constant of the back calculation in s, from the gains where none is given."""
+        if self.anti_windup is not AntiWindup.BACK_CALCULATION or abs(self.tracking_time) > _EPSILON:
+            return self.tracking_time
+        if self.i and self.d:
+            return math.sqrt(self.d / self.i) if self.d / self.i > 0.0 else math.nan
+        return self.p / self.i if self.i else self.tracking_time
+
+
+class Pid:
+    """One loop: `compute` is one step of it; `integral` is already multiplied by its gain."""
+
+    def __init__(self, gains: Gains) -> None:
+        self.command = self.error = self.error_rate = self.integral = 0.0
+        self._last_error = 0.0
+        self.set_gains(gains)
+
+    def set_gains(self, gains: Gains) -> None:
+        """Go on with other gains; the integral stays."""
+        self.gains = gains
+        self._p, self._i, self._d = gains.p, gains.i, gains.d
+        self._i_min, self._i_max, self._u_min, self._u_max = gains.i_min, gains.i_max, gains.u_min, gains.u_max
+        self._deadband, self._tracking = gains.deadband, gains.tracking_time_used
+        self._limited = math.isfinite(gains.u_min) or math.isfinite(gains.u_max)
+        self._anti_windup, self._clamp_integral = gains.anti_windup, gains.clamp_integral
+
+    def reset(self, keep_integral: bool = False) -> None:
+        """Forget the past, but the integral where it is to be kept."""
+        self.command = self.error = self.error_rate = self._last_error = 0.0
+        if not keep_integral:
+            self.integral = 0.0
+
+    def compute(self, error: float, dt: float) -> float:
+        """Return the command for an error, `dt` s after the last one; its rate is that of the errors.
+
+        No time leaves all as it is; ValueError for a time that runs backwards; nan for an error that is not finite.
+        """
+        if self._stands(dt):
+            return self.command
+        if not math.isfinite(error):
+            self.command = math.nan
+            return self.command
+        rate = (error - self._last_error) / dt
+        self._last_error = error
+        return self._step(error, rate, dt)
+
+    def compute_with_rate(self, error: float, rate: float, dt: float) -> float:
+        """Return the command for an error and its rate of change, see `compute`."""
+        if self._stands(dt):
+            return self.command
+        return self._step(error, rate, dt)
+
+    def _stands(self, dt: float) -> bool:
+        if dt < 0.0 and abs(dt) > _EPSILON:
+            raise ValueError(f"a PID step of {dt} s goes back in time")
+        return abs(dt) <= _EPSILON
+
+    def _step(self, error: float, rate: float, dt: float) -> float:
+        self.error, self.error_rate = error, rate
+        if not (math.isfinite(error) and math.isfinite(rate)):
+            self.command = math.nan
+            return self.command
+        resting = abs(error) <= self._deadband
+        legacy = self._anti_windup is AntiWindup.LEGACY
+        if legacy and not resting:
+            self.integral += self._i * dt * error
+            if self._clamp_integral:
+                self.integral = self._within(self.integral)
+        integral = self._within(self.integral) if legacy and not self._clamp_integral else self.integral
+        wanted = self._p * error + integral + self._d * rate
+        command = min(max(wanted, self._u_min), self._u_max) if self._limited else wanted
+        if not (resting or legacy):
+            self._integrate(error, dt, wanted, command)
+        self.integral = self._within(self.integral)
+        self.command = command
+        return command
+
+    def _integrate(self, error: float, dt: float, wanted: float, command: float) -> None:
+        """Let the integral grow as the anti-windup allows."""
+        if self._anti_windup is AntiWindup.BACK_CALCULATION:
+            if self._i:
+                self.integral += dt * (self._i * error + (command - wanted) / self._tracking)
+        elif self._anti_windup is AntiWindup.CONDITIONAL_INTEGRATION:
+            if abs(command - wanted) <= _EPSILON or error * wanted <= 0.0:
+                self.integral += dt * self._i * error
+        else:
+            self.integral += dt * self._i * error
+
+    def _within(self, integral: float) -> float:
+        return min(max(integral, self._i_min), self._i_max)

@@ -1,0 +1,188 @@
+"""A trajectory that is being followed: what its joints are to do at a time, and how far it has come.
+
+The law of the file (ros2_controllers jazzy, Trajectory): it starts at its stamp, or when it is first sampled if that is
+0; until the arrival at the first point it leads there from the point before it; what a point lacks is deduced from its
+derivatives and from then on stands in it; when it is over, its last point stays. Ours, and safer: a look into the
+future never moves the place that has been reached, and a time that lies before that place is found all the same.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+from canopen_control.controllers.trajectory.point import Point
+from canopen_control.controllers.trajectory.segment import Segment
+from canopen_control.controllers.trajectory.wraparound import wrap_around
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from canopen_control.controllers.trajectory.point import JointTrajectory
+
+__all__ = ["Motion", "Trajectory"]
+
+_BEFORE: Final = -1
+"""The segment that leads to the first point."""
+_NONE: Final = -2
+
+
+class Motion:
+    """What can be sampled: `start` and `before_time` in ns, `size` the number of points.
+
+    `first` and `following` are the points that the last sample was between; both `size` where it had none, and
+    `following` alone once it is over.
+    """
+
+    def __init__(self, stamp: int, size: int) -> None:
+        self.start, self.size = stamp, size
+        self.sampled = False
+        self.first = self.following = size
+
+    def set_before(self, time: int, point: Point, wrap: Sequence[bool]) -> None:
+        """Take where the joints are before the first point, at a time in ns; `wrap` says who turns without end."""
+        raise NotImplementedError
+
+    def sample(self, t: int, out: Point, *, ahead: bool = False) -> bool:
+        """Write the point at `t`, in ns, into `out`; False, and nothing is said of it, where there is none.
+
+        `ahead` looks into the future: the place that has been reached stays.
+        """
+        raise NotImplementedError
+
+    def time_of(self, index: int) -> int:
+        """Return the time of a point from start, in ns."""
+        raise NotImplementedError
+
+    def begin(self, t: int) -> None:
+        """Begin at `t` with the first sample, unless a stamp says when."""
+        if not self.sampled:
+            if self.start == 0:
+                self.start = t
+            self.sampled = True
+
+    def query(self, t: int, out: Point) -> bool:
+        """Write what is said of any time into `out`, past or to come, and leave the place that has been reached."""
+        return self.sampled and self.sample(t, out, ahead=True)
+
+    @property
+    def is_over(self) -> bool:
+        """Whether the last sample was at or after its last point."""
+        return self.following == self.size
+
+
+class Trajectory(Motion):
+    """Points that are followed, with `splines` between them, or without: then each is commanded until it is reached."""
+
+    def __init__(self, message: JointTrajectory, splines: bool = True) -> None:
+        super().__init__(message.stamp, len(message.points))
+        self.points = message.points
+        self.splines = splines
+        self.before_time, self.before = 0, Point()
+        self.reached = 0
+        self._segment = Segment()
+        self._fitted = _NONE
+
+    def set_before(self, time: int, point: Point, wrap: Sequence[bool]) -> None:
+        """Take where the joints are before the first point; only it is moved by whole turns, never the trajectory."""
+        self.before_time, self._fitted = time, _NONE
+        before = self.before
+        before.take(point)
+        if not self.points:
+            return
+        first = self.points[0]
+        if not before.velocities and first.velocities:
+            before.velocities[:] = [0.0] * len(first.velocities)
+        if not before.accelerations and first.accelerations:
+            before.accelerations[:] = [0.0] * len(first.accelerations)
+        wrap_around(before.positions, first.positions, wrap)
+
+    def time_of(self, index: int) -> int:
+        """Return the time of a point from start, in ns."""
+        return self.points[index].time
+
+    def sample(self, t: int, out: Point, *, ahead: bool = False) -> bool:
+        """Write the point at `t` into `out`, see `Motion`."""
+        points, size = self.points, self.size
+        self.first = self.following = size
+        if not size:
+            return False
+        self.begin(t)
+        if t < self.before_time:
+            return False
+        elapsed = t - self.start
+        if elapsed < points[0].time:
+            self.first = self.following = 0
+            self._between(_BEFORE, t, out)
+            return True
+        index = self.reached
+        while index < size - 1:
+            if points[index].time <= elapsed < points[index + 1].time:
+                if not ahead:
+                    self.reached = index
+                self.first, self.following = index, index + 1
+                self._between(index, t, out)
+                return True
+            index += 1
+        if not ahead:
+            self.reached = size - 1
+        return self._last(out)
+
+    def query(self, t: int, out: Point) -> bool:
+        """Write what is said of any time into `out`, see `Motion`."""
+        reached, self.reached = self.reached, 0
+        found = self.sampled and self.sample(t, out, ahead=True)
+        self.reached = reached
+        return found
+
+    def _between(self, index: int, t: int, out: Point) -> None:
+        """Write what stands between a point and the next one."""
+        a = self.before if index == _BEFORE else self.points[index]
+        b = self.points[index + 1]
+        if not self.splines:
+            out.take(a if index == _BEFORE else b)
+            return
+        if index != self._fitted:
+            begin = self.before_time if index == _BEFORE else self.start + a.time
+            end = self.start + b.time
+            _deduce(a, b, (end - begin) / 1e9)
+            self._segment.fit(begin, a, end, b)
+            self._fitted = index
+        self._segment.evaluate(t, out)
+        out.time = 0 if index == _BEFORE else b.time
+
+    def _last(self, out: Point) -> bool:
+        size, last = self.size, self.points[-1]
+        if not last.positions and size > 1 and self.points[-2].positions:
+            _deduce(self.points[-2], last, (last.time - self.points[-2].time) / 1e9)
+        if not last.positions:
+            return False
+        self.first = size - 1
+        out.take(last)
+        if not (last.velocities and last.accelerations and last.effort):
+            _fill(out)
+        return True
+
+
+def _fill(point: Point) -> None:
+    """Give a point zeros for what it does not say."""
+    zeros = [0.0] * len(point.positions)
+    point.velocities[:] = point.velocities or zeros
+    point.accelerations[:] = point.accelerations or zeros
+    point.effort[:] = point.effort or zeros
+
+
+def _deduce(a: Point, b: Point, time: float) -> None:
+    """Give the second point the velocities and positions that follow from the accelerations, over a time in s."""
+    joints = len(a.positions)
+    zeros = [0.0] * joints
+    a.effort[:] = a.effort or zeros
+    b.effort[:] = b.effort or zeros
+    if b.positions:
+        return
+    a.velocities[:] = a.velocities or zeros
+    if not b.velocities:
+        a.accelerations[:] = a.accelerations or zeros
+        b.velocities[:] = [
+            a.velocities[i] + (a.accelerations[i] + b.accelerations[i]) / 2.0 * time for i in range(joints)
+        ]
+    b.positions[:] = [a.positions[i] + (a.velocities[i] + b.velocities[i]) / 2.0 * time for i in range(joints)]

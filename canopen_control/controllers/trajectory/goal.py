@@ -1,0 +1,66 @@
+"""A goal of control_msgs/FollowJointTrajectory: what is wanted, where it is, and what became of it."""
+
+from __future__ import annotations
+
+import enum
+from typing import TYPE_CHECKING
+
+from canopen_control.controllers.trajectory.tolerances import GoalTolerances
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from canopen_control.controllers.trajectory.point import JointTrajectory
+
+__all__ = ["Goal", "GoalState", "ResultCode"]
+
+
+class ResultCode(enum.IntEnum):
+    """The error codes of the result of FollowJointTrajectory."""
+
+    SUCCESSFUL = 0
+    INVALID_GOAL = -1
+    INVALID_JOINTS = -2
+    OLD_HEADER_TIMESTAMP = -3
+    PATH_TOLERANCE_VIOLATED = -4
+    GOAL_TOLERANCE_VIOLATED = -5
+
+
+class GoalState(enum.Enum):
+    """The states of a goal that was accepted, by action_msgs' names."""
+
+    EXECUTING = "executing"
+    SUCCEEDED = "succeeded"
+    ABORTED = "aborted"
+    CANCELED = "canceled"
+
+
+class Goal:
+    """A trajectory with tolerances of its own; `code` and `text` are the result once it has ended.
+
+    `ended_now` is called then, in the cycle: whoever has more to do than to take note does it later.
+    """
+
+    def __init__(
+        self,
+        trajectory: JointTrajectory,
+        tolerances: GoalTolerances | None = None,
+        ended_now: Callable[[], object] = lambda: None,
+    ) -> None:
+        self.trajectory = trajectory
+        self.tolerances = GoalTolerances() if tolerances is None else tolerances
+        self.state = GoalState.EXECUTING
+        self.code: ResultCode | None = None
+        self.text = ""
+        self._ended_now = ended_now
+
+    @property
+    def ended(self) -> bool:
+        """Whether it has its result."""
+        return self.code is not None
+
+    def end(self, state: GoalState, code: ResultCode, text: str) -> None:
+        """Take the result; only the first one counts."""
+        if self.code is None:
+            self.state, self.code, self.text = state, code, text
+            self._ended_now()

@@ -1,0 +1,139 @@
+"""The joints of a trajectory as interfaces: what is read of them, and what is written to those that are commanded."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from canopen_control.controllers.trajectory.point import Point
+from canopen_control.controllers.trajectory.wraparound import shortest_angular_distance
+from canopen_control.hardware.interfaces import ACCELERATION, EFFORT, POSITION, VELOCITY
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from canopen_control.hardware.interfaces import CommandInterface, StateInterface
+
+__all__ = ["JointGroup"]
+
+
+class JointGroup:
+    """Joints and their interfaces by quantity; the names are in the order in which ros2_control's controller claims.
+
+    `actual` is what was read last, `error` what was asked for last less that.
+    """
+
+    def __init__(
+        self, joints: Sequence[str], commanded: Sequence[str], commands: Sequence[str], states: Sequence[str]
+    ) -> None:
+        self.joints, self.commanded = tuple(joints), tuple(commanded)
+        self.command_names = [f"{joint}/{each}" for joint in commanded for each in commands]
+        self.state_names = [f"{joint}/{each}" for joint in joints for each in states]
+        same = len(commanded) == len(joints)
+        self.places = [index if same else joints.index(joint) for index, joint in enumerate(commanded)]
+        self._kinds, self._read = tuple(commands), tuple(states)
+        self.has_position, self.has_velocity = POSITION in commands, VELOCITY in commands
+        self.has_acceleration, self.has_effort = ACCELERATION in commands, EFFORT in commands
+        self._all = all(joint in commanded for joint in joints) or same
+        count = len(joints)
+        self.knows_velocity = VELOCITY in states
+        self.knows_acceleration = self.knows_velocity and ACCELERATION in states
+        self._velocity_counts = self.knows_velocity and (self.has_velocity or self.has_effort)
+        self._acceleration_counts = self.knows_acceleration and self.has_acceleration
+        self.actual, self.error = self.blank(), Point([0.0] * count, [0.0] * count, [0.0] * count)
+        self.wrap = [False] * count
+        self.commands: dict[str, list[CommandInterface]] = {}
+        self._states: dict[str, list[StateInterface]] = {}
+        self.take([], [])
+
+    def blank(self) -> Point:
+        """Return a point with a place for whatever is read."""
+        zeros = [0.0] * len(self.joints)
+        return Point(zeros, zeros if self.knows_velocity else (), zeros if self.knows_acceleration else ())
+
+    def take(self, commands: Sequence[CommandInterface], states: Sequence[StateInterface]) -> None:
+        """Take the interfaces, in the order of the names."""
+        self.commands = {each: [one for one in commands if one.interface == each] for each in self._kinds}
+        self._states = {each: [one for one in states if one.interface == each] for each in self._read}
+        self._positions = self._states.get(POSITION, [])
+        self._velocities = self._states.get(VELOCITY, []) if self.knows_velocity else []
+        self._accelerations = self._states.get(ACCELERATION, []) if self.knows_acceleration else []
+        self._efforts = self.commands.get(EFFORT, [])
+        self._targets = self.commands.get(POSITION, [])
+
+    def read(self) -> None:
+        """Read the states into `actual`; what was commanded as effort stands for the effort."""
+        actual = self.actual
+        _copy(self._positions, actual.positions)
+        _copy(self._velocities, actual.velocities)
+        _copy(self._accelerations, actual.accelerations)
+        if self._efforts and self._all:
+            if len(actual.effort) != len(self._efforts):
+                actual.effort[:] = [0.0] * len(self._efforts)
+            for index in range(len(self._efforts)):
+                actual.effort[index] = self._efforts[index].value
+
+    def begin_with_commands(self) -> None:
+        """Let what stands commanded be what was read, quantity by quantity, where all of it is known."""
+        if not self._all:
+            return
+        for kind, values in (
+            (POSITION, self.actual.positions),
+            (VELOCITY, self.actual.velocities),
+            (ACCELERATION, self.actual.accelerations),
+            (EFFORT, self.actual.effort),
+        ):
+            found = [each.value for each in self.commands.get(kind, ())]
+            if found and all(math.isfinite(each) for each in found):
+                values[:] = found
+
+    def waits_for(self) -> str | None:
+        """Return the joint that cannot follow, because it is not enabled or nobody knows where it is; else None."""
+        for each in self._positions:
+            if not math.isfinite(each.value):
+                return each.joint
+        for kind in self._kinds:
+            for command in self.commands[kind]:
+                if not command.enabled:
+                    return command.joint
+        return None
+
+    def compare(self, wanted: Point) -> None:
+        """Write into `error` by how much the joints are off, as far as it is commanded and measured."""
+        error, actual = self.error, self.actual
+        for i in range(len(self.joints)):
+            if i < len(wanted.positions):
+                if self.wrap[i]:
+                    error.positions[i] = shortest_angular_distance(actual.positions[i], wanted.positions[i])
+                else:
+                    error.positions[i] = wanted.positions[i] - actual.positions[i]
+            if self._velocity_counts and i < len(wanted.velocities):
+                error.velocities[i] = wanted.velocities[i] - actual.velocities[i]
+            if self._acceleration_counts and i < len(wanted.accelerations):
+                error.accelerations[i] = wanted.accelerations[i] - actual.accelerations[i]
+
+    def write(self, kind: str, values: Sequence[float]) -> None:
+        """Command a quantity of all joints; where nothing is wanted of it, what stands stays."""
+        commands, places = self.commands[kind], self.places
+        if not values:
+            return
+        for index in range(len(commands)):
+            commands[index].value = values[places[index]]
+
+    def let_go(self) -> None:
+        """Command nothing: positions are held by the hardware, all else is 0."""
+        for kind in self._kinds:
+            for command in self.commands[kind]:
+                command.value = math.nan if kind == POSITION else 0.0
+
+    def targets(self) -> list[float]:
+        """Return the positions that are commanded, by joint; nan where none is."""
+        found = [math.nan] * len(self.joints)
+        for index, each in enumerate(self._targets):
+            found[self.places[index]] = each.value
+        return found
+
+
+def _copy(states: Sequence[StateInterface], values: list[float]) -> None:
+    for index in range(len(states)):
+        values[index] = states[index].value

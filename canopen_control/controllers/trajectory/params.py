@@ -1,0 +1,172 @@
+"""The parameters of joint_trajectory_controller/JointTrajectoryController, of jazzy and rolling.
+
+The law of the file: what is read of `gains.<joint>` and `constraints.<joint>` is known for the joints of the
+controller and for no others.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar, cast
+
+from canopen_control.controllers.common_params import CommonParams
+from canopen_control.controllers.pid import AntiWindup, Gains
+from canopen_control.controllers.trajectory.interfaces import (
+    wrong_commands,
+    wrong_joints,
+    wrong_states,
+    wrong_together,
+)
+from canopen_control.controllers.trajectory.tolerances import SegmentTolerances, StateTolerance
+from canopen_control.errors import RobotConfigError
+from canopen_control.yamlfile.convert import derived, setting
+
+if TYPE_CHECKING:
+    from canopen_control.controllers.params import Params
+
+__all__ = ["JointConstraints", "JointGains", "TrajectoryParams", "read_params"]
+
+
+@dataclass(frozen=True)
+class JointGains:
+    """The gains of the loop over one joint, where velocity or effort alone is commanded; `i_clamp` is deprecated."""
+
+    p: float = 0.0
+    i: float = 0.0
+    d: float = 0.0
+    ff_velocity_scale: float = 0.0
+    i_clamp: float = math.inf
+    i_clamp_max: float = math.inf
+    i_clamp_min: float = -math.inf
+    u_clamp_max: float = math.inf
+    u_clamp_min: float = -math.inf
+    antiwindup_strategy: str = setting("legacy", choices=tuple(each.value for each in AntiWindup))
+    tracking_time_constant: float = 0.0
+    error_deadband: float = 0.0
+
+    def __post_init__(self) -> None:
+        self.pid()
+
+    def pid(self) -> Gains:
+        """Return what the loop is given; ValueError for limits that exclude each other."""
+        return Gains(
+            self.p,
+            self.i,
+            self.d,
+            self.i_clamp_max if math.isfinite(self.i_clamp_max) else abs(self.i_clamp),
+            self.i_clamp_min if math.isfinite(self.i_clamp_min) else -abs(self.i_clamp),
+            self.u_clamp_max,
+            self.u_clamp_min,
+            AntiWindup(self.antiwindup_strategy),
+            self.tracking_time_constant,
+            self.error_deadband,
+        )
+
+
+@dataclass(frozen=True)
+class JointConstraints:
+    """How far a joint may be off on the way and at the end, and how it may brake: rad, rad/s2 (m); 0 is none."""
+
+    trajectory: float = 0.0
+    goal: float = 0.0
+    max_deceleration_on_cancel: float = setting(0.0, low=0.0)
+
+
+@dataclass(frozen=True)
+class TrajectoryParams(CommonParams):
+    """Parameters of the controller: s, Hz, rad/s, and `allowed_start_tolerance` in rad or m, 0 for none.
+
+    `gains` and `constraints` are in the order of `joints`.
+    """
+
+    INEFFECTIVE: ClassVar[dict[str, str]] = {
+        **CommonParams.INEFFECTIVE,
+        "allow_trajectory_replacement": "a new trajectory takes the place of the one that runs, for all joints",
+    }
+
+    joints: tuple[str, ...] = ()
+    command_joints: tuple[str, ...] = ()
+    command_interfaces: tuple[str, ...] = ()
+    state_interfaces: tuple[str, ...] = ()
+    initial_scaling_factor: float = setting(1.0, key="speed_scaling.initial_scaling_factor", low=0.0)
+    scaling_state: str = setting("", key="speed_scaling.state_interface")
+    scaling_command: str = setting("", key="speed_scaling.command_interface")
+    allow_partial_joints_goal: bool = False
+    open_loop_control: bool = False
+    interpolate_from_desired_state: bool = False
+    allow_integration_in_goal_trajectories: bool = False
+    set_last_command_interface_value_as_state_on_activation: bool = True
+    action_monitor_rate: float = setting(20.0, low=0.1)
+    interpolation_method: str = setting("splines", choices=("splines", "none"))
+    allow_nonzero_velocity_at_trajectory_end: bool = False
+    cmd_timeout: float = 0.0
+    allow_trajectory_replacement: bool = False
+    upsampling: bool = setting(False, key="positions_upsampling.enable")
+    policy_frequency: float = setting(0.0, key="positions_upsampling.policy_frequency", low=0.0)
+    stopped_velocity_tolerance: float = setting(0.01, key="constraints.stopped_velocity_tolerance")
+    goal_time: float = setting(0.0, key="constraints.goal_time", low=0.0)
+    decelerate_on_cancel: bool = setting(False, key="constraints.decelerate_on_cancel")
+    allowed_start_tolerance: float = setting(0.1, low=0.0)
+    gains: tuple[JointGains, ...] = derived(())
+    constraints: tuple[JointConstraints, ...] = derived(())
+
+    @property
+    def commanded(self) -> tuple[str, ...]:
+        """The joints that are commanded."""
+        return self.command_joints or self.joints
+
+    @property
+    def from_desired(self) -> bool:
+        """Whether a trajectory begins from what was commanded last, and not from where the joints are."""
+        return self.open_loop_control or self.interpolate_from_desired_state
+
+    def tolerances(self) -> SegmentTolerances:
+        """Return the tolerances of trajectories that say nothing of their own."""
+        path = tuple(StateTolerance(each.trajectory) for each in self.constraints)
+        goal = tuple(StateTolerance(each.goal, self.stopped_velocity_tolerance) for each in self.constraints)
+        return SegmentTolerances(path, goal, self.goal_time)
+
+    def mistake(self) -> str | None:
+        """Say what cannot be, None if nothing is wrong."""
+        if not self.joints:
+            return "no 'joints'; give it under ros__parameters: joints: [joint_1, joint_2]"
+        for key, names in (("joints", self.joints), ("command_joints", self.command_joints)):
+            if len(set(names)) != len(names):
+                return f"{key} names one twice: {', '.join(names)}; name each once"
+        return (
+            wrong_commands(self.command_interfaces)
+            or wrong_states(self.state_interfaces)
+            or wrong_joints(self.joints, self.commanded)
+            or wrong_together(self.command_interfaces, self.state_interfaces)
+        )
+
+
+def read_params(params: Params, name: str) -> TrajectoryParams:
+    """Return the parameters of controller `name`; raise RobotConfigError with what is wrong in them."""
+    node = params.flat.get("joints")
+    joints = tuple(dict.fromkeys(each.text for each in node.elements())) if node is not None else ()
+    found = params.read(_with_joints(joints))
+    gains = tuple(getattr(found, f"gains_{index}") for index in range(len(joints)))
+    constraints = tuple(getattr(found, f"constraints_{index}") for index in range(len(joints)))
+    given = dataclasses.replace(found, gains=gains, constraints=constraints)
+    if (mistake := given.mistake()) is not None:
+        raise RobotConfigError(f"{name}: {mistake}")
+    return given
+
+
+def _with_joints(joints: tuple[str, ...]) -> type[TrajectoryParams]:
+    """Return the class of the parameters with those of each joint, which have its name in their keys."""
+    fields: list[tuple[str, Any, Any]] = []
+    for index, joint in enumerate(joints):
+        fields += [
+            (f"gains_{index}", JointGains, setting(JointGains(), key=f"gains.{joint}", section=True)),
+            (
+                f"constraints_{index}",
+                JointConstraints,
+                setting(JointConstraints(), key=f"constraints.{joint}", section=True),
+            ),
+        ]
+    made = dataclasses.make_dataclass("TrajectoryParams", fields, bases=(TrajectoryParams,), frozen=True)
+    return cast("type[TrajectoryParams]", made)

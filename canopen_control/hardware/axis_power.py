@@ -1,0 +1,290 @@
+"""The statechart of one axis: its power, its stop and whether it may move, as one table of states and triggers.
+
+The law of this file: `TABLE` says for each state what each trigger leads to and what the drive is told on the way; what
+has no row changes nothing. Targets of a controller are sent in FOLLOWING alone, and the only way into it begins with
+ENABLE: a fault reset, a drive that comes back or a group that is complete never lead up from a stop. The rows with
+GROUP_ are the stop group's (`stop_group`): its joints are enabled in one cycle and disabled in one cycle. Every state
+of a stop has a time (`LIMITS_NS`); what does not end in it goes on to a quick stop, then to disable voltage, unless the
+axis holds a load that would fall, and the last state says that it has not stopped.
+"""
+
+from __future__ import annotations
+
+import enum
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    from canopen_control.cia402.drive import DriveMachine
+    from canopen_control.hardware.interfaces import CommandInterface
+
+__all__ = ["LIMITS_NS", "TABLE", "UP", "Action", "AxisPower", "AxisState", "Order", "Row", "Trigger"]
+
+_SECOND: Final = 1_000_000_000
+_NEVER: Final = (1 << 62) - 1  # small enough to stay unboxed where this is compiled
+
+
+class Action(enum.Enum):
+    """What a user may ask of an axis."""
+
+    ENABLE = "enable"
+    DISABLE = "disable"
+    HALT = "halt"
+    QUICK_STOP = "quick-stop"
+    FAULT_RESET = "fault-reset"
+    HOME = "home"
+    MODE = "mode"
+
+
+class AxisState(enum.Enum):
+    """A state of the chart; the value says what it means."""
+
+    OFF = "disabled"
+    RISING = "being enabled; waits before OPERATION_ENABLED for its group"
+    RELEASED = "being enabled; its group has let it into OPERATION_ENABLED"
+    ENABLED = "enabled; its targets rest until its whole group is"
+    READY = "enabled with its group; its targets rest until the drive may move in the mode that was asked for"
+    FOLLOWING = "enabled; the targets of its controller are sent"
+    HOMING = "enabled; homing"
+    HALTED = "enabled; held by the halt bit until the next enable"
+    BRAKING = "a controlled stop: its target ramps to zero"
+    SETTLING = "a controlled stop: its target stands; waits until it and its group stand still"
+    DISABLING = "told to disable by the drive's own ramp, and not seen disabled yet"
+    QUICK_STOPPING = "told to quick stop by a user"
+    QUICK_STOPPED = "stopped by a quick stop; with power or without, as the drive's 0x605A says"
+    ESCALATED = "its stop took too long: told to quick stop"
+    VOLTAGE_OFF = "its quick stop took too long: told to disable voltage, what turns coasts"
+    UNSTOPPED = "nothing it was told was seen to stop it"
+
+
+class Trigger(enum.Enum):
+    """What makes the chart take a row; the value says when."""
+
+    ENABLE = "somebody enables it"
+    STOP = "somebody, or trouble in its group, stops it"
+    QUICK_STOP = "somebody quick stops it"
+    HALT = "somebody halts it"
+    FAULT_RESET = "somebody resets a fault"
+    GROUP_MAY_RISE = "every joint of its group that is being enabled waits"
+    GROUP_RISES = "a joint of its group is being enabled"
+    GROUP_ENABLED = "no joint of its group is being enabled any more"
+    GROUP_RESTS = "every joint of its group that is being stopped stands still"
+    DRIVE_ENABLED = "the drive is seen in OPERATION_ENABLED"
+    DRIVE_OFF = "the drive is seen without torque"
+    DRIVE_LEFT = "the drive left operation on its own, or refuses it"
+    NODE_LOST = "its node is gone"
+    MAY_MOVE = "the drive may move in the mode that was asked for"
+    MUST_REST = "the drive may not move, or something else than a controller needs it"
+    HOMING_RUNS = "its homing runs"
+    HOMING_ENDED = "its homing is over"
+    TARGET_STANDS = "its target has come to zero"
+    AT_REST = "the drive has left OPERATION_ENABLED and stands still"
+    OVERDUE = "the time of the state is over"
+    OVERDUE_LOADED = "the time of the state is over, and the axis holds a load that would fall"
+
+
+class Order(enum.Enum):
+    """What the drive is told with a row."""
+
+    PREPARE = "enable, and wait before OPERATION_ENABLED; no halt"
+    RELEASE = "go into OPERATION_ENABLED"
+    RESUME = "no halt"
+    HALT = "halt"
+    DISABLE = "disable"
+    QUICK_STOP = "quick stop"
+    CUT = "disable voltage"
+    RESET = "reset the fault"
+
+
+class Row(NamedTuple):
+    """What a trigger leads to: the next state, and what the drive is told."""
+
+    state: AxisState
+    orders: tuple[Order, ...] = ()
+
+
+_S, _T, _O = AxisState, Trigger, Order
+UP: Final = (_S.RISING, _S.RELEASED, _S.ENABLED, _S.READY, _S.FOLLOWING, _S.HOMING, _S.HALTED)
+"""The states of an axis that is meant to be enabled."""
+RISING: Final = (_S.RISING, _S.RELEASED)
+FALLING: Final = (_S.BRAKING, _S.SETTLING)
+STOPPED: Final = (_S.OFF, _S.QUICK_STOPPED)
+
+LIMITS_NS: Final[Mapping[AxisState, int]] = MappingProxyType(
+    {
+        _S.BRAKING: 10 * _SECOND,  # with SETTLING, which goes on with what is left of it
+        _S.DISABLING: 10 * _SECOND,
+        _S.QUICK_STOPPING: 10 * _SECOND,
+        _S.ESCALATED: 3 * _SECOND,
+        _S.VOLTAGE_OFF: 1 * _SECOND,
+    }
+)
+"""How long a state may last before it is OVERDUE, in nanoseconds; the others may last for ever."""
+
+_ALWAYS: Final = {_T.QUICK_STOP: Row(_S.QUICK_STOPPING, (_O.QUICK_STOP,)), _T.NODE_LOST: Row(_S.OFF, (_O.DISABLE,))}
+_LEAVE: Final = {**_ALWAYS, _T.DRIVE_LEFT: Row(_S.DISABLING, (_O.DISABLE,))}
+_RISE: Final = {_T.ENABLE: Row(_S.RISING, (_O.PREPARE,))}
+_GO_ON: Final = {_T.ENABLE: Row(_S.ENABLED, (_O.RESUME,))}  # through the states at rest: a command must be newer
+_UP: Final = {**_LEAVE, **_GO_ON, _T.STOP: Row(_S.BRAKING), _T.HALT: Row(_S.HALTED, (_O.HALT,))}
+_RISING: Final = {
+    **_LEAVE,
+    **_RISE,
+    _T.STOP: Row(_S.DISABLING, (_O.DISABLE,)),
+    _T.DRIVE_ENABLED: Row(_S.ENABLED, (_O.RELEASE,)),
+}
+_ESCALATE: Final = {
+    _T.OVERDUE: Row(_S.ESCALATED, (_O.QUICK_STOP,)),
+    _T.OVERDUE_LOADED: Row(_S.ESCALATED, (_O.QUICK_STOP,)),
+}
+_FALLING: Final = {**_LEAVE, **_GO_ON, **_ESCALATE, _T.GROUP_RESTS: Row(_S.DISABLING, (_O.DISABLE,))}
+_CUT: Final = {_T.OVERDUE: Row(_S.VOLTAGE_OFF, (_O.CUT,)), _T.OVERDUE_LOADED: Row(_S.UNSTOPPED)}
+_SEEN_OFF: Final = {_T.DRIVE_OFF: Row(_S.OFF, (_O.DISABLE,)), _T.AT_REST: Row(_S.DISABLING, (_O.DISABLE,))}
+_LOST: Final = {_T.NODE_LOST: Row(_S.OFF, (_O.DISABLE,))}
+
+_ROWS: Final[Mapping[AxisState, Mapping[Trigger, Row]]] = {
+    _S.OFF: {**_ALWAYS, **_RISE, _T.STOP: Row(_S.OFF, (_O.DISABLE,))},
+    _S.RISING: {**_RISING, _T.GROUP_MAY_RISE: Row(_S.RELEASED, (_O.RELEASE,))},
+    _S.RELEASED: _RISING,
+    _S.ENABLED: {**_UP, _T.GROUP_ENABLED: Row(_S.READY)},
+    _S.READY: {
+        **_UP,
+        _T.GROUP_RISES: Row(_S.ENABLED),
+        _T.MAY_MOVE: Row(_S.FOLLOWING),
+        _T.HOMING_RUNS: Row(_S.HOMING),
+    },
+    _S.FOLLOWING: {**_UP, _T.GROUP_RISES: Row(_S.ENABLED), _T.MUST_REST: Row(_S.READY)},
+    _S.HOMING: {**_UP, _T.ENABLE: Row(_S.HOMING, (_O.RESUME,)), _T.HOMING_ENDED: Row(_S.READY)},
+    _S.HALTED: _UP,
+    _S.BRAKING: {**_FALLING, _T.TARGET_STANDS: Row(_S.SETTLING)},
+    _S.SETTLING: _FALLING,
+    _S.DISABLING: {
+        **_ALWAYS,
+        **_RISE,
+        **_ESCALATE,
+        _T.STOP: Row(_S.DISABLING, (_O.DISABLE,)),
+        _T.DRIVE_OFF: Row(_S.OFF),
+    },
+    _S.QUICK_STOPPING: {
+        **_LOST,
+        **_RISE,
+        **_CUT,
+        _T.STOP: Row(_S.DISABLING, (_O.DISABLE,)),
+        _T.DRIVE_OFF: Row(_S.OFF),
+        _T.AT_REST: Row(_S.QUICK_STOPPED),
+    },
+    _S.QUICK_STOPPED: {**_LOST, **_RISE, _T.STOP: Row(_S.DISABLING, (_O.DISABLE,)), _T.DRIVE_OFF: Row(_S.OFF)},
+    _S.ESCALATED: {**_LOST, **_RISE, **_CUT, **_SEEN_OFF},
+    _S.VOLTAGE_OFF: {
+        **_LOST,
+        **_RISE,
+        _T.DRIVE_OFF: Row(_S.OFF),
+        _T.OVERDUE: Row(_S.UNSTOPPED),
+        _T.OVERDUE_LOADED: Row(_S.UNSTOPPED),
+    },
+    _S.UNSTOPPED: {**_ALWAYS, **_RISE, **_SEEN_OFF},
+}
+
+
+def _complete(state: AxisState, rows: Mapping[Trigger, Row]) -> Mapping[Trigger, Row]:
+    """Add what holds in every state: a fault may be reset, and a halt is kept in mind; neither leads anywhere."""
+    everywhere = {_T.FAULT_RESET: Row(state, (_O.RESET,)), _T.HALT: Row(state, (_O.HALT,))}
+    return MappingProxyType({**everywhere, **rows})
+
+
+TABLE: Final[Mapping[AxisState, Mapping[Trigger, Row]]] = MappingProxyType(
+    {state: _complete(state, rows) for state, rows in _ROWS.items()}
+)
+"""State and trigger to the row that is taken; a trigger without a row changes nothing."""
+
+_WATCHED: Final = (*RISING, *LIMITS_NS, _S.SETTLING, _S.QUICK_STOPPED, _S.UNSTOPPED)
+
+
+class AxisPower:
+    """Where one axis is in the chart; `fire` is the only way from one state to another.
+
+    `following` is True in FOLLOWING alone, and the command interfaces say the same as `enabled`. `watched`: the drive
+    has to be looked at in every cycle for what comes next. `since` is when the present stop began, `deadline` when the
+    state is overdue.
+    """
+
+    def __init__(
+        self, machine: DriveMachine, commands: Sequence[CommandInterface] = (), *, holds_load: bool = False
+    ) -> None:
+        self.state = AxisState.OFF
+        self.following = False
+        self.watched = False
+        self.since = 0
+        self.deadline = _NEVER
+        self.holds_load = holds_load
+        self._machine, self._commands = machine, commands
+        for command in commands:
+            command.enabled = False
+
+    @property
+    def wanted(self) -> bool:
+        """Whether it is meant to be enabled."""
+        return self.state in UP
+
+    @property
+    def rising(self) -> bool:
+        """Whether it is being enabled."""
+        return self.state in RISING
+
+    @property
+    def falling(self) -> bool:
+        """Whether it comes to rest, to be disabled together with its group."""
+        return self.state in FALLING
+
+    def fire(self, trigger: Trigger, now: int) -> bool:
+        """Take the row of a trigger; returns whether the state is another one now."""
+        row = TABLE[self.state].get(trigger)
+        if row is None:
+            return False
+        changed = row.state is not self.state
+        if changed:
+            self._enter(row.state, now)
+        for order in row.orders:
+            _TELL[order](self._machine)
+        return changed
+
+    def overdue(self, now: int) -> bool:
+        """Take the row of a state whose time is over; returns whether one was taken."""
+        if now <= self.deadline:
+            return False
+        return self.fire(Trigger.OVERDUE_LOADED if self.holds_load else Trigger.OVERDUE, now)
+
+    def _enter(self, state: AxisState, now: int) -> None:
+        if state is not AxisState.SETTLING:
+            self.since = now
+            self.deadline = now + LIMITS_NS[state] if state in LIMITS_NS else _NEVER
+        self.state = state
+        self.watched = state in _WATCHED
+        following = state is AxisState.FOLLOWING
+        if following is not self.following:
+            self.following = following
+            for command in self._commands:
+                command.enabled = following
+                if following:
+                    command.set_aside = False
+
+
+def _prepare(machine: DriveMachine) -> None:
+    machine.enable()
+    machine.halt(False)
+    machine.hold(True)
+
+
+_TELL: Final[Mapping[Order, Callable[[DriveMachine], None]]] = MappingProxyType(
+    {
+        Order.PREPARE: _prepare,
+        Order.RELEASE: lambda machine: machine.hold(False),
+        Order.RESUME: lambda machine: machine.halt(False),
+        Order.HALT: lambda machine: machine.halt(True),
+        Order.DISABLE: lambda machine: machine.disable(),
+        Order.QUICK_STOP: lambda machine: machine.quick_stop(),
+        Order.CUT: lambda machine: machine.disable_voltage(),
+        Order.RESET: lambda machine: machine.fault_reset(),
+    }
+)

@@ -1,0 +1,194 @@
+"""What a joint reports: events of its drive, warnings and limits of the statusword, a wrong direction, a fault's code.
+
+The law of this file: one table from the kind of a drive's event to its name, its level and whether it stops. What is
+seen in the statusword is told when it begins, not while it lasts. An active limit closes the direction in which the
+axis went and leaves the other open; an axis that moves with others stops with them at it, and again when it is
+commanded beyond it. An axis that turns against its command is told from one that lags by both being large for
+`WRONG_LOOKS` looks on end. A drive that has no error code (0x603F) has said what it has to say by EMCY.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+from canopen_control.cia301.emcy_codes import error_text
+from canopen_control.cia402 import events, objects
+from canopen_control.cia402.modes import OperationMode
+from canopen_control.cia402.state import INTERNAL_LIMIT, WARNING
+from canopen_control.hardware.interfaces import POSITION
+from canopen_control.master.event_log import Level
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from canopen_control.cia301.sdo_client import SdoRequest
+    from canopen_control.cia402.events import DriveEvent
+    from canopen_control.hardware.axis import Axis
+    from canopen_control.hardware.mode_targets import ModeTarget
+    from canopen_control.master.cycle import Output
+
+__all__ = ["FaultReason", "JointEvent", "StatusWatch", "joint_event_of"]
+
+WRONG_LOOKS: Final = 5  # of a tenth of a second each
+_FOLLOWING: Final = 1 << 13
+_BITS: Final = WARNING | INTERNAL_LIMIT | _FOLLOWING
+_FOLLOWING_MODES = (OperationMode.PP, OperationMode.CSP)
+_NEGATIVE_SWITCH, _POSITIVE_SWITCH = 1, 2  # 0x60FD
+_OTHER = "only the other direction is followed"
+_BACK = "those that move with it stop too, and only the way back is followed"
+_SIDES = {1: "positive", -1: "negative", 0: "unknown"}
+
+
+class JointEvent(NamedTuple):
+    """Something that happened to one joint; `stops` says that its group has to stop."""
+
+    kind: str
+    text: str
+    level: Level = Level.WARNING
+    stops: bool = False
+
+
+_TABLE: Final[dict[type, tuple[str, Level, bool]]] = {
+    events.StateChanged: ("state", Level.INFO, False),
+    events.FaultEntered: ("fault", Level.ERROR, True),
+    events.FaultCleared: ("fault_cleared", Level.INFO, False),
+    events.FaultResetFailed: ("fault_reset_failed", Level.ERROR, False),
+    events.TransitionTimedOut: ("transition_timeout", Level.ERROR, False),
+    events.ModeConfirmed: ("mode", Level.INFO, False),
+    events.ModeTimedOut: ("mode_timeout", Level.ERROR, False),
+    events.EnableLost: ("enable_lost", Level.ERROR, True),
+    events.ControlChanged: ("control", Level.WARNING, False),
+    events.StatuswordUndefined: ("statusword", Level.ERROR, False),
+}
+
+
+def joint_event_of(event: DriveEvent) -> JointEvent:
+    """Return what an event of the drive's state machine means for its joint."""
+    kind, level, stops = _TABLE[type(event)]
+    if isinstance(event, events.TransitionTimedOut):
+        stops = event.gave_up
+    elif isinstance(event, events.ControlChanged):
+        level = Level.INFO if event.remote else Level.ERROR
+        stops = not event.remote
+    return JointEvent(kind, event.text, level, stops)
+
+
+class StatusWatch:
+    """Looks at one axis; `action` is what a following error leads to: stop, warn or ignore."""
+
+    def __init__(self, axis: Axis, action: str) -> None:
+        self._axis, self._action = axis, action
+        self._bits = 0
+        self._against = 0
+        self._last_target = 0
+        self._limit_at = 0  # the position at which the limit was reached
+        self._misfit = math.nan  # the target that was told not to fit its object
+        self._targets: tuple[Output | None, Output | None] = (
+            axis.output(objects.TARGET_VELOCITY),
+            axis.output(objects.TARGET_POSITION),
+        )
+
+    def look(
+        self, word: int, mode: int | None, target: ModeTarget | None, stops_at_limits: bool = False
+    ) -> list[JointEvent]:
+        """Take a statusword and return what began or ended with it."""
+        rose, fell = word & ~self._bits & _BITS, self._bits & ~word & _BITS
+        if not rose | fell:
+            return []
+        self._bits = word & _BITS
+        found = []
+        if rose & WARNING:
+            found.append(JointEvent("warning", f"warning (statusword 0x{word:04X})"))
+        if rose & INTERNAL_LIMIT:
+            found += self._limit(target, stops_at_limits)
+        if rose & _FOLLOWING and mode in _FOLLOWING_MODES and self._action != "ignore":
+            text = f"following error (statusword 0x{word:04X})"
+            stops = self._action == "stop"
+            found.append(JointEvent("following_error", text, Level.ERROR if stops else Level.WARNING, stops))
+        return found
+
+    def pressed(self) -> JointEvent:
+        """Return what is told when the axis is commanded beyond its limit and moves with others."""
+        side = _SIDES[self._axis.limits.blocked]
+        return JointEvent("limit", f"commanded beyond its limit, {side} side; {_BACK}", Level.ERROR, stops=True)
+
+    def leaves_limit(self) -> bool:
+        """Look, ten times a second, whether a limit that shows no more was left: by a motion the other way."""
+        limits = self._axis.limits
+        if not limits.blocked or self._bits & INTERNAL_LIMIT:
+            return False
+        way = self._axis.raw_position - self._limit_at
+        if way * limits.blocked >= 0:
+            return False
+        limits.blocked = 0
+        return True
+
+    def turns_the_wrong_way(self, enabled: bool) -> bool:
+        """Look, ten times a second, whether the axis turns against its velocity target."""
+        output, actual = self._targets[0], self._axis.velocity
+        if output is None or actual is None or not enabled or not actual.fresh:
+            self._against = 0
+            return False
+        target, speed = output.value, actual.value
+        steady, self._last_target = target == self._last_target, target
+        against = steady and target * speed < 0 and abs(speed) * 2 > abs(target)
+        self._against = self._against + 1 if against else 0
+        return self._against == WRONG_LOOKS
+
+    def refuses(self, interface: str | None) -> str | None:
+        """Return, ten times a second, that a controller's target does not fit its object; once until one fits again."""
+        misfit, told = self._axis.misfit, self._misfit
+        self._misfit = misfit
+        if math.isnan(misfit) or not math.isnan(told):
+            return None
+        return f"{interface} target {misfit:g} does not fit the drive's object; it stands"
+
+    def _limit(self, target: ModeTarget | None, stops: bool) -> list[JointEvent]:
+        limits = self._axis.limits
+        if limits.blocked:
+            return []  # the same limit, touched again
+        limits.blocked = self._direction(target)
+        self._limit_at = self._axis.raw_position
+        text = f"limit reached, {_SIDES[limits.blocked]} side; {_BACK if stops else _OTHER}"
+        return [JointEvent("limit", text, Level.ERROR if stops else Level.WARNING, stops)]
+
+    def _direction(self, target: ModeTarget | None) -> int:
+        """Return the side of the limit: the switch that is closed, else where the target lies."""
+        inputs = self._axis.digital_inputs
+        switches = inputs.value & 3 if inputs is not None and inputs.fresh else 0
+        if switches in (_NEGATIVE_SWITCH, _POSITIVE_SWITCH):
+            return 1 if switches == _POSITIVE_SWITCH else -1
+        velocity, position = self._targets
+        if target is not None and target.interface == POSITION and position is not None:
+            way: int = position.value - self._axis.raw_position
+        else:
+            way = velocity.value if velocity is not None else 0
+        return (way > 0) - (way < 0)
+
+
+class FaultReason:
+    """The error code of the last fault; `tell` is called with a sentence when it is known."""
+
+    def __init__(self, axis: Axis, tell: Callable[[str], None]) -> None:
+        self.code: int | None = None
+        self.asking = False
+        self._axis, self._tell = axis, tell
+
+    def ask(self) -> None:
+        """Read it, where the drive has one."""
+        if self._axis.has(objects.ERROR_CODE) and not self.asking:
+            self.asking = True
+            self._axis.node.read(self._axis.index(objects.ERROR_CODE), 0, self._answered)
+
+    @property
+    def text(self) -> str:
+        """What it is in words, "" while it is not known."""
+        return "" if not self.code else f"0x603F is 0x{self.code:04X} ({error_text(self.code)})"
+
+    def _answered(self, request: SdoRequest) -> None:
+        self.asking = False
+        if request.error is None:
+            self.code = int.from_bytes(request.data[:2], "little")
+            if self.text:
+                self._tell(self.text)

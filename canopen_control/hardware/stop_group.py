@@ -1,0 +1,132 @@
+"""Joints that stop together: trouble at one of them is trouble of all, and they change power in one SYNC cycle.
+
+The law of this file: an axis of a group is let into OPERATION_ENABLED when every axis that is being enabled stands
+before it, and disabled when every axis that is being stopped stands still. All joints of a robot are one group unless
+the description says otherwise (`<param name="stop_group">`); a group of one is the policy "single". The joints that a
+controller of a base holds are in one group whatever the description says, and move as a whole or not at all.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
+
+from canopen_control.hardware.axis_power import AxisState, Trigger
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Iterable, Mapping, Sequence
+
+    from canopen_control.hardware.axis_power import AxisPower
+
+__all__ = ["Base", "StopGroup", "regroup"]
+
+
+class Member(Protocol):
+    """What a group has to know of a joint."""
+
+    joint: str
+    power: AxisPower
+    group: StopGroup[Any]
+    stop_group: StopGroup[Any]
+    base: Base[Any] | None
+
+    @property
+    def wanted(self) -> bool:
+        """Whether it is to follow commands."""
+
+    @property
+    def may_rise(self) -> bool:
+        """Whether nothing but its group keeps it from being enabled."""
+
+    def has_come_to_rest(self, now: int) -> bool:
+        """Whether a stop may end in disabling the drive."""
+
+    def stop(self, now: int) -> None:
+        """Ramp to zero, then disable."""
+
+
+J = TypeVar("J", bound=Member)
+
+
+class Base(Generic[J]):
+    """The joints that one controller of a base holds; `name` is the controller's."""
+
+    __slots__ = ("joints", "name")
+
+    def __init__(self, name: str, joints: Sequence[J]) -> None:
+        self.name, self.joints = name, joints
+
+
+class StopGroup(Generic[J]):
+    """The joints of one group; `busy` says that some are on their way up or down, and have to be looked at."""
+
+    def __init__(self, name: str = "") -> None:
+        self.name = name
+        self.joints: list[J] = []
+        self.busy = False
+
+    def stop(self, now: int) -> list[J]:
+        """Ramp every joint to zero, then disable; return those that were to move."""
+        moving = [joint for joint in self.joints if joint.wanted]
+        for joint in self.joints:
+            joint.stop(now)
+        return moving
+
+    def coordinate(self, now: int) -> None:
+        """Fire what the chart of each joint waits for from its group; call it once per cycle while `busy`."""
+        waiting = [joint for joint in self.joints if joint.power.state is AxisState.RISING]
+        if waiting and all(joint.may_rise for joint in waiting):
+            self._fire(Trigger.GROUP_MAY_RISE, now)
+        rising = any(joint.power.rising for joint in self.joints)
+        self._fire(Trigger.GROUP_RISES if rising else Trigger.GROUP_ENABLED, now)
+        falling = [joint for joint in self.joints if joint.power.falling]
+        if falling and all(joint.has_come_to_rest(now) for joint in falling):
+            self._fire(Trigger.GROUP_RESTS, now)
+        self.busy = rising or any(joint.power.falling for joint in falling)
+
+    def _fire(self, trigger: Trigger, now: int) -> None:
+        for joint in self.joints:
+            joint.power.fire(trigger, now)
+
+
+def regroup(joints: Iterable[J], bases: Mapping[str, Collection[str]], now: int) -> None:
+    """Tell each joint which base holds it, and put the stop groups that a base's joints are of together.
+
+    A base of which only a part is enabled, or on its way to be, is stopped.
+    """
+    joints = list(joints)
+    held = [Base(name, [joint for joint in joints if joint.joint in names]) for name, names in bases.items()]
+    sets: list[set[StopGroup[J]]] = []
+    for base in held:
+        touched = {joint.stop_group for joint in base.joints}
+        for other in [each for each in sets if each & touched]:
+            sets.remove(other)
+            touched |= other
+        sets.append(touched)
+    whole: dict[StopGroup[J], StopGroup[J]] = {}
+    for each in sets:
+        if len(each) > 1:
+            whole.update(dict.fromkeys(each, _merged(each, joints)))
+    for joint in joints:
+        joint.base = next((base for base in held if joint in base.joints), None)
+        _move(joint, whole.get(joint.stop_group, joint.stop_group))
+    for base in held:
+        wanted = [joint for joint in base.joints if joint.wanted]
+        if len(wanted) < len(base.joints):
+            for joint in wanted:
+                joint.stop(now)
+
+
+def _merged(groups: set[StopGroup[J]], joints: Iterable[J]) -> StopGroup[J]:
+    """Return one group of several; the present one of their joints where it is that already."""
+    members = [joint for joint in joints if joint.stop_group in groups]
+    if members[0].group.joints == members:
+        return members[0].group
+    merged: StopGroup[J] = StopGroup(", ".join(sorted(group.name for group in groups)))
+    merged.joints = members
+    return merged
+
+
+def _move(joint: J, group: StopGroup[J]) -> None:
+    if joint.group is not group:
+        joint.group = group
+        group.busy = True

@@ -1,0 +1,141 @@
+"""Files on a disk that may be full: writing whole ones, and the log of a child process, which is rotated.
+
+A failure names the file and what is left of it. A child holds its log open, so that it can only be rotated in place:
+what it holds is copied to `<name>.log.1` and the file is emptied; the child writes in append mode and goes on at the
+start. The copy is the kernel's work, on a thread that does not hold the interpreter lock meanwhile. What is written
+during that millisecond is lost; the file says so.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import shlex
+import shutil
+import threading
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from canopen_control.errors import CanopenError, ConfigError, DiskFull
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+    from typing import BinaryIO
+
+__all__ = ["FULL", "LogFile", "failed", "state_dir", "telling", "write_whole"]
+
+#: what ends a writing that had begun: no room, no more allowed, a broken disk
+FULL: Final = frozenset((errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO))
+
+
+def write_whole(path: str | Path, data: bytes) -> None:
+    """Write a file that is whole or, where it cannot be written, as it was before; ConfigError and DiskFull."""
+    path = Path(path)
+    if path.exists() and not path.is_file():  # a device or a pipe cannot be replaced
+        with telling(path, "it got a part of it"):
+            path.write_bytes(data)
+        return
+    target = path.resolve()  # a link stays one
+    part = target.with_name(f".{target.name}.{os.getpid()}.part")
+    try:
+        with telling(path, "it is as it was before" if path.exists() else "nothing was written"):
+            part.write_bytes(data)
+            with contextlib.suppress(OSError):
+                part.chmod(target.stat().st_mode)
+            os.replace(part, target)
+    finally:
+        with contextlib.suppress(OSError):
+            part.unlink(missing_ok=True)
+
+
+@contextlib.contextmanager
+def telling(path: str | Path, kept: str) -> Iterator[None]:
+    """Turn an OSError of writing into a sentence about `path`: DiskFull with what was `kept`, else ConfigError."""
+    try:
+        yield
+    except OSError as error:
+        raise failed(path, error, kept) from error
+
+
+def failed(path: str | Path, error: OSError, kept: str) -> CanopenError:
+    """Return what to raise for an OSError while `path` was written."""
+    reason = error.strerror or str(error)
+    if error.errno in FULL:
+        return DiskFull(str(path), reason, kept)
+    return ConfigError(f"{path} cannot be written: {reason}")
+
+
+LIMIT: Final = 10_000_000
+_TAIL: Final = 8192
+_ROTATED: Final = b"--- rotated: what came before is in the file that ends in .1; a line may be missing here\n"
+
+
+def state_dir(name: str = "") -> Path:
+    """Return the folder for the logs of the robot or bus `name`: below $XDG_STATE_HOME, else ~/.local/state."""
+    base = os.environ.get("XDG_STATE_HOME", "")
+    root = Path(base) if base.startswith("/") else Path.home() / ".local" / "state"
+    return root / "canopen_control" / name
+
+
+class LogFile:
+    """The log of a child process, `<folder>/<name>.log`; `limit` is its greatest length in bytes, more or less."""
+
+    def __init__(self, folder: Path, name: str, *, limit: int = LIMIT) -> None:
+        self.path = folder / f"{name}.log"
+        self._limit = limit
+        self._start = 0  # where the output of this run begins
+        self._busy: threading.Thread | None = None
+
+    @contextlib.contextmanager
+    def opened_for(self, argv: Sequence[str]) -> Iterator[BinaryIO]:
+        """Open it for a child to inherit, with a line that says what starts; ConfigError when it cannot be written."""
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            if self.path.exists() and self.path.stat().st_size > self._limit:
+                self.path.replace(self._old)
+            file = open(self.path, "ab", buffering=0)  # noqa: SIM115 - closed below, errors of opening apart
+            command = " ".join(shlex.join(argv).split())
+            file.write(f"--- {time.strftime('%Y-%m-%d %H:%M:%S')} {command}\n".encode(errors="replace"))
+            self._start = file.tell()
+        except OSError as error:
+            raise ConfigError(
+                f"cannot write the log {self.path}: {error.strerror}; set XDG_STATE_HOME to a folder of yours"
+            ) from error
+        with file:
+            yield file
+
+    @property
+    def _old(self) -> Path:
+        return self.path.with_name(self.path.name + ".1")
+
+    def last_lines(self, count: int) -> list[str]:
+        """Return the last lines of this run, at most `count`; none when the file is gone."""
+        try:
+            with open(self.path, "rb") as file:
+                size = file.seek(0, os.SEEK_END)
+                start = min(self._start, size) if size >= self._start else 0
+                file.seek(max(start, size - _TAIL))
+                text = file.read(_TAIL).decode(errors="replace")
+        except OSError:
+            return []
+        return text.splitlines()[-count:]
+
+    def rotate_if_long(self) -> None:
+        """Rotate it, on a thread, when it is longer than the limit; looking takes microseconds."""
+        with contextlib.suppress(OSError):
+            if self.path.stat().st_size <= self._limit or (self._busy is not None and self._busy.is_alive()):
+                return
+            self._busy = threading.Thread(target=self.rotate, name=f"rotate {self.path.name}", daemon=True)
+            self._busy.start()
+
+    def rotate(self) -> None:
+        """Copy it to `.1` and empty it."""
+        with contextlib.suppress(OSError):  # a full disk: emptying it is what helps
+            shutil.copyfile(self.path, self._old)
+        with contextlib.suppress(OSError):
+            os.truncate(self.path, 0)
+            with open(self.path, "ab", buffering=0) as file:
+                file.write(_ROTATED)
+        self._start = 0

@@ -1,0 +1,397 @@
+"""One node as the master sees it: whether it is there, booted and alive, and what it reports.
+
+The law of this file: a node is READY only between a finished boot and the first sign that something is wrong (silence,
+a boot-up nobody asked for, an NMT state nobody commanded). Whatever ends READY drops its process data and starts the
+boot again; whoever drives the node's axes sees `ready` fall and acts on it (`hardware.system`).
+"""
+
+from __future__ import annotations
+
+import enum
+from typing import TYPE_CHECKING
+
+from canopen_control.cia301.abort import AbortCode
+from canopen_control.cia301.guarding import GuardingEventKind
+from canopen_control.cia301.heartbeat import HeartbeatEvent, HeartbeatEventKind
+from canopen_control.cia301.nmt import NmtCommand, NmtState
+from canopen_control.cia301.sdo_client import SdoClient
+from canopen_control.cia402.objects import CONTROLWORD
+from canopen_control.errors import BootError, HeartbeatLost, SdoAbort, SdoStopped, SdoTimeout
+from canopen_control.master.boot_task import BootTask
+from canopen_control.master.event_log import Event, Level
+from canopen_control.master.node_log import NodeLog
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from canopen_control.cia301.emcy import EmcyMessage
+    from canopen_control.cia301.guarding import GuardingEvent
+    from canopen_control.cia301.sdo_client import SdoRequest
+    from canopen_control.errors import CanopenError
+    from canopen_control.frame import CanFrame
+    from canopen_control.master.boot import BootResult
+    from canopen_control.master.boot_task import BootStep
+    from canopen_control.master.config import NodeConfig
+    from canopen_control.master.cycle import ReceivedPdo, SentPdo
+    from canopen_control.master.plan import NodePlan
+    from canopen_control.od.model import ObjectDictionary
+
+__all__ = ["NodeState", "RemoteNode"]
+
+FAREWELL_NS = 2_000_000_000  # how long a node that went silent is still told to stop
+_QUICK_STOP = b"\x02\x00"
+RETRY_NS = 1_000_000_000  # CiA 302-2: a node that did not answer is asked again after a second
+
+
+class NodeState(enum.Enum):
+    """Where the node is on its way to being used."""
+
+    WAITING = "waiting"  # for the next try
+    BOOTING = "booting"
+    READY = "ready"
+
+
+class RemoteNode:
+    """A configured node: its SDO client, boot, supervision, and the PDOs that carry its process data."""
+
+    def __init__(
+        self,
+        config: NodeConfig,
+        plan: NodePlan,
+        od: ObjectDictionary,
+        *,
+        send_nmt: Callable[[NmtCommand, int], None],
+        watch: Callable[[int, int], None],
+        report: Callable[[Event], None],
+        wake: Callable[[], None] = lambda: None,
+        guard: Callable[[bool, int], None] = lambda _on, _now: None,
+        lay_out: Callable[[BootResult], None] = lambda _result: None,
+        written: Callable[[int, int, bytes], None] = lambda _index, _subindex, _data: None,
+    ) -> None:
+        self.config, self.plan, self.od = config, plan, od
+        self.name, self.node_id = config.name, config.node_id
+        self.sdo = SdoClient(
+            config.node_id, timeout_ns=config.boot.sdo_timeout_ms * 1_000_000, name=config.name, entry_of=od.get
+        )
+        self.state = NodeState.WAITING
+        self.ready = False
+        """Whether its process data are live."""
+        self.stale = False
+        """Whether one of its TPDOs stays away."""
+        self.nmt_state: NmtState | None = None
+        """What it says it is in, None before it said anything and while it is silent."""
+        self.last_seen: int | None = None
+        self.error: str | None = None
+        self.identity: BootResult | None = None
+        self.boot_steps: list[BootStep] = []
+        self.boots = 0
+        self.received: list[ReceivedPdo] = []
+        self.sent: list[SentPdo] = []
+        self.emcy: EmcyMessage | None = None
+        self.expected_state: NmtState | None = None  # what was commanded from outside a boot
+        self.log = NodeLog(config, report)
+        self.who = self.log.who
+        """Its number and name, as every message has them."""
+        self._send_nmt, self._watch, self._report = send_nmt, watch, report
+        self._wake, self._guard, self._lay_out, self._written = wake, guard, lay_out, written
+        self._guarding_boot = False
+        self.sdo_reads = self.sdo_writes = self.sdo_failed = 0
+        self._farewell_until: int | None = None
+        self._task: BootTask | None = None
+        self._retry_at: int | None = None
+
+    @property
+    def boot_step(self) -> str:
+        """What a boot under way is doing, "" if there is none."""
+        return self._task.step if self._task is not None else ""
+
+    def begin_boot(self, now: int, *, reset: bool = True) -> None:
+        """Start the boot, from the beginning if one is under way."""
+        self._abandon()
+        self._watch(self.node_id, 0)
+        if self._farewell_until is None:
+            self._stop_sending()
+        else:
+            self._send_controlwords()
+        self.state, self.ready = NodeState.BOOTING, False
+        self._retry_at = None
+        self.expected_state = None
+        self._task = BootTask(
+            self.plan,
+            self.sdo,
+            lambda command: self._send_nmt(command, self.node_id),
+            reset=reset,
+            now=now,
+            count_tpdos=lambda: sum(pdo.count for pdo in self.received),
+        )
+        self._guarding_boot = False
+        self._settle(now)
+
+    def read(self, index: int, subindex: int, done: Callable[[SdoRequest], None]) -> None:
+        """Upload an object; `done` is called with the request when it is over, well or badly."""
+        self.sdo.read(index, subindex).context = done
+        self._wake()
+
+    def write(self, index: int, subindex: int, data: bytes, done: Callable[[SdoRequest], None] | None = None) -> None:
+        """Download an object; `done` is called with the request when it is over, well or badly."""
+        self.sdo.write(index, subindex, data).context = done
+        self._wake()
+
+    def lost(self, now: int, text: str, *, kind: str = "bus_lost") -> None:
+        """Take the node for lost, because its bus is: it is booted anew when that is back."""
+        self.nmt_state = None
+        self._drop(now, f"{self.who}: {text}", Level.ERROR, kind=kind)
+        self._retry_at = None
+
+    def command(self, command: NmtCommand, now: int) -> None:
+        """Send an NMT command for a user: it is expected then, and the node no longer used until started again."""
+        self._send_nmt(command, self.node_id)
+        if command is NmtCommand.START:
+            self.begin_boot(now)
+            return
+        self._drop(now, f"NMT {command.name.lower().replace('_', ' ')} was commanded", Level.WARNING, kind="nmt")
+        self._retry_at = None
+        self.expected_state = _COMMANDED.get(command)
+
+    def on_heartbeat(self, event: HeartbeatEvent, now: int, since: int | None = None) -> None:
+        """Take what the heartbeat consumer tells of this node; its frame came between `since` and `now`."""
+        kind = event.kind
+        if kind is HeartbeatEventKind.BOOT_UP:
+            self._on_boot_up(now, since)
+        elif kind is HeartbeatEventKind.MISSED:
+            self.nmt_state = None
+            lost = HeartbeatLost(self.node_id, event.age_ns / 1e9, self.name)
+            self._drop(now, str(lost), Level.ERROR, kind="heartbeat_lost", error=lost)
+        elif kind is HeartbeatEventKind.RESOLVED:
+            self.log.tell(now, "heartbeat_back", "its heartbeat is back; booting it again")
+            self.begin_boot(now)
+        elif self.ready and event.state is not NmtState.OPERATIONAL:
+            self._left_operational(event.state, now)
+
+    def on_state(self, state: NmtState | None, now: int, since: int | None = None) -> None:
+        """Take the state of any heartbeat, told or not."""
+        self.nmt_state, self.last_seen = state, now
+        self.log.heartbeat(now, since)
+        if self.ready and state is not NmtState.OPERATIONAL:  # of a node whose heartbeat nobody waits for
+            self._left_operational(state, now)
+        elif self._task is not None:
+            self._task.heartbeat(state, now)
+            self._settle(now)
+
+    def on_guarding(self, event: GuardingEvent, now: int) -> None:
+        """Take what node guarding tells of this node."""
+        kind = event.kind
+        if kind is GuardingEventKind.MISSED:
+            self.nmt_state = None
+            life = self.config.supervision.guard_time * self.config.supervision.life_factor / 1000
+            lost = HeartbeatLost(self.node_id, life, self.name)
+            self._drop(now, f"{self.who}: no answer to node guarding for {life:g} s", Level.ERROR, kind="guarding_lost")
+            self.error = str(lost)
+            self._retry_at = now + RETRY_NS
+        elif kind is GuardingEventKind.TOGGLE_ERROR:
+            self._toggled(now)
+        elif kind is GuardingEventKind.CHANGED and self.ready and event.state is not NmtState.OPERATIONAL:
+            self._left_operational(event.state, now)
+
+    def on_emcy(self, frame: CanFrame, now: int) -> None:
+        """Keep the newest EMCY and the errors that last, and tell them."""
+        self.log.errors.receive(frame, now)
+        for message in self.log.errors.events():
+            self.emcy, self.last_seen = message, now
+            text = self.log.emcy(message, now)
+            if text is not None:
+                self.error = text
+            elif self.ready and not self.log.errors.active:
+                self.error = None
+
+    def on_pdo(self, pdo: ReceivedPdo, now: int) -> None:
+        """Take that a TPDO stays away, or is back."""
+        self.stale = any(each.overdue for each in self.received)
+        self.log.pdo(pdo, now)
+
+    def pump(self, now: int) -> None:
+        """Hand finished SDO transfers to who asked for them."""
+        for request in self.sdo.events():
+            if isinstance(request.error, SdoTimeout) and self.nmt_state is NmtState.STOPPED:
+                request.error = SdoStopped(request.error)
+            self.sdo_failed += request.error is not None and not _is_absence(request)
+            self.sdo_reads += not request.is_write
+            self.sdo_writes += request.is_write
+            if request.is_write and request.error is None:
+                self._written(request.index, request.subindex, request.data)
+            if self._task is not None:
+                self._task.transfer_ended(request, now)
+            if callable(request.context):
+                request.context(request)
+        self._settle(now)
+
+    def tick(self, now: int) -> None:
+        """Let time pass for the SDO client, the boot and the retry."""
+        self.sdo.tick(now)
+        if self._task is not None:
+            self._task.tick(now)
+        self.pump(now)
+        if self._retry_at is not None and now >= self._retry_at:
+            # Nobody resets a node that may just be starting: that would make it start for ever.
+            self.begin_boot(now, reset=self.last_seen is not None and now - self.last_seen < 2 * RETRY_NS)
+        if self._farewell_until is not None and now >= self._farewell_until:
+            self._stop_sending()
+        self.log.tick(now)
+
+    def next_deadline(self) -> int | None:
+        """Return when `tick` has something to do."""
+        task = self._task.next_deadline() if self._task is not None else None
+        earliest = self.sdo.next_deadline()
+        for each in (task, self._retry_at, self._farewell_until, self.log.deadline):
+            if each is not None and (earliest is None or each < earliest):
+                earliest = each
+        return earliest
+
+    def age_ns(self, now: int) -> int | None:
+        """Return how long ago the node gave a sign of life, None if never."""
+        newest = max((pdo.stamp for pdo in self.received), default=-1)
+        newest = max(newest, -1 if self.last_seen is None else self.last_seen)
+        return now - newest if newest >= 0 else None
+
+    def _on_boot_up(self, now: int, since: int | None) -> None:
+        self.nmt_state, self.last_seen = NmtState.PRE_OPERATIONAL, now  # a boot-up tells that it has come there
+        self.sdo.forget()  # a node that restarted answers nothing it was asked before
+        self.log.boot_up(now, since)
+        if self._task is not None and self._task.awaits_boot_up:
+            self._task.boot_up(now)
+            self._settle(now)
+            return
+        if self.ready:
+            self._drop(
+                now,
+                f"{self.who} has restarted by itself; its settings are gone, booting it again",
+                Level.ERROR,
+                kind="restarted",
+            )
+        if self.expected_state is None:
+            self.begin_boot(now, reset=False)
+
+    def _toggled(self, now: int) -> None:
+        """Take an answer to guarding with the wrong toggle bit: of this node, restarted, or of a second one."""
+        text = "its guarding toggle bit is wrong: it has restarted, or a second node has its id"
+        if self.ready:
+            self._drop(now, f"{self.who}: {text}; booting it again", Level.ERROR, kind="guarding_toggle")
+            self._retry_at = now + RETRY_NS
+        else:
+            self.log.tell(now, "guarding_toggle", text, Level.WARNING)
+
+    def _left_operational(self, state: NmtState | None, now: int) -> None:
+        name = "an unknown state" if state is None else state.name
+        self._drop(now, f"{self.who} went to {name} without a command; booting it again", Level.ERROR, kind="nmt")
+        self._retry_at = now + RETRY_NS
+
+    def _drop(self, now: int, text: str, level: Level, *, kind: str, error: CanopenError | None = None) -> None:
+        """End READY or a boot: the process data are stale from here on."""
+        was_used, was_ready = self.ready or self._task is not None, self.ready
+        self._abandon()
+        self.state, self.ready = NodeState.WAITING, False
+        self.stale = False
+        self._guard(False, now)
+        self.error = str(error) if error is not None else text
+        for received in self.received:
+            received.forget()
+        self._farewell_until = None
+        if was_ready and kind in _MAY_BE_ALIVE:
+            self._bid_farewell(now)
+        else:
+            self._stop_sending()
+        if was_used:
+            self._report(Event(now, kind, self.name, text, level))
+
+    def _bid_farewell(self, now: int) -> None:
+        """Go on sending for a while: a drive that is only silent, or no longer OPERATIONAL, can still be stopped.
+
+        What is sent is the business of whoever drives the axes; in NMT states without PDOs a quick stop goes by SDO.
+        """
+        self._farewell_until = now + FAREWELL_NS
+        for offset in self.plan.axes:
+            self.sdo.write(CONTROLWORD + offset, 0, _QUICK_STOP)
+        self._wake()
+
+    def _send_controlwords(self) -> None:
+        """Let the farewell go on beside a boot, by RPDOs that carry a controlword.
+
+        A boot-up may be that of a second node, or a stray frame, and the drive turns on as before. One that did restart
+        has its stored mapping again, in which a target could be anything; a controlword comes first in all of them.
+        """
+        controlwords = [CONTROLWORD + offset for offset in self.plan.axes]
+        for sent in self.sent:
+            sent.enabled = any(mapped.index in controlwords for mapped in sent.codec.objects)
+
+    def _stop_sending(self) -> None:
+        self._farewell_until = None
+        for sent in self.sent:
+            sent.enabled = False
+
+    def _abandon(self) -> None:
+        if self._task is not None:
+            self._task.cancel()
+            self._task = None
+        self.sdo.cancel_all(BootError(self.node_id, "B", "given up, the node is booted anew", self.name))
+
+    def _settle(self, now: int) -> None:
+        """Draw the consequence of a boot that ended."""
+        task = self._task
+        if task is None:
+            return
+        if task.step == "heartbeat" and self.plan.heartbeat_timeout_ns:
+            self._watch(self.node_id, self.plan.heartbeat_timeout_ns)
+        if task.step in ("keep alive", "heartbeat") and self.plan.guard and not self._guarding_boot:
+            self._guarding_boot = True
+            self._guard(True, now)
+        if not task.done:
+            return
+        self._task = None
+        self.boot_steps = task.steps
+        self.boots += 1
+        if task.result is not None:
+            self._become_ready(task.result, task.started, now)
+        else:
+            self._failed(task.error, now)
+
+    def _become_ready(self, result: BootResult, started: int, now: int) -> None:
+        self.identity, self.error, self.state, self.ready = result, None, NodeState.READY, True
+        if not self._guarding_boot:
+            self._guard(True, now)
+        self._farewell_until = None
+        self._lay_out(result)
+        for received in self.received:
+            received.expected, received.told_lengths = True, 0
+        for sent in self.sent:
+            sent.start()
+        for warning in result.warnings:
+            self.log.tell(now, "boot_warning", warning, Level.WARNING)
+        self.log.tell(
+            now,
+            "ready",
+            f"operational after {(now - started) / 1e9:.3f} s, {result.writes} objects written, {result.reads} read",
+        )
+
+    def _failed(self, error: CanopenError | None, now: int) -> None:
+        text = str(error)
+        if text != self.error:  # a node that stays away is named once, not every second
+            self._report(Event(now, "boot_failed", self.name, text, Level.ERROR))
+        self.error, self.state = text, NodeState.WAITING
+        self._watch(self.node_id, 0)
+        self._retry_at = now + RETRY_NS
+
+
+def _is_absence(request: SdoRequest) -> bool:
+    """Whether a node said that it has not what was asked for: an answer, and no failure."""
+    error = request.error
+    return not request.is_write and isinstance(error, SdoAbort) and error.code in _ABSENT
+
+
+_ABSENT = (AbortCode.NO_OBJECT, AbortCode.NO_SUBINDEX)
+_MAY_BE_ALIVE = ("heartbeat_lost", "guarding_lost", "guarding_toggle", "restarted", "nmt")
+_COMMANDED = {
+    NmtCommand.STOP: NmtState.STOPPED,
+    NmtCommand.ENTER_PRE_OPERATIONAL: NmtState.PRE_OPERATIONAL,
+    NmtCommand.RESET_NODE: NmtState.PRE_OPERATIONAL,
+    NmtCommand.RESET_COMMUNICATION: NmtState.PRE_OPERATIONAL,
+}

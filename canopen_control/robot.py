@@ -1,0 +1,314 @@
+"""`Robot`: the library's view of a robot, its own or one that runs already.
+
+    with Robot.from_config("robby", can="local:robby") as robot:  # runs while the block does
+        robot.command("robby_forward_controller", [10.0, 10.0])
+
+    with Robot.attach("robby") as robot:  # of `canopen-control run robby`; it runs on after the block
+        print(robot.joints()["left_wheel_joint"].velocity)
+
+SI units throughout. Methods may be called from any thread, and raise CanopenError: what the robot refuses has the class
+it has over there, as far as one sentence says all of it.
+"""
+
+from __future__ import annotations
+
+import threading
+from pathlib import Path
+from typing import TYPE_CHECKING, Final, Literal, TypeVar
+
+from canopen_control import errors
+from canopen_control.client import RobotClient, select_robot
+from canopen_control.client.events import EventStream
+from canopen_control.errors import BusError, CanopenError, ConfigError, RemoteError, RemoteProtocolError
+from canopen_control.rpc.messages import robot as messages
+from canopen_control.rpc.messages.robot import MAX_OBJECT, SdoRead, SdoWrite
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from types import TracebackType
+
+    from canopen_control.od.address import ObjectAddress
+    from canopen_control.od.model import ObjectDictionary, Value
+    from canopen_control.rpc.messages.declare import Request
+    from canopen_control.rpc.messages.robot import NodePlace
+    from canopen_control.rpc.messages.state import ControllerReading, JointReading, NodeReading, Status
+    from canopen_control.runtime.background import BackgroundRobot
+
+__all__ = ["AxisAction", "Robot"]
+
+A = TypeVar("A")
+AxisAction = Literal["enable", "disable", "halt", "quick-stop", "fault-reset", "home", "mode"]
+
+_CALL_S: Final = 20.0
+_BLOCK_BYTES_PER_S: Final = 1_000  # of the slowest transfer worth waiting for
+_SOURCE: Final = "program"
+
+
+class Robot:
+    """A robot of this program (`from_config`) or a running one (`attach`); to be used in a `with` block."""
+
+    def __init__(self, name: str, background: BackgroundRobot | None = None) -> None:
+        self.name = name
+        self._background = background
+        self._open = False
+        self._connecting = threading.Lock()
+        self._connected: RobotClient | None = None
+        self._listing: list[NodePlace] = []
+        self._dictionaries: dict[int, ObjectDictionary] = {}
+
+    @classmethod
+    def from_config(
+        cls,
+        config: str,
+        *,
+        can: str | Sequence[str] = (),
+        controllers: Sequence[str] = (),
+        name: str | None = None,
+        mock: bool = False,
+        drives: bool = True,
+    ) -> Robot:
+        """Read a robot's files; `can` as the `--can` option, `drives` False starts no virtual ones."""
+        from canopen_control.runtime.background import BackgroundRobot
+        from canopen_control.runtime.robot_files import find_robot
+        from canopen_control.runtime.run_session import RunOptions
+        from canopen_control.runtime.setup import read_robot
+
+        channels = [can] if isinstance(can, str) else list(can)
+        setup = read_robot(find_robot(config), name=name, can=channels, controllers=controllers, mock=mock)
+        return cls(setup.name, BackgroundRobot(setup, RunOptions(drives=drives and not mock)))
+
+    @classmethod
+    def attach(cls, name: str | None = None) -> Robot:
+        """Return the running robot of that name, or the only one; ConfigError when there is none or a choice."""
+        robot = cls(select_robot(name))
+        robot.start()
+        return robot
+
+    def __enter__(self) -> Robot:
+        self.start()
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None) -> None:
+        self.close()
+
+    # ------------------------------------------------------------------------------------------- its life
+
+    def start(self) -> None:
+        """Boot a robot of this program and return when it runs, raising what kept it from it; connect to another's."""
+        if self._background is not None:
+            self._background.start()
+        self._open = True
+        self._client()
+
+    def close(self) -> None:
+        """Shut a robot of this program down; leave one that runs elsewhere, where it goes on."""
+        if self._background is not None:
+            self._background.shutdown()
+        self._open = False
+        self._leave()
+
+    def shutdown(self) -> None:
+        """Stop along the ramp, disable the drives and end the robot, wherever it runs; a second call does nothing."""
+        if self._background is None and self._connected is not None:
+            self._ask(messages.Shutdown())
+        self.close()
+
+    # ------------------------------------------------------------------------------------------- motion
+
+    def command(self, controller: str, values: Sequence[float]) -> None:
+        """Command a controller, one value for each joint; a velocity or an effort ends after the command's life."""
+        self._ask(messages.CommandController(controller=controller, values=list(values), source=_SOURCE))
+
+    def twist(self, controller: str, linear: float, angular: float) -> None:
+        """Command a base: m/s forward and rad/s to the left."""
+        self._ask(messages.TwistController(controller=controller, linear=linear, angular=angular, source=_SOURCE))
+
+    def stop(self, *, latch: bool = False) -> None:
+        """Ramp to zero and disable; returns when no drive moves under power any more.
+
+        Latched, nothing moves before `release`, whoever asks for it.
+        """
+        self._ask(messages.Stop(latch=latch, source=_SOURCE))
+
+    def release(self) -> None:
+        """Let go of a latched stop; the drives stay disabled."""
+        self._ask(messages.Release(source=_SOURCE))
+
+    def axis(
+        self,
+        action: AxisAction,
+        node: str | int = "all",
+        *,
+        joint: str | None = None,
+        method: int | None = None,
+        mode: str | None = None,
+    ) -> None:
+        """Do what `canopen-control axis` does, and return when it is reached.
+
+        `joint` is one axis of a drive with several, `method` that of homing, `mode` such as "CSP".
+        """
+        self._ask(messages.AxisRequest(action=action, node=str(node), joint=joint, method=method, mode=mode))
+
+    def switch(self, *, activate: Sequence[str] = (), deactivate: Sequence[str] = ()) -> None:
+        """Switch controllers, all or none; what is so already stays, what is only in the YAML is loaded before."""
+        states = {each.name: each.state for each in self.controllers().values()}
+        for name in activate:
+            if name not in states:
+                self._ask(messages.LoadController(controller=name))
+            if states.get(name, "unconfigured") == "unconfigured":
+                self._ask(messages.ConfigureController(controller=name))
+        new = [name for name in activate if states.get(name) != "active"]
+        old = [name for name in deactivate if states.get(name, "active") == "active"]  # an unknown one is refused
+        if new or old:
+            self._ask(messages.SwitchControllers(activate=tuple(new), deactivate=tuple(old)))
+
+    # ------------------------------------------------------------------------------------------- what it tells
+
+    def state(self) -> str:
+        """Return what the robot does, in a word: "running", "fault", ..."""
+        return self.status().state
+
+    def joints(self) -> dict[str, JointReading]:
+        """Return all joints, by name."""
+        return self.status().joints
+
+    def nodes(self) -> dict[str, NodeReading]:
+        """Return all nodes with their axes, by name."""
+        return self.status().nodes
+
+    def controllers(self) -> dict[str, ControllerReading]:
+        """Return the controllers that are loaded, by name."""
+        return {each.name: each for each in self._ask(messages.ListControllers())}
+
+    def status(self) -> Status:
+        """Return everything at once, what `status --json` prints."""
+        return self._ask(messages.GetStatus())
+
+    def events(self, timeout: float | None = None) -> EventStream:
+        """Return what happens from now on; ends when nothing has happened for `timeout` seconds (None: for ever)."""
+        self._client()  # its words when it does not run
+        return EventStream(RobotClient.connect(self.name, _CALL_S), timeout)
+
+    # ------------------------------------------------------------------------------------------- objects
+
+    def sdo_read(self, node: str | int, item: str | int, subindex: int = 0) -> Value:
+        """Read an object by its name in the EDS, or by index and subindex; bytes where the EDS does not know it.
+
+        `node` is a name or a node id, `item` such as "Statusword", "0x1018:01" or 0x6041. RemoteProtocolError when
+        the node aborts or does not answer.
+        """
+        from canopen_control.od.codec import decode
+
+        node_id, address = self._address(node, item, subindex)
+        data = self.sdo_upload(node_id, address.index, address.subindex, block=False)
+        if address.entry is None:
+            return data
+        try:
+            return decode(data, address.entry.data_type)
+        except ValueError as error:
+            raise RemoteProtocolError(node_id, f"node {node_id}: {address.label}: {error}") from None
+
+    def sdo_write(self, node: str | int, item: str | int, value: Value, subindex: int = 0) -> None:
+        """Write an object as its data type in the EDS says; to one that the EDS does not know, bytes.
+
+        Addressed as in `sdo_read`. ConfigError for a value that the type cannot hold.
+        """
+        from canopen_control.od.codec import encode
+
+        node_id, address = self._address(node, item, subindex)
+        if address.entry is not None:
+            try:
+                value = encode(value, address.entry.data_type)
+            except ValueError as error:
+                raise ConfigError(f"{address.label}: {error}") from None
+        if not isinstance(value, bytes):
+            raise ConfigError(f"{address.label} is not in the EDS: its value must be bytes, of the length it has")
+        self.sdo_download(node_id, address.index, address.subindex, value)
+
+    def sdo_upload(self, node: str | int, index: int, subindex: int = 0, *, block: bool = True) -> bytes:
+        """Read the bytes of an object, by block transfer where the node knows it."""
+        found = self._find_node(node)
+        seconds = _CALL_S + (MAX_OBJECT / _BLOCK_BYTES_PER_S if block else 0)
+        request = SdoRead(node=str(found.node_id), index=index, subindex=subindex, block=block)
+        return self._ask_node(found, request, seconds).data
+
+    def sdo_download(self, node: str | int, index: int, subindex: int, data: bytes) -> None:
+        """Write the bytes of an object."""
+        found = self._find_node(node)
+        if len(data) > MAX_OBJECT:
+            raise ConfigError(f"{len(data)} bytes are more than the {MAX_OBJECT} that a running robot passes on")
+        request = SdoWrite(node=str(found.node_id), index=index, subindex=subindex, data=data)
+        try:
+            self._client().sdo_write(request, _CALL_S + len(data) / _BLOCK_BYTES_PER_S)
+        except RemoteError as error:
+            raise _of_node(found, error) from None
+
+    def _address(self, node: str | int, item: str | int, subindex: int) -> tuple[int, ObjectAddress]:
+        from canopen_control.od.address import find_object
+
+        found = self._find_node(node)
+        text = f"0x{item:04X}:{subindex:02X}" if isinstance(item, int) else item
+        return found.node_id, find_object(text, self._dictionary(found))
+
+    def _find_node(self, node: str | int) -> NodePlace:
+        self._listing = self._listing or self._ask(messages.GetNodes()).nodes
+        found = next((each for each in self._listing if str(node) in (each.name, str(each.node_id))), None)
+        if found is None:
+            known = ", ".join(f"{each.name} ({each.node_id})" for each in self._listing) or "none"
+            raise errors.UnknownName(f"no node {str(node)!r}; there are: {known}")
+        return found
+
+    def _dictionary(self, node: NodePlace) -> ObjectDictionary:
+        from canopen_control.od.eds import read_eds
+
+        node_id = node.node_id
+        if node_id not in self._dictionaries:
+            self._dictionaries[node_id] = read_eds(Path(node.eds), node_id).od
+        return self._dictionaries[node_id]
+
+    # ------------------------------------------------------------------------------------------- the wire
+
+    def _client(self) -> RobotClient:
+        if not self._open or (self._background is not None and not self._background.running):
+            raise BusError(f"robot {self.name} does not run, or was left: use it in a with block")
+        with self._connecting:
+            if self._connected is None:
+                self._connected = RobotClient.connect(self.name, _CALL_S)
+            return self._connected
+
+    def _leave(self) -> None:
+        with self._connecting:
+            client, self._connected = self._connected, None
+        if client is not None:
+            client.close()
+
+    def _ask(self, request: Request[A]) -> A:
+        try:
+            return self._client().ask(request)
+        except RemoteError as error:
+            raise _as_here(error) from None
+
+    def _ask_node(self, node: NodePlace, request: Request[A], seconds: float) -> A:
+        try:
+            return self._client().ask(request, seconds)
+        except RemoteError as error:
+            raise _of_node(node, error) from None
+
+
+_OF_THE_NODE: Final = ("SdoAbort", "SdoTimeout", "RemoteProtocolError")
+
+
+def _of_node(node: NodePlace, error: RemoteError) -> CanopenError:
+    """Return a refusal of a transfer: what the node said or did not say is its own class."""
+    if error.kind in _OF_THE_NODE:
+        return RemoteProtocolError(node.node_id, str(error))
+    return _as_here(error)
+
+
+def _as_here(error: RemoteError) -> CanopenError:
+    """Return a refusal as what it is over there: of its classes the nearest that one sentence is enough for."""
+    kind = getattr(errors, error.kind, None)
+    for each in kind.__mro__ if isinstance(kind, type) else ():
+        if issubclass(each, CanopenError) and each.__init__ is Exception.__init__ and each is not CanopenError:
+            return each(str(error))
+    return error

@@ -1,0 +1,64 @@
+"""What can be chosen about the bridge: its arguments, and the same as parameters of its node.
+
+A parameter (`--ros-args -p NAME:=VALUE`, `--params-file`) wins over an argument; it is read when
+the bridge starts. A value that does not fit is one sentence.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from typing import TYPE_CHECKING, Final
+
+from canopen_control.errors import ConfigError
+from canopen_control.rpc.messages.robot import MAX_RATE
+
+if TYPE_CHECKING:
+    from canopen_control.ros.rcl import Node
+
+__all__ = ["CMD_VEL_TYPES", "Options", "with_parameters"]
+
+CMD_VEL_TYPES: Final = ("auto", "Twist", "TwistStamped", "off")
+
+
+@dataclass(frozen=True, slots=True)
+class Options:
+    """What the bridge shows; each field is a parameter of that name.
+
+    `rate` is that of the state stream in Hz, 0 for as often as controllers publish; `frame_prefix` stands before the
+    name of every frame. `cmd_vel_type` is one of `CMD_VEL_TYPES`, of the shared topic `cmd_vel_topic`. `topic_hardware`
+    turns on the topics for a controller manager elsewhere, `lifecycle` makes `/lifecycle_manager` although bus.yml has
+    no lifecycle drivers.
+    """
+
+    rate: float = 0.0
+    tf: bool = True
+    frame_prefix: str = ""
+    cmd_vel_topic: str = "cmd_vel"
+    cmd_vel_type: str = "auto"
+    drives: bool = True
+    lifecycle: bool = False
+    topic_hardware: bool = False
+    joint_commands_topic: str = "/robot_joint_commands"
+    joint_states_topic: str = "/robot_joint_states"
+
+
+def with_parameters(node: Node, options: Options) -> Options:
+    """Return the options as the parameters of the node have them; raises ConfigError."""
+    given = {}
+    for each in fields(Options):
+        default = getattr(options, each.name)
+        if not node.has_parameter(each.name):
+            try:
+                node.declare_parameter(each.name, default)
+            except Exception as error:
+                raise ConfigError(f"parameter {each.name}: {error}") from error
+        given[each.name] = node.get_parameter(each.name).value
+    return _checked(replace(options, **given))
+
+
+def _checked(options: Options) -> Options:
+    if options.cmd_vel_type not in CMD_VEL_TYPES:
+        raise ConfigError(f"parameter cmd_vel_type is {options.cmd_vel_type!r}; there are: {', '.join(CMD_VEL_TYPES)}")
+    if not 0.0 <= options.rate <= MAX_RATE:
+        raise ConfigError(f"parameter rate is {options.rate:g} Hz: it must be from 0 to {MAX_RATE:g}")
+    return options

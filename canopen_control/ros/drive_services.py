@@ -1,0 +1,189 @@
+"""`/NODE/*` services of each drive, as ros2_canopen's Cia402Driver has them, and `home` and `quick_stop`.
+
+The law of the file: a Trigger that was done answers success with an empty message, as ros2_canopen does; one that was
+refused says why, and one that was done to more drives, since a base controller holds them together, says that. No
+service waits for another one: each request is on its way to the robot at once, so that `halt`, `disable` and
+`quick_stop` are never behind an `init` or `home` that takes its time. `recover` resets a fault and does not enable:
+nothing moves without an enable. `target` goes through the controller that commands the drive, with its limits and its
+timeout; a drive that no controller commands has none. A node with several axes has the services of each below its
+channel; those of the node itself mean all its axes, and it has no `target`.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from typing import TYPE_CHECKING, Any, Final
+
+from canopen_control.ros.endpoint import Endpoint
+from canopen_control.ros.interfaces import interface
+from canopen_control.ros.sdo_services import NodeSdo, master_handlers
+from canopen_control.rpc.messages.robot import AxisDone, AxisRequest, CommandController, NmtRequest
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from canopen_control.ros.endpoint import Handler, Reply, Ros, RosMessage
+    from canopen_control.ros.nodes import Channel, NodeView
+    from canopen_control.rpc.messages.declare import Done, Request
+    from canopen_control.rpc.messages.state import ControllerReading, JointReading, StateSample
+
+    Asking = Callable[[str, str | None], AxisRequest | NmtRequest]
+
+__all__ = ["DriveServices", "MasterServices", "Targets"]
+
+
+def _nmt(command: str) -> Asking:
+    return lambda node, _joint: NmtRequest(node=node, command=command)
+
+
+def _axis(action: str, mode: str | None = None) -> Asking:
+    return lambda node, joint: AxisRequest(node=node, joint=joint, action=action, mode=mode)
+
+
+#: service -> what it asks of the robot, by the node and the joint of one axis (None: all its axes)
+TRIGGERS: Final[dict[str, Asking]] = {
+    "nmt_reset_node": _nmt("reset-node"),
+    "nmt_start_node": _nmt("start"),
+    "init": _axis("enable"),
+    "enable": _axis("enable"),
+    "disable": _axis("disable"),
+    "halt": _axis("halt"),
+    "quick_stop": _axis("quick-stop"),
+    "recover": _axis("fault-reset"),
+    "home": _axis("home"),
+    "position_mode": _axis("mode", "PP"),
+    "velocity_mode": _axis("mode", "PV"),
+    "torque_mode": _axis("mode", "TQ"),
+    "cyclic_position_mode": _axis("mode", "CSP"),
+    "cyclic_velocity_mode": _axis("mode", "CSV"),
+    "cyclic_torque_mode": _axis("mode", "CST"),
+    "interpolated_position_mode": _axis("mode", "IP"),
+}
+_RECENT_S: Final = 0.5  # a target is older than this in the state stream as well
+
+
+class Targets:
+    """What the drives of one controller were told through `target`; shared by all drives of a robot."""
+
+    def __init__(self) -> None:
+        self._told: dict[tuple[str, str], tuple[float, float]] = {}
+
+    def command(
+        self, controller: ControllerReading, joint: str, target: float, joints: Mapping[str, JointReading]
+    ) -> list[float]:
+        """Return the command that gives one joint a target, and leaves the others what they have."""
+        now = time.monotonic()
+        self._told[controller.name, joint] = (now, target)
+        return [self._value(controller, name, joints.get(name), now) for name in controller.joints]
+
+    def _value(self, controller: ControllerReading, joint: str, state: JointReading | None, now: float) -> float:
+        at, target = self._told.get((controller.name, joint), (-math.inf, 0.0))
+        return target if now - at < _RECENT_S else _held(state, controller.interface)
+
+
+class DriveServices(Endpoint):
+    """The services of one node."""
+
+    def __init__(self, ros: Ros, node: NodeView, targets: Targets) -> None:
+        self._ros, self._node, self._targets = ros, node, targets
+        self._state: StateSample | None = None
+        trigger = interface("std_srvs/srv/Trigger")
+        self._services = [
+            ros.serve(trigger, node.path(name), self._trigger(asking(node.name, None)))
+            for name, asking in TRIGGERS.items()
+        ]
+        self._services += [
+            ros.serve(trigger, node.path(name, channel), self._trigger(request))
+            for channel in node.channels
+            for name, asking in TRIGGERS.items()
+            if isinstance(request := asking(node.name, channel.joint), AxisRequest)
+        ]
+        self._services += [
+            ros.serve(interface(kind), node.path(name), handler)
+            for name, kind, handler in NodeSdo(ros, node.name).handlers()
+        ]
+        target = interface("canopen_interfaces/srv/COTargetDouble")
+        self._services += [
+            ros.serve(target, node.path("target", channel), self._target(channel))
+            for channel in node.channels or (None,)
+        ]
+
+    def on_state(self, state: StateSample) -> None:
+        """Know the newest sample: which joints it drives, and what they are commanded."""
+        self._state = state
+
+    def close(self) -> None:
+        """Leave the graph."""
+        for service in self._services:
+            self._ros.unserve(service)
+
+    def _trigger(self, request: Request[Any]) -> Handler:
+        def handler(_request: RosMessage, response: RosMessage, reply: Reply) -> None:
+            def answer(result: AxisDone | Done | None, error: str | None) -> None:
+                told = result.text if isinstance(result, AxisDone) else ""
+                response.success, response.message = error is None, error or told
+                reply(response)
+
+            self._ros.ask(request, answer)
+
+        return handler
+
+    def _target(self, channel: Channel | None) -> Handler:
+        def handler(request: RosMessage, response: RosMessage, reply: Reply) -> None:
+            self._take_target(channel.joint if channel is not None else self._joint(), request, response, reply)
+
+        return handler
+
+    def _take_target(self, joint: str | None, request: RosMessage, response: RosMessage, reply: Reply) -> None:
+        def answer(_result: object, error: str | None) -> None:
+            if error is not None:
+                self._ros.warn(f"{self._node.name}/target", f"{self._node.name}: {error}")
+            response.success = error is None
+            reply(response)
+
+        controller = None if joint is None else self._controller(joint)
+        if joint is None or controller is None:
+            answer(None, "no active forward controller commands this drive; activate one, it is what takes a target")
+        elif not math.isfinite(request.target):
+            answer(None, f"the target is not finite: {request.target:g}")
+        else:
+            joints = {} if self._state is None else self._state.joints
+            values = self._targets.command(controller, joint, request.target, joints)
+            source = f"ros {self._node.name}/target"
+            command = CommandController(controller=controller.name, values=values, source=source, dead_man=True)
+            self._ros.ask(command, answer)
+
+    def _joint(self) -> str | None:
+        node = None if self._state is None else self._state.nodes.get(self._node.name)
+        return node.axes[0].joint if node is not None and len(node.axes) == 1 else None
+
+    def _controller(self, joint: str) -> ControllerReading | None:
+        """Return the one that commands this joint, and one value per joint."""
+        for each in self._ros.controllers.values():
+            if each.active and each.topic == "commands" and joint in each.joints and each.width == len(each.joints):
+                return each
+        return None
+
+
+class MasterServices(Endpoint):
+    """`/master/sdo_read` and `/master/sdo_write`: a node by its id."""
+
+    def __init__(self, ros: Ros) -> None:
+        self._ros = ros
+        self._services = [
+            ros.serve(interface(kind), f"master/{name}", handler) for name, kind, handler in master_handlers(ros)
+        ]
+
+    def close(self) -> None:
+        """Leave the graph."""
+        for service in self._services:
+            self._ros.unserve(service)
+
+
+def _held(joint: JointReading | None, name: str | None) -> float:
+    """Return what a joint goes on doing: its command, else standstill."""
+    if joint is None:
+        return 0.0
+    command = joint.position if joint.command is None and name == "position" else joint.command
+    return 0.0 if command is None else command

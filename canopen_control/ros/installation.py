@@ -1,0 +1,93 @@
+"""The ROS 2 installation of this Python: whether it can be used, and the variables that it reads when it starts.
+
+Importing rclpy with a middleware that it does not have ends the process (exit code 102) instead of raising, and an
+rclpy of another Python fails deep inside a C extension; so both are looked at from outside first.
+
+The law of the file: what the user has set wins, always. Otherwise discovery stays on the local host, and Fast DDS gets
+the profile `loopback.xml` of this folder, which binds its sockets to 127.0.0.1 and announces quickly; the profile goes
+with the local host only, since it cuts every other interface.
+"""
+
+from __future__ import annotations
+
+import importlib.machinery
+import importlib.metadata
+import importlib.util
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from canopen_control.errors import ConfigError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, MutableMapping
+
+__all__ = ["PROFILE", "WHEEL_RMW", "describe", "from_wheels", "prepare", "require_ros"]
+
+WHEEL_RMW: Final = "rmw_fastrtps_cpp"
+"""The one middleware that the wheels contain."""
+_HOW: Final = 'pip install "canopen-control[ros]" (Linux x86_64), or source a ROS 2 installation'
+_EXTENSION: Final = "_rclpy_pybind11"
+PROFILE: Final = Path(__file__).with_name("loopback.xml")
+_RANGE: Final = "ROS_AUTOMATIC_DISCOVERY_RANGE"
+_LOCAL_ONLY: Final = "ROS_LOCALHOST_ONLY"  # deprecated, still obeyed by Jazzy
+_PROFILES: Final = "FASTRTPS_DEFAULT_PROFILES_FILE"
+#: set by a user who steers discovery or transports himself; our profile would work against him
+_OWN_WAYS: Final = (_PROFILES, "FASTDDS_DEFAULT_PROFILES_FILE", "ROS_DISCOVERY_SERVER", "ROS_STATIC_PEERS")
+
+
+def require_ros(environment: Mapping[str, str] | None = None) -> None:
+    """Raise ConfigError with one sentence, what is wrong and how to get ROS, when rclpy cannot be used."""
+    environment = os.environ if environment is None else environment
+    folder = _rclpy_folder()
+    if folder is None:
+        raise ConfigError(f"ROS 2 is not installed: there is no rclpy in this Python; {_HOW}")
+    suffixes = importlib.machinery.EXTENSION_SUFFIXES
+    if not any((folder / f"{_EXTENSION}{suffix}").exists() for suffix in suffixes):
+        raise ConfigError(f"the rclpy in {folder} is made for another Python than this one; {_HOW}")
+    wanted = environment.get("RMW_IMPLEMENTATION", "")
+    if wanted not in ("", WHEEL_RMW) and from_wheels():
+        raise ConfigError(
+            f"RMW_IMPLEMENTATION is {wanted}, but the ROS wheels of pip contain {WHEEL_RMW} alone; "
+            f"unset it, or source a ROS 2 installation that has {wanted}"
+        )
+
+
+def from_wheels() -> bool:
+    """Whether rclpy comes from pip's wheels, not from a sourced ROS installation."""
+    folder = _rclpy_folder()
+    try:
+        wheel = importlib.metadata.distribution("ros-rclpy")
+    except importlib.metadata.PackageNotFoundError:
+        return False
+    return folder is not None and Path(str(wheel.locate_file("rclpy"))).resolve() == folder.resolve()
+
+
+def _rclpy_folder() -> Path | None:
+    try:
+        spec = importlib.util.find_spec("rclpy")
+    except (ImportError, ValueError):
+        return None
+    locations = list(spec.submodule_search_locations or ()) if spec is not None else []
+    return Path(locations[0]) if locations else None
+
+
+def prepare(environment: MutableMapping[str, str], *, wheels: bool, prefix: str) -> None:
+    """Set what is not set. `wheels` says that rclpy comes from pip's wheels, `prefix` where those are installed."""
+    if wheels:
+        environment.setdefault("AMENT_PREFIX_PATH", prefix)
+    if environment.get(_LOCAL_ONLY) != "1":
+        environment.setdefault(_RANGE, "LOCALHOST")
+    fast_dds = environment.get("RMW_IMPLEMENTATION", WHEEL_RMW) in ("", WHEEL_RMW)
+    if fast_dds and _stays_local(environment) and not any(environment.get(name) for name in _OWN_WAYS):
+        environment[_PROFILES] = str(PROFILE)
+
+
+def describe(environment: Mapping[str, str]) -> str:
+    """Return in words who can see the robot."""
+    reach = "this host only" if _stays_local(environment) else f"discovery range {environment.get(_RANGE, 'SUBNET')}"
+    return f"ROS domain {environment.get('ROS_DOMAIN_ID') or 0}, {reach}"
+
+
+def _stays_local(environment: Mapping[str, str]) -> bool:
+    return environment.get(_LOCAL_ONLY) == "1" or environment.get(_RANGE, "").upper() == "LOCALHOST"

@@ -1,0 +1,148 @@
+"""`/lifecycle_manager` and the lifecycle services of master and nodes, which bring a ros2_canopen robot up.
+
+The law of the file (lifecycle_msgs; ros2_canopen's lifecycle_manager): the runtime boots the nodes by itself, so that
+`configure` finds them there, `activate` asks whether they are ready, and `deactivate` stops and disables them; a state
+that is reached already is no error. A transition fails, and the state stays, when the robot says no. The manager brings
+the master and the nodes with lifecycle drivers up with itself, and down again.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+from canopen_control.ros.endpoint import Endpoint
+from canopen_control.ros.interfaces import interface
+from canopen_control.rpc.messages.robot import AxisRequest, Stop
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from canopen_control.ros.endpoint import Reply, Ros, RosMessage
+    from canopen_control.rpc.messages.state import NodeReading, StateSample
+
+    Told = Callable[[str | None], object]  # a sentence, or None where it was done
+
+__all__ = ["TRANSITIONS", "Lifecycle", "Transition"]
+
+
+class Transition(NamedTuple):
+    """A row of the table: from any of `sources` to `target`; `reached` are the states in which it is done already."""
+
+    number: int
+    label: str
+    sources: tuple[str, ...]
+    target: str
+    reached: tuple[str, ...] = ()
+
+
+#: lifecycle_msgs/msg/State
+STATES: Final = {"unconfigured": 1, "inactive": 2, "active": 3, "finalized": 4}
+#: lifecycle_msgs/msg/Transition
+TRANSITIONS: Final = (
+    Transition(1, "configure", ("unconfigured",), "inactive", ("inactive", "active")),
+    Transition(2, "cleanup", ("inactive",), "unconfigured", ("unconfigured",)),
+    Transition(3, "activate", ("inactive",), "active", ("active",)),
+    Transition(4, "deactivate", ("active",), "inactive", ("inactive",)),
+    Transition(5, "shutdown", ("unconfigured", "inactive", "active"), "finalized", ("finalized",)),
+)
+#: a transition of the manager -> where the nodes are then (ros2_canopen brings them all the way up and down)
+_OF_MEMBERS: Final = {"activate": "active", "deactivate": "unconfigured", "shutdown": "finalized"}
+_SHUTDOWN: Final = {6: 5, 7: 5}  # upstream has a number for the shutdown of each state
+
+
+class Lifecycle(Endpoint):
+    """The services below `path`; `node` is what it is about, None for all of them, whose own are the `members`."""
+
+    def __init__(self, ros: Ros, path: str, node: str | None = None, members: Sequence[Lifecycle] = ()) -> None:
+        self._ros, self._path, self._node, self._members = ros, path, node, members
+        self._nodes: dict[str, NodeReading] = {}
+        self.state = "unconfigured"
+        self._state_class = interface("lifecycle_msgs/msg/State")
+        table = (
+            ("change_state", "ChangeState", self._change),
+            ("get_state", "GetState", self._get),
+            ("get_available_states", "GetAvailableStates", self._states),
+            ("get_available_transitions", "GetAvailableTransitions", self._transitions),
+        )
+        self._services = [
+            ros.serve(interface(f"lifecycle_msgs/srv/{kind}"), f"{path}/{name}", handler)
+            for name, kind, handler in table
+        ]
+        self._actions = {"activate": self._activate, "deactivate": self._deactivate, "shutdown": self._deactivate}
+
+    def on_state(self, state: StateSample) -> None:
+        """Know which nodes are ready."""
+        self._nodes = state.nodes
+
+    def close(self) -> None:
+        """Leave the graph."""
+        for service in self._services:
+            self._ros.unserve(service)
+
+    def _change(self, request: RosMessage, response: RosMessage, reply: Reply) -> None:
+        wanted = request.transition
+        number = _SHUTDOWN.get(wanted.id, wanted.id)
+        found = [each for each in TRANSITIONS if each.number == number or (not number and each.label == wanted.label)]
+
+        def done(error: str | None) -> None:
+            if error is None:
+                self.state = found[0].target
+                for member in self._members:
+                    member.state = _OF_MEMBERS.get(found[0].label, member.state)
+            else:
+                self._ros.warn(self._path, f"{self._path}: {error}")
+            response.success = error is None
+            reply(response)
+
+        if not found:
+            done(f"no transition {wanted.id} {wanted.label!r}")
+        elif self.state in found[0].reached:
+            response.success = True
+            reply(response)
+        elif self.state not in found[0].sources:
+            done(f"it is {self.state}, which knows no {found[0].label}")
+        else:
+            self._actions.get(found[0].label, lambda told: told(None))(done)
+
+    def _activate(self, done: Told) -> None:
+        wanted = list(self._nodes) if self._node is None else [self._node]
+        nodes = {name: self._nodes.get(name) for name in wanted}
+        late = [
+            f"{name}: {(node and node.error) or 'not ready'}"
+            for name, node in nodes.items()
+            if node is None or not node.ready
+        ]
+        done("; ".join(late) or None)
+
+    def _deactivate(self, done: Told) -> None:
+        if self.state != "active":
+            done(None)
+        elif self._node is None:
+            self._ros.ask(Stop(), lambda _done, error: done(error))
+        else:
+            self._ros.ask(AxisRequest(action="disable", node=self._node), lambda _done, error: done(error))
+
+    def _get(self, _request: RosMessage, response: RosMessage, reply: Reply) -> None:
+        response.current_state = self._message(self.state)
+        reply(response)
+
+    def _states(self, _request: RosMessage, response: RosMessage, reply: Reply) -> None:
+        response.available_states = [self._message(each) for each in STATES]
+        reply(response)
+
+    def _transitions(self, _request: RosMessage, response: RosMessage, reply: Reply) -> None:
+        make = interface("lifecycle_msgs/msg/TransitionDescription")
+        transition = interface("lifecycle_msgs/msg/Transition")
+        response.available_transitions = [
+            make(
+                transition=transition(id=each.number, label=each.label),
+                start_state=self._message(self.state),
+                goal_state=self._message(each.target),
+            )
+            for each in TRANSITIONS
+            if self.state in each.sources
+        ]
+        reply(response)
+
+    def _message(self, label: str) -> RosMessage:
+        return self._state_class(id=STATES[label], label=label)

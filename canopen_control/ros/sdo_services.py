@@ -1,0 +1,242 @@
+"""SDO for the services: what ros2_canopen's carry, and objects of any type with the reason where one is refused.
+
+The law of the file: `/NODE/sdo_read`, `/NODE/sdo_write`, `/master/sdo_read` and `/master/sdo_write` answer as
+ros2_canopen's do; they have no room for a reason, which is logged. `get_objects` and `set_objects` use messages that
+every ROS has (rcl_interfaces, GetParameters and SetParameters): an object is named "0x1008:00 str", a value has the
+type of its field, and where an object cannot be read or written `string_value` or `reason` says why in words.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Final
+
+from canopen_control.ros.interfaces import interface
+from canopen_control.ros.sdo_values import (
+    Address,
+    Value,
+    as_uint32,
+    decode,
+    encode,
+    of_datatype,
+    of_uint32,
+    parse_address,
+)
+from canopen_control.rpc.messages.robot import SdoRead, SdoWrite
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from canopen_control.ros.endpoint import Handler, Reply, Ros, RosMessage
+    from canopen_control.rpc.messages.declare import Done
+    from canopen_control.rpc.messages.robot import SdoData
+
+__all__ = ["NodeSdo", "master_handlers", "write_object"]
+
+#: type of rcl_interfaces/msg/ParameterValue -> the field that holds such a value
+_FIELDS: Final = {1: "bool_value", 2: "integer_value", 3: "double_value", 4: "string_value", 5: "byte_array_value"}
+_TYPE_OF: Final[dict[type, int]] = {bool: 1, int: 2, float: 3, str: 4, bytes: 5}
+#: of a value whose object cannot be read first: how wide it may be, the most usual first
+_WIDTHS: Final = (4, 2, 1)
+_WRONG_LENGTH: Final = ("06070010", "06070012", "06070013")
+_LARGEST: Final = (1 << 63) - 1
+
+
+class NodeSdo:
+    """The handlers of one node; `name` is what the API calls it."""
+
+    def __init__(self, ros: Ros, name: str) -> None:
+        self._ros, self._name = ros, name
+
+    def handlers(self) -> list[tuple[str, str, Handler]]:
+        """Return (name, type, handler) of the services."""
+        return [
+            ("sdo_read", "canopen_interfaces/srv/CORead", self._read),
+            ("sdo_write", "canopen_interfaces/srv/COWrite", self._write),
+            ("get_objects", "rcl_interfaces/srv/GetParameters", self._get),
+            ("set_objects", "rcl_interfaces/srv/SetParameters", self._set),
+        ]
+
+    def _read(self, request: RosMessage, response: RosMessage, reply: Reply) -> None:
+        read_uint32(self._ros, self._name, Address(request.index, request.subindex, ""), response, reply)
+
+    def _write(self, request: RosMessage, response: RosMessage, reply: Reply) -> None:
+        address = Address(request.index, request.subindex, "")
+        told = _teller(self._ros, self._name, response, reply)
+        write_object(self._ros, self._name, address, lambda length: of_uint32(request.data, length), told)
+
+    def _get(self, request: RosMessage, response: RosMessage, reply: Reply) -> None:
+        make = interface("rcl_interfaces/msg/ParameterValue")
+        response.values = [make() for _ in request.names]
+
+        def one(number: int, text: str, done: Callable[[], None]) -> None:
+            def answer(result: SdoData | None, error: str | None) -> None:
+                _fill(response.values[number], address.kind, result, error)
+                done()
+
+            try:
+                address = parse_address(text)
+            except ValueError as error:
+                response.values[number].string_value = str(error)
+                done()
+                return
+            self._ros.ask(_read_request(self._name, address), answer)
+
+        _one_by_one(list(request.names), one, lambda: reply(response))
+
+    def _set(self, request: RosMessage, response: RosMessage, reply: Reply) -> None:
+        make = interface("rcl_interfaces/msg/SetParametersResult")
+        response.results = [make() for _ in request.parameters]
+
+        def one(number: int, parameter: RosMessage, done: Callable[[], None]) -> None:
+            def told(error: str | None) -> None:
+                response.results[number].successful, response.results[number].reason = error is None, error or ""
+                done()
+
+            try:
+                address, value = parse_address(parameter.name), _value_of(parameter.value)
+            except ValueError as error:
+                told(str(error))
+                return
+            write_object(self._ros, self._name, address, lambda length: encode(value, address.kind, length), told)
+
+        _one_by_one(list(request.parameters), one, lambda: reply(response))
+
+
+def master_handlers(ros: Ros) -> list[tuple[str, str, Handler]]:
+    """Return (name, type, handler) of the services of ros2_canopen's master: a node by its id, with a data type."""
+
+    def read(request: RosMessage, response: RosMessage, reply: Reply) -> None:
+        of_datatype(request.canopen_datatype)
+        address = Address(request.index, request.subindex, "")
+        read_uint32(ros, str(request.nodeid), address, response, reply)
+
+    def write(request: RosMessage, response: RosMessage, reply: Reply) -> None:
+        data = of_uint32(request.data, of_datatype(request.canopen_datatype))
+        address = Address(request.index, request.subindex, "")
+        node = str(request.nodeid)
+        write_object(ros, node, address, lambda _: data, _teller(ros, node, response, reply), width=len(data))
+
+    return [
+        ("sdo_read", "canopen_interfaces/srv/COReadID", read),
+        ("sdo_write", "canopen_interfaces/srv/COWriteID", write),
+    ]
+
+
+def read_uint32(ros: Ros, node: str, address: Address, response: RosMessage, reply: Reply) -> None:
+    """Read an object into `success` and `data` of a response."""
+
+    def answer(result: SdoData | None, error: str | None) -> None:
+        try:
+            if result is not None:
+                response.data, response.success = as_uint32(result.data), True
+        except ValueError as wrong:
+            error = f"{node} {address}: {wrong}"
+        if error is not None:
+            ros.warn(f"{node}/sdo", error)
+        reply(response)
+
+    ros.ask(_read_request(node, address), answer)
+
+
+def write_object(
+    ros: Ros,
+    node: str,
+    address: Address,
+    make: Callable[[int], bytes],
+    told: Callable[[str | None], object],
+    *,
+    width: int | None = None,
+) -> None:
+    """Write an object, and tell None or why not; `make(length)` gives the bytes, ValueError if they do not fit.
+
+    Nothing here knows the object's type: it is read first for its length, and where it cannot be read the usual widths
+    are tried, since a node refuses a wrong one. With a `width` or a type in the address neither is needed.
+    """
+    if width is not None or address.kind:
+        _write_as(ros, node, address, make, (width or 0,), told)
+        return
+
+    def answer(result: SdoData | None, _error: str | None) -> None:
+        lengths = _WIDTHS if result is None else (len(result.data),)
+        _write_as(ros, node, address, make, lengths, told)
+
+    ros.ask(_read_request(node, address), answer)
+
+
+def _write_as(
+    ros: Ros,
+    node: str,
+    address: Address,
+    make: Callable[[int], bytes],
+    lengths: Sequence[int],
+    told: Callable[[str | None], object],
+) -> None:
+    length, *others = lengths
+
+    def answer(_done: Done | None, error: str | None) -> None:
+        if error is not None and others and any(code in error.upper() for code in _WRONG_LENGTH):
+            _write_as(ros, node, address, make, others, told)
+        else:
+            told(error)
+
+    try:
+        data = make(length)
+    except ValueError as wrong:
+        if others:
+            _write_as(ros, node, address, make, others, told)
+        else:
+            told(f"{node} {address}: {wrong}")
+        return
+    ros.ask(SdoWrite(node=node, index=address.index, subindex=address.subindex, data=data), answer)
+
+
+def _read_request(node: str, address: Address) -> SdoRead:
+    return SdoRead(node=node, index=address.index, subindex=address.subindex)
+
+
+def _teller(ros: Ros, node: str, response: RosMessage, reply: Reply) -> Callable[[str | None], None]:
+    """Return what fills `success` of a response and sends it; a reason is the log's."""
+
+    def told(error: str | None) -> None:
+        if error is not None:
+            ros.warn(f"{node}/sdo", error)
+        response.success = error is None
+        reply(response)
+
+    return told
+
+
+def _one_by_one(
+    items: list[Any], one: Callable[[int, Any, Callable[[], None]], None], done: Callable[[], object]
+) -> None:
+    """Do one after the other: a node serves one transfer at a time, and what is written first is there first."""
+
+    def go_on(number: int) -> None:
+        if number == len(items):
+            done()
+        else:
+            one(number, items[number], lambda: go_on(number + 1))
+
+    go_on(0)
+
+
+def _fill(into: RosMessage, kind: str, result: SdoData | None, error: str | None) -> None:
+    """Put an object into a ParameterValue; what cannot be read stays without type, and says why."""
+    try:
+        if result is None:
+            raise ValueError(error)
+        value: Value = decode(result.data, kind)
+        if isinstance(value, int) and value > _LARGEST:
+            value = value.to_bytes(8, "little")  # a parameter is an int64
+        held: object = [bytes([each]) for each in value] if isinstance(value, bytes) else value
+        into.type = _TYPE_OF[type(value)]
+        setattr(into, _FIELDS[into.type], held)
+    except ValueError as wrong:
+        into.string_value = str(wrong)
+
+
+def _value_of(value: RosMessage) -> Value:
+    if value.type not in _FIELDS:
+        raise ValueError(f"type {value.type}: a bool 1, an integer 2, a double 3, a string 4 or bytes 5 can be written")
+    held = getattr(value, _FIELDS[value.type])
+    return b"".join(held) if value.type == _TYPE_OF[bytes] else held

@@ -1,0 +1,220 @@
+"""The blocking client of a socket: requests with typed answers, and what the server sends unasked.
+
+One connection carries both. Any number of threads may use it: whoever waits first reads the socket for all of them, and
+hands over when it has what it wanted. Nothing here starts a thread.
+
+Errors are RemoteError: what was refused has the class name of its error as `kind`; "BusClosed" means that the other
+side is gone, "Timeout" that it did not answer in time, "RemoteProtocolError" that it talks another language.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+from typing import TYPE_CHECKING, Any, Final, Generic, TypeVar, cast
+
+from canopen_control.errors import RemoteError, UnreadableMessage
+from canopen_control.rpc import wire
+from canopen_control.rpc.messages.declare import PROTOCOL, Api, Refusal, Request
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from types import TracebackType
+    from typing import Self
+
+    from canopen_control.host.lineclient import LineClient
+
+__all__ = ["Client", "read_error", "read_hello"]
+
+A = TypeVar("A")
+H = TypeVar("H")
+P = TypeVar("P")
+Line = dict[str, wire.Raw]
+_KEPT: Final = 10_000  # of what came unasked and nobody has fetched
+
+
+def read_error(raw: wire.Raw) -> RemoteError:
+    """Return what a refusal says; one that cannot be read is shown as it came."""
+    try:
+        refusal: Refusal = wire.decode(raw, Refusal)
+    except ValueError:
+        return RemoteError("RemoteError", bytes(raw).decode(errors="replace"))
+    return RemoteError(refusal.kind, refusal.message)
+
+
+def read_hello(api: Api[H, P], line: Line, label: str) -> H:
+    """Return the greeting in a line; RemoteError for an error in its place, or for another protocol."""
+    if "error" in line:
+        raise read_error(line["error"])
+    hello = wire.decode(line.get("hello", wire.Raw(b"null")), Any)
+    spoken = hello.get("protocol") if isinstance(hello, dict) else None
+    if spoken != PROTOCOL:
+        sentence = f"{label} speaks protocol {spoken}, this client {PROTOCOL}; use the same version for both"
+        raise RemoteError("RemoteProtocolError", sentence)
+    try:
+        return cast("H", wire.decode(line["hello"], api.hello))
+    except ValueError as error:
+        raise RemoteError("RemoteProtocolError", f"{label} greets in another way: {error}") from None
+
+
+class Client(Generic[H, P]):
+    """A connection to the server of an `Api`; closes `stream` also where that does not greet as it should.
+
+    `hello` is what it said of itself, `timeout` the seconds that a request may take, `dropped` the number of messages
+    sent unasked that nobody fetched in time.
+    """
+
+    def __init__(self, api: Api[H, P], stream: LineClient, timeout: float = 10.0) -> None:
+        self.timeout = timeout
+        self.dropped = 0
+        self.api, self._stream = api, stream
+        self._changed = threading.Condition()
+        self._sending = threading.Lock()
+        self._reading = False  # one of the threads is in `receive`
+        self._failure: RemoteError | None = None
+        self._last_number = 0
+        self._awaited: dict[int, Line | None] = {}
+        self._pushed: deque[Line] = deque()
+        try:
+            self.hello = self._read_hello()
+        except BaseException:
+            stream.close()
+            raise
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None) -> None:
+        self.close()
+
+    def fileno(self) -> int:
+        """Return the descriptor; when it is readable, `messages(0)` takes what has come."""
+        return self._stream.fileno()
+
+    def ask(self, request: Request[A], timeout: float | None = None) -> A:
+        """Ask and return the answer; waits up to `timeout` seconds. RemoteError when it is refused."""
+        method = self.api.of(type(request))
+        answer = self._exchange(method.name, request, self.timeout if timeout is None else timeout)
+        if "error" in answer:
+            raise read_error(answer["error"])
+        return cast("A", self._decoded(answer.get("result", wire.Raw(b"null")), method.answer))
+
+    def notify(self, request: Request[Any]) -> None:
+        """Ask and do not wait: nothing is answered, not even a refusal."""
+        self._send(wire.request_line(None, self.api.of(type(request)).name, request))
+
+    def messages(self, timeout: float | None = None) -> Iterator[P]:
+        """Yield what was sent unasked, as it comes, until nothing has come for `timeout` seconds (None: for ever).
+
+        `messages(0)` yields what is here already. RemoteError when the other side is gone; UnreadableMessage for one
+        that makes no sense, after which the others can be asked for again.
+        """
+        while self._wait(lambda: bool(self._pushed), timeout):
+            try:
+                line = self._pushed.popleft()
+            except IndexError:  # another thread has fetched it
+                continue
+            for key, kind in self.api.pushes.items():
+                if key in line:
+                    yield self._pushed_message(line[key], kind)
+
+    def close(self) -> None:
+        """Close the connection, also under a waiting thread; a second close is a no-op."""
+        with self._changed:
+            self._failure = self._failure or RemoteError(
+                "BusClosed", f"the connection to {self._stream.label} is closed"
+            )
+            self._stream.hang_up()
+            self._changed.wait_for(lambda: not self._reading, 1.0)
+            self._stream.close()
+
+    def _exchange(self, method: str, params: object, seconds: float) -> Line:
+        with self._changed:
+            self._last_number += 1
+            number = self._last_number
+            self._awaited[number] = None
+        try:
+            self._send(wire.request_line(number, method, params))
+            if not self._wait(lambda: self._awaited[number] is not None, seconds):
+                raise RemoteError("Timeout", f"{self._stream.label} has not answered {method!r} within {seconds:g} s")
+            return self._awaited[number] or {}
+        finally:
+            del self._awaited[number]  # an answer that comes later is nobody's
+
+    def _pushed_message(self, raw: wire.Raw, kind: Any) -> P:  # noqa: ANN401 - one of the types that P is made of
+        try:
+            return cast("P", wire.decode(raw, kind))
+        except ValueError as error:
+            raise UnreadableMessage(f"{self._stream.label} sent garbage: {error}") from None
+
+    def _decoded(self, raw: wire.Raw, kind: Any) -> Any:  # noqa: ANN401 - what `kind` says
+        try:
+            return wire.decode(raw, kind)
+        except ValueError as error:
+            raise RemoteError("RemoteProtocolError", f"{self._stream.label} sent garbage: {error}") from None
+
+    def _send(self, line: bytes) -> None:
+        with self._sending:
+            self._stream.send(line, self.timeout)
+
+    def _receive(self, timeout: float | None) -> Line | None:
+        line = self._stream.receive(timeout)
+        try:
+            return None if line is None else wire.read_line(line)
+        except ValueError as error:
+            raise RemoteError("RemoteProtocolError", f"{self._stream.label} sent garbage: {error}") from None
+
+    def _read_hello(self) -> H:
+        first = self._receive(self.timeout)
+        if first is None:
+            raise RemoteError("Timeout", f"{self._stream.label} does not answer; does it hang?")
+        return read_hello(self.api, first, self._stream.label)
+
+    def _wait(self, ready: Callable[[], bool], timeout: float | None) -> bool:
+        """Read, or let another thread read, until `ready`; False when the time is over. Looks at least once."""
+        deadline = None if timeout is None else time.monotonic() + timeout
+        last_look = False
+        with self._changed:
+            while not ready():
+                if self._failure is not None:
+                    raise RemoteError(self._failure.kind, str(self._failure))  # one for each thread that learns it
+                if last_look:
+                    return False
+                left = None if deadline is None else max(deadline - time.monotonic(), 0)
+                last_look = left == 0
+                if self._reading:
+                    self._changed.wait(left)
+                else:
+                    self._read(left)
+        return True
+
+    def _read(self, timeout: float | None) -> None:
+        """Read one message without holding the lock, then sort it in."""
+        self._reading = True
+        self._changed.release()
+        line, failure = None, None
+        try:
+            line = self._receive(timeout)
+        except RemoteError as error:
+            failure = error
+        finally:
+            self._changed.acquire()
+            self._reading = False
+            self._changed.notify_all()  # also for those who only waited for somebody to read
+        self._failure = self._failure or failure
+        if line is not None:
+            self._sort_in(line)
+
+    def _sort_in(self, line: Line) -> None:
+        if "id" in line:
+            number = wire.decode(line["id"], Any)
+            if number in self._awaited:
+                self._awaited[number] = line
+        elif "error" in line:
+            self._failure = read_error(line["error"])  # the other side ends the connection after this
+        else:
+            self._pushed.append(line)
+            if len(self._pushed) > _KEPT:
+                self._pushed.popleft()
+                self.dropped += 1

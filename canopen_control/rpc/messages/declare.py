@@ -1,0 +1,103 @@
+"""How a socket's methods are declared: a request is a structure that names the type of its answer.
+
+    STORE: Api[Hello, Changed] = Api("store", Hello, {"changed": Changed})
+
+    @STORE.method("get", Effect.READS)
+    class Get(Request[Value], frozen=True):
+        '''What this method does.'''
+        key: str
+
+Server, clients, completion and the page of the protocol follow from these declarations. A field that a request does not
+declare is refused, one that an answer does not declare is skipped, so that an older client understands a newer server.
+"""
+
+from __future__ import annotations
+
+import enum
+from typing import TYPE_CHECKING, Any, Final, Generic, NamedTuple, TypeVar
+
+import msgspec
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+__all__ = ["PROTOCOL", "Api", "Document", "Done", "Effect", "Method", "Refusal", "Request"]
+
+PROTOCOL: Final = 2
+"""The version of all sockets; it goes up when what one side says may be misunderstood by the other."""
+
+A = TypeVar("A")
+H = TypeVar("H")
+P = TypeVar("P")
+R = TypeVar("R", bound="Request[Any]")
+
+
+class Request(msgspec.Struct, Generic[A], frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """What is asked by a method; `A` is the type of its answer."""
+
+
+class Document(msgspec.Struct, frozen=True):
+    """What a file holds, or `--json` prints: the fields are its keys."""
+
+
+class Done(msgspec.Struct, frozen=True):
+    """The answer of a method that has nothing to tell but that it was done."""
+
+
+class Refusal(msgspec.Struct, frozen=True):
+    """Why something was not done; `kind` is a class of errors.py."""
+
+    kind: str = "RemoteError"
+    message: str = "refused without a reason"
+
+
+class Effect(enum.Enum):
+    """What a method may do; what moves is refused while a stop is latched."""
+
+    READS = "reads"
+    CHANGES = "changes settings or states, moves nothing"
+    MOVES = "may move"
+    STOPS = "stops"
+
+
+class Method(NamedTuple):
+    """One method of a socket."""
+
+    name: str
+    request: type[Request[Any]]
+    answer: Any
+    effect: Effect
+
+    @property
+    def text(self) -> str:
+        """What it does, the first paragraph of its docstring on one line."""
+        return " ".join((self.request.__doc__ or "").strip().split("\n\n")[0].split())
+
+
+class Api(Generic[H, P]):
+    """The methods of one socket by name, its greeting `H` and what it sends unasked, `P`, by the key it comes under."""
+
+    def __init__(self, name: str, hello: type[H], pushes: Mapping[str, type[P]]) -> None:
+        self.name, self.hello, self.pushes = name, hello, pushes
+        self.methods: dict[str, Method] = {}
+        self._names: dict[type, str] = {}
+        self._keys = {kind: key for key, kind in pushes.items()}
+
+    def method(self, name: str, effect: Effect) -> Callable[[type[R]], type[R]]:
+        """Declare the request that is decorated as that of a method."""
+
+        def declare(request: type[R]) -> type[R]:
+            (base,) = vars(request)["__orig_bases__"]
+            self.methods[name] = Method(name, request, base.__args__[0], effect)
+            self._names[request] = name
+            return request
+
+        return declare
+
+    def of(self, request: type[Request[Any]]) -> Method:
+        """Return the method of a request."""
+        return self.methods[self._names[request]]
+
+    def key_of(self, push: type[P]) -> str:
+        """Return the key that a message comes under when it is sent unasked."""
+        return self._keys[push]

@@ -1,0 +1,164 @@
+"""The socket of a virtual node, for who looks past the bus or breaks it: its methods and what it pushes.
+
+A real drive has no such socket. Positions and velocities of a plant are the motor's own counts and counts/s, its torque
+and all forces on it per mille of the rated torque; those of an axis are what the drive shows of them on the bus.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Final
+
+import msgspec
+
+from canopen_control.rpc.messages.declare import Api, Done, Effect, Request
+
+__all__ = ["DRIVE", "ActiveFaults", "AxisState", "BasePose", "DriveEvent", "DriveHello", "DriveState", "FaultListing",
+           "GetDriveState", "ListFaults", "PlantState", "SetInputs", "SetPlant", "SwitchFault",
+           "WorldState"]  # fmt: skip
+
+Inputs = Annotated[int, msgspec.Meta(ge=0, le=0xFFFFFFFF)]
+
+
+class DriveHello(msgspec.Struct, frozen=True, kw_only=True):
+    """How a virtual node greets; `channel` is its bus, such as "local:robby", `pid` its process."""
+
+    node_id: int
+    name: str = ""
+    channel: str = ""
+    version: str = ""
+    protocol: int = 0
+    pid: int = 0
+
+
+class DriveEvent(msgspec.Struct, frozen=True):
+    """Something happened to the node, as a sentence."""
+
+    text: str
+
+
+DRIVE: Final[Api[DriveHello, DriveEvent]] = Api("drive", DriveHello, {"event": DriveEvent})
+
+
+# -- faults
+
+
+class FaultListing(msgspec.Struct, frozen=True, kw_only=True):
+    """A fault that can be switched on, and whether it is.
+
+    `row` is its number in the catalogue of real drives' behaviour (0: not in it), `acts` where it acts, "wire", "node"
+    or "axis", `does` what the drive does, `reaction` what a good master makes of it; `once`: it goes off by itself.
+    """
+
+    name: str
+    row: int = 0
+    acts: str = ""
+    does: str = ""
+    reaction: str = ""
+    once: bool = False
+    on: bool = False
+
+
+@DRIVE.method("faults", Effect.READS)
+class ListFaults(Request[tuple[FaultListing, ...]], frozen=True):
+    """Every fault that the node can show."""
+
+
+class ActiveFaults(msgspec.Struct, frozen=True):
+    """The names of the faults that are on."""
+
+    active: list[str]
+
+
+@DRIVE.method("fault", Effect.CHANGES)
+class SwitchFault(Request[ActiveFaults], frozen=True, kw_only=True):
+    """Switch a fault on or off."""
+
+    name: str
+    on: bool = True
+
+
+# -- what the node is doing
+
+
+class PlantState(msgspec.Struct, frozen=True):
+    """The motor as it is: `position` in counts, `velocity` in counts/s, `torque` in per mille of the rated torque."""
+
+    position: float = 0.0
+    velocity: float = 0.0
+    torque: float = 0.0
+
+
+class AxisState(msgspec.Struct, frozen=True, kw_only=True):
+    """An axis: `state` is that of CiA 402, such as "OPERATION_ENABLED", `mode` such as "PV".
+
+    `statusword` is 0x6041, `controlword` 0x6040, `position` 0x6064 and `velocity` 0x606C in the units of the drive.
+    """
+
+    axis: int
+    state: str
+    statusword: int
+    controlword: int
+    mode: str
+    position: int
+    velocity: int
+    plant: PlantState
+
+
+class BasePose(msgspec.Struct, frozen=True):
+    """Where a base is on its floor: m and rad, the heading not wrapped, at monotonic ns."""
+
+    x: float
+    y: float
+    heading: float
+    time_ns: int
+
+
+class WorldState(msgspec.Struct, frozen=True, omit_defaults=True):
+    """What the axes do together: the `base` that they move; `others` are what an engine of its own tells, by name."""
+
+    base: BasePose | None = None
+    others: dict[str, float] = {}
+
+
+class DriveState(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """A node: its NMT state, such as "OPERATIONAL", and what is wrong with it; `world` where its axes are part of one.
+
+    `error_register` is 0x1001, `errors` are the EMCY codes that are active, `faults` those that are switched on.
+    """
+
+    node_id: int
+    name: str
+    nmt_state: str
+    error_register: int
+    errors: list[int]
+    faults: list[str]
+    axes: tuple[AxisState, ...]
+    world: WorldState | None = None
+
+
+@DRIVE.method("state", Effect.READS)
+class GetDriveState(Request[DriveState], frozen=True):
+    """What the node is doing, its motors and what they move."""
+
+
+# -- what acts on it from outside
+
+
+@DRIVE.method("inputs", Effect.CHANGES)
+class SetInputs(Request[Done], frozen=True, kw_only=True):
+    """Set further bits of the digital inputs 0x60FD of an axis; they stay until they are set again."""
+
+    value: Inputs
+    axis: int = 0
+
+
+@DRIVE.method("plant", Effect.CHANGES)
+class SetPlant(Request[Done], frozen=True, kw_only=True):
+    """Set numbers of an axis's plant by their names in a plant file, all or none of them.
+
+    Of one under load these are above all `external` and `friction`, torques in per mille of the rated one, `inertia` as
+    a multiple of the motor's own, `backlash` in counts, and whether it is `stalled`.
+    """
+
+    numbers: dict[str, float | bool]
+    axis: int = 0

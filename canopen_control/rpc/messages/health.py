@@ -1,0 +1,83 @@
+"""How a drive is: the one judgement that /diagnostics, bags, the page and diagnostics broadcasters show.
+
+The law of the file (REP 107), in this order: no news is STALE; a fault is an ERROR, and so is whatever is wrong with a
+drive that does not run; a drive that is there and is being booted or not enabled is a WARN, since that may be meant,
+and so is what is wrong with one that runs; else OK.
+"""
+
+from __future__ import annotations
+
+import enum
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from canopen_control.rpc.messages.state import AxisReading, NodeReading
+
+__all__ = ["Health", "Verdict", "judge", "judge_axis", "judge_node", "stale"]
+
+_FAULTS: Final = ("FAULT", "FAULT_REACTION_ACTIVE")
+_ENABLED: Final = "OPERATION_ENABLED"
+
+
+class Health(enum.IntEnum):
+    """The levels of diagnostic_msgs/msg/DiagnosticStatus."""
+
+    OK = 0
+    WARN = 1
+    ERROR = 2
+    STALE = 3
+
+
+class Verdict(NamedTuple):
+    """How a drive is, and why in a few words."""
+
+    level: Health
+    message: str
+
+
+def stale(age: float | None, after: float, *, known: bool) -> Verdict | None:
+    """Judge by its age in s a drive of which anything is `known` or nothing; None if it is fresh."""
+    if not known:
+        return Verdict(Health.STALE, "nothing is heard of it")
+    if age is not None and age > after:
+        return Verdict(Health.STALE, f"no news for {age:.2f} s")
+    return None
+
+
+def judge(states: Sequence[str | None], *, ready: bool, nmt: str | None, error: str | None) -> Verdict:
+    """Judge a drive by the CiA 402 states of its axes, whether it has booted, its NMT state, and what is wrong."""
+    if any(state in _FAULTS for state in states):
+        return Verdict(Health.ERROR, error or "the drive is in fault")
+    if not ready:
+        level = Health.WARN if nmt and not error else Health.ERROR
+        return Verdict(level, error or f"not ready, NMT state {_words(nmt or 'unknown')}")
+    waiting = [state for state in states if state != _ENABLED]
+    if error:
+        return Verdict(Health.ERROR if waiting else Health.WARN, error)
+    if waiting:
+        return Verdict(Health.WARN, f"not enabled: {', '.join(_words(state or 'no statusword') for state in waiting)}")
+    return Verdict(Health.OK, "operational")
+
+
+def judge_node(node: NodeReading) -> Verdict:
+    """Judge a node with all its axes."""
+    states = [axis.state for axis in node.axes]
+    error = node.error or next((axis.error for axis in node.axes if axis.error), None)
+    return judge(states, ready=node.ready, nmt=_seen(node), error=error)
+
+
+def judge_axis(node: NodeReading, axis: AxisReading | None) -> Verdict:
+    """Judge one axis of a node, or a node that has none."""
+    states = [] if axis is None else [axis.state]
+    error = (axis.error if axis is not None else None) or node.error
+    return judge(states, ready=node.ready, nmt=_seen(node), error=error)
+
+
+def _seen(node: NodeReading) -> str | None:
+    return None if node.age is None else node.nmt_state
+
+
+def _words(state: str) -> str:
+    return state.replace("_", " ").lower()

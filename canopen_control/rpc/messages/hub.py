@@ -1,0 +1,152 @@
+"""The control socket of a ``local:`` bus: who is on it, and the faults of its wires.
+
+A label is what a member of the bus is called, such as ``drive 3``; where it may be left out, "" is everybody. An
+error's kind is a class of errors.py: ConfigError where nobody has the label that was given.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Final, Literal, NoReturn
+
+import msgspec
+
+from canopen_control.rpc.messages.declare import Api, Done, Effect, Request
+
+__all__ = [
+    "HUB", "BusOff", "ClearFaults", "Cut", "DelayFrames", "DropFrames", "DropState", "ErrorKind", "GetHubStatus",
+    "HubHello", "HubStatus", "Member", "Restart", "SendErrorFrame", "SetBitrate", "Uncut",
+]  # fmt: skip
+
+_MAX_BITRATE: Final = 1_000_000  # classic CAN
+_MAX_DELAY: Final = 60_000
+
+ErrorKind = Literal["bus-error", "error-passive", "error-active", "overrun"]
+Identifier = Annotated[int, msgspec.Meta(ge=0, le=0xFFFFFFFF)]
+Count = Annotated[int, msgspec.Meta(ge=1, le=1 << 31)]
+
+
+class HubHello(msgspec.Struct, frozen=True):
+    """How a hub greets; `pid` is its process."""
+
+    bus: str
+    protocol: int = 0
+    pid: int = 0
+
+
+HUB: Final[Api[HubHello, NoReturn]] = Api("hub", HubHello, {})  # it sends nothing unasked
+
+
+# -- who is there
+
+
+class Member(msgspec.Struct, frozen=True):
+    """One opened end of the bus; frames that it received, sent and lost, and that wait for it to read."""
+
+    label: str
+    pid: int
+    rx: int = 0
+    tx: int = 0
+    lost: int = 0
+    queued: int = 0
+
+
+class DropState(msgspec.Struct, frozen=True):
+    """A rule that loses frames, as `drop` made it: how many it has `seen` and `lost`."""
+
+    label: str = ""
+    can_id: int | None = None
+    every: int = 1
+    count: int | None = None
+    seen: int = 0
+    lost: int = 0
+
+
+class HubStatus(msgspec.Struct, frozen=True):
+    """A bus: its members, the faults by label, and how busy it was in the last second, 0 to 1, with a bit rate."""
+
+    bus: str
+    pid: int
+    uptime_s: float
+    bitrate: int | None
+    load: float | None
+    frames: int
+    dropped: int
+    members: list[Member]
+    cut: list[str]
+    bus_off: list[str]
+    delays_ms: dict[str, float]
+    drops: list[DropState]
+
+
+@HUB.method("status", Effect.READS)
+class GetHubStatus(Request[HubStatus], frozen=True):
+    """Who is there, what is wrong and how much goes over the bus."""
+
+
+# -- faults
+
+
+@HUB.method("cut", Effect.CHANGES)
+class Cut(Request[Done], frozen=True):
+    """Cut the cable of a label: nothing from it, nothing to it, and nobody is told."""
+
+    label: str
+
+
+@HUB.method("uncut", Effect.CHANGES)
+class Uncut(Request[Done], frozen=True):
+    """Mend the cable of a label."""
+
+    label: str
+
+
+@HUB.method("bus_off", Effect.CHANGES)
+class BusOff(Request[Done], frozen=True):
+    """Send the controller of a label off the bus; an error frame tells it."""
+
+    label: str
+
+
+@HUB.method("restart", Effect.CHANGES)
+class Restart(Request[Done], frozen=True):
+    """Restart the controller of a label after bus-off."""
+
+    label: str
+
+
+@HUB.method("error_frame", Effect.CHANGES)
+class SendErrorFrame(Request[Done], frozen=True, kw_only=True):
+    """Let the controller of a label, or all, report an error."""
+
+    kind: ErrorKind = "bus-error"
+    label: str = ""
+
+
+@HUB.method("drop", Effect.CHANGES)
+class DropFrames(Request[Done], frozen=True, kw_only=True):
+    """Lose frames that a label, or anybody, sends: of one identifier or of all, each `every`-th, `count` in all."""
+
+    label: str = ""
+    can_id: Identifier | None = None
+    every: Count = 1
+    count: Count | None = None
+
+
+@HUB.method("delay", Effect.CHANGES)
+class DelayFrames(Request[Done], frozen=True, kw_only=True):
+    """Deliver what a label, or anybody, sends that many milliseconds later; 0 ends it."""
+
+    ms: Annotated[int, msgspec.Meta(ge=0, le=_MAX_DELAY)]
+    label: str = ""
+
+
+@HUB.method("bitrate", Effect.CHANGES)
+class SetBitrate(Request[Done], frozen=True):
+    """Let frames take their time at a bit rate in bit/s, with arbitration; null or 0 ends that."""
+
+    bitrate: Annotated[int, msgspec.Meta(ge=0, le=_MAX_BITRATE)] | None = None
+
+
+@HUB.method("clear", Effect.CHANGES)
+class ClearFaults(Request[Done], frozen=True):
+    """Mend everything but the bit rate."""

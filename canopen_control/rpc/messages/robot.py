@@ -1,0 +1,454 @@
+"""The socket of a running robot, for every process that is not the robot itself: its methods and what it pushes.
+
+Answers may come in another order than the requests. An error's kind is a class of errors.py: UnknownName where there is
+nothing of a name that was given. SI units; times are Unix seconds.
+
+A client that reads too slowly is dropped; a client that dies changes nothing but that its commands time out. Where
+all places are taken, one that is idle and neither watches nor holds a command makes way for who comes, and is told so.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Final
+
+import msgspec
+
+from canopen_control.rpc.messages.declare import Api, Done, Effect, Request
+from canopen_control.rpc.messages.layout import Layout
+from canopen_control.rpc.messages.quantities import Index, Subindex
+from canopen_control.rpc.messages.samples import TrajectoryPoint
+from canopen_control.rpc.messages.state import ControllerReading, RobotEvent, StateSample, Status
+
+__all__ = [
+    "MAX_OBJECT", "MAX_POINTS", "MAX_RATE", "ROBOT", "STREAM_RATE", "AxisDone", "AxisRequest", "BusPlace",
+    "CancelTrajectory", "CleanupController", "CommandController", "ComponentState", "ConfigureController",
+    "Description", "FollowTrajectory", "GetDescription", "GetLayout", "GetNodes", "GetStatus", "HardwareReading",
+    "InterfaceReading", "ListControllerTypes", "ListControllers", "ListHardware", "LoadController", "MappedValue",
+    "NmtRequest", "NodeIdentity", "NodeListing", "NodePlace", "PdoWrite", "ProcessData", "ReadTouchProbe", "Release",
+    "RobotHello", "RobotPush", "SdoData", "SdoPiece", "SdoRead", "SdoWrite", "SetHardwareState", "SetOdometry",
+    "Shutdown", "Stop", "Subscribe", "SwitchControllers", "Tell", "TouchProbe", "TrajectoryData", "TrajectoryResult",
+    "TrajectoryTolerance", "TwistController", "UnloadController",
+]  # fmt: skip
+
+MAX_RATE: Final = 1000.0  # Hz, of the state stream
+STREAM_RATE: Final = 100.0  # Hz, the most that ROS and bags ask for by themselves
+MAX_POINTS: Final = 20_000  # of a trajectory
+MAX_OBJECT: Final = 400_000  # bytes of an object that an answer can carry; as many are taken in pieces
+
+Rate = Annotated[float, msgspec.Meta(gt=0, le=MAX_RATE)]
+Seconds = Annotated[float, msgspec.Meta(gt=0, le=60)]
+NodeName = str | int  # or its node id
+
+
+class RobotHello(msgspec.Struct, frozen=True):
+    """How a robot greets; `pid` is its process."""
+
+    robot: str
+    version: str = ""
+    protocol: int = 0
+    pid: int = 0
+
+
+class MappedValue(msgspec.Struct, frozen=True, array_like=True):
+    """An object that came in a TPDO."""
+
+    index: int
+    subindex: int
+    data: bytes
+
+
+class ProcessData(msgspec.Struct, frozen=True):
+    """What TPDOs carry, by node: first everything, then after each cycle what has changed."""
+
+    time: float
+    nodes: dict[str, list[MappedValue]]
+
+
+RobotPush = StateSample | RobotEvent | ProcessData
+ROBOT: Final[Api[RobotHello, RobotPush]] = Api(
+    "robot", RobotHello, {"state": StateSample, "event": RobotEvent, "pdos": ProcessData}
+)
+
+
+# -- what it does
+
+
+@ROBOT.method("status", Effect.READS)
+class GetStatus(Request[Status], frozen=True):
+    """Everything at once, as `status --json` prints it."""
+
+
+@ROBOT.method("subscribe", Effect.READS)
+class Subscribe(Request[Done], frozen=True, kw_only=True):
+    """Have samples of the state pushed at `state_rate` in Hz (null: none), events, and what TPDOs carry."""
+
+    state_rate: Rate | None = None
+    events: bool = False
+    pdos: bool = False
+
+
+@ROBOT.method("tell", Effect.CHANGES)
+class Tell(Request[Done], frozen=True, kw_only=True):
+    """An event of level info for all who watch: what a client has to say; `kind` is one word."""
+
+    kind: str
+    text: str
+
+
+# -- motion
+
+
+@ROBOT.method("command", Effect.MOVES)
+class CommandController(Request[Done], frozen=True, kw_only=True):
+    """A controller's command; `dead_man` true: it ends with this connection, whatever ends that.
+
+    Refused as NotEnabled while a drive of the controller is off, as NotYetEnabled while it comes up.
+    """
+
+    controller: str
+    values: list[float]
+    source: str | None = None
+    dead_man: bool = False
+
+
+@ROBOT.method("twist", Effect.MOVES)
+class TwistController(Request[Done], frozen=True, kw_only=True):
+    """The same as velocities of a base, m/s and rad/s; `stamp` is when it was made."""
+
+    controller: str
+    linear: float
+    angular: float
+    source: str | None = None
+    dead_man: bool = False
+    stamp: float | None = None
+
+
+class TrajectoryTolerance(msgspec.Struct, frozen=True, kw_only=True):
+    """The largest errors of a joint (control_msgs/JointTolerance): 0 is that of the parameters, -1 none."""
+
+    joint: str
+    position: float = 0.0
+    velocity: float = 0.0
+    acceleration: float = 0.0
+
+
+class TrajectoryResult(msgspec.Struct, frozen=True, kw_only=True):
+    """How a goal ended: "succeeded", "canceled" or "aborted", the code of FollowJointTrajectory, and why."""
+
+    state: str
+    error_code: int
+    text: str
+
+
+@ROBOT.method("follow_trajectory", Effect.MOVES)
+class FollowTrajectory(Request[TrajectoryResult], frozen=True, kw_only=True):
+    """A trajectory as a goal of a joint trajectory controller; answered when it has ended.
+
+    One value for each of `joints`, or none at all, in each list of a point; they come after those of `trajectory_data`.
+    `stamp` is when it begins, null at once.
+    With `dead_man` the joints brake as soon as this connection is gone.
+    """
+
+    controller: str
+    joints: list[str]
+    points: list[TrajectoryPoint]
+    stamp: float | None = None
+    path_tolerance: tuple[TrajectoryTolerance, ...] = ()
+    goal_tolerance: tuple[TrajectoryTolerance, ...] = ()
+    goal_time_tolerance: float = 0.0
+    source: str | None = None
+    dead_man: bool = True
+
+
+@ROBOT.method("trajectory_data", Effect.CHANGES)
+class TrajectoryData(Request[Done], frozen=True, kw_only=True):
+    """The first points of the trajectory that this connection sends next, for one that no single request can carry."""
+
+    points: list[TrajectoryPoint]
+
+
+@ROBOT.method("cancel_trajectory", Effect.STOPS)
+class CancelTrajectory(Request[Done], frozen=True, kw_only=True):
+    """End the goal that a controller executes, whoever sent it: the joints brake and are held."""
+
+    controller: str
+
+
+@ROBOT.method("stop", Effect.STOPS)
+class Stop(Request[Done], frozen=True, kw_only=True):
+    """Ramp to zero and disable; answered when no drive moves any more.
+
+    `latch` true: nothing moves before `release`, whoever asks for it.
+    """
+
+    latch: bool = False
+    source: str | None = None
+
+
+@ROBOT.method("release", Effect.CHANGES)
+class Release(Request[Done], frozen=True, kw_only=True):
+    """Let go of a latched stop; the drives stay disabled."""
+
+    source: str | None = None
+
+
+@ROBOT.method("shutdown", Effect.STOPS)
+class Shutdown(Request[Done], frozen=True):
+    """Stop, then end the robot."""
+
+
+@ROBOT.method("set_odometry", Effect.CHANGES)
+class SetOdometry(Request[Done], frozen=True, kw_only=True):
+    """Where a base controller's odometry goes on from, in m and rad."""
+
+    controller: str
+    x: float
+    y: float
+    heading: float
+
+
+class AxisDone(msgspec.Struct, frozen=True, omit_defaults=True):
+    """What was done: `text` where it was to more axes, those that a base controller holds together."""
+
+    text: str = ""
+
+
+@ROBOT.method("axis", Effect.MOVES)
+class AxisRequest(Request[AxisDone], frozen=True, kw_only=True):
+    """`action`: enable, disable, halt, quick-stop, fault-reset, home (`method`), mode (`mode`: a name such as CSP).
+
+    `node` may be "all"; `joint` is that one alone, of a node with several axes.
+    """
+
+    action: str
+    node: NodeName
+    joint: str | None = None
+    method: int | None = None
+    mode: str | None = None
+
+
+class TouchProbe(msgspec.Struct, frozen=True, omit_defaults=True):
+    """The touch probe objects of an axis (0x60B8 to 0x60BD) in device units; what the drive lacks is left out."""
+
+    function: int | None = None
+    status: int | None = None
+    probe_1_positive: int | None = None
+    probe_1_negative: int | None = None
+    probe_2_positive: int | None = None
+    probe_2_negative: int | None = None
+
+
+@ROBOT.method("touch_probe", Effect.READS)
+class ReadTouchProbe(Request[TouchProbe], frozen=True, kw_only=True):
+    """What the touch probes of a node caught."""
+
+    node: NodeName
+
+
+# -- controllers and hardware components
+
+
+@ROBOT.method("controllers", Effect.READS)
+class ListControllers(Request[tuple[ControllerReading, ...]], frozen=True, kw_only=True):
+    """The controllers; `all` true: those that are only in ros2_controllers.yaml too, as "unloaded"."""
+
+    all: bool = False
+
+
+@ROBOT.method("controller_types", Effect.READS)
+class ListControllerTypes(Request[list[str]], frozen=True):
+    """The names that a controller's `type` may have."""
+
+
+@ROBOT.method("load", Effect.CHANGES)
+class LoadController(Request[Done], frozen=True, kw_only=True):
+    """Load a controller of ros2_controllers.yaml."""
+
+    controller: str
+
+
+@ROBOT.method("configure", Effect.CHANGES)
+class ConfigureController(Request[Done], frozen=True, kw_only=True):
+    """Configure a controller that is loaded."""
+
+    controller: str
+
+
+@ROBOT.method("cleanup", Effect.CHANGES)
+class CleanupController(Request[Done], frozen=True, kw_only=True):
+    """Undo `configure`; a controller keeps nothing between two loads."""
+
+    controller: str
+
+
+@ROBOT.method("unload", Effect.CHANGES)
+class UnloadController(Request[Done], frozen=True, kw_only=True):
+    """Forget a controller that is not active."""
+
+    controller: str
+
+
+@ROBOT.method("switch", Effect.CHANGES)
+class SwitchControllers(Request[Done], frozen=True, kw_only=True):
+    """Activate and deactivate controllers in one step; `strict` false: as far as that is possible."""
+
+    activate: tuple[str, ...] = ()
+    deactivate: tuple[str, ...] = ()
+    strict: bool = True
+
+
+class InterfaceReading(msgspec.Struct, frozen=True):
+    """An interface of a component, as "joint/interface"."""
+
+    name: str
+    available: bool
+    claimed: bool = False
+
+
+class HardwareReading(msgspec.Struct, frozen=True, kw_only=True):
+    """A hardware component as `list_hardware_components` tells it; `rate` in Hz."""
+
+    name: str
+    type: str
+    plugin: str
+    state: str
+    rate: int
+    command_interfaces: list[InterfaceReading]
+    state_interfaces: list[InterfaceReading]
+
+
+@ROBOT.method("hardware", Effect.READS)
+class ListHardware(Request[list[HardwareReading]], frozen=True):
+    """The hardware components."""
+
+
+class ComponentState(msgspec.Struct, frozen=True):
+    """The state of a hardware component."""
+
+    state: str
+
+
+@ROBOT.method("set_hardware_state", Effect.CHANGES)
+class SetHardwareState(Request[ComponentState], frozen=True, kw_only=True):
+    """Set a component "inactive" or "active"; nothing moves by it."""
+
+    component: str
+    state: str
+
+
+# -- nodes and their objects
+
+
+class NodeIdentity(msgspec.Struct, frozen=True):
+    """What boot expects of 0x1000 and 0x1018; 0 where anything will do."""
+
+    device_type: int = 0
+    vendor_id: int = 0
+    product_code: int = 0
+    revision_number: int = 0
+    serial_number: int = 0
+    eds_revision: int = 0
+
+
+class NodePlace(msgspec.Struct, frozen=True, kw_only=True):
+    """A node: where it is, the path of its EDS, and what bus.yml says of it."""
+
+    name: str
+    node_id: int
+    bus: str = ""
+    eds: str = ""
+    identity: NodeIdentity = NodeIdentity()
+    driver: str | None = None
+    namespace: str = ""
+    remappings: dict[str, str] = {}
+    channel_names: list[str] | None = None
+    joints: list[str] = []
+
+
+class BusPlace(msgspec.Struct, frozen=True):
+    """A bus and the master's node id on it."""
+
+    channel: str
+    node_id: int | None = None
+
+
+class NodeListing(msgspec.Struct, frozen=True):
+    """All buses by name, and all nodes."""
+
+    buses: dict[str, BusPlace] = {}
+    nodes: list[NodePlace] = []
+
+
+@ROBOT.method("nodes", Effect.READS)
+class GetNodes(Request[NodeListing], frozen=True):
+    """Where each node is and which EDS describes it."""
+
+
+@ROBOT.method("layout", Effect.READS)
+class GetLayout(Request[Layout], frozen=True):
+    """What the PDOs of each bus carry."""
+
+
+@ROBOT.method("nmt", Effect.MOVES)
+class NmtRequest(Request[Done], frozen=True, kw_only=True):
+    """`command`: start, stop, preop, reset-node, reset-comm; `node` may be "all"."""
+
+    command: str
+    node: NodeName
+
+
+class SdoData(msgspec.Struct, frozen=True):
+    """The bytes of an object."""
+
+    data: bytes
+
+
+@ROBOT.method("sdo_read", Effect.READS)
+class SdoRead(Request[SdoData], frozen=True, kw_only=True):
+    """Upload an object; `timeout` in seconds for each answer (null: the node's), `block` asks for block transfer."""
+
+    node: NodeName
+    index: Index
+    subindex: Subindex = 0
+    block: bool = False
+    timeout: Seconds | None = None
+
+
+@ROBOT.method("sdo_write", Effect.MOVES)
+class SdoWrite(Request[Done], frozen=True, kw_only=True):
+    """Download an object; what moves an axis is refused while a stop is latched."""
+
+    node: NodeName
+    index: Index
+    subindex: Subindex = 0
+    data: bytes
+    timeout: Seconds | None = None
+
+
+@ROBOT.method("sdo_data", Effect.CHANGES)
+class SdoPiece(Request[Done], frozen=True, kw_only=True):
+    """A piece of what this connection's next `sdo_write` writes before its own data: a request has 64 KiB at most."""
+
+    data: bytes
+
+
+@ROBOT.method("pdo_write", Effect.CHANGES)
+class PdoWrite(Request[Done], frozen=True, kw_only=True):
+    """Send an object in the RPDOs that map it, once, with the next cycle and the SYNC that follows; not what moves."""
+
+    node: NodeName
+    index: Index
+    subindex: Subindex = 0
+    data: bytes
+
+
+class Description(msgspec.Struct, frozen=True):
+    """The robot's description; `path` of the file it was made of."""
+
+    urdf: str
+    path: str = ""
+
+
+@ROBOT.method("description", Effect.READS)
+class GetDescription(Request[Description], frozen=True):
+    """The robot's description, after xacro."""

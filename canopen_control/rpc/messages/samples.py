@@ -1,0 +1,111 @@
+"""What controllers tell of themselves: one structure for each kind of sample, told apart by its `kind`.
+
+A sample is of its controller's last publication: two who look see the same stamps with the same values.
+SI units, None where nothing is known. A new kind is a structure here and a member of `ControllerSample`.
+"""
+
+from __future__ import annotations
+
+from typing import TypeAlias
+
+import msgspec
+
+__all__ = ["ControllerSample", "DiagnosticsSample", "GpioSample", "JointDiagnosis", "JointStatesSample",
+           "OdometrySample", "Sample", "TrajectoryPoint", "TrajectorySample", "Values", "kind_of"]  # fmt: skip
+
+Values: TypeAlias = dict[str, float | None]
+
+
+class Sample(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", tag="none"):
+    """What every sample has: `time` of the publication in Unix seconds."""
+
+    time: float
+
+
+class OdometrySample(Sample, frozen=True, kw_only=True, tag="odometry"):
+    """Where a base controller believes to be.
+
+    Metres, rad, seconds; each covariance by the six of its diagonal. `limited` is the twist after the limits where it
+    is published.
+    """
+
+    x: float
+    y: float
+    heading: float
+    linear: float = 0.0
+    angular: float = 0.0
+    frame_id: str = "odom"
+    child_frame_id: str = "base_link"
+    pose_covariance: list[float] = []
+    twist_covariance: list[float] = []
+    enable_odom_tf: bool = True
+    limited: tuple[float, float] | None = None
+
+
+class JointStatesSample(Sample, frozen=True, kw_only=True, tag="joint_states"):
+    """What a joint state broadcaster tells: values by joint and name; `names` are the joints of a JointState in order.
+
+    "position", "velocity" and "effort" are what its parameters map to these, an extra joint's are 0.0.
+    """
+
+    names: tuple[str, ...]
+    joints: dict[str, Values]
+
+
+class GpioSample(Sample, frozen=True, kw_only=True, tag="gpio"):
+    """Inputs and outputs: values by part (a joint or a <gpio>) and name."""
+
+    parts: dict[str, Values]
+
+
+class JointDiagnosis(msgspec.Struct, frozen=True):
+    """How a diagnostics broadcaster judges a joint: `level` as in diagnostic_msgs, `values` what it was judged by."""
+
+    name: str
+    level: int
+    message: str
+    values: Values = {}
+
+
+class DiagnosticsSample(Sample, frozen=True, kw_only=True, tag="diagnostics"):
+    """How the drives behind the joints are."""
+
+    joints: list[JointDiagnosis]
+
+
+class TrajectoryPoint(msgspec.Struct, frozen=True, kw_only=True):
+    """A point of a trajectory: one value for each joint, or none at all where nothing is said; `time_from_start` in s.
+
+    Positions in rad (m), velocities in rad/s, accelerations in rad/s^2, effort in Nm (N).
+    """
+
+    positions: list[float] = []
+    velocities: list[float] = []
+    accelerations: list[float] = []
+    effort: list[float] = []
+    time_from_start: float = 0.0
+
+
+class TrajectorySample(Sample, frozen=True, kw_only=True, tag="trajectory"):
+    """Where the joints of a trajectory were to be, where they were, and by how much they were off.
+
+    `executing` says that a goal is under way, `holding` that the joints are held.
+    """
+
+    joints: tuple[str, ...]
+    executing: bool
+    holding: bool
+    reference: TrajectoryPoint
+    feedback: TrajectoryPoint
+    error: TrajectoryPoint
+    output: TrajectoryPoint
+    speed_scaling_factor: float = 1.0
+
+
+ControllerSample: TypeAlias = OdometrySample | JointStatesSample | GpioSample | DiagnosticsSample | TrajectorySample
+"""What a controller may tell."""
+
+
+def kind_of(sample: type[Sample]) -> str:
+    """Return the `kind` that a type of sample has on the wire."""
+    return str(sample.__struct_config__.tag)

@@ -1,0 +1,246 @@
+"""What a robot tells of itself: `status --json`, the stream of its state, its events, its controllers.
+
+SI units, None where nothing is known (JSON has no nan), times in Unix seconds, and the same names as in bus.yml and the
+description. On the wire keys may be added, never renamed.
+"""
+
+from __future__ import annotations
+
+from typing import TypeVar
+
+import msgspec
+
+from canopen_control.rpc.messages.quantities import Count, NodeId, UnixTime
+from canopen_control.rpc.messages.samples import ControllerSample, Sample, Values
+
+__all__ = ["AxisReading", "BootStep", "BusTraffic", "ControllerReading", "CycleTimes", "EventDetails",
+           "JointReading", "NodeReading", "RobotEvent", "SdoCounts", "Snapshot", "StateSample", "Status",
+           "TimedSnapshot"]  # fmt: skip
+
+S = TypeVar("S", bound=Sample)
+
+
+class SdoCounts(msgspec.Struct, frozen=True):
+    """The SDO requests of a node since the robot started."""
+
+    reads: Count = 0
+    writes: Count = 0
+    failed: Count = 0
+
+
+class AxisReading(msgspec.Struct, frozen=True, rename={"state": "cia402_state"}):
+    """An axis of a drive: `state` is that of CiA 402, such as "OPERATION_ENABLED", `mode` such as "PV"."""
+
+    joint: str
+    axis: int = 0
+    state: str | None = None
+    statusword: int | None = None
+    mode: str | None = None
+    error: str | None = None
+
+
+class NodeReading(msgspec.Struct, frozen=True, kw_only=True, rename={"age": "age_s"}):
+    """A node: its NMT state, such as "OPERATIONAL", `age` in seconds since it was heard, and what is wrong with it.
+
+    `name` is empty in a recording from before protocol 2, which has it as the key alone.
+    """
+
+    name: str = ""
+    node_id: NodeId
+    bus: str = ""
+    nmt_state: str | None = None
+    ready: bool = False
+    age: float | None = None
+    error: str | None = None
+    sdo: SdoCounts = SdoCounts()
+    axes: tuple[AxisReading, ...] = ()
+
+
+class JointReading(msgspec.Struct, frozen=True):
+    """A joint: `position` in rad, `velocity` in rad/s, `effort` in Nm (m, m/s and N of a prismatic one).
+
+    `command` is what its controller writes now, in the unit of the interface that it claims; `others` are the values of
+    its further state interfaces by their name. `name` is empty in a recording from before protocol 2.
+    """
+
+    name: str = ""
+    position: float | None = None
+    velocity: float | None = None
+    effort: float | None = None
+    command: float | None = None
+    others: Values = {}
+
+    def value(self, interface: str) -> float | None:
+        """Return the value of a state interface, None if there is none."""
+        if interface == "position":
+            return self.position
+        if interface == "velocity":
+            return self.velocity
+        return self.effort if interface == "effort" else self.others.get(interface)
+
+    @property
+    def values(self) -> Values:
+        """All its state interfaces by name."""
+        return {"position": self.position, "velocity": self.velocity, "effort": self.effort, **self.others}
+
+
+class CycleTimes(msgspec.Struct, frozen=True):
+    """How the cycle keeps time; `late_counts[i]` are the cycles that were at most `late_edges_s[i]` late."""
+
+    period_s: float = 0.0
+    count: Count = 0
+    missed: Count = 0
+    late_max_s: float = 0.0
+    work_s: float = 0.0
+    work_max_s: float = 0.0
+    late_counts: list[Count] = []
+
+
+class EventDetails(msgspec.Struct, frozen=True, omit_defaults=True):
+    """What programs need not read out of an event's text: of an emergency its parts, `data` hexadecimal."""
+
+    error_code: int | None = None
+    error_register: int | None = None
+    data: str | None = None
+    identifiers: tuple[str, ...] = ()
+
+
+class RobotEvent(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """Something happened: `time` in Unix seconds, `level` "info", "warning" or "error".
+
+    `node` is the name of the node it is about, None for the robot itself; `kind` one word for programs, `text` a
+    sentence for people, which says `count` and `since` too where it stands for several.
+    """
+
+    time: UnixTime
+    kind: str
+    node: str | None
+    level: str
+    text: str
+    count: Count = 1
+    since: UnixTime | None = None
+    details: EventDetails | None = None
+
+    @property
+    def first(self) -> float:
+        """When it happened first."""
+        return self.time if self.since is None else self.since
+
+
+class Snapshot(msgspec.Struct, frozen=True, kw_only=True):
+    """What a sample and the status have in common; `controllers` are their states by name.
+
+    `hint` is what keeps the robot from moving and what to call, while it runs; `latched_by` who latched a stop.
+    """
+
+    state: str = ""
+    hint: str | None = None
+    latched: bool = False
+    latched_by: str | None = None
+    cycle: CycleTimes = CycleTimes()
+    nodes: dict[str, NodeReading] = {}
+    joints: dict[str, JointReading] = {}
+    controllers: dict[str, str] = {}
+
+    @property
+    def active(self) -> list[str]:
+        """The names of the active controllers."""
+        return [name for name, state in self.controllers.items() if state == "active"]
+
+
+class TimedSnapshot(Snapshot, frozen=True, kw_only=True):
+    """A snapshot of `time`: what a recording is read for, whatever else a sample of its version has."""
+
+    time: UnixTime
+
+
+class StateSample(TimedSnapshot, frozen=True, kw_only=True):
+    """One sample of the state stream; `load` of each bus from 0 to 1, `sim_time` in seconds where it is simulated.
+
+    `samples` are what the active controllers have published last, by their names.
+    """
+
+    time: UnixTime = 0.0
+    load: Values = {}
+    sim_time: float | None = None
+    samples: dict[str, ControllerSample] = {}
+
+    def told(self, kind: type[S]) -> dict[str, S]:
+        """Return the samples of one kind by controller."""
+        return {name: each for name, each in self.samples.items() if isinstance(each, kind)}
+
+
+class BusTraffic(msgspec.Struct, frozen=True):
+    """What a bus has carried: frames, of which `unknown` fit nobody, and its load from 0 to 1."""
+
+    channel: str = ""
+    rx: int = 0
+    tx: int = 0
+    lost: int = 0
+    unknown: int = 0
+    load: float | None = None
+
+
+class BootStep(msgspec.Struct, frozen=True):
+    """One step of a node's last boot."""
+
+    node: str
+    step: str
+    seconds: float
+    error: str | None = None
+
+
+class Status(Snapshot, frozen=True, kw_only=True):
+    """Everything that `status --json` prints."""
+
+    robot: str = ""
+    late_edges_s: list[float] = []
+    buses: dict[str, BusTraffic] = {}
+    boot: list[BootStep] = []
+    failure: str | None = None
+    commander: str | None = None
+    events: list[RobotEvent] = []
+
+
+class ControllerReading(msgspec.Struct, frozen=True, kw_only=True, rename={"claims": "claimed_interfaces"}):
+    """A controller: `state` is "unloaded", "unconfigured", "inactive" or "active", `claims` what it holds.
+
+    `topic` is where its commands come, None if it takes none, `update_rate` in Hz. `tells` is the kind of its samples,
+    None if it has none, `publish_rate` how often it has a new one, in Hz. `publishes` are its topics of joint states,
+    with `frame_id` in their headers.
+    """
+
+    name: str
+    type: str
+    state: str
+    joints: tuple[str, ...] = ()
+    interface: str | None = None
+    claims: tuple[str, ...] = ()
+    required_command_interfaces: tuple[str, ...] = ()
+    required_state_interfaces: tuple[str, ...] = ()
+    topic: str | None = None
+    publishes: tuple[str, ...] = ()
+    frame_id: str = ""
+    tells: str | None = None
+    is_broadcaster: bool = False
+    rejected: int = 0
+    update_rate: int = 0
+    publish_rate: float = 0.0
+
+    @property
+    def active(self) -> bool:
+        """Whether it runs."""
+        return self.state == "active"
+
+    @property
+    def width(self) -> int:
+        """How many values a command has, 0 where that is not known."""
+        return len(self.required_command_interfaces or self.claims)
+
+    def published(self, kind: str) -> str | None:
+        """Return its topic whose last word is `kind`, None if it has none."""
+        return next((each for each in self.publishes if each.rsplit("/", 1)[-1] == kind), None)
+
+    def became(self, state: str) -> ControllerReading:
+        """Return the same in another state."""
+        return msgspec.structs.replace(self, state=state)

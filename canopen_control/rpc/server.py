@@ -1,0 +1,154 @@
+"""The server of a socket: requests of a declared `Api` to their handlers, and what is pushed to those who watch.
+
+Whatever a client sends, the answer is a sentence and the owner goes on: an unknown method, a missing field or one of a
+wrong type is refused before a handler sees it.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
+
+import msgspec
+
+from canopen_control.errors import CanopenError, ControlError, LocalProtocolError
+from canopen_control.host.lineserver import Connection, LineServer
+from canopen_control.rpc import wire
+from canopen_control.rpc.messages.declare import Api, Done, Refusal, Request
+
+if TYPE_CHECKING:
+    import socket
+    from collections.abc import Callable, Iterable
+    from pathlib import Path
+
+    from canopen_control.host.reactor import Reactor
+
+__all__ = ["Call", "Connection", "Server"]
+
+A = TypeVar("A")
+H = TypeVar("H")
+P = TypeVar("P")
+R = TypeVar("R", bound=Request[Any])
+R_co = TypeVar("R_co", bound=Request[Any], covariant=True)
+
+
+class Call(Generic[R_co]):
+    """One request of a connection: `reply`, `refuse` or `settle` answers it, unless it is not to be answered."""
+
+    __slots__ = ("_number", "connection", "request")
+
+    def __init__(self, connection: Connection, number: wire.Id, request: R_co) -> None:
+        self.connection, self._number, self.request = connection, number, request
+
+    @property
+    def who(self) -> str:
+        """Who is asking, in words."""
+        return f"client {self.connection.name} (pid {self.connection.pid})"
+
+    def reply(self: Call[Request[A]], answer: A) -> None:
+        """Answer with what the request declares."""
+        if self._number is not None:
+            self.connection.answer(wire.answer_line(self._number, answer))
+
+    def refuse(self, error: CanopenError) -> None:
+        """Answer with an error."""
+        if self._number is not None:
+            self.connection.answer(wire.error_line(self._number, type(error).__name__, str(error)))
+
+    def settle(self: Call[Request[Done]], error: str | None) -> None:
+        """Answer the end of something that took time."""
+        if error is None:
+            self.reply(Done())
+        else:
+            self.refuse(ControlError(error))
+
+
+class Server(Generic[H, P]):
+    """Serves an `Api` on a Unix socket from a reactor; `hello()` is what each client is greeted with.
+
+    `keeps(connection)` names those who may stay although they are silent; SocketInUse when somebody serves the path
+    already; `listener` is for who listens there before he serves. `check` tells whether every method has its handler.
+    """
+
+    def __init__(
+        self,
+        api: Api[H, P],
+        reactor: Reactor,
+        path: Path,
+        hello: Callable[[], H],
+        *,
+        on_close: Callable[[Connection], object] = lambda _connection: None,
+        keeps: Callable[[Connection], bool] = lambda _connection: False,
+        listener: socket.socket | None = None,
+    ) -> None:
+        self._api, self._hello = api, hello
+        self._handlers: dict[str, tuple[msgspec.json.Decoder[Any], Callable[[Call[Any]], object]]] = {}
+        self._server = LineServer(
+            reactor,
+            path,
+            self._greet,
+            self._on_line,
+            on_close,
+            complaint=_complaint,
+            keeps=keeps,
+            listener=listener,
+        )
+
+    def answers(self, kind: type[R], handler: Callable[[Call[R]], object]) -> None:
+        """Have a handler called with each request of this kind; a CanopenError that it raises is the answer."""
+        self._handlers[self._api.of(kind).name] = (msgspec.json.Decoder(kind), handler)
+
+    def check(self) -> None:
+        """Raise LookupError unless every declared method is answered."""
+        missing = [name for name in self._api.methods if name not in self._handlers]
+        if missing:
+            raise LookupError(f"nobody answers {', '.join(missing)} of the {self._api.name} socket")
+
+    @property
+    def connections(self) -> list[Connection]:
+        """Those who are here and not about to go."""
+        return self._server.connections
+
+    def line_of(self, push: P) -> bytes:
+        """Return what is sent unasked as its line, for `Connection.send`."""
+        return wire.push_line(self._api.key_of(type(push)), push)
+
+    def push(self, push: P, to: Iterable[Connection] | None = None) -> None:
+        """Send something unasked to all, or to some; it is encoded once."""
+        line = self.line_of(push)
+        for connection in self.connections if to is None else to:
+            connection.send(line)
+
+    def close(self) -> None:
+        """End all connections and remove the socket; a second call does nothing."""
+        self._server.close()
+
+    def _greet(self, connection: Connection) -> None:
+        connection.send(wire.push_line("hello", self._hello()))
+
+    def _on_line(self, connection: Connection, line: bytes) -> None:
+        try:
+            incoming = wire.read_request(line)
+        except ValueError as error:
+            connection.refuse("RemoteProtocolError", f"not a JSON object on a line: {error}")
+            return
+        if incoming.number is not None:
+            connection.expect_answer()
+        self._handle(connection, incoming)
+
+    def _handle(self, connection: Connection, incoming: wire.Incoming) -> None:
+        call: Call[Any] = Call(connection, incoming.number, None)
+        name = incoming.method
+        try:
+            if name not in self._handlers:
+                raise LocalProtocolError(f"no method {name!r}; there are: {', '.join(self._handlers)}")
+            decoder, handler = self._handlers[name]
+            call.request = decoder.decode(incoming.params)
+            handler(call)
+        except CanopenError as error:
+            call.refuse(error)
+        except (msgspec.DecodeError, ValueError, OverflowError, RecursionError) as error:
+            call.refuse(LocalProtocolError(f"{name}: {error}"))
+
+
+def _complaint(kind: str, message: str) -> bytes:
+    return wire.push_line("error", Refusal(kind, message))

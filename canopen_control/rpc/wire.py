@@ -1,0 +1,116 @@
+"""Typed messages to lines of JSON and back: the only place that knows how they look on a socket.
+
+A request is `{"id", "method", "params"}`, its answer `{"id", "result"}` or `{"id", "error": {"kind", "message"}}`; one
+without an id is not answered. What nobody asked for has one key of its own. A number that is not finite becomes null,
+bytes are base64.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Final, TypeVar
+
+import msgspec
+
+from canopen_control.host.lines import MAX_VALUES, too_many_values
+from canopen_control.rpc.messages.declare import Refusal
+
+__all__ = ["Incoming", "Raw", "answer_line", "convert", "decode", "error_line", "plain", "push_line", "read_line",
+           "read_request", "request_line", "text_of"]  # fmt: skip
+
+T = TypeVar("T")
+Id = int | str | None
+Raw = msgspec.Raw
+
+_encode: Final = msgspec.json.Encoder().encode
+_fields: Final = msgspec.json.Decoder(dict[str, msgspec.Raw])
+_id: Final = msgspec.json.Decoder(int | str | None)
+_name: Final = msgspec.json.Decoder(str)
+_NOTHING: Final = msgspec.Raw(b"{}")
+_NULL: Final = msgspec.Raw(b"null")
+
+
+class Incoming(msgspec.Struct, frozen=True):
+    """A request as it came: its parameters are not read yet, `method` is empty where there is none."""
+
+    number: Id
+    method: str
+    params: msgspec.Raw
+
+
+def read_line(line: bytes) -> dict[str, Raw]:
+    """Return the members of the JSON object in a line, unread; ValueError with a sentence when it holds none."""
+    try:
+        return _fields.decode(line)
+    except msgspec.ValidationError:
+        raise ValueError("a message is a JSON object") from None
+    except (msgspec.DecodeError, RecursionError, UnicodeDecodeError) as error:
+        raise ValueError(str(error)) from None
+
+
+def read_request(line: bytes) -> Incoming:
+    """Return a request that anybody may have sent; ValueError, before decoding, for one that takes long."""
+    if too_many_values(line):
+        raise ValueError(f"more than {MAX_VALUES} values")
+    fields = read_line(line)
+    try:
+        number = _id.decode(fields.get("id", _NULL))
+    except msgspec.DecodeError:
+        raise ValueError("an id is a number or a text") from None
+    try:
+        method = _name.decode(fields.get("method", _NULL))
+    except msgspec.DecodeError:
+        method = ""
+    return Incoming(number, method, fields.get("params", _NOTHING))
+
+
+def decode(raw: Raw | bytes, kind: Any) -> Any:  # noqa: ANN401 - what `kind` says, which may be a union
+    """Return what JSON holds as a value of a type; ValueError with msgspec's sentence and the path of what is wrong."""
+    try:
+        return msgspec.json.decode(raw, type=kind)
+    except RecursionError:
+        raise ValueError("it is nested too deep") from None
+    except msgspec.DecodeError as error:
+        raise ValueError(str(error)) from None
+
+
+def request_line(number: int | None, method: str, request: object) -> bytes:
+    """Return the line of a request; without a number it is not answered."""
+    asked = {"method": method, "params": request} if number is None else _asked(number, method, request)
+    return _encode(asked) + b"\n"
+
+
+def _asked(number: int, method: str, request: object) -> dict[str, object]:
+    return {"id": number, "method": method, "params": request}
+
+
+def answer_line(number: Id, answer: object) -> bytes:
+    """Return the line of an answer."""
+    return _encode({"id": number, "result": answer}) + b"\n"
+
+
+def error_line(number: Id, kind: str, message: str) -> bytes:
+    """Return the line of a refusal."""
+    return _encode({"id": number, "error": Refusal(kind, message)}) + b"\n"
+
+
+def push_line(key: str, message: object) -> bytes:
+    """Return the line of what nobody asked for."""
+    return _encode({key: message}) + b"\n"
+
+
+def text_of(message: object, *, indent: int = 0) -> bytes:
+    """Return a message as JSON, without a newline; with `indent` on lines that a person reads."""
+    return msgspec.json.format(_encode(message), indent=indent) if indent else _encode(message)
+
+
+def plain(message: object) -> Any:  # noqa: ANN401 - what JSON holds
+    """Return a message as dicts, lists, texts and numbers, as `--json` and files show it; no number is nan."""
+    return msgspec.json.decode(_encode(message))
+
+
+def convert(document: object, kind: type[T]) -> T:
+    """Return a message of the dicts and lists that `plain` makes of it; ValueError with the path of what is wrong."""
+    try:
+        return msgspec.convert(document, kind)
+    except msgspec.ValidationError as error:
+        raise ValueError(str(error)) from None

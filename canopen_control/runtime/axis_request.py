@@ -1,0 +1,267 @@
+"""Requests to axes that take time (enable, halt, home ...): answered when reached, failed, or out of time.
+
+The law of this file: whatever can be refused is refused for all axes before any of them is touched.
+"""
+
+from __future__ import annotations
+
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Final
+
+from canopen_control.cia402 import objects
+from canopen_control.cia402.goal import FAULT_STATES
+from canopen_control.cia402.homing import require_method
+from canopen_control.cia402.modes import OperationMode, require_mode
+from canopen_control.cia402.state import POWERED_STATES, State
+from canopen_control.errors import ControlError, UnknownName
+from canopen_control.hardware.axis_power import Action
+from canopen_control.hardware.joint_targets import listed_modes
+from canopen_control.hardware.mode_targets import MODES
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Collection, Mapping, Sequence
+
+    from canopen_control.cia301.sdo_client import SdoRequest
+    from canopen_control.hardware.axis import Axis
+    from canopen_control.hardware.joint import JointDrive
+    from canopen_control.hardware.system import CanopenSystem
+    from canopen_control.master.remote_node import RemoteNode
+
+__all__ = ["AxisRequest", "ProbeReading", "axes_of", "begin_action", "find_node", "reached", "whole_bases"]
+
+_PROBE = {
+    "function": objects.TOUCH_PROBE_FUNCTION,
+    "status": objects.TOUCH_PROBE_STATUS,
+    "probe_1_positive": objects.TOUCH_PROBE_1_POSITIVE,
+    "probe_1_negative": objects.TOUCH_PROBE_1_NEGATIVE,
+    "probe_2_positive": objects.TOUCH_PROBE_2_POSITIVE,
+    "probe_2_negative": objects.TOUCH_PROBE_2_NEGATIVE,
+}
+
+
+_REACHED: Final[Mapping[Action, Callable[[JointDrive], bool]]] = MappingProxyType(
+    {
+        Action.ENABLE: lambda joint: joint.enabled and joint.machine.reached,
+        Action.DISABLE: lambda joint: joint.state not in POWERED_STATES,
+        Action.HALT: lambda joint: joint.standing,
+        Action.QUICK_STOP: lambda joint: (
+            joint.state is None or (joint.state is not State.OPERATION_ENABLED and joint.standing)
+        ),
+        Action.FAULT_RESET: lambda joint: joint.state not in (None, *FAULT_STATES),
+        Action.HOME: lambda joint: joint.homing is None and joint.homed,
+        Action.MODE: lambda joint: (
+            joint.targets.pending is None and joint.machine.mode_confirmed and not joint.machine.mode_failed
+        ),
+    }
+)
+
+
+def reached(joint: JointDrive, action: Action) -> bool:
+    """Return whether what was asked of a joint has been done."""
+    return _REACHED[action](joint)
+
+
+def find_node(nodes: Mapping[str, RemoteNode], name: str) -> RemoteNode:
+    """Return a node by its name or node id; raises UnknownName."""
+    for node in nodes.values():
+        if name in (node.name, str(node.node_id)):
+            return node
+    known = ", ".join(f"{node.name} ({node.node_id})" for node in nodes.values()) or "none"
+    raise UnknownName(f"no node {name!r}; there are: {known}")
+
+
+def axes_of(
+    nodes: Mapping[str, RemoteNode], joints: Collection[JointDrive], name: str, only: str | None = None
+) -> tuple[JointDrive, ...]:
+    """Return the axes of a node or of "all" nodes, or the one of the joint `only`; raises ControlError, UnknownName."""
+    found = tuple(joints)
+    if name != "all":
+        node = find_node(nodes, name)
+        found = tuple(joint for joint in joints if joint.node is node)
+        if not found:
+            raise ControlError(f"{node.who} drives no joint of the description")
+    meant = tuple(joint for joint in found if only is None or joint.joint == only)
+    if only is not None and not meant:
+        known = ", ".join(joint.joint for joint in found) or "none"
+        raise UnknownName(f"{name} has no joint {only!r}; there are: {known}")
+    return meant
+
+
+def whole_bases(joints: Sequence[JointDrive], action: Action) -> tuple[tuple[JointDrive, ...], str]:
+    """Return the joints with those that a base moves together with them, and a sentence where these are more."""
+    whole = list(joints)
+    told = []
+    for joint in joints:
+        base = joint.base
+        if base is None or all(each in whole for each in base.joints):
+            continue
+        whole += [each for each in base.joints if each not in whole]
+        names = " and ".join(dict.fromkeys(each.node.name for each in base.joints))
+        told.append(f"{base.name} moves {names} together: {action.value} is for all of them")
+    return tuple(whole), "; ".join(told)
+
+
+class AxisRequest:
+    """`action` on `joints`; `done` is called once, with None or a sentence that names who did not do it and why."""
+
+    def __init__(
+        self, joints: Sequence[JointDrive], action: Action, deadline: int, done: Callable[[str | None], None]
+    ) -> None:
+        self._joints, self._action, self._deadline, self._done = joints, action, deadline, done
+        self._cycles = 0
+
+    def settle(self, now: int) -> bool:
+        """Look whether it is over, once per cycle; the first look comes after the drives had a chance to answer."""
+        self._cycles += 1
+        late = [joint for joint in self._joints if not reached(joint, self._action)]
+        if self._cycles > 1 and not late:
+            self._done(None)
+            return True
+        refused = [joint for joint in late if self._refused(joint)]
+        if self._cycles > 1 and (refused or now > self._deadline) and not self._explaining(now):
+            named = [joint for joint in late if joint.machine.fault] or refused or late
+            self._done("; ".join(self._reason(joint) for joint in named))
+            return True
+        return False
+
+    def fail(self, reason: str) -> None:
+        """End it without success."""
+        self._done(reason)
+
+    def _explaining(self, now: int) -> bool:
+        """Whether a drive is still being asked why it is in a fault."""
+        return now <= self._deadline and any(joint.reason.asking for joint in self._joints)
+
+    def _refused(self, joint: JointDrive) -> bool:
+        """Whether waiting longer is of no use."""
+        if self._action is Action.ENABLE:
+            return not joint.wanted
+        if self._action is Action.HOME:
+            return joint.homing is None
+        if self._action is Action.MODE:
+            return joint.machine.mode_failed
+        return self._action is Action.FAULT_RESET and not joint.machine.resetting
+
+    def _reason(self, joint: JointDrive) -> str:
+        node, state = joint.node, joint.state
+        seen = "no statusword" if joint.statusword is None else f"statusword 0x{joint.statusword:04X}"
+        name = "not there" if state is None else state.name.replace("_", " ")
+        cause = f"; {node.error}" if node.error else ""
+        if joint.machine.fault and joint.reason.text:
+            cause += f"; {joint.reason.text}"
+        if self._action is Action.ENABLE and joint.stopped_by:
+            cause += f"; {joint.stopped_by}"
+        if self._action is Action.HOME and joint.reference.result:
+            cause = f"; {joint.reference.result}{cause}"
+        return f"{node.who}: {self._action.value} not reached, it is {name} ({seen}){cause}"
+
+
+class ProbeReading:
+    """One read-out of the touch probes of an axis (0x60B8 to 0x60BD) by SDO; what the drive lacks is left out."""
+
+    def __init__(self, axis: Axis, done: Callable[[dict[str, int] | str], None]) -> None:
+        self._done = done
+        self._values: dict[str, int] = {}
+        wanted = [(name, index) for name, index in _PROBE.items() if axis.has(index)]
+        if not wanted:
+            raise ControlError(f"{axis.node.who} has no touch probe (0x60B9)")
+        if not axis.node.ready:
+            raise ControlError(f"{axis.node.who} is not operational")
+        self._open = len(wanted)
+        for name, index in wanted:
+            axis.node.read(axis.index(index), 0, self._answer(name, signed=index >= objects.TOUCH_PROBE_1_POSITIVE))
+
+    def _answer(self, name: str, *, signed: bool) -> Callable[[SdoRequest], None]:
+        def answered(request: SdoRequest) -> None:
+            if request.error is None:
+                self._values[name] = int.from_bytes(request.data, "little", signed=signed)
+            self._open -= 1
+            if self._open == 0:
+                self._done(self._values or str(request.error))
+
+        return answered
+
+
+ALONE: Final = frozenset((Action.DISABLE, Action.HALT, Action.QUICK_STOP))
+"""What takes an axis out of those that it is commanded with, while these go on."""
+
+
+def begin_action(
+    action: Action,
+    joints: Sequence[JointDrive],
+    systems: Sequence[CanopenSystem],
+    now: int,
+    *,
+    method: int | None = None,
+    mode: str | None = None,
+) -> int:
+    """Begin what a user asks of these axes; returns how many ns it may take beyond the ordinary.
+
+    Raises ControlError or DriveError where it cannot be, before any drive was touched.
+    """
+    if action is Action.ENABLE:
+        parts = [(system, [joint for joint in joints if joint in system.joints]) for system in systems]
+        for system, part in parts:
+            system.prepare_enable(part)
+        for system, part in parts:
+            system.enable(part)
+    elif action is Action.HOME:
+        _home_axes(joints, method)
+        return max((round(joint.node.config.motion.homing_timeout_seconds * 1e9) for joint in joints), default=0)
+    elif action is Action.MODE:
+        _change_mode(joints, mode or "")
+    else:
+        for joint in joints:
+            _SIMPLE[action](joint, now)
+    return 0
+
+
+def _home_axes(joints: Sequence[JointDrive], method: int | None) -> None:
+    """Begin homing of all these axes, or of none; raises ControlError or DriveError."""
+    for joint in joints:
+        _require_there(joint)
+        require_mode(OperationMode.HM, listed_modes(joint.axis, joint.parameters))
+        if method is not None:
+            require_method(method, joint.parameters.homing_methods)
+    for joint in joints:
+        joint.home(method)
+
+
+def _change_mode(joints: Sequence[JointDrive], text: str) -> None:
+    """Ask for a mode of operation; raises ControlError or DriveError before any drive was touched."""
+    mode = _mode_of(text)
+    for joint in joints:
+        _require_there(joint)
+        require_mode(mode, listed_modes(joint.axis, joint.parameters))
+        serves = MODES.get(mode)
+        if joint.claimed is not None and (serves is None or joint.targets.mode_serves(mode) != joint.claimed):
+            raise ControlError(
+                f"{joint.node.who}: a controller commands its {joint.claimed}, which mode "
+                f"{mode.name} does not serve; deactivate that controller first"
+            )
+    for joint in joints:
+        joint.targets.set_mode(mode)
+
+
+def _mode_of(text: str) -> OperationMode:
+    try:
+        return OperationMode[text.upper()] if not text.lstrip("-").isdigit() else OperationMode(int(text))
+    except (KeyError, ValueError):
+        known = ", ".join(mode.name for mode in OperationMode if mode)
+        raise UnknownName(f"no mode of operation {text!r}; there are: {known}") from None
+
+
+def _require_there(joint: JointDrive) -> None:
+    node = joint.node
+    if not node.ready or not joint.parameters.loaded:
+        raise ControlError(f"{node.who} is not operational: {node.error or 'it has not booted yet'}")
+
+
+_SIMPLE: Mapping[Action, Callable[[JointDrive, int], None]] = MappingProxyType(
+    {
+        Action.DISABLE: lambda joint, now: joint.stop(now),
+        Action.HALT: lambda joint, _now: joint.halt(),
+        Action.QUICK_STOP: lambda joint, _now: joint.quick_stop(),
+        Action.FAULT_RESET: lambda joint, _now: joint.fault_reset(),
+    }
+)

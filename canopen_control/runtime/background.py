@@ -1,0 +1,82 @@
+"""`BackgroundRobot`: a robot on a thread of this process, for the library.
+
+The law of this file: everything that touches the robot runs on its own thread; who wants something of it is a client of
+its API, as from another process. A script that dies leaves the drives to their heartbeat consumers, like any master
+that dies.
+"""
+
+from __future__ import annotations
+
+import threading
+from typing import TYPE_CHECKING
+
+from canopen_control.errors import CanopenError
+from canopen_control.runtime.run_session import RunOptions, Session
+
+if TYPE_CHECKING:
+    from canopen_control.runtime.setup import RobotSetup
+
+__all__ = ["BackgroundRobot"]
+
+START_S = 30.0
+_SETTLED = ("running", "stop_latched")  # what is latched waits for `release` with whatever it is at
+
+
+class BackgroundRobot:
+    """A robot that runs between `start` and `shutdown`; both may be called from any thread."""
+
+    def __init__(self, setup: RobotSetup, options: RunOptions | None = None) -> None:
+        self.name = setup.name
+        self._setup, self._options = setup, options or RunOptions()
+        self._session: Session | None = None
+        self._thread: threading.Thread | None = None
+        self._settled = threading.Event()  # runs, or has failed
+        self._failure: CanopenError | None = None
+
+    @property
+    def running(self) -> bool:
+        """Whether it was started and has not ended."""
+        return self._session is not None and self._thread is not None and self._thread.is_alive()
+
+    def start(self) -> None:
+        """Boot, activate the controllers, and return when the robot runs; raises what kept it from it.
+
+        Where STOP is latched, from an earlier run too, it returns at once: nothing moves before `release`.
+        """
+        if self._thread is not None:
+            return
+        self._thread = threading.Thread(target=self._run, name=f"robot {self.name}", daemon=True)
+        self._thread.start()
+        in_time = self._settled.wait(START_S)
+        if self._failure is not None:
+            self._thread.join()
+            raise self._failure
+        if not in_time:
+            self.shutdown()
+            raise CanopenError(f"robot {self.name} did not run within {START_S:g} s of its start")
+
+    def shutdown(self) -> None:
+        """Stop along the ramp, disable, and leave the bus; a second call does nothing."""
+        thread, session = self._thread, self._session
+        if thread is None:
+            return
+        if session is not None and thread.is_alive():
+            session.reactor.call_threadsafe(lambda: session.robot.shutdown("the program ends it"))
+        thread.join(START_S)
+        self._thread = None
+
+    def _run(self) -> None:
+        try:
+            self._session = session = Session(self._setup, self._options)
+            try:
+                session.robot.on_event = lambda event: self._settled.set() if event.kind in _SETTLED else None
+                session.start()
+                session.reactor.run()
+                if session.robot.failure is not None:
+                    self._failure = CanopenError(session.robot.failure)
+            finally:
+                session.close()
+        except CanopenError as error:
+            self._failure = error
+        finally:
+            self._settled.set()

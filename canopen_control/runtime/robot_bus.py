@@ -1,0 +1,262 @@
+"""One bus of a robot: its port, the master's network on it, and counters of what was carried."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+from canopen_control.bus.channel import ChannelKind, open_port, parse_channel
+from canopen_control.bus.kernel_sync import KernelSync
+from canopen_control.bus.port import BusEventKind
+from canopen_control.bus.port_abilities import set_filter
+from canopen_control.cia301.nmt import ERROR_CONTROL_COB_ID, NmtCommand, NmtState
+from canopen_control.errors import BusError
+from canopen_control.frame import FRAME_BITS, RECORD_SIZE, frames_of
+from canopen_control.master.event_log import Event, Level
+from canopen_control.master.network import Network
+from canopen_control.runtime.followed_sync import FollowedSync
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from canopen_control.bus.port import BusEvent, Port, PortStats
+    from canopen_control.host.reactor import Reactor
+    from canopen_control.master.config import BusConfig
+
+__all__ = ["RobotBus", "is_simulated"]
+
+_LENGTH: Final = 4  # where a record holds its length
+_BOOT_UP: Final = bytes([NmtState.INITIALISING])
+_WINDOW_NS: Final = 1_000_000_000
+_AWAY_NS: Final = 10_000_000  # how late a cycle is before it is worth asking what came meanwhile
+_BACKLOG: Final = 100  # reads, of up to a thousand frames
+_SIMULATED_NS: Final = 250_000_000  # drives that are processes wait for a processor, as this one does
+_FAILURES: Final = (BusEventKind.BUS_OFF, BusEventKind.DOWN)
+_RETURNS: Final = (BusEventKind.ERROR_ACTIVE, BusEventKind.UP)
+_LOST_WHILE_SILENT: Final = ("bus_frames_lost", "while it carried nothing")
+
+
+def is_simulated(channel: str) -> bool:
+    """Whether a channel is one between processes of this computer, without a wire."""
+    parsed = parse_channel(channel)
+    virtual = parsed.kind is ChannelKind.SOCKETCAN and parsed.name.startswith(("vcan", "vxcan"))
+    return virtual or parsed.kind is ChannelKind.LOCAL
+
+
+class RobotBus:
+    """Moves records between port and network; an error of the port ends the bus, never the cycle."""
+
+    def __init__(
+        self,
+        name: str,
+        channel: str,
+        config: BusConfig,
+        reactor: Reactor,
+        *,
+        cycle_ns: int,
+        report: Callable[[Event], None],
+        on_lost: Callable[[BusError], None],
+    ) -> None:
+        self.name, self.channel, self.config = name, channel, config
+        self.bitrate = config.master.baudrate * 1000
+        self.network = Network(name, config, report, cycle_ns)
+        self.port: Port | None = None
+        self.load: float | None = None
+        self.booted_up: set[int] = set()  # node ids that sent their boot-up between `join` and `open`
+        self._reactor, self._report, self._on_lost = reactor, report, on_lost
+        self._synchronous = config.master.sync_period > 0
+        self._kernel_sync: FollowedSync | None = None
+        self._writing = False
+        self._lost_frames = 0
+        self._told_lost = -_WINDOW_NS
+        self._carries_nothing = self._was_silent = False
+        self._data_bytes = 0
+        self._away_ns = cycle_ns + max(cycle_ns, _AWAY_NS)
+        self._looked_at = 0  # when no frame waited at the port
+        self.network.pdo_watch.look = self._catch_up
+        if is_simulated(channel):
+            self.network.pdo_watch.least_ns = _SIMULATED_NS
+        self._window: tuple[int, int] | None = None  # since when, and the bits until then
+        self._measure_at = 0
+
+    def leave_sync_to_kernel(self, lead: Callable[[int], None] | None) -> None:
+        """Let the kernel send SYNC, and call `lead(now)` for each; before `open`, on a SocketCAN interface only."""
+        sync = self.network.sync
+        task = KernelSync(parse_channel(self.channel).name, [sync.frame() for _ in range(max(1, sync.overflow))])
+        self._kernel_sync = FollowedSync(task, self.config.master.sync_period, lead, self._report)
+        self.network.hear_sync(self._kernel_sync.heard)
+
+    def join(self) -> None:
+        """Open the channel; raises BusError. What it carries is nobody's business before `open`."""
+        if self.port is None:
+            self.port = open_port(self.channel, label="master")
+            self._reactor.add_reader(self.port.fileno(), self._pass_over)
+
+    def open(self) -> None:
+        """Hear the channel from now on, having joined it if need be; raises BusError."""
+        self.join()
+        if self.port is None:
+            return
+        self._pass_over()
+        set_filter(self.port, self.network.identifiers)
+        self.network.on_rerouted = self._hear
+        if self._kernel_sync is not None:
+            self._kernel_sync.start(self._reactor.now())
+        self._looked_at = self._reactor.now()
+        self._reactor.add_reader(self.port.fileno(), self.receive)
+
+    def _pass_over(self) -> None:
+        """Take what waits and keep of it who has booted up; the end of the channel is told."""
+        try:
+            records = b"" if self.port is None else self.port.receive()
+        except BusError as error:
+            self._lost(error)
+            return
+        self.booted_up.update(
+            frame.can_id - ERROR_CONTROL_COB_ID for frame in frames_of(records) if frame.data == _BOOT_UP
+        )
+
+    def _hear(self) -> None:
+        if self.port is not None:
+            set_filter(self.port, self.network.identifiers)
+
+    def receive(self) -> None:
+        """Take everything that waits, and send what it calls for."""
+        port, network = self.port, self.network
+        if port is None:
+            return
+        try:
+            records = port.receive()
+        except BusError as error:
+            self._lost(error)
+            return
+        if records:
+            self._data_bytes += sum(records[_LENGTH::RECORD_SIZE])
+            now, since = self._reactor.now(), self._looked_at
+            network.receive(records, now, since if now - since > self._away_ns else None)
+            if network.outgoing:
+                self._send(network.take())
+        for event in port.events() if self.port is port else ():  # else it was lost while sending, and that was told
+            self._on_bus_event(event)
+
+    def tick(self, now: int) -> None:
+        """Let time pass for the network's services, and send what that brings."""
+        network = self.network
+        if now - self._looked_at > self._away_ns:
+            self._catch_up()
+            network.was_away(now - self._looked_at)
+        self._looked_at = now
+        network.tick(now)
+        if network.outgoing:
+            self._send(network.take())
+        port = self.port
+        if port is None:
+            return
+        if self._kernel_sync is not None:
+            self._kernel_sync.tick(now)
+        if now >= self._measure_at:
+            self._measure(port.stats, now)
+        if port.stats.lost != self._lost_frames:
+            self._tell_lost(port.stats.lost, now)
+
+    def send_cycle(self, now: int) -> None:
+        """Send what waits, the RPDOs that are due, and SYNC."""
+        network = self.network
+        records = network.cycle(sync=self._synchronous)
+        self._send(network.take() + records if network.outgoing else records)
+        port = self.port
+        if self._synchronous and port is not None and not port.stats.queued:  # else SYNC waits here as well
+            network.synced(now)
+
+    def _catch_up(self) -> None:
+        """Read all that waits at the port, for a process that was late."""
+        for _ in range(_BACKLOG):
+            port = self.port
+            before = port.stats.rx if port is not None else 0
+            self.receive()
+            if port is None or port.stats.rx == before:
+                return
+
+    def send_waiting(self) -> None:
+        """Send what waits, process data apart."""
+        self.network.changed()
+        self._send(self.network.take())
+
+    def release_nodes(self) -> None:
+        """Have the nodes go back to their stored communication settings: they no longer wait for this master then."""
+        for node in self.network.nodes.values():
+            if node.config.boot.reset_communication:  # a keep-alive node is left as it is
+                self.network.send_nmt(NmtCommand.RESET_COMMUNICATION, node.node_id)
+        self.send_waiting()
+
+    def close(self) -> None:
+        """Leave the channel; a second call does nothing."""
+        if self._kernel_sync is not None:
+            self._kernel_sync.close()
+        if self.port is not None:
+            self._reactor.remove_reader(self.port.fileno())
+            if self._writing:
+                self._reactor.remove_writer(self.port.fileno())
+            self.port.close()
+            self.port = None
+
+    def _send(self, records: bytes) -> None:
+        port = self.port
+        if not records or port is None:
+            return
+        self._data_bytes += sum(records[_LENGTH::RECORD_SIZE])
+        try:
+            port.send(records)
+        except BusError as error:
+            self._lost(error)
+            return
+        if port.wants_write and not self._writing:
+            self._writing = True
+            self._reactor.add_writer(port.fileno(), self._flush)
+
+    def _flush(self) -> None:
+        if self.port is None:
+            return
+        try:
+            self.port.flush()
+        except BusError as error:
+            self._lost(error)
+            return
+        if not self.port.wants_write:
+            self._writing = False
+            self._reactor.remove_writer(self.port.fileno())
+
+    def _lost(self, error: BusError) -> None:
+        self.close()
+        self._report(Event(self._reactor.now(), "bus_lost", "", str(error), Level.ERROR))
+        self._on_lost(error)
+
+    def _on_bus_event(self, event: BusEvent) -> None:
+        """Tell it; a bus that carries nothing has lost all its nodes, one that is back boots them anew."""
+        now = self._reactor.now()
+        kind = event.kind.value.replace("-", "_")
+        level = Level.INFO if kind in ("up", "error_active") else Level.WARNING
+        self._report(Event(now, f"bus_{kind}", "", f"bus {self.name} ({self.channel}): {event.text}", level))
+        if event.kind in _FAILURES:
+            self._carries_nothing = self._was_silent = True
+            self.network.bus_failed(f"bus {self.name} carries nothing: {event.text}", now)
+        elif event.kind in _RETURNS:
+            self._carries_nothing = False
+            self.network.bus_back(now)
+
+    def _tell_lost(self, lost: int, now: int) -> None:
+        """Tell that frames were lost and why, at most once a second; of a bus that carries nothing when it is back."""
+        if now - self._told_lost < _WINDOW_NS or self._carries_nothing:
+            return
+        kind, why = ("bus_queue_full", "its queue was full") if not self._was_silent else _LOST_WHILE_SILENT
+        text = f"bus {self.name} ({self.channel}): a frame was lost, {why}"
+        self._report(Event(now, kind, "", text, Level.WARNING, count=lost - self._lost_frames))
+        self._was_silent = False
+        self._lost_frames, self._told_lost = lost, now
+
+    def _measure(self, stats: PortStats, now: int) -> None:
+        """Work out the load of the last second, stuff bits left out."""
+        bits = FRAME_BITS * (stats.rx + stats.tx) + 8 * self._data_bytes
+        if self._window is not None and self.bitrate > 0:
+            since, before = self._window
+            self.load = (bits - before) * 1e9 / (now - since) / self.bitrate
+        self._window, self._measure_at = (now, bits), now + _WINDOW_NS

@@ -1,0 +1,176 @@
+"""One run of a robot in this process: core, API, children and signals, from start to end.
+
+The law of this file: whatever happens after `Session` was made, `close` leaves no child, no socket and no lock behind;
+the stop order is ramp, disable, clients, drives, and the hub leaves by itself.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import gc
+import os
+import signal
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING
+
+from canopen_control.errors import CanopenError, RobotConfigError
+from canopen_control.host.files import state_dir
+from canopen_control.host.reactor import Reactor
+from canopen_control.host.sockets import SocketInUse, open_lock, runtime_dir
+from canopen_control.master.event_log import Event
+from canopen_control.runtime.api import ApiServer
+from canopen_control.runtime.core import RobotCore
+from canopen_control.runtime.demo_motion import DemoMotion
+from canopen_control.runtime.program_errors import ProgramErrors
+from canopen_control.runtime.realtime import RealTime, keep_garbage_small
+from canopen_control.runtime.supervisor import Restarts, Supervisor, hosts_virtual_drives
+
+if TYPE_CHECKING:
+    from canopen_control.runtime.setup import RobotSetup
+
+__all__ = ["RunOptions", "Session"]
+
+
+_BOOT_FIRST_NS = 1_000_000_000  # a usual boot is over then; the start of one more process would cost it 50 ms
+_HEARING_NS, _HEARING_TRIES = 5_000_000, 400  # a boot-up is a moment under way, on a busy machine a long one
+_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+
+@dataclass(frozen=True, slots=True)
+class RunOptions:
+    """How to run: `drives` starts virtual ones where the channel allows it, `duration` in seconds from running on.
+
+    `ros_arguments` are those of the bridge, which `ros` starts; `view` is the page in a browser, from which `teleop`
+    drives; `recorder` is the flight recorder. `realtime` is a priority of SCHED_FIFO, `cpu` the processor that the
+    robot's thread stays on.
+    """
+
+    drives: bool = True
+    ros: bool = False
+    ros_arguments: tuple[str, ...] = ()
+    view: bool = False
+    teleop: bool = False
+    table: bool = False
+    motion: bool = False
+    duration: float | None = None
+    recorder: bool = False
+    realtime: int | None = None
+    cpu: int | None = None
+
+
+class Session:
+    """Everything of one run. `run` blocks until the robot has stopped and returns why it failed, or None."""
+
+    def __init__(self, setup: RobotSetup, options: RunOptions, *, reactor: Reactor | None = None) -> None:
+        self.setup, self.options = setup, options
+        self.reactor = reactor or Reactor()
+        self._cleanup = contextlib.ExitStack()
+        try:
+            self._open()
+        except BaseException:
+            self.close()
+            raise
+
+    def _open(self) -> None:
+        cleanup, setup = self._cleanup, self.setup
+        cleanup.callback(self.reactor.close)
+        self.realtime = RealTime(self.options.realtime, self.options.cpu)
+        cleanup.callback(self.realtime.close)
+        self.robot = RobotCore(setup, self.reactor)
+        self.robot.latch.keep(state_dir(setup.name) / "stop_latched")
+        self.reactor.on_error = ProgramErrors(self.reactor.now, self.robot.report)
+        for channel in setup.channels.values() if self.robot.buses else ():
+            cleanup.callback(os.close, _claim(channel))
+        self.supervisor = Supervisor(setup.name, self.reactor, self.robot.report)
+        self.supervisor.on_started = self.realtime.release
+        cleanup.callback(self.supervisor.end)
+        try:
+            self.api = ApiServer(self.robot)
+        except SocketInUse as error:
+            owner = f" (process {error.pid})" if error.pid else ""
+            raise RobotConfigError(
+                f"a robot named {setup.name} runs already{owner}; stop that one, or choose another --name"
+            ) from error
+        cleanup.callback(self.api.close)
+        cleanup.callback(self.robot.close)
+        self.robot.on_stopped = self.reactor.stop
+        self.robot.on_running = self._on_running
+
+    def start(self) -> None:
+        """Start the children, and the robot once they are ready; raises BusError."""
+        if self.realtime.text:
+            self.robot.report(Event(self.reactor.now(), "realtime", "", self.realtime.text))
+        self.robot.latch.tell(self.reactor.now())
+        keep_garbage_small(self._cleanup, self.robot.after_cycle, by_hand=self.options.realtime is not None)
+        if self.options.drives and self.robot.buses and hosts_virtual_drives(self.setup):
+            self.supervisor.start_drives(self.setup)
+        if self.options.recorder:
+            self.supervisor.start_recorder({name: bus.channel for name, bus in self.robot.buses.items()})
+        if self.options.ros:
+            bridge = ["canopen_control.ros.bridge", "--name", self.setup.name, *self.options.ros_arguments]
+            self.supervisor.start_client("ros", bridge, ros=True, restarts=Restarts())
+        self.robot.join()
+        self.supervisor.when_ready(self._when_heard, self.robot.fail)
+
+    def _when_heard(self, tries: int = _HEARING_TRIES) -> None:
+        """Boot once the first words of the drives that were started have come: later they would be taken for news."""
+        if self.robot.has_heard(self.supervisor.driven) or not tries:
+            self._begin()
+        else:
+            self.reactor.call_later(_HEARING_NS, lambda: self._when_heard(tries - 1))
+
+    def _begin(self) -> None:
+        """Boot: all that was started is there."""
+        try:
+            self.robot.start()
+        except CanopenError as error:
+            self.robot.fail(str(error))
+            return
+        self.realtime.pin()
+        if self.options.view:
+            self.reactor.call_later(_BOOT_FIRST_NS, self._start_view)
+
+    def _start_view(self) -> None:
+        options = ["--teleop"] if self.options.teleop else []
+        self.supervisor.start_client("view", ["canopen_control", "view", "--name", self.setup.name, *options])
+
+    def run(self) -> str | None:
+        """Run until a signal, the duration, a client or a failure ends it."""
+        shutdown = self.robot.shutdown
+        self.reactor.handle_signals({each: partial(shutdown, each.name) for each in _SIGNALS})
+        self.start()
+        self.reactor.run()
+        return self.robot.failure
+
+    def close(self) -> None:
+        """Leave nothing behind; a second call does nothing."""
+        self._cleanup.close()
+
+    def _on_running(self) -> None:
+        gc.freeze()  # what booting has made stays as well
+        if self.options.motion:
+            broadcasting = {info.name for info in self.robot.manager.list() if info.is_broadcaster}
+            forward = [name for name in self.setup.to_activate if name not in broadcasting]
+            self._motion = DemoMotion(self.robot, forward[0])
+        if self.options.duration is not None:
+            self.reactor.call_later(round(self.options.duration * 1e9), lambda: self.robot.shutdown("its time is over"))
+
+
+def _claim(channel: str) -> int:
+    """Lock a channel for one master on this host; two would steer the same drives."""
+    safe = "".join(letter if letter.isalnum() or letter in "_-" else "_" for letter in channel)
+    path = runtime_dir() / f"master-{safe[:48]}.lock"
+    fd = open_lock(path)
+    try:
+        fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        owner = os.read(fd, 16).decode(errors="replace").strip() or "unknown"
+        os.close(fd)
+        raise RobotConfigError(
+            f"channel {channel} is busy: process {owner} already runs a robot on it; stop that one, or use --can"
+        ) from None
+    os.truncate(fd, 0)
+    os.write(fd, f"{os.getpid()}\n".encode())
+    return fd

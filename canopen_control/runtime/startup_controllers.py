@@ -1,0 +1,121 @@
+"""Loads and configures the controllers that a run activates, before anything is opened.
+
+The law of this file: a type nobody knows, a parameter that is wrong, an interface that no joint has or that two
+controllers want is a mistake in a file, and told before the first frame is sent.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from canopen_control.controllers.base import ALL_STATES, ControllerState
+from canopen_control.controllers.types import make_controller
+from canopen_control.errors import CanopenError, ControlError, InterfaceConflict, RobotConfigError, UnknownName, nearest
+from canopen_control.urdf.wheels import WheelGeometry
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Sequence
+
+    from canopen_control.controllers.base import Controller
+    from canopen_control.controllers.manager import ControllerManager
+    from canopen_control.hardware.interfaces import InterfaceRegistry
+    from canopen_control.runtime.setup import RobotSetup
+
+__all__ = ["load_controller", "prepare_controllers", "require_active", "switch_controllers"]
+
+
+UNLOADED = "unloaded"  # of a controller that is only in the file
+
+
+def load_controller(setup: RobotSetup, manager: ControllerManager, name: str) -> None:
+    """Load and configure a controller of the file, and its fallbacks; raises ControlError or ConfigError."""
+    config = setup.controllers.controllers.get(name)
+    if config is None:
+        known = setup.controllers.controllers
+        raise UnknownName(f"no controller {name!r} in {setup.files.controllers}{nearest(name, known)}")
+    loaded = manager.states
+    manager.load(name, config.type, config.params, config.fallbacks)
+    manager.configure(name)
+    for fallback in config.fallbacks:
+        if fallback not in loaded and fallback not in setup.to_activate:
+            load_controller(setup, manager, fallback)
+
+
+def switch_controllers(
+    setup: RobotSetup,
+    manager: ControllerManager,
+    activate: Sequence[str],
+    deactivate: Sequence[str],
+    *,
+    strict: bool,
+    check: Callable[[Iterable[Controller]], None],
+) -> None:
+    """Switch, loading and configuring those that are not; `check` may refuse those that are to start.
+
+    Raises ControlError or ConfigError, and nothing is changed.
+    """
+    before = manager.states
+    try:
+        for name in activate:
+            if name not in before:
+                load_controller(setup, manager, name)
+        check(manager.get(name) for name in activate)
+        manager.switch(activate=activate, deactivate=deactivate, strict=strict)
+    except CanopenError:
+        for name in manager.states:
+            if name not in before:
+                manager.unload(name)
+        raise
+
+
+def require_active(setup: RobotSetup, manager: ControllerManager, name: str) -> None:
+    """Raise ControlError for a controller of the file that takes no command now, with what makes it take them."""
+    state = manager.states.get(name, UNLOADED)
+    if state != ControllerState.ACTIVE.value:
+        others = [f"--deactivate {' '.join(found)}"] if (found := _in_the_way(setup, manager, name)) else []
+        switch = " ".join((f"canopen-control controller switch --activate {name}", *others))
+        raise ControlError(f"{name} is {state}, so it takes no command; activate it: {switch}")
+
+
+def _in_the_way(setup: RobotSetup, manager: ControllerManager, name: str) -> list[str]:
+    """Return the active controllers that own what a controller would claim; it need not be loaded."""
+    config = setup.controllers.controllers[name]
+    try:
+        controller = make_controller(name, config.type)
+        controller.description_joints, controller.geometry = (
+            setup.description.movable_joints,
+            WheelGeometry(setup.description.model),
+        )
+        controller.on_configure(config.params)
+        owners = [manager.registry.command(each).owner for each in controller.command_interface_names()]
+    except CanopenError:
+        return []  # what is wrong with it is told when it is switched to
+    return [owner for owner in dict.fromkeys(owners) if owner is not None]
+
+
+def prepare_controllers(setup: RobotSetup, manager: ControllerManager, registry: InterfaceRegistry) -> None:
+    """Load and configure what the robot starts with; raises ConfigError with the file that is wrong."""
+    owners: dict[str, str] = {}
+    for name in setup.to_activate:
+        try:
+            load_controller(setup, manager, name)
+        except ControlError as error:
+            raise RobotConfigError(f"{setup.files.controllers}: {error}") from error
+    for name in setup.to_activate:  # with all of them loaded: some export interfaces to others
+        try:
+            _check_interfaces(name, manager, registry, owners)
+        except ControlError as error:
+            raise RobotConfigError(f"{setup.files.controllers}: {name}: {error}") from error
+
+
+def _check_interfaces(
+    name: str, manager: ControllerManager, registry: InterfaceRegistry, owners: dict[str, str]
+) -> None:
+    controller = manager.get(name)
+    for interface in controller.command_interface_names():
+        registry.command(interface)
+        if owners.setdefault(interface, name) != name:
+            raise InterfaceConflict(interface, owners[interface])
+    for interface in controller.state_interface_names():
+        if interface != ALL_STATES:
+            registry.state(interface)

@@ -1,0 +1,147 @@
+"""Robot descriptions: reads URDF or xacro into links, joints and who drives them.
+
+The law of the file: xacro is the real one and runs only when a file asks for it; every mistake of the description
+is told at once, each with file and line (of a xacro file, the line that seems to be meant: the tags of its result have
+none); what ros2_control refuses is refused here too, so that a description that loads here loads there. Without a
+<ros2_control> tag, ROS 1's <transmission> tags say which drive moves which joint.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from canopen_control.errors import RobotConfigError
+from canopen_control.urdf.document import read_document
+from canopen_control.urdf.model import RobotModel, model_of
+from canopen_control.urdf.ros2_control import Ros2ControlSystem, check_owners, read_system, system_of_ros1
+from canopen_control.urdf.transmission import read_transmissions
+from canopen_control.urdf.xacro_run import XacroRun
+
+if TYPE_CHECKING:
+    import os
+    from collections.abc import Iterator, Mapping, Sequence
+    from types import TracebackType
+
+    from canopen_control.urdf.document import Element
+    from canopen_control.urdf.joint import Joint
+    from canopen_control.urdf.link import Link
+
+__all__ = ["Description", "DescriptionReader", "GazeboPlugin", "parse_description", "read_description"]
+
+
+@dataclass(frozen=True)
+class GazeboPlugin:
+    """A `<plugin>` of a `<gazebo>` tag."""
+
+    name: str
+    filename: str
+    line: int = 0
+
+
+@dataclass(frozen=True)
+class Description:
+    """A robot: its URDF as text (xacro processed), its links and joints, and who drives what.
+
+    `ros1` says that the hardware was made of ROS 1's <transmission> tags, for want of a <ros2_control> tag.
+    """
+
+    path: str
+    urdf_xml: str
+    model: RobotModel
+    hardware: tuple[Ros2ControlSystem, ...] = ()
+    gazebo: tuple[GazeboPlugin, ...] = ()
+    ros1: bool = False
+    notes: tuple[str, ...] = ()
+
+    @property
+    def links(self) -> Mapping[str, Link]:
+        """The links by name."""
+        return self.model.links
+
+    @property
+    def joints(self) -> Mapping[str, Joint]:
+        """The joints by name."""
+        return self.model.joints
+
+    @property
+    def movable_joints(self) -> tuple[str, ...]:
+        """The joints that are not fixed, in the order of the file."""
+        return tuple(joint.name for joint in self.joints.values() if not joint.fixed)
+
+
+def read_description(path: str | os.PathLike[str], *, mappings: Mapping[str, str] | None = None) -> Description:
+    """Read a .urdf or .xacro file; `mappings` are xacro's arguments. RobotConfigError names every mistake."""
+    with DescriptionReader(path, mappings=mappings) as reader:
+        return reader.result()
+
+
+class DescriptionReader:
+    """Reads a .urdf or .xacro file while its caller reads others: xacro runs from now on, in a process of its own.
+
+    Leaving it ends that, wanted or not. RobotConfigError now or in `result`.
+    """
+
+    def __init__(self, path: str | os.PathLike[str], *, mappings: Mapping[str, str] | None = None) -> None:
+        self._path, file = str(path), Path(path)
+        try:
+            self._source = file.read_text(encoding="utf-8")
+        except (OSError, UnicodeDecodeError, ValueError) as error:
+            reason = error.strerror if isinstance(error, OSError) else error
+            raise RobotConfigError(f"{path}: cannot be read: {reason}") from error
+        is_xacro = file.suffix == ".xacro" or "xmlns:xacro" in self._source
+        self._xacro = XacroRun(file, mappings or {}) if is_xacro else None
+
+    def __enter__(self) -> DescriptionReader:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None) -> None:
+        if self._xacro is not None:
+            self._xacro.close()
+
+    def result(self) -> Description:
+        """Return the description; RobotConfigError names every mistake."""
+        if self._xacro is None:
+            return parse_description(self._source, self._path)
+        return parse_description(self._xacro.result(), self._path, source=self._source)
+
+
+def parse_description(urdf: str, path: str = "<urdf>", *, source: str | None = None) -> Description:
+    """Return the description of a URDF text; `source` is the xacro text it was made of, to find lines in."""
+    document = read_document(urdf, path, source)
+    model = model_of(document)
+    tags = [each for each in document.root.children if each.tag == "ros2_control"]
+    old = [each for each in document.root.children if each.tag == "transmission"]
+    gazebo = _gazebo_plugins(document.root)
+    hardware = tuple(read_system(document, each, model.joints) for each in tags)
+    if not tags and old:
+        transmissions = read_transmissions(document, old, model.joints)
+        simulated = any(each.filename.endswith("gazebo_ros_control.so") for each in gazebo)
+        hardware = (system_of_ros1(model.name, transmissions, simulated=simulated),)
+    check_owners(document, hardware)
+    document.raise_if_any()
+    notes = tuple(_notes(path, hardware, old if tags else ()))
+    return Description(path, urdf, model, hardware, gazebo, bool(old and not tags), notes)
+
+
+def _gazebo_plugins(root: Element) -> tuple[GazeboPlugin, ...]:
+    return tuple(
+        GazeboPlugin(plugin.attributes.get("name", ""), plugin.attributes.get("filename", ""), plugin.place.line)
+        for gazebo in root.children
+        if gazebo.tag == "gazebo"
+        for plugin in gazebo.children
+        if plugin.tag == "plugin"
+    )
+
+
+def _notes(path: str, hardware: Sequence[Ros2ControlSystem], ignored: Sequence[Element]) -> Iterator[str]:
+    for element in ignored:
+        name, line = element.attributes.get("name", ""), element.place.line
+        yield f"{path}:{line}: <transmission> {name} is ROS 1's and has no effect beside a <ros2_control> tag"
+    for each in (one for system in hardware for one in system.transmissions if not one.trivial):
+        drive, offset = each.actuator or "its drive", f", offset {each.offset:g}" if each.offset else ""
+        yield (
+            f"{path}:{each.place.line}: {each.joint} turns once for {each.reduction:g} turns of {drive}{offset}; "
+            "the scales of bus.yml are those of the motor shaft"
+        )

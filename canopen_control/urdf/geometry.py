@@ -1,0 +1,93 @@
+"""Vectors, rotations and poses: positions in m, angles in rad, quaternions as (w, x, y, z).
+
+The law of the file: URDF's roll, pitch and yaw turn about the fixed axes of the parent, in this order (REP 103 and the
+URDF specification), which is yaw * pitch * roll as quaternions.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final, NamedTuple
+
+__all__ = [
+    "IDENTITY",
+    "ORIGIN",
+    "Pose",
+    "Quaternion",
+    "Vector",
+    "about",
+    "along",
+    "from_rpy",
+    "from_yaw",
+    "multiply",
+    "rotate",
+]
+
+Vector = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
+
+IDENTITY: Final[Quaternion] = (1.0, 0.0, 0.0, 0.0)
+
+
+def about(axis: Vector, angle: float) -> Quaternion:
+    """Return the rotation by `angle` about an axis of any length; about none it is no rotation."""
+    length = math.hypot(*axis)
+    if length == 0.0 or not math.isfinite(angle):
+        return IDENTITY
+    factor = math.sin(angle / 2) / length
+    return math.cos(angle / 2), axis[0] * factor, axis[1] * factor, axis[2] * factor
+
+
+def along(axis: Vector, length: float) -> Vector:
+    """Return the vector of `length` m along an axis of any length."""
+    factor = length / (math.hypot(*axis) or 1.0)
+    return axis[0] * factor, axis[1] * factor, axis[2] * factor
+
+
+def from_yaw(yaw: float) -> Quaternion:
+    """Return the rotation by `yaw` rad about z, the heading of a mobile base."""
+    return about((0.0, 0.0, 1.0), yaw)
+
+
+def from_rpy(rpy: Vector) -> Quaternion:
+    """Return the rotation of URDF's `rpy`."""
+    roll, pitch, yaw = (about(axis, angle) for axis, angle in zip(((1, 0, 0), (0, 1, 0), (0, 0, 1)), rpy, strict=True))
+    return multiply(multiply(yaw, pitch), roll)
+
+
+def multiply(first: Quaternion, second: Quaternion) -> Quaternion:
+    """Return the rotation that is `second` seen from the frame that `first` turned."""
+    a, b, c, d = first
+    e, f, g, h = second
+    return (
+        a * e - b * f - c * g - d * h,
+        a * f + b * e + c * h - d * g,
+        a * g - b * h + c * e + d * f,
+        a * h + b * g - c * f + d * e,
+    )
+
+
+def rotate(rotation: Quaternion, vector: Vector) -> Vector:
+    """Return a vector turned by a rotation."""
+    w, x, y, z = rotation
+    _, rx, ry, rz = multiply(multiply(rotation, (0.0, *vector)), (w, -x, -y, -z))
+    return rx, ry, rz
+
+
+class Pose(NamedTuple):
+    """Where a frame is in its parent's, and how it is turned there."""
+
+    position: Vector = (0.0, 0.0, 0.0)
+    rotation: Quaternion = IDENTITY
+
+    def of(self, point: Vector) -> Vector:
+        """Return a point of this frame in the parent's."""
+        x, y, z = rotate(self.rotation, point)
+        return self.position[0] + x, self.position[1] + y, self.position[2] + z
+
+    def then(self, child: Pose) -> Pose:
+        """Return the pose in the parent's frame of a frame that has the pose `child` in this one."""
+        return Pose(self.of(child.position), multiply(self.rotation, child.rotation))
+
+
+ORIGIN: Final = Pose()

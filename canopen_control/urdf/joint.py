@@ -1,0 +1,151 @@
+"""Joints of a description: their limits, what they mimic, and where they put the link that hangs on them.
+
+The law of the file (URDF, robot_state_publisher): the pose of a joint's child is the joint's origin, then its motion, a
+rotation by the position about its axis or a shift along it; a mimic joint is at `multiplier * position + offset` of the
+other. Fixed joints never move; where a floating or planar one is, nobody knows. Lengths in m, angles in rad.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+from canopen_control.errors import nearest
+from canopen_control.urdf.document import NOWHERE, Place
+from canopen_control.urdf.geometry import ORIGIN, Pose, Vector, about, along, from_rpy
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from canopen_control.urdf.document import Document, Element
+
+__all__ = ["Joint", "Limits", "Mimic", "Transform", "read_joint"]
+
+_TYPES: Final = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
+_NEEDS_LIMITS: Final = ("revolute", "prismatic")
+_TURNING: Final = ("revolute", "continuous")
+
+
+@dataclass(frozen=True)
+class Limits:
+    """A joint's <limit>: rad or m, rad/s or m/s, Nm or N; infinite where there is none."""
+
+    lower: float = -math.inf
+    upper: float = math.inf
+    velocity: float = math.inf
+    effort: float = math.inf
+
+
+@dataclass(frozen=True)
+class Mimic:
+    """Position is `multiplier` times that of `joint`, plus `offset`."""
+
+    joint: str
+    multiplier: float = 1.0
+    offset: float = 0.0
+
+
+class Transform(NamedTuple):
+    """From the frame `parent` to the frame `child`, as /tf tells it."""
+
+    parent: str
+    child: str
+    pose: Pose
+
+
+@dataclass(frozen=True)
+class Joint:
+    """A joint at `origin` in the frame of its parent link; `place` is that of its tag."""
+
+    name: str
+    type: str
+    parent: str
+    child: str
+    origin: Pose = ORIGIN
+    axis: Vector = (1.0, 0.0, 0.0)
+    limits: Limits = Limits()
+    mimic: Mimic | None = None
+    place: Place = NOWHERE
+
+    @property
+    def fixed(self) -> bool:
+        """Whether it never moves."""
+        return self.type == "fixed"
+
+    def position_in(self, positions: Mapping[str, float | None]) -> float:
+        """Return where it is by the positions of joints, rad or m; a mimic joint by whom it mimics; nan if unknown."""
+        position = positions.get(self.mimic.joint if self.mimic is not None else self.name)
+        if position is None:
+            return math.nan
+        return position if self.mimic is None else self.mimic.multiplier * position + self.mimic.offset
+
+    def pose(self, position: float) -> Pose:
+        """Return the child link's pose in the parent's frame; of a joint with more freedom, its origin."""
+        if self.type in _TURNING:
+            return self.origin.then(Pose(rotation=about(self.axis, position)))
+        if self.type == "prismatic":
+            return self.origin.then(Pose(along(self.axis, position)))
+        return self.origin
+
+    def transform(self, positions: Mapping[str, float | None]) -> Transform | None:
+        """Return where the child is; None if that is not known, or if the joint is of a kind with more freedom."""
+        position = 0.0 if self.fixed else self.position_in(positions)
+        if not math.isfinite(position) or not (self.fixed or self.type in _TURNING or self.type == "prismatic"):
+            return None
+        return Transform(self.parent, self.child, self.pose(position))
+
+
+def read_joint(document: Document, element: Element) -> Joint:
+    """Return a <joint>; what is wrong in it is reported to the document."""
+    name = document.name(element)
+    kind = element.attributes.get("type", "")
+    if kind not in _TYPES:
+        document.error(element, f"joint {name}: type {kind!r}{nearest(kind, _TYPES)}")
+    axis, limit = element.child("axis"), element.child("limit")
+    if limit is None and kind in _NEEDS_LIMITS:
+        document.error(element, f"joint {name}: a {kind} joint needs <limit lower= upper= effort= velocity=>")
+    return Joint(
+        name,
+        kind,
+        _link_of(document, element, "parent"),
+        _link_of(document, element, "child"),
+        _origin(document, element.child("origin")),
+        document.vector(axis, "xyz", (1.0, 0.0, 0.0)),
+        _limits(document, limit, kind),
+        _mimic(document, element),
+        element.place,
+    )
+
+
+def _origin(document: Document, element: Element | None) -> Pose:
+    xyz, rpy = (document.vector(element, key, (0.0, 0.0, 0.0)) for key in ("xyz", "rpy"))
+    return Pose(xyz, from_rpy(rpy))
+
+
+def _link_of(document: Document, element: Element, tag: str) -> str:
+    child = element.child(tag)
+    if child is None or "link" not in child.attributes:
+        document.error(element, f"joint {element.attributes.get('name', '?')}: <{tag} link=...> is missing")
+        return ""
+    return child.attributes["link"]
+
+
+def _limits(document: Document, limit: Element | None, kind: str) -> Limits:
+    if limit is None:
+        return Limits()
+    bounded = kind in _NEEDS_LIMITS
+    return Limits(
+        document.number(limit, "lower", 0.0) if bounded else -math.inf,
+        document.number(limit, "upper", 0.0) if bounded else math.inf,
+        document.number(limit, "velocity", math.inf),
+        document.number(limit, "effort", math.inf),
+    )
+
+
+def _mimic(document: Document, element: Element) -> Mimic | None:
+    mimic = element.child("mimic")
+    if mimic is None:
+        return None
+    multiplier, offset = document.number(mimic, "multiplier", 1.0), document.number(mimic, "offset", 0.0)
+    return Mimic(mimic.attributes.get("joint", ""), multiplier, offset)

@@ -1,0 +1,145 @@
+"""Links of a description: the shapes they are drawn with, and the radius of round ones.
+
+The law of the file: nothing here is a mistake of the file, since none of it moves a joint. What cannot be drawn is left
+out and told in the notes.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+from canopen_control.urdf.geometry import ORIGIN, Pose, Vector, from_rpy
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping, Sequence
+
+    from canopen_control.urdf.document import Document, Element
+
+__all__ = ["GREY", "Link", "Visual", "read_links"]
+
+GREY: Final = (160, 165, 172)
+_ROUND: Final = ("cylinder", "sphere")
+_ZERO: Final = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Visual:
+    """One shape in the frame of its link, in m.
+
+    `size` is x, y, z of a box; radius and length of a cylinder, which stands along z; radius of a sphere; the scale of
+    a mesh, whose `file` is as the URDF writes it. `color` is red, green, blue to 255, `opacity` 0 to 1.
+    """
+
+    shape: str
+    size: tuple[float, ...]
+    pose: Pose = ORIGIN
+    color: tuple[int, int, int] = GREY
+    opacity: float = 1.0
+    file: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Link:
+    """A rigid part of the robot; `radius` in m if its collision, else its visual, has one cylinder or sphere."""
+
+    name: str
+    visuals: tuple[Visual, ...] = ()
+    radius: float | None = None
+
+
+def read_links(document: Document, notes: list[str]) -> dict[str, Link]:
+    """Return the links of a `<robot>` by name; `notes` is filled with what of them cannot be drawn."""
+    children = document.root.children
+    materials = {
+        each.attributes.get("name", ""): color
+        for each in children
+        if each.tag == "material" and (color := _rgba(each)) is not None
+    }
+    links = (each for each in children if each.tag == "link")
+    return document.by_name((each, _link(document, each, materials, notes)) for each in links)
+
+
+def _link(document: Document, element: Element, materials: Mapping[str, _Rgba], notes: list[str]) -> Link:
+    name = document.name(element)
+    visuals = tuple(_visuals(element, materials, notes))
+    radii = (_radius([each for each in element.children if each.tag == tag]) for tag in ("collision", "visual"))
+    return Link(name, visuals, next((radius for radius in radii if radius is not None), None))
+
+
+def _radius(elements: Sequence[Element]) -> float | None:
+    """Return the radius of the only round shape among <collision> or <visual> tags."""
+    geometries = [geometry.children for each in elements if (geometry := each.child("geometry")) is not None]
+    round_ones = [one for children in geometries for one in children if one.tag in _ROUND]
+    size = _lengths(round_ones[0], "radius") if len(round_ones) == 1 else None
+    return None if size is None else size[0]
+
+
+def _visuals(link: Element, materials: Mapping[str, _Rgba], notes: list[str]) -> Iterator[Visual]:
+    for element in link.children:
+        if element.tag != "visual":
+            continue
+        geometry = element.child("geometry")
+        shape = next(iter(geometry.children), None) if geometry is not None else None
+        size = _SIZES[shape.tag](shape) if shape is not None and shape.tag in _SIZES else None
+        if shape is None or size is None:
+            what = "nothing" if shape is None else f"<{shape.tag}>"
+            why = " without its size" if shape is not None and shape.tag in _SIZES else ""
+            name = link.attributes.get("name")
+            notes.append(f"link {name}: {what}{why} is not drawn; box, cylinder, sphere and mesh are")
+            continue
+        red, green, blue, opacity = _color(element, materials)
+        color = (round(255 * red), round(255 * green), round(255 * blue))
+        yield Visual(shape.tag, size, _origin(element), color, opacity, shape.attributes.get("filename", ""))
+
+
+_Rgba = tuple[float, float, float, float]
+
+
+def _color(visual: Element, materials: Mapping[str, _Rgba]) -> _Rgba:
+    material = visual.child("material")
+    default = (GREY[0] / 255, GREY[1] / 255, GREY[2] / 255, 1.0)
+    if material is None:
+        return default
+    return _rgba(material) or materials.get(material.attributes.get("name", ""), default)
+
+
+def _rgba(material: Element) -> _Rgba | None:
+    values = _numbers(material.child("color"), "rgba")
+    if values is None or len(values) != 4:
+        return None
+    red, green, blue, opacity = (min(max(value, 0.0), 1.0) for value in values)
+    return red, green, blue, opacity
+
+
+def _origin(element: Element) -> Pose:
+    origin = element.child("origin")
+    return Pose(_vector(origin, "xyz") or _ZERO, from_rpy(_vector(origin, "rpy") or _ZERO))
+
+
+def _vector(element: Element | None, key: str) -> Vector | None:
+    values = _numbers(element, key)
+    return (values[0], values[1], values[2]) if values is not None and len(values) == 3 else None
+
+
+def _lengths(element: Element, *keys: str) -> tuple[float, ...] | None:
+    values = [each[0] for key in keys if (each := _numbers(element, key)) is not None and len(each) == 1]
+    return tuple(map(abs, values)) if len(values) == len(keys) else None
+
+
+def _numbers(element: Element | None, key: str) -> list[float] | None:
+    """Return the finite numbers of an attribute; None where it is missing or holds something else."""
+    try:
+        values = [float(word) for word in element.attributes[key].split()] if element is not None else None
+    except (KeyError, ValueError):
+        return None
+    return values if values is not None and all(map(math.isfinite, values)) else None
+
+
+_SIZES: Final[dict[str, Callable[[Element], tuple[float, ...] | None]]] = {
+    "box": lambda element: _vector(element, "size"),
+    "cylinder": lambda element: _lengths(element, "radius", "length"),
+    "sphere": lambda element: _lengths(element, "radius"),
+    "mesh": lambda element: _vector(element, "scale") or (1.0, 1.0, 1.0),
+}

@@ -1,0 +1,128 @@
+"""<ros2_control> tags of a description: who drives which joints through which interfaces."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Final
+
+from canopen_control.errors import nearest
+from canopen_control.urdf.declared_interface import EFFORT, POSITION, VELOCITY, InterfaceInfo, read_interfaces
+from canopen_control.urdf.document import NOWHERE, Place
+from canopen_control.urdf.transmission import read_transmissions
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from canopen_control.urdf.document import Document, Element
+    from canopen_control.urdf.joint import Joint, Mimic
+    from canopen_control.urdf.transmission import Transmission
+
+__all__ = ["ControlJoint", "Ros2ControlSystem", "check_owners", "read_system", "system_of_ros1"]
+
+KINDS: Final = ("system", "actuator", "sensor")
+_CHILDREN: Final = ("hardware", "properties", "joint", "sensor", "gpio", "transmission")
+
+
+@dataclass(frozen=True)
+class ControlJoint:
+    """A <joint>, <sensor> or <gpio> of a <ros2_control> tag; its interfaces by name."""
+
+    name: str
+    parameters: dict[str, str] = field(default_factory=dict)
+    command_interfaces: dict[str, InterfaceInfo] = field(default_factory=dict)
+    state_interfaces: dict[str, InterfaceInfo] = field(default_factory=dict)
+    mimic: Mimic | None = None
+    place: Place = NOWHERE
+
+
+@dataclass(frozen=True)
+class Ros2ControlSystem:
+    """A <ros2_control> tag: `kind` is system, actuator or sensor, `plugin` what drives it."""
+
+    name: str
+    kind: str
+    plugin: str
+    parameters: dict[str, str] = field(default_factory=dict)
+    joints: tuple[ControlJoint, ...] = ()
+    sensors: tuple[ControlJoint, ...] = ()
+    gpios: tuple[ControlJoint, ...] = ()
+    transmissions: tuple[Transmission, ...] = ()
+    place: Place = NOWHERE
+
+
+def read_system(document: Document, element: Element, joints: Mapping[str, Joint]) -> Ros2ControlSystem:
+    """Return a <ros2_control> tag; what is wrong in it is reported to the document."""
+    name, kind = document.name(element), element.attributes.get("type", "")
+    if kind not in KINDS:
+        document.error(element, f"<ros2_control name={name!r}>: type {kind!r}{nearest(kind, KINDS)}")
+    for child in element.children:
+        if child.tag not in _CHILDREN:
+            document.error(child, f"<{child.tag}> has no place in <ros2_control>{nearest(child.tag, _CHILDREN)}")
+    hardware = element.child("hardware")
+    plugin = hardware.child("plugin") if hardware is not None else None
+    if plugin is None or not plugin.text:
+        document.error(element, f"<ros2_control name={name!r}>: <hardware><plugin>...</plugin></hardware> is missing")
+    parts = {
+        tag: tuple(_part(document, each, joints) for each in element.children if each.tag == tag)
+        for tag in ("joint", "sensor", "gpio")
+    }
+    text = plugin.text if plugin is not None else ""
+    parameters = hardware.parameters() if hardware is not None else {}
+    own = read_transmissions(document, [each for each in element.children if each.tag == "transmission"], joints)
+    return Ros2ControlSystem(
+        name, kind, text, parameters, parts["joint"], parts["sensor"], parts["gpio"], own, element.place
+    )
+
+
+def _part(document: Document, element: Element, joints: Mapping[str, Joint]) -> ControlJoint:
+    name = document.name(element)
+    commands = read_interfaces(document, element, "command_interface")
+    states = read_interfaces(document, element, "state_interface")
+    mimic = None
+    if element.tag == "joint":
+        urdf = joints.get(name)
+        if urdf is None:
+            document.error(element, f"<ros2_control> names joint {name!r}, no such joint{nearest(name, joints)}")
+        elif urdf.type == "fixed":
+            document.error(element, f"joint {name} is fixed; nothing can drive it: remove it from <ros2_control>")
+        mimic = urdf.mimic if urdf is not None and element.attributes.get("mimic", "true") != "false" else None
+        if mimic is not None and commands:
+            document.error(element, f"joint {name} mimics {mimic.joint}; it has no command interface of its own")
+    return ControlJoint(name, element.parameters(), commands, states, mimic, element.place)
+
+
+def check_owners(document: Document, hardware: Sequence[Ros2ControlSystem]) -> None:
+    """See to it that no interface is exported twice, and no tag name is used twice."""
+    names: set[str] = set()
+    owners: dict[str, str] = {}
+    for system in hardware:
+        if system.name in names:
+            document.error(system, f"two <ros2_control> tags are called {system.name!r}; rename one")
+        names.add(system.name)
+        for part in (*system.joints, *system.sensors, *system.gpios):
+            if part.name in owners:
+                where = f"{owners[part.name]} and {system.name}" if owners[part.name] != system.name else system.name
+                document.error(part, f"{part.name!r} stands twice in <ros2_control> ({where}); name it once")
+            owners[part.name] = system.name
+
+
+_STATES: Final = (POSITION, VELOCITY, EFFORT)
+ROS1_SIMULATION: Final = "gazebo_ros_control/DefaultRobotHWSim"
+ROS1_HARDWARE: Final = "canopen_control/CanopenSystem"
+
+
+def system_of_ros1(name: str, transmissions: tuple[Transmission, ...], *, simulated: bool) -> Ros2ControlSystem:
+    """Return what a <ros2_control> tag would say: ROS 1 names the drives by the actuators of the transmissions."""
+    parts = tuple(
+        ControlJoint(
+            each.joint,
+            {"device_name": each.actuator},
+            {command: InterfaceInfo(command) for command in each.interfaces if command},
+            {state: InterfaceInfo(state) for state in _STATES},
+            place=each.place,
+        )
+        for each in transmissions
+    )
+    plugin = ROS1_SIMULATION if simulated else ROS1_HARDWARE
+    place = transmissions[0].place if transmissions else NOWHERE
+    return Ros2ControlSystem(name, "system", plugin, {}, parts, transmissions=transmissions, place=place)

@@ -1,0 +1,160 @@
+"""The process in which xacro runs: `main` reads a file and writes the URDF, or why there is none, to standard output.
+
+The law of the file: xacro evaluates its author's expressions, which may need for ever or all memory there is, so that
+limits are set before it begins and the kernel keeps them. The answer's first byte says what the rest is: `URDF` or
+`REFUSED`, a reason in UTF-8. `$(find package)` is answered by ament where that knows the package, and otherwise by the
+folder above the file that is or holds the package.
+
+It runs as a file, without the package around it, and imports only what xacro does: it is on the way of every start.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import io
+import os
+import re
+import resource
+import select
+import signal
+import sys
+
+TYPE_CHECKING = False  # the module typing takes longer to import than the rest of this
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
+__all__ = ["LARGEST", "REFUSED", "URDF", "find_package", "main"]
+
+URDF = b"U"
+REFUSED = b"R"
+LARGEST = 64 << 20  # bytes of a URDF; one with five hundred joints has half a million
+
+
+def main(arguments: list[str]) -> None:
+    """Run xacro within limits.
+
+    `arguments` are the folders to import from, one a line, the file, s of the processor, s, bytes of memory, and
+    KEY:=VALUE for each argument of the file.
+    """
+    folders, path, processor_s, wall_s, memory, *mappings = arguments
+    sys.path[:0] = folders.splitlines()
+    _end_with_starter()
+    _limit(int(processor_s), int(wall_s), int(memory))
+    answer = os.dup(1)
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # whatever an expression prints is no answer
+    kind, text = _run(path, dict(each.split(":=", 1) for each in mappings))
+    with os.fdopen(answer, "wb") as out:
+        out.write(kind + text.encode("utf-8", "replace"))
+
+
+def _end_with_starter() -> None:
+    """Let the kernel end this process when standard input is closed: its other end dies with who started us."""
+    with contextlib.suppress(AttributeError, OSError):  # a system without it has the clock
+        signal.signal(signal.SIGIO, signal.SIG_DFL)
+        fcntl.fcntl(0, fcntl.F_SETOWN, os.getpid())
+        fcntl.fcntl(0, fcntl.F_SETFL, fcntl.fcntl(0, fcntl.F_GETFL) | os.O_ASYNC)
+        if select.select([0], [], [], 0)[0]:  # it was closed before anybody was told
+            sys.exit(1)
+
+
+def _limit(processor_s: int, wall_s: int, memory: int) -> None:
+    """Let the kernel end this process, whoever started it still lives or not."""
+    signal.signal(signal.SIGALRM, signal.SIG_DFL)
+    signal.alarm(wall_s)
+    limits = {resource.RLIMIT_CPU: processor_s, resource.RLIMIT_AS: memory, resource.RLIMIT_CORE: 0}
+    for what, value in limits.items():
+        with contextlib.suppress(ValueError, OSError):  # a system without it, or a lower limit that holds already
+            resource.setrlimit(what, (value, value))
+
+
+def _run(path: str, mappings: Mapping[str, str]) -> tuple[bytes, str]:
+    said = io.StringIO()
+    try:
+        with contextlib.redirect_stderr(said):
+            import xacro  # after the limits
+
+            with _finding(path):
+                text = str(xacro.process_file(path, mappings=dict(mappings)).toprettyxml(indent="  "))
+    except Exception as error:  # noqa: BLE001 - a xacro file runs its author's expressions: anything may come
+        reason = next((words for kind, words in _TOO_MUCH.items() if _has_cause(error, kind)), "")
+        return REFUSED, f"{reason or str(error).strip() or type(error).__name__}{_where(said.getvalue())}"
+    if len(text) > LARGEST:
+        return REFUSED, f"its URDF has more than {LARGEST >> 20} MiB; a macro or an expression in it makes too much"
+    return URDF, text
+
+
+_TOO_MUCH = {
+    MemoryError: "it needs too much memory; an expression or a macro in it makes too much",
+    RecursionError: "it nests without end; a macro or an include in it uses itself",
+}
+
+
+def _has_cause(error: BaseException, kind: type[BaseException]) -> bool:
+    """Whether an exception is of a kind, or was raised while one was handled: xacro tells the expression instead."""
+    each: BaseException | None = error
+    while each is not None:
+        if isinstance(each, kind):
+            return True
+        each = each.__cause__ or each.__context__
+    return False
+
+
+_LONGEST_STACK = 5  # lines of a macro stack that are told; an endless one has hundreds
+
+
+def _where(said: str) -> str:
+    """Return the macro stack that xacro wrote, on one line."""
+    lines = [re.sub(r"\x1b\[[0-9;]*m", "", line).strip() for line in said.splitlines()]
+    told = [line for line in lines if line]
+    more = ["..."] if len(told) > _LONGEST_STACK else []
+    return f" ({'; '.join([*told[:_LONGEST_STACK], *more])})" if told else ""
+
+
+@contextlib.contextmanager
+def _finding(path: str) -> Iterator[None]:
+    """Answer `$(find ...)` with `find_package` while xacro runs."""
+    from xacro import substitution_args
+
+    before = substitution_args._eval_find  # noqa: SLF001 - xacro has no other door for it
+
+    def find(package: str) -> str:
+        return find_package(package, path)
+
+    substitution_args._eval_find = find  # noqa: SLF001 - as above
+    substitution_args._eval_dict["find"] = find  # noqa: SLF001 - as above
+    try:
+        yield
+    finally:
+        substitution_args._eval_find = before  # noqa: SLF001 - as above
+        substitution_args._eval_dict["find"] = before  # noqa: SLF001 - as above
+
+
+def find_package(package: str, path: str) -> str:
+    """Return the folder of a ROS package: ament's share folder, else one found around the file; LookupError."""
+    with contextlib.suppress(Exception):  # ament_index_python is absent, or does not know it: look around instead
+        from ament_index_python.packages import get_package_share_directory
+
+        return str(get_package_share_directory(package))
+    folder = os.path.dirname(os.path.realpath(path))
+    while True:
+        for candidate in (folder, os.path.join(folder, package)):
+            if _names(candidate, package) or (os.path.basename(candidate) == package and os.path.isdir(candidate)):
+                return candidate
+        if folder == os.path.dirname(folder):
+            break
+        folder = os.path.dirname(folder)
+    raise LookupError(f"package {package!r} of $(find {package}) is neither installed nor above {path}")
+
+
+def _names(folder: str, package: str) -> bool:
+    """Whether the manifest in a folder is that of a package."""
+    try:
+        with open(os.path.join(folder, "package.xml"), encoding="utf-8", errors="replace") as manifest:
+            return f"<name>{package}</name>" in manifest.read()
+    except OSError:
+        return False
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

@@ -1,0 +1,63 @@
+// A finger that slips off, a lost focus or a hidden page let go, as does the end of the connection on the server's side.
+export default {
+  template: `
+    <div @contextmenu.prevent>
+      <button v-for="each in buttons" :key="each.key" type="button" :class="['cc-held-' + each.key, { 'cc-down': down === each.key }]"
+        :aria-label="each.label" @pointerdown="press($event, each.key)" @pointerup="leave(each.key)" @pointercancel="leave(each.key)"
+        @lostpointercapture="leave(each.key)" @keydown="type($event, each.key)" @keyup.enter="leave(each.key)" @blur="leave(each.key)">
+        <span class="cc-sign" aria-hidden="true">{{ each.sign }}</span><span>{{ each.label }}</span>
+      </button>
+    </div>`,
+  props: { buttons: Array, period: Number },
+  data: () => ({ down: null }),
+  mounted() {
+    this.all = () => this.release();
+    this.keys = (event) => this.keyboard(event);
+    window.addEventListener("blur", this.all);
+    window.addEventListener("cc-stopped", this.all);
+    document.addEventListener("visibilitychange", this.all);
+    document.addEventListener("keydown", this.keys);
+    document.addEventListener("keyup", this.keys);
+  },
+  beforeUnmount() {
+    this.release();
+    window.removeEventListener("blur", this.all);
+    window.removeEventListener("cc-stopped", this.all);
+    document.removeEventListener("visibilitychange", this.all);
+    document.removeEventListener("keydown", this.keys);
+    document.removeEventListener("keyup", this.keys);
+  },
+  methods: {
+    press(event, key) {
+      if (event.button !== 0) return;
+      event.target.closest("button").setPointerCapture?.(event.pointerId);
+      this.hold(key);
+    },
+    type(event, key) {
+      if (event.key === "Enter" && !event.repeat) this.hold(key);
+    },
+    keyboard(event) {
+      const found = this.buttons.find((each) => each.keyboard && each.keyboard === event.key);
+      if (!found || event.target.closest("input, textarea, select, [role=slider]")) return;
+      event.preventDefault();
+      if (event.type === "keyup") this.leave(found.key);
+      else if (!event.repeat) this.hold(found.key);
+    },
+    hold(key) {
+      this.release();
+      this.down = key;
+      this.$emit("hold", key);
+      this.timer = setInterval(() => this.$emit("hold", key), this.period);
+    },
+    leave(key) {
+      // of the button that is held alone: the one before loses the focus after the next has been pressed
+      if (this.down === key) this.release();
+    },
+    release() {
+      if (this.down === null) return;
+      clearInterval(this.timer);
+      this.down = null;
+      this.$emit("release");
+    },
+  },
+};

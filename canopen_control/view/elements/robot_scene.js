@@ -1,0 +1,282 @@
+// three.js comes after the page is there: STOP and the state wait for no picture. Drawn is only what has changed, and
+// with fewer pixels where a processor has to draw it.
+const FAULT = 0xd62828, SLOW_MS = 45, LEAST_RATIO = 0.5, NONE = "This browser draws no 3D (no WebGL). Everything else on this page works.";
+
+export default {
+  template: `
+    <div>
+      <canvas ref="canvas"></canvas>
+      <p v-if="note" class="cc-no-scene">{{ note }}</p>
+    </div>`,
+  props: { tree: Object },
+  data: () => ({ note: "" }),
+  async mounted() {
+    this.follow = true;
+    this.latest = {};
+    this.robot = JSON.parse(JSON.stringify(this.tree)); // plain, not watched by the toolkit
+    this.listen("cc-scene", (event) => this.move(event.detail));
+    this.listen("cc-trail", (event) => this.setTrail(event.detail));
+    let parts;
+    try {
+      parts = await import("nicegui-scene");
+      this.renderer = new parts.THREE.WebGLRenderer({ canvas: this.$refs.canvas, antialias: true, alpha: true });
+    } catch {
+      this.note = NONE;
+      return;
+    }
+    this.parts = parts;
+    this.build(parts.THREE);
+    this.seen = new ResizeObserver(() => this.resize());
+    this.seen.observe(this.$el);
+    this.move(this.latest);
+    if (this.trailPoints) this.drawTrail();
+    window.ccScene = { place: (name) => this.place(name) };
+  },
+  beforeUnmount() {
+    for (const [name, handler] of this.handlers || []) window.removeEventListener(name, handler);
+    this.seen?.disconnect();
+    this.renderer?.dispose();
+  },
+  methods: {
+    listen(name, handler) {
+      (this.handlers ||= []).push([name, handler]);
+      window.addEventListener(name, handler);
+    },
+    build(THREE) {
+      const extent = this.robot.extent;
+      this.ratio = Math.min(window.devicePixelRatio || 1, 2);
+      this.scene = new THREE.Scene();
+      this.scene.add(new THREE.HemisphereLight(0xffffff, 0xb8c2cf, 2.2));
+      const sun = new THREE.DirectionalLight(0xffffff, 1.6);
+      sun.position.set(-2, -3, 6);
+      this.scene.add(sun);
+      this.camera = new THREE.PerspectiveCamera(45, 1, 0.03 * extent, 200 * extent);
+      this.camera.up.set(0, 0, 1);
+      this.controls = new this.parts.OrbitControls(this.camera, this.renderer.domElement);
+      this.controls.maxPolarAngle = Math.PI / 2;
+      this.controls.addEventListener("start", () => (this.touched = true));
+      this.controls.addEventListener("change", () => this.wake());
+      this.aim(extent);
+      this.addGrid(THREE, extent);
+      this.base = new THREE.Group();
+      this.scene.add(this.base);
+      this.links = new Map([[this.robot.root, new THREE.Group()]]);
+      this.shapes = new Map();
+      this.base.add(this.links.get(this.robot.root));
+      this.addVisuals(this.robot.root, this.robot.visuals);
+      for (const joint of this.robot.joints) this.addJoint(THREE, joint);
+      this.renderer.domElement.addEventListener("webglcontextlost", (event) => {
+        event.preventDefault();
+        this.note = "The browser has taken the 3D picture away; it comes back by itself, or when the page is loaded again.";
+      });
+      this.renderer.domElement.addEventListener("webglcontextrestored", () => {
+        this.note = "";
+        this.wake();
+      });
+    },
+    aim(extent) {
+      // from behind its left side, so that left and forward are the driver's own
+      const { x, y } = this.base?.position || { x: 0, y: 0 };
+      this.reach = extent;
+      this.controls.minDistance = 0.5 * extent;
+      this.controls.maxDistance = 60 * extent;
+      this.camera.position.set(x - 2.9 * extent, y + 2.0 * extent, 2.2 * extent);
+      this.controls.target.set(x, y, 0.25 * extent);
+      this.controls.update();
+    },
+    aimAtMeshes() {
+      const box = new this.parts.THREE.Box3().setFromObject(this.base), at = this.base.position;
+      const reach = Math.max(...["x", "y", "z"].flatMap((axis) => [box.max[axis] - at[axis], at[axis] - box.min[axis]]));
+      if (!this.touched && Number.isFinite(reach) && reach > 1.2 * this.reach) {
+        this.scene.remove(this.grid);
+        this.addGrid(this.parts.THREE, reach);
+        this.grid.position.set(Math.round(at.x), Math.round(at.y), 0);
+        Object.assign(this.camera, { near: 0.03 * reach, far: 200 * reach });
+        this.camera.updateProjectionMatrix();
+        this.aim(reach);
+      }
+    },
+    addGrid(THREE, extent) {
+      this.cell = extent < 1 ? 0.1 : 0.5;
+      this.grid = new THREE.Group();
+      const half = Math.ceil((12 * extent) / (10 * this.cell)) * 10 * this.cell, section = 10 * this.cell;
+      // Short pieces: what draws without a graphics card drops long lines that begin behind the camera.
+      const lines = (step, color, z) => {
+        const points = [];
+        for (let at = -half; at <= half + 1e-9; at += step) {
+          for (let from = -half; from < half - 1e-9; from += section / 2) {
+            points.push(at, from, z, at, from + section / 2, z, from, at, z, from + section / 2, at, z);
+          }
+        }
+        const geometry = new THREE.BufferGeometry();
+        geometry.setAttribute("position", new THREE.Float32BufferAttribute(points, 3));
+        this.grid.add(new THREE.LineSegments(geometry, new THREE.LineBasicMaterial({ color })));
+      };
+      lines(this.cell, 0xd6dce4, -0.003);
+      lines(section, 0xa9b5c4, -0.002);
+      this.scene.add(this.grid);
+      this.scene.fog = new THREE.Fog(0xf3f5f8, 8 * extent, 24 * extent);
+    },
+    addJoint(THREE, joint) {
+      const link = new THREE.Group();
+      link.position.set(...joint.position);
+      link.quaternion.copy(this.turn(joint.wxyz));
+      (this.links.get(joint.parent) || this.base).add(link);
+      this.links.set(joint.child, link);
+      joint.rest = { position: link.position.clone(), turn: link.quaternion.clone() };
+      joint.way = new THREE.Vector3(...joint.axis).normalize();
+      this.addVisuals(joint.child, joint.visuals);
+    },
+    turn([w, x, y, z]) {
+      return new this.parts.THREE.Quaternion(x, y, z, w);
+    },
+    addVisuals(link, visuals) {
+      const THREE = this.parts.THREE;
+      for (const visual of visuals) {
+        const place = new THREE.Group();
+        place.position.set(...visual.position);
+        place.quaternion.copy(this.turn(visual.wxyz));
+        this.links.get(link).add(place);
+        const [red, green, blue] = visual.color.map((each) => each / 255);
+        const color = new THREE.Color().setRGB(red, green, blue, THREE.SRGBColorSpace);
+        const material = new THREE.MeshStandardMaterial({
+          color, roughness: 0.65, metalness: 0.05, transparent: visual.opacity < 1, opacity: visual.opacity,
+        });
+        if (!this.shapes.has(link)) this.shapes.set(link, []);
+        this.shapes.get(link).push({ material, color: color.clone() });
+        if (visual.shape === "mesh") this.addMesh(place, visual, material);
+        else place.add(new THREE.Mesh(this.geometry(THREE, visual), material));
+      }
+    },
+    geometry(THREE, { shape, size }) {
+      if (shape === "box") return new THREE.BoxGeometry(...size);
+      if (shape === "sphere") return new THREE.SphereGeometry(size[0], 32, 20);
+      return new THREE.CylinderGeometry(size[0], size[0], size[1], 48).rotateX(Math.PI / 2); // URDF's stand along z
+    },
+    async addMesh(place, visual, material) {
+      place.scale.set(...visual.size);
+      try {
+        if (visual.url.endsWith("glb")) {
+          place.add((await new this.parts.GLTFLoader().loadAsync(visual.url)).scene);
+        } else {
+          const geometry = await new this.parts.STLLoader().loadAsync(visual.url);
+          place.add(new this.parts.THREE.Mesh(geometry, material));
+        }
+      } catch (error) {
+        console.warn(`mesh ${visual.url} is not drawn: ${error}`);
+      }
+      this.aimAtMeshes();
+      this.wake();
+    },
+    move(news) {
+      Object.assign(this.latest, news);
+      if (!this.base) return;
+      if (news.angles) this.moveJoints(news.angles);
+      if (news.pose) this.moveBase(news.pose);
+      if (news.tint) this.setTint(new Set(news.tint));
+      this.wake();
+    },
+    moveJoints(angles) {
+      const THREE = this.parts.THREE;
+      this.robot.joints.forEach((joint, number) => {
+        const angle = angles[number];
+        if (angle === null || angle === undefined) return;
+        const link = this.links.get(joint.child);
+        if (joint.kind === "prismatic") {
+          link.position.copy(joint.rest.position).add(joint.way.clone().multiplyScalar(angle).applyQuaternion(joint.rest.turn));
+        } else if (joint.kind !== "fixed") {
+          link.quaternion.copy(joint.rest.turn).multiply(new THREE.Quaternion().setFromAxisAngle(joint.way, angle));
+        }
+      });
+    },
+    moveBase([x, y, heading]) {
+      const dx = x - this.base.position.x, dy = y - this.base.position.y;
+      this.base.position.set(x, y, 0);
+      this.base.rotation.z = heading;
+      if (this.follow) this.shift(dx, dy);
+      const section = 10 * this.cell;
+      this.grid.position.set(Math.round(x / section) * section, Math.round(y / section) * section, 0);
+      this.addToTrail(x, y);
+    },
+    shift(dx, dy) {
+      this.camera.position.x += dx;
+      this.camera.position.y += dy;
+      this.controls.target.x += dx;
+      this.controls.target.y += dy;
+      this.camera.updateMatrixWorld();
+    },
+    setFollow(follow) {
+      this.follow = follow;
+      if (follow && this.controls) {
+        this.shift(this.base.position.x - this.controls.target.x, this.base.position.y - this.controls.target.y);
+        this.wake();
+      }
+    },
+    setTint(joints) {
+      for (const joint of this.robot.joints) {
+        for (const { material, color } of this.shapes.get(joint.child) || []) {
+          if (joints.has(joint.name)) material.color.setHex(FAULT);
+          else material.color.copy(color);
+        }
+      }
+    },
+    setTrail(points) {
+      this.trailPoints = points;
+      if (this.base) this.drawTrail();
+    },
+    addToTrail(x, y) {
+      const points = (this.trailPoints ||= []);
+      const last = points[points.length - 1] || [Infinity, Infinity];
+      const moved = Math.hypot(x - last[0], y - last[1]);
+      if (moved < 0.01) return;
+      if (points.length && moved > 1) points.length = 0;
+      points.push([x, y]);
+      if (points.length > 1500) points.shift();
+      this.drawTrail();
+    },
+    drawTrail() {
+      const THREE = this.parts.THREE, points = this.trailPoints.map(([x, y]) => new THREE.Vector3(x, y, 0.002));
+      if (!this.trail) {
+        this.trail = new THREE.Line(new THREE.BufferGeometry(), new THREE.LineBasicMaterial({ color: 0x266ec8 }));
+        this.trail.frustumCulled = false;
+        this.scene.add(this.trail);
+      }
+      this.trail.geometry.dispose();
+      this.trail.geometry = new THREE.BufferGeometry().setFromPoints(points);
+    },
+    place(name) {
+      const object = name === "base" ? this.base : this.links?.get(name);
+      if (!object) return null;
+      object.updateWorldMatrix(true, false);
+      return object.matrixWorld.elements.slice();
+    },
+    resize() {
+      const { clientWidth: width, clientHeight: height } = this.$el;
+      if (!width || !height) return;
+      this.renderer.setPixelRatio(this.ratio);
+      this.renderer.setSize(width, height, false);
+      this.camera.aspect = width / height;
+      this.camera.updateProjectionMatrix();
+      this.wake();
+    },
+    wake() {
+      if (this.waking) return;
+      this.waking = true;
+      requestAnimationFrame(() => this.draw());
+    },
+    draw() {
+      this.waking = false;
+      const begin = performance.now();
+      this.renderer.render(this.scene, this.camera);
+      if (this.tried === undefined || this.ratio > LEAST_RATIO) this.judge(performance.now() - begin);
+    },
+    judge(took) {
+      this.tried = (this.tried || 0) + 1;
+      this.slow = took > SLOW_MS && this.tried > 2 ? (this.slow || 0) + 1 : 0;
+      if (this.slow < 4) return;
+      this.slow = 0;
+      this.ratio = Math.max(LEAST_RATIO, this.ratio * 0.75);
+      this.resize();
+    },
+  },
+};

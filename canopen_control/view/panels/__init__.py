@@ -1,0 +1,1 @@
+"""The parts of the page, one file each; `page.PANELS` says where they stand."""

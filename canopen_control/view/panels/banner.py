@@ -1,0 +1,66 @@
+"""Who the robot is and how: its state in words, what is the matter, what to do; and the way on."""
+
+from __future__ import annotations
+
+from html import escape
+from typing import TYPE_CHECKING, Any, Final
+
+from nicegui import ui
+
+from canopen_control.rpc.messages.robot import AxisRequest, Release
+from canopen_control.view.panels.html import Html, tell
+from canopen_control.view.teleop import SOURCE
+from canopen_control.view.words import chip, facts
+
+if TYPE_CHECKING:
+    from canopen_control.rpc.messages.declare import Request
+    from canopen_control.view.desk import Desk
+    from canopen_control.view.picture import Picture
+
+__all__ = ["BannerPanel"]
+
+
+#: what is to be done next, by the banner's word for it: button, colour, what the robot is asked
+_ACTIONS: Final[dict[str, tuple[str, str, Request[Any]]]] = {
+    "release": ("Release STOP", "orange-9", Release(source=SOURCE)),
+    "enable": ("Enable", "green-8", AxisRequest(action="enable", node="all")),
+    "fault-reset": ("Reset fault", "red-8", AxisRequest(action="fault-reset", node="all")),
+}
+
+
+class BannerPanel:
+    """The robot's state in words, never greyed: a lost connection is said here. The next thing to do is a button."""
+
+    def __init__(self, desk: Desk) -> None:
+        self._desk = desk
+        self._head = Html()
+        self._buttons = {action: self._button(action) for action in _ACTIONS}
+        self._facts = Html("cc-stale")
+
+    def _button(self, action: str) -> ui.button:
+        label, color, _ = _ACTIONS[action]
+        button = ui.button(label, color=color, on_click=lambda: self._act(action)).classes("cc-next")
+        button.props("unelevated").visible = False
+        return button
+
+    def show(self, picture: Picture) -> None:
+        """Show the state."""
+        banner = picture.banner
+        name = f"<span class='cc-name'>{escape(self._desk.robot.welcome.robot)}</span>"
+        advice = f"<span>{escape(banner.advice)}</span>" if banner.advice else ""
+        box = (
+            f"<div class='cc-cause cc-{banner.tone}'>{escape(banner.cause)}{advice}</div>"
+            if banner.cause or advice
+            else ""
+        )
+        self._head.show(f"<div class='cc-head'>{name}{chip(banner.words, banner.tone)}</div>{box}")
+        self._facts.show(facts(picture.state))
+        for action, button in self._buttons.items():
+            if button.visible is not (action == banner.action):
+                button.visible = action == banner.action
+
+    async def _act(self, action: str) -> None:
+        label, _, request = _ACTIONS[action]
+        refused = await self._desk.ask(request)
+        if refused is not None:
+            tell(f"{label}: not done", refused)

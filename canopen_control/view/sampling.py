@@ -1,0 +1,124 @@
+"""The numbers that are plotted: command, actual and error of each joint, cycle and bus, from samples of the state.
+
+They are the runtime's own; the following error is the command minus the actual value of the interface that is
+commanded, the cycle time what passed between two samples divided by the cycles in it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+
+    from canopen_control.rpc.messages.state import ControllerReading, StateSample
+
+__all__ = ["Chart", "Line", "Sampler", "charts", "commanded_interfaces", "names", "titles"]
+
+COMMAND: Final = "#8a94a0"
+ACTUAL: Final = "#1d5fd1"
+COLORS: Final = ("#1d5fd1", "#e07a00", "#16803c", "#b0188f", "#6b4fbb", "#0f8b8d", "#b01818", "#5b6673")
+_UNITS: Final = {"velocity": "rad/s", "position": "rad", "effort": "Nm"}
+_LINEAR_UNITS: Final = {"velocity": "m/s", "position": "m", "effort": "N"}
+SHOWN_JOINTS: Final = 12
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """A line of a chart: a row of the history, its name and its colour."""
+
+    row: str
+    name: str
+    color: str
+
+
+@dataclass(frozen=True, slots=True)
+class Chart:
+    """A chart: `key` names it among the others, `low` and `high` are shown even if nothing happens."""
+
+    key: str
+    title: str
+    group: str
+    lines: tuple[Line, ...]
+    low: float = -1.0
+    high: float = 1.0
+
+
+def names(joints: Sequence[str], buses: Sequence[str]) -> list[str]:
+    """Return the rows of the history."""
+    of_joints = [f"{joint} {what}" for joint in joints[:SHOWN_JOINTS] for what in ("command", "actual", "error")]
+    return [*of_joints, "work", "cycle", *(f"load {bus}" for bus in buses)]
+
+
+def charts(joints: Sequence[str], buses: Sequence[str]) -> list[Chart]:
+    """Return what is drawn of a robot: "joints", then "cycle"."""
+    shown = joints[:SHOWN_JOINTS]
+    found = [
+        Chart(
+            joint,
+            joint,
+            "joints",
+            (Line(f"{joint} command", "command", COMMAND), Line(f"{joint} actual", "actual", ACTUAL)),
+        )
+        for joint in shown
+    ]
+    errors = tuple(Line(f"{joint} error", joint, COLORS[n % len(COLORS)]) for n, joint in enumerate(shown))
+    loads = tuple(Line(f"load {bus}", bus, COLORS[2 + n % 5]) for n, bus in enumerate(buses))
+    found.append(Chart("error", "Following error", "joints", errors))
+    found.append(Chart("cycle", "Cycle time, ms", "cycle", (Line("cycle", "between cycles", ACTUAL),), 0.0))
+    found.append(Chart("work", "Work in a cycle, ms", "cycle", (Line("work", "work", COLORS[1]),), 0.0))
+    return [*found, Chart("load", "Bus load, %", "cycle", loads, 0.0)] if loads else found
+
+
+def titles(interfaces: Mapping[str, str], linear: frozenset[str]) -> dict[str, str]:
+    """Return what is plotted of which chart now, with its unit."""
+
+    def unit(joint: str, interface: str) -> str:
+        return (_LINEAR_UNITS if joint in linear else _UNITS)[interface]
+
+    found = {joint: f"{joint} {interface}, {unit(joint, interface)}" for joint, interface in interfaces.items()}
+    units = sorted({unit(joint, interface) for joint, interface in interfaces.items()})
+    return found | {"error": f"Following error{', ' + ' and '.join(units) if units else ''}"}
+
+
+def commanded_interfaces(controllers: Iterable[ControllerReading]) -> dict[str, str]:
+    """Return the interface that is commanded of each joint, by the active controllers."""
+    found: dict[str, str] = {}
+    for controller in controllers:
+        for claimed in controller.claims if controller.state == "active" else ():
+            joint, _, interface = claimed.rpartition("/")
+            if interface in _UNITS:
+                found.setdefault(joint, interface)
+    return found
+
+
+class Sampler:
+    """Makes the numbers that are plotted of the samples of the stream."""
+
+    def __init__(self) -> None:
+        self._before: tuple[float, int] | None = None
+
+    def take(self, state: StateSample, interfaces: Mapping[str, str]) -> dict[str, float | None]:
+        """Return the values of one sample by the name of their row."""
+        values: dict[str, float | None] = {}
+        for name, joint in state.joints.items():
+            interface = interfaces.get(name)
+            by_interface = {"position": joint.position, "velocity": joint.velocity, "effort": joint.effort}
+            actual = by_interface.get(interface or "velocity")
+            command = joint.command if interface else None
+            if command is None:  # nobody commands it: the hardware holds
+                command = actual if interface == "position" else 0.0
+            values[f"{name} actual"], values[f"{name} command"] = actual, command
+            values[f"{name} error"] = 0.0 if actual is None or command is None else command - actual
+        values["work"] = 1e3 * state.cycle.work_s
+        values["cycle"] = self._cycle(state.time, state.cycle.count)
+        for bus, load in state.load.items():
+            values[f"load {bus}"] = None if load is None else 100 * load
+        return values
+
+    def _cycle(self, time: float, count: int) -> float | None:
+        before, self._before = self._before, (time, count)
+        if before is None or count <= before[1]:
+            return None
+        return 1e3 * (time - before[0]) / (count - before[1])

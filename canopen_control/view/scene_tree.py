@@ -1,0 +1,161 @@
+"""The robot as the 3D scene takes it: a tree of links with their shapes, as plain data, and what moves in it."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from typing import TYPE_CHECKING, Final, NotRequired, TypedDict
+
+from canopen_control.errors import ConfigError
+from canopen_control.urdf.geometry import ORIGIN
+from canopen_control.view.meshes import find_mesh, read_mesh
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    from canopen_control.urdf.joint import Joint
+    from canopen_control.urdf.link import Visual
+    from canopen_control.urdf.model import RobotModel
+    from canopen_control.view.model import Pose
+
+__all__ = ["SceneDocument", "SceneTree", "Trail", "angles_of", "extent_of"]
+
+_TRAIL_POINTS: Final = 1500
+_TRAIL_STEP: Final = 0.01  # m
+_JUMP: Final = 1.0  # m; further than a robot drives between two samples: the odometry was set anew
+
+
+class _VisualDocument(TypedDict):
+    """A shape at its link: m, and the quaternion w, x, y, z; `url` is that of a mesh."""
+
+    shape: str
+    size: Sequence[float]
+    position: Sequence[float]
+    wxyz: Sequence[float]
+    color: Sequence[float]
+    opacity: float
+    url: NotRequired[str]
+
+
+class _JointDocument(TypedDict):
+    """A joint at zero with the shapes of its child, in the frame of its parent."""
+
+    name: str
+    kind: str
+    parent: str
+    child: str
+    position: Sequence[float]
+    wxyz: Sequence[float]
+    axis: Sequence[float]
+    visuals: list[_VisualDocument]
+
+
+class SceneDocument(TypedDict):
+    """The tree as the browser takes it; joints after those they hang on, `extent` in m."""
+
+    root: str
+    extent: float
+    visuals: list[_VisualDocument]
+    joints: list[_JointDocument]
+
+
+class SceneTree:
+    """`tree` is what the browser draws, `notes` says what could not be drawn.
+
+    `publish(content, type)` serves the content of a mesh and returns its path on the page's server.
+    """
+
+    def __init__(self, model: RobotModel, description: str, publish: Callable[[bytes, str], str]) -> None:
+        self.notes = list(model.notes)
+        self._description, self._publish = description, publish
+        self._urls: dict[str, str] = {}
+        self.tree: SceneDocument = {
+            "root": model.root,
+            "extent": extent_of(model),
+            "visuals": self._visuals(model, model.root),
+            "joints": [self._joint(model, joint) for joint in model.from_root],
+        }
+
+    def _joint(self, model: RobotModel, joint: Joint) -> _JointDocument:
+        return {
+            "name": joint.name,
+            "kind": joint.type,
+            "parent": joint.parent,
+            "child": joint.child,
+            "position": joint.origin.position,
+            "wxyz": joint.origin.rotation,
+            "axis": joint.axis,
+            "visuals": self._visuals(model, joint.child),
+        }
+
+    def _visuals(self, model: RobotModel, link: str) -> list[_VisualDocument]:
+        found = []
+        for visual in _visuals_of(model, link):
+            try:
+                found.append(self._visual(visual))
+            except ConfigError as error:
+                self.notes.append(str(error))
+        return found
+
+    def _visual(self, visual: Visual) -> _VisualDocument:
+        document: _VisualDocument = {
+            "shape": visual.shape,
+            "size": visual.size,
+            "position": visual.pose.position,
+            "wxyz": visual.pose.rotation,
+            "color": visual.color,
+            "opacity": visual.opacity,
+        }
+        if visual.shape == "mesh":
+            document["url"] = self._url(visual.file)
+        return document
+
+    def _url(self, file: str) -> str:
+        if file not in self._urls:
+            mesh = read_mesh(find_mesh(file, self._description))
+            self._urls[file] = self._publish(mesh.content, mesh.format)
+        return self._urls[file]
+
+
+def angles_of(model: RobotModel, positions: Mapping[str, float | None]) -> list[float | None]:
+    """Return where each joint of the tree is, by its order; rad or m, None where nobody knows."""
+    return [_rounded(joint.position_in(positions)) for joint in model.from_root]
+
+
+def _rounded(angle: float) -> float | None:
+    return round(angle, 5) if math.isfinite(angle) else None
+
+
+class Trail:
+    """The way of the base: points at least a centimetre apart."""
+
+    def __init__(self) -> None:
+        self.points: deque[tuple[float, float]] = deque(maxlen=_TRAIL_POINTS)
+
+    def add(self, pose: Pose) -> None:
+        """Take note where the base is; a jump begins anew."""
+        x, y, _ = pose
+        last = self.points[-1] if self.points else (math.inf, math.inf)
+        moved = math.hypot(x - last[0], y - last[1])
+        if self.points and moved > _JUMP:
+            self.points.clear()
+        if moved >= _TRAIL_STEP - 1e-9:
+            self.points.append((round(x, 4), round(y, 4)))
+
+
+def extent_of(model: RobotModel) -> float:
+    """Return how far the robot reaches from its root with all joints at zero, in m; at least 0.1."""
+    poses = {model.root: ORIGIN}
+    for joint in model.from_root:
+        poses[joint.child] = poses[joint.parent].then(joint.pose(0.0))
+    reach = 0.1
+    for link, pose in poses.items():
+        for visual in _visuals_of(model, link):
+            size = max(visual.size) / 2 if visual.shape != "mesh" else 0.05
+            reach = max(reach, math.hypot(*pose.of(visual.pose.position)) + size)
+    return reach
+
+
+def _visuals_of(model: RobotModel, link: str) -> tuple[Visual, ...]:
+    found = model.links.get(link)
+    return () if found is None else found.visuals

@@ -1,0 +1,119 @@
+"""The objects of one axis, and its user units: what an object's number is in counts of the plant (CiA 402-2, 6.3, 7).
+
+Without a feed constant (0x6092) the user's unit is the count; with it
+counts = user * encoder resolution (0x608F) * gear ratio (0x6091) / feed constant, as each of them is there. 0x6096 and
+0x6097 scale velocities and accelerations on top. Bits 7 and 6 of 0x607E turn positions and velocities round. A zero is
+taken for one: no object may divide by it. Positions inside are the plant's; the user's are smaller by `zero`, which
+homing moves.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from canopen_control.cia402 import objects as o
+
+if TYPE_CHECKING:
+    from canopen_control.od.model import Value
+    from canopen_control.virtual.device_model import DeviceModel
+    from canopen_control.virtual.object_store import ObjectStore
+
+__all__ = ["UNIT_OBJECTS", "AxisObjects", "AxisUnits", "wrap32"]
+
+UNIT_OBJECTS = (
+    o.POLARITY,
+    o.POSITION_ENCODER_RESOLUTION,
+    o.GEAR_RATIO,
+    o.FEED_CONSTANT,
+    o.VELOCITY_FACTOR,
+    o.ACCELERATION_FACTOR,
+)
+_TURN_POSITION, _TURN_VELOCITY = 1 << 7, 1 << 6
+
+
+def wrap32(value: float) -> int:
+    """Return `value`, rounded, as a 32-bit counter shows it."""
+    return (round(value) + 0x80000000 & 0xFFFFFFFF) - 0x80000000
+
+
+class AxisUnits:
+    """Counts for each user unit: `position` and `velocity` with their sign, `length`, `speed`, `acceleration` without.
+
+    `turn` is 1 or -1 for velocities whose unit is another one (rpm), `zero` the plant's place of the user's 0.
+    """
+
+    def __init__(self) -> None:
+        self.position = self.velocity = self.length = self.speed = self.acceleration = self.turn = 1.0
+        self.zero = 0.0
+
+    def update(self, objects: AxisObjects) -> None:
+        """Take the objects as they are now."""
+        polarity = objects.number(o.POLARITY)
+        self.length = 1.0
+        if objects.has(o.FEED_CONSTANT, 1):
+            resolution, gear = objects.ratio(o.POSITION_ENCODER_RESOLUTION), objects.ratio(o.GEAR_RATIO)
+            self.length = resolution * gear / objects.ratio(o.FEED_CONSTANT)
+        self.speed = self.length / objects.ratio(o.VELOCITY_FACTOR)
+        self.acceleration = self.length / objects.ratio(o.ACCELERATION_FACTOR)
+        self.turn = -1.0 if polarity & _TURN_VELOCITY else 1.0
+        self.position = -self.length if polarity & _TURN_POSITION else self.length
+        self.velocity = self.turn * self.speed
+
+    def user(self, place: float) -> int:
+        """Return the user's position of a place of the plant."""
+        return wrap32((place - self.zero) / self.position)
+
+    def lose_counts(self, counts: float) -> None:
+        """Let the position the encoder shows jump by `counts` (a fault)."""
+        self.zero -= counts
+
+
+class AxisObjects:
+    """The objects of axis `axis` in `store`; every index is written as that of axis 0."""
+
+    def __init__(self, store: ObjectStore, axis: int, model: DeviceModel) -> None:
+        self.axis, self.store, self.model = axis, store, model
+        self.offset = o.axis_index(o.CONTROLWORD, axis) - o.CONTROLWORD
+        self.units = AxisUnits()
+        self._values = store.values
+
+    def number(self, index: int, subindex: int = 0, default: int = 0) -> int:
+        """Return a whole number, `default` where the object is absent or holds none."""
+        value = self._values.get((index + self.offset, subindex), default)
+        return value if isinstance(value, int) else default
+
+    def has(self, index: int, subindex: int = 0) -> bool:
+        """Whether the axis has an object."""
+        return (index + self.offset, subindex) in self._values
+
+    def set(self, index: int, value: Value) -> None:
+        """Set an object past all rules, as the device's own firmware does; no-op where it is absent."""
+        self.store.set(index + self.offset, 0, value)
+
+    def ramp(self, index: int) -> float:
+        """Return an acceleration object in counts/s^2; the model says what an absent one, or 0, means."""
+        return self.number(index) * self.units.acceleration or self.model.unset_ramp
+
+    def speed(self, index: int, subindex: int = 0) -> float:
+        """Return an object that holds a speed without direction, in counts/s."""
+        return self.number(index, subindex) * self.units.speed
+
+    def length(self, index: int) -> float:
+        """Return an object that holds a distance without direction, in counts."""
+        return self.number(index) * self.units.length
+
+    def ratio(self, index: int) -> float:
+        """Return subindex 1 divided by subindex 2; each is 1 where it is absent or 0."""
+        return float(self.number(index, 1, 1) or 1) / float(self.number(index, 2, 1) or 1)
+
+    @property
+    def counts_per_rpm(self) -> float:
+        """Counts per second at one revolution per minute."""
+        counts = self.number(o.POSITION_ENCODER_RESOLUTION, 1) or self.model.counts_per_revolution
+        return counts / max(1, self.number(o.POSITION_ENCODER_RESOLUTION, 2, 1)) / 60.0
+
+    @property
+    def interpolation_s(self) -> float:
+        """0x60C2 in seconds: the time between two set-points of a cyclic mode."""
+        exponent = max(-9, min(1, self.number(o.INTERPOLATION_TIME_PERIOD, 2, -3)))
+        return float(self.number(o.INTERPOLATION_TIME_PERIOD, 1, 1) * 10.0**exponent)

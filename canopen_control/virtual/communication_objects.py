@@ -1,0 +1,202 @@
+"""A node's objects 0x1000 to 0x1FFF that are no PDO: what each sets in the services of CiA 301.
+
+Guards refuse with the standard's abort codes; `apply` sets everything from the store, after a reset as after a write.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING
+
+from canopen_control.cia301.abort import AbortCode
+from canopen_control.cia301.error_behaviour import check_reaction
+from canopen_control.cia301.heartbeat import parse_consumer_entry
+from canopen_control.cia301.pdo import INVALID_BIT
+from canopen_control.cia301.remap import is_restricted
+from canopen_control.cia301.sdo_server import SdoServerAbort
+from canopen_control.cia301.sync import check_cob_id_sync, check_overflow, parse_cob_id_sync
+from canopen_control.frame import MAX_NODE_ID
+from canopen_control.virtual.object_store import refuse
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping
+
+    from canopen_control.cia301.emcy import EmcyProducer
+    from canopen_control.cia301.guarding import GuardingSlave
+    from canopen_control.cia301.heartbeat import HeartbeatProducer
+    from canopen_control.cia301.sync import SyncConsumer
+    from canopen_control.od.model import Address, Entry, Value
+    from canopen_control.virtual.error_control import ErrorControl
+    from canopen_control.virtual.node_outbox import Clock
+    from canopen_control.virtual.object_store import ObjectStore
+
+__all__ = ["CommunicationObjects", "Services"]
+
+_MS = 1_000_000
+SAVE, LOAD = 0x65766173, 0x64616F6C
+# What subindex n of 0x1010 and 0x1011 is about (CiA 301, 7.5.2.13); 4 and following are the manufacturer's.
+_GROUPS = {1: (0x1000, 0xFFFF), 2: (0x1000, 0x1FFF), 3: (0x6000, 0x9FFF)}
+_MANUFACTURER = (0x2000, 0x5FFF)
+_ANY_STATE = (0x1005, 0x1006, 0x1007, 0x100C, 0x100D, 0x1014, 0x1015, 0x1016, 0x1017, 0x1019)
+
+
+@dataclass(frozen=True, slots=True)
+class Services:
+    """The services that the objects set."""
+
+    emcy: EmcyProducer
+    sync: SyncConsumer
+    heartbeat: HeartbeatProducer
+    guarding: GuardingSlave
+    error_control: ErrorControl
+
+
+class CommunicationObjects:
+    """Binds the objects of `store` to `services`.
+
+    `applied` is called when they were set: identifiers may be others. `stored` when power-on values changed; it
+    returns whether they are kept.
+    """
+
+    def __init__(
+        self,
+        store: ObjectStore,
+        services: Services,
+        clock: Clock,
+        *,
+        applied: Callable[[], None],
+        stored: Callable[[], bool],
+    ) -> None:
+        self._store, self._services, self._clock = store, services, clock
+        self._applied, self._stored = applied, stored
+        self._guards = {
+            0x1003: self._check_history,
+            0x1005: self._check_sync,
+            0x1010: self._save,
+            0x1011: self._load,
+            0x1014: self._check_emcy,
+            0x1016: self._check_consumer,
+            0x1019: self._check_overflow,
+            0x1029: self._check_behaviour,
+        }
+        for index, guard in self._guards.items():
+            store.guard([index], guard)
+        store.on_write(_ANY_STATE, lambda _entry, _value: self.apply())
+        store.on_read(0x1001, 0, lambda: services.emcy.error_register)
+        for subindex in store.od.subindices(0x1003):
+            store.on_read(0x1003, subindex, partial(self._history, subindex))
+        for index in (0x1010, 0x1011):
+            for subindex in store.od.subindices(index)[1:]:
+                store.on_read(index, subindex, lambda: 1)
+
+    def identify(self, serial: int, more: Mapping[Address, int | str]) -> None:
+        """Fill the identity where the file gives no value, the names, and what `more` is known of the device."""
+        device, store = self._store.od.device, self._store
+        known: dict[Address, Value | None] = {
+            (0x1018, 1): device.vendor_number,
+            (0x1018, 2): device.product_number,
+            (0x1018, 3): device.revision_number,
+            (0x1018, 4): serial,
+            (0x1008, 0): device.product_name,
+            (0x1009, 0): "virtual",
+            (0x100A, 0): "canopen_control",
+            **more,
+        }
+        for (index, subindex), value in known.items():
+            entry = store.od.get(index, subindex)
+            if entry is not None and entry.value is None and value is not None:
+                store.preset(index, subindex, value)
+
+    def apply(self) -> None:
+        """Set the services from the objects."""
+        services, number = self._services, self._store.number
+        emcy, sync, heartbeat, guarding = services.emcy, services.sync, services.heartbeat, services.guarding
+        cob_id = number(0x1014, 0, 0x80 + emcy.node_id)
+        emcy.cob_id, emcy.enabled = cob_id & 0x7FF, not cob_id & INVALID_BIT
+        emcy.inhibit_ns = number(0x1015) * 100_000
+        sync.cob_id = parse_cob_id_sync(number(0x1005, 0, 0x80))[0]
+        sync.overflow = number(0x1019)
+        heartbeat.period_ns = round(number(0x1017) * (_MS - self._clock.drift_ppm.value))
+        guarding.enabled = not heartbeat.period_ns
+        guarding.guard_time_ns = number(0x100C) * _MS
+        guarding.life_time_factor = number(0x100D)
+        services.error_control.watch({node_id: ms * _MS for node_id, ms in self._consumers()})
+        self._applied()
+
+    def _consumers(self) -> Iterator[tuple[int, int]]:
+        for subindex in self._store.od.subindices(0x1016)[1:]:
+            node_id, ms = parse_consumer_entry(self._store.number(0x1016, subindex))
+            if 1 <= node_id <= MAX_NODE_ID and ms:
+                yield node_id, ms
+
+    def _history(self, subindex: int) -> int:
+        return self._services.emcy.read_history(subindex) or 0
+
+    # -- guards
+
+    def _check_history(self, _entry: Entry, value: Value) -> Value:
+        refuse(self._services.emcy.write_history_count(int(value)))
+        return value
+
+    def _check_sync(self, entry: Entry, value: Value) -> Value:
+        refuse(check_cob_id_sync(int(value), self._store.number(entry.index), can_produce=False))
+        return value
+
+    def _check_overflow(self, _entry: Entry, value: Value) -> Value:
+        refuse(check_overflow(int(value), self._store.number(0x1006)))
+        return value
+
+    def _check_behaviour(self, _entry: Entry, value: Value) -> Value:
+        refuse(check_reaction(int(value)))
+        return value
+
+    def _check_emcy(self, entry: Entry, value: Value) -> Value:
+        """Refuse another identifier while the message is valid."""
+        present, new = self._store.number(entry.index), int(value)
+        moved = (present ^ new) & 0x7FF
+        if not new & INVALID_BIT and ((moved and not present & INVALID_BIT) or is_restricted(new & 0x7FF)):
+            raise SdoServerAbort(AbortCode.INVALID_VALUE)
+        return value
+
+    def _check_consumer(self, entry: Entry, value: Value) -> Value:
+        """Two entries for one node are refused (CiA 301, 7.5.2.19)."""
+        node_id, ms = parse_consumer_entry(int(value))
+        others = [sub for sub in self._store.od.subindices(0x1016)[1:] if sub != entry.subindex]
+        taken = [parse_consumer_entry(self._store.number(0x1016, sub)) for sub in others]
+        if ms and any(other == node_id and time for other, time in taken):
+            raise SdoServerAbort(AbortCode.PARAMETER_INCOMPATIBLE)
+        return value
+
+    def _save(self, entry: Entry, value: Value) -> Value:
+        if value != SAVE:
+            raise SdoServerAbort(AbortCode.CANNOT_STORE)
+        self._keep(partial(self._store.keep, self._group(entry.subindex)))
+        return 1
+
+    def _load(self, entry: Entry, value: Value) -> Value:
+        """Restore the defaults, which become active with the next reset."""
+        if value != LOAD:
+            raise SdoServerAbort(AbortCode.CANNOT_STORE)
+        self._keep(partial(self._store.forget, self._group(entry.subindex)))
+        return 1
+
+    def _keep(self, change: Callable[[], None]) -> None:
+        """Change the power-on values; where that cannot be kept they are as before, and the write fails."""
+        before = dict(self._store.power_on)
+        change()
+        if not self._stored():
+            self._store.power_on = before
+            raise SdoServerAbort(AbortCode.HARDWARE_ERROR)
+
+    def _group(self, subindex: int) -> list[Address]:
+        first, last = _GROUPS.get(subindex, _MANUFACTURER)
+        # What the device shows, and the requests to save themselves, are no parameters.
+        return [
+            entry.address
+            for entry in self._store.od
+            if first <= entry.index <= last
+            and entry.writable
+            and entry.index not in (0x1003, 0x1010, 0x1011, 0x6040)
+            and self._store.source_of(*entry.address) is None
+        ]

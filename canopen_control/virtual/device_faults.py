@@ -1,0 +1,220 @@
+"""What faults do to the device itself, at the seams that its services declare.
+
+A function is called when the fault is switched, and does with `on` False exactly what makes the device healthy again.
+None of them knows its name or its row: those are in `fault_table`.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, TypeVar
+
+from canopen_control.cia301.emcy import EmcyMessage
+from canopen_control.cia301.emcy_codes import ErrorRegister
+from canopen_control.cia301.nmt import NmtCommand, NmtState
+from canopen_control.cia402 import objects as o
+from canopen_control.frame import CanFrame
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from canopen_control.virtual.fault_seam import Seam
+    from canopen_control.virtual.virtual_drive import VirtualDrive
+    from canopen_control.virtual.virtual_node import VirtualNode
+
+    Switch = Callable[[VirtualNode, bool, int], None]
+
+T = TypeVar("T")
+_MS = 1_000_000
+_S = 1_000_000_000
+
+
+def _each(action: Callable[[VirtualDrive, bool, int], None]) -> Switch:
+    """Make an action on every axis one on the node."""
+
+    def turn(node: VirtualNode, on: bool, now: int) -> None:
+        for drive in node.drives.values():
+            drive.advance(now)
+            action(drive, on, now)
+        node.outbox.values_changed()
+
+    return turn
+
+
+def _breaks(seam: Callable[[VirtualDrive], Seam[T]], value: T) -> Switch:
+    """Make a turn that acts at a seam of every axis."""
+
+    def action(drive: VirtualDrive, on: bool, _now: int) -> None:
+        seam(drive).switch(on, value)
+
+    return _each(action)
+
+
+def boot_after(delay_ns: int | None) -> Switch:
+    """Make a turn that sets the time from a reset to the boot-up; None: never."""
+
+    def turn(node: VirtualNode, on: bool, now: int) -> None:
+        node.set_reset_delay(delay_ns if on else 0, now)
+
+    return turn
+
+
+def brown_out(node: VirtualNode, _on: bool, now: int) -> None:
+    """Switch off and on again."""
+    node.power_on(now)
+
+
+def drop_out(node: VirtualNode, _on: bool, now: int) -> None:
+    """Leave OPERATIONAL without a command."""
+    node.command(NmtCommand.ENTER_PRE_OPERATIONAL, now)
+
+
+def start_by_itself(node: VirtualNode, on: bool, now: int) -> None:
+    """Be OPERATIONAL without a command, now and after every boot."""
+    node.starts_itself.switch(on, True)
+    if on and node.nmt.state is NmtState.PRE_OPERATIONAL:
+        node.command(NmtCommand.START, now)
+
+
+def short_emcy(node: VirtualNode, _on: bool, _now: int) -> None:
+    """Send an EMCY of four bytes with a code nobody knows."""
+    node.outbox.send(CanFrame(node.emcy.cob_id, bytes.fromhex("CDAB8107")))
+
+
+def partial_reset(node: VirtualNode, _on: bool, _now: int) -> None:
+    """Say error reset while the register still shows a temperature error."""
+    register = ErrorRegister.GENERIC | ErrorRegister.TEMPERATURE
+    node.outbox.send(EmcyMessage(node.node_id, 0, register).encode(node.emcy.cob_id))
+
+
+def flood(node: VirtualNode, now: int) -> None:
+    """Send one EMCY of a flood."""
+    data = (now // _MS & 0xFFFFFFFF).to_bytes(4, "little")
+    node.outbox.send(EmcyMessage(node.node_id, 0xFF80, ErrorRegister.GENERIC, data).encode(node.emcy.cob_id))
+
+
+def lasting_fault(code: int, register: int) -> Switch:
+    """Make a turn into FAULT whose cause lasts while it is on."""
+    return _each(lambda drive, on, now: _last(drive, on, now, code, register))
+
+
+def _last(drive: VirtualDrive, on: bool, now: int, code: int, register: int, *, stubborn: bool = False) -> None:
+    """Fault, and keep its cause while it is on."""
+    if on:
+        drive.power.hold_cause(code, until_communication_reset=stubborn)
+        drive.fault(code, now, register=register)
+    else:
+        drive.power.drop_cause(code)
+
+
+def stubborn_fault(node: VirtualNode, on: bool, now: int) -> None:
+    """Fault with a communication error that only a reset of the communication takes back."""
+    for drive in node.drives.values():
+        _last(drive, on, now, 0x8120, ErrorRegister.COMMUNICATION, stubborn=True)
+
+
+def power_stage(drive: VirtualDrive, on: bool, now: int) -> None:
+    """Lose the supply of the power stage, or get it back."""
+    if on:
+        drive.power.lose_voltage(now)
+    else:
+        drive.power.voltage.heal()
+
+
+def undervoltage(drive: VirtualDrive, on: bool, now: int) -> None:
+    """Fault because of the supply."""
+    drive.power.voltage.switch(on, False)
+    _last(drive, on, now, 0x3220, ErrorRegister.VOLTAGE)
+
+
+def hand_moved(drive: VirtualDrive, _on: bool, now: int) -> None:
+    """Switch the shaft by hand; a powered motor springs back, its demand goes on from there."""
+    drive.mover.displace(500.0, now)
+
+
+def position_jump(drive: VirtualDrive, _on: bool, _now: int) -> None:
+    """Lose the encoder's count."""
+    drive.objects.units.lose_counts(1_000_000.0)
+
+
+def position_near_wrap(drive: VirtualDrive, _on: bool, _now: int) -> None:
+    """Count from a thousand before the 32-bit end."""
+    units = drive.objects.units
+    units.lose_counts(units.zero - drive.mover.plant.position + 0x7FFFFC17)
+
+
+def switch_hit(drive: VirtualDrive, on: bool, now: int) -> None:
+    """Close the positive limit switch where the motor is."""
+    if on:
+        drive.mover.switches.close_positive(drive.mover.plant.position)
+        drive.limit_switch_hit(1, now)
+    else:
+        drive.mover.switches.open_positive()
+
+
+def no_switches(drive: VirtualDrive, on: bool, _now: int) -> None:
+    """Take the switches out of homing's way."""
+    drive.mover.switches.place(reachable=not on)
+
+
+def clock_off_by(ppm: float) -> Switch:
+    """Make a turn that lets the node's clock run fast, or slow where `ppm` is negative."""
+    return lambda node, on, _now: node.set_clock_drift(ppm if on else 0.0)
+
+
+def wrong_entry(index: int, subindex: int, off: int) -> Switch:
+    """Make a turn that shows another value of an identity object."""
+
+    def turn(node: VirtualNode, on: bool, _now: int) -> None:
+        step = off if on else -off
+        node.store.preset(index, subindex, node.store.number(index, subindex) + step)
+
+    return turn
+
+
+def clamped(node: VirtualNode, on: bool, _now: int) -> None:
+    """Take at most 1000 for a profile acceleration, silently."""
+    node.store.ceilings.switch(on, {o.PROFILE_ACCELERATION: 1000})
+
+
+def no_state(drive: VirtualDrive, on: bool, _now: int) -> None:
+    """Show a statusword that is no state."""
+    drive.readings.statusword.replaced.switch(on, 0x0001)
+
+
+transition_slow = _breaks(lambda drive: drive.power.transition_delay_ns, 2 * _S)
+status_undefined = _each(no_state)
+mode_frozen = _breaks(lambda drive: drive.modes.stuck, True)
+mode_late = _breaks(lambda drive: drive.modes.delay_ns, 200 * _MS)
+local_control = _breaks(lambda drive: drive.readings.statusword.remote, False)
+warning = _breaks(lambda drive: drive.readings.statusword.warning, True)
+ack_missing = _breaks(lambda drive: drive.readings.statusword.suppressed, 1 << 12)
+ack_stuck = _breaks(lambda drive: drive.readings.statusword.forced, 1 << 12)
+reached_stuck = _breaks(lambda drive: drive.readings.statusword.forced, 1 << 10)
+fault_on_enable = _breaks(lambda drive: drive.power.fault_on_enable, 0x5441)
+reset_deaf = _breaks(lambda drive: drive.power.reset_deaf, True)
+inverted = _breaks(lambda drive: drive.readings.inverted, True)
+homing_failing = _breaks(lambda drive: drive.modes.homing.fails, True)
+power_stage_off = _each(power_stage)
+supply_low = _each(undervoltage)
+shaft_moved = _each(hand_moved)
+count_lost = _each(position_jump)
+count_wraps = _each(position_near_wrap)
+limit_switch = _each(switch_hit)
+switches_gone = _each(no_switches)
+over_temperature = lasting_fault(0x4310, ErrorRegister.TEMPERATURE)
+short_circuit = lasting_fault(0x2320, ErrorRegister.CURRENT)
+following_error = lasting_fault(0x8611, ErrorRegister.DEVICE_PROFILE)
+
+
+def error_passive(node: VirtualNode, on: bool, _now: int) -> None:
+    """Report the CAN controller error passive, then recovered."""
+    if on:
+        node.outbox.emergency(0x8120, ErrorRegister.COMMUNICATION)
+    else:
+        node.outbox.clear_error(0x8120)
+
+
+def recovered_from_bus_off(node: VirtualNode, on: bool, _now: int) -> None:
+    """Be off the bus while on; back on it, say so."""
+    if not on:
+        node.error_control.report_recovery()

@@ -1,0 +1,62 @@
+"""What one model of drive does differently from another, as data.
+
+The profile's behaviour is the code's, a device's own way is a field here. `GENERIC` is a drive that takes whatever its
+EDS offers; devices we know have a file of their own that makes another instance.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from canopen_control.virtual.object_store import ObjectStore
+
+__all__ = ["GENERIC", "DeviceModel", "Limit"]
+
+
+@dataclass(frozen=True, slots=True)
+class Limit:
+    """How a limit is reported: an EMCY code and the manufacturer's bytes for the negative and the positive side."""
+
+    code: int
+    negative: bytes
+    positive: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class DeviceModel:
+    """The differences. Ramps in counts/s^2, velocities in counts/s, times in ns.
+
+    `unset_ramp` is the ramp of an object that is absent or 0. `delays` gives, by transition number, the object of axis
+    0 that holds its delay in ms. `single_set_point`: PP knows no buffered and no immediate set-points, bit 12 shows
+    that one is in process, and a new one replaces it. `homing_methods` None: all that `homing` knows.
+    """
+
+    name: str = ""  # empty: the file's product name
+    boot_ns: int = 10_000_000  # from power-on or reset to the boot-up message
+    unset_ramp: float = math.inf
+    unset_velocity: float = 100_000.0  # of a profile velocity that is absent or 0
+    velocity_ramp_both_ways: bool = False  # PV: 0x6083 also decelerates
+    single_set_point: bool = False
+    homing_methods: frozenset[int] | None = None
+    homing_halts: bool = True
+    homes_without_power: bool = False  # methods 35 and 37, in every state of the power state machine
+    max_velocity: float = math.inf
+    counts_per_revolution: int = 4096  # where 0x608F does not say
+    delays: Mapping[int, int] = field(default_factory=dict)
+    communication_data: bytes = b""  # the manufacturer's bytes of EMCY 0x8130
+    rtr_supported: bool = True  # else the COB-IDs of its TPDOs must keep bit 30
+    rpdo_error: tuple[int, bytes] | None = None  # EMCY code and bytes when an RPDO holds a value it refuses
+    software_limit: Limit | None = None
+    switch_limit: Limit | None = None
+    switches_disabled: Callable[[ObjectStore], bool] = lambda _store: False
+    velocity_bits: Callable[[float], int] | None = None  # of the statusword, from the measured velocity
+    identity: Mapping[tuple[int, int], int | str] = field(default_factory=dict)  # where the file gives no default
+    display: Mapping[tuple[int, int], Callable[[ObjectStore], int]] = field(default_factory=dict)
+
+
+GENERIC = DeviceModel()

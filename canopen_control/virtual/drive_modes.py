@@ -1,0 +1,105 @@
+"""The modes of operation of one axis: which there are, which one is active (0x6061), and its change (0x6060)."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING
+
+from canopen_control.cia402 import objects as o
+from canopen_control.cia402.modes import OperationMode
+from canopen_control.virtual.cyclic_modes import CyclicPosition, CyclicVelocity, InterpolatedPosition, Torque
+from canopen_control.virtual.fault_seam import Seam
+from canopen_control.virtual.homing_mode import Homing
+from canopen_control.virtual.mode_base import Mode
+from canopen_control.virtual.node_events import ModeChanged
+from canopen_control.virtual.profile_modes import ProfilePosition, ProfileVelocity, VelocityMode
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from canopen_control.virtual.axis_objects import AxisObjects
+    from canopen_control.virtual.mode_base import Axis
+
+__all__ = ["MODES", "DriveModes", "possible_modes"]
+
+MODES: dict[int, Callable[[Axis], Mode]] = {
+    OperationMode.PP: ProfilePosition,
+    OperationMode.VL: VelocityMode,
+    OperationMode.PV: ProfileVelocity,
+    OperationMode.TQ: Torque,
+    OperationMode.HM: Homing,
+    OperationMode.IP: InterpolatedPosition,
+    OperationMode.CSP: CyclicPosition,
+    OperationMode.CSV: CyclicVelocity,
+    OperationMode.CST: partial(Torque, cyclic=True),
+    OperationMode.CSTCA: partial(Torque, cyclic=True),
+}
+_TARGETS: dict[int, tuple[int, int]] = {
+    OperationMode.PP: (o.TARGET_POSITION, 0),
+    OperationMode.VL: (o.VL_TARGET_VELOCITY, 0),
+    OperationMode.PV: (o.TARGET_VELOCITY, 0),
+    OperationMode.TQ: (o.TARGET_TORQUE, 0),
+    OperationMode.HM: (o.HOMING_METHOD, 0),
+    OperationMode.IP: (o.INTERPOLATION_DATA, 1),
+    OperationMode.CSP: (o.TARGET_POSITION, 0),
+    OperationMode.CSV: (o.TARGET_VELOCITY, 0),
+    OperationMode.CST: (o.TARGET_TORQUE, 0),
+}
+
+
+def possible_modes(objects: AxisObjects) -> int:
+    """Return 0x6502 for a drive whose file does not tell it: every mode whose target its dictionary has."""
+    return sum(1 << (mode - 1) for mode, address in _TARGETS.items() if objects.has(*address))
+
+
+class DriveModes:
+    """The modes of one axis: `number` is 0x6061, `active` its motion.
+
+    Seams: `stuck`, the mode never changes; `delay_ns`, how late it changes; `homing.fails`.
+    """
+
+    def __init__(self, axis: Axis) -> None:
+        self._axis = axis
+        self._all = {number: make(axis) for number, make in MODES.items()}
+        self._none = Mode(axis)
+        self.number, self.active = 0, self._none
+        self.stuck = Seam(False)
+        self.delay_ns = Seam(0)
+
+    @property
+    def homing(self) -> Homing:
+        """The homing mode."""
+        homing = self._all[OperationMode.HM]
+        assert isinstance(homing, Homing)
+        return homing
+
+    def clear(self) -> None:
+        """Have no mode: power-on."""
+        self.number, self.active = 0, self._none
+
+    def reset(self) -> None:
+        """Let every mode forget what it remembers: the motor has no power."""
+        for mode in self._all.values():
+            mode.reset()
+
+    def select(self, now: int) -> None:
+        """Take 0x6060: at once in every state; in operation the new mode goes on from the present motion."""
+        mover, delay = self._axis.mover, self.delay_ns.value
+        if self.stuck.value:
+            return
+        if not delay:
+            self._take(now)
+        elif "mode" not in mover.timers:  # written again, it is still under way
+            mover.at("mode", now + delay, self._take)
+
+    def _take(self, now: int) -> None:
+        axis = self._axis
+        number = axis.objects.number(o.MODES_OF_OPERATION)
+        if number != self.number:
+            axis.outbox.tell(ModeChanged(axis.objects.axis, number))
+        self.active.reset()
+        axis.mover.cancel("homing", "window")
+        self.number, self.active = number, self._all.get(number, self._none)
+        if axis.power.running and not axis.power.halted:
+            self.active.start(now)
+        axis.outbox.values_changed()

@@ -1,0 +1,151 @@
+# ruff: noqa: E501 - one fault is one line of the table
+"""The faults that can be switched on in a virtual node: one table.
+
+A row says its number in the catalogue of real drives' behaviour, its name, where it acts, what it does, and what a good
+master makes of it; how it acts is one or more of three hooks, on frames that leave the node, on frames that reach it,
+or on the node itself when it is switched. `once`: it goes off by itself when it has acted. Switching off makes the
+drive healthy; what the fault led to (a FAULT state, a reset) is the master's to mend.
+"""
+
+from __future__ import annotations
+
+import difflib
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from canopen_control.errors import ConfigError
+from canopen_control.rpc.messages.drive import FaultListing
+from canopen_control.virtual import device_faults as device
+from canopen_control.virtual import fault_actions as act
+
+if TYPE_CHECKING:
+    from canopen_control.virtual.device_faults import Switch
+    from canopen_control.virtual.fault_actions import Incoming, Outgoing
+
+__all__ = ["FAULTS", "Fault", "find_fault", "parse_fault"]
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """One row; `acts` is ``wire``, ``node`` or ``axis``."""
+
+    row: int
+    name: str
+    acts: str
+    does: str
+    reaction: str
+    outgoing: Outgoing | None = None
+    incoming: Incoming | None = None
+    switched: Switch | None = None
+    once: bool = False
+    floods: bool = False
+    second_node: bool = False
+
+    def listing(self, *, on: bool = False) -> FaultListing:
+        """Return what people are told of it."""
+        return FaultListing(
+            name=self.name,
+            row=self.row,
+            acts=self.acts,
+            does=self.does,
+            reaction=self.reaction,
+            once=self.once,
+            on=on,
+        )
+
+
+_STOP_ALL = "stops all axes, names the node, wants a new enable"
+_ROWS = (
+    Fault(1, "boot_late", "node", "boots 5 s after its next reset", "waits, goes on asking, boots the others meanwhile", switched=device.boot_after(5_000_000_000)),
+    Fault(1, "no_boot", "node", "never boots again after its next reset", "boot error B that names the node; the others boot", switched=device.boot_after(None)),
+    Fault(2, "spontaneous_reset", "node", "resets itself: everything not stored is gone", "stops all axes, boots and configures it anew, wants a new enable", switched=device.brown_out, once=True),
+    Fault(3, "heartbeat_lost", "wire", "its heartbeats do not arrive", f"node lost after the consumer time: {_STOP_ALL}", outgoing=act.heartbeat_dropped),
+    Fault(3, "silent", "wire", "its cable is cut: it hears and says nothing", f"node lost after the consumer time: {_STOP_ALL}", outgoing=act.drop_all, incoming=act.deaf),
+    Fault(4, "heartbeat_jitter", "wire", "its heartbeats come up to 60 % of a period late", "no alarm", outgoing=act.jittered),
+    Fault(5, "heartbeat_wrong_state", "wire", "its heartbeats show PRE-OPERATIONAL", f"a fault of operation: {_STOP_ALL}", outgoing=act.heartbeat_wrong),
+    Fault(5, "leaves_operational", "node", "goes to PRE-OPERATIONAL without a command", f"a fault of operation: {_STOP_ALL}", switched=device.drop_out, once=True),
+    Fault(6, "nmt_start_ignored", "wire", "does not hear NMT start", "repeats it up to three times, then an error that names the node", incoming=act.deaf_to_start),
+    Fault(7, "already_operational", "node", "is OPERATIONAL without a command", "resets its communication before configuring it", switched=device.start_by_itself),
+    Fault(8, "sdo_silent_once", "wire", "does not answer one SDO request", "asks once more", incoming=act.deaf_to_sdo, once=True),
+    Fault(8, "sdo_silent", "wire", "answers no SDO request", "error that names node and object, no hang", incoming=act.deaf_to_sdo),
+    Fault(8, "sdo_late", "wire", "answers SDO requests 0.7 s late", "never takes a late answer for that of another request", outgoing=act.sdo_delayed),
+    Fault(9, "sdo_wrong_mux", "wire", "answers for another object than asked", "ignores it until the time-out", outgoing=act.sdo_wrong_mux),
+    Fault(10, "sdo_busy", "wire", "refuses writes because of its present state", "tries again for some seconds, then says why", incoming=act.refuses_writes),
+    Fault(11, "optional_missing", "wire", "lacks 0x603F, 0x6007 and 0x60C2", "does without", incoming=act.lacks_optional),
+    Fault(12, "sdo_toggle_error", "wire", "repeats the toggle bit in segments", "aborts and starts the transfer anew, at most twice", outgoing=act.sdo_toggled),
+    Fault(12, "sdo_segment_lost", "wire", "loses the segments of its uploads", "aborts and starts the transfer anew, at most twice", outgoing=act.sdo_segment_lost),
+    Fault(13, "sdo_no_block", "wire", "knows no block transfer", "uses segments instead", incoming=act.refuses_blocks),
+    Fault(14, "sdo_short_answer", "wire", "sends one byte where the object has more", "says so, takes no wrong value", outgoing=act.sdo_one_byte),
+    Fault(15, "mapping_fixed", "wire", "its PDO mapping cannot be written", "uses the present mapping if it will do, else a clear error", incoming=act.refuses_mapping),
+    Fault(17, "tpdo_short", "wire", "its TPDOs lack their last byte", "drops and counts them, warns once, uses no old bytes", outgoing=act.tpdo_shortened),
+    Fault(17, "tpdo_long", "wire", "its TPDOs have a byte too many", "warns once", outgoing=act.tpdo_lengthened),
+    Fault(18, "tpdo_missing", "wire", "its TPDOs do not arrive", "after some cycles a controlled stop; feedback has an age", outgoing=act.tpdo_dropped),
+    Fault(18, "tpdo_late", "wire", "its TPDOs come 70 ms late", "feedback has an age", outgoing=act.tpdo_delayed),
+    Fault(20, "sync_deaf", "wire", "does not hear SYNC", "sees its TPDOs missing: a controlled stop", incoming=act.deaf_to_sync),
+    Fault(21, "emcy_flood", "node", "sends a thousand EMCY messages a second", "bounded log, the cycle goes on", floods=True),
+    Fault(22, "emcy_short", "node", "sends an EMCY of four bytes with an unknown code", "shows it raw", switched=device.short_emcy, once=True),
+    Fault(23, "emcy_partial_reset", "node", "says error reset with an error left in the register", "keeps the other errors", switched=device.partial_reset, once=True),
+    Fault(24, "fault_on_enable", "axis", "faults when it is enabled (0x5441)", "enable ends with the fault; no reset by itself", switched=device.fault_on_enable),
+    Fault(25, "drive_fault", "axis", "over-temperature: FAULT, whose cause lasts", "names it; a reset says that the cause is still present", switched=device.over_temperature),
+    Fault(25, "short_circuit", "axis", "short circuit: FAULT, whose cause lasts", "names it; a reset says that the cause is still present", switched=device.short_circuit),
+    Fault(25, "fault_reset_ignored", "axis", "does not obey a fault reset", "says so after its time-out", switched=device.reset_deaf),
+    Fault(26, "fault_needs_reset", "node", "FAULT that only a reset of the communication takes back", "offers the chain: reset communication, boot, fault reset", switched=device.stubborn_fault),
+    Fault(27, "transition_slow", "axis", "takes two seconds for every transition", "waits, holds its targets", switched=device.transition_slow),
+    Fault(28, "power_stage_off", "axis", "its power stage loses the supply, no fault", "reports it, stops all axes, does not fight", switched=device.power_stage_off),
+    Fault(28, "undervoltage", "axis", "under-voltage: FAULT, whose cause lasts", "names it; a reset says that the cause is still present", switched=device.supply_low),
+    Fault(30, "undefined_statusword", "axis", "shows a statusword that is no state (0x0001)", "keeps the last state for some cycles, then an error", switched=device.status_undefined),
+    Fault(31, "mode_display_stuck", "axis", "its mode display never changes", "no set-point in the new mode; time-out, old mode back", switched=device.mode_frozen),
+    Fault(31, "mode_display_late", "axis", "changes its mode 200 ms late", "waits for the display", switched=device.mode_late),
+    Fault(32, "pp_ack_missing", "axis", "never acknowledges a set-point (bit 12)", "time-out; bit 4 goes back to 0", switched=device.ack_missing),
+    Fault(32, "pp_ack_stuck", "axis", "its acknowledgement (bit 12) is always set", "waits for it to fall first; time-out", switched=device.ack_stuck),
+    Fault(33, "target_reached_stale", "axis", "bit 10 is always set", "wants to see the acknowledgement first", switched=device.reached_stuck),
+    Fault(34, "hand_moved", "axis", "its shaft is moved by 500 counts", "presets its targets from the actual position", switched=device.shaft_moved, once=True),
+    Fault(36, "limit_switch", "axis", "runs into the positive limit switch here and now", "reports the side and follows only the way back; what moves with it (the wheels of a base) stops too, and wants a new enable", switched=device.limit_switch),
+    Fault(37, "homing_fails", "axis", "homing ends with an error", "bit 4 back to 0, previous mode back, not homed", switched=device.homing_failing),
+    Fault(37, "homing_endless", "axis", "its switches are out of reach: homing never ends", "time-out, bit 4 back to 0", switched=device.switches_gone),
+    Fault(38, "position_jump", "axis", "its position jumps by a million counts", "an error, no odometry", switched=device.count_lost, once=True),
+    Fault(38, "position_wrap", "axis", "its position is about to leave 32 bits", "goes on as if nothing was", switched=device.count_wraps, once=True),
+    Fault(39, "error_passive", "node", "reports its CAN controller error passive", "shows it", switched=device.error_passive),
+    Fault(39, "bus_off", "wire", "is off the bus; back on it reports that", f"node lost: {_STOP_ALL}", outgoing=act.drop_all, incoming=act.deaf, switched=device.recovered_from_bus_off),
+    Fault(40, "duplicate_node", "wire", "has a namesake that is only heard: every heartbeat comes twice", "diagnoses it", outgoing=act.heartbeat_twice),
+    Fault(40, "second_node", "node", "is joined by a second node with its id, which boots and answers as it does", "diagnoses the boot-ups and heartbeats it did not expect, stops all axes, names the node", second_node=True),
+    Fault(40, "wrong_identity", "node", "shows another product code", "refuses it at boot (error M)", switched=device.wrong_entry(0x1018, 2, 1)),
+    Fault(40, "wrong_revision", "node", "shows another revision", "warns", switched=device.wrong_entry(0x1018, 3, 1)),
+    Fault(41, "local_control", "axis", "is under local control (bit 9 is 0)", "refuses to enable it, with words", switched=device.local_control),
+    Fault(42, "parameter_clamped", "node", "takes at most 1000 for 0x6083, silently", "reads back and compares", switched=device.clamped),
+    Fault(43, "direction_inverted", "axis", "shows position and velocity with the wrong sign", "finds it in a jog test", switched=device.inverted),
+    Fault(47, "clock_fast", "node", "has a clock that is 100 ppm fast: in CSP it sees a set-point twice now and then", "goes on; a repeated set-point is no fault", switched=device.clock_off_by(100.0)),
+    Fault(47, "clock_slow", "node", "has a clock that is 100 ppm slow: in CSP it misses a set-point now and then", "goes on; a missed set-point is no fault", switched=device.clock_off_by(-100.0)),
+    Fault(0, "warning", "axis", "sets the warning bit", "shows it, nothing stops", switched=device.warning),
+    Fault(0, "following_error", "axis", "following error: FAULT 0x8611, whose cause lasts", "names it; a reset says that the cause is still present", switched=device.following_error),
+)  # fmt: skip
+FAULTS: dict[str, Fault] = {fault.name: fault for fault in _ROWS}
+"""All faults by name. Row 0: cheap extras that are not in the catalogue.
+
+Rows that are no switch: 16, 29, 35, 44 to 46 are what the drive does anyway, by its EDS, its option codes or its
+device model; 19 is 18 from the start.
+"""
+
+
+def find_fault(name: str) -> Fault:
+    """Return a fault by name; ConfigError with the nearest name where there is none."""
+    fault = FAULTS.get(name)
+    if fault is None:
+        near = difflib.get_close_matches(name, FAULTS, 1)
+        hint = f"did you mean {near[0]}?" if near else "canopen-control fault list explains those there are"
+        raise ConfigError(f"no fault {name!r}; {hint}")
+    return fault
+
+
+def parse_fault(text: str) -> tuple[Fault, int]:
+    """Return fault and delay in ns of ``name``, ``name@2.5`` or ``name@2.5s``; ConfigError where it is neither."""
+    name, at, seconds = text.partition("@")
+    delay = 0.0
+    if at:
+        try:
+            delay = float(seconds.removesuffix("s"))
+        except ValueError:
+            delay = -1.0
+        if not 0.0 <= delay < 1e6:
+            raise ConfigError(f"fault {text!r}: after @ comes a time in seconds, as in {name}@5s")
+    return find_fault(name), round(delay * 1e9)

@@ -1,0 +1,128 @@
+"""What happens to a virtual node: the events that `VirtualNode.events` gives, beside the NMT's `NmtStateChanged`.
+
+`in_words` makes each the line of a log, in the standard's terms; what nobody needs to read has no words.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from canopen_control.cia301.emcy_codes import error_text
+from canopen_control.cia301.nmt import NmtStateChanged
+from canopen_control.cia402.modes import mode_name
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from canopen_control.cia402.state import State
+
+__all__ = [
+    "BitRateActivated",
+    "DriveFaulted",
+    "DriveStateChanged",
+    "EmergencyRaised",
+    "FaultSwitched",
+    "HeartbeatMissed",
+    "ModeChanged",
+    "NodeIdChanged",
+    "in_words",
+]
+
+
+@dataclass(frozen=True, slots=True)
+class DriveStateChanged:
+    """The power state machine moved."""
+
+    axis: int
+    previous: State
+    state: State
+
+
+@dataclass(frozen=True, slots=True)
+class DriveFaulted:
+    """A fault occurred; `code` is its EMCY code."""
+
+    axis: int
+    code: int
+
+
+@dataclass(frozen=True, slots=True)
+class ModeChanged:
+    """0x6061 shows another mode."""
+
+    axis: int
+    mode: int
+
+
+@dataclass(frozen=True, slots=True)
+class EmergencyRaised:
+    """The node reports an error; 0: error reset."""
+
+    code: int
+    data: bytes = b""
+
+
+@dataclass(frozen=True, slots=True)
+class HeartbeatMissed:
+    """A node watched by 0x1016 (0: the guarding master) is silent, or heard again."""
+
+    node_id: int
+    missed: bool
+
+
+@dataclass(frozen=True, slots=True)
+class FaultSwitched:
+    """A fault went on or off."""
+
+    name: str
+    on: bool
+
+
+@dataclass(frozen=True, slots=True)
+class NodeIdChanged:
+    """LSS gave the node another id."""
+
+    node_id: int
+
+
+@dataclass(frozen=True, slots=True)
+class BitRateActivated:
+    """LSS switched the bit rate, in bit/s; 0: it is detected."""
+
+    bitrate: int
+
+
+def _axis(axis: int) -> str:
+    return f"axis {axis}: " if axis else ""
+
+
+def _emergency(event: EmergencyRaised) -> str:
+    if event.code == 0:
+        return "error reset"
+    extra = f", data {event.data.hex(' ')}" if any(event.data) else ""
+    return f"EMCY 0x{event.code:04X} ({error_text(event.code)}){extra}"
+
+
+def _missed(event: HeartbeatMissed) -> str:
+    who = f"heartbeat of node {event.node_id}" if event.node_id else "guarding"
+    return f"{who} {'lost' if event.missed else 'is back'}"
+
+
+_WORDS: dict[type, Callable[..., str]] = {
+    NmtStateChanged: lambda event: f"NMT {event.state.name}",
+    DriveStateChanged: lambda event: f"{_axis(event.axis)}{event.previous.name} -> {event.state.name}",
+    DriveFaulted: lambda event: f"{_axis(event.axis)}fault 0x{event.code:04X} ({error_text(event.code)})",
+    ModeChanged: lambda event: f"{_axis(event.axis)}mode {mode_name(event.mode)}",
+    EmergencyRaised: _emergency,
+    HeartbeatMissed: _missed,
+    NodeIdChanged: lambda event: f"LSS: node id {event.node_id}",
+    BitRateActivated: lambda event: f"LSS: bit rate {event.bitrate or 'detected by itself'}",
+    FaultSwitched: lambda event: f"fault {event.name} {'on' if event.on else 'off'}",
+}
+
+
+def in_words(event: object) -> str | None:
+    """Return the line of an event, None for one that has no words."""
+    words = _WORDS.get(type(event))
+    return None if words is None else words(event)

@@ -1,0 +1,289 @@
+"""The process data of a node: its RPDOs and TPDOs, made from the records 0x1400 to 0x1BFF.
+
+The records are the truth; a write to one that the rules accept rebuilds its PDO at once. An RPDO is applied whole
+before anybody looks at its values, and of an axis the controlword last. At SYNC the TPDOs are sampled before the held
+RPDOs are applied, so that the reaction to a set-point shows at the next SYNC. A value that a limit or a guard refuses
+leaves its object as it was and is told. What is wrong with an RPDO is an error of the node until that RPDO comes as it
+should.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING, Protocol
+
+from canopen_control.cia301.emcy_codes import ErrorRegister
+from canopen_control.cia301.pdo import (
+    ACYCLIC_SYNCHRONOUS,
+    PdoCodec,
+    PdoParameters,
+    is_event_driven,
+)
+from canopen_control.cia301.rpdo import EMCY_OF, RpdoConsumer, RpdoEventKind
+from canopen_control.cia301.sdo_server import SdoServerAbort
+from canopen_control.cia301.tpdo import TpdoProducer
+from canopen_control.cia402 import objects as o
+from canopen_control.errors import LocalProtocolError
+from canopen_control.frame import EXTENDED_FLAG, REMOTE_FLAG
+from canopen_control.virtual.pdo_records import RPDO, TPDO, PdoRecords, mapping_of
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from canopen_control.frame import CanFrame
+    from canopen_control.od.model import Entry, Value
+    from canopen_control.virtual.device_model import DeviceModel
+    from canopen_control.virtual.node_outbox import Clock, NodeOutbox
+    from canopen_control.virtual.object_store import ObjectStore
+
+__all__ = ["Axis", "ProcessData"]
+
+_NO_EVENTS = frozenset((o.STATUSWORD, o.MODES_OF_OPERATION_DISPLAY, o.ERROR_CODE))  # change without motion
+
+
+class Axis(Protocol):
+    """What process data ask of an axis."""
+
+    def advance(self, now: int) -> None:
+        """Bring the axis to `now`."""
+
+    def refresh(self, now: int, *, controlword: bool = False) -> None:
+        """Act on objects that were written."""
+
+
+class _Rpdo:
+    """One RPDO: what its bytes are, and whom they concern."""
+
+    def __init__(self, number: int) -> None:
+        self.number = number
+        self.codec = PdoCodec(())
+        self.entries: tuple[Entry | None, ...] = ()  # None: a gap
+        self.consumer = RpdoConsumer(PdoParameters(0, enabled=False), 0)
+        self.wrong: set[RpdoEventKind] = set()  # of what came last
+
+
+class _Tpdo:
+    """One TPDO: where its values come from, and the bytes last sampled."""
+
+    def __init__(self, number: int) -> None:
+        self.number = number
+        self.codec = PdoCodec(())
+        self.sources: tuple[Callable[[], Value], ...] = ()
+        self.moving = False
+        self.last = b""
+        self.producer = TpdoProducer(PdoParameters(0, enabled=False), self.sample)
+
+    def sample(self) -> bytes:
+        """Return the packed present values."""
+        try:
+            self.last = self.codec.pack([source() for source in self.sources])
+        except LocalProtocolError:  # a file that maps an object narrower than its type
+            self.last = bytes(self.codec.length)
+        return self.last
+
+
+class ProcessData:
+    """All PDOs of a node. `refused` counts values that an RPDO brought and the node did not take.
+
+    `rebuilt` is called when a record was written: identifiers may be others.
+    """
+
+    def __init__(
+        self,
+        store: ObjectStore,
+        outbox: NodeOutbox,
+        clock: Clock,
+        model: DeviceModel,
+        axes: Mapping[int, Axis],
+        *,
+        rebuilt: Callable[[], None],
+    ) -> None:
+        self._store, self._outbox, self._clock, self._model = store, outbox, clock, model
+        self._axes, self._tell_rebuilt = axes, rebuilt
+        self.refused = 0
+        self._refusing: set[int] = set()  # RPDOs
+        self._records = PdoRecords(store, rtr_supported=model.rtr_supported)
+        self.rpdos = {number: _Rpdo(number) for number in self._records.numbers(RPDO)}
+        self.tpdos = {number: _Tpdo(number) for number in self._records.numbers(TPDO)}
+        self.has_event_pdos = False
+        self._event_tpdos: list[_Tpdo] = []
+        for base, numbers in ((RPDO, [*self.rpdos]), (TPDO, [*self.tpdos])):
+            for number in numbers:
+                self._records.guard(base, base + number)
+                watched = [base + number, mapping_of(base + number)]
+                store.on_write(watched, partial(self._rebuilt, base, number))
+
+    # -- from the records to the PDOs
+
+    def configure(self, now: int) -> None:
+        """Make all PDOs from their records."""
+        for number in self.rpdos:
+            self._make_rpdo(number)
+        for number in self.tpdos:
+            self._make_tpdo(number, now)
+        self._survey()
+
+    def _rebuilt(self, base: int, number: int, _entry: Entry, _value: Value) -> None:
+        if base == RPDO:
+            self._make_rpdo(number)
+        else:
+            self._make_tpdo(number, self._clock.now)
+        self._survey()
+        self._tell_rebuilt()
+
+    def _make_rpdo(self, number: int) -> None:
+        rpdo = self.rpdos[number]
+        rpdo.codec, rpdo.entries = self._records.codec(mapping_of(RPDO + number))
+        rpdo.consumer.window_ns = self._store.number(0x1007) * 1000
+        rpdo.consumer.configure(self._records.parameters(RPDO + number), rpdo.codec.length)
+        self._judge(rpdo, set())
+
+    def _make_tpdo(self, number: int, now: int) -> None:
+        tpdo = self.tpdos[number]
+        tpdo.codec, entries = self._records.codec(mapping_of(TPDO + number))
+        tpdo.sources = tuple(self._source(entry) for entry in entries if entry is not None)
+        tpdo.moving = any(entry is not None and o.axis_of(entry.index)[0] not in _NO_EVENTS for entry in entries)
+        tpdo.producer.configure(self._records.parameters(TPDO + number), now)
+
+    def _source(self, entry: Entry) -> Callable[[], Value]:
+        source = self._store.source_of(entry.index, entry.subindex)
+        if source is not None:
+            return source
+        values, address = self._store.values, entry.address
+        return lambda: values[address]
+
+    def _survey(self) -> None:
+        enabled = [tpdo for tpdo in self.tpdos.values() if tpdo.producer.parameters.enabled]
+        kinds = [(tpdo, tpdo.producer.parameters.transmission_type) for tpdo in enabled]
+        self._event_tpdos = [tpdo for tpdo, kind in kinds if is_event_driven(kind) or kind == ACYCLIC_SYNCHRONOUS]
+        self.has_event_pdos = any(tpdo.moving for tpdo in self._event_tpdos)
+
+    # -- in operation
+
+    def start(self, now: int) -> None:
+        """Begin: the node became OPERATIONAL."""
+        for rpdo in self.rpdos.values():
+            rpdo.consumer.start()
+        for tpdo in self.tpdos.values():
+            tpdo.producer.start(now)
+
+    def stop(self) -> None:
+        """End: the node left OPERATIONAL."""
+        for rpdo in self.rpdos.values():
+            rpdo.consumer.stop()
+        for tpdo in self.tpdos.values():
+            tpdo.producer.stop()
+
+    def routes(self) -> list[tuple[int, Callable[[CanFrame, int], None]]]:
+        """Return the identifiers, with linux/can.h's flags, that the valid PDOs listen to."""
+        receivers = [(rpdo.consumer.parameters, self._receiver(rpdo)) for rpdo in self.rpdos.values()]
+        found = [(_can_id(parameters), receive) for parameters, receive in receivers if parameters.enabled]
+        for producer in (tpdo.producer for tpdo in self.tpdos.values()):
+            if producer.parameters.enabled:
+                found += [(_can_id(producer.parameters) | REMOTE_FLAG, producer.receive)]
+        return found
+
+    def _receiver(self, rpdo: _Rpdo) -> Callable[[CanFrame, int], None]:
+        def receive(frame: CanFrame, now: int) -> None:
+            rpdo.consumer.receive(frame, now)
+            self._serve(rpdo, now)
+            length_error = rpdo.consumer.length_error
+            if length_error is not None or rpdo.wrong:
+                self._judge(rpdo, rpdo.wrong & {RpdoEventKind.TIMEOUT} | ({length_error} if length_error else set()))
+
+        return receive
+
+    def _serve(self, rpdo: _Rpdo, now: int) -> None:
+        for event in rpdo.consumer.events():
+            if event.kind is RpdoEventKind.APPLY:
+                self._apply(rpdo, event.data, now)
+            elif event.kind is RpdoEventKind.TIMEOUT:
+                self._judge(rpdo, rpdo.wrong | {event.kind})
+            elif event.kind is RpdoEventKind.RESOLVED:
+                self._judge(rpdo, rpdo.wrong - {RpdoEventKind.TIMEOUT})
+
+    def _judge(self, rpdo: _Rpdo, wrong: set[RpdoEventKind]) -> None:
+        """Raise what is wrong with an RPDO, and clear what is wrong with none any more."""
+        gone, rpdo.wrong = rpdo.wrong - wrong, wrong
+        for kind in wrong:
+            self._outbox.emergency(EMCY_OF[kind], ErrorRegister.COMMUNICATION)
+        for kind in gone:
+            if not any(kind in each.wrong for each in self.rpdos.values()):
+                self._outbox.clear_error(EMCY_OF[kind])
+
+    def _apply(self, rpdo: _Rpdo, data: bytes, now: int) -> None:
+        """Take all values, then let each axis and each watcher act on them."""
+        for axis in self._axes.values():
+            axis.advance(now)
+        taken: list[tuple[Entry, Value]] = []
+        refused = self.refused
+        for entry, value in zip(rpdo.entries, rpdo.codec.unpack(data), strict=True):
+            if entry is None:
+                continue
+            try:
+                taken.append((entry, self._store.place(entry, value)))
+            except SdoServerAbort:
+                self.refused += 1
+        self._tell_refusal(rpdo, self.refused > refused)
+        self._act_on(taken, now)
+
+    def _act_on(self, taken: list[tuple[Entry, Value]], now: int) -> None:
+        """Act on the values of one RPDO, which are all in place: each axis once, its controlword last."""
+        axes: dict[int, bool] = {}
+        for entry, value in taken:
+            base, axis = o.axis_of(entry.index)
+            if axis in self._axes and base >= 0x6000:
+                axes[axis] = axes.get(axis, False) or base == o.CONTROLWORD
+            else:
+                self._store.notify(entry, value)
+        for axis, controlword in axes.items():
+            self._axes[axis].refresh(now, controlword=controlword)
+
+    def _tell_refusal(self, rpdo: _Rpdo, refused: bool) -> None:
+        """Raise that a value was not taken, where the device says so, until it takes all of them."""
+        error = self._model.rpdo_error
+        if refused:
+            self._refusing.add(rpdo.number)
+            if error is not None:
+                self._outbox.emergency(error[0], ErrorRegister.GENERIC, error[1])
+        elif rpdo.number in self._refusing:
+            self._refusing.remove(rpdo.number)
+            if error is not None and not self._refusing:
+                self._outbox.clear_error(error[0])
+
+    def sync(self, counter: int | None, now: int) -> None:
+        """Take a SYNC."""
+        for tpdo in self.tpdos.values():
+            tpdo.producer.sync(now, counter)
+        for rpdo in self.rpdos.values():
+            rpdo.consumer.sync(now)
+            self._serve(rpdo, now)
+
+    def send_changed(self, now: int) -> None:
+        """Send the event-driven TPDOs whose values changed."""
+        for tpdo in self._event_tpdos:
+            before = tpdo.last
+            if tpdo.producer.running and tpdo.sample() != before:
+                tpdo.producer.changed(now)
+
+    def tick(self, now: int) -> None:
+        """Serve event timers, inhibit times and deadlines."""
+        for tpdo in self.tpdos.values():
+            tpdo.producer.tick(now)
+        for rpdo in self.rpdos.values():
+            rpdo.consumer.tick(now)
+            self._serve(rpdo, now)
+
+    def next_deadline(self) -> int | None:
+        """Return when `tick` has something to do."""
+        deadlines = [tpdo.producer.next_deadline() for tpdo in self._event_tpdos]
+        deadlines += [rpdo.consumer.next_deadline() for rpdo in self.rpdos.values()]
+        return min((deadline for deadline in deadlines if deadline is not None), default=None)
+
+    def frames(self) -> list[CanFrame]:
+        """Drain the TPDOs to send."""
+        return [frame for tpdo in self.tpdos.values() for frame in tpdo.producer.frames()]
+
+
+def _can_id(parameters: PdoParameters) -> int:
+    return parameters.cob_id | (EXTENDED_FLAG if parameters.extended else 0)

@@ -1,0 +1,213 @@
+"""The values behind a node's object dictionary, and the rules of reading and writing them (CiA 301, 7.2.4 and 7.4).
+
+The dictionary says what exists, which access it allows, how long a value is and between which limits; every breach is
+an abort code and changes nothing. What the device itself does with an object is hooked on:
+
+- a source gives the value at the moment of reading (a statusword, a position);
+- a guard judges a value before it is taken, and may refuse it with an abort code or take another one;
+- a watcher hears of a value that was taken.
+
+Guards and watchers belong to an index. The device itself reads and writes with `get` and `set`, past all rules.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from canopen_control.cia301.abort import AbortCode
+from canopen_control.cia301.sdo_server import SdoServerAbort
+from canopen_control.od.codec import decode, default_of, encode
+from canopen_control.od.limits import above_limit, below_limit
+from canopen_control.od.model import DataType, Entry, ObjectDictionary, Value
+from canopen_control.virtual.fault_seam import Seam
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+
+    from canopen_control.od.model import Address
+
+__all__ = ["Guard", "ObjectStore", "Source", "Watcher", "check_limits", "refuse"]
+
+if TYPE_CHECKING:
+    Source = Callable[[], Value]
+    Guard = Callable[[Entry, Value], Value]
+    Watcher = Callable[[Entry, Value], None]
+
+_OPEN_ENDED = frozenset((DataType.VISIBLE_STRING, DataType.OCTET_STRING, DataType.UNICODE_STRING, DataType.DOMAIN))
+
+
+def check_limits(entry: Entry, value: Value) -> None:
+    """Raise the abort code of a value outside the limits of its entry."""
+    if isinstance(value, str | bytes):
+        return
+    if entry.high is not None and above_limit(entry, value):
+        raise SdoServerAbort(AbortCode.VALUE_TOO_HIGH)
+    if entry.low is not None and below_limit(entry, value):
+        raise SdoServerAbort(AbortCode.VALUE_TOO_LOW)
+
+
+def refuse(code: int | None) -> None:
+    """Raise the abort code that a rule found; None: it found nothing."""
+    if code is not None:
+        raise SdoServerAbort(code)
+
+
+class ObjectStore:
+    """Typed values of all entries of `od`, served to an SDO server through `upload` and `download`.
+
+    `power_on` holds what differs from the file's defaults after a reset: identity, and what 0x1010 stored. Seam
+    `ceilings`: by index the most that is taken, silently.
+    """
+
+    def __init__(self, od: ObjectDictionary) -> None:
+        self.od = od
+        self.values: dict[Address, Value] = {entry.address: default_of(entry) for entry in od}
+        self.power_on: dict[Address, Value] = {}
+        self.ceilings: Seam[dict[int, int]] = Seam({})
+        self._presets: dict[Address, Value] = {}
+        self._indices = frozenset(entry.index for entry in od)
+        self._sources: dict[Address, Source] = {}
+        self._guards: dict[int, Guard] = {}
+        self._watchers: dict[int, list[Watcher]] = {}
+
+    # -- the device's side
+
+    def has(self, index: int, subindex: int = 0) -> bool:
+        """Whether the dictionary has the entry."""
+        return (index, subindex) in self.values
+
+    def get(self, index: int, subindex: int = 0) -> Value:
+        """Return the present value; KeyError where there is no entry."""
+        source = self._sources.get((index, subindex))
+        return self.values[index, subindex] if source is None else source()
+
+    def number(self, index: int, subindex: int = 0, default: int = 0) -> int:
+        """Return a whole number, `default` where the entry is absent or holds none; sources are not asked."""
+        value = self.values.get((index, subindex), default)
+        return value if isinstance(value, int) else default
+
+    def set(self, index: int, subindex: int, value: Value) -> None:
+        """Set a value past all rules; no-op where there is no entry."""
+        if (index, subindex) in self.values:
+            self.values[index, subindex] = value
+
+    def preset(self, index: int, subindex: int, value: Value) -> None:
+        """Set a value now and after every reset; no-op where there is no entry."""
+        if (index, subindex) in self.values:
+            self.values[index, subindex] = self.power_on[index, subindex] = value
+            self._presets[index, subindex] = value
+
+    def defaults(self, first: int = 0, last: int = 0xFFFF) -> None:
+        """Restore the power-on values of the indices `first` to `last`."""
+        for entry in self.od:
+            if first <= entry.index <= last:
+                address = entry.address
+                self.values[address] = self.power_on[address] if address in self.power_on else default_of(entry)
+
+    def rebase(self, od: ObjectDictionary) -> None:
+        """Take the defaults and limits of the same dictionary for another node id, from the next reset on."""
+        self.od = od
+
+    def saved(self) -> dict[Address, Value]:
+        """Return the power-on values that are neither the file's nor `preset`: what 0x1010 stored."""
+        nothing = object()
+        return {
+            address: value
+            for address, value in self.power_on.items()
+            if self._presets.get(address, nothing) != value and address in self.values
+        }
+
+    def keep(self, addresses: Iterable[Address]) -> None:
+        """Make the present values of `addresses` the power-on values (0x1010)."""
+        self.power_on.update({address: self.values[address] for address in addresses})
+
+    def forget(self, addresses: Iterable[Address]) -> None:
+        """Make what `preset` gave, or else the file's defaults, the power-on values again (0x1011)."""
+        for address in addresses:
+            self.power_on.pop(address, None)
+            if address in self._presets:
+                self.power_on[address] = self._presets[address]
+
+    # -- hooks
+
+    def on_read(self, index: int, subindex: int, source: Source) -> None:
+        """Let `source` make the value of an entry; no-op where there is none."""
+        if (index, subindex) in self.values:
+            self._sources[index, subindex] = source
+
+    def guard(self, indices: Iterable[int], guard: Guard) -> None:
+        """Let `guard` judge writes to `indices`: it returns the value to take, or raises SdoServerAbort."""
+        self._guards.update(dict.fromkeys(indices, guard))
+
+    def on_write(self, indices: Iterable[int], watcher: Watcher) -> None:
+        """Let `watcher` hear of every value taken at `indices`, after it is in place."""
+        for index in indices:
+            self._watchers.setdefault(index, []).append(watcher)
+
+    def source_of(self, index: int, subindex: int) -> Source | None:
+        """Return what makes the value of an entry, None where it is stored."""
+        return self._sources.get((index, subindex))
+
+    # -- the bus's side
+
+    def upload(self, index: int, subindex: int) -> bytes:
+        """Return the bytes of an entry; SdoServerAbort where there is none or it cannot be read."""
+        entry = self._entry(index, subindex)
+        if not entry.readable:
+            raise SdoServerAbort(AbortCode.WRITE_ONLY)
+        try:
+            return encode(self.get(index, subindex), entry.data_type)
+        except ValueError:
+            raise SdoServerAbort(AbortCode.GENERAL_ERROR) from None
+
+    def size_of(self, index: int, subindex: int) -> int | None:
+        """Return the length in bytes that an entry must have, None where it is open or there is no entry."""
+        entry = self.od.get(index, subindex)
+        bits = None if entry is None else entry.data_type.bits
+        return None if bits is None else (bits + 7) // 8
+
+    def download(self, index: int, subindex: int, data: bytes) -> None:
+        """Take the bytes written to an entry; SdoServerAbort, and nothing changed, where a rule forbids it."""
+        entry = self._entry(index, subindex)
+        if not entry.writable:
+            raise SdoServerAbort(AbortCode.READ_ONLY)
+        self.write(entry, _decoded(entry, data))
+
+    def write(self, entry: Entry, value: Value) -> None:
+        """Take a value under the rules of limits and guards, and tell the watchers."""
+        self.notify(entry, self.place(entry, value))
+
+    def place(self, entry: Entry, value: Value) -> Value:
+        """Take a value under the rules of limits and guards, without telling anybody; return what was taken."""
+        check_limits(entry, value)
+        guard = self._guards.get(entry.index)
+        if guard is not None:
+            value = guard(entry, value)
+        ceilings = self.ceilings.value
+        if ceilings and isinstance(value, int):
+            value = min(value, ceilings.get(entry.index, value))
+        self.values[entry.address] = value
+        return value
+
+    def notify(self, entry: Entry, value: Value) -> None:
+        """Tell the watchers of a value that was taken."""
+        for watcher in self._watchers.get(entry.index, ()):
+            watcher(entry, value)
+
+    def _entry(self, index: int, subindex: int) -> Entry:
+        entry = self.od.get(index, subindex)
+        if entry is None:
+            raise SdoServerAbort(AbortCode.NO_SUBINDEX if index in self._indices else AbortCode.NO_OBJECT)
+        return entry
+
+
+def _decoded(entry: Entry, data: bytes) -> Value:
+    bits = entry.data_type.bits
+    if entry.data_type not in _OPEN_ENDED and bits is not None:
+        size = (bits + 7) // 8
+        if len(data) != size:
+            raise SdoServerAbort(AbortCode.LENGTH_TOO_HIGH if len(data) > size else AbortCode.LENGTH_TOO_LOW)
+    try:
+        return decode(data, entry.data_type)
+    except ValueError:
+        raise SdoServerAbort(AbortCode.INVALID_VALUE) from None

@@ -1,0 +1,282 @@
+"""The power state machine of one axis: states, transitions, and how each stops the motor (CiA 402-2, 6.3).
+
+A command is what the table of `cia402.state` makes of the controlword in the present state. What a transition does is a
+row of `_PERFORM`; how a stop is made is what the option code says. The motor has power in OPERATION_ENABLED,
+QUICK_STOP_ACTIVE and FAULT_REACTION_ACTIVE only, and the first begins only while the node is OPERATIONAL.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar, Protocol
+
+from canopen_control.cia301.emcy_codes import ErrorRegister
+from canopen_control.cia301.nmt import NmtState
+from canopen_control.cia402 import objects as o
+from canopen_control.cia402.options import ABORT_CONNECTION, DEFAULTS, OPTION_CODES, Option, Reaction
+from canopen_control.cia402.state import (
+    HALT_BIT,
+    POWERED_STATES,
+    Command,
+    State,
+    Transition,
+    command_of,
+    transition_of,
+)
+from canopen_control.virtual.fault_seam import Seam
+from canopen_control.virtual.node_events import DriveFaulted, DriveStateChanged
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from canopen_control.cia301.nmt import NmtSlave
+    from canopen_control.virtual.axis_objects import AxisObjects
+    from canopen_control.virtual.mover import Mover
+    from canopen_control.virtual.node_outbox import NodeOutbox
+
+__all__ = ["Motor", "PowerMachine"]
+
+_MS = 1_000_000
+
+
+class Motor(Protocol):
+    """What the power state machine asks of the mode of operation that moves the motor."""
+
+    def start(self, now: int) -> None:
+        """Begin in operation, from the present motion; also after a halt."""
+
+    def stop(self, now: int, reaction: Reaction) -> None:
+        """Bring the motor to rest as `reaction` says."""
+
+    def can_halt(self) -> bool:
+        """Whether controlword bit 8 does anything."""
+
+    def released(self) -> None:
+        """Forget everything: the motor has no power."""
+
+
+class PowerMachine:
+    """The state of one drive's power stage.
+
+    `controlword` is the one last acted on, `stop_target` the state that a ramp under way ends in, `halted` whether the
+    halt bit holds the motor, `causes` those of faults that cannot be reset yet. Seams: `voltage`, whether the power
+    stage has supply; `transition_delay_ns`, of every transition; `reset_deaf`; `fault_on_enable`, a code.
+    """
+
+    def __init__(self, objects: AxisObjects, mover: Mover, outbox: NodeOutbox, nmt: NmtSlave, motor: Motor) -> None:
+        self._objects, self._mover, self._outbox, self._nmt, self._motor = objects, mover, outbox, nmt, motor
+        self.state = State.NOT_READY_TO_SWITCH_ON
+        self.controlword = 0
+        self.stop_target: State | None = None
+        self.halted = False
+        self.causes: set[int] = set()
+        self._communication_causes: set[int] = set()
+        self.voltage = Seam(True)
+        self.transition_delay_ns = Seam(0)
+        self.reset_deaf = Seam(False)
+        self.fault_on_enable = Seam(0)
+
+    @property
+    def running(self) -> bool:
+        """Whether operation is enabled and not on its way out."""
+        return self.state is State.OPERATION_ENABLED and self.stop_target is None
+
+    @property
+    def operational(self) -> bool:
+        """Whether set-points can come: the node is NMT OPERATIONAL."""
+        return self._nmt.state is NmtState.OPERATIONAL
+
+    @property
+    def live(self) -> bool:
+        """Whether set-points move the motor: enabled, OPERATIONAL, not halted and not on a way out."""
+        return self.running and not self.halted and self.operational
+
+    def _option(self, index: int) -> Option:
+        """Return what an option code object says; a vendor's code is taken for the default."""
+        codes = OPTION_CODES[index]
+        return codes.get(self._objects.number(index, default=DEFAULTS[index])) or codes[DEFAULTS[index]]
+
+    def obey(self, command: Command, now: int) -> None:
+        """Do what a command asks for in the present state; nothing where the table knows no transition."""
+        if "transition" in self._mover.timers and command is not Command.DISABLE_VOLTAGE:
+            return  # under way; the controlword is looked at again when it is done
+        transition = transition_of(self.state, command)
+        if transition is not None:
+            self._begin(transition, now)
+        elif command is Command.ENABLE_OPERATION and self.state is State.READY_TO_SWITCH_ON:
+            self._begin_from_ready(now)  # 3 and 4 in one write
+        elif command is Command.ENABLE_OPERATION and self.stop_target is not None and self.operational:
+            self._resume(now)
+
+    def _begin_from_ready(self, now: int) -> None:
+        transition = transition_of(State.READY_TO_SWITCH_ON, Command.SWITCH_ON)
+        if transition is not None:
+            self._begin(transition, now)
+
+    def _resume(self, now: int) -> None:
+        """Go on with the mode: enabled again on the ramp down of transition 5 or 8."""
+        if self.state is State.OPERATION_ENABLED:
+            self.stop_target = None
+            self._motor.start(now)
+
+    def _begin(self, transition: Transition, now: int) -> None:
+        index = self._objects.model.delays.get(transition.number)
+        delay = (self._objects.number(index) * _MS if index else 0) + self.transition_delay_ns.value
+        if delay and transition.target is not State.SWITCH_ON_DISABLED:
+            self._mover.at("transition", now + delay, lambda then: self._perform(transition, then))
+        else:
+            self._perform(transition, now)
+
+    def _perform(self, transition: Transition, now: int) -> None:
+        before = self.state
+        if before not in transition.sources:
+            return  # something else happened during its delay
+        self._PERFORM.get(transition.number, PowerMachine._plain)(self, transition, now)
+        # A command that was held during a delay, or 0x0F in READY_TO_SWITCH_ON, goes on from here.
+        command = command_of(self.controlword, self.controlword)
+        if self.state is not before and self.state is State.SWITCHED_ON and command is Command.ENABLE_OPERATION:
+            self.obey(command, now)
+
+    def _plain(self, transition: Transition, now: int) -> None:
+        self.enter(transition.target, now)
+
+    def _enable(self, _transition: Transition, now: int) -> None:
+        """Transition 4: only with supply, and only while set-points can come (NMT OPERATIONAL)."""
+        if self.voltage.value and self.operational:
+            self.stop_target, self.halted = None, False
+            if not self._mover.powered:
+                self._mover.power(True, now)
+            self.enter(State.OPERATION_ENABLED, now)
+            self.halted = bool(self.controlword & HALT_BIT) and self._motor.can_halt()
+            self._motor.start(now)
+            if self.fault_on_enable.value:
+                self.fault(self.fault_on_enable.value, now)
+
+    def _enable_again(self, transition: Transition, now: int) -> None:
+        """Transition 16: from a quick stop that stays, 0x605A = 5 to 8."""
+        if self._option(o.QUICK_STOP_OPTION).final_state is State.QUICK_STOP_ACTIVE:
+            self._enable(transition, now)
+
+    def _leave(self, transition: Transition, now: int) -> None:
+        """Transitions 5 and 8: stop as the option code says, then the new state."""
+        if self.stop_target is not transition.target:
+            index = o.DISABLE_OPERATION_OPTION if transition.number == 5 else o.SHUTDOWN_OPTION
+            self._stop_as(self._option(index).reaction, transition.target, now)
+
+    def _quick_stop(self, _transition: Transition, now: int) -> None:
+        """Transition 11: the state shows it at once, the option code says what follows."""
+        option = self._option(o.QUICK_STOP_OPTION)
+        self.enter(State.QUICK_STOP_ACTIVE, now)
+        self._stop_as(option.reaction, option.final_state, now)
+
+    def _reset_fault(self, transition: Transition, now: int) -> None:
+        """Transition 15: only when every cause is gone."""
+        if not self.causes and not self.reset_deaf.value:
+            self._objects.set(o.ERROR_CODE, 0)
+            self.enter(transition.target, now)
+            self._outbox.clear_errors()
+
+    def _stop_as(self, reaction: Reaction, target: State, now: int) -> None:
+        self._mover.cancel("transition")
+        self.halted = False
+        if reaction is Reaction.DISABLE:
+            self.finish(target, now)
+            return
+        self.stop_target = target
+        self._motor.stop(now, reaction)
+
+    def finish(self, target: State, now: int) -> None:
+        """End a stop: transition 5, 8, 14, or 12 by itself."""
+        self.stop_target = None
+        if target is not self.state:
+            self.enter(target, now)
+
+    def enter(self, state: State, now: int) -> None:
+        """Be in `state`; what leaves the powered ones takes the power away."""
+        previous, self.state = self.state, state
+        if previous in POWERED_STATES and state not in POWERED_STATES:
+            self.power_off(now)
+        if previous is not state:
+            self._outbox.tell(DriveStateChanged(self._objects.axis, previous, state))
+            self._outbox.values_changed()
+
+    def power_off(self, now: int) -> None:
+        """Take power and demand away, and what the modes remember."""
+        self.stop_target, self.halted = None, False
+        self._mover.cancel("transition", "homing", "window")
+        self._mover.power(False, now)
+        self._motor.released()
+
+    def halt(self, wanted: bool, now: int) -> None:
+        """Controlword bit 8, as 0x605D says; the mode goes on where it was."""
+        if wanted == self.halted or (wanted and not self._motor.can_halt()):
+            return
+        self.halted = wanted
+        if wanted:
+            self._motor.stop(now, self._option(o.HALT_OPTION).reaction)
+        else:
+            self._motor.start(now)
+
+    def fault(self, code: int, now: int, *, register: int = ErrorRegister.GENERIC, data: bytes = b"") -> None:
+        """Transition 13: report `code`, stop as 0x605E says, then FAULT."""
+        self._outbox.emergency(code, register, data)
+        self.enter_fault(code, now)
+
+    def hold_cause(self, code: int, *, until_communication_reset: bool = False) -> None:
+        """Keep a fault from being reset; a reset of communication may end that."""
+        self.causes.add(code)
+        if until_communication_reset:
+            self._communication_causes.add(code)
+
+    def drop_cause(self, code: int) -> None:
+        """Let a fault be reset."""
+        self.causes.discard(code)
+        self._communication_causes.discard(code)
+
+    def communication_reset(self) -> None:
+        """Forget the causes that a reset of communication ends."""
+        self.causes -= self._communication_causes
+
+    def enter_fault(self, code: int, now: int) -> None:
+        """Go to FAULT without an EMCY of its own; in a fault it only shows the newer code."""
+        self._mover.advance(now)
+        self._objects.set(o.ERROR_CODE, code)
+        if self.state in (State.FAULT_REACTION_ACTIVE, State.FAULT):
+            return
+        self._outbox.tell(DriveFaulted(self._objects.axis, code))
+        powered = self.state in POWERED_STATES and self.voltage.value
+        self.enter(State.FAULT_REACTION_ACTIVE, now)
+        if powered:
+            self._stop_as(self._option(o.FAULT_REACTION_OPTION).reaction, State.FAULT, now)
+        else:
+            self.finish(State.FAULT, now)
+
+    def lose_voltage(self, now: int) -> None:
+        """Lose the supply of the power stage: every state above falls to SWITCH_ON_DISABLED, without a fault."""
+        self._mover.advance(now)
+        self.voltage.break_with(False)
+        self._mover.cancel("transition")
+        if self.state not in (State.NOT_READY_TO_SWITCH_ON, State.FAULT_REACTION_ACTIVE, State.FAULT):
+            self.enter(State.SWITCH_ON_DISABLED, now)
+        self._outbox.values_changed()
+
+    def abort_connection(self, code: int, now: int) -> None:
+        """Do what 0x6007 says, in operation; an absent object is its default, a fault."""
+        self._mover.advance(now)
+        if self.state not in (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE):
+            return
+        option = self._objects.number(o.ABORT_CONNECTION_OPTION, default=DEFAULTS[o.ABORT_CONNECTION_OPTION])
+        action = ABORT_CONNECTION.get(option, State.FAULT)
+        if isinstance(action, Command):
+            self.obey(action, now)
+        elif action is not None:
+            self.enter_fault(code, now)
+
+    _PERFORM: ClassVar[dict[int, Callable[[PowerMachine, Transition, int], None]]] = {
+        4: _enable,
+        5: _leave,
+        8: _leave,
+        11: _quick_stop,
+        15: _reset_fault,
+        16: _enable_again,
+    }
+    """Transition number to what it does; the others only change the state."""

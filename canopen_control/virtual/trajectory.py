@@ -1,0 +1,227 @@
+"""Motion as a function of time: trajectories of pieces with constant acceleration.
+
+A trajectory is made once, at an event, and evaluated in closed form at any time after it. There is no tick, so the
+result does not depend on how often anybody looks, and the position is the exact integral of the velocity. Positions are
+in counts, velocities in counts/s, accelerations in counts/s^2; all are floats, whose error at the ends of a 32-bit
+range is below a millionth of a count. Times are monotonic nanoseconds.
+
+An acceleration of 0 starts nothing, an infinite one is a step. What slows down never fails for want of a ramp: a
+deceleration of 0 stops at once.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, NamedTuple
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+__all__ = ["INFINITE", "Piece", "Trajectory", "cruise", "hold", "linear_to", "move_to", "ramp_to"]
+
+INFINITE = math.inf
+_NS = 1e-9
+
+
+class Piece(NamedTuple):
+    """`seconds` long, starting at `velocity`, with constant `acceleration`."""
+
+    seconds: float
+    velocity: float
+    acceleration: float
+
+    def distance(self, seconds: float) -> float:
+        """Return the way after `seconds` of the piece."""
+        return (self.velocity + 0.5 * self.acceleration * seconds) * seconds
+
+
+class Trajectory:
+    """Pieces from `position` at `start_ns` on, then `final_velocity` for ever.
+
+    `final_position` is where the pieces end. It may be given where it is known exactly (a target), so that no rounding
+    of the pieces shows.
+    """
+
+    __slots__ = ("_pieces", "end_ns", "final_position", "final_velocity", "position", "start_ns")
+
+    def __init__(
+        self,
+        start_ns: int,
+        position: float,
+        pieces: tuple[Piece, ...],
+        final_velocity: float,
+        final_position: float | None = None,
+    ) -> None:
+        self.start_ns, self.position, self.final_velocity = start_ns, position, final_velocity
+        self._pieces = pieces
+        seconds = sum(piece.seconds for piece in pieces)
+        self.end_ns = start_ns + math.ceil(seconds / _NS)
+        way = sum(piece.distance(piece.seconds) for piece in pieces)
+        self.final_position = position + way if final_position is None else final_position
+
+    def shifted(self, way: float) -> Trajectory:
+        """Return the same motion, `way` further."""
+        position, final = self.position + way, self.final_position + way
+        return Trajectory(self.start_ns, position, self._pieces, self.final_velocity, final)
+
+    def at(self, now: int) -> tuple[float, float]:
+        """Return position and velocity at `now`, which is not before the start."""
+        if now >= self.end_ns:
+            beyond = (now - self.end_ns) * _NS
+            return self.final_position + self.final_velocity * beyond, self.final_velocity
+        seconds, position = (now - self.start_ns) * _NS, self.position
+        for piece in self._pieces:
+            if seconds <= piece.seconds:
+                return position + piece.distance(seconds), piece.velocity + piece.acceleration * seconds
+            seconds -= piece.seconds
+            position += piece.distance(piece.seconds)
+        return self.final_position, self.final_velocity
+
+    def acceleration_at(self, now: int) -> float:
+        """Return the acceleration just after `now`."""
+        for piece in self.slices(now, now + 1):
+            return piece.acceleration
+        return 0.0
+
+    def slices(self, start_ns: int, end_ns: int) -> Iterator[Piece]:
+        """Yield the pieces between two times, cut to fit, with the endless last one."""
+        begin, end = (start_ns - self.start_ns) * _NS, (end_ns - self.start_ns) * _NS
+        for piece in self._pieces:
+            first, last = max(begin, 0.0), min(end, piece.seconds)
+            if last > first:
+                yield Piece(last - first, piece.velocity + piece.acceleration * first, piece.acceleration)
+            begin -= piece.seconds
+            end -= piece.seconds
+        if end > max(begin, 0.0):
+            yield Piece(end - max(begin, 0.0), self.final_velocity, 0.0)
+
+    def time_of(self, position: float, after_ns: int) -> int | None:
+        """Return the first time from `after_ns` on at which it is at or has just crossed `position`, or None."""
+        here, clock = self.at(after_ns)[0], after_ns
+        for piece in self.slices(after_ns, max(self.end_ns, after_ns)):
+            seconds = _first_crossing(piece, position - here)
+            if seconds is not None:
+                return clock + math.ceil(seconds / _NS)
+            here += piece.distance(piece.seconds)
+            clock += math.ceil(piece.seconds / _NS)
+        if here == position:
+            return clock
+        if self.final_velocity == 0.0 or (position - here) / self.final_velocity < 0.0:
+            return None
+        return clock + math.ceil((position - here) / self.final_velocity / _NS)
+
+
+def _first_crossing(piece: Piece, way: float) -> float | None:
+    """Return the seconds after which a piece has gone `way`, or None."""
+    if piece.acceleration == 0.0:
+        roots = [way / piece.velocity] if piece.velocity else []
+    else:
+        square = piece.velocity * piece.velocity + 2.0 * piece.acceleration * way
+        if square < 0.0:
+            return None
+        root = math.sqrt(square)
+        roots = [(-piece.velocity + root) / piece.acceleration, (-piece.velocity - root) / piece.acceleration]
+    inside = [seconds for seconds in roots if 0.0 <= seconds <= piece.seconds]
+    return min(inside, default=None)
+
+
+def hold(now: int, position: float) -> Trajectory:
+    """Stand still at `position`."""
+    return Trajectory(now, position, (), 0.0, position)
+
+
+def cruise(now: int, position: float, velocity: float) -> Trajectory:
+    """Go on with `velocity`."""
+    return Trajectory(now, position, (), velocity, position)
+
+
+def ramp_to(
+    now: int, position: float, velocity: float, target: float, acceleration: float, deceleration: float
+) -> Trajectory:
+    """Change the velocity to `target` along ramps, through standstill where the direction changes."""
+    pieces: list[Piece] = []
+    if velocity and (velocity * target < 0.0 or abs(target) < abs(velocity)):
+        inner = 0.0 if velocity * target < 0.0 else target
+        _add_ramp(pieces, velocity, inner, deceleration)
+        velocity = inner
+    if abs(target) > abs(velocity):
+        if acceleration <= 0.0:
+            target = velocity
+        else:
+            _add_ramp(pieces, velocity, target, acceleration)
+    return Trajectory(now, position, tuple(pieces), target)
+
+
+def _add_ramp(pieces: list[Piece], velocity: float, target: float, rate: float) -> None:
+    """Append the piece from `velocity` to `target`; a rate of 0 or infinity is a step and needs none."""
+    if 0.0 < rate < INFINITE and target != velocity:
+        pieces.append(Piece(abs(target - velocity) / rate, velocity, math.copysign(rate, target - velocity)))
+
+
+def move_to(
+    now: int,
+    position: float,
+    velocity: float,
+    target: float,
+    speed: float,
+    acceleration: float,
+    deceleration: float,
+    end: float = 0.0,
+) -> Trajectory:
+    """Go to `target` in the shortest time along ramps and stand there, or pass it with the speed `end`.
+
+    Motion in the wrong direction, or too fast at the target, is braked to standstill first. Without a speed or an
+    acceleration nothing starts: it stops where it is. An `end` that cannot be reached on the way is as fast as it gets.
+    """
+    deceleration = deceleration if deceleration > 0.0 else INFINITE
+    if speed <= 0.0 or acceleration <= 0.0:
+        return ramp_to(now, position, velocity, 0.0, 0.0, deceleration)
+    end = min(end, speed)
+    stop = position + 0.5 * velocity * abs(velocity) / deceleration
+    slowed = position + math.copysign(max(0.0, 0.5 * (velocity * velocity - end * end) / deceleration), velocity)
+    direction = math.copysign(1.0, target - slowed) if target != slowed else math.copysign(1.0, velocity)
+    pieces: list[Piece] = []
+    if velocity * direction < 0.0:
+        _add_ramp(pieces, velocity, 0.0, deceleration)
+        position, velocity, start = stop, 0.0, position
+    else:
+        start = position
+    limits = (speed, acceleration, deceleration)
+    end = _approach(pieces, direction, abs(target - position), abs(velocity), limits, end)
+    return Trajectory(now, start, tuple(pieces), direction * end if end else 0.0, target)
+
+
+def _approach(
+    pieces: list[Piece], direction: float, way: float, velocity: float, limits: tuple[float, float, float], end: float
+) -> float:
+    """Append the pieces from `velocity` to `end` after `way`, all in one direction; return the speed at its end."""
+    speed, acceleration, deceleration = limits
+    if velocity > speed:  # a lower speed was set on the way
+        _add_ramp(pieces, direction * velocity, direction * speed, deceleration)
+        way -= 0.5 * (velocity * velocity - speed * speed) / deceleration
+        velocity, way = speed, max(way, 0.0)
+    fastest = math.sqrt(velocity * velocity + 2.0 * acceleration * way) if way else velocity
+    end = min(end, fastest)
+    peak = min(speed, _peak(way, velocity, acceleration, deceleration, end))
+    _add_ramp(pieces, direction * velocity, direction * peak, acceleration)
+    way -= 0.5 * (peak * peak - velocity * velocity) / acceleration + 0.5 * (peak * peak - end * end) / deceleration
+    if peak > 0.0 and way > 0.0:
+        pieces.append(Piece(way / peak, direction * peak, 0.0))
+    _add_ramp(pieces, direction * peak, direction * end, deceleration)
+    return end
+
+
+def _peak(way: float, velocity: float, acceleration: float, deceleration: float, end: float) -> float:
+    """Return the top velocity of the triangle that starts at `velocity` and has `end` after `way`."""
+    if acceleration == INFINITE:
+        return math.sqrt(2.0 * deceleration * way + end * end)
+    gain = 2.0 * acceleration if deceleration == INFINITE else 2.0 / (1.0 / acceleration + 1.0 / deceleration)
+    energy = way + 0.5 * velocity * velocity / acceleration + 0.5 * end * end / deceleration
+    return max(velocity, end, math.sqrt(gain * energy))
+
+
+def linear_to(now: int, position: float, target: float, seconds: float) -> Trajectory:
+    """Go to `target` with constant velocity within `seconds`, then stand: the set-point of an interpolated mode."""
+    if seconds <= 0.0:
+        return hold(now, target)
+    return Trajectory(now, position, (Piece(seconds, (target - position) / seconds, 0.0),), 0.0, target)

@@ -1,0 +1,273 @@
+"""One axis as a drive of CiA 402: power, modes, limits and motion on an object store, and what a write to it does.
+
+Objects are written first and acted on afterwards, in this order: mode, controlword, set-points; so a PDO counts whole
+before its controlword is looked at. Set-points are taken only in OPERATION_ENABLED while the node is OPERATIONAL.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING
+
+from canopen_control.cia301.abort import AbortCode
+from canopen_control.cia301.emcy_codes import ErrorRegister
+from canopen_control.cia301.sdo_server import SdoServerAbort
+from canopen_control.cia402 import objects as o
+from canopen_control.cia402.modes import mode_name, supported_modes
+from canopen_control.cia402.options import OPTION_CODES, Reaction
+from canopen_control.cia402.state import HALT_BIT, State, command_of
+from canopen_control.rpc.messages.drive import AxisState, PlantState
+from canopen_control.virtual.axis_limits import AxisLimits
+from canopen_control.virtual.axis_objects import UNIT_OBJECTS, AxisObjects
+from canopen_control.virtual.axis_readings import SOURCES, AxisReadings
+from canopen_control.virtual.device_model import GENERIC, DeviceModel
+from canopen_control.virtual.drive_modes import MODES, DriveModes, possible_modes
+from canopen_control.virtual.mode_base import Axis
+from canopen_control.virtual.mover import Mover
+from canopen_control.virtual.plant import IdealPlant, Plant
+from canopen_control.virtual.power_machine import PowerMachine
+from canopen_control.virtual.touch_probes import TouchProbes
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from canopen_control.cia301.nmt import NmtSlave
+    from canopen_control.od.model import DataType, Entry, Value
+    from canopen_control.virtual.node_outbox import Clock, NodeOutbox
+    from canopen_control.virtual.object_store import ObjectStore
+    from canopen_control.virtual.trajectory import Trajectory
+
+__all__ = ["VirtualDrive"]
+
+_OPTIONS = (o.QUICK_STOP_OPTION, o.SHUTDOWN_OPTION, o.DISABLE_OPERATION_OPTION, o.HALT_OPTION, o.FAULT_REACTION_OPTION)
+
+
+class VirtualDrive:
+    """Axis `axis` of a node; attaches itself to the objects of `store`.
+
+    `shows_motion` says whether an event-driven TPDO waits for values that change with a motion. It is the `Motor` of
+    its power state machine and takes the `Reactions` of its mover.
+    """
+
+    def __init__(
+        self,
+        axis: int,
+        store: ObjectStore,
+        outbox: NodeOutbox,
+        clock: Clock,
+        nmt: NmtSlave,
+        *,
+        plant: Plant | None = None,
+        model: DeviceModel = GENERIC,
+        shows_motion: Callable[[], bool],
+    ) -> None:
+        self.axis, self._store, self._outbox, self._clock = axis, store, outbox, clock
+        self.wants_samples = shows_motion
+        self.objects = objects = AxisObjects(store, axis, model)
+        self.mover = mover = Mover(IdealPlant() if plant is None else plant, self)
+        self.power = PowerMachine(objects, mover, outbox, nmt, self)
+        self.limits = AxisLimits(objects, mover, outbox, self.power)
+        parts = Axis(objects, mover, self.power, self.limits, outbox, clock)
+        self.modes = DriveModes(parts)
+        self.readings = AxisReadings(parts, self.modes)
+        self.probes = TouchProbes(objects, mover, outbox)
+        self._mode_address = (o.MODES_OF_OPERATION + objects.offset, 0)
+        self._values = store.values
+        self._attach()
+
+    @property
+    def state(self) -> State:
+        """The state of the power state machine."""
+        return self.power.state
+
+    def statusword(self) -> int:
+        """Return 0x6041 at the time the drive was advanced to."""
+        return self.readings.statusword.value()
+
+    def describe(self) -> AxisState:
+        """Return what the axis is doing, and its motor."""
+        plant = self.mover.plant
+        return AxisState(
+            axis=self.axis,
+            state=self.state.name,
+            statusword=self.statusword(),
+            controlword=self.power.controlword,
+            mode=mode_name(self.modes.number),
+            position=self.readings.position(),
+            velocity=self.readings.velocity(),
+            plant=PlantState(plant.position, plant.velocity, plant.torque),
+        )
+
+    # -- objects
+
+    def _attach(self) -> None:
+        store, shift = self._store, self.objects.offset
+        for index, source in SOURCES.items():
+            self._show(index + shift, 0, partial(source, self.readings))
+        for (index, subindex), shown in self.objects.model.display.items():
+            self._show(index + shift, subindex, partial(shown, store))
+        modes = store.od.get(o.SUPPORTED_DRIVE_MODES + shift)
+        if modes is not None and not modes.value:  # a real drive knows what its maker did not write down
+            store.preset(*modes.address, possible_modes(self.objects) & modes.data_type.maximum)
+        store.guard([o.MODES_OF_OPERATION + shift], self._check_mode)
+        store.guard([index + shift for index in _OPTIONS], self._check_option)
+        controlword, objects = o.CONTROLWORD + shift, self.objects
+        store.on_write([index + shift for index in UNIT_OBJECTS], lambda _entry, _value: objects.units.update(objects))
+        store.on_write([o.TOUCH_PROBE_FUNCTION + shift], lambda _entry, _value: self.probes.update(self._clock.now))
+        store.on_write([controlword], lambda _entry, _value: self.refresh(self._clock.now, controlword=True))
+        mine = {entry.index for entry in store.od if 0x6000 <= entry.index - shift < 0x6800} - {controlword}
+        store.on_write(mine, lambda _entry, _value: self.refresh(self._clock.now))
+
+    def _show(self, index: int, subindex: int, source: Callable[[], int]) -> None:
+        entry = self._store.od.get(index, subindex)
+        if entry is not None and (entry.data_type.is_integer or entry.data_type.is_real):
+            self._store.on_read(index, subindex, self._reader(source, entry.data_type))
+
+    def _reader(self, source: Callable[[], int], data_type: DataType) -> Callable[[], int]:
+        low, high = (data_type.minimum, data_type.maximum) if data_type.is_integer else (-(1 << 31), 1 << 31)
+        advance, clock = self.mover.advance, self._clock
+
+        def read() -> int:
+            advance(clock.now)
+            return max(low, min(high, source()))
+
+        return read
+
+    def _check_mode(self, _entry: Entry, value: Value) -> Value:
+        listed = self.objects.number(o.SUPPORTED_DRIVE_MODES, default=-1)
+        if value not in {0, *(MODES if listed == -1 else supported_modes(listed))}:
+            raise SdoServerAbort(AbortCode.INVALID_VALUE)
+        return value
+
+    def _check_option(self, entry: Entry, value: Value) -> Value:
+        if isinstance(value, int) and value >= 0 and value not in OPTION_CODES[entry.index - self.objects.offset]:
+            raise SdoServerAbort(AbortCode.INVALID_VALUE)
+        return value
+
+    # -- what is written, and what happens
+
+    def power_on(self, now: int) -> None:
+        """Start as after power-on: transitions 0 and 1. The motor stands where it is, and that is position 0."""
+        objects, power = self.objects, self.power
+        self.mover.advance(now)
+        self.mover.timers.clear()
+        power.power_off(now)
+        objects.units.zero = self.mover.plant.position
+        power.controlword = 0
+        self.readings.statusword.warning.heal()
+        self.probes.reset()
+        objects.units.update(objects)
+        self.modes.clear()
+        power.enter(State.NOT_READY_TO_SWITCH_ON, now)
+        power.enter(State.SWITCH_ON_DISABLED, now)
+        self.modes.select(now)
+
+    def refresh(self, now: int, *, controlword: bool = False) -> None:
+        """Act on objects that were written: mode, then controlword, then set-points."""
+        self.mover.advance(now)
+        if self.modes.number != self._values.get(self._mode_address, 0):
+            self.modes.select(now)
+        if controlword:
+            self._control(now)
+        if self.power.live:
+            self.modes.active.update(now)
+
+    def _control(self, now: int) -> None:
+        power, mode = self.power, self.modes.active
+        word, previous = self.objects.number(o.CONTROLWORD), power.controlword
+        power.controlword = word
+        before = power.state
+        command = command_of(word, previous)
+        if command is not None:
+            power.obey(command, now)
+        if power.running:
+            power.halt(bool(word & HALT_BIT), now)
+            if power.operational and before is State.OPERATION_ENABLED:
+                mode.control(word, previous, now)
+        elif not self.mover.powered:
+            mode.control_unpowered(word, previous, now)
+        if word != previous:
+            self._outbox.values_changed()
+
+    def fault(self, code: int, now: int, *, register: int = ErrorRegister.GENERIC, data: bytes = b"") -> None:
+        """Let a fault occur: EMCY `code`, the stop that 0x605E says, FAULT."""
+        self.power.fault(code, now, register=register, data=data)
+
+    def set_inputs(self, bits: int, now: int) -> None:
+        """Set the further bits of 0x60FD; bits 16 and 17 are the touch probes' inputs."""
+        self.mover.advance(now)
+        before, self.readings.inputs = self.readings.inputs, bits
+        self.probes.inputs_changed(before, bits)
+        self._outbox.values_changed()
+
+    def connection_lost(self, now: int) -> None:
+        """React to a lost heartbeat or guarding as 0x6007 says; without the object the axis goes on."""
+        if self.objects.has(o.ABORT_CONNECTION_OPTION):
+            self.power.abort_connection(0x8130, now)
+
+    def communication_stopped(self, now: int) -> None:
+        """React to NMT STOPPED or a reset of communication; without 0x6007 that is a fault of operation."""
+        self.power.abort_connection(0x8100, now)
+
+    # -- time
+
+    def advance(self, now: int) -> None:
+        """Bring the axis to `now`."""
+        self.mover.advance(now)
+
+    def next_deadline(self) -> int | None:
+        """Return when something happens by itself, None: nothing will."""
+        return self.mover.next_deadline()
+
+    # -- the motor of the power state machine
+
+    def start(self, now: int) -> None:
+        """Let the active mode begin, from the present motion."""
+        self.modes.active.start(now)
+
+    def stop(self, now: int, reaction: Reaction) -> None:
+        """Bring the motor to rest along the active mode's ramps."""
+        self.modes.active.stop(now, reaction)
+
+    def can_halt(self) -> bool:
+        """Whether controlword bit 8 does anything in the active mode."""
+        return self.modes.active.can_halt()
+
+    def released(self) -> None:
+        """Forget limits and set-points: the motor has no power."""
+        self.limits.reset()
+        self.modes.reset()
+
+    # -- the reactions to the motion
+
+    def arrived(self, now: int) -> None:
+        """Go on at the end of a demand: into the state that a stop leads to, or as the mode says."""
+        target = self.power.stop_target
+        if target is not None:
+            self.power.finish(target, now)
+        elif self.power.running and not self.power.halted:
+            self.limits.arrived(now)
+            self.modes.active.arrived(now)
+        self._outbox.values_changed()
+
+    def limit_switch_hit(self, side: int, now: int) -> None:
+        """Stop at a wired limit switch."""
+        if self.power.running:
+            self.limits.limit_switch_hit(side)
+            self.stop(now, Reaction.QUICK_STOP_RAMP)
+
+    def judge_following_error(self, error: float, now: int) -> None:
+        """Judge a following error."""
+        self.limits.judge_following_error(error, now)
+
+    def sampled(self) -> None:
+        """Look at values that move with the motor."""
+        self._outbox.values_changed()
+
+    def next_index(self, demand: Trajectory, now: int) -> tuple[int, float] | None:
+        """Return when and where a touch probe's index pulse comes."""
+        return self.probes.next_index(demand, now)
+
+    def index_passed(self, place: float) -> None:
+        """Let the touch probes catch an index pulse."""
+        self.probes.index_passed(place)

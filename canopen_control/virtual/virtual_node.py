@@ -1,0 +1,361 @@
+"""The device's side of CiA 301 on one object dictionary: a virtual node that any master can talk to.
+
+A node is services on an object store, each of which knows what it needs: the store, the outbox for what it says, the
+clock. This file makes them, hands frames to them (`frame_routes`) and carries out NMT state changes and resets. It
+boots with the boot-up message into PRE-OPERATIONAL and goes on only when commanded, or by itself where its dictionary
+says so (0x1F80). Reset node restores all power-on values, reset communication those of 0x1000 to 0x1FFF. What happens
+between two events costs nothing.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from canopen_control.cia301.emcy import EmcyProducer
+from canopen_control.cia301.guarding import GuardingSlave
+from canopen_control.cia301.heartbeat import HeartbeatConsumer, HeartbeatProducer
+from canopen_control.cia301.lss import UNCONFIGURED
+from canopen_control.cia301.nmt import NmtCommand, NmtResetRequested, NmtSlave, NmtState, NmtStateChanged
+from canopen_control.cia301.sdo_codec import ANSWER_BASE, REQUEST_BASE
+from canopen_control.cia301.sdo_server import SdoServer
+from canopen_control.cia301.sync import SyncConsumer
+from canopen_control.cia402 import objects as o
+from canopen_control.virtual.communication_objects import CommunicationObjects, Services
+from canopen_control.virtual.device_model import GENERIC, DeviceModel
+from canopen_control.virtual.error_control import ErrorControl
+from canopen_control.virtual.fault_seam import Seam
+from canopen_control.virtual.frame_routes import FrameRoutes
+from canopen_control.virtual.node_events import NodeIdChanged
+from canopen_control.virtual.node_lss import NodeLss
+from canopen_control.virtual.node_outbox import HEARTBEAT_ERROR, Clock, NodeOutbox
+from canopen_control.virtual.node_pdos import ProcessData
+from canopen_control.virtual.object_store import ObjectStore
+from canopen_control.virtual.virtual_drive import VirtualDrive
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+
+    from canopen_control.bus.port import BusEventKind
+    from canopen_control.frame import CanFrame
+    from canopen_control.od.model import ObjectDictionary, Value
+    from canopen_control.virtual.fault_seam import FaultFilter
+    from canopen_control.virtual.plant import Plant
+
+__all__ = ["VirtualNode"]
+
+PROTOCOL_ERRORS = 0x82  # the high byte of what is wrong with PDOs and SYNC
+
+
+class VirtualNode:
+    """One node; `serial` (default: the node id) fills 0x1018:04 where the file has none, `plant` makes an axis's plant.
+
+    `filter` is the injected faults while one is on, `switches` those that can be. Seam `starts_itself`: OPERATIONAL
+    without a command, whatever the dictionary says.
+    """
+
+    def __init__(
+        self,
+        od: ObjectDictionary,
+        node_id: int,
+        *,
+        serial: int | None = None,
+        model: DeviceModel = GENERIC,
+        plant: Callable[[int], Plant] | None = None,
+    ) -> None:
+        self.od, self.node_id, self.model = od, node_id, model
+        self.filter: FaultFilter | None = None
+        self.switches: FaultFilter | None = None
+        self.starts_itself = Seam(False)
+        self._boot_at: int | None = 0
+        self._reset_delay_ns: int | None = 0  # before the boot-up message, None: it never boots
+        self._started = self._settling = False
+        self._on_stored: Callable[[], bool] | None = None
+        self.clock = Clock()
+        self.store = store = ObjectStore(od)
+        self.nmt = NmtSlave(node_id)
+        self.heartbeat = HeartbeatProducer(node_id)
+        self.consumer = HeartbeatConsumer()
+        self.guarding = GuardingSlave(node_id)
+        self.emcy = EmcyProducer(node_id, history_size=max(1, len(od.subindices(0x1003)) - 1))
+        self.sync = SyncConsumer()
+        self.sdo = SdoServer(node_id, store)
+        self.outbox = outbox = NodeOutbox(self.emcy, self.clock)
+        self.drives: dict[int, VirtualDrive] = {}
+        self.error_control = ErrorControl(store, self.nmt, self.consumer, outbox, model, self.drives)
+        services = Services(self.emcy, self.sync, self.heartbeat, self.guarding, self.error_control)
+        self.communication = CommunicationObjects(
+            store, services, self.clock, applied=self._reroute, stored=self._stored
+        )
+        self.communication.identify(node_id if serial is None else serial, model.identity)
+        self.pdos = ProcessData(store, outbox, self.clock, model, self.drives, rebuilt=self._reroute)
+        self.lss: NodeLss | None = None
+        if od.device.lss_supported:
+            self.lss = NodeLss(store, node_id, outbox, assigned=self._power_up_with, stored=self._stored)
+        self._frames = FrameRoutes(
+            self.nmt,
+            self.sdo,
+            self.consumer,
+            self.guarding,
+            self.sync,
+            self.pdos,
+            self.lss,
+            outbox,
+            self.advance_drives,
+        )
+        for axis in range(o.axis_count({entry.index for entry in od})):
+            self._add_drive(axis, None if plant is None else plant(axis))
+
+    def _add_drive(self, axis: int, plant: Plant | None) -> None:
+        self.drives[axis] = VirtualDrive(
+            axis,
+            self.store,
+            self.outbox,
+            self.clock,
+            self.nmt,
+            plant=plant,
+            model=self.model,
+            shows_motion=self._shows_motion,
+        )
+
+    # -- the sans-IO verbs
+
+    def receive(self, frame: CanFrame, now: int) -> None:
+        """Take a frame; one that is not the node's is ignored."""
+        self._advance(now)
+        if self.filter is not None:
+            heard = self.filter.incoming(frame, now)
+            if heard is None:
+                return
+            frame = heard
+        take = self._frames.table.get(frame.can_id)
+        if take is not None:
+            take(frame, now)
+            self._settle(now)
+
+    def receive_records(self, records: bytes, start: int, now: int) -> int:
+        """Take a run of segments as `SdoServer.receive_records` does; 0 too where a frame is more than the server's."""
+        alone = self.filter is None and self._frames.sdo_alone
+        return self.sdo.receive_records(records, start, now) if alone and self.nmt.state is not NmtState.STOPPED else 0
+
+    def tick(self, now: int) -> None:
+        """Let time pass; the first call is the power-on."""
+        self._advance(now)
+        if self.filter is not None:
+            self.filter.tick(now)
+        if self._boot_at is not None and now >= self._boot_at:
+            self._boot(now)
+        self.advance_drives(now)
+        for core in (self.heartbeat, self.consumer, self.guarding, self.emcy, self.sync, self.sdo, self.pdos):
+            core.tick(now)
+        self._settle(now)
+
+    def next_deadline(self) -> int | None:
+        """Return when `tick` has something to do, None: nothing will happen by itself."""
+        cores = (self.heartbeat, self.consumer, self.guarding, self.emcy, self.sync, self.sdo, self.pdos)
+        deadlines = [core.next_deadline() for core in cores]
+        deadlines += [drive.next_deadline() for drive in self.drives.values()]
+        deadlines.append(self._boot_at)
+        if self.filter is not None:
+            deadlines.append(self.filter.next_deadline())
+        return min((deadline for deadline in deadlines if deadline is not None), default=None)
+
+    def frames(self) -> list[CanFrame]:
+        """Drain what to send."""
+        frames = self.nmt.frames() + self.emcy.frames() + self.heartbeat.frames() + self.guarding.frames()
+        frames += self.pdos.frames() + self.sdo.frames()
+        if self.lss is not None:
+            frames += self.lss.frames()
+        frames += self.outbox.frames()
+        return frames if self.filter is None else self.filter.outgoing(frames, self.clock.now)
+
+    def events(self) -> list[object]:
+        """Drain what happened, in order."""
+        return self.outbox.events()
+
+    def routes(self) -> Iterable[int]:
+        """Return the identifiers, with linux/can.h's flags, that the node listens to."""
+        return self._frames.table.keys()
+
+    @property
+    def routes_version(self) -> int:
+        """A number that grows when `routes` changes."""
+        return self._frames.version
+
+    # -- what others ask
+
+    @property
+    def name(self) -> str:
+        """What kind of device it is, for people."""
+        return self.model.name or self.od.device.product_name or "node"
+
+    @property
+    def operational(self) -> bool:
+        """Whether process data count."""
+        return self.nmt.state is NmtState.OPERATIONAL
+
+    def _shows_motion(self) -> bool:
+        """Whether an event-driven TPDO waits for values that change with a motion."""
+        return self.pdos.has_event_pdos and self.operational
+
+    def get(self, index: int, subindex: int = 0) -> Value:
+        """Return the present value of an object; KeyError where there is none."""
+        return self.store.get(index, subindex)
+
+    def on_stored(self, callback: Callable[[], bool]) -> None:
+        """Let `callback` hear when 0x1010, 0x1011 or LSS changed what outlasts the power; it returns: it is kept."""
+        self._on_stored = callback
+
+    def _stored(self) -> bool:
+        return self._on_stored is None or self._on_stored()
+
+    # -- what is done to the node from outside
+
+    def advance_drives(self, now: int) -> None:
+        """Bring all axes to `now`."""
+        for drive in self.drives.values():
+            drive.advance(now)
+
+    def follow(self, now: int) -> None:
+        """Follow up what was done to the node from outside: send what changed, tick what is due."""
+        if not self._settling:
+            self.tick(now)
+
+    def bus_event(self, kind: BusEventKind, now: int) -> None:
+        """React to what happened to the node's CAN controller."""
+        self._advance(now)
+        self.advance_drives(now)
+        self.error_control.bus_event(kind, now)
+        self._settle(now)
+
+    def command(self, command: NmtCommand, now: int) -> None:
+        """Obey an NMT command of the node's own."""
+        self._advance(now)
+        self.nmt.command(command)
+        self._settle(now)
+
+    def power_on(self, now: int) -> None:
+        """Switch on, or off and on again (brown-out): everything not stored is gone."""
+        self._advance(now)
+        if self.lss is not None:
+            self.lss.reset(power=True)
+        self.nmt.state = NmtState.INITIALISING
+        self.nmt.events()
+        self._reset(NmtCommand.RESET_NODE, now)
+        self._settle(now)
+
+    def set_reset_delay(self, delay_ns: int | None, now: int) -> None:
+        """Change the time from a reset to the boot-up (None: never), also of a boot under way."""
+        self._reset_delay_ns = delay_ns
+        if self.nmt.state is NmtState.INITIALISING:
+            self._boot_at = None if delay_ns is None else now + delay_ns
+
+    def set_clock_drift(self, ppm: float) -> None:
+        """Let the clock run fast, or slow where `ppm` is negative."""
+        self.clock.drift_ppm.break_with(ppm)
+        self.communication.apply()
+
+    # -- life
+
+    def _advance(self, now: int) -> None:
+        clock = self.clock
+        if not self._started:  # power-on: without a delay before the first boot-up
+            self._started, clock.now = True, now
+            self._reset(NmtCommand.RESET_NODE, now)
+            if self._boot_at is not None and self._reset_delay_ns == 0:
+                self._boot_at = now
+        clock.now = max(now, clock.now)
+
+    def _settle(self, now: int) -> None:
+        """Follow up what the services said until they say nothing more."""
+        if self._settling:
+            return
+        self._settling = True
+        while events := [*self.nmt.events(), *self.consumer.events(), *self.guarding.events()]:
+            for event in events:
+                if isinstance(event, NmtStateChanged):
+                    self._state_changed(event, now)
+                elif isinstance(event, NmtResetRequested):
+                    self._reset(event.command, now)
+                else:
+                    self.error_control.follow(event, now)
+        self.sync.events()
+        if self.outbox.changed:
+            self.outbox.changed = False
+            self.pdos.send_changed(now)
+        self._settling = False
+
+    def _state_changed(self, event: NmtStateChanged, now: int) -> None:
+        state = event.state
+        self.outbox.tell(event)
+        self.heartbeat.state = self.guarding.state = state
+        self.emcy.allowed = state in (NmtState.PRE_OPERATIONAL, NmtState.OPERATIONAL)
+        if state is NmtState.OPERATIONAL:
+            self.pdos.start(now)
+        else:
+            self.pdos.stop()
+        if state is NmtState.STOPPED:
+            self.sdo.reset()
+            self.sync.reset()
+        if state in (NmtState.STOPPED, NmtState.INITIALISING):
+            for drive in self.drives.values():
+                drive.communication_stopped(now)
+        self.outbox.values_changed()
+
+    def _reset(self, command: NmtCommand, now: int) -> None:
+        """Restore power-on values as `command` says and boot again; the power-on itself is a reset node."""
+        everything = command is NmtCommand.RESET_NODE
+        if self.lss is not None:
+            self._assign(self.lss.reset(power=False))
+        self.store.defaults(0x1000 if not everything else 0, 0x1FFF if not everything else 0xFFFF)
+        self.pdos.stop()
+        for core in (self.sdo, self.sync, self.guarding):
+            core.reset()
+        for node_id in self.consumer.watched():
+            self.consumer.unwatch(node_id)
+        if everything:
+            self.emcy.reset()
+            for drive in self.drives.values():
+                drive.power_on(now)
+        else:
+            for code in self.emcy.active:
+                if code == HEARTBEAT_ERROR or code >> 8 == PROTOCOL_ERRORS:
+                    self.outbox.clear_error(code)
+            for drive in self.drives.values():
+                drive.power.communication_reset()
+        self.heartbeat.state = self.guarding.state = NmtState.INITIALISING
+        self.emcy.allowed = False
+        self._frames.begin()
+        delay = self.model.boot_ns if self._reset_delay_ns == 0 else self._reset_delay_ns
+        self._boot_at = None if delay is None or self.node_id == UNCONFIGURED else now + delay
+
+    def _boot(self, now: int) -> None:
+        """End the initialisation: the boot-up message, PRE-OPERATIONAL."""
+        self._boot_at = None
+        self.emcy.allowed = True
+        self.communication.apply()
+        self.pdos.configure(now)
+        by_dictionary = self.store.has(0x1F80) and not self.store.number(0x1F80) & 4
+        self.nmt.self_starting = self.starts_itself.value or by_dictionary
+        self.nmt.boot()
+        self.heartbeat.started(now)
+        self._frames.rebuild()
+
+    def _power_up_with(self, node_id: int, now: int) -> None:
+        """Begin to live with a first node id, given by LSS."""
+        self._assign(node_id)
+        self.nmt.state = NmtState.INITIALISING
+        self._reset(NmtCommand.RESET_NODE, now)
+
+    def _assign(self, node_id: int) -> None:
+        """Be another node from the next boot-up on; $NODEID of the dictionary follows."""
+        if node_id == self.node_id:
+            return
+        self.node_id, self.od = node_id, self.od.for_node(node_id)
+        self.store.rebase(self.od)
+        for core in (self.nmt, self.heartbeat, self.guarding, self.emcy, self.sdo):
+            core.node_id = node_id
+        self.sdo.request_cob_id, self.sdo.answer_cob_id = REQUEST_BASE + node_id, ANSWER_BASE + node_id
+        self.outbox.tell(NodeIdChanged(node_id))
+
+    def _reroute(self) -> None:
+        self._frames.rebuild()

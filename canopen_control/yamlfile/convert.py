@@ -1,0 +1,330 @@
+# ruff: noqa: ANN401 - what stands in a file, and what it is wanted as, may be anything
+"""Nodes of a YAML file converted to the types that a dataclass declares, with bounds and choices.
+
+The law of the file: a conversion either gives the value or reports at the node why not and gives INVALID; what holds
+an invalid part is invalid too, so that nothing half right leaves. The only liberties: an integer is taken for a double,
+and so is a plain `1e3`, which is text in YAML 1.1 and a number for rcl.
+
+A dataclass is the schema. Field types: bool, int, float, str, enums, Literal, Any, Node, unions, list[X],
+tuple[X, ...], dict[str | int, X] and other dataclasses; they must be importable at run time. `setting()` adds a key of
+another name, bounds and choices; `position()` is a field that keeps where its mapping stands, for later checks.
+"""
+
+from __future__ import annotations
+
+import collections.abc
+import dataclasses
+import enum
+import functools
+import math
+import re
+import types
+import typing
+from dataclasses import MISSING
+from typing import TYPE_CHECKING, Any, Final
+
+from canopen_control.errors import nearest
+from canopen_control.yamlfile.node import NOWHERE, Node
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Collection, Mapping
+
+__all__ = ["INVALID", "convert", "derived", "keys_of", "part", "position", "setting"]
+
+_NUMBER: Final = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
+_Values: typing.TypeAlias = dict[str, Any]  # of a dataclass by field, converted
+_KINDS: Final[dict[Any, str]] = {
+    bool: "true or false",
+    int: "an integer",
+    float: "a number",
+    str: "text",
+    type(None): "nothing",
+}
+
+
+class _Invalid(enum.Enum):
+    """What a mistake converts to: it was reported, and whatever holds it is invalid too."""
+
+    INVALID = 0
+
+
+INVALID: Final = _Invalid.INVALID
+
+
+def setting(
+    default: Any = MISSING,
+    *,
+    key: str | None = None,
+    low: float | None = None,
+    high: float | None = None,
+    choices: tuple[Any, ...] | None = None,
+    nan: bool = False,
+    section: bool = False,
+    factory: Any = MISSING,
+) -> Any:
+    """Return a dataclass field: `key` is its name in YAML, `low`/`high` bound numbers, `choices` lists what is allowed.
+
+    Bounds and choices hold for the elements of a list, tuple or dict; with `nan` not a number is within any bounds. A
+    list default is given as `factory=list`. A `section` gathers the parameters whose dotted names begin with `key`.
+    """
+    bounds = (low, high) if (low, high) != (None, None) else None
+    metadata = {"key": key, "range": bounds, "choices": choices, "nan": nan, "section": section}
+    if factory is not MISSING:
+        return dataclasses.field(default_factory=factory, metadata=metadata)
+    return dataclasses.field(default=default, metadata=metadata)
+
+
+def position() -> Any:
+    """Return a field of type Node that receives the mapping's own node; it takes no part in comparisons."""
+    return dataclasses.field(default=NOWHERE, compare=False, repr=False, metadata={"here": True})
+
+
+def part() -> Any:
+    """Return a field of a dataclass type whose keys stand in the same mapping as those of the class it is part of."""
+    return dataclasses.field(metadata={"part": True})
+
+
+def derived(default: Any) -> Any:
+    """Return a field that no key of the file sets: whoever has read the file does."""
+    return dataclasses.field(default=default, metadata={"derived": True})
+
+
+def convert(node: Node, wanted: Any, default: Any = INVALID, *, ignored: Collection[str] = ()) -> Any:
+    """Return the node's value as the type wanted; after reporting why it is not one, `default`.
+
+    `ignored` are keys that a dataclass does not have and that are no mistake all the same.
+    """
+    value = _dataclass(node, wanted, ignored) if ignored else _converted(node, wanted, {})
+    return default if value is INVALID else value
+
+
+@functools.cache  # evaluating the annotations of one class takes milliseconds; a bus has many nodes
+def _hints(cls: type[Any]) -> Mapping[str, Any]:
+    return typing.get_type_hints(cls)
+
+
+def keys_of(cls: type[Any]) -> list[str]:
+    """Return the keys that a dataclass is read from, those of its parts too."""
+    hints, found = _hints(cls), list[str]()  # type: ignore[arg-type]  # a class is hashable, which mypy does not see
+    for entry in dataclasses.fields(cls):
+        if entry.metadata.get("part"):
+            found += keys_of(hints[entry.name])
+        elif not (entry.metadata.get("here") or entry.metadata.get("derived")):
+            found.append(_key(entry))
+    return found
+
+
+def _converted(node: Node, wanted: Any, meta: Mapping[str, Any]) -> Any:
+    """Return the node's value as the type wanted, or INVALID; `meta` is that of the field."""
+    origin = typing.get_origin(wanted)
+    if wanted in (Any, object, Node):
+        return node if wanted is Node else node.value
+    if origin in _CONTAINERS:
+        return _CONTAINERS[origin](node, wanted, meta)
+    if wanted in _CONTAINERS:
+        return _CONTAINERS[wanted](node, wanted, meta)
+    if dataclasses.is_dataclass(wanted) and isinstance(wanted, type):
+        return _dataclass(node, wanted)
+    if isinstance(wanted, type) and issubclass(wanted, enum.Enum):
+        return _enum(node, wanted)
+    return _plain(node, wanted, meta)
+
+
+def _found(node: Node) -> str:
+    """Say what stands there, in the words of the messages."""
+    if node.kind != "scalar":
+        return {"mapping": "a mapping", "sequence": f"a list of {len(node.elements())}", "null": "nothing"}[node.kind]
+    value = node.value
+    name = {bool: "", int: "the integer ", float: "the number ", str: "the text "}.get(type(value), "")
+    return f"{name}{node.text!r}" if isinstance(value, str) else f"{name}{node.text}"
+
+
+def _expected(node: Node, what: str, hint: str = "") -> Any:
+    """Report it; INVALID fits wherever a value is wanted."""
+    node.error(f"expected {what}, got {_found(node)}{hint}")
+    return INVALID
+
+
+def _plain(node: Node, wanted: Any, meta: Mapping[str, Any]) -> Any:
+    value = node.value
+    if wanted is float and type(value) is not float:
+        value = _as_float(node, value)
+    if type(value) is not wanted or node.kind in ("mapping", "sequence"):
+        what = _KINDS.get(wanted, getattr(wanted, "__name__", str(wanted)))
+        return _expected(node, what, "; put it in quotes" if wanted is str and node.kind == "scalar" else "")
+    return _bounded(node, value, meta)
+
+
+def _as_float(node: Node, value: Any) -> Any:
+    """Take an integer for a double, and `1e3` too, which is text in YAML 1.1 and a number for rcl."""
+    plain_text = type(value) is str and not node.quoted and _NUMBER.fullmatch(value)
+    try:
+        return float(value) if type(value) is int or plain_text else value
+    except OverflowError:
+        return value
+
+
+def _bounded(node: Node, value: Any, meta: Mapping[str, Any]) -> Any:
+    choices, (low, high) = meta.get("choices"), meta.get("range") or (None, None)
+    if choices is not None and value not in choices:
+        hint = nearest(str(value), map(str, choices))
+        node.error(f"{_found(node)} is not one of {', '.join(map(str, choices))}" + (hint if "mean" in hint else ""))
+        return INVALID
+    numeric = isinstance(value, int | float) and not isinstance(value, bool)
+    lowest, highest = -math.inf if low is None else low, math.inf if high is None else high
+    unbounded = (low, high) == (None, None) or not numeric or (meta.get("nan") and math.isnan(value))
+    if not unbounded and not lowest <= value <= highest:
+        node.error(f"{node.text} is out of range {'' if low is None else low}..{'' if high is None else high}")
+        return INVALID
+    return value
+
+
+def _enum(node: Node, wanted: type[enum.Enum]) -> Any:
+    """Find a member by its name, in any case, or by its value."""
+    if node.kind == "scalar":
+        value = node.value
+        for member in wanted:
+            if member.name.casefold() == node.text.casefold() or (type(value) is not bool and member.value == value):
+                return member
+        node.error(f"no {wanted.__name__} is called {node.text!r}{nearest(node.text, wanted.__members__)}")
+        return INVALID
+    return _expected(node, f"one of {', '.join(wanted.__members__)}")
+
+
+def _literal(node: Node, wanted: Any, _meta: Mapping[str, Any]) -> Any:
+    choices, value = typing.get_args(wanted), node.value
+    if any(type(value) is type(each) and value == each for each in choices):
+        return value
+    return _expected(node, " or ".join(str(each) for each in choices))
+
+
+_FITS: Final = {"mapping": (dict, collections.abc.Mapping), "sequence": (list, tuple, collections.abc.Sequence)}
+
+
+def _fits(node: Node, wanted: Any) -> bool:
+    """Whether a member of a union is meant for this kind of node."""
+    if wanted in (Any, Node):
+        return True
+    origin = typing.get_origin(wanted) or wanted
+    shape = "mapping" if dataclasses.is_dataclass(origin) or origin in _FITS["mapping"] else "scalar"
+    shape = "sequence" if origin in _FITS["sequence"] else shape
+    return shape == node.kind
+
+
+def _union(node: Node, wanted: Any, meta: Mapping[str, Any]) -> Any:
+    members = typing.get_args(wanted)
+    if node.kind == "null" and type(None) in members:
+        return None
+    fitting = [each for each in members if each is not type(None) and _fits(node, each)]
+    same = [each for each in fitting if type(node.value) is each]
+    tried = same or [each for each in fitting if each not in _KINDS] or [each for each in fitting if each is float]
+    if len(fitting) == 1 or tried:
+        return _converted(node, (fitting if len(fitting) == 1 else tried)[0], meta)
+    shapes = [_KINDS.get(each, "a list" if _is_list(each) else "a mapping") for each in members]
+    return _expected(node, " or ".join(dict.fromkeys(shapes)))
+
+
+def _is_list(wanted: Any) -> bool:
+    return (typing.get_origin(wanted) or wanted) in _FITS["sequence"]
+
+
+def _list(node: Node, wanted: Any, meta: Mapping[str, Any]) -> Any:
+    return _elements(node, (typing.get_args(wanted) or (Any,))[0], meta)
+
+
+def _elements(node: Node, of: Any, meta: Mapping[str, Any]) -> Any:
+    if node.kind != "sequence":
+        return _expected(node, "a list")
+    values = [_converted(each, of, meta) for each in node.elements()]
+    return INVALID if any(each is INVALID for each in values) else values
+
+
+def _tuple(node: Node, wanted: Any, meta: Mapping[str, Any]) -> Any:
+    of = typing.get_args(wanted) or (Any, ...)
+    if of[-1] is Ellipsis:
+        values = _elements(node, of[0], meta)
+        return INVALID if values is INVALID else tuple(values)
+    elements = node.elements()
+    if node.kind != "sequence" or len(elements) != len(of):
+        return _expected(node, f"a list of {len(of)} values")
+    values = [_converted(each, kind, meta) for each, kind in zip(elements, of, strict=True)]
+    return INVALID if any(each is INVALID for each in values) else tuple(values)
+
+
+def _dict(node: Node, wanted: Any, meta: Mapping[str, Any]) -> Any:
+    if node.kind not in ("mapping", "null"):
+        return _expected(node, "a mapping")
+    key_type, of = typing.get_args(wanted) or (str, Any)
+    result: dict[Any, Any] = {}
+    bad = False
+    for key, value in node.pairs():
+        name = key.text if key_type is str else _converted(key, key_type, {})
+        converted = _converted(value, of, meta)
+        bad = bad or name is INVALID or converted is INVALID
+        if name in result:
+            key.problems.suspect(key, f"duplicate key {name!r}, written in another way before")
+        result[name] = converted
+    return INVALID if bad else result
+
+
+_CONTAINERS: Final[dict[Any, Callable[[Node, Any, Mapping[str, Any]], Any]]] = {
+    typing.Union: _union,
+    types.UnionType: _union,
+    typing.Literal: _literal,
+    list: _list,
+    collections.abc.Sequence: _list,
+    tuple: _tuple,
+    dict: _dict,
+    collections.abc.Mapping: _dict,
+}
+
+
+def _dataclass(node: Node, cls: type[Any], ignored: Collection[str] = ()) -> Any:
+    if node.kind not in ("mapping", "null"):
+        return _expected(node, "a mapping")
+    known = keys_of(cls)
+    for key, _ in node.pairs():
+        if key.text not in known and key.text not in ignored:
+            key.problems.suspect(key, f"unknown key {key.text!r}{nearest(key.text, known)}")
+    return _fields(node, cls)
+
+
+def _fields(node: Node, cls: type[Any]) -> Any:
+    """Make a dataclass of the keys that are its own, and its parts of theirs."""
+    hints = _hints(cls)  # type: ignore[arg-type]  # as above
+    values: _Values = {}
+    for entry in dataclasses.fields(cls):
+        if entry.metadata.get("here"):
+            values[entry.name] = node
+        elif entry.metadata.get("part"):
+            values[entry.name] = _fields(node, hints[entry.name])
+        elif not entry.metadata.get("derived"):
+            _field(node, entry, hints[entry.name], values)
+    return INVALID if any(each is INVALID for each in values.values()) else _made(node, cls, values)
+
+
+def _field(node: Node, entry: dataclasses.Field[Any], wanted: Any, values: _Values) -> None:
+    """Add the value of a key to `values`; one that is absent or says nothing is the default."""
+    value = node.get(_key(entry))
+    if value is not None and (value.kind != "null" or _required(entry) or type(None) in typing.get_args(wanted)):
+        values[entry.name] = _converted(value, wanted, entry.metadata)
+    elif _required(entry):
+        values[entry.name] = INVALID
+        node.error(f"missing key {_key(entry)!r}")
+
+
+def _key(entry: dataclasses.Field[Any]) -> str:
+    return entry.metadata.get("key") or entry.name
+
+
+def _required(entry: dataclasses.Field[Any]) -> bool:
+    return entry.default is MISSING and entry.default_factory is MISSING
+
+
+def _made(node: Node, cls: type[Any], values: _Values) -> Any:
+    """Make the dataclass; what its `__post_init__` refuses with a ValueError is a mistake in the file."""
+    try:
+        return cls(**values)
+    except ValueError as error:
+        node.error(str(error))
+        return INVALID

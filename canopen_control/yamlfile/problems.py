@@ -1,0 +1,117 @@
+"""The mistakes found in a YAML file, with their places.
+
+The law of the file: a mistake is collected, never raised on its own, so that a user sees all of them at once; each is
+told as `path:line:column: where: what`, with its line of the file and a caret.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import re
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final, Protocol
+
+from canopen_control.errors import BusConfigError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from canopen_control.errors import ConfigError
+
+__all__ = ["LINE_END", "Place", "Problem", "Problems"]
+
+LINE_END: Final = re.compile("\r\n|[\n\r\x85\u2028\u2029]")
+"""What ends a line in YAML 1.1, so that our lines are those of the parser."""
+
+
+class Place(Protocol):
+    """Where in a file something stands: line and column from 1, and the dotted way to it."""
+
+    line: int
+    column: int
+    where: str
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class Problem:
+    """One mistake: `where` is the dotted way through the file, `source` the line it stands on; lines count from 1."""
+
+    line: int
+    column: int
+    path: str
+    where: str
+    message: str
+    source: str = ""
+
+    def __str__(self) -> str:
+        place = f"{self.path}:{self.line}:{self.column}: " if self.line else f"{self.path}: "
+        text = place + (f"{self.where}: " if self.where else "") + self.message
+        if not self.source.strip() or self.column > len(self.source) + 1:
+            return text
+        margin = "".join("\t" if char == "\t" else " " for char in self.source[: self.column - 1])
+        return f"{text}\n    {self.source}\n    {margin}^"
+
+
+class Problems:
+    """Collects the mistakes of one file, so that all are told at once.
+
+    `error` makes a file unusable, `warning` does not. With `strict` false, a repeated or unknown key is a warning.
+    """
+
+    def __init__(self, path: str, text: str = "", *, strict: bool = True) -> None:
+        self.path, self.strict = path, strict
+        self.lines = LINE_END.split(text)
+        self._errors: dict[Problem, None] = {}
+        self._warnings: dict[Problem, None] = {}
+
+    @property
+    def errors(self) -> list[Problem]:
+        """The errors in the order of their lines; each once, however often an alias repeats it."""
+        return sorted(self._errors)
+
+    @property
+    def warnings(self) -> list[Problem]:
+        """The warnings in the order of their lines."""
+        return sorted(self._warnings)
+
+    def at(self, line: int, column: int, where: str, message: str) -> Problem:
+        """Return a problem at a position counted from 1; line 0 is the file as a whole."""
+        source = self.lines[line - 1][:200] if 0 < line <= len(self.lines) else ""
+        return Problem(line, column, self.path, where, message, source)
+
+    def error(self, place: Place, message: str) -> None:
+        """Add an error at the place."""
+        self._errors[self.at(place.line, place.column, place.where, message)] = None
+
+    def warning(self, place: Place, message: str) -> None:
+        """Add a warning at the place."""
+        self._warnings[self.at(place.line, place.column, place.where, message)] = None
+
+    def suspect(self, place: Place, message: str) -> None:
+        """Add an error if strict, else a warning."""
+        (self.error if self.strict else self.warning)(place, message)
+
+    def file_error(self, line: int, column: int, message: str) -> None:
+        """Add an error that belongs to no place in the tree."""
+        self._errors[self.at(line, column, "", message)] = None
+
+    @contextlib.contextmanager
+    def raising(self, error: type[ConfigError]) -> Iterator[None]:
+        """Raise at the end what was found inside, apart from what was found before."""
+        before, self._errors = self._errors, {}
+        try:
+            yield
+            self.raise_if_any(error)
+        finally:
+            self._errors = before
+
+    def raise_if_any(self, error: type[ConfigError] = BusConfigError) -> None:
+        """Raise `error` with every error's paragraph, if there is one."""
+        found = self.errors
+        if not found:
+            return
+        count = f"\n{len(found)} errors" if len(found) > 1 else ""
+        reason = "\n".join(str(each) for each in found) + count
+        if issubclass(error, BusConfigError):
+            raise error(self.path, found[0].line, found[0].where, reason)
+        raise error(reason)

@@ -1,0 +1,254 @@
+"""YAML text becomes frozen dataclasses, or one error that names every mistake with file, line, column and a caret.
+
+The law of the file: it is the only importer of `yaml`; any text whatever gives either a value or the caller's error
+class, never another exception; nothing is dropped silently (a repeated key, an unknown key, a value of another type are
+all reported). Scalars are those of YAML 1.1 as PyYAML resolves them (so `010` is 8 and `off` is false, as in the tools
+that read the same files), except that dates stay text; positions count from 1.
+"""
+
+from __future__ import annotations
+
+import typing
+from pathlib import Path
+from typing import TYPE_CHECKING, Final, TypeVar
+
+import yaml
+
+from canopen_control.errors import BusConfigError
+from canopen_control.yamlfile.convert import INVALID, convert
+from canopen_control.yamlfile.node import Node
+from canopen_control.yamlfile.problems import LINE_END, Problems
+
+if TYPE_CHECKING:
+    import os
+    from collections.abc import Callable, Mapping
+
+    from canopen_control.errors import ConfigError
+    from canopen_control.yamlfile.problems import Problem
+
+__all__ = ["load", "parse", "read", "read_text", "tree"]
+
+T = TypeVar("T")
+
+MAX_NODES: Final = 100_000
+"""Nodes after all aliases are followed: a file that multiplies itself is refused instead of filling the memory."""
+MAX_DEPTH: Final = 64
+
+_TAG: Final = "tag:yaml.org,2002:"
+_MERGE: Final = _TAG + "merge"
+_CONSTRUCTOR: Final = yaml.constructor.SafeConstructor()
+_CONSTRUCTORS: Final[Mapping[str, Callable[[yaml.ScalarNode], object]]] = {
+    _TAG + "bool": _CONSTRUCTOR.construct_yaml_bool,
+    _TAG + "int": _CONSTRUCTOR.construct_yaml_int,
+    _TAG + "float": _CONSTRUCTOR.construct_yaml_float,
+}
+
+
+def _value(node: yaml.ScalarNode) -> object:
+    """Return what a scalar stands for; what its tag promises and its text does not keep stays text."""
+    if node.tag == _TAG + "null":
+        return None
+    make = _CONSTRUCTORS.get(node.tag)
+    try:
+        return make(node) if make else node.value
+    except (ValueError, KeyError, OverflowError, IndexError):  # `!!int "x"`, `0x_`, ten thousand digits
+        return node.value
+
+
+def _place(node: yaml.Node, where: str, problems: Problems) -> Node:
+    kind = "null" if node.tag == _TAG + "null" else "scalar"
+    if isinstance(node, yaml.CollectionNode):
+        kind = "mapping" if isinstance(node, yaml.MappingNode) else "sequence"
+    return Node(kind, node.start_mark.line + 1, node.start_mark.column + 1, where, problems)
+
+
+def _build(node: yaml.Node, where: str, problems: Problems) -> Node:
+    """Return our node of PyYAML's, everything below it too."""
+    place = _place(node, where, problems)
+    if isinstance(node, yaml.ScalarNode):
+        return Node.scalar(place, node.value, _value(node), quoted=bool(node.style))
+    if isinstance(node, yaml.SequenceNode):
+        return Node.sequence(place, [_build(one, f"{where}[{at}]", problems) for at, one in enumerate(node.value)])
+    raw: dict[str, tuple[yaml.Node, yaml.Node]] = {}
+    _flatten(node, raw)
+    pairs: dict[str, tuple[Node, Node]] = {}
+    for name, (key, value) in raw.items():
+        below = f"{where}.{name}" if where else name
+        pairs[name] = (_build(key, below, problems), _build(value, below, problems))
+    return Node.mapping(place, pairs)
+
+
+def _flatten(node: yaml.Node, found: dict[str, tuple[yaml.Node, yaml.Node]]) -> None:
+    """Fill `found` by key: own keys first, then those of merge keys that are not there yet (YAML 1.1, merge type)."""
+    merged: list[yaml.Node] = []
+    own: dict[str, tuple[yaml.Node, yaml.Node]] = {}
+    for key, value in node.value:
+        if key.tag == _MERGE:
+            merged += value.value if isinstance(value, yaml.SequenceNode) else [value]
+        elif isinstance(key, yaml.ScalarNode):
+            own[key.value] = (key, value)
+    for name, pair in own.items():
+        found.setdefault(name, pair)
+    for each in merged:
+        if isinstance(each, yaml.MappingNode):
+            _flatten(each, found)
+
+
+class _Walk:
+    """Looks at every node once, before anything follows the aliases."""
+
+    def __init__(self, problems: Problems) -> None:
+        self._problems = problems
+        self._sizes: dict[int, tuple[int, int]] = {}
+        self._open: set[int] = set()
+        self.endless = False
+
+    def measure(self, node: yaml.Node, where: str = "") -> tuple[int, int]:
+        """Return how many nodes there are below, aliases followed, and how deep; report what is wrong there."""
+        if id(node) in self._open:
+            _place(node, where, self._problems).error("an alias inside its own anchor never ends")
+            self.endless = True
+            return 1, 1
+        if id(node) not in self._sizes:
+            self._open.add(id(node))
+            below = [self.measure(each, name) for each, name in self._children(node, where)]
+            self._open.discard(id(node))
+            self._sizes[id(node)] = 1 + sum(size for size, _ in below), 1 + max((deep for _, deep in below), default=0)
+        return self._sizes[id(node)]
+
+    def _children(self, node: yaml.Node, where: str) -> list[tuple[yaml.Node, str]]:
+        if isinstance(node, yaml.SequenceNode):
+            return [(each, f"{where}[{number}]") for number, each in enumerate(node.value)]
+        if isinstance(node, yaml.ScalarNode):
+            return []
+        dotted = f"{where}." if where else ""
+        self._check_keys(node, dotted)
+        return [
+            (value, f"{dotted}{key.value if isinstance(key, yaml.ScalarNode) else '?'}") for key, value in node.value
+        ]
+
+    def _check_keys(self, node: yaml.Node, dotted: str) -> None:
+        first: dict[str, int] = {}
+        for key, value in node.value:
+            where = f"{dotted}{key.value if isinstance(key, yaml.ScalarNode) else '?'}"
+            here = _place(key, where, self._problems)
+            if not isinstance(key, yaml.ScalarNode):
+                here.error("a key must be a single word")
+            elif key.tag == _MERGE:
+                _check_merge(here, value)
+            elif key.value in first:
+                self._problems.suspect(here, f"duplicate key {key.value!r} (first at line {first[key.value]})")
+            else:
+                first[key.value] = here.line
+
+
+def _check_merge(here: Node, value: yaml.Node) -> None:
+    each = value.value if isinstance(value, yaml.SequenceNode) else [value]
+    if not all(isinstance(one, yaml.MappingNode) for one in each):
+        here.error("<< merges mappings only: give it an alias of one, or a list of such")
+
+
+def _compose(problems: Problems, text: str) -> yaml.Node | None:
+    """Return PyYAML's root, None after reporting why there is none, or if the text is empty."""
+    try:
+        root = yaml.compose(text, Loader=yaml.SafeLoader)
+        return None if root is None else _checked(problems, root)
+    except yaml.MarkedYAMLError as error:
+        mark, start = error.problem_mark or error.context_mark, error.context_mark
+        context = f" ({error.context} at line {start.line + 1})" if error.context and start else ""
+        line, column = (mark.line + 1, mark.column + 1) if mark else (0, 0)
+        problems.file_error(line, column, f"{error.problem or 'no YAML'}{context}")
+    except yaml.reader.ReaderError as error:
+        before = LINE_END.split(text[: error.position])
+        code = ord(text[error.position])
+        problems.file_error(len(before), len(before[-1]) + 1, f"the character U+{code:04X} is not allowed")
+    except (yaml.YAMLError, ValueError, OverflowError, IndexError) as error:
+        problems.file_error(0, 0, f"no YAML: {error}")
+    except RecursionError:
+        problems.file_error(1, 1, f"nested too deeply, more than {MAX_DEPTH} levels")
+    return None
+
+
+def _checked(problems: Problems, root: yaml.Node) -> yaml.Node | None:
+    """Return the root if every walk over it ends."""
+    walk = _Walk(problems)
+    size, depth = walk.measure(root)
+    if size > MAX_NODES:
+        problems.file_error(1, 1, f"its aliases multiply to {size} values; {MAX_NODES} are enough")
+    if depth > MAX_DEPTH:
+        problems.file_error(1, 1, f"nested too deeply, more than {MAX_DEPTH} levels")
+    return None if walk.endless or size > MAX_NODES or depth > MAX_DEPTH else root
+
+
+def parse(
+    text: str,
+    cls: type[T],
+    path: str = "<text>",
+    *,
+    error: type[ConfigError] = BusConfigError,
+    check: Callable[[T, Problems], None] | None = None,
+    warnings: list[Problem] | None = None,
+    strict: bool = True,
+) -> T:
+    """Return the text as `cls`, or raise `error` with every mistake in it.
+
+    `check` sees the value and may add mistakes across fields before they are raised; `warnings` is filled with what is
+    suspicious but no error. With `strict` false, repeated (the last one wins) and unknown keys are warnings.
+    """
+    root = read(text, path, error=error, strict=strict)
+    value = convert(root, cls)
+    if value is not INVALID and check is not None:
+        check(value, root.problems)
+    if warnings is not None:
+        warnings += root.problems.warnings
+    root.problems.raise_if_any(error)
+    return typing.cast("T", value)
+
+
+def load(
+    path: str | os.PathLike[str],
+    cls: type[T],
+    *,
+    error: type[ConfigError] = BusConfigError,
+    check: Callable[[T, Problems], None] | None = None,
+    warnings: list[Problem] | None = None,
+    strict: bool = True,
+) -> T:
+    """Return the file as `cls`; see `parse`. A file that cannot be read raises `error` too."""
+    text = read_text(path, error)
+    return parse(text, cls, str(path), error=error, check=check, warnings=warnings, strict=strict)
+
+
+def tree(path: str | os.PathLike[str], *, error: type[ConfigError] = BusConfigError, strict: bool = True) -> Node:
+    """Return the root node of a file, for reading it freely; end with `node.problems.raise_if_any(error)`.
+
+    What is no YAML at all raises at once.
+    """
+    return read(read_text(path, error), str(path), error=error, strict=strict)
+
+
+def read(text: str, path: str = "<text>", *, error: type[ConfigError] = BusConfigError, strict: bool = True) -> Node:
+    """Return the root node of a text; see `tree`. An empty text is an empty mapping."""
+    text = text.removeprefix("\ufeff")
+    problems = Problems(path, text, strict=strict)
+    node = _compose(problems, text)
+    if node is None:
+        problems.raise_if_any(error)
+        return Node("mapping", 1, 1, "", problems)
+    return _build(node, "", problems)
+
+
+def read_text(path: str | os.PathLike[str], error: type[ConfigError] = BusConfigError) -> str:
+    """Return the text of a UTF-8 file; raise `error` if it cannot be read."""
+    problems = Problems(str(path))
+    try:
+        return Path(path).read_bytes().decode("utf-8")
+    except OSError as reason:
+        problems.file_error(0, 0, f"cannot be read: {reason.strerror or reason}")
+    except UnicodeDecodeError as reason:
+        line = reason.object.count(b"\n", 0, reason.start) + 1
+        problems.file_error(line, 1, f"byte 0x{reason.object[reason.start]:02X} is no UTF-8; save the file as UTF-8")
+    except ValueError as reason:  # a path with a zero byte
+        problems.file_error(0, 0, f"cannot be read: {reason}")
+    problems.raise_if_any(error)
+    return ""

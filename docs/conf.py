@@ -1,0 +1,43 @@
+"""Sphinx's configuration; the pages that tables of the code make are written before the others are read."""
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+HERE = Path(__file__).parent
+sys.path[:0] = [str(HERE), str(HERE.parent), str(HERE.parent / "tools")]
+
+from generate import write_pages  # noqa: E402 - the path to it is set above
+
+import canopen_control  # noqa: E402 - as above
+
+if TYPE_CHECKING:
+    from sphinx.application import Sphinx
+
+project = "canopen_control"
+release = version = canopen_control.__version__
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.viewcode"]
+myst_enable_extensions = ["colon_fence", "deflist"]
+myst_heading_anchors = 3
+exclude_patterns = ["_build"]
+html_theme = "furo"
+html_title = "canopen_control"
+autodoc_typehints = "description"
+autodoc_member_order = "bysource"
+nitpicky = False
+suppress_warnings = ["myst.header"]
+default_role = "code"  # what stands in backquotes in a docstring
+smartquotes = False  # two hyphens are those of an option
+
+write_pages(HERE / "generated")
+
+
+def keep_the_tree(_app: object, what: str, name: str, _found: object, _options: object, lines: list[str]) -> None:
+    """Show the tree of the exceptions, which stands in their module's docstring, as it is written."""
+    if what == "module" and name == "canopen_control.errors":
+        lines[1:] = ["", "::", "", *(f"    {line}" for line in lines[1:]), ""]
+
+
+def setup(app: "Sphinx") -> None:
+    """Connect what is above; Sphinx calls it."""
+    app.connect("autodoc-process-docstring", keep_the_tree)

@@ -1,0 +1,17 @@
+"""Ask a running robot without this package: a Unix socket, and JSON objects on lines."""
+
+import json
+import os
+import socket
+
+PATH = os.environ["XDG_RUNTIME_DIR"] + "/canopen_control/robot-robby.sock"
+
+with socket.socket(socket.AF_UNIX) as robot:
+    robot.connect(PATH)
+    lines = robot.makefile("rw")
+    print("protocol", json.loads(lines.readline())["hello"]["protocol"])
+    lines.write(json.dumps({"id": 1, "method": "status", "params": {}}) + "\n")
+    lines.flush()
+    status = json.loads(lines.readline())["result"]
+    for name, joint in status["joints"].items():
+        print(name, joint["position"])

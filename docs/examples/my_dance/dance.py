@@ -1,0 +1,31 @@
+"""A controller of your own: it swings one joint to and fro."""
+
+import math
+from dataclasses import dataclass
+
+from canopen_control import CommonParams, Controller, Params, ReturnType
+
+
+@dataclass(frozen=True)
+class DanceParams(CommonParams):
+    """What stands in ros2_controllers.yaml: a joint, and its highest speed in rad/s."""
+
+    joint: str = ""
+    speed: float = 5.0
+
+
+class Dance(Controller):
+    """One velocity interface, commanded by a sine of the cycle's time."""
+
+    def on_configure(self, params: Params) -> None:
+        """Read the parameters; mistakes are told with file and line."""
+        self.params = params.read(DanceParams)
+
+    def command_interface_names(self) -> list[str]:
+        """Return what it claims when it is activated."""
+        return [f"{self.params.joint}/velocity"]
+
+    def update(self, now: int, period: float) -> ReturnType:
+        """Do one step; `now` is monotonic, in ns, `period` in s."""
+        self.commands[0].value = self.params.speed * math.sin(now / 1e9)
+        return ReturnType.OK

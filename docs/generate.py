@@ -1,0 +1,385 @@
+"""The pages that are made of tables in the code, so that they cannot differ from it.
+
+Type, default and bounds of a key, the faults, the verbs and the import table are the code's; what a key means is said
+in `words.py`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import dataclasses
+import re
+import typing
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from protocol import drive_socket, hub_socket, robot_socket
+from words import BUS_YML, CONTROLLERS
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping
+    from enum import Enum
+
+ROOT = Path(__file__).parents[1]
+
+
+def write_pages(folder: Path) -> None:
+    """Write every generated page into `folder`; a file that has not changed is left alone."""
+    folder.mkdir(exist_ok=True)
+    for name, make in PAGES.items():
+        path, text = folder / name, make()
+        if not path.exists() or path.read_text(encoding="utf-8") != text:
+            path.write_text(text, encoding="utf-8")
+
+
+def _table(head: str, rows: Iterator[str] | list[str]) -> str:
+    columns = head.count("|") - 1
+    return "\n".join([head, "|" + "---|" * columns, *rows]) + "\n"
+
+
+# -- bus.yml and the controllers' parameters: dataclasses with bounds
+
+
+def _shown(value: object) -> str:
+    """Return a default as YAML has it."""
+    if value is None or value is dataclasses.MISSING or value in ((), [], {}, ""):
+        return ""
+    if dataclasses.is_dataclass(value) or value != value:  # a section; not a number: no value
+        return ""
+    if isinstance(value, bool):
+        return f"`{str(value).lower()}`"
+    return f"`{list(value) if isinstance(value, tuple) else value}`"
+
+
+def _default(field: dataclasses.Field[Any]) -> str:
+    if field.default_factory is not dataclasses.MISSING:
+        return _shown(field.default_factory())
+    low, _ = field.metadata.get("range") or (None, None)
+    default = field.default
+    out_of_bounds = low is not None and isinstance(default, int | float) and default < low
+    return "required" if default is dataclasses.MISSING or out_of_bounds else _shown(default)
+
+
+_TYPES = {
+    r"tuple\[str, \.\.\.\]": "list of names",
+    r"list\[str\]": "list of names",
+    r"list\[int\]": "list of integers",
+    r"list\[(\w+)\]": r"list of \1",
+    r"dict\[int, int\]": "number: number",
+    r"dict\[int, (\w+)\]": r"number: \1",
+    r"\bSix\b": "six numbers",
+    r"\bstr\b": "text",
+    r"\bint\b": "integer",
+    r"\bfloat\b": "number",
+    r"\bbool\b": "true, false",
+    r"\bAny\b": "anything",
+    r"Literal\[(.*?)\]": r"\1",
+    r" \| None\b": "",
+    r" \| ": ", ",
+}
+_PARTS = {
+    "PdoConfig": "a [PDO](#one-pdo)",
+    "SdoEntry": "[objects](#an-object-of-sdo)",
+    "PdoObject": "[objects](#a-mapped-object)",
+    "AxisUnits": "[units](#the-units-of-one-axis)",
+}
+
+
+def _type(field: dataclasses.Field[Any]) -> str:
+    text = str(field.type)
+    for pattern, word in _TYPES.items():
+        text = re.sub(pattern, word, text)
+    for name, link in _PARTS.items():
+        text = text.replace(name, link)
+    choices, bounds = field.metadata.get("choices"), field.metadata.get("range")
+    if choices and len(choices) < 20:
+        return f"{text}: {', '.join(map(str, choices))}"
+    if bounds:
+        low, high = (None if each is None else f"{each:g}" if abs(each) < 1e6 else f"{each:,.0f}" for each in bounds)
+        return f"{text}, " + (f"{low} to {high}" if low and high else f"at least {low}" if low else f"at most {high}")
+    return text
+
+
+def parts_of(cls: type[Any]) -> list[type[Any]]:
+    """Return the classes whose keys stand among those of a dataclass."""
+    hints = typing.get_type_hints(cls)
+    return [hints[field.name] for field in dataclasses.fields(cls) if field.metadata.get("part")]
+
+
+def own_entries(cls: type[Any]) -> Iterator[tuple[str, dataclasses.Field[Any]]]:
+    """Yield every key that a dataclass itself is read from, with its field."""
+    for field in dataclasses.fields(cls):
+        if not any(field.metadata.get(mark) for mark in ("part", "section", "derived", "here")):
+            yield field.metadata.get("key") or field.name, field
+
+
+def entries(cls: type[Any]) -> Iterator[tuple[str, dataclasses.Field[Any]]]:
+    """Yield every key that a dataclass is read from, those of its parts too, with its field."""
+    for each in (cls, *parts_of(cls)):
+        yield from own_entries(each)
+
+
+def _keys(cls: type[Any], words: Mapping[str, str], unused: Mapping[str, str]) -> str:
+    """Return the table of a dataclass, and one below a title for each of its parts."""
+    rows = [
+        f"| `{key}` | {_type(field)} | {_default(field)} | {words[key]} |"
+        for key, field in own_entries(cls)
+        if key not in unused
+    ]
+    text = _table("| key | value | default | meaning |", rows)
+    for part in parts_of(cls):
+        title = re.split(r"[;:.]", part.__doc__ or "")[0]
+        text += f"\n### {title}\n\n{_keys(part, words, unused)}"
+    return text
+
+
+def bus_yml() -> str:
+    """Return every key of bus.yml."""
+    from canopen_control.master import keys
+
+    sections = (
+        ("`options`", keys.Options, {}),
+        ("`master`", keys.MasterConfig, keys.UNUSED_MASTER),
+        ("A node, and `defaults` of all", keys.NodeConfig, keys.UNUSED_NODE),
+        ("One PDO", keys.PdoConfig, {}),
+        ("A mapped object", keys.PdoObject, {}),
+        ("An object of `sdo`", keys.SdoEntry, {}),
+        ("The units of one axis", keys.AxisUnits, {}),
+    )
+    text = [
+        "# The keys of `bus.yml`\n",
+        "The format is that of ros2_canopen, read at the start. A file has the parts `options`, `master`, `defaults` "
+        "and `nodes`; instead of `nodes` nodes may stand at the top, as older files have it. A node's own keys win "
+        "over `defaults`. A robot folder may hold more buses in files `bus_NAME.yml`, all with one SYNC period. "
+        "`canopen-control check CONFIG` tells every mistake with its line.\n",
+    ]
+    for title, cls, unused in sections:
+        text += [f"## {title}\n", _keys(cls, BUS_YML[title], unused)]
+    for title, unused in (("`master`", keys.UNUSED_MASTER), ("a node", keys.UNUSED_NODE)):
+        text += [
+            f"## Keys of {title} that have no effect\n",
+            "They are ros2_canopen's, accepted and named once.\n",
+            _table("| key | why |", [f"| `{name}` | {why} |" for name, why in unused.items()]),
+        ]
+    return "\n".join(text)
+
+
+def controllers() -> str:
+    """Return the parameters of every controller."""
+    from canopen_control.controllers import broadcasters, diff_drive_params, forward_command_params, types
+    from canopen_control.controllers.common_params import CommonParams
+    from canopen_control.controllers.joint_state_params import BroadcasterParams
+    from canopen_control.controllers.trajectory import params as trajectory
+
+    forward, diff = forward_command_params, diff_drive_params
+    groups = (
+        ("Every controller", CommonParams, ""),
+        ("Forward command: all joints of one interface", forward.ForwardParams, "ForwardCommandController"),
+        ("Group controllers: the interface is the type's", forward.GroupParams, "JointGroup"),
+        ("Several interfaces of one joint", forward.MultiParams, "MultiInterface"),
+        ("One joint, as in ROS 1", forward.SingleParams, "/Joint(Position|Velocity|Effort)Controller"),
+        ("Diff drive", diff.DiffDriveParams, "DiffDrive"),
+        ("Joint trajectories", trajectory.TrajectoryParams, "JointTrajectory"),
+        ("Joint states", BroadcasterParams, "JointState(Broadcaster|Controller)"),
+        ("GPIO and diagnostics", broadcasters.StateParams, "(Gpio|Diagnostics)Broadcaster"),
+    )
+    text = ["# Controllers and their parameters\n", "Names, defaults and meaning are those of ros2_controllers.\n"]
+    for title, cls, pattern in groups:
+        named = [name for name in types.TYPES if pattern and re.search(rf"(^|/)[^/]*{pattern}|{pattern}", name)]
+        if "Forward" in title:
+            named = [name for name in named if "Multi" not in name]
+        text += [f"## {title}\n", *(f"- `{name}`" for name in named), ""]
+        text.append(_keys(cls, _parameters(cls), {} if cls is CommonParams else CommonParams.__annotations__))
+        if cls is diff.DiffDriveParams:
+            text += [
+                "### Limits: `linear.x.KEY` and `angular.z.KEY`\n",
+                _keys(diff.AxisLimits, CONTROLLERS["AxisLimits"], {}),
+            ]
+        if cls is trajectory.TrajectoryParams:
+            for part, title in ((trajectory.JointGains, "gains"), (trajectory.JointConstraints, "constraints")):
+                text += [f"### Each joint: `{title}.JOINT.KEY`\n", _keys(part, CONTROLLERS[part.__name__], {})]
+    return "\n".join(text)
+
+
+def _parameters(cls: type[Any]) -> dict[str, str]:
+    return {name: text for each in cls.__mro__ for name, text in CONTROLLERS.get(each.__name__, {}).items()}
+
+
+# -- faults, verbs, layers
+
+
+def faults() -> str:
+    """Return the faults of virtual drives, and what a good master makes of each."""
+    from canopen_control.virtual.fault_table import FAULTS
+
+    rows = [
+        f"| `{each.name}` | {each.does}{' (once)' if each.once else ''} | {each.reaction} |" for each in FAULTS.values()
+    ]
+    return (
+        "# Faults of virtual drives\n\n"
+        "Switched on with `canopen-control fault NODE NAME on`, at the start with `canopen-control drive --fault "
+        "NAME`, or by a scenario. The tests break a whole robot with each of them (`tests/faults`).\n\n"
+        + _table("| fault | the drive | a good master |", rows)
+    )
+
+
+def command_line() -> str:
+    """Return the help of every verb."""
+    import importlib
+    import os
+
+    from canopen_control.cli.verbs import VERBS, parser_of
+
+    os.environ["COLUMNS"] = "110"
+    text = [
+        "# The command line\n",
+        "`canopen-control VERB --help` says the same. Exit codes: 0 good, 1 the run failed, 2 usage or configuration, "
+        "or something that this machine lacks.\n",
+        _table("| verb | |", [f"| [`{verb}`](#{verb}) | {what} |" for verb, what in VERBS.items()]),
+    ]
+    for verb in VERBS:
+        example = importlib.import_module(f"canopen_control.cli.{verb}").EXAMPLE
+        parser = parser_of(verb)
+        parser.epilog = None
+        lines = [line.strip() for line in example.splitlines()]
+        text += [f"## {verb}\n", "```text", _help(parser).rstrip(), "```\n", "```sh", *lines, "```\n"]
+    return "\n".join(text)
+
+
+def _help(parser: argparse.ArgumentParser) -> str:
+    """Return the help of a verb, and of its actions where it has some."""
+    text = parser.format_help()
+    for action in parser._actions:  # noqa: SLF001 - argparse has no public way to them
+        if isinstance(action, argparse._SubParsersAction):  # noqa: SLF001 - as above
+            for each in dict.fromkeys(action.choices.values()):
+                each.epilog = None
+                text += "\n" + each.format_help()
+    return text
+
+
+def import_table() -> str:
+    """Return who may import whom, as the layering test holds it."""
+    source = (ROOT / "tests" / "test_layering.py").read_text(encoding="utf-8")
+    rows = []
+    for node in ast.parse(source).body:
+        if isinstance(node, ast.Assign) and getattr(node.targets[0], "id", "") == "MAY_IMPORT":
+            assert isinstance(node.value, ast.Dict)
+            for key, value in zip(node.value.keys, node.value.values, strict=True):
+                assert isinstance(key, ast.Constant)
+                assert isinstance(value, ast.Tuple)
+                rows.append(f"| `{key.value}` | {_ours(value.elts[0])} | {_outside(value.elts[1])} |")
+    head = "# Who may import whom\n\nThe test of the layers holds this table; `errors` and `frame` are everybody's.\n\n"
+    return head + _table("| room | of ours | from outside |", rows)
+
+
+def _ours(node: ast.expr) -> str:
+    if isinstance(node, ast.Set):
+        return ", ".join(f"`{each.value}`" for each in node.elts if isinstance(each, ast.Constant))
+    return "everything" if isinstance(node, ast.Constant) else "-"
+
+
+def _outside(node: ast.expr) -> str:
+    text = ast.unparse(node)
+    if text == "None":
+        return "whatever it needs"
+    words = {
+        "PURE": "the pure part of the standard library",
+        "STDLIB": "the standard library",
+        "MARKS": "mypy_extensions",
+    }
+    return ", ".join(words.get(part, part.strip("{}").replace("'", "`")) for part in text.split(" | "))
+
+
+_AXIS_POWER = """# May an axis move? Its statechart
+
+## Its power
+
+Each joint is in one of these states. A trigger that a state does not list changes nothing in it. The table is
+`canopen_control/hardware/axis_power.py`; `hardware/joint.py` fires the triggers of the drive and of users,
+`hardware/stop_group.py` those of the joints that stop together.
+
+A stop that takes longer than its state may last goes on to a quick stop, then to disable voltage; where the joint of
+the description says `<param name="holds_load">true</param>`, because its load would fall, the voltage stays.
+"""
+
+
+_DRIVE_INTENT = """## Below it: what is wanted of the drive
+
+The chart tells the drive's state machine (`canopen_control/cia402/drive.py`) to enable, to disable, to stop. What is
+wanted, together with what is still on its way to the drive, is one of these intents; the table is
+`canopen_control/cia402/intent.py`. Only an enable leads to the goal ENABLED. Two orders stand beside it, and change no
+intent: `hold` keeps a drive before OPERATION_ENABLED until its group may rise, `halt` sends bit 8 to an enabled one.
+"""
+
+_MODE_REQUEST = """## Below it: the mode of operation
+
+A mode is one only when 0x6061 shows it, and nothing moves before. The table is
+`canopen_control/cia402/mode_request.py`.
+"""
+
+
+def axis_power() -> str:
+    """Return the states of an axis: the tables of its power, of what is wanted of its drive, and of its mode."""
+    from canopen_control.cia402 import intent, mode_request
+    from canopen_control.hardware.axis_power import LIMITS_NS, TABLE, AxisState, Trigger
+
+    lasts = {state: f"{limit / 1e9:g} s" for state, limit in LIMITS_NS.items()}
+    lasts[AxisState.SETTLING] = "what is left of BRAKING's"
+    told = {
+        (state, trigger): (row.state, "; ".join(order.value for order in row.orders))
+        for state, rows in TABLE.items()
+        for trigger, row in rows.items()
+    }
+    goals = {each: intent.GOALS[each].name for each in intent.Intent}
+    intents = {
+        (state, trigger): (after, "" if goals[state] == goals[after] else goals[after])
+        for state, rows in intent.TABLE.items()
+        for trigger, after in rows.items()
+    }
+    modes = {
+        (state, trigger): (after, "yes" if after in mode_request.CONFIRMED else "no")
+        for state, rows in mode_request.TABLE.items()
+        for trigger, after in rows.items()
+    }
+    parts = [_AXIS_POWER, *_chart(AxisState, Trigger, told, lasts, ("may last", "the drive is told to"))]
+    parts += [_DRIVE_INTENT, *_chart(intent.Intent, intent.IntentTrigger, intents, goals, ("goal", "new goal"))]
+    confirmed = {state: "yes" if state in mode_request.CONFIRMED else "no" for state in mode_request.ModeState}
+    heads = ("confirmed", "confirmed then")
+    parts += [_MODE_REQUEST, *_chart(mode_request.ModeState, mode_request.ModeTrigger, modes, confirmed, heads)]
+    return "\n".join(parts)
+
+
+def _chart(
+    states: type[Enum],
+    triggers: type[Enum],
+    rows: Mapping[tuple[Enum, Enum], tuple[Enum, str]],
+    facts: Mapping[Any, str],
+    heads: tuple[str, str],
+) -> Iterator[str]:
+    """Yield the states of a chart with a fact about each, and for each state where its triggers lead."""
+    lines = [f"| {state.name} | {state.value} | {facts.get(state, '')} |" for state in states]
+    yield "### States\n"
+    yield _table(f"| state | means | {heads[0]} |", lines)
+    yield "### What leads where\n"
+    for state in states:
+        lines = []
+        for trigger in (each for each in triggers if (state, each) in rows):
+            after, note = rows[state, trigger]
+            then = "stays" if after is state else after.name
+            lines.append(f"| {trigger.name} | {trigger.value} | {then} | {note} |")
+        yield f"#### {state.name}\n"
+        yield _table(f"| trigger | when | then | {heads[1]} |", lines)
+
+
+PAGES: dict[str, Callable[[], str]] = {
+    "bus_yml.md": bus_yml,
+    "controllers.md": controllers,
+    "faults.md": faults,
+    "command_line.md": command_line,
+    "robot_socket.md": robot_socket,
+    "drive_socket.md": drive_socket,
+    "hub_socket.md": hub_socket,
+    "imports.md": import_table,
+    "axis_power.md": axis_power,
+}

@@ -1,0 +1,72 @@
+import argparse
+import contextlib
+
+import pytest
+
+from canopen_control.cli.support.arguments import finite, node_id, seconds, timeout_seconds, whole, whole_number
+from canopen_control.cli.verbs import VERBS, parser_of
+
+
+@pytest.mark.parametrize(("text", "number"), [("12", 12), ("0x1F", 31), ("-3", -3)])
+def test_whole_numbers(text, number):
+    assert whole(text) == number
+
+
+@pytest.mark.parametrize("text", ["0", "128", "-1", "x", "1.5", ""])
+def test_what_is_no_node_id_is_told_with_what_is(text):
+    with pytest.raises(argparse.ArgumentTypeError) as caught:
+        node_id(text)
+    assert str(caught.value) == f"{text!r} is no node id: 1 to 127"
+
+
+def test_node_ids():
+    assert [node_id("1"), node_id("0x7f")] == [1, 127]
+
+
+@pytest.mark.parametrize("text", ["0", "-1", "61", "soon", "nan", "inf"])
+def test_a_timeout_is_above_0_and_at_most_a_minute(text):
+    with pytest.raises(argparse.ArgumentTypeError, match="is no time in seconds above 0 and up to 60"):
+        timeout_seconds(text)
+    assert timeout_seconds("0.5") == 0.5
+
+
+@pytest.mark.parametrize("text", ["0", "-1", "soon", "nan", "inf", "1e10"])
+def test_a_time_is_finite_and_above_0(text):
+    with pytest.raises(argparse.ArgumentTypeError, match="is no time in seconds above 0"):
+        seconds(text)
+    assert seconds("0.5") == 0.5
+
+
+@pytest.mark.parametrize("text", ["x", "", "0", "11", "0x10", "1.0"])
+def test_what_is_no_whole_number_within_its_bounds_is_told_with_what_is(text):
+    read = whole_number("tooth: 1 to 10", range(1, 11))
+    with pytest.raises(argparse.ArgumentTypeError) as caught:
+        read(text)
+    assert str(caught.value) == f"{text!r} is no tooth: 1 to 10"
+    assert (read("10"), read("0xA")) == (10, 10)
+
+
+@pytest.mark.parametrize("text", ["nan", "inf", "-inf"])
+def test_a_command_is_finite(text):
+    with pytest.raises(argparse.ArgumentTypeError, match="no value that a drive could reach"):
+        finite(text)
+    with pytest.raises(argparse.ArgumentTypeError, match="'x' is no number"):
+        finite("x")
+
+
+def own_types(parser):
+    """Yield every function of ours that reads an argument."""
+    for action in parser._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            for each in action.choices.values():
+                yield from own_types(each)
+        elif action.type not in (None, int, float, str):
+            yield action.type
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_no_argument_is_refused_with_the_name_of_a_function(verb):
+    """A ValueError would become "invalid _number value: 'zz'"."""
+    for read in own_types(parser_of(verb)):
+        with contextlib.suppress(argparse.ArgumentTypeError):
+            read("zz")  # whatever else it raises fails here

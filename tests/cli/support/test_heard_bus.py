@@ -1,0 +1,71 @@
+import argparse
+
+import pytest
+from support.mockrobot import running
+
+from canopen_control.cli.support.heard_bus import add_network_arguments, config_layout, described, heard_bus
+from canopen_control.data_files import data_path
+from canopen_control.errors import ConfigError
+
+
+def arguments(*given):
+    parser = argparse.ArgumentParser()
+    add_network_arguments(parser)
+    return parser.parse_args(given)
+
+
+def test_a_robots_files_give_the_names_on_any_channel():
+    heard = heard_bus(arguments("robby"), "local:nobody-runs-here")
+    assert (heard.channel, heard.owner) == ("local:nobody-runs-here", "")
+    assert heard.network.nodes[3].name == "left_drive"
+    assert heard.network.channel == "local:nobody-runs-here"
+
+
+def test_eds_files_add_to_a_robots_nodes():
+    network = described(arguments("robby", "--eds", "9=TMCM-1270.eds"))
+    assert {node_id: node.name for node_id, node in network.nodes.items()} == {
+        2: "right_drive",
+        3: "left_drive",
+        9: "TMCM-1270",
+    }
+
+
+def test_without_names_it_says_so_and_goes_on(capsys):
+    assert described(arguments()).nodes == {}
+    assert "no names: give the robot (CONFIG, --name) or --eds" in capsys.readouterr().err
+    heard = heard_bus(arguments(), "local:nobody-runs-here")
+    assert heard.network.nodes == {}
+    assert capsys.readouterr().err == ""  # not before the bus is open
+    heard.tell()
+    assert "no names: give the robot (CONFIG, --name) or --eds" in capsys.readouterr().err
+
+
+def test_without_a_robot_there_is_no_bus_to_listen_to():
+    with pytest.raises(ConfigError, match="no robot is running"):
+        heard_bus(arguments(), None)
+
+
+def test_a_robot_on_mock_hardware_has_no_bus():
+    with running("layout-mock"), pytest.raises(ConfigError, match="has no bus: it runs on mock hardware"):
+        heard_bus(arguments("--name", "layout-mock"), None)
+
+
+def test_one_of_several_buses_is_chosen_by_name(tmp_path):
+    source = data_path("config", "robby") / "bus.yml"
+    for name in ("bus.yml", "bus_arm.yml"):
+        (tmp_path / name).write_bytes(source.read_bytes())
+    assert config_layout(str(tmp_path), "arm").master_node_id == 1
+    with pytest.raises(ConfigError, match="several buses; choose with --bus: can, arm"):
+        config_layout(str(tmp_path))
+    with pytest.raises(ConfigError, match="no bus 'leg'; choose with --bus: can, arm"):
+        config_layout(str(tmp_path), "leg")
+
+
+def test_a_bus_in_place_of_a_robot_is_told_where_it_goes(tmp_path, monkeypatch):
+    with pytest.raises(ConfigError, match="local:bare is a bus, no robot: write --can local:bare"):
+        heard_bus(arguments("local:bare"), None)
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "can0").mkdir()
+    for robot in ("robby", "can0"):
+        with pytest.raises(ConfigError, match="no robot is running"):
+            heard_bus(arguments(robot), None)

@@ -1,0 +1,158 @@
+import io
+import os
+import threading
+
+import pytest
+
+from canopen_control.cli.support.output import PLAIN_S, REDRAW_S, SOON_S, Announcer, Progress, Table, watched
+
+
+class Terminal(io.StringIO):
+    def isatty(self):
+        return True
+
+
+class Clock:
+    def __init__(self):
+        self.now = 100.0
+
+    def __call__(self):
+        return self.now
+
+
+@pytest.fixture
+def clock():
+    return Clock()
+
+
+def test_quick_work_says_nothing(clock):
+    for stream in (Terminal(), io.StringIO()):
+        with Progress("reading", stream=stream, clock=clock) as progress:
+            clock.now += SOON_S - 0.01
+            progress.at(1, 2)
+        assert stream.getvalue() == ""
+
+
+def test_a_terminal_has_one_line_that_is_wiped_at_the_end(clock):
+    stream = Terminal()
+    progress = Progress("reading 0x1021", "bytes", stream=stream, clock=clock)
+    clock.now += SOON_S
+    progress.at(34_560, 120_000)
+    progress.at(34_561, 120_000)  # not due yet
+    clock.now += REDRAW_S
+    progress.at(120_000, 120_000)
+    progress.end()
+    progress.end()
+    assert stream.getvalue() == (
+        "\rreading 0x1021: 34,560 of 120,000 bytes (28 %), 0 s\x1b[K"
+        "\rreading 0x1021: 120,000 of 120,000 bytes (100 %), 1 s\x1b[K"
+        "\r\x1b[K"
+    )
+
+
+def test_elsewhere_there_are_plain_lines_now_and_then(clock):
+    stream = io.StringIO()
+    with Progress("asking nodes", stream=stream, clock=clock) as progress:
+        for done in range(120):
+            progress.at(done, 127)
+            clock.now += 0.125
+    assert stream.getvalue() == "asking nodes: 40 of 127 (31 %), 5 s\nasking nodes: 80 of 127 (62 %), 10 s\n"
+
+
+def test_an_unknown_total_or_nothing_known_at_all(clock):
+    stream = io.StringIO()
+    progress = Progress("reading", "bytes", stream=stream, clock=clock)
+    clock.now += PLAIN_S
+    progress.at(0)
+    clock.now += PLAIN_S
+    progress.at(4200)
+    assert stream.getvalue() == "reading, 5 s\nreading: 4,200 bytes, 10 s\n"
+
+
+def test_quiet_is_quiet(clock):
+    stream = io.StringIO()
+    with Progress("reading", quiet=True, stream=stream, clock=clock) as progress:
+        clock.now += 100
+        progress.at(1)
+    assert stream.getvalue() == ""
+
+
+def test_who_reads_it_may_go_without_breaking_the_work(clock):
+    stream = io.StringIO()
+    progress = Progress("reading", stream=stream, clock=clock)
+    stream.close()
+    clock.now += PLAIN_S
+    progress.at(1)
+    progress.end()
+    assert stream.closed
+
+
+def test_the_work_is_watched_from_beside_and_wiped_also_after_an_error(clock):
+    stream, asked = Terminal(), threading.Event()
+
+    def sample():
+        asked.set()
+        return 7, 14
+
+    clock.now += 1
+    progress = Progress("writing", "bytes", stream=stream, clock=clock)
+    clock.now += SOON_S
+
+    def work():
+        with watched(progress, sample):
+            assert asked.wait(5)
+            while not stream.getvalue():
+                pass
+            raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        work()
+    assert stream.getvalue() == "\rwriting: 7 of 14 bytes (50 %), 0 s\x1b[K\r\x1b[K"
+
+
+def test_lines_come_in_order_and_all_of_them_before_the_end():
+    stream = io.StringIO()
+    announcer = Announcer(stream)
+    for number in range(100):
+        announcer.say(f"line {number}")
+    announcer.close()
+    assert stream.getvalue().splitlines() == [f"line {number}" for number in range(100)]
+
+
+def test_a_reader_that_stalls_stalls_nobody():
+    class Stalled(io.StringIO):
+        def write(self, text):
+            released.wait(30)
+            return len(text)
+
+    released = threading.Event()
+    announcer = Announcer(Stalled())
+    for _ in range(1500):
+        announcer.say("x")
+    assert announcer.dropped > 0
+    released.set()
+    announcer.close()
+
+
+def test_a_reader_that_is_gone_is_no_error():
+    read, write = os.pipe()
+    os.close(read)
+    with os.fdopen(write, "w") as stream:
+        announcer = Announcer(stream)
+        announcer.say("nobody hears this")
+        announcer.close()
+        assert announcer.dropped == 1
+        os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+
+
+def test_columns_are_as_wide_as_their_widest_cell_and_numbers_stand_right():
+    table = Table(("name", "value"))
+    table.add(("left", "-1.5"))
+    table.add(("right_drive", "100.25"))
+    assert table.lines() == ["name         value", "left           -1.5", "right_drive  100.25"]
+
+
+def test_a_missing_value_stands_left():
+    table = Table(("name", "value"))
+    table.add(("a", "-"))
+    assert table.lines() == ["name  value", "a     -"]

@@ -1,0 +1,150 @@
+import pytest
+from support.onbus import GENERIC, TMCM, OnBus
+
+from canopen_control.cli.support import target
+from canopen_control.cli.support.target import BusTarget, Place, RobotTarget, find_eds, parse_node_id, robot_on
+from canopen_control.client import RobotClient
+from canopen_control.errors import ConfigError, RemoteError
+from canopen_control.frame import CanFrame
+from canopen_control.host.lines import MAX_REQUEST
+from canopen_control.rpc.messages.declare import Done
+from canopen_control.rpc.messages.robot import (
+    BusPlace,
+    GetNodes,
+    NodeListing,
+    NodePlace,
+    SdoData,
+    SdoPiece,
+    SdoRead,
+    SdoWrite,
+)
+from canopen_control.rpc.wire import request_line
+
+NODES = [
+    NodePlace(name="left", node_id=3, bus="can", eds="/x/a.eds"),
+    NodePlace(name="right", node_id=2, bus="can", eds="/x/b.eds"),
+]
+LISTING = NodeListing({"can": BusPlace("local:robby", 1)}, NODES)
+
+
+class FakeRobot:
+    """Answers as RobotClient does; `kind` is the error it raises instead."""
+
+    robot = "robby"
+
+    def __init__(self, kind=None, channel="local:robby"):
+        self.kind, self.requests, self.channel = kind, [], channel
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.close()
+
+    def close(self):
+        self.requests.append("close")
+
+    sdo_write = RobotClient.sdo_write
+
+    def ask(self, request, timeout=None):
+        if self.kind is not None:
+            raise RemoteError(self.kind, "the robot has not answered")
+        self.requests.append(request)
+        listing = NodeListing({"can": BusPlace(self.channel, 1)}, NODES)
+        return {GetNodes: listing, SdoRead: SdoData(b"\1\2")}.get(type(request), Done())
+
+
+@pytest.fixture
+def running(monkeypatch):
+    robots = {"robby": FakeRobot()}
+    monkeypatch.setattr(target, "find_robots", lambda: sorted(robots))
+    monkeypatch.setattr(target.RobotClient, "connect", lambda name, timeout=10.0: robots[name])
+    return robots
+
+
+def test_nodes_are_found_by_name_and_id_and_come_in_order():
+    robot = RobotTarget(FakeRobot())
+    assert [str(place) for place in robot.places] == ["node 2 (right)", "node 3 (left)"]
+    assert robot.place("left") == robot.place("3")
+    assert str(robot.place("left").eds) == "/x/a.eds"
+    with pytest.raises(ConfigError, match="has no node 'up'; its nodes: 2 right, 3 left"):
+        robot.place("up")
+
+
+def test_a_long_object_goes_through_a_robot_in_pieces_that_a_request_can_hold():
+    fake = FakeRobot()
+    with RobotTarget(fake) as robot:
+        robot.write(robot.place("3"), 0x2000, 0, bytes(range(256)) * 1000)
+    sent = [each for each in fake.requests[1:] if each != "close"]
+    assert [type(each) for each in sent] == [SdoPiece] * 10 + [SdoWrite]
+    assert all(len(request_line(1, "sdo_write", each)) < MAX_REQUEST - 1000 for each in sent)
+    assert b"".join(each.data for each in sent) == bytes(range(256)) * 1000
+
+
+def test_transfers_through_a_robot_carry_block_and_timeout():
+    fake = FakeRobot()
+    with RobotTarget(fake, timeout=2.0) as robot:
+        assert robot.read(robot.place("3"), 0x1008, 1, block=True) == b"\1\2"
+        robot.write(robot.place("3"), 0x2000, 0, b"\xff")
+        with pytest.raises(ConfigError, match="400000"):
+            robot.write(robot.place("3"), 0x2000, 0, bytes(400_001))
+    assert fake.requests[1:] == [
+        SdoRead(node="3", index=0x1008, subindex=1, block=True, timeout=2.0),
+        SdoWrite(node="3", index=0x2000, subindex=0, data=b"\xff", timeout=2.0),
+        "close",
+    ]
+
+
+def test_the_robot_on_a_channel_is_known_by_its_channel(running):
+    assert robot_on("local:robby") == ("robby", LISTING)
+    assert robot_on("local:other") is None
+
+
+def test_a_robot_that_has_ended_owns_nothing_and_one_that_hangs_is_told(running):
+    running["robby"] = FakeRobot("BusClosed")
+    assert robot_on("local:robby") is None
+    running["robby"] = FakeRobot("Timeout")
+    with pytest.raises(RemoteError, match="has not answered"):
+        robot_on("local:robby")
+
+
+def test_a_bare_bus_keeps_off_the_nodes_of_a_robot(running):
+    running["robby"] = FakeRobot(channel="memory:target")
+    with OnBus("memory:target", {3: TMCM}), target.BusTarget("memory:target") as bus:
+        with pytest.raises(ConfigError, match="belongs to the running robot robby"):
+            bus.place("3")
+        assert bus.place("0x10") == Place(16)
+
+
+def test_without_a_robot_every_node_is_open(monkeypatch, private_folders):
+    with OnBus("memory:open", {3: TMCM}), target.BusTarget("memory:open", find_eds(TMCM)) as bus:
+        place = bus.place("3")
+        assert bus.read(place, 0x1018, 2) == (1270).to_bytes(4, "little")
+        bus.write(place, 0x6081, 0, bytes(4))
+        assert place.dictionary().node_id == 3
+
+
+def test_an_eds_is_a_path_or_a_bundled_name(tmp_path):
+    assert find_eds(TMCM).name == TMCM
+    path = tmp_path / "my.eds"
+    path.write_text("")
+    assert find_eds(str(path)) == path
+    with pytest.raises(ConfigError, match=r"no EDS file nope\.eds"):
+        find_eds("nope.eds")
+
+
+@pytest.mark.parametrize("text", ["0", "128", "-1", "left", "", "3.0"])
+def test_a_node_id_is_a_number_from_1_to_127(text):
+    with pytest.raises(ConfigError, match="node"):
+        parse_node_id(text)
+
+
+def test_the_progress_of_a_transfer_is_what_its_client_knows(private_folders):
+    with OnBus("memory:progress", {5: GENERIC}), BusTarget("memory:progress") as target:
+        place = target.place("5")
+        assert target.progress(place) == (0, None)
+        client = target.bus.client(5)
+        client.read(0x1008, now=0)
+        client.frames()  # the request has left
+        client.receive(CanFrame(0x585, bytes.fromhex("410810000A000000")), 0)
+        assert target.progress(place) == (0, 10)

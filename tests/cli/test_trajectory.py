@@ -1,0 +1,66 @@
+import json
+import threading
+import time
+
+import pytest
+from support.arm6 import ENDS, JOINTS, copy_arm, planned
+
+from canopen_control import Robot
+from canopen_control.cli.main import main
+
+
+@pytest.fixture
+def arm(private_folders, tmp_path):
+    robot = Robot.from_config(copy_arm(tmp_path), mock=True, name="arm")
+    robot.start()
+    yield robot
+    robot.shutdown()
+
+
+@pytest.fixture
+def wave(tmp_path):
+    def write(seconds=1.5, count=30, joints=JOINTS):
+        points = [
+            {"positions": each.positions, "velocities": each.velocities, "time_from_start": each.time / 1e9}
+            for each in planned([0.0] * 6, ENDS, seconds, count).points
+        ]
+        path = tmp_path / "wave.json"
+        path.write_text(json.dumps({"joint_names": joints, "points": points}))
+        return str(path)
+
+    return write
+
+
+def positions(arm):
+    joints = arm.status().joints
+    return [joints[each].position for each in JOINTS]
+
+
+def test_a_file_is_played_to_its_end(arm, wave, capsys):
+    assert main(["trajectory", "play", wave(count=200)]) == 0
+    assert capsys.readouterr().out == "the goal was reached\n"
+    assert positions(arm) == pytest.approx(ENDS, abs=1e-3)
+
+
+def test_another_shell_ends_it_and_the_first_one_says_so(arm, wave, capsys):
+    codes = []
+    playing = threading.Thread(target=lambda: codes.append(main(["trajectory", "play", wave(seconds=20.0)])))
+    playing.start()
+    time.sleep(1.0)
+    assert main(["trajectory", "cancel"]) == 0
+    playing.join(10.0)
+    assert codes == [1]
+    assert "cancelled" in capsys.readouterr().err
+    where = positions(arm)
+    time.sleep(0.2)
+    assert positions(arm) == pytest.approx(where, abs=1e-3)
+
+
+def test_what_is_refused_is_the_robots_sentence(arm, wave, capsys):
+    assert main(["trajectory", "play", wave(joints=[*JOINTS[:5], "elbow"])]) == 1
+    assert "'elbow', no joint of this controller" in capsys.readouterr().err
+
+
+def test_a_robot_without_such_a_controller_says_so(mock_robot, wave, capsys):
+    assert main(["trajectory", "play", wave()]) == 2
+    assert "no joint trajectory controller is active" in capsys.readouterr().err

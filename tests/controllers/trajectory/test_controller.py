@@ -1,0 +1,343 @@
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from support.control import Hardware, S, add
+from support.trajectories import cases
+from support.trajectory_player import Player
+
+from canopen_control.controllers.manager import ControllerManager
+from canopen_control.controllers.trajectory.goal import Goal, GoalState, ResultCode
+from canopen_control.controllers.trajectory.point import JointTrajectory, Point
+from canopen_control.controllers.trajectory.tolerances import GoalTolerances
+from canopen_control.errors import ControlError
+from canopen_control.hardware.interfaces import InterfaceRegistry
+from canopen_control.urdf.joint import Joint, Limits
+
+CASES = cases("jtc_scenarios")
+#: what upstream does there hurts; the tests below say what is done instead
+DEVIATES = {
+    "stop trajectory rewritten in place while it runs": "the second stop jumps to where the time of the first one is",
+}
+
+
+@pytest.mark.parametrize(
+    "case", [each for each in CASES if each["name"] not in DEVIATES], ids=lambda case: case["name"]
+)
+def test_it_behaves_as_upstream_does(case):
+    player = Player(case)
+    assert player.configured == (case["expect"].get("configure") == "SUCCESS")
+    if player.configured:
+        assert player.controller.command_interface_names() == case["expect"]["claimed_command"]
+        assert player.controller.state_interface_names() == case["expect"]["claimed_state"]
+    for step, expect in zip(case["in"]["steps"], case["expect"].get("steps", ()), strict=True):
+        wrong = player.play(step, expect)
+        assert not wrong, (step, wrong)
+
+
+def test_only_what_is_named_deviates():
+    for name in DEVIATES:
+        case = next(each for each in CASES if each["name"] == name)
+        player = Player(case)
+        steps = zip(case["in"]["steps"], case["expect"]["steps"], strict=True)
+        assert any(player.play(step, expect) for step, expect in steps)
+
+
+# ------------------------------------------------------------------------------------- ours: safer than upstream
+
+JOINTS = ("a", "b")
+TYPE = "joint_trajectory_controller/JointTrajectoryController"
+MS = 1_000_000
+BRAKES = {"decelerate_on_cancel": True, **{each: {"max_deceleration_on_cancel": 2.0} for each in JOINTS}}
+
+
+class Arm:
+    """Two joints that follow their commands within a cycle, under a controller that is active."""
+
+    def __init__(self, limits=(-3.0, 3.0, 2.0), kind="revolute", **params):
+        names = tuple(f"{joint}/position" for joint in JOINTS)
+        self.hardware = Hardware(*names, states=(*names, *(f"{joint}/velocity" for joint in JOINTS)), name="arm")
+        for each in self.hardware.state_interfaces:
+            each.value = 0.0
+        registry = InterfaceRegistry()
+        registry.register(self.hardware)
+        description = {each: Joint(each, kind, "", "", limits=Limits(*limits)) for each in JOINTS}
+        self.manager = ControllerManager(registry, 100, description=description)
+        given = {"command_interfaces": ["position"], "state_interfaces": ["position", "velocity"], **params}
+        self.controller = add(self.manager, "arm", TYPE, joints=list(JOINTS), **given)
+        self.now, self.events = S, []
+        self.manager.switch(["arm"], now=self.now)
+
+    def run(self, cycles=1):
+        for _ in range(cycles):
+            self.now += 10 * MS
+            self.manager.update(self.now, 0.01)
+            self.events += self.manager.events()
+            for command in self.hardware.command_interfaces:
+                if command.enabled and math.isfinite(command.value):
+                    before = self.state(command.joint)
+                    self.hardware.set(command.name, command.value)
+                    self.hardware.set(f"{command.joint}/velocity", (command.value - before) / 0.01)
+
+    def state(self, joint):
+        return next(each.value for each in self.hardware.state_interfaces if each.name == f"{joint}/position")
+
+    def positions(self):
+        return [self.state(joint) for joint in JOINTS]
+
+    def enable(self, joint, enabled=True):
+        for each in self.hardware.command_interfaces:
+            if each.joint == joint:
+                each.enabled = enabled
+
+    def send(self, *points, names=JOINTS, **tolerances):
+        """Send a goal through (time in s, position of both joints)."""
+        made = [Point([p] * len(names), time=round(t * S)) for t, p in points]
+        goal = Goal(JointTrajectory(names, made), GoalTolerances(**tolerances))
+        self.controller.send_goal(goal, self.now)
+        return goal
+
+
+@pytest.fixture
+def arm():
+    return Arm()
+
+
+def test_a_goal_is_reached_and_held(arm):
+    goal = arm.send((0.5, 0.2), (1.0, 1.0))
+    arm.run(99)
+    assert not goal.ended
+    arm.run(2)
+    assert (goal.state, goal.code) == (GoalState.SUCCEEDED, ResultCode.SUCCESSFUL)
+    arm.run(50)
+    assert arm.positions() == [1.0, 1.0]
+
+
+def test_a_joint_that_is_lost_ends_the_goal_with_its_name_and_nothing_is_commanded_to_any(arm):
+    goal = arm.send((1.0, 1.0))
+    arm.run(30)
+    arm.enable("b", False)
+    arm.run()
+    assert (goal.state, goal.code) == (GoalState.ABORTED, ResultCode.INVALID_GOAL)
+    assert goal.text == "b: not enabled; enable it, then send the goal again"
+    assert [event.kind for event in arm.events][-1] == "goal_aborted"
+    assert all(math.isnan(each) for each in arm.hardware.values())
+
+
+def test_after_an_enable_the_joints_are_held_where_they_are_and_never_where_they_were_going(arm):
+    arm.send((1.0, 1.0))
+    arm.run(30)
+    arm.enable("b", False)
+    arm.run(10)
+    arm.hardware.set("b/position", -0.4)  # it sank
+    arm.enable("b")
+    where = arm.positions()
+    for _ in range(100):
+        arm.run()
+        assert arm.hardware.values() == where
+    assert where[1] == -0.4
+
+
+def test_a_goal_for_a_joint_that_is_not_enabled_is_refused_with_its_name(arm):
+    arm.enable("b", False)
+    arm.run()
+    with pytest.raises(ControlError, match="b: not enabled"):
+        arm.send((1.0, 1.0))
+    assert arm.controller.rejected == 1
+
+
+def test_a_position_that_nobody_knows_ends_the_goal_too(arm):
+    goal = arm.send((1.0, 1.0))
+    arm.run(10)
+    arm.hardware.set("a/position", math.nan)
+    arm.run()
+    assert goal.text.startswith("a: nobody knows its position")
+
+
+@pytest.mark.parametrize(
+    ("points", "text"),
+    [
+        ([(1.0, math.nan)], "the position of a is nan"),
+        ([(5.0, 3.1)], "a at 3.1 is beyond its limits of -3 to 3"),
+        ([(0.1, 1.0)], "it begins with a at 1 in 0.1 s, and it is at 0"),
+        ([], "it has no points"),
+        ([(1.0, 0.1), (0.5, 0.2)], "let time_from_start increase"),
+    ],
+)
+def test_a_bad_goal_is_refused_and_nothing_moves(arm, points, text):
+    running = arm.send((1.0, 1.0))
+    arm.run(10)
+    with pytest.raises(ControlError, match=text):
+        arm.send(*points)
+    assert not running.ended
+    arm.run(100)
+    assert arm.positions() == [1.0, 1.0]
+
+
+def test_the_limits_of_the_command_interface_hold_beside_those_of_the_description():
+    arm = Arm()
+    arm.manager.switch((), ["arm"])
+    arm.hardware.command_interfaces[0].maximum = 0.5
+    arm.manager.switch(["arm"])
+    with pytest.raises(ControlError, match=r"a at 1 is beyond its limits of -3 to 0\.5"):
+        arm.send((1.0, 1.0))
+
+
+def test_what_the_object_behind_cannot_hold_is_refused(arm):
+    arm.hardware.command_interfaces[1].highest = 0.5
+    with pytest.raises(ControlError, match="b/position holds"):
+        arm.send((1.0, 1.0))
+
+
+def test_the_death_of_the_sender_ends_the_goal_in_a_decelerated_hold():
+    arm = Arm(
+        constraints={"decelerate_on_cancel": True, **{each: {"max_deceleration_on_cancel": 2.0} for each in JOINTS}}
+    )
+    goal = arm.send((1.0, 1.0))
+    sender = arm.controller.life.holder = object()
+    arm.controller.life.source = "test"
+    assert arm.manager.running.holders == {sender}
+    arm.run(40)
+    where = arm.positions()[0]
+    arm.manager.running.let_go(sender)
+    assert goal.state is GoalState.ABORTED
+    assert "test" in goal.text
+    steps = []
+    for _ in range(100):
+        before = arm.positions()[0]
+        arm.run()
+        steps.append(arm.positions()[0] - before)
+    assert steps == sorted(steps, reverse=True)
+    assert arm.positions()[0] == pytest.approx(where + 1.0 / (2 * 2.0), abs=0.02)  # v^2/2a
+
+
+def test_a_second_stop_begins_where_the_joints_are():
+    arm = Arm(
+        constraints={"decelerate_on_cancel": True, **{each: {"max_deceleration_on_cancel": 2.0} for each in JOINTS}}
+    )
+    arm.controller.cancel(arm.send((1.0, 1.0)))
+    first = arm.send((1.0, 1.0))
+    arm.run(40)
+    arm.controller.cancel(first)
+    arm.run(20)
+    where = arm.positions()[0]
+    second = arm.send((1.0, 1.0))
+    arm.controller.cancel(second)
+    arm.run()
+    assert 0.0 <= arm.positions()[0] - where < 0.01  # half its speed is 5 mm a cycle; upstream jumps by tenths
+
+
+def test_a_slow_look_ahead_does_not_jump_to_the_end(arm):
+    arm.controller.set_speed_scaling(0.1)
+    arm.send((0.1, 0.05), (0.2, 0.1))
+    before = 0.0
+    for _ in range(250):
+        arm.run()
+        assert 0.0 <= arm.positions()[0] - before < 0.006
+        before = arm.positions()[0]
+    assert before == 0.1
+
+
+def test_a_command_time_out_does_not_make_a_goal_that_was_missed_a_success():
+    arm = Arm(cmd_timeout=0.2, constraints={each: {"goal": 0.01} for each in JOINTS})
+    goal = arm.send((0.5, 0.5))
+    arm.run(20)
+    arm.hardware.command_interfaces[0].value = math.nan
+    for each in arm.hardware.command_interfaces:
+        each.value = 0.0
+    for _ in range(60):
+        arm.run()
+        arm.hardware.set("a/position", 0.2)  # it is stuck
+    assert (goal.state, goal.code) == (GoalState.ABORTED, ResultCode.GOAL_TOLERANCE_VIOLATED)
+
+
+def test_a_joint_that_is_held_back_ends_the_goal_with_its_name_and_what_it_was():
+    arm = Arm(constraints={each: {"trajectory": 0.05} for each in JOINTS})
+    goal = arm.send((1.0, 1.0))
+    for _ in range(20):
+        arm.run()
+        arm.hardware.set("b/position", 0.0)
+    assert goal.code == ResultCode.PATH_TOLERANCE_VIOLATED
+    assert goal.text.startswith("b is 0.0")
+    assert "0.05 is its tolerance" in goal.text
+
+
+def test_a_deactivation_ends_the_goal(arm):
+    goal = arm.send((1.0, 1.0))
+    arm.run(10)
+    arm.manager.switch((), ["arm"])
+    assert (goal.state, goal.code) == (GoalState.ABORTED, ResultCode.INVALID_GOAL)
+    assert "deactivated" in goal.text
+
+
+def test_a_scaling_that_nobody_knows_lets_the_time_stand():
+    arm = Arm(speed_scaling__state_interface="a/velocity")
+    arm.send((1.0, 1.0))
+    arm.run(20)
+    arm.hardware.set("a/velocity", math.nan)
+    arm.run()
+    assert arm.controller.scaling == 0.0
+
+
+@pytest.mark.parametrize("factor", [-0.1, math.nan, math.inf])
+def test_a_scaling_that_is_none_is_refused(arm, factor):
+    with pytest.raises(ControlError, match="give 0 or more"):
+        arm.controller.set_speed_scaling(factor)
+
+
+def test_numbers_are_refused(arm):
+    with pytest.raises(ControlError, match="takes trajectories"):
+        arm.manager.command("arm", [0.0, 0.0], arm.now)
+
+
+def test_positions_alone_are_upsampled_where_that_is_wanted():
+    arm = Arm(positions_upsampling__enable=True, positions_upsampling__policy_frequency=10.0)
+    message = JointTrajectory(JOINTS, [Point([p, p]) for p in (0.0, 0.1, 0.3)])
+    arm.controller.set_trajectory(message, arm.now)
+    assert [each.time for each in message.points] == [100 * MS, 200 * MS, 300 * MS]
+    assert message.points[1].velocities[0] > 0.0
+
+
+def test_any_time_of_the_trajectory_can_be_asked_for_and_changes_nothing(arm):
+    out = Point()
+    arm.send((1.0, 1.0), (2.0, 0.0))
+    arm.run(50)
+    begin = arm.now - 490 * MS
+    assert arm.controller.query(begin + S, out)
+    assert out.positions == [1.0, 1.0]
+    assert arm.controller.query(begin + S // 2, out)
+    assert out.positions == [0.5, 0.5]
+    assert not arm.controller.query(begin + 3 * S, out)
+    assert out.positions == [0.0, 0.0]
+    arm.run(50)
+    assert arm.positions()[0] == pytest.approx(1.0)
+
+
+@given(st.lists(st.floats(-0.09, 0.09), min_size=1, max_size=20))
+def test_a_hold_never_moves_whatever_the_joints_do(drift):
+    arm = Arm()
+    arm.run()
+    held = arm.hardware.values()
+    for each in drift:
+        arm.hardware.set("a/position", each)
+        arm.run()
+        assert arm.hardware.values() == held
+
+
+PATHS = st.lists(st.tuples(st.integers(20, 200), st.floats(-1.0, 1.0)), min_size=1, max_size=5)
+
+
+@given(PATHS, st.integers(0, 100), PATHS)
+def test_whatever_follows_whatever_the_commands_never_jump(first, cycles, second):
+    arm = Arm(limits=(-3.0, 3.0, math.inf))
+    for path in (first, second):
+        time, points = 0, []
+        for ms, position in path:
+            time += ms
+            points.append((time / 1000, position))
+        arm.send(*points)
+        for _ in range(cycles):
+            before = arm.positions()[0]
+            arm.run()
+            assert abs(arm.positions()[0] - before) <= 2.0 / 0.02 * 0.01 + 1e-9

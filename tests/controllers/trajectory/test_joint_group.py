@@ -1,0 +1,76 @@
+import math
+
+import pytest
+from support.trajectories import cases, close, point
+
+from canopen_control.controllers.trajectory.joint_group import JointGroup
+from canopen_control.hardware.interfaces import CommandInterface, StateInterface
+
+
+def group(joints=("a", "b"), commanded=None, commands=("position",), states=("position", "velocity")):
+    made = JointGroup(joints, commanded or joints, commands, states)
+    given = [CommandInterface(*each.rsplit("/", 1)) for each in made.command_names]
+    read = [StateInterface(*each.rsplit("/", 1), 0.0) for each in made.state_names]
+    made.take(given, read)
+    return made, given, read
+
+
+@pytest.mark.parametrize("case", cases("jtc_compute_error"), ids=lambda case: case["name"])
+def test_the_error_is_upstreams(case):
+    params, expect = case["in"]["params"], case["expect"]["error"]
+    made, *_ = group(
+        tuple(params["joints"]), None, tuple(params["command_interfaces"]), tuple(params["state_interfaces"])
+    )
+    made.wrap[:] = [case["in"].get("wrap", {}).get(joint, False) for joint in params["joints"]]
+    made.actual = point(case["in"]["current"])
+    made.compare(point(case["in"]["desired"]))
+    for key in ("positions", "velocities", "accelerations"):
+        assert close(getattr(made.error, key), expect[key]), key
+
+
+def test_interfaces_are_named_joint_by_joint():
+    made, *_ = group(commands=("position", "velocity"))
+    assert made.command_names == ["a/position", "a/velocity", "b/position", "b/velocity"]
+    assert made.state_names == ["a/position", "a/velocity", "b/position", "b/velocity"]
+
+
+def test_fewer_joints_are_commanded_by_name_and_as_many_by_place():
+    made, commands, _ = group(commanded=("b",))
+    made.write("position", [1.0, 2.0])
+    assert [each.value for each in commands] == [2.0]
+    assert made.targets()[1] == 2.0
+    assert math.isnan(made.targets()[0])
+    made, commands, _ = group(commanded=("x", "y"))
+    made.write("position", [1.0, 2.0])
+    assert [(each.joint, each.value) for each in commands] == [("x", 1.0), ("y", 2.0)]
+
+
+def test_it_waits_for_a_joint_that_is_not_enabled_or_whose_position_nobody_knows():
+    made, commands, states = group()
+    assert made.waits_for() is None
+    commands[1].enabled = False
+    assert made.waits_for() == "b"
+    commands[1].enabled = True
+    states[0].value = math.nan
+    assert made.waits_for() == "a"
+
+
+def test_letting_go_leaves_positions_to_the_hardware_and_all_else_at_zero():
+    made, commands, _ = group(commands=("position", "velocity"))
+    for each in commands:
+        each.value = 1.0
+    made.let_go()
+    assert [(each.interface, each.value) for each in commands if each.interface == "velocity"] == [
+        ("velocity", 0.0)
+    ] * 2
+    assert all(math.isnan(each.value) for each in commands if each.interface == "position")
+
+
+def test_it_begins_with_what_stands_commanded_where_all_of_it_is_known():
+    made, commands, _ = group()
+    commands[0].value = 1.0
+    made.begin_with_commands()
+    assert made.actual.positions == [0.0, 0.0]
+    commands[1].value = 2.0
+    made.begin_with_commands()
+    assert made.actual.positions == [1.0, 2.0]

@@ -1,0 +1,64 @@
+"""The page on how a command travels, held to the calls that are made."""
+
+import re
+import sys
+from pathlib import Path
+
+import pytest
+from support.faultbench import FaultBench
+from support.generic import JOINTS, write_generic
+
+import canopen_control
+
+PACKAGE = Path(canopen_control.__file__).parent
+PAGE = Path(__file__).parents[2] / "docs" / "architecture" / "data_flow.md"
+WALK = re.compile(r"^ *\| `([a-z0-9_]+/[a-z0-9_]+\.py)` \| `(\w+)`:", re.MULTILINE)
+FILE = re.compile(r"`([a-z0-9_]+/[a-z0-9_]+\.py)`")
+
+
+def calls_to(frame):
+    """Return the files of the package on the way to a frame, in the order of entry and with the function entered."""
+    way = []
+    while frame is not None:
+        file = Path(frame.f_code.co_filename)
+        if file.is_relative_to(PACKAGE):
+            name = file.relative_to(PACKAGE).as_posix()
+            if way and way[-1][0] == name:
+                way.pop()
+            way.append((name, frame.f_code.co_name))
+        frame = frame.f_back
+    return way[::-1]
+
+
+def test_every_file_of_the_page_is_there():
+    files = FILE.findall(PAGE.read_text(encoding="utf-8"))
+    assert len(files) > 10
+    assert [file for file in files if not (PACKAGE / file).exists()] == []
+
+
+@pytest.mark.sources
+@pytest.mark.parametrize(("controller", "mode"), [("velocity", ""), ("position", ""), ("position", "position_mode: 1")])
+def test_a_value_goes_from_its_interface_to_the_rpdo_by_the_files_of_the_page_none_twice(tmp_path, controller, mode):
+    walk = WALK.findall(PAGE.read_text(encoding="utf-8"))
+    ways = []
+
+    def look(frame, event, argument):
+        if event == "call" and frame.f_code.co_name == "set" and frame.f_code.co_filename.endswith("master/cycle.py"):
+            way = calls_to(frame)
+            start = next((at for at, (file, _) in enumerate(way) if file == walk[0][0]), len(way))
+            if ("hardware/joint_targets.py", "follow") in way:
+                ways.append(way[start:])
+
+    config = write_generic(tmp_path, modes=mode)
+    bench = FaultBench("walk", config=config, drives=(2, 3), controllers=[controller])
+    try:
+        bench.start()
+        sys.setprofile(look)
+        bench.robot.command(controller, [0.3] * len(JOINTS), "test")
+        bench.run(50)
+    finally:
+        sys.setprofile(None)
+        bench.close()
+    assert ways
+    for way in ways:
+        assert way == walk, "each file once, in this order and by this function"

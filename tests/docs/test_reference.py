@@ -1,0 +1,77 @@
+"""The generated reference tells every key, parameter, fault and verb, and has words for each."""
+
+import re
+import sys
+
+import pytest
+from support.documents import DOCS
+
+from canopen_control.cli.verbs import VERBS
+from canopen_control.controllers.types import TYPES
+from canopen_control.master import keys
+from canopen_control.rpc.messages.drive import DRIVE
+from canopen_control.rpc.messages.hub import HUB
+from canopen_control.rpc.messages.robot import ROBOT
+from canopen_control.virtual.fault_table import FAULTS
+
+
+@pytest.fixture(scope="module")
+def generate():
+    """The module that makes the pages, and its words."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(str(DOCS))
+        import generate
+
+        yield generate
+    for name in ("generate", "protocol", "words"):
+        sys.modules.pop(name)
+
+
+def test_every_page_is_made(generate, tmp_path):
+    generate.write_pages(tmp_path)
+    assert {path.name for path in tmp_path.iterdir()} == set(generate.PAGES)
+    assert all(path.read_text(encoding="utf-8").startswith("# ") for path in tmp_path.iterdir())
+
+
+def test_every_key_of_bus_yml_has_its_words_and_no_words_are_left_over(generate):
+    classes = (
+        keys.Options,
+        keys.MasterConfig,
+        keys.NodeConfig,
+        keys.PdoConfig,
+        keys.PdoObject,
+        keys.SdoEntry,
+        keys.AxisUnits,
+    )
+    unused = {keys.MasterConfig: keys.UNUSED_MASTER, keys.NodeConfig: keys.UNUSED_NODE}
+    for cls, words in zip(classes, generate.BUS_YML.values(), strict=True):
+        assert set(words) == {key for key, _ in generate.entries(cls)} - set(unused.get(cls, ())), cls
+
+
+def test_every_parameter_is_told_with_its_words(generate):
+    text = generate.controllers()
+    told = {word for words in generate.CONTROLLERS.values() for word in words.values()}
+    assert [word for word in told if f"| {word} |" not in text] == []
+    assert [name for name in TYPES if text.count(f"- `{name}`\n") != 1] == []
+
+
+def test_every_fault_and_every_verb_is_told(generate):
+    faults, verbs = generate.faults(), generate.command_line()
+    assert [name for name in FAULTS if f"| `{name}` |" not in faults] == []
+    assert [verb for verb in VERBS if f"\n## {verb}\n" not in verbs] == []
+
+
+def test_defaults_and_bounds_are_those_of_the_code(generate):
+    text = generate.bus_yml()
+    assert "| `node_id` | integer, 1 to 127 | required |" in text
+    assert "| `heartbeat_multiplier` | number, 1 to 100 | `3.0` |" in text
+    assert "| `driver` | the master is this package |" in text
+
+
+@pytest.mark.parametrize("api", [ROBOT, DRIVE, HUB], ids=lambda each: each.name)
+def test_every_method_of_a_socket_and_every_structure_is_told(generate, api):
+    text = generate.PAGES[f"{api.name}_socket.md"]()
+    assert [name for name in api.methods if f"| `{name}` |" not in text] == []
+    targets = set(re.findall(r"\]\(#(\w+)\)", text))
+    assert targets == {title.lower() for title in re.findall(r"^### (\w+)$", text, re.MULTILINE)}
+    assert not re.search(r"typing|Annotated|Optional|<class", text)

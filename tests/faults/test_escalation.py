@@ -1,0 +1,109 @@
+"""A drive that hears nothing of what it is told: what its stop goes on to, and what is said at the end."""
+
+import pytest
+from support.faultbench import LEFT, RIGHT, FaultBench
+from support.robots import copy_robby
+
+from canopen_control.errors import RobotConfigError
+from canopen_control.hardware.joint import Action, AxisState
+
+RPDOS = [base + LEFT for base in (0x200, 0x300, 0x400, 0x500)]
+DEVICE = '<param name="device_name">${side}_drive</param>'
+
+
+@pytest.fixture
+def turning(request, tmp_path):
+    made = []
+
+    def make(**edits):
+        name = f"escalation{abs(hash(request.node.nodeid)) % 10**9}"
+        made.append(FaultBench(name, config=copy_robby(tmp_path, **edits)))
+        return made[-1].turning()
+
+    yield make
+    for bench in made:
+        bench.close()
+
+
+def deaf(bench):
+    """Let the left drive hear no process data any more; returns its joint."""
+    bench.bus.drop(lambda _label, frame: frame.can_id in RPDOS)
+    return bench.joint(LEFT)
+
+
+def test_a_drive_that_does_not_stop_is_told_to_quick_stop_then_to_disable_voltage(turning):
+    bench = turning()
+    joint = deaf(bench)
+    bench.robot.stop(lambda _error: None)
+    bench.until(lambda: bench.standing(RIGHT))
+    bench.run(5000)
+    assert joint.power.state is AxisState.SETTLING
+    assert bench.powered(RIGHT), "its group waits for it"
+    bench.until(lambda: joint.power.state is AxisState.ESCALATED, ms=7000)
+    bench.run(100)
+    assert not bench.powered(RIGHT)
+    assert joint.axis.controlword.value == 0x02
+    bench.until(lambda: joint.power.state is AxisState.VOLTAGE_OFF, ms=4000)
+    bench.run(40)
+    assert joint.axis.controlword.value == 0x00
+    bench.until(lambda: joint.power.state is AxisState.UNSTOPPED, ms=2000)
+    assert [text.split(": ")[1].split(";")[0] for text in bench.texts("stop_overdue")] == [
+        "has not stopped in time",
+        "its quick stop was not seen to end",
+        "nothing it was told was seen to stop it",
+    ]
+    bench.bus.drop(None)
+    bench.run(6000)  # it hears again, coasts, and is seen disabled
+    assert joint.power.state is AxisState.OFF
+    bench.goes_on()
+
+
+def test_the_power_of_a_drive_that_holds_a_load_is_never_taken(turning):
+    bench = turning(description={DEVICE: DEVICE + '<param name="holds_load">true</param>'})
+    joint = deaf(bench)
+    bench.robot.stop(lambda _error: None)
+    bench.until(lambda: joint.power.state is AxisState.UNSTOPPED, ms=14_000)
+    bench.run(1000)
+    assert joint.axis.controlword.value == 0x02
+    assert bench.powered(LEFT)
+
+
+def test_the_last_sentence_names_the_drive_that_has_power_still(turning):
+    bench = turning()
+    deaf(bench)
+    bench.robot.shutdown("a test")
+    bench.until(lambda: bench.texts("stopped"), ms=16_000)
+    assert bench.texts("stopped") == [
+        "robby has stopped, left_drive has power still (OPERATION ENABLED): cut its supply if it moves"
+    ]
+
+
+def test_the_last_sentence_names_the_drive_that_nobody_sees(turning):
+    bench = turning()
+    bench.switch("silent")
+    bench.until(lambda: not bench.joint(LEFT).node.ready)
+    bench.robot.shutdown("a test")
+    bench.until(lambda: bench.texts("stopped"), ms=16_000)
+    assert bench.texts("stopped") == ["robby has stopped, nobody sees whether left_drive is disabled"]
+
+
+def test_a_drive_that_stops_in_time_is_not_escalated(turning):
+    bench = turning()
+    bench.robot.shutdown("a test")
+    bench.until(lambda: bench.texts("stopped"))
+    assert bench.texts("stop_overdue") == []
+    assert bench.texts("stopped") == ["robby has stopped, its drives are disabled"]
+
+
+def test_the_stop_of_a_halted_axis_does_not_wait_for_a_target_that_stands_already(turning):
+    bench = turning()
+    assert bench.axis(Action.HALT) is None
+    assert bench.joint(LEFT).power.state is AxisState.HALTED
+    bench.robot.stop(lambda _error: None)
+    assert bench.until(lambda: bench.robot.systems[0].stopped) < 1000
+
+
+def test_whether_it_holds_a_load_is_true_or_false(tmp_path):
+    config = copy_robby(tmp_path, description={DEVICE: DEVICE + '<param name="holds_load">maybe</param>'})
+    with pytest.raises(RobotConfigError, match="holds_load is 'maybe'; it is true or false"):
+        FaultBench("noload", config=config)

@@ -1,0 +1,194 @@
+"""The statechart of an axis: what its table must never say, walked alone and with a stop group."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from canopen_control.cia402.drive import DriveMachine
+from canopen_control.cia402.goal import Goal
+from canopen_control.hardware.axis_power import (
+    FALLING,
+    LIMITS_NS,
+    STOPPED,
+    TABLE,
+    UP,
+    Action,
+    AxisPower,
+    AxisState,
+    Order,
+    Trigger,
+)
+from canopen_control.hardware.interfaces import CommandInterface
+from canopen_control.hardware.stop_group import StopGroup
+from canopen_control.runtime.core import STOP_TIMEOUT_NS
+
+ENDS_ENABLE = (Trigger.STOP, Trigger.QUICK_STOP, Trigger.DRIVE_LEFT, Trigger.NODE_LOST)
+REACHED = [Trigger.ENABLE, Trigger.GROUP_MAY_RISE, Trigger.DRIVE_ENABLED, Trigger.GROUP_ENABLED, Trigger.MAY_MOVE]
+MOVING = (AxisState.FOLLOWING, AxisState.HOMING)
+
+
+def make(*triggers, holds_load=False):
+    power = AxisPower(DriveMachine("a drive"), [CommandInterface("joint", "velocity")], holds_load=holds_load)
+    for trigger in triggers:
+        power.fire(trigger, 0)
+    return power
+
+
+def test_the_actions_are_those_of_the_command_line():
+    assert [each.value for each in Action] == ["enable", "disable", "halt", "quick-stop", "fault-reset", "home", "mode"]
+
+
+def test_every_state_has_its_rows_and_can_be_reached():
+    assert set(TABLE) == set(AxisState)
+    reached, seen = {AxisState.OFF}, set()
+    while reached - seen:
+        seen |= (new := reached - seen)
+        reached |= {row.state for state in new for row in TABLE[state].values()}
+    assert reached == set(AxisState)
+    assert {trigger for rows in TABLE.values() for trigger in rows} == set(Trigger)
+
+
+def test_an_enable_leads_to_following_through_the_states_at_rest():
+    power = make()
+    states = []
+    for trigger in REACHED:
+        assert power.fire(trigger, 0)
+        states.append(power.state)
+    assert states == [AxisState.RISING, AxisState.RELEASED, AxisState.ENABLED, AxisState.READY, AxisState.FOLLOWING]
+    assert power.following
+
+
+@pytest.mark.parametrize("state", AxisState)
+def test_only_an_enable_leads_up_and_never_straight_to_motion(state):
+    for trigger, row in TABLE[state].items():
+        if row.state in UP and state not in UP:
+            assert trigger is Trigger.ENABLE
+        if trigger is Trigger.ENABLE and state is not AxisState.HOMING:  # which no command moves
+            assert row.state not in MOVING
+        if {Order.PREPARE, Order.RELEASE, Order.RESUME} & set(row.orders):
+            assert trigger in (Trigger.ENABLE, Trigger.GROUP_MAY_RISE, Trigger.DRIVE_ENABLED)
+
+
+@pytest.mark.parametrize("state", AxisState)
+def test_a_fault_reset_changes_no_state_and_enables_nothing(state):
+    assert TABLE[state][Trigger.FAULT_RESET] == (state, (Order.RESET,))
+
+
+@pytest.mark.parametrize("state", UP)
+@pytest.mark.parametrize("trigger", ENDS_ENABLE)
+def test_every_reason_to_stop_is_heard_in_every_state_of_an_enabled_axis(state, trigger):
+    row = TABLE[state][trigger]
+    assert row.state not in UP
+    controlled = row.state in FALLING or bool({Order.DISABLE, Order.QUICK_STOP} & set(row.orders))
+    assert controlled, "by the master's ramp or the drive's own, never by taking the voltage away"
+    assert Order.CUT not in row.orders
+
+
+@pytest.mark.parametrize("state", AxisState)
+def test_only_a_stop_that_is_overdue_cuts_the_voltage_and_never_that_of_a_load(state):
+    cuts = [trigger for trigger, row in TABLE[state].items() if Order.CUT in row.orders]
+    assert set(cuts) <= {Trigger.OVERDUE}
+    assert not cuts or state in (AxisState.ESCALATED, AxisState.QUICK_STOPPING), "after a quick stop"
+
+
+@pytest.mark.parametrize("holds_load", [False, True])
+@pytest.mark.parametrize("moving", [len(REACHED), 2])
+def test_a_drive_that_does_nothing_it_is_told_is_escalated_to_the_end_in_time(holds_load, moving):
+    power, now, states = make(*REACHED[:moving], holds_load=holds_load), 0, []
+    power.fire(Trigger.STOP, now)
+    while power.state is not AxisState.UNSTOPPED:
+        now += 100_000_000
+        assert now < STOP_TIMEOUT_NS, "within the time that a robot has to stop"
+        states += [power.state] if power.overdue(now) else []
+    assert states[0] is AxisState.ESCALATED
+    assert (AxisState.VOLTAGE_OFF in states) is not holds_load
+    assert power.state is AxisState.UNSTOPPED
+
+
+def test_a_target_that_stands_gives_a_stop_no_more_time():
+    power = make(*REACHED)
+    power.fire(Trigger.STOP, 5)
+    power.fire(Trigger.TARGET_STANDS, 1000)
+    assert power.deadline == 5 + LIMITS_NS[AxisState.BRAKING]
+    assert power.since == 5
+
+
+@given(st.lists(st.sampled_from(list(Trigger)), max_size=60), st.booleans())
+def test_whatever_happens_an_axis_moves_only_after_an_enable_and_the_drive_is_told_the_same(triggers, holds_load):
+    power = make(holds_load=holds_load)
+    machine, command = power._machine, power._commands[0]
+    enabled = False
+    for now, trigger in enumerate(triggers):
+        before = power.state
+        changed = power.fire(trigger, now)
+        assert changed is (power.state is not before)
+        enabled = trigger is Trigger.ENABLE or (enabled and trigger not in ENDS_ENABLE)
+        assert enabled or power.state not in UP
+        assert power.following is command.enabled is (power.state is AxisState.FOLLOWING)
+        assert (machine.goal is Goal.ENABLED) is (power.wanted or power.falling)
+        if trigger is Trigger.ENABLE:
+            assert not power.following, "a command must be newer"
+        if power.state is AxisState.RISING:
+            assert machine.held
+        if power.following:
+            assert not machine.halted
+
+
+class Joint:
+    """A joint and a drive that does what the walk says."""
+
+    def __init__(self):
+        self.power = make()
+        self.may_rise = self.at_rest = False
+
+    @property
+    def wanted(self):
+        return self.power.wanted
+
+    def has_come_to_rest(self, now):
+        return self.at_rest
+
+    def stop(self, now):
+        self.power.fire(Trigger.STOP, now)
+
+
+OF_THE_DRIVE = [each for each in Trigger if not each.name.startswith("GROUP_")]
+STEPS = st.one_of(
+    st.tuples(st.integers(0, 2), st.sampled_from(OF_THE_DRIVE)),
+    st.tuples(st.integers(0, 2), st.sampled_from(["may_rise", "at_rest"])),
+    st.just((0, "stop")),
+)
+
+
+@given(st.lists(st.lists(STEPS, max_size=4), max_size=30))
+def test_the_joints_of_a_group_are_let_up_together_and_stop_together(cycles):
+    group = StopGroup()
+    group.joints = [Joint(), Joint(), Joint()]
+    for now, cycle in enumerate(cycles):
+        for number, what in cycle:
+            joint = group.joints[number]
+            if what == "stop":
+                moved = [each for each in group.joints if each.wanted]
+                assert group.stop(now) == moved
+                assert not any(each.wanted for each in group.joints)
+            elif isinstance(what, Trigger):
+                joint.power.fire(what, now)
+            else:
+                setattr(joint, what, not getattr(joint, what))
+        waiting = [each for each in group.joints if each.power.state is AxisState.RISING]
+        braking = [each for each in group.joints if each.power.falling]
+        group.coordinate(now)
+        states = [each.power.state for each in group.joints]
+        if AxisState.RISING in states or AxisState.RELEASED in states:
+            assert AxisState.FOLLOWING not in states, "none moves while another one is on its way up"
+        let = [each for each in waiting if each.power.state is not AxisState.RISING]
+        assert let in ([], waiting), "all of them or none"
+        assert not let or all(each.may_rise for each in waiting)
+        down = [each for each in braking if each.power.state is AxisState.DISABLING]
+        assert down in ([], braking)
+        assert not down or all(each.at_rest for each in braking)
+        assert group.busy is any(each.power.rising or each.power.falling for each in group.joints)
+
+
+def test_stopped_is_said_of_states_in_which_nothing_is_on_its_way():
+    assert not set(STOPPED) & {*UP, *FALLING, *LIMITS_NS}

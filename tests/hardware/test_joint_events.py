@@ -1,0 +1,155 @@
+"""What a joint reports: its drive's events, bits of the statusword, a wrong direction, the code of a fault."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from canopen_control.cia402 import events
+from canopen_control.cia402.state import State
+from canopen_control.hardware.axis import AxisLimits
+from canopen_control.hardware.joint_events import WRONG_LOOKS, FaultReason, StatusWatch, joint_event_of
+from canopen_control.master.event_log import Level
+
+pytestmark = pytest.mark.sources  # stand-ins for an axis or a joint
+
+WARNING, LIMIT, FOLLOWING = 1 << 7, 1 << 11, 1 << 13
+CSP, PV = 8, 3
+
+
+def make(action="stop", *, inputs=None):
+    velocity, position = SimpleNamespace(value=0), SimpleNamespace(value=0)
+    axis = SimpleNamespace(
+        limits=AxisLimits(),
+        digital_inputs=None if inputs is None else SimpleNamespace(value=inputs, fresh=True),
+        raw_position=0,
+        velocity=SimpleNamespace(value=0, fresh=True),
+        output=lambda index: {0x60FF: velocity, 0x607A: position}[index],
+    )
+    return StatusWatch(axis, action), axis, velocity, position
+
+
+def test_each_is_told_when_it_begins_and_not_while_it_lasts():
+    watch, *_ = make()
+    assert [each.kind for each in watch.look(WARNING, PV, None)] == ["warning"]
+    assert watch.look(WARNING | 0x27, PV, None) == []
+    assert watch.look(0x27, PV, None) == []
+    assert [each.kind for each in watch.look(WARNING, PV, None)] == ["warning"]
+
+
+@pytest.mark.parametrize(("action", "told", "stops"), [("stop", 1, True), ("warn", 1, False), ("ignore", 0, None)])
+def test_a_following_error_leads_to_the_action_that_was_chosen(action, told, stops):
+    watch, *_ = make(action)
+    found = watch.look(FOLLOWING, CSP, None)
+    assert len(found) == told
+    assert all(each.stops is stops for each in found)
+    assert make(action)[0].look(FOLLOWING, PV, None) == [], "bit 13 means something else there"
+
+
+@pytest.mark.parametrize(
+    ("speed", "inputs", "blocked"), [(5, None, 1), (-5, None, -1), (5, 1, -1), (-5, 2, 1), (5, 3, 1)]
+)
+def test_a_limit_closes_the_side_of_its_switch_else_that_of_the_motion(speed, inputs, blocked):
+    watch, axis, velocity, _ = make(inputs=inputs)
+    velocity.value = speed
+    (event,) = watch.look(LIMIT, PV, SimpleNamespace(interface="velocity"))
+    assert axis.limits.blocked == blocked
+    assert ("positive" if blocked > 0 else "negative") in event.text
+
+
+def test_the_side_of_a_position_target_is_where_it_lies():
+    watch, axis, _, position = make()
+    position.value = -100
+    watch.look(LIMIT, CSP, SimpleNamespace(interface="position"))
+    assert axis.limits.blocked == -1
+
+
+def test_a_limit_is_left_by_going_back_and_not_by_standing_still():
+    watch, axis, velocity, _ = make()
+    velocity.value = 5
+    watch.look(LIMIT, PV, None)
+    assert not watch.leaves_limit(), "it shows still"
+    assert watch.look(0, PV, None) == []
+    assert not watch.leaves_limit()
+    assert watch.look(LIMIT, PV, None) == [], "touched again"
+    watch.look(0, PV, None)
+    axis.raw_position = -1
+    assert watch.leaves_limit()
+    assert axis.limits.blocked == 0
+    assert not watch.leaves_limit()
+
+
+def test_an_axis_that_turns_against_its_command_is_told_once():
+    watch, axis, velocity, _ = make()
+    velocity.value, axis.velocity.value = 1000, -900
+    seen = [watch.turns_the_wrong_way(enabled=True) for _ in range(3 * WRONG_LOOKS)]
+    assert seen.index(True) == WRONG_LOOKS, "the first look only learns the target"
+    assert sum(seen) == 1
+
+
+@pytest.mark.parametrize(
+    ("target", "speed", "enabled"), [(1000, 900, True), (1000, -400, True), (1000, -900, False), (0, -900, True)]
+)
+def test_lagging_coasting_or_standing_is_not_that(target, speed, enabled):
+    watch, axis, velocity, _ = make()
+    velocity.value, axis.velocity.value = target, speed
+    assert not any(watch.turns_the_wrong_way(enabled) for _ in range(20))
+
+
+# ruff: noqa: E501 - a table
+EVENTS = [
+    (events.StateChanged(0, None, State.FAULT, 8), "state", False),
+    (events.FaultEntered(0, State.FAULT, 8, was_enabled=True), "fault", True),
+    (events.FaultCleared(0, 0x40), "fault_cleared", False),
+    (events.FaultResetFailed(0, 8), "fault_reset_failed", False),
+    (events.TransitionTimedOut(0, State.SWITCHED_ON, State.OPERATION_ENABLED, None, 4, 0x23, gave_up=True), "transition_timeout", True),
+    (events.TransitionTimedOut(0, State.SWITCHED_ON, State.READY_TO_SWITCH_ON, None, 6, 0x23, gave_up=False), "transition_timeout", False),
+    (events.ModeConfirmed(0, 3), "mode", False),
+    (events.ModeTimedOut(0, 3, 1, 1), "mode_timeout", False),
+    (events.EnableLost(0, None, None), "enable_lost", True),
+    (events.ControlChanged(0, 0x0027), "control", True),
+    (events.ControlChanged(0, 0x0227), "control", False),
+    (events.StatuswordUndefined(0, 1, 10), "statusword", False),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("event", "kind", "stops"), EVENTS)
+def test_every_event_has_its_name_and_says_whether_it_stops(event, kind, stops):
+    told = joint_event_of(event)
+    assert (told.kind, told.stops) == (kind, stops)
+    assert told.text == event.text
+
+
+def test_control_that_comes_back_is_told_as_good():
+    assert joint_event_of(events.ControlChanged(0, 0x0227)).level is Level.INFO
+    assert joint_event_of(events.ControlChanged(0, 0x0027)).level is Level.ERROR
+
+
+def make_reason(*, has=True):
+    asked, told = [], []
+    node = SimpleNamespace(read=lambda index, subindex, done: asked.append(done))
+    axis = SimpleNamespace(node=node, has=lambda _index: has, index=lambda index: index)
+    return FaultReason(axis, told.append), asked, told
+
+
+def test_the_code_is_read_once_and_told_in_words():
+    reason, asked, told = make_reason()
+    reason.ask()
+    reason.ask()
+    assert len(asked) == 1
+    assert reason.asking
+    asked[0](SimpleNamespace(error=None, data=b"\x10\x43"))
+    assert not reason.asking
+    assert reason.code == 0x4310
+    assert told == ["0x603F is 0x4310 (drive temperature too high)"]
+
+
+def test_a_drive_without_one_is_not_asked_and_a_failed_answer_is_no_code():
+    reason, asked, told = make_reason(has=False)
+    reason.ask()
+    assert asked == []
+    reason, asked, told = make_reason()
+    reason.ask()
+    asked[0](SimpleNamespace(error="timeout", data=b""))
+    assert reason.code is None
+    assert reason.text == ""
+    assert told == []

@@ -1,0 +1,146 @@
+"""Up together, down together."""
+
+import pytest
+
+from canopen_control.cia402.drive import DriveMachine
+from canopen_control.hardware.axis_power import AxisPower, AxisState, Trigger
+from canopen_control.hardware.stop_group import StopGroup, regroup
+
+pytestmark = pytest.mark.sources  # stand-ins for an axis or a joint
+
+UP, DOWN = (Trigger.ENABLE,), (Trigger.ENABLE, Trigger.DRIVE_ENABLED, Trigger.STOP)
+
+
+class Joint:
+    """As much of a joint as a group sees: its power, and what the drive says."""
+
+    def __init__(self, *triggers, ready=False):
+        self.power = AxisPower(DriveMachine("a drive"))
+        for trigger in triggers:
+            self.power.fire(trigger, 0)
+        self.may_rise = self.at_rest = ready
+        self.stopped = False
+
+    @property
+    def wanted(self):
+        return self.power.wanted
+
+    @property
+    def state(self):
+        return self.power.state
+
+    def has_come_to_rest(self, now):
+        return self.at_rest
+
+    def stop(self, now):
+        self.stopped = True
+
+
+def group_of(*joints):
+    group = StopGroup()
+    group.joints, group.busy = list(joints), True
+    return group
+
+
+def test_nobody_is_let_through_before_the_last_one_waits():
+    first, last = Joint(*UP, ready=True), Joint(*UP)
+    group = group_of(first, last)
+    group.coordinate(0)
+    assert first.state is AxisState.RISING
+    last.may_rise = True
+    group.coordinate(0)
+    assert first.state is last.state is AxisState.RELEASED
+    first.power.fire(Trigger.DRIVE_ENABLED, 0)
+    group.coordinate(0)
+    assert first.state is AxisState.ENABLED, "until the other is enabled"
+    last.power.fire(Trigger.DRIVE_ENABLED, 0)
+    group.coordinate(0)
+    assert first.state is last.state is AxisState.READY
+    assert not group.busy
+
+
+def test_one_that_is_enabled_lets_the_others_rest_until_it_is():
+    first, last = Joint(*UP, Trigger.DRIVE_ENABLED, Trigger.GROUP_ENABLED, Trigger.MAY_MOVE), Joint(*UP)
+    group = group_of(first, last)
+    assert first.power.following
+    group.coordinate(0)
+    assert first.state is AxisState.ENABLED
+    assert not first.power.following
+
+
+def test_nobody_is_disabled_before_the_last_one_stands():
+    first, last = Joint(*DOWN, ready=True), Joint(*DOWN)
+    group = group_of(first, last)
+    group.coordinate(0)
+    assert first.state is AxisState.BRAKING
+    last.at_rest = True
+    group.coordinate(0)
+    assert first.state is last.state is AxisState.DISABLING
+    group.coordinate(0)
+    assert not group.busy
+
+
+def test_a_group_is_looked_at_no_longer_than_one_of_it_rises_or_falls():
+    group = group_of(Joint(*DOWN, ready=True), Joint(*DOWN, ready=True))
+    group.coordinate(0)
+    assert [joint.state for joint in group.joints] == [AxisState.DISABLING] * 2
+    assert not group.busy, "in the cycle that disables them"
+
+
+def test_one_that_did_not_come_to_rest_in_time_keeps_nobody_any_more():
+    first, last = Joint(*DOWN, ready=True), Joint(*DOWN)
+    group = group_of(first, last)
+    last.power.fire(Trigger.OVERDUE, 0)
+    group.coordinate(0)
+    assert (first.state, last.state) == (AxisState.DISABLING, AxisState.ESCALATED)
+
+
+def named(**groups):
+    """Return a joint for each name, in the stop groups that are given."""
+    made = {group: StopGroup(group) for group in groups.values()}
+    joints = {}
+    for name, group in groups.items():
+        joint = Joint()
+        joint.joint, joint.base = name, None
+        joint.stop_group = joint.group = made[group]
+        made[group].joints.append(joint)
+        joints[name] = joint
+    return joints
+
+
+def test_the_joints_of_a_base_are_one_group_with_whatever_theirs_were():
+    joints = named(left="a", right="b", arm="b", lamp="c")
+    regroup(joints.values(), {"base": ("left", "right")}, 0)
+    left = joints["left"].group
+    assert [joints[each].group is left for each in ("right", "arm", "lamp")] == [True, True, False]
+    assert left.joints == [joints["left"], joints["right"], joints["arm"]]
+    assert left.busy
+    assert [joint.base and joint.base.name for joint in joints.values()] == ["base", "base", None, None]
+    regroup(joints.values(), {"base": ("left", "right")}, 0)
+    assert joints["arm"].group is left, "the same one as long as nothing changes"
+    regroup(joints.values(), {}, 0)
+    assert [joint.group.name for joint in joints.values()] == ["a", "b", "b", "c"]
+    assert joints["left"].base is None
+
+
+def test_two_bases_that_share_a_group_are_one():
+    joints = named(one="a", two="b", three="b", four="c")
+    regroup(joints.values(), {"front": ("one", "two"), "rear": ("three", "four")}, 0)
+    assert len({joint.group for joint in joints.values()}) == 1
+    assert joints["three"].base.name == "rear"
+
+
+def test_a_base_of_which_a_part_is_enabled_is_stopped():
+    joints = named(left="a", right="a")
+    joints["left"].power.fire(Trigger.ENABLE, 0)
+    regroup(joints.values(), {"base": ("left", "right")}, 0)
+    assert joints["left"].stopped
+    assert not joints["right"].stopped
+
+
+@pytest.mark.parametrize("wanted", [True, False])
+def test_a_stop_is_for_all_and_names_those_that_were_to_move(wanted):
+    joints = [Joint(*(UP if wanted else ())), Joint()]
+    group = group_of(*joints)
+    assert group.stop(0) == ([joints[0]] if wanted else [])
+    assert all(joint.stopped for joint in joints)

@@ -1,0 +1,156 @@
+"""arm6 follows trajectories as MoveIt plans them: six virtual drives, the bus and the runtime, in simulated time."""
+
+import math
+
+import pytest
+from support.arm6 import ENDS, JOINTS, copy_arm, planned
+from support.robots import Bench
+
+from canopen_control.controllers.trajectory.goal import Goal, GoalState, ResultCode
+from canopen_control.errors import ControlError
+from canopen_control.hardware.joint import Action
+
+MS = 1_000_000
+
+
+@pytest.fixture(scope="module")
+def config(tmp_path_factory):
+    """arm6 with a trajectory controller in the place of the one that takes positions."""
+    return copy_arm(tmp_path_factory.mktemp("arm"))
+
+
+@pytest.fixture
+def arm(config):
+    bench = Bench("trajectories", config=config, drives=(2, 3, 4, 5, 6, 7))
+    bench.start()
+    bench.until(lambda: all(joint.enabled for joint in bench.robot.joints.values()))
+    bench.run(100)
+    yield bench
+    bench.close()
+
+
+def controller(arm):
+    return arm.robot.manager.get("arm_controller")
+
+
+def positions(arm):
+    return [arm.robot.registry.state(f"{each}/position").value for each in JOINTS]
+
+
+def send(arm, end, **how):
+    goal = Goal(planned(positions(arm), end, **how))
+    controller(arm).send_goal(goal, arm.reactor.now())
+    return goal
+
+
+@pytest.mark.parametrize("count", [50, 500])
+def test_it_follows_a_planned_trajectory_within_its_tolerances(arm, count):
+    begin = positions(arm)
+    goal = send(arm, ENDS, count=count)
+    worst = 0.0
+    start = arm.reactor.now()
+    wanted = planned(begin, ENDS).points
+    while not goal.ended:
+        arm.run(20)
+        assert arm.reactor.now() - start < 4000 * MS
+        worst = max([worst, *map(abs, controller(arm).error.positions)])
+    assert (goal.state, goal.code) == (GoalState.SUCCEEDED, ResultCode.SUCCESSFUL)
+    assert worst < 0.1  # rad: two cycles of the bus at 1.4 rad/s, and a drive that interpolates
+    assert 1900 * MS < arm.reactor.now() - start < 2200 * MS
+    arm.run(500)
+    assert positions(arm) == pytest.approx(ENDS, abs=1e-3)
+    assert wanted[-1].positions == ENDS
+
+
+@pytest.mark.parametrize("factor", [0.1, 0.5])
+def test_its_speed_can_be_scaled(arm, factor):
+    controller(arm).set_speed_scaling(factor)
+    start, goal = arm.reactor.now(), send(arm, ENDS, seconds=1.5)
+    arm.until(lambda: goal.ended, 20000)
+    assert goal.state is GoalState.SUCCEEDED
+    assert (arm.reactor.now() - start) / 1e9 == pytest.approx(1.5 / factor, rel=0.05)
+
+
+def test_another_goal_on_the_way_is_followed_without_a_jump(arm):
+    first = send(arm, ENDS)
+    arm.run(1000)
+    second = send(arm, [0.0] * 6)
+    assert (first.state, first.code) == (GoalState.ABORTED, ResultCode.INVALID_GOAL)
+    before = positions(arm)
+    while not second.ended:
+        arm.run(20)
+        now = positions(arm)
+        assert max(abs(a - b) for a, b in zip(now, before, strict=True)) < 2.1 * 0.02
+        before = now
+    assert second.state is GoalState.SUCCEEDED
+    arm.run(500)
+    assert positions(arm) == pytest.approx([0.0] * 6, abs=1e-3)
+
+
+def test_a_drive_that_faults_ends_the_goal_with_its_joint_and_a_new_enable_moves_nothing(arm):
+    goal = send(arm, ENDS)
+    arm.run(1000)
+    drive = arm.drives[4]
+    drive.drives[0].fault(0x4310, arm.reactor.now())
+    arm.hosts[4].wake(drive)
+    arm.until(lambda: goal.ended, 500)
+    assert (goal.state, goal.code) == (GoalState.ABORTED, ResultCode.INVALID_GOAL)
+    assert goal.text.startswith("joint_3 (joint_3_drive): in fault; canopen-control axis fault-reset all, then ")
+    assert any(goal.text in text for text in arm.texts("goal_aborted"))
+    with pytest.raises(ControlError, match="joint_3_drive"):
+        send(arm, ENDS)
+    arm.run(2000)
+    answers = []
+    arm.robot.axis(Action.FAULT_RESET, "all", answers.append)
+    arm.until(lambda: answers)
+    arm.robot.axis(Action.ENABLE, "all", answers.append)
+    arm.until(lambda: len(answers) == 2, 10000)
+    assert answers == [None, None]
+    where = positions(arm)
+    arm.run(1000)
+    assert positions(arm) == pytest.approx(where, abs=1e-3)
+    again = send(arm, ENDS)
+    arm.until(lambda: again.ended, 5000)
+    assert again.state is GoalState.SUCCEEDED
+
+
+def test_a_drive_that_is_lost_ends_the_goal_with_its_joint(arm):
+    goal = send(arm, ENDS)
+    arm.run(1000)
+    arm.power_off(6)
+    arm.until(lambda: goal.ended, 2000)
+    assert goal.text.startswith("joint_5 (joint_5_drive): lost; ")
+
+
+def test_a_stop_ends_the_goal_and_everything_rests(arm):
+    goal = send(arm, ENDS)
+    arm.run(1000)
+    answers = []
+    arm.robot.stop(answers.append)
+    assert goal.ended
+    arm.until(lambda: answers)
+    where = positions(arm)
+    arm.run(1000)
+    assert positions(arm) == pytest.approx(where, abs=1e-3)
+
+
+def test_a_cancelled_goal_brakes(arm):
+    goal = send(arm, ENDS)
+    arm.run(1000)
+    controller(arm).cancel(goal)
+    arm.run(1500)
+    where = positions(arm)
+    assert not any(math.isclose(a, b, abs_tol=0.01) for a, b in zip(where, ENDS, strict=True))
+    arm.run(500)
+    assert positions(arm) == pytest.approx(where, abs=1e-4)
+
+
+def test_what_it_tells_is_its_sample(arm):
+    send(arm, ENDS)
+    arm.run(1000)
+    told = arm.robot.manager.running.samples(0)["arm_controller"]
+    assert told.joints == tuple(JOINTS)
+    assert told.executing
+    assert not told.holding
+    assert told.reference.time_from_start == pytest.approx(1.0, abs=0.05)
+    assert told.error.positions == pytest.approx([0.0] * 6, abs=0.1)

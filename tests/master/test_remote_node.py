@@ -1,0 +1,115 @@
+"""A node of the master, against a virtual drive: when it is READY, and what ends that."""
+
+import pytest
+from support.robots import LEFT, RIGHT, Bench
+
+from canopen_control.cia301.nmt import NmtCommand, NmtState
+from canopen_control.frame import CanFrame
+from canopen_control.master.remote_node import NodeState
+
+
+@pytest.fixture
+def robby():
+    bench = Bench("node")
+    bench.start()
+    yield bench
+    bench.close()
+
+
+def left(robby):
+    return robby.robot.nodes["left_drive"]
+
+
+def test_ready_means_operational_with_live_process_data(robby):
+    node = left(robby)
+    assert node.ready
+    assert node.nmt_state is NmtState.OPERATIONAL
+    assert node.age_ns(robby.reactor.now()) <= 20_000_000
+    assert [step.name for step in node.boot_steps] == ["reset", "identify", "configure", "heartbeat", "start"]
+
+
+def test_a_drive_that_restarts_by_itself_is_told_stopped_for_and_booted_again(robby):
+    robby.hold(10.0, 10.0, ms=300)
+    robby.power_off(LEFT)
+    robby.power_on(LEFT)
+    robby.until(lambda: robby.texts("restarted"))
+    robby.until(lambda: left(robby).boots == 2 and left(robby).ready)
+    robby.until(lambda: robby.speed(RIGHT) == 0)
+    assert "node 3 (left_drive)" in robby.texts("restarted")[0]
+
+
+def test_a_state_change_nobody_commanded_stops_the_robot_and_is_repaired(robby):
+    robby.bus.inject(CanFrame(0x000, bytes((NmtCommand.ENTER_PRE_OPERATIONAL, LEFT))))
+    robby.until(lambda: robby.texts("nmt"))
+    assert "PRE_OPERATIONAL" in robby.texts("nmt")[0]
+    robby.until(lambda: left(robby).ready, ms=3000)
+    assert left(robby).boots == 2
+
+
+def test_a_command_of_the_user_is_no_fault_and_is_not_repaired(robby):
+    left(robby).command(NmtCommand.ENTER_PRE_OPERATIONAL, robby.reactor.now())
+    robby.robot.buses["can"].send_waiting()
+    robby.run(3000)
+    assert left(robby).state is NodeState.WAITING
+    assert left(robby).nmt_state is NmtState.PRE_OPERATIONAL
+    left(robby).command(NmtCommand.START, robby.reactor.now())
+    robby.robot.buses["can"].send_waiting()
+    robby.until(lambda: left(robby).ready)
+
+
+def test_silence_longer_than_the_heartbeat_time_is_a_loss_and_its_return_a_boot(robby):
+    robby.bus.cut("drive 3")
+    lost = robby.until(lambda: robby.texts("heartbeat_lost"))
+    assert 400 <= lost <= 520
+    assert not left(robby).ready
+    assert left(robby).age_ns(robby.reactor.now()) >= 400_000_000
+    robby.bus.uncut("drive 3")
+    robby.until(lambda: left(robby).ready, ms=4000)
+
+
+def test_the_nmt_state_is_what_the_node_said_last_and_unknown_while_it_is_silent(robby):
+    node, states = left(robby), []
+
+    def follow(ms):
+        for _ in range(ms):
+            robby.run(1)
+            if states[-1:] != [node.nmt_state]:
+                states.append(node.nmt_state)
+
+    for command in (NmtCommand.STOP, NmtCommand.RESET_NODE, NmtCommand.START):
+        node.command(command, robby.reactor.now())
+        robby.robot.buses["can"].send_waiting()
+        follow(1500)
+    robby.bus.cut("drive 3")
+    follow(1500)
+    robby.bus.uncut("drive 3")
+    follow(3000)
+    booted = [NmtState.PRE_OPERATIONAL, NmtState.OPERATIONAL]
+    # cut off from its master, the drive has stopped itself: 0x1029
+    assert states == [NmtState.OPERATIONAL, NmtState.STOPPED, *booted, None, NmtState.STOPPED, *booted]
+
+
+def test_jitter_of_the_heartbeat_is_no_loss(robby):
+    for _ in range(10):
+        robby.bus.cut("drive 3")
+        robby.run(300)
+        robby.bus.uncut("drive 3")
+        robby.run(220)
+    assert robby.texts("heartbeat_lost") == []
+
+
+def test_an_sdo_request_of_a_user_is_answered_while_the_robot_runs(robby):
+    request = left(robby).sdo.read(0x1018, 1)
+    robby.robot.buses["can"].send_waiting()
+    robby.until(lambda: request.done)
+    assert request.data == (0x286).to_bytes(4, "little")
+
+
+def test_an_error_that_is_reset_is_forgotten(robby):
+    robby.bus.inject(CanFrame(0x083, bytes.fromhex("1043090201000000")))
+    robby.run(20)
+    assert "0x4310" in left(robby).error
+    robby.bus.inject(CanFrame(0x083, bytes(8)))
+    robby.run(20)
+    assert left(robby).error is None
+    assert robby.texts("emcy_reset")

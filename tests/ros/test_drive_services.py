@@ -1,0 +1,130 @@
+"""`/NODE/*` services: names and answers of ros2_canopen, and stop verbs that wait for nobody."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from support import ros
+
+from canopen_control.ros.drive_services import TRIGGERS
+from canopen_control.rpc.messages.robot import ROBOT
+from canopen_control.rpc.wire import plain
+
+pytestmark = pytest.mark.ros
+NODES = [
+    {"name": "left_drive", "node_id": 3},
+    {"name": "right_drive", "node_id": 2, "namespace": "/test1", "remappings": {"~/init": "/start"}},
+]
+NODES.append({"name": "odd", "node_id": 9, "remappings": {"~/init": "/no name"}})  # it has none, the others have
+NODES.append({"name": "arm", "node_id": 5, "channel_names": ["shoulder"]})
+NODE_STATES = {"arm": {**ros.node(5, "left"), "axes": [{"joint": "left", "axis": 0}, {"joint": "right", "axis": 1}]}}
+TRIGGER, TARGET = "std_srvs/srv/Trigger", "canopen_interfaces/srv/COTargetDouble"
+
+
+@pytest.fixture
+def call(fresh, maker):
+    def call(service, of=TRIGGER, **data):
+        return maker.order("call", service=service, of=of, data=data)["response"]
+
+    return call
+
+
+@pytest.mark.parametrize("name", TRIGGERS)
+def test_a_trigger_that_is_done_answers_with_an_empty_message(fresh, call, name):
+    assert call(f"/left_drive/{name}") == {"success": True, "message": ""}
+    request = TRIGGERS[name]("left_drive", None)
+    said = {key: value for key, value in plain(request).items() if value is not None}
+    assert fresh.robot.commands(ROBOT.of(type(request)).name) == [said]
+
+
+def test_each_axis_of_a_node_with_several_is_commanded_alone_below_its_channel(fresh, call):
+    for service in ("/shoulder/halt", "/arm/right/init", "/arm/right/velocity_mode", "/arm/disable"):
+        assert call(service)["success"], service
+    assert fresh.robot.commands("axis") == [
+        {"node": "arm", "action": "halt", "joint": "left"},
+        {"node": "arm", "action": "enable", "joint": "right"},
+        {"node": "arm", "action": "mode", "mode": "PV", "joint": "right"},
+        {"node": "arm", "action": "disable"},
+    ]
+
+
+def test_each_axis_of_a_node_with_several_has_a_target_and_the_node_has_none(fresh, call):
+    assert call("/arm/right/target", TARGET, target=3.0) == {"success": True}
+    assert fresh.robot.commands()[-1]["values"][1] == 3.0
+    services = fresh.peer.order("graph")["services"]
+    assert "/shoulder/target" in services
+    assert "/arm/target" not in services
+    assert "/arm/right/nmt_reset_node" not in services
+
+
+def test_the_names_are_those_of_ros2_canopen_and_more():
+    modes = ["position", "velocity", "torque", "cyclic_velocity", "cyclic_position", "cyclic_torque"]
+    modes = [f"{mode}_mode" for mode in (*modes, "interpolated_position")]
+    theirs = ["nmt_reset_node", "nmt_start_node", "init", "enable", "disable", "halt", "recover", *modes]
+    assert set(TRIGGERS) == {*theirs, "home", "quick_stop"}
+
+
+def test_recover_resets_the_fault_and_does_not_enable(fresh, call):
+    call("/left_drive/recover")
+    assert [each["action"] for each in fresh.robot.commands("axis")] == ["fault-reset"]
+
+
+def test_a_trigger_that_is_refused_says_why(fresh, call):
+    fresh.robot.refusals["axis"] = {"kind": "ControlError", "message": "node 3 (left_drive) is not operational"}
+    assert call("/left_drive/enable") == {"success": False, "message": "node 3 (left_drive) is not operational"}
+
+
+def test_a_trigger_that_was_done_to_the_whole_base_says_so(fresh, call):
+    fresh.robot.answers["axis"] = {"text": "base moves left_drive and right_drive together: halt is for all of them"}
+    assert call("/left_drive/halt") == {
+        "success": True,
+        "message": "base moves left_drive and right_drive together: halt is for all of them",
+    }
+
+
+def test_namespace_and_remappings_of_a_node_are_followed(fresh, call):
+    assert call("/test1/right_drive/enable")["success"]
+    assert call("/start")["success"]
+    assert [each["node"] for each in fresh.robot.commands("axis")] == ["right_drive"] * 2
+
+
+@pytest.mark.parametrize("stop", ["halt", "disable", "quick_stop"])
+def test_a_stop_is_not_behind_an_init_that_takes_its_time(fresh, maker, call, stop):
+    fresh.robot.holds = ("enable", "home")
+    with ros.Peer(fresh.domain) as other:
+        waiting = ros.in_thread(lambda: other.order("call", service="/left_drive/init", of=TRIGGER, data={}))
+        assert ros.eventually(lambda: fresh.robot.commands("axis"))
+        assert call(f"/left_drive/{stop}")["success"]
+        assert waiting.is_alive()
+        fresh.robot.release()
+        waiting.join(ros.TIMEOUT)
+        assert not waiting.is_alive()
+
+
+def test_a_target_goes_through_the_controller_and_leaves_the_other_joint_what_it_has(fresh, call):
+    fresh.robot.joints["right"]["command"] = 4.0
+    try:
+        assert ros.eventually(lambda: _commands(fresh, call, 7.5) == [[7.5, 4.0]])
+    finally:
+        fresh.robot.joints["right"]["command"] = None
+    assert fresh.robot.commands()[0]["controller"] == "forward"
+
+
+def _commands(stage, call, target):
+    stage.robot.told.clear()
+    assert call("/left_drive/target", TARGET, target=target) == {"success": True}
+    return [each["values"] for each in stage.robot.commands()]
+
+
+def test_targets_of_two_drives_in_a_row_are_both_kept(fresh, call):
+    call("/left_drive/target", TARGET, target=1.0)
+    call("/test1/right_drive/target", TARGET, target=2.0)
+    assert [each["values"] for each in fresh.robot.commands()][-1] == [1.0, 2.0]
+
+
+def test_a_target_is_refused_without_a_controller_or_when_it_is_no_number(fresh, call):
+    assert call("/left_drive/target", TARGET, target=math.nan) == {"success": False}
+    fresh.robot.switch(forward="inactive")
+    assert ros.eventually(lambda: call("/left_drive/target", TARGET, target=1.0) == {"success": False})
+    assert all(math.isfinite(each["values"][0]) for each in fresh.robot.commands())

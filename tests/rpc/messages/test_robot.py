@@ -1,0 +1,40 @@
+import msgspec
+import pytest
+
+from canopen_control.rpc.messages.declare import Effect
+from canopen_control.rpc.messages.robot import ROBOT, CommandController, SdoRead, Subscribe
+from canopen_control.rpc.wire import convert
+
+
+@pytest.mark.parametrize("method", ROBOT.methods.values(), ids=lambda each: each.name)
+def test_every_method_says_what_it_does_and_declares_its_answer(method):
+    assert method.text.endswith((".", ").")), method.name
+    assert msgspec.inspect.type_info(method.answer)
+    assert msgspec.inspect.type_info(method.request).forbid_unknown_fields
+
+
+def test_what_may_move_is_marked():
+    moving = {name for name, method in ROBOT.methods.items() if method.effect is Effect.MOVES}
+    assert moving == {"command", "twist", "follow_trajectory", "axis", "nmt", "sdo_write"}
+    stopping = {name for name, method in ROBOT.methods.items() if method.effect is Effect.STOPS}
+    assert stopping == {"stop", "shutdown", "cancel_trajectory"}
+
+
+@pytest.mark.parametrize(
+    ("kind", "params"),
+    [
+        (Subscribe, {"state_rate": 0}),
+        (Subscribe, {"state_rate": 1001}),
+        (SdoRead, {"node": "a", "index": 0x10000}),
+        (SdoRead, {"node": "a", "index": 0x1000, "subindex": 256}),
+        (SdoRead, {"node": "a", "index": 0x1000, "timeout": 61}),
+        (CommandController, {"controller": "c", "values": [None]}),
+    ],
+)
+def test_what_is_out_of_range_is_no_request(kind, params):
+    with pytest.raises(ValueError, match=r"at `\$\."):
+        convert(params, kind)
+
+
+def test_a_node_may_be_named_by_its_id():
+    assert convert({"node": 3, "index": 0x1000}, SdoRead).node == 3

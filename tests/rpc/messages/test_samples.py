@@ -1,0 +1,54 @@
+import typing
+
+import pytest
+
+from canopen_control.rpc.messages.samples import (
+    ControllerSample,
+    DiagnosticsSample,
+    GpioSample,
+    JointDiagnosis,
+    JointStatesSample,
+    OdometrySample,
+    Sample,
+    TrajectoryPoint,
+    TrajectorySample,
+    kind_of,
+)
+from canopen_control.rpc.messages.state import StateSample
+from canopen_control.rpc.wire import convert, plain
+
+SAMPLES = {
+    "base": OdometrySample(time=1.5, x=1.0, y=2.0, heading=0.5, limited=(0.4, 0.1)),
+    "states": JointStatesSample(time=2.0, names=("a",), joints={"a": {"position": 1.0, "load": None}}),
+    "io": GpioSample(time=3.0, parts={"lamp": {"on": 1.0}}),
+    "arm": TrajectorySample(
+        time=5.0,
+        joints=("a",),
+        executing=True,
+        holding=False,
+        reference=TrajectoryPoint(positions=[1.0], velocities=[0.5], time_from_start=0.25),
+        feedback=TrajectoryPoint(positions=[0.9]),
+        error=TrajectoryPoint(positions=[0.1]),
+        output=TrajectoryPoint(positions=[1.1]),
+    ),
+    "health": DiagnosticsSample(time=4.0, joints=[JointDiagnosis("a", 2, "in fault", {"age": None})]),
+}
+
+
+def test_samples_of_every_kind_cross_the_wire_as_what_they_are():
+    there = convert(plain(StateSample(samples=SAMPLES)), StateSample)
+    assert there.samples == SAMPLES
+    assert {type(each) for each in there.samples.values()} == set(typing.get_args(ControllerSample))
+    assert there.told(OdometrySample) == {"base": SAMPLES["base"]}
+
+
+def test_each_kind_has_a_word_of_its_own():
+    kinds = [kind_of(each) for each in typing.get_args(ControllerSample)]
+    assert kinds == ["odometry", "joint_states", "gpio", "diagnostics", "trajectory"]
+    assert plain(SAMPLES["io"])["kind"] == "gpio"
+
+
+def test_a_kind_that_nobody_knows_is_told():
+    with pytest.raises(Exception, match="Invalid value 'dance'"):
+        convert({"samples": {"dancer": {"kind": "dance", "time": 1.0}}}, StateSample)
+    assert issubclass(OdometrySample, Sample)

@@ -1,0 +1,42 @@
+"""Objects of the nodes through the API, byte by byte, in simulated time."""
+
+from base64 import b64decode
+from types import SimpleNamespace
+
+import pytest
+from support.apiclient import base64_of
+
+from canopen_control.runtime import api_objects
+
+
+def test_objects_are_read_and_written_through_the_robots_own_client(client):
+    assert client.ask("sdo_read", node="left_drive", index=0x6083)["result"] == {"data": base64_of("803e0000")}
+    assert client.ask("sdo_write", node="3", index=0x6083, data=base64_of("a00f0000"))["result"] == {}
+    assert client.ask("sdo_read", node=3, index=0x6083, subindex=0)["result"] == {"data": base64_of("a00f0000")}
+    read = client.ask("sdo_read", node="left_drive", index=0x1008, block=True, timeout=2.0)["result"]
+    assert b64decode(read["data"]).startswith(b"TMCM-1270")
+    assert "timeout" in client.ask("sdo_read", node="left_drive", index=0x1008, timeout=-1)["error"]["message"]
+    error = client.ask("sdo_read", node="left_drive", index=0x5FF0)["error"]
+    assert error["kind"] == "SdoAbort"
+    assert "0x06020000" in error["message"]
+
+
+@pytest.mark.sources
+def test_a_long_object_is_written_in_pieces(client, robby):
+    written = []
+    robby.robot.node("left_drive").sdo.write = lambda *args, **_: written.append(args) or SimpleNamespace()
+    for piece in (base64_of("01" * 24_000), base64_of("02" * 24_000)):
+        assert client.ask("sdo_data", data=piece)["result"] == {}
+    client.send(id=2, method="sdo_write", params={"node": "left_drive", "index": 0x2000, "data": base64_of("03")})
+    robby.run(100)
+    assert written == [(0x2000, 0, b"\1" * 24_000 + b"\2" * 24_000 + b"\3")]
+    client.send(id=3, method="sdo_write", params={"node": "left_drive", "index": 0x2000, "data": base64_of("04")})
+    robby.run(100)
+    assert written[1] == (0x2000, 0, b"\4")
+
+
+def test_more_pieces_than_an_object_may_have_are_refused_and_forgotten(client, robby, monkeypatch):
+    monkeypatch.setattr(api_objects, "MAX_OBJECT", 1000)
+    assert client.ask("sdo_data", data=base64_of("00" * 600))["result"] == {}
+    assert "more than 1000 bytes" in client.ask("sdo_data", data=base64_of("00" * 600))["error"]["message"]
+    assert client.ask("sdo_data", data=base64_of("00" * 600))["result"] == {}

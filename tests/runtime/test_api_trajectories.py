@@ -1,0 +1,141 @@
+"""Trajectories over the socket of a robot: the goal's answer is its end, and its connection's end is its own."""
+
+import pytest
+from support.apiclient import Client
+from support.arm6 import ENDS, JOINTS, copy_arm, planned
+from support.robots import Bench
+
+from canopen_control.rpc.messages.robot import MAX_POINTS
+from canopen_control.runtime.api import ApiServer
+
+ARM = "arm_controller"
+
+
+@pytest.fixture(scope="module")
+def config(tmp_path_factory):
+    return copy_arm(tmp_path_factory.mktemp("arm"))
+
+
+@pytest.fixture
+def arm(config):
+    bench = Bench("armapi", config=config, drives=range(2, 8))
+    bench.api = ApiServer(bench.robot)
+    bench.start()
+    bench.until(lambda: all(joint.enabled for joint in bench.robot.joints.values()))
+    bench.run(100)
+    yield bench
+    bench.api.close()
+    bench.close()
+
+
+@pytest.fixture
+def client(arm):
+    client = Client(arm)
+    yield client
+    client.close()
+
+
+@pytest.fixture
+def other(arm):
+    client = Client(arm)
+    yield client
+    client.close()
+
+
+def points(count=20, seconds=1.5):
+    return [
+        {
+            "positions": each.positions,
+            "velocities": each.velocities,
+            "accelerations": each.accelerations,
+            "time_from_start": each.time / 1e9,
+        }
+        for each in planned([0.0] * 6, ENDS, seconds, count).points
+    ]
+
+
+def goal(**how):
+    return {"controller": ARM, "joints": JOINTS, "points": points(), **how}
+
+
+def positions(arm):
+    return [arm.robot.registry.state(f"{each}/position").value for each in JOINTS]
+
+
+def test_a_goal_is_answered_when_it_has_ended(arm, client):
+    begin = arm.reactor.now()
+    answer = client.ask("follow_trajectory", **goal(source="test"))
+    assert answer["result"] == {"state": "succeeded", "error_code": 0, "text": "the goal was reached"}
+    assert (arm.reactor.now() - begin) / 1e9 == pytest.approx(1.5, abs=0.1)
+    assert arm.robot.commander == "test"
+    arm.run(300)
+    assert positions(arm) == pytest.approx(ENDS, abs=1e-3)
+
+
+def test_one_of_500_points_comes_in_pieces(client):
+    all_points = points(500)
+    while len(all_points) > 50:
+        assert client.ask("trajectory_data", points=all_points[:50]) == {"id": 1, "result": {}}
+        all_points = all_points[50:]
+    assert client.ask("follow_trajectory", **goal(points=all_points))["result"]["state"] == "succeeded"
+
+
+def test_the_end_of_its_connection_ends_it_and_the_joints_brake(arm, client):
+    client.send(id=1, method="follow_trajectory", params=goal())
+    arm.run(500)
+    client.close()
+    arm.until(lambda: arm.texts("commander_gone"))
+    assert any("was taken back" in text for text in arm.texts("goal_aborted"))
+    arm.run(1000)
+    where = positions(arm)
+    assert all(0.1 < abs(a) < abs(b) - 0.01 for a, b in zip(where, ENDS, strict=True))
+    arm.run(500)
+    assert positions(arm) == pytest.approx(where, abs=1e-4)
+
+
+def test_without_a_dead_man_it_goes_on_without_its_connection(arm, client):
+    client.send(id=1, method="follow_trajectory", params=goal(dead_man=False))
+    arm.run(500)
+    client.close()
+    arm.run(2000)
+    assert positions(arm) == pytest.approx(ENDS, abs=1e-3)
+
+
+def test_another_client_can_cancel_it(arm, client, other):
+    client.send(id=1, method="follow_trajectory", params=goal())
+    arm.run(500)
+    assert other.ask("cancel_trajectory", controller=ARM)["result"] == {}
+    assert client.next()["result"]["state"] == "canceled"
+    assert other.ask("cancel_trajectory", controller=ARM)["result"] == {}  # nothing is under way
+
+
+@pytest.mark.parametrize(
+    ("wrong", "text"),
+    [
+        ({"joints": JOINTS[:5]}, "it names 5 of 6 joints"),
+        ({"joints": [*JOINTS[:5], "joint_7"]}, "'joint_7'"),
+        ({"points": []}, "it has no points"),
+        ({"points": [{"positions": [9.0] * 6, "time_from_start": 9.0}]}, "joint_1 at 9 is beyond its limits of -3.1"),
+        ({"points": [{"positions": [1.0] * 6}]}, "it begins with joint_1 at 1 in 0 s, and it is at"),
+        ({"controller": "joint_state_broadcaster"}, "follows no trajectories"),
+        ({"stamp": 1.0}, "it ended"),
+    ],
+)
+def test_a_bad_goal_is_refused_with_its_reason_and_nothing_moves(arm, client, wrong, text):
+    where = positions(arm)
+    assert text in client.ask("follow_trajectory", **goal(**wrong))["error"]["message"]
+    arm.run(500)
+    assert positions(arm) == pytest.approx(where, abs=1e-4)
+
+
+def test_more_points_than_anybody_plans_are_refused_and_forgotten(client):
+    empty = [{}] * 1000
+    for _ in range(MAX_POINTS // 1000):
+        assert client.ask("trajectory_data", points=empty)["result"] == {}
+    assert f"{MAX_POINTS} points at most" in client.ask("trajectory_data", points=empty)["error"]["message"]
+    assert client.ask("follow_trajectory", **goal())["result"]["state"] == "succeeded"
+
+
+def test_while_a_stop_is_latched_no_trajectory_is_taken(client):
+    assert client.ask("stop", latch=True)["result"] == {}
+    assert "latched" in client.ask("follow_trajectory", **goal())["error"]["message"]

@@ -1,0 +1,95 @@
+"""The bus of a robot: what happens when the channel does something."""
+
+import pytest
+from support.robots import LEFT, Bench
+
+from canopen_control.bus.error_frames import ERROR_FLAG
+from canopen_control.errors import BusError
+from canopen_control.frame import CanFrame
+from canopen_control.runtime.core import RobotState
+
+
+def test_a_channel_that_closes_ends_the_run_with_its_reason():
+    bench = Bench("bus1")
+    bench.start()
+    bench.bus.close()
+    bench.until(lambda: bench.robot.state is RobotState.STOPPED)
+    assert "memory:bus1" in bench.robot.failure
+    assert bench.texts("bus_lost")
+    bench.close()
+
+
+def test_error_frames_become_events_and_harm_nothing():
+    bench = Bench("bus2")
+    bench.start()
+    bench.bus.report("master", CanFrame(ERROR_FLAG | 0x04, bytes((0, 0x10, 0, 0, 0, 0, 0, 0))))
+    bench.run(100)
+    assert bench.robot.state is RobotState.RUNNING
+    assert [event.kind for event in bench.events if event.kind.startswith("bus_")] == ["bus_error_passive"]
+    bench.close()
+
+
+def test_a_start_on_a_channel_that_cannot_be_opened_leaves_nothing_open(monkeypatch):
+    def refuse(channel, label=""):
+        raise BusError(f"cannot open {channel}")
+
+    bench = Bench("bus3", drives=())
+    monkeypatch.setattr("canopen_control.runtime.robot_bus.open_port", refuse)
+    with pytest.raises(BusError, match="memory:bus3"):
+        bench.robot.start()
+    assert bench.robot.state is RobotState.STOPPED
+    bench.close()
+
+
+def test_every_frame_that_was_sent_was_received_by_the_drives():
+    bench = Bench("bus4")
+    bench.start()
+    bench.hold(10.0, 10.0, ms=2000)
+    master = bench.robot.buses["can"].port.stats
+    others = sum(port.stats.tx for port in bench.ports.values())
+    assert bench.ports[LEFT].stats.rx > master.tx * 0.9
+    assert master.rx == others
+    assert master.lost == 0
+    bench.close()
+
+
+def test_what_is_lost_while_the_bus_carries_nothing_is_told_as_that_and_once_when_it_is_back():
+    bench = Bench("bus5")
+    bench.start()
+    bench.bus.bus_off("master")
+    bench.run(3000)
+    master = bench.robot.buses["can"].port.stats
+    assert master.lost > 20
+    assert bench.texts("bus_frames_lost") == bench.texts("bus_queue_full") == []
+    bench.bus.restart("master")
+    bench.run(2000)
+    (lost,) = [event for event in bench.events if event.kind == "bus_frames_lost"]
+    assert lost.sentence == f"bus can (memory:bus5): a frame was lost, while it carried nothing ({master.lost} times)"
+    assert bench.texts("bus_queue_full") == []
+    master.lost += 3
+    bench.run(2000)
+    (full,) = [event for event in bench.events if event.kind == "bus_queue_full"]
+    assert full.sentence == "bus can (memory:bus5): a frame was lost, its queue was full (3 times)"
+    bench.close()
+
+
+def test_what_came_before_the_robot_began_is_no_news_but_who_has_booted_up_is_known():
+    bench = Bench("busjoined")
+    bench.robot.join()
+    bench.reactor.run_for(10_000_000)  # the drives are switched on
+    assert bench.robot.has_heard(["left_drive", "right_drive"])
+    assert all(node.nmt_state is None for node in bench.robot.nodes.values())
+    bench.start()
+    assert bench.texts("duplicate_node") == []
+    bench.close()
+
+
+def test_a_channel_that_closes_before_the_robot_began_ends_the_run_as_well():
+    bench = Bench("busgone")
+    bench.robot.join()
+    bench.bus.close()
+    bench.reactor.run_for(10_000_000)
+    assert "memory:busgone" in bench.robot.failure
+    bench.robot.start()
+    assert bench.robot.state is RobotState.STOPPED
+    bench.close()

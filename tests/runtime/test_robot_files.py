@@ -1,0 +1,138 @@
+import os
+import re
+
+import pytest
+
+from canopen_control.errors import RobotConfigError
+from canopen_control.runtime.robot_files import find_buses, find_robot
+
+
+def robot(folder, *names):
+    folder.mkdir(exist_ok=True)
+    for name in names:
+        (folder / name).write_text("")
+    return folder
+
+
+def test_a_folder_has_the_three_files_and_gives_the_name(tmp_path):
+    folder = robot(tmp_path / "my robot", "bus.yml", "ros2_controllers.yaml", "x.urdf.xacro")
+    files = find_robot(str(folder))
+    assert files.name == "my_robot"
+    assert files.description == folder / "x.urdf.xacro"
+
+
+def test_a_bundled_robot_is_found_by_its_name(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert find_robot("robby").bus.name == "bus.yml"
+
+
+def test_a_single_file_wins_over_the_folders(tmp_path):
+    folder = robot(tmp_path / "r", "bus.yml", "ros2_controllers.yaml", "x.urdf")
+    other = tmp_path / "other.yml"
+    other.write_text("")
+    assert find_robot(str(folder), bus=str(other)).bus == other
+
+
+def test_the_three_files_alone_are_enough(tmp_path):
+    folder = robot(tmp_path / "r", "b.yml", "c.yaml", "d.urdf")
+    files = find_robot(
+        None, bus=str(folder / "b.yml"), controllers=str(folder / "c.yaml"), description=str(folder / "d.urdf")
+    )
+    assert files.name == "r"
+
+
+def test_everything_that_is_missing_is_named_at_once(tmp_path):
+    with pytest.raises(RobotConfigError) as caught:
+        find_robot(str(robot(tmp_path / "r")))
+    assert all(word in str(caught.value) for word in ("bus.yml", "ros2_controllers.yaml", "*.urdf"))
+
+
+def test_bus_yml_may_be_absent_but_not_beside_further_buses_and_not_when_it_is_named(tmp_path):
+    folder = robot(tmp_path / "r", "ros2_controllers.yaml", "x.urdf")
+    files = find_robot(str(folder))
+    assert (files.name, files.bus, files.buses) == ("r", None, {})
+    alone = find_robot(None, controllers=str(folder / "ros2_controllers.yaml"), description=str(folder / "x.urdf"))
+    assert (alone.name, alone.buses) == ("r", {})
+    with pytest.raises(RobotConfigError, match=r"has no bus\.yml"):
+        find_robot(str(robot(folder, "bus_arm.yml")))
+    with pytest.raises(RobotConfigError, match="--bus: no file"):
+        find_robot(str(folder), bus="none.yml")
+
+
+@pytest.mark.parametrize("name", ["bus.yml", "bus_arm.yml", "ros2_controllers.yaml", "x.urdf"])
+def test_what_is_no_regular_file_is_refused_and_never_opened(tmp_path, name):
+    names = {"bus.yml", "ros2_controllers.yaml", "x.urdf"} - {name}
+    folder = robot(tmp_path / "r", *names)
+    os.mkfifo(folder / name)
+    with pytest.raises(RobotConfigError, match=f"{re.escape(str(folder / name))} is a pipe or a device, no file"):
+        find_robot(str(folder))
+    (folder / name).unlink()
+    (folder / name).mkdir()
+    with pytest.raises(RobotConfigError, match=f"{re.escape(str(folder / name))} is a folder, no file"):
+        find_robot(str(folder))
+    if name.startswith("bus"):
+        with pytest.raises(RobotConfigError, match="is a folder, no file"):
+            find_buses(str(folder))
+
+
+def test_a_device_is_no_file_of_a_robot(tmp_path):
+    folder = robot(tmp_path / "r", "ros2_controllers.yaml", "x.urdf")
+    with pytest.raises(RobotConfigError, match="/dev/zero is a pipe or a device, no file"):
+        find_robot(str(folder), bus="/dev/zero")
+
+
+def test_a_file_of_a_robot_is_not_the_robot_and_its_folder_is_told(tmp_path):
+    folder = robot(tmp_path / "r", "bus.yml", "ros2_controllers.yaml", "x.urdf")
+    for find in (find_robot, find_buses):
+        with pytest.raises(RobotConfigError, match=f"it is a file; give its folder: {re.escape(str(folder))}$"):
+            find(str(folder / "bus.yml"))
+
+
+def test_an_empty_name_is_no_robot_and_not_the_present_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(robot(tmp_path / "r", "bus.yml", "ros2_controllers.yaml", "x.urdf"))
+    assert find_robot(".").name == "r"
+    for find in (find_robot, find_buses):
+        with pytest.raises(RobotConfigError, match="no robot given: name a folder"):
+            find("")
+
+
+def test_two_descriptions_need_a_choice(tmp_path):
+    folder = robot(tmp_path / "r", "bus.yml", "ros2_controllers.yaml", "a.urdf", "b.urdf")
+    with pytest.raises(RobotConfigError, match="--description"):
+        find_robot(str(folder))
+
+
+def test_an_unknown_robot_names_the_bundled_ones():
+    with pytest.raises(RobotConfigError, match="robby"):
+        find_robot("nobody")
+
+
+def test_a_file_that_is_not_there_is_named_with_its_option():
+    with pytest.raises(RobotConfigError, match=r"--bus: no file nowhere\.yml"):
+        find_robot("robby", bus="nowhere.yml")
+
+
+def test_further_buses_stand_beside_the_first_by_their_names(tmp_path):
+    folder = robot(tmp_path / "r", "bus.yml", "bus_arm.yml", "bus_left-leg.yml", "ros2_controllers.yaml", "x.urdf")
+    files = find_robot(str(folder))
+    assert list(files.buses) == ["can", "arm", "left-leg"]
+    assert files.buses["arm"] == folder / "bus_arm.yml"
+    assert find_buses(str(folder)) == files.buses
+    assert find_robot(str(folder), bus=str(folder / "bus_arm.yml")).buses == {"can": folder / "bus_arm.yml"}
+
+
+@pytest.mark.parametrize("name", ["bus_can.yml", "bus_a b.yml", "bus_.yml"])
+def test_a_further_bus_needs_a_name_that_a_channel_may_have(tmp_path, name):
+    folder = robot(tmp_path / "r", "bus.yml", name, "ros2_controllers.yaml", "x.urdf")
+    with pytest.raises(RobotConfigError, match="is no name for a further bus"):
+        find_robot(str(folder))
+    with pytest.raises(RobotConfigError, match="is no name for a further bus"):
+        find_buses(str(folder))
+
+
+def test_bus_files_are_found_without_the_rest_of_a_robot(tmp_path):
+    assert list(find_buses(str(robot(tmp_path / "r", "bus.yml")))) == ["can"]
+    with pytest.raises(RobotConfigError, match=r"has no bus\.yml"):
+        find_buses(str(robot(tmp_path / "none")))
+    with pytest.raises(RobotConfigError, match="name a folder or a bundled robot"):
+        find_buses(None)

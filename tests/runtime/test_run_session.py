@@ -1,0 +1,125 @@
+import os
+import sys
+
+import pytest
+
+from canopen_control.errors import CanopenError, ConfigError, RobotConfigError
+from canopen_control.host.reactor import Reactor
+from canopen_control.host.sockets import runtime_dir
+from canopen_control.runtime.robot_files import find_robot
+from canopen_control.runtime.run_session import RunOptions, Session
+from canopen_control.runtime.setup import read_robot
+
+pytestmark = pytest.mark.robot
+
+LINUX = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="scheduling policies are Linux's")
+
+
+def setup(name, channel):
+    return read_robot(find_robot("robby"), name=name, can=[channel])
+
+
+def test_a_channel_has_one_master_on_this_host():
+    first = Session(setup("one", "memory:busy"), RunOptions(drives=False))
+    with pytest.raises(RobotConfigError, match=rf"memory:busy is busy: process {os.getpid()}"):
+        Session(setup("two", "memory:busy"), RunOptions(drives=False))
+    first.close()
+    Session(setup("two", "memory:busy"), RunOptions(drives=False)).close()
+
+
+def test_a_lock_through_a_link_is_a_sentence(tmp_path):
+    link = runtime_dir() / "master-memory_linked.lock"
+    link.symlink_to(tmp_path / "victim")
+    with pytest.raises(ConfigError, match=r"_linked\.lock cannot be a lock: it is a symbolic link; remove it"):
+        Session(setup("linked", "memory:linked"), RunOptions(drives=False))
+    link.unlink()
+    assert not (tmp_path / "victim").exists()
+
+
+def test_a_name_has_one_robot():
+    first = Session(setup("same", "memory:a"), RunOptions(drives=False))
+    with pytest.raises(CanopenError, match="same"):
+        Session(setup("same", "memory:b"), RunOptions(drives=False))
+    first.close()
+
+
+def test_closing_leaves_no_socket_and_twice_is_once():
+    session = Session(setup("gone", "memory:c"), RunOptions(drives=False))
+    assert list(runtime_dir().glob("robot-*.sock"))
+    session.close()
+    session.close()
+    assert list(runtime_dir().glob("robot-*.sock")) == []
+
+
+def test_the_duration_counts_from_running_on():
+    reactor = Reactor()
+    session = Session(setup("timed", "memory:d"), RunOptions(duration=0.2), reactor=reactor)
+    try:
+        assert session.run() is None
+        assert session.robot.pacer.count * 0.02 > 0.2
+    finally:
+        session.close()
+
+
+def test_the_page_is_a_client_that_is_started_when_the_boot_is_over(monkeypatch):
+    started = []
+    session = Session(setup("page", "memory:page"), RunOptions(drives=False, view=True, teleop=True))
+    monkeypatch.setattr(session.supervisor, "start_client", lambda name, arguments: started.append((name, arguments)))
+    session.start()
+    assert started == []
+    assert session.reactor.run_until(lambda: bool(started), 3_000_000_000)
+    assert started == [("view", ["canopen_control", "view", "--name", "page", "--teleop"])]
+    session.close()
+
+
+@pytest.mark.process
+@LINUX
+def test_a_processor_of_its_own_is_the_robots_and_not_its_childrens(monkeypatch):
+    everywhere = os.sched_getaffinity(0)
+    one = min(everywhere)
+    session = Session(setup("pinned", "memory:pin"), RunOptions(cpu=one))
+    started = []
+    monkeypatch.setattr(session.supervisor, "start_drives", lambda _setup: started.append(os.sched_getaffinity(0)))
+    try:
+        session.start()
+        assert started == [everywhere]
+        assert os.sched_getaffinity(0) == {one}
+        assert [event.text for event in session.robot.events.recent if event.kind == "realtime"] == [
+            f"runs on processor {one}"
+        ]
+        session.supervisor.start_client("later", ["platform"])
+        assert os.sched_getaffinity(session.supervisor.pids["later"]) == everywhere
+    finally:
+        session.close()
+    assert os.sched_getaffinity(0) == everywhere
+
+
+@LINUX
+def test_what_is_refused_ends_the_run_before_there_is_anything_of_it():
+    with pytest.raises(RobotConfigError, match="--cpu 4000"):
+        Session(setup("refused", "memory:refused"), RunOptions(cpu=4000))
+    assert list(runtime_dir().glob("robot-*.sock")) == []
+
+
+def test_what_ends_it_before_it_began_ends_it():
+    session = Session(setup("early", "memory:early"), RunOptions(drives=False))
+    session.robot.join()
+    session.reactor.call_soon(lambda: session.robot.shutdown("a test"))
+    session.reactor.run()
+    assert [event.text for event in session.robot.events.take()][-1] == "early has stopped before it began"
+    session.robot.start()
+    assert not session.robot.pacer.running
+    session.close()
+
+
+@pytest.mark.sources
+def test_a_robot_whose_drives_are_ready_boots_when_it_has_heard_them(monkeypatch):
+    session = Session(setup("heard", "memory:heard"), RunOptions(drives=False))
+    heard = []
+    monkeypatch.setattr(session.robot, "has_heard", lambda _names: bool(heard))
+    session.start()
+    session.reactor.run_for(50_000_000)
+    assert not session.robot.pacer.running
+    heard.append(True)
+    assert session.reactor.run_until(lambda: session.robot.pacer.running, 3_000_000_000)
+    session.close()

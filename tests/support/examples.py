@@ -1,0 +1,69 @@
+"""The examples that users copy: of every verb's help, and the command lines of README.md and the pages of docs."""
+
+from __future__ import annotations
+
+import importlib
+import re
+import shlex
+
+from support.documents import EXAMPLES, pages
+
+from canopen_control.cli.verbs import VERBS
+
+PROGRAM = "canopen-control"
+
+#: What a line needs that no test has here -> why it is only understood, and who runs it elsewhere.
+NOT_RUN = {
+    r"\bcan\d+\b": "a CAN card: tests/hardware_can runs the page on emulated ones",
+    r"\bvcan\d+\b": "a kernel with CAN: tests/socketcan runs the page on one",
+    r"\budp_can:": "an adapter that is installed first: tests/docs/test_adapter_howto.py",
+    r"--realtime": "a processor for itself: tests/runtime/test_realtime.py",
+    r"^trajectory\b": "an arm: tests/cli/test_trajectory.py has one",
+    r"^bench\b": "minutes of measuring: tests/bench runs every family of it",
+}
+#: Other programs in the blocks of the pages -> why they are not run from there.
+OTHER_PROGRAMS = {
+    "./tools/demo": "installs what it needs: CI's first run of it is that of any user",
+    "./tools/test": "runs this test",
+    "./tools/docs": "builds the documentation, which CI does",
+    "ros2": "ros2cli is not in the wheels; `canopen-control ros` says the same, and is run",
+    "export": "of the shell, for ros2",
+    "pip": "the index has the package once it is published",
+    "tools/socketcan_guest": "boots a kernel: tools/test does so",
+    "tools/can_hardware_guest": "boots a computer: tools/test does so",
+}
+
+
+def help_examples() -> dict[str, list[list[str]]]:
+    """Return the examples of each verb in their order, as words after `canopen-control`."""
+    examples = {}
+    for verb in VERBS:
+        lines = importlib.import_module(f"canopen_control.cli.{verb}").EXAMPLE.splitlines()
+        examples[verb] = [words_of(line) for line in lines]
+    return examples
+
+
+def page_examples() -> list[list[str]]:
+    """Return the pages' commands of this program, each once, as words after `canopen-control`."""
+    lines = [tuple(words_of(line)) for line in page_commands() if line.split()[0] == PROGRAM]
+    return [list(words) for words in dict.fromkeys(lines)]
+
+
+def page_commands() -> list[str]:
+    """Return every command line of the pages: what is indented and looks like one; their files as whole paths."""
+    programs = "|".join(map(re.escape, (PROGRAM, *OTHER_PROGRAMS)))
+    text = "\n".join(path.read_text(encoding="utf-8") for path in pages())
+    found = re.findall(rf"^ {{4,}}((?:{programs})(?: .*)?)$", text, re.MULTILINE)
+    return [line.replace(" docs/examples/", f" {EXAMPLES}/") for line in found]
+
+
+def words_of(line: str) -> list[str]:
+    """Return the words of an example, as a shell reads them, without the program's name."""
+    program, *words = shlex.split(line.strip(), comments=True)
+    assert program == PROGRAM, line
+    return words
+
+
+def reason_not_to_run(words: list[str]) -> str | None:
+    """Return why an example is only understood here, or None."""
+    return next((reason for pattern, reason in NOT_RUN.items() if re.search(pattern, " ".join(words))), None)

@@ -1,0 +1,139 @@
+"""Pages without a browser: what a robot says as the wire has it, and panels built for a simulated user."""
+
+import asyncio
+import contextlib
+import copy
+import warnings
+
+from support.samples import controllers_of, sample_of, status_of
+
+from canopen_control.rpc.messages.drive import FaultListing
+from canopen_control.rpc.messages.robot import BusPlace, Description, NodeListing, NodePlace
+from canopen_control.view.faults import FaultBoard
+from canopen_control.view.model import read_welcome
+from canopen_control.view.robot import RobotView
+
+URDF = """<robot name='pair'><link name='base'><visual><geometry><box size='0.4 0.3 0.1'/></geometry></visual></link>
+<link name='wheel'><visual><geometry><cylinder radius='0.1' length='0.04'/></geometry></visual></link>
+<link name='fork'/>
+<joint name='left' type='continuous'><parent link='base'/><child link='wheel'/><axis xyz='0 1 0'/></joint>
+<joint name='lift' type='prismatic'><parent link='base'/><child link='fork'/><axis xyz='0 0 1'/>
+<limit lower='0' upper='0.5' velocity='0.2' effort='9'/></joint></robot>"""
+AXIS = {"joint": "left", "cia402_state": "OPERATION_ENABLED", "mode": "PV", "error": None}
+NODE = {"node_id": 3, "ready": True, "nmt_state": "OPERATIONAL", "age_s": 0.01, "error": None, "axes": [AXIS]}
+STATE = {
+    "time": 1000.0, "state": "running", "latched": False, "latched_by": None,
+    "cycle": {"period_s": 0.02, "count": 50, "missed": 0, "work_s": 0.001},
+    "nodes": {"left_drive": NODE},
+    "joints": {"left": {"position": 1.0, "velocity": 2.0, "effort": None, "command": 2.5},
+               "lift": {"position": 0.1, "velocity": 0.0, "effort": None, "command": None}},
+    "controllers": {"forward": "active", "base": "inactive"}, "load": {"can": 0.021}, "samples": {},
+}  # fmt: skip
+FORWARD = {"name": "forward", "type": "f", "state": "active", "interface": "velocity", "topic": "commands",
+           "joints": ["left"], "claimed_interfaces": ["left/velocity"]}  # fmt: skip
+BASE = FORWARD | {"name": "base", "state": "inactive", "topic": "cmd_vel", "claimed_interfaces": []}
+LIFT = FORWARD | {
+    "name": "lifter",
+    "interface": "position",
+    "joints": ["lift"],
+    "claimed_interfaces": ["lift/position"],
+}
+FAULTS = (
+    FaultListing(name="silent", does="is silent", reaction="stops", on=True),
+    FaultListing(name="hot", does="is hot", reaction="waits", once=True),
+)
+
+
+def state(**changed):
+    return sample_of(copy.deepcopy(STATE) | changed)
+
+
+def drive_state(axis=None, **node):
+    """Return the state with its drive changed."""
+    return state(nodes={"left_drive": NODE | {"axes": [AXIS | (axis or {})]} | node})
+
+
+def welcome(**status):
+    drive = NodePlace(name="left_drive", node_id=3, bus="can")
+    nodes = NodeListing({"can": BusPlace("local:x")}, [drive])
+    told = copy.deepcopy(STATE) | {"buses": {"can": {"load": 0.02}}, "events": []} | status
+    return read_welcome("pair", Description(URDF, "/nowhere/pair.urdf"), nodes, status_of(told))
+
+
+def robot(**status):
+    return RobotView(welcome(**status), lambda _content, kind: f"/mesh/1.{kind}")
+
+
+class Desk:
+    """Takes what a page asks for; `refusal` is what the robot answers."""
+
+    def __init__(self, *, teleop=True, controllers=(FORWARD,), **status):
+        self.teleop, self.refusal = teleop, None
+        self.robot = robot(**status)
+        self.robot.controllers = controllers_of(controllers)
+        self.asked, self.held, self.let = [], [], 0
+
+    async def ask(self, request):
+        self.asked.append(request)
+        return self.refusal
+
+    def hold(self, page, motion, told):
+        self.held.append(motion)
+        if self.refusal:
+            told(self.refusal)
+
+    def let_go(self, page):
+        self.let += 1
+
+    def look_at_faults(self):
+        pass
+
+    def picture(self, new=None, lost=""):
+        if new is not None:
+            self.robot.state = new
+        return self.robot.picture(lost)
+
+    def with_faults(self):
+        self.robot.faults = FaultBoard({"left_drive": FAULTS})
+        return self
+
+
+def visited(build, act):
+    """Build a page for a simulated user, and return what `act(user, built)` returns."""
+    made = []
+
+    async def play():
+        from nicegui.testing.user_simulation import user_simulation
+
+        async with user_simulation(root=lambda: made.append(build())) as user:
+            await user.open("/")
+            with user:
+                return await act(user, made[0])
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # the toolkit's own
+        return asyncio.run(play())
+
+
+def html(user):
+    """Return all HTML that is on the page."""
+    from nicegui import ElementFilter, ui
+
+    with user._client:
+        return " ".join(each.content for each in ElementFilter(kind=ui.html))
+
+
+def seen(kind):
+    """Return a page's elements of a kind that are visible."""
+    from nicegui import ElementFilter
+
+    return [each for each in ElementFilter(kind=kind) if each.visible]
+
+
+async def settle(condition=lambda: False, turns=50):
+    """Let the loop run until `condition`."""
+    for _ in range(turns):
+        if condition():
+            return
+        with contextlib.suppress(asyncio.CancelledError):
+            await asyncio.sleep(0.01)

@@ -1,0 +1,58 @@
+"""The declared public surface: each name is found, typed and documented, and costs nothing before it is used."""
+
+import ast
+import importlib
+from pathlib import Path
+
+import pytest
+
+import canopen_control
+from canopen_control import errors
+
+SOURCE = Path(canopen_control.__file__).read_text(encoding="utf-8")
+NAMES = [name for name in canopen_control.__all__ if name != "__version__"]
+
+
+def imports_for_types():
+    """Return name -> module of what the package imports for type checkers alone."""
+    block = next(node for node in ast.parse(SOURCE).body if isinstance(node, ast.If))
+    return {
+        alias.name: each.module.removeprefix("canopen_control.")
+        for each in block.body
+        if isinstance(each, ast.ImportFrom)
+        for alias in each.names
+    }
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_public_name_is_found_and_says_what_it_is(name):
+    found = getattr(canopen_control, name)
+    assert found.__name__ == name
+    assert (found.__doc__ or "").strip()
+
+
+def test_a_type_checker_sees_each_name_where_it_is_found():
+    assert imports_for_types() == canopen_control._HOMES
+    assert sorted(canopen_control._HOMES) == sorted(NAMES)
+
+
+def test_a_public_name_is_public_in_its_module_too():
+    for name, home in canopen_control._HOMES.items():
+        assert name in importlib.import_module(f"canopen_control.{home}").__all__, (name, home)
+
+
+def test_the_package_imports_nothing_but_its_version_before_a_name_is_used():
+    top = [node for node in ast.parse(SOURCE).body if isinstance(node, ast.Import | ast.ImportFrom)]
+    names = {getattr(node, "module", None) or node.names[0].name for node in top}
+    assert names == {"__future__", "importlib", "typing", "canopen_control.version"}
+
+
+def test_what_is_not_public_is_not_found():
+    with pytest.raises(AttributeError, match="no attribute 'MasterNode'"):
+        _ = canopen_control.MasterNode
+
+
+def test_every_error_is_public():
+    classes = [each for each in vars(errors).values() if isinstance(each, type) and each.__module__ == errors.__name__]
+    assert {each.__name__ for each in classes} <= set(errors.__all__)
+    assert all(issubclass(each, errors.CanopenError) for each in classes)

@@ -1,0 +1,64 @@
+"""How much of each room the tests reach: lines and branches, with a reason below the least."""
+
+import json
+
+import pytest
+import room_coverage
+from room_coverage import covered_by_room, judged, main, room_of
+
+
+def summary(lines, of_lines, branches=0, of_branches=0):
+    counts = {"covered_lines": lines, "num_statements": of_lines}
+    return {"summary": {**counts, "covered_branches": branches, "num_branches": of_branches}}
+
+
+FILES = {
+    "canopen_control/bus/a.py": summary(9, 10, 0, 5),
+    "canopen_control/bus/deep/b.py": summary(5, 5),
+    "canopen_control/frame.py": summary(19, 20),
+    "canopen_control/data/__init__.py": summary(0, 0),
+}
+
+
+@pytest.mark.parametrize(
+    ("path", "room"),
+    [
+        ("canopen_control/frame.py", "frame"),
+        ("canopen_control/bus/deep/b.py", "bus"),
+        ("/x/canopen_control/cli/main.py", "cli"),
+    ],
+)
+def test_the_room_of_a_file(path, room):
+    assert room_of(path) == room
+
+
+def test_lines_and_branches_count_and_a_room_without_any_is_left_out():
+    assert covered_by_room(FILES) == {"bus": 70.0, "frame": 95.0}
+
+
+def test_a_room_below_the_least_needs_a_reason():
+    covered = covered_by_room(FILES)
+    text, good = judged(covered, {})
+    assert not good
+    assert "bus             70.0 %  below 90 % WITHOUT A REASON" in text
+    text, good = judged(covered, {"bus": "its cards are in guests"})
+    assert (text, good) == ("bus             70.0 %  its cards are in guests\nframe           95.0 %", True)
+    assert judged(covered, {}, ["frame"]) == ("frame           95.0 %", True)
+
+
+def test_the_exit_code_says_that_a_reason_is_missing(tmp_path, capsys):
+    path = tmp_path / "coverage.json"
+    path.write_text(json.dumps({"files": {"canopen_control/nowhere/a.py": summary(1, 2)}}))
+    assert main([str(path)]) == 1
+    assert main([str(path), "frame", "-x"]) == 0
+    assert "nowhere" in capsys.readouterr().out
+
+
+def test_each_reason_is_of_a_room_that_there_is():
+    import tomllib
+    from pathlib import Path
+
+    root = Path(room_coverage.__file__).parents[1]
+    reasons = tomllib.loads((root / "pyproject.toml").read_text())["tool"]["room_coverage"]["below"]
+    for room in reasons:
+        assert any((root / "canopen_control" / name).exists() for name in (room, f"{room}.py")), room

@@ -1,0 +1,24 @@
+"""What a report says, as scripts read it."""
+
+from canopen_control.rpc.messages.state import EventDetails, RobotEvent
+from canopen_control.rpc.wire import plain
+from canopen_control.trace.report_facts import NothingKnown, Span, event_at
+
+
+def test_a_span_has_the_keys_that_scripts_know():
+    assert plain(Span(1.0, 2.0, None)) == {"from": 1.0, "to": 2.0, "state": None}
+    assert plain(NothingKnown()) == {}
+
+
+def test_an_event_keeps_all_it_says_and_gets_its_time_in_the_recording():
+    event = RobotEvent(
+        time=12.5, kind="emcy", node="left", level="warning", text="t", count=3, since=11.0,
+        details=EventDetails(error_code=0x8130),
+    )  # fmt: skip
+    assert plain(event_at(event, 10.0)) == {**plain(event), "at": 2.5}
+
+
+def test_what_an_event_does_not_say_is_not_in_it():
+    event = RobotEvent(time=9.0, kind="ready", node=None, level="info", text="t")
+    assert plain(event_at(event, 10.0)) == {**plain(event), "at": -1.0}
+    assert "details" not in plain(event_at(event, 10.0))

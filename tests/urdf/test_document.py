@@ -1,0 +1,72 @@
+from __future__ import annotations
+
+import pytest
+
+from canopen_control.errors import RobotConfigError
+from canopen_control.urdf.document import read_document
+
+XACRO = """\
+<robot xmlns:xacro="http://www.ros.org/wiki/xacro" name="r">
+  <xacro:macro name="wheel" params="side">
+    <joint name="${side}_joint" type="continuous"/>
+  </xacro:macro>
+  <joint name="fixed_one" type="fixed"/>
+  <joint name="$(arg prefix)arm"/>
+</robot>
+"""
+
+
+def places(text: str, source: str | None = None) -> dict[str, tuple[int, int]]:
+    root = read_document(text, "r.urdf", source).root
+    return {each.attributes["name"]: each.place for each in root.children}
+
+
+def test_elements_know_their_place_text_and_parameters():
+    root = read_document("<a>\n <b name='x'>\n  hello \n <param name='p'> 1 </param></b></a>", "r.urdf").root
+    (b,) = root.children
+    assert (b.place, b.text, b.parameters(), root.child("b"), root.child("c")) == ((2, 2), "hello", {"p": "1"}, b, None)
+
+
+def test_elements_of_a_xacro_file_are_sought_in_its_source():
+    result = (
+        "<robot name='r'><joint name='left_joint'/><joint name='fixed_one'/><joint name='arm'/><x name='y'/></robot>"
+    )
+    assert places(result, XACRO) == {"left_joint": (3, 5), "fixed_one": (5, 3), "arm": (6, 3), "y": (1, 1)}
+
+
+def test_of_several_of_one_name_each_has_its_own_line():
+    source = "<robot name='r'>\n<joint name='a'/>\n<joint name='a'/>\n</robot>"
+    root = read_document(
+        "<robot name='r'><joint name='a'/><joint name='a'/><joint name='a'/></robot>", "f", source
+    ).root
+    assert [each.place.line for each in root.children] == [2, 3, 3]
+
+
+@pytest.mark.parametrize(
+    ("text", "wanted"),
+    [
+        ("<a>\n<b></a>", r"r\.urdf:2:6: no XML: mismatched tag"),
+        ("", r"r\.urdf:1:1: no XML: no element found"),
+        ("<a b='1' b='2'/>", "duplicate attribute"),
+        ("<a>\ud800</a>", "no XML"),
+    ],
+)
+def test_what_is_no_xml_names_the_place(text, wanted):
+    with pytest.raises(RobotConfigError, match=wanted):
+        read_document(text, "r.urdf")
+
+
+def test_mistakes_are_collected_once_each_in_the_order_of_lines():
+    document = read_document("<a>\n<b x='nan' y='1 2 z'/></a>", "r.urdf")
+    b = document.root.children[0]
+    assert document.number(b, "x", 7.0) == 7.0
+    assert document.number(b, "x", 7.0) == 7.0
+    assert document.vector(b, "y", (0.0, 0.0, 1.0)) == (0.0, 0.0, 1.0)
+    assert document.name(b) == ""
+    with pytest.raises(RobotConfigError) as caught:
+        document.raise_if_any()
+    assert str(caught.value).splitlines() == [
+        "r.urdf:2:1: <b> has no name",
+        "r.urdf:2:1: x='nan' of <b> is no number",
+        "r.urdf:2:1: y='1 2 z' of <b> is no three numbers",
+    ]

@@ -1,0 +1,70 @@
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from canopen_control.urdf.geometry import ORIGIN, Pose, from_yaw, rotate
+from canopen_control.urdf.joint import Joint, Mimic
+from canopen_control.urdf.model import read_model
+
+URDF = """<robot name="r">
+  <link name="a"/><link name="b"/><link name="c"/><link name="d"/><link name="e"/><link name="f"/>
+  <joint name="plain" type="fixed"><parent link="a"/><child link="b"/></joint>
+  <joint name="wheel" type="continuous"><parent link="b"/><child link="c"/>
+    <origin xyz="1 2 3" rpy="0 0 1.5707963267948966"/><axis xyz="0 2 0"/></joint>
+  <joint name="lift" type="prismatic"><parent link="b"/><child link="d"/>
+    <origin xyz="0 0 1" rpy="0 0 1.5707963267948966"/><limit/></joint>
+  <joint name="follower" type="revolute"><parent link="c"/><child link="e"/><axis xyz="0 0 1"/>
+    <mimic joint="wheel" multiplier="-2" offset="0.5"/><limit/></joint>
+  <joint name="free" type="floating"><parent link="a"/><child link="f"/></joint>
+</robot>"""
+
+
+def transform(name, **positions):
+    return read_model(URDF).joints[name].transform(positions)
+
+
+def test_a_fixed_joint_is_its_origin_whatever_moves():
+    made = transform("plain", wheel=1.0)
+    assert made == ("a", "b", ((0, 0, 0), (1, 0, 0, 0)))
+
+
+def test_a_wheel_turns_about_its_axis_after_its_origin():
+    made = transform("wheel", wheel=math.pi / 2)
+    assert made.pose.position == (1.0, 2.0, 3.0)
+    # the axis y of the joint is -x of the parent: what pointed along the joint's x points down
+    assert rotate(made.pose.rotation, (1.0, 0.0, 0.0)) == pytest.approx((0, 0, -1), abs=1e-9)
+    assert rotate(made.pose.rotation, (0.0, 1.0, 0.0)) == pytest.approx((-1, 0, 0), abs=1e-9)
+
+
+def test_a_lift_shifts_along_its_axis_in_its_own_frame():
+    made = transform("lift", lift=0.5)
+    assert made.pose.position == pytest.approx((0.0, 0.5, 1.0))
+    assert made.pose.rotation == pytest.approx(from_yaw(math.pi / 2))
+
+
+def test_a_mimic_joint_follows():
+    assert transform("follower", wheel=0.25).pose.rotation == pytest.approx((1, 0, 0, 0))
+    assert transform("follower", wheel=-0.25).pose.rotation == pytest.approx((math.cos(0.5), 0, 0, math.sin(0.5)))
+
+
+@pytest.mark.parametrize("name", ["wheel", "lift", "follower", "free"])
+def test_a_joint_whose_position_is_not_known_has_no_transform(name):
+    assert transform(name) is None
+
+
+def test_where_a_joint_is_nobody_knows_before_it_or_whom_it_mimics_has_a_position():
+    follower = Joint("f", "revolute", "a", "b", mimic=Mimic("l", -2.0, 1.0))
+    assert follower.position_in({"l": 0.25, "f": 9.0}) == 0.5
+    assert math.isnan(follower.position_in({"l": None}))
+    assert math.isnan(Joint("l", "continuous", "a", "b").position_in({}))
+
+
+def test_a_wheel_turns_and_a_slide_slides_whatever_the_length_of_the_axis():
+    wheel = Joint("w", "continuous", "a", "b", Pose((0, 0, 1)), (0, 2, 0))
+    assert wheel.pose(math.pi).position == (0, 0, 1)
+    assert wheel.pose(math.pi).rotation == pytest.approx((0, 0, 1, 0), abs=1e-12)
+    slide = Joint("s", "prismatic", "a", "b", Pose((1, 0, 0)), (0, 0, 2))
+    assert slide.pose(0.4).position == pytest.approx((1, 0, 0.4))
+    assert Joint("f", "fixed", "a", "b").pose(3.0) == ORIGIN

@@ -1,0 +1,67 @@
+import msgspec
+import pytest
+
+pytest.importorskip("nicegui", reason="NiceGUI is not installed: pip install canopen-control[view]")
+
+from support.pages import Desk, drive_state, html, seen, settle, state, visited
+
+from canopen_control.rpc.messages.robot import AxisRequest, Release
+from canopen_control.view.panels.banner import BannerPanel
+
+
+def shown(new=None, lost="", press=False, refusal=None):
+    """Return the HTML, the labels of the buttons that are there, and what the robot was asked for."""
+    from nicegui import ui
+
+    desk = Desk()
+    desk.refusal = refusal
+
+    async def act(user, panel):
+        panel.show(desk.picture(new, lost))
+        labels = [button.text for button in seen(ui.button)]
+        if press:
+            user.find(kind=ui.button, content=labels[0]).click()
+            await settle(lambda: desk.asked, 100)
+            if refusal:
+                await user.should_see(refusal)
+        return html(user), labels, desk.asked
+
+    return visited(lambda: BannerPanel(desk), act)
+
+
+def test_a_robot_that_runs_says_so_and_nothing_is_to_be_done():
+    text, labels, _ = shown()
+    assert "running" in text
+    assert "cycle 20 ms" in text
+    assert labels == []
+
+
+def test_a_latched_stop_has_its_way_out():
+    text, labels, asked = shown(state(latched=True, latched_by="view"), press=True)
+    assert "STOP is latched" in text
+    assert labels == ["Release STOP"]
+    assert asked == [Release(source="view")]
+
+
+def test_drives_that_are_off_are_enabled_from_here():
+    _, labels, asked = shown(drive_state({"cia402_state": "SWITCH_ON_DISABLED"}), press=True)
+    assert labels == ["Enable"]
+    assert asked == [AxisRequest(action="enable", node="all")]
+
+
+def test_a_fault_says_its_cause_and_is_reset_from_here():
+    new = drive_state({"cia402_state": "FAULT", "error": "too hot"})
+    text, labels, _ = shown(msgspec.structs.replace(new, state="fault"))
+    assert "left_drive: too hot" in text
+    assert labels == ["Reset fault"]
+
+
+def test_a_lost_robot_leaves_nothing_to_press():
+    text, labels, _ = shown(state(latched=True), lost="it has died")
+    assert "not connected" in text
+    assert "it has died" in text
+    assert labels == []
+
+
+def test_what_the_robot_refuses_is_told():
+    shown(state(latched=True), press=True, refusal="somebody else has latched it")

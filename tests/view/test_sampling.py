@@ -1,0 +1,57 @@
+import pytest
+from support.pages import state
+from support.samples import controllers_of
+
+from canopen_control.view.sampling import Sampler, charts, commanded_interfaces, names, titles
+
+
+def sample(time=100.0, count=10, **joint):
+    wheel = {"position": 1.0, "velocity": 2.0, "effort": None, "command": 3.0} | joint
+    return state(time=time, cycle={"count": count, "work_s": 0.0005}, joints={"wheel": wheel}, load={"can": 0.02})
+
+
+def test_the_commanded_interface_is_that_of_the_active_controller():
+    told = [
+        {"name": "idle", "state": "inactive", "claimed_interfaces": ["wheel/effort"]},
+        {"name": "base", "state": "active", "claimed_interfaces": ["wheel/velocity", "gripper/position"]},
+        {"name": "outputs", "state": "active", "claimed_interfaces": ["io/digital_outputs"]},
+    ]
+    assert commanded_interfaces(controllers_of(told)) == {"wheel": "velocity", "gripper": "position"}
+
+
+def test_command_actual_error_work_and_load_of_a_sample():
+    values = Sampler().take(sample(), {"wheel": "velocity"})
+    assert values["wheel command"] == 3.0
+    assert values["wheel actual"] == 2.0
+    assert values["wheel error"] == 1.0
+    assert (values["work"], values["load can"], values["cycle"]) == (0.5, 2.0, None)
+    assert Sampler().take(sample(), {"wheel": "position"})["wheel error"] == 2.0
+
+
+def test_where_nobody_commands_the_hardware_holds():
+    values = Sampler().take(sample(command=None), {"wheel": "velocity"})
+    assert (values["wheel command"], values["wheel error"]) == (0.0, -2.0)
+    values = Sampler().take(sample(command=None), {"wheel": "position"})
+    assert (values["wheel command"], values["wheel error"]) == (1.0, 0.0)
+    assert Sampler().take(sample(velocity=None), {})["wheel actual"] is None
+
+
+def test_the_cycle_time_is_what_passed_between_samples_per_cycle():
+    sampler = Sampler()
+    sampler.take(sample(100.0, 10), {})
+    assert sampler.take(sample(100.1, 15), {})["cycle"] == pytest.approx(20.0)
+    assert sampler.take(sample(100.2, 15), {})["cycle"] is None
+    assert sampler.take(sample(100.3, 2), {})["cycle"] is None  # another run of the robot
+
+
+def test_titles_say_what_is_plotted_and_in_which_unit():
+    assert titles({"wheel": "velocity", "slide": "position"}, frozenset({"slide"})) == {
+        "wheel": "wheel velocity, rad/s", "slide": "slide position, m", "error": "Following error, m and rad/s",
+    }  # fmt: skip
+
+
+def test_no_chart_has_a_line_that_is_not_sampled_and_many_joints_are_cut():
+    joints = [f"j{number}" for number in range(30)]
+    rows = set(names(joints, ["can"]))
+    assert {line.row for chart in charts(joints, ["can"]) for line in chart.lines} <= rows
+    assert len(charts(joints, [])) == 12 + 3

@@ -1,0 +1,237 @@
+"""Every fault of the device is seen on the wire, and the drive is healthy again after it is switched off."""
+
+from __future__ import annotations
+
+import struct
+
+import pytest
+from support.faulty import Faulty, bench, fault
+from support.virtualbench import tmcm
+
+from canopen_control.cia301.nmt import NmtCommand
+
+
+@pytest.mark.parametrize(
+    ("name", "code"),
+    [
+        (fault("drive_fault"), 0x4310),
+        (fault("short_circuit"), 0x2320),
+        (fault("undervoltage"), 0x3220),
+        (fault("following_error"), 0x8611),
+    ],
+)
+def test_a_fault_whose_cause_lasts(name, code):
+    b = bench().enable(3)
+    b.seen.clear()
+    b.set(name)
+    b.on(0.1)
+    assert b.state == "FAULT"
+    assert [frame.data[:2] for _, frame in b.seen if frame.can_id == 0x085] == [struct.pack("<H", code)]
+    b.control(0x80)
+    assert b.state == "FAULT"
+    b.set(name, False)
+    b.control(0)
+    b.control(0x80)
+    assert b.state == "SWITCH_ON_DISABLED"
+    b.enable(3)
+    assert b.state == "OPERATION_ENABLED"
+
+
+def test_a_fault_that_needs_a_reset_of_the_communication():
+    b = bench().enable(3)
+    b.set(fault("fault_needs_reset"))
+    b.on(0.1)
+    for word in (0x80, 0, 0x80, 0):
+        b.control(word)
+    assert b.state == "FAULT"
+    b.nmt(NmtCommand.RESET_COMMUNICATION)
+    b.on(0.1)
+    b.control(0x80)
+    assert b.state == "SWITCH_ON_DISABLED"
+
+
+def test_a_fault_on_enable_and_a_reset_that_is_not_heard():
+    b = bench()
+    b.set(fault("fault_on_enable"))
+    b.enable(3)
+    b.on(0.1)
+    assert (b.state, b.number(0x603F)) == ("FAULT", 0x5441)
+    b.set("fault_on_enable", False)
+    b.set(fault("fault_reset_ignored"))
+    b.control(0x80)
+    assert b.state == "FAULT"
+    b.set("fault_reset_ignored", False)
+    b.control(0)
+    b.control(0x80)
+    b.enable(3)
+    assert b.state == "OPERATION_ENABLED"
+
+
+def test_slow_transitions():
+    b = bench()
+    b.start()
+    b.set(fault("transition_slow"))
+    b.control(6)
+    b.on(1.9)
+    assert b.state == "SWITCH_ON_DISABLED"
+    b.on(0.2)
+    assert b.state == "READY_TO_SWITCH_ON"
+    b.control(0x0F)  # held: 3, then 4
+    b.on(4.1)
+    assert b.state == "OPERATION_ENABLED"
+    b.set("transition_slow", False)
+    b.control(7)
+    b.on(0)
+    assert b.state == "SWITCHED_ON"
+
+
+def test_the_power_stage_off():
+    b = bench().enable(3)
+    b.set(fault("power_stage_off"))
+    assert b.state == "SWITCH_ON_DISABLED"
+    assert not b.statusword & 0x10
+    b.set("power_stage_off", False)
+    b.enable(3)
+    assert b.statusword & 0x7F == 0x37
+
+
+@pytest.mark.parametrize(
+    ("name", "mask", "faulty"),
+    [
+        (fault("undefined_statusword"), 0xFFFF, 0x0001),
+        (fault("local_control"), 0x0200, 0),
+        (fault("warning"), 0x0080, 0x0080),
+        (fault("pp_ack_stuck"), 0x1000, 0x1000),
+        (fault("target_reached_stale"), 0x0400, 0x0400),
+        (fault("pp_ack_missing"), 0x1000, 0),
+    ],
+)
+def test_bits_of_the_statusword(name, mask, faulty):
+    b = bench().enable(1)
+    b.write(0x607A, 5000)
+    if name != "pp_ack_stuck":
+        b.control(0x1F)
+    b.on(0.1)
+    healthy = b.number(0x6041) & mask
+    assert healthy != faulty
+    b.set(name)
+    assert b.number(0x6041) & mask == faulty
+    b.set(name, False)
+    assert b.number(0x6041) & mask == healthy
+
+
+def test_the_mode_display():
+    b = bench()
+    b.write(0x6060, 1)
+    b.set(fault("mode_display_stuck"))
+    b.write(0x6060, 3)
+    b.on(10)
+    assert b.number(0x6061) == 1
+    b.set("mode_display_stuck", False)
+    b.write(0x6060, 3)
+    assert b.number(0x6061) == 3
+    b.set(fault("mode_display_late"))
+    b.write(0x6060, 8)
+    b.on(0.19)
+    assert b.number(0x6061) == 3
+    b.on(0.02)
+    assert b.number(0x6061) == 8
+    b.set("mode_display_late", False)
+    b.write(0x6060, 3)
+    assert b.number(0x6061) == 3
+
+
+def test_positions():
+    b = bench()
+    b.set(fault("hand_moved"))
+    assert b.position == 500
+    b.set(fault("position_jump"))
+    assert b.position == 1_000_500
+    b.set(fault("position_wrap"))
+    assert b.position == 0x7FFFFFFF - 1000
+    b.enable(3)
+    b.write(0x60FF, 10_000)
+    b.on(1.5)
+    assert b.position < 0
+    b.set(fault("direction_inverted"))
+    assert b.velocity == -10_000
+    b.set("direction_inverted", False)
+    assert b.velocity == 10_000
+
+
+def test_a_limit_switch():
+    b = bench().enable(3)
+    b.write(0x60FF, 1000)
+    b.on(1)
+    b.set(fault("limit_switch"))
+    b.on(1)
+    assert b.velocity == 0
+    assert b.statusword & 0x0800
+    assert b.number(0x60FD) & 2
+    b.write(0x60FF, 2000)
+    b.on(1)
+    assert b.velocity == 0
+    b.write(0x60FF, -1000)
+    b.on(1)
+    assert b.velocity == -1000
+    b.set("limit_switch", False)
+    b.write(0x60FF, 1000)
+    b.on(2)
+    assert b.velocity == 1000
+
+
+def test_the_tmcm_1270_reports_its_limit_switch_unless_its_switches_are_disabled():
+    b = Faulty(tmcm())
+    for index in (0x6083, 0x6085):
+        b.write(index, 16000)
+    b.enable(3)
+    b.write(0x60FF, 1000)
+    b.on(1)
+    b.seen.clear()
+    b.set("limit_switch")
+    b.on(1)
+    assert [frame.data[:4].hex() for _, frame in b.seen if frame.can_id == 0x083] == ["01ff8103", "00000000"]
+    b.write(0x2005, 3)
+    b.write(0x60FF, 900)
+    b.on(1)
+    assert b.velocity == 900
+
+
+def test_homing_that_fails_and_homing_without_end():
+    b = bench(x6098=17).enable(6)
+    b.set(fault("homing_fails"))
+    b.control(0x1F)
+    b.on(1)
+    assert b.statusword & 0x3400 == 0x2400
+    b.set("homing_fails", False)
+    b.control(0x0F)
+    b.set(fault("homing_endless"))
+    b.control(0x1F)
+    b.on(600)
+    assert b.statusword & 0x3400 == 0
+    b.set("homing_endless", False)
+    b.control(0x0F)
+    b.on(10)
+    b.control(0x1F)
+    b.on(10_000)  # from far beyond the switch, slowly
+    assert b.statusword & 0x3400 == 0x1400
+
+
+@pytest.mark.parametrize(("name", "sub"), [(fault("wrong_identity"), 2), (fault("wrong_revision"), 3)])
+def test_the_identity(name, sub):
+    b = bench()
+    healthy = b.number(0x1018, sub)
+    b.set(name)
+    assert b.number(0x1018, sub) == healthy + 1
+    b.set(name, False)
+    assert b.number(0x1018, sub) == healthy
+
+
+def test_a_clamped_parameter():
+    b = bench()
+    b.set(fault("parameter_clamped"))
+    b.write(0x6083, 5000)
+    assert b.number(0x6083) == 1000
+    b.set("parameter_clamped", False)
+    b.write(0x6083, 5000)
+    assert b.number(0x6083) == 5000

@@ -1,0 +1,132 @@
+from __future__ import annotations
+
+import pytest
+from support.virtualbench import T, entry
+
+from canopen_control.cia301.sdo_server import SdoServerAbort
+from canopen_control.od.model import ObjectDictionary
+from canopen_control.virtual.object_store import ObjectStore
+
+
+def store():
+    od = ObjectDictionary()
+    for row in (
+        entry(0x2000, 0, T.UNSIGNED8, 3, low=1, high=8),
+        entry(0x2001, 0, T.UNSIGNED16, 7, "ro"),
+        entry(0x2002, 0, T.UNSIGNED32, None, "wo"),
+        entry(0x2003, 0, T.VISIBLE_STRING, "abc"),
+        entry(0x2004, 1, T.INTEGER32, -5),
+        entry(0x2005, 0, T.REAL32, 1.5, high=2.0),
+        entry(0x2006, 0, T.DOMAIN),
+        entry(0x1017, 0, T.UNSIGNED16, 0),
+    ):
+        od.add(row)
+    return ObjectStore(od)
+
+
+def abort(action, *arguments):
+    with pytest.raises(SdoServerAbort) as caught:
+        action(*arguments)
+    return caught.value.code
+
+
+def test_it_starts_with_the_defaults_of_the_file():
+    values = store()
+    assert [values.get(0x2000), values.get(0x2003), values.get(0x2004, 1), values.get(0x2002)] == [3, "abc", -5, 0]
+    assert values.upload(0x2004, 1) == b"\xfb\xff\xff\xff"
+
+
+@pytest.mark.parametrize(
+    ("index", "sub", "data", "code"),
+    [
+        (0x3000, 0, b"\0", 0x06020000),  # no object
+        (0x2000, 1, b"\0", 0x06090011),  # no subindex
+        (0x2001, 0, b"\0\0", 0x06010002),  # read only
+        (0x2000, 0, b"\x09", 0x06090031),  # too high
+        (0x2000, 0, b"\x00", 0x06090032),  # too low
+        (0x2000, 0, b"\0\0", 0x06070012),  # too long
+        (0x2004, 1, b"\0\0", 0x06070013),  # too short
+        (0x2005, 0, b"\0\0\x40\x40", 0x06090031),  # 3.0
+    ],
+)
+def test_a_write_against_the_rules_has_its_abort_code_and_changes_nothing(index, sub, data, code):
+    values = store()
+    before = dict(values.values)
+    assert abort(values.download, index, sub, data) == code
+    assert values.values == before
+
+
+def test_reading_has_its_rules_too():
+    values = store()
+    assert abort(values.upload, 0x2002, 0) == 0x06010001
+    assert abort(values.upload, 0x3000, 0) == 0x06020000
+    assert abort(values.upload, 0x2004, 9) == 0x06090011
+
+
+def test_strings_and_domains_may_have_any_length():
+    values = store()
+    values.download(0x2003, 0, b"a longer one")
+    values.download(0x2006, 0, bytes(100))
+    assert (values.get(0x2003), values.get(0x2006)) == ("a longer one", bytes(100))
+    assert (values.size_of(0x2003, 0), values.size_of(0x2004, 1), values.size_of(0x3000, 0)) == (None, 4, None)
+
+
+def test_sources_guards_and_watchers_have_their_say():
+    values, heard = store(), []
+    values.on_read(0x2001, 0, lambda: 99)
+    values.guard([0x2000], lambda entry, value: value + 1)
+    values.on_write([0x2000], lambda entry, value: heard.append((entry.index, value)))
+    values.download(0x2000, 0, b"\x04")
+    assert (values.get(0x2000), heard, values.upload(0x2001, 0)) == (5, [(0x2000, 5)], b"\x63\0")
+
+    def refuse(entry, value):
+        raise SdoServerAbort(0x08000022)
+
+    values.guard([0x2000], refuse)
+    assert abort(values.download, 0x2000, 0, b"\x04") == 0x08000022
+    assert values.get(0x2000) == 5
+
+
+def test_hooks_on_what_is_not_there_do_nothing():
+    values = store()
+    values.on_read(0x3000, 0, lambda: 1)
+    values.set(0x3000, 0, 1)
+    values.preset(0x3000, 0, 1)
+    assert not values.has(0x3000)
+    assert values.number(0x3000, default=7) == 7
+    assert values.number(0x2003, default=7) == 7  # a string is no number
+
+
+def test_a_reset_restores_the_power_on_values_of_its_range():
+    values = store()
+    values.download(0x2000, 0, b"\x05")
+    values.download(0x1017, 0, b"\x64\0")
+    values.defaults(0x1000, 0x1FFF)
+    assert (values.get(0x2000), values.get(0x1017)) == (5, 0)
+    values.defaults()
+    assert values.get(0x2000) == 3
+
+
+def test_what_is_kept_survives_a_reset_until_it_is_forgotten():
+    values = store()
+    values.preset(0x2001, 0, 42)
+    values.download(0x2000, 0, b"\x05")
+    values.keep([(0x2000, 0)])
+    values.defaults()
+    assert (values.get(0x2000), values.get(0x2001)) == (5, 42)
+    values.forget([(0x2000, 0), (0x2001, 0)])
+    values.defaults()
+    assert (values.get(0x2000), values.get(0x2001)) == (3, 42)
+
+
+def test_a_ceiling_takes_less_without_a_word():
+    values = store()
+    values.ceilings.break_with({0x2000: 4})
+    values.download(0x2000, 0, b"\x07")
+    assert values.get(0x2000) == 4
+
+
+def test_a_source_whose_value_does_not_fit_is_a_general_error():
+    values = store()
+    values.on_read(0x2001, 0, lambda: 1 << 20)
+    assert abort(values.upload, 0x2001, 0) == 0x08000000

@@ -1,0 +1,346 @@
+from __future__ import annotations
+
+import pytest
+from support.virtualbench import MS, Bench, S, ready_tmcm, servo, tmcm
+
+from canopen_control.cia301.nmt import NmtCommand
+from canopen_control.cia402.state import State, decode_statusword
+from canopen_control.virtual.node_events import DriveStateChanged
+
+
+def states(bench):
+    return [event.state.name for event in bench.events if isinstance(event, DriveStateChanged)]
+
+
+def test_it_starts_in_switch_on_disabled_with_voltage_and_remote():
+    bench = Bench(servo())
+    assert bench.state == "SWITCH_ON_DISABLED"
+    assert bench.number(0x6041) & 0x0210 == 0x0210
+    assert decode_statusword(bench.number(0x6041)) is State.SWITCH_ON_DISABLED
+
+
+UP = {"SWITCH_ON_DISABLED": [], "READY_TO_SWITCH_ON": [6], "SWITCHED_ON": [6, 7], "OPERATION_ENABLED": [6, 7, 15]}
+
+
+@pytest.mark.parametrize(
+    ("start", "word", "end"),
+    [
+        ("SWITCH_ON_DISABLED", 0x06, "READY_TO_SWITCH_ON"),  # 2
+        ("READY_TO_SWITCH_ON", 0x07, "SWITCHED_ON"),  # 3
+        ("SWITCHED_ON", 0x0F, "OPERATION_ENABLED"),  # 4
+        ("OPERATION_ENABLED", 0x07, "SWITCHED_ON"),  # 5
+        ("SWITCHED_ON", 0x06, "READY_TO_SWITCH_ON"),  # 6
+        ("READY_TO_SWITCH_ON", 0x00, "SWITCH_ON_DISABLED"),  # 7
+        ("READY_TO_SWITCH_ON", 0x02, "SWITCH_ON_DISABLED"),  # 7
+        ("OPERATION_ENABLED", 0x06, "READY_TO_SWITCH_ON"),  # 8
+        ("OPERATION_ENABLED", 0x00, "SWITCH_ON_DISABLED"),  # 9
+        ("SWITCHED_ON", 0x00, "SWITCH_ON_DISABLED"),  # 10
+        ("SWITCHED_ON", 0x02, "SWITCH_ON_DISABLED"),  # 10
+        ("OPERATION_ENABLED", 0x02, "SWITCH_ON_DISABLED"),  # 11, and 12 by itself
+        ("READY_TO_SWITCH_ON", 0x0F, "OPERATION_ENABLED"),  # 3 and 4 in one write
+        ("SWITCH_ON_DISABLED", 0x0F, "SWITCH_ON_DISABLED"),  # needs 0x06 first
+        ("SWITCH_ON_DISABLED", 0x07, "SWITCH_ON_DISABLED"),
+        ("SWITCHED_ON", 0x80, "SWITCHED_ON"),  # a fault reset without a fault
+    ],
+)
+def test_the_controlword_moves_the_states_as_the_table_says(start, word, end):
+    bench = Bench(servo())
+    bench.start()
+    for step in UP[start]:
+        bench.control(step)
+    assert bench.state == start
+    bench.control(word)
+    bench.on(0.1)
+    assert bench.state == end
+
+
+def test_a_held_enable_does_not_lead_out_of_switch_on_disabled():
+    bench = Bench(servo())
+    bench.start()
+    bench.control(0x0F)
+    bench.on(1)
+    bench.control(0x0F)
+    assert bench.state == "SWITCH_ON_DISABLED"
+
+
+def test_operation_is_enabled_only_while_the_node_is_operational():
+    bench = Bench(servo())
+    for word in (6, 7, 15):
+        bench.control(word)
+    assert bench.state == "SWITCHED_ON"
+    bench.start()
+    assert bench.state == "SWITCHED_ON"  # going OPERATIONAL enables nothing by itself
+    bench.control(15)
+    assert bench.state == "OPERATION_ENABLED"
+
+
+def spinning(**changed):
+    bench = Bench(servo(**changed)).enable(3)
+    bench.write(0x60FF, 1000)
+    bench.on(1)
+    assert bench.velocity == 1000
+    return bench
+
+
+def seconds_to_stop(bench):
+    start = bench.now
+    while abs(bench.velocity) > 0:
+        bench.on(0.001)
+    return (bench.now - start) / S
+
+
+@pytest.mark.parametrize(
+    ("code", "seconds", "end"),
+    [
+        (0, 0.0, "SWITCH_ON_DISABLED"),
+        (1, 0.2, "SWITCH_ON_DISABLED"),
+        (2, 0.05, "SWITCH_ON_DISABLED"),
+        (3, 0.0, "SWITCH_ON_DISABLED"),
+        (5, 0.2, "QUICK_STOP_ACTIVE"),
+        (6, 0.05, "QUICK_STOP_ACTIVE"),
+        (7, 0.0, "QUICK_STOP_ACTIVE"),
+    ],
+)
+def test_a_quick_stop_takes_the_ramp_and_the_state_of_its_option_code(code, seconds, end):
+    bench = spinning(x605A=code)
+    bench.control(0x02)
+    if seconds:
+        assert bench.state == "QUICK_STOP_ACTIVE"
+    assert seconds_to_stop(bench) == pytest.approx(seconds, abs=0.0021)
+    assert bench.state == end
+
+
+def test_a_quick_stop_that_stays_can_be_enabled_again_and_one_that_leaves_cannot():
+    bench = spinning(x605A=6)
+    bench.control(0x02)
+    bench.on(1)
+    bench.control(0x0F)
+    assert bench.state == "OPERATION_ENABLED"
+    bench.on(1)
+    assert bench.velocity == 1000
+    bench.write(0x605A, 2)
+    bench.control(0x02)
+    bench.on(0.01)
+    bench.control(0x0F)
+    assert bench.state == "QUICK_STOP_ACTIVE"
+
+
+@pytest.mark.parametrize(
+    ("changed", "word", "seconds", "end"),
+    [
+        ({"x605B": 0}, 0x06, 0.0, "READY_TO_SWITCH_ON"),
+        ({"x605B": 1}, 0x06, 0.2, "READY_TO_SWITCH_ON"),
+        ({"x605C": 0}, 0x07, 0.0, "SWITCHED_ON"),
+        ({"x605C": 1}, 0x07, 0.2, "SWITCHED_ON"),
+        ({}, 0x00, 0.0, "SWITCH_ON_DISABLED"),
+    ],
+)
+def test_leaving_operation_follows_its_option_code(changed, word, seconds, end):
+    bench = spinning(**changed)
+    bench.control(word)
+    assert bench.state == ("OPERATION_ENABLED" if seconds else end)
+    assert seconds_to_stop(bench) == pytest.approx(seconds, abs=0.0021)
+    bench.on(0.002)
+    assert bench.state == end
+
+
+def test_enabling_again_on_the_ramp_down_goes_on():
+    bench = spinning()
+    bench.control(0x07)
+    bench.on(0.1)
+    assert bench.velocity == 500
+    bench.control(0x0F)
+    bench.on(1)
+    assert (bench.state, bench.velocity) == ("OPERATION_ENABLED", 1000)
+
+
+@pytest.mark.parametrize(("code", "seconds"), [(1, 0.2), (2, 0.05), (3, 0.0)])
+def test_halt_stops_within_operation_and_ends_with_its_bit(code, seconds):
+    bench = spinning(x605D=code)
+    bench.control(0x010F)
+    assert seconds_to_stop(bench) == pytest.approx(seconds, abs=0.0021)
+    assert bench.state == "OPERATION_ENABLED"
+    assert bench.statusword & 0x0400
+    bench.control(0x0F)
+    bench.on(1)
+    assert bench.velocity == 1000
+
+
+def test_an_enable_with_halt_does_not_move():
+    bench = Bench(servo())
+    bench.start()
+    bench.write(0x6060, 3)
+    bench.write(0x60FF, 1000)
+    for word in (6, 7, 0x010F):
+        bench.control(word)
+    bench.on(1)
+    assert (bench.state, bench.velocity, bench.position) == ("OPERATION_ENABLED", 0, 0)
+    bench.control(0x0F)
+    bench.on(1)
+    assert bench.velocity == 1000
+
+
+@pytest.mark.parametrize(("code", "seconds"), [(0, 0.0), (1, 0.2), (2, 0.05), (3, 0.0)])
+def test_a_fault_stops_as_its_option_code_says_and_then_shows_fault(code, seconds):
+    bench = spinning(x605E=code)
+    bench.drive.fault(0x4310, bench.now, register=8)
+    bench.collect()
+    assert bench.state == ("FAULT_REACTION_ACTIVE" if seconds else "FAULT")
+    assert seconds_to_stop(bench) == pytest.approx(seconds, abs=0.0021)
+    bench.on(0.002)
+    assert bench.state == "FAULT"
+    assert bench.number(0x603F) == 0x4310
+    assert bench.number(0x1001) == 0x09
+    emcy = [frame for _, frame in bench.seen if frame.can_id == 0x085]
+    assert [frame.data[:3].hex() for frame in emcy] == ["104309"]
+
+
+def test_a_fault_is_reset_by_the_edge_and_only_when_its_cause_is_gone():
+    bench = Bench(servo()).enable(3)
+    bench.drive.power.causes.add(0x4310)
+    bench.drive.fault(0x4310, bench.now, register=8)
+    bench.control(0x80)
+    assert bench.state == "FAULT"
+    bench.drive.power.causes.clear()
+    bench.control(0x80)  # the level is no edge
+    assert bench.state == "FAULT"
+    bench.control(0x00)
+    bench.control(0x8F)  # the edge, with an enable behind it that does not count
+    assert bench.state == "SWITCH_ON_DISABLED"
+    bench.on(1)
+    assert bench.state == "SWITCH_ON_DISABLED"
+    assert bench.number(0x603F) == 0
+    assert bench.number(0x1001) == 0
+    assert bench.seen[-4:]
+    assert any(frame.can_id == 0x085 and frame.data == bytes(8) for _, frame in bench.seen)
+
+
+def test_losing_the_supply_falls_to_switch_on_disabled_without_a_fault():
+    bench = spinning()
+    bench.drive.power.lose_voltage(bench.now)
+    bench.on(0)
+    assert bench.state == "SWITCH_ON_DISABLED"
+    assert not bench.statusword & 0x10
+    for word in (6, 7, 15):
+        bench.control(word)
+    assert bench.state == "SWITCHED_ON"  # no power, no operation
+    bench.drive.power.voltage.heal()
+    bench.control(15)
+    assert bench.state == "OPERATION_ENABLED"
+
+
+@pytest.mark.parametrize(
+    ("option", "end", "moves"),
+    [
+        (0, "OPERATION_ENABLED", True),
+        (1, "FAULT", False),
+        (2, "SWITCH_ON_DISABLED", False),
+        (3, "SWITCH_ON_DISABLED", False),
+    ],
+)
+def test_a_lost_connection_does_what_0x6007_says(option, end, moves):
+    bench = spinning(x6007=option)
+    bench.drive.connection_lost(bench.now)
+    bench.on(0.5)
+    assert bench.state == end
+    assert (bench.drive.mover.plant.velocity != 0) == moves
+
+
+@pytest.mark.parametrize("command", [NmtCommand.STOP, NmtCommand.RESET_COMMUNICATION])
+def test_nmt_stopped_and_a_reset_of_communication_in_operation_are_a_fault(command):
+    bench = spinning()
+    bench.nmt(command)
+    assert bench.state == "FAULT_REACTION_ACTIVE"
+    bench.on(0.06)
+    assert bench.state == "FAULT"
+
+
+def test_enter_pre_operational_lets_the_motor_turn_but_takes_no_set_points():
+    bench = spinning()
+    bench.nmt(NmtCommand.ENTER_PRE_OPERATIONAL)
+    bench.write(0x60FF, -1000)
+    bench.on(1)
+    assert bench.velocity == 1000
+    bench.control(0x0B)  # a quick stop does count
+    bench.on(1)
+    assert (bench.velocity, bench.state) == (0, "SWITCH_ON_DISABLED")
+
+
+def test_a_reset_of_the_node_takes_the_power_away_and_counts_from_zero():
+    bench = spinning()
+    assert bench.position > 900
+    bench.nmt(NmtCommand.RESET_NODE)
+    bench.on(0.1)
+    assert (bench.state, bench.position, bench.velocity) == ("SWITCH_ON_DISABLED", 0, 0)
+    assert bench.number(0x60FF) == 0
+
+
+def test_the_mode_display_follows_at_once_and_unlisted_modes_are_refused():
+    bench = Bench(servo(x6502=0xA5))
+    for mode in (1, 3, 6, 8, 0):
+        bench.write(0x6060, mode)
+        assert bench.number(0x6061, signed=True) == mode
+    for mode in (2, 4, 7, 9, 10, 5, -1):
+        assert bench.abort_of(0x6060, mode) == 0x06090030
+        assert bench.number(0x6061, signed=True) == 0
+
+
+def test_without_0x6502_every_mode_is_taken():
+    bench = Bench(servo(without=(0x6502,)))
+    assert all(bench.abort_of(0x6060, mode) is None for mode in (1, 2, 3, 4, 6, 7, 8, 9, 10))
+
+
+@pytest.mark.parametrize("mode", [1, 2, 3, 4, 6, 7, 8, 9, 10])
+def test_operation_is_reached_in_every_mode_and_nothing_moves_by_itself(mode):
+    bench = Bench(servo()).enable(mode)
+    bench.on(1)
+    assert bench.state == "OPERATION_ENABLED"
+    assert (bench.position, bench.velocity) == (0, 0)
+
+
+def test_a_change_of_mode_in_operation_takes_the_motor_along_its_ramp():
+    bench = spinning()
+    bench.write(0x6060, 1)
+    bench.on(0.1)
+    assert bench.velocity == 500
+    bench.on(0.2)
+    assert (bench.velocity, bench.number(0x6061)) == (0, 1)
+
+
+def test_reserved_option_codes_are_refused():
+    bench = Bench(servo())
+    assert bench.abort_of(0x605A, 9) == 0x06090030
+    assert bench.abort_of(0x605A, -1) is None  # the manufacturer's
+
+
+def test_axes_of_one_device_do_not_know_each_other():
+    bench = Bench(servo(axes=2))
+    bench.enable(3, axis=1)
+    bench.write(0x68FF, 1000)
+    bench.on(1)
+    assert [drive.state.name for drive in bench.node.drives.values()] == ["SWITCH_ON_DISABLED", "OPERATION_ENABLED"]
+    assert bench.number(0x686C, signed=True) == 1000
+    assert bench.number(0x606C, signed=True) == 0
+
+
+def test_an_idle_drive_has_no_deadline_and_an_enabled_one_that_stands_neither():
+    bench = Bench(tmcm())
+    assert bench.node.next_deadline() is None
+    bench.enable(3)
+    assert bench.node.next_deadline() is None
+
+
+def test_the_result_does_not_depend_on_how_often_it_is_looked_at():
+    seldom, often = ready_tmcm(), ready_tmcm()
+    for bench in (seldom, often):
+        bench.write(0x60FF, 2546)
+    seldom.node.tick(seldom.now + S)
+    for step in range(1, 1000):
+        often.node.tick(often.now + step * MS)
+    often.node.tick(often.now + S)
+    assert often.drive.mover.plant.position == pytest.approx(seldom.drive.mover.plant.position, abs=1e-6)
+
+
+def test_state_changes_are_told():
+    bench = Bench(servo()).enable(3)
+    assert states(bench) == ["SWITCH_ON_DISABLED", "READY_TO_SWITCH_ON", "SWITCHED_ON", "OPERATION_ENABLED"]

@@ -1,0 +1,372 @@
+from __future__ import annotations
+
+import itertools
+import struct
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from support.virtualbench import MS, Bench, S, T, entry, ready_tmcm, servo, servo_od, tmcm
+
+from canopen_control.cia301.nmt import NmtCommand, NmtState
+from canopen_control.cia402.state import State, decode_statusword
+from canopen_control.frame import REMOTE_FLAG, CanFrame
+from canopen_control.od.model import ObjectDictionary
+from canopen_control.virtual.device import make_device
+from canopen_control.virtual.node_events import HeartbeatMissed
+
+
+def texts(frames):
+    return [str(frame) for frame in frames]
+
+
+def test_it_boots_with_the_boot_up_message_into_pre_operational():
+    bench = Bench(tmcm())
+    assert texts(frame for _, frame in bench.seen) == ["703#00"]
+    assert bench.node.nmt.state is NmtState.PRE_OPERATIONAL
+
+
+def test_it_identifies_itself_with_its_node_id_as_serial_number():
+    bench = Bench(tmcm(7))
+    assert [bench.number(0x1018, sub) for sub in (1, 2, 3, 4)] == [0x286, 0x4F6, 0x0003001A, 7]
+    assert bench.read(0x1008) == b"TMCM-1270"
+    assert bench.number(0x1014) == 0x87
+    assert bench.number(0x1400, 1) == 0x40000207
+
+
+@pytest.mark.parametrize(
+    ("command", "state"),
+    [(NmtCommand.START, 5), (NmtCommand.STOP, 4), (NmtCommand.ENTER_PRE_OPERATIONAL, 0x7F)],
+)
+def test_it_obeys_nmt_and_shows_it_in_its_heartbeat(command, state):
+    bench = Bench(tmcm())
+    bench.write(0x1017, 100)
+    bench.nmt(command)
+    bench.seen.clear()
+    bench.on(0.3)
+    beats = [(when, frame.data) for when, frame in bench.seen if frame.can_id == 0x703]
+    assert {data for _, data in beats} == {bytes((state,))}
+    assert len(beats) in (3, 4)
+    assert all(b - a == 100 * MS for (a, _), (b, _) in itertools.pairwise(beats))
+
+
+def test_commands_to_others_and_garbage_on_its_identifiers_change_nothing():
+    bench = Bench(tmcm())
+    for data in (b"\x01\x04", b"\x01", b"\x99\x03", b"", b"\x01\x03\x00"):
+        bench.put(0, data)
+    for can_id in (0x603, 0x703, 0x080, 0x203):
+        bench.put(can_id, b"\x01\x02")
+    assert bench.node.nmt.state is NmtState.PRE_OPERATIONAL
+    assert bench.number(0x1000) == 0xFFFF0192
+
+
+def test_stopped_it_answers_nothing_but_nmt_and_guarding():
+    bench = Bench(tmcm())
+    bench.nmt(NmtCommand.STOP)
+    assert bench.read(0x1000) is None
+    assert texts(bench.put(0x703 | REMOTE_FLAG, b"\0")) == ["703#04"]
+    bench.nmt(NmtCommand.START)
+    assert bench.number(0x1000) == 0xFFFF0192
+
+
+def test_reset_node_restores_all_values_and_reset_communication_those_of_the_communication():
+    bench = Bench(tmcm())
+    bench.write(0x1017, 500)
+    bench.write(0x6083, 16000)
+    bench.seen.clear()
+    bench.nmt(NmtCommand.RESET_COMMUNICATION)
+    bench.on(0.1)
+    assert texts(frame for _, frame in bench.seen) == ["703#00"]
+    assert (bench.number(0x1017), bench.number(0x6083)) == (0, 16000)
+    bench.nmt(NmtCommand.RESET_NODE)
+    bench.on(0.1)
+    assert bench.number(0x6083) == 0
+
+
+def test_the_boot_up_comes_some_time_after_a_reset():
+    bench = Bench(tmcm())
+    assert bench.nmt(NmtCommand.RESET_NODE) == []
+    assert bench.read(0x1000) is None
+    bench.on(0.02)
+    assert bench.number(0x1000) == 0xFFFF0192
+
+
+# -- a lost master
+
+
+def watching(mode, **kwargs):
+    bench = ready_tmcm()
+    bench.write(0x60FF, 2546)
+    bench.write(0x1029, mode, 1)
+    bench.write(0x1016, 0x000101F4, 1)
+    bench.put(0x701, b"\x05")
+    bench.on(0.4)
+    assert bench.velocity == 2546
+    bench.put(0x701, b"\x05")
+    bench.seen.clear()
+    return bench
+
+
+def test_a_silent_master_with_1029_2_stops_the_tmcm_1270_along_its_ramp():
+    bench = watching(2)
+    bench.on(0.499)
+    assert bench.drive.mover.plant.velocity == 2546
+    bench.on(0.002)
+    assert bench.node.nmt.state is NmtState.STOPPED
+    assert bench.state == "FAULT_REACTION_ACTIVE"
+    bench.on(2546 / 16000)
+    assert (bench.drive.mover.plant.velocity, bench.state) == (0, "FAULT")
+    assert texts(frame for _, frame in bench.seen if frame.can_id == 0x83) == ["083#30811100FF000000"]
+
+
+def test_a_silent_master_with_1029_0_leaves_it_pre_operational_and_turning():
+    bench = watching(0)
+    bench.on(5)
+    assert bench.node.nmt.state is NmtState.PRE_OPERATIONAL
+    assert bench.drive.mover.plant.velocity == 2546
+    assert bench.state == "OPERATION_ENABLED"
+
+
+def test_a_master_that_is_heard_again_takes_the_error_back():
+    bench = watching(1)
+    bench.on(1)
+    assert bench.number(0x1001) == 0x11
+    bench.put(0x701, b"\x05")
+    assert bench.number(0x1001) == 0
+    assert [event.missed for event in bench.events if isinstance(event, HeartbeatMissed)] == [True, False]
+
+
+def test_with_0x6007_the_axis_reacts_by_itself():
+    bench = Bench(servo(x6007=3)).enable(3)
+    bench.write(0x60FF, 1000)
+    bench.write(0x1016, 0x00010064, 1)
+    bench.put(0x701, b"\x05")
+    bench.on(1)
+    assert (bench.velocity, bench.state) == (0, "SWITCH_ON_DISABLED")
+    assert bench.node.nmt.state is NmtState.OPERATIONAL  # 1029:1 is 1
+
+
+def test_two_entries_for_one_node_are_refused_and_clearing_one_ends_the_watch():
+    bench = Bench(servo())
+    bench.write(0x1016, 0x00010064, 1)
+    assert bench.abort_of(0x1016, 0x000100C8, 2) == 0x06040043
+    bench.put(0x701, b"\x05")
+    bench.on(1)
+    assert bench.number(0x1001) == 0x11
+    bench.write(0x1016, 0, 1)
+    assert bench.number(0x1001) == 0
+
+
+def test_guarding_answers_with_a_toggle_and_notices_a_silent_master():
+    bench = Bench(servo())
+    bench.write(0x100C, 100)
+    bench.write(0x100D, 3)
+    assert [texts(bench.put(0x705 | REMOTE_FLAG, b"\0")) for _ in range(3)] == [["705#7F"], ["705#FF"], ["705#7F"]]
+    bench.on(0.299)
+    assert bench.number(0x1001) == 0
+    bench.on(0.002)
+    assert bench.number(0x1001) == 0x11
+
+
+# -- errors
+
+
+def test_history_and_register_and_their_clearing():
+    bench = Bench(servo())
+    bench.node.outbox.emergency(0x4310, 8)
+    bench.node.outbox.emergency(0x3210, 4)
+    assert (bench.number(0x1003), bench.number(0x1003, 1), bench.number(0x1003, 2)) == (2, 0x3210, 0x4310)
+    assert bench.number(0x1001) == 0x0D
+    assert bench.abort_of(0x1003, 1) == 0x06090030
+    bench.write(0x1003, 0)
+    assert bench.number(0x1003) == 0
+    bench.node.outbox.clear_error(0x4310)
+    assert bench.number(0x1001) == 0x05
+
+
+def test_the_emcy_identifier_may_move_only_while_invalid_and_inhibit_spaces_messages():
+    bench = Bench(servo())
+    assert bench.abort_of(0x1014, 0x0A5) == 0x06090030
+    bench.write(0x1014, 0x80000085)
+    bench.write(0x1014, 0x000000A5)
+    bench.write(0x1015, 100)  # 10 ms
+    bench.seen.clear()
+    for code in (0x4310, 0x3210):
+        bench.node.outbox.emergency(code, 1)
+        bench.collect()
+    bench.on(0.1)
+    assert [(when - bench.seen[0][0], frame.can_id) for when, frame in bench.seen] == [(0, 0xA5), (10 * MS, 0xA5)]
+
+
+def test_a_sync_of_the_wrong_length_is_told_and_still_counts():
+    bench = Bench(servo())
+    bench.start()
+    bench.seen.clear()
+    bench.put(0x080, b"\x01")
+    assert texts(frame for _, frame in bench.seen)[0].startswith("085#4082")
+    assert any(frame.can_id == 0x185 for _, frame in bench.seen)
+
+
+# -- storing
+
+
+def test_storing_needs_its_signature_and_survives_a_reset():
+    bench = Bench(servo())
+    stored = []
+    bench.node.on_stored(lambda: stored.append(True) or True)
+    bench.write(0x6083, 777)
+    assert bench.abort_of(0x1010, 0x12345678, 1) == 0x08000020
+    bench.write(0x1010, 0x65766173, 1)
+    bench.write(0x6083, 888)
+    bench.nmt(NmtCommand.RESET_NODE)
+    bench.on(0.1)
+    assert bench.number(0x6083) == 777
+    bench.write(0x1011, 0x64616F6C, 1)
+    assert bench.number(0x6083) == 777  # until the reset
+    bench.nmt(NmtCommand.RESET_NODE)
+    bench.on(0.1)
+    assert (bench.number(0x6083), stored) == (10000, [True, True])
+
+
+def test_a_group_stores_only_its_own():
+    bench = Bench(servo())
+    bench.write(0x1017, 100)
+    bench.write(0x6083, 777)
+    bench.write(0x1010, 0x65766173, 3)  # the profile's
+    bench.nmt(NmtCommand.RESET_NODE)
+    bench.on(0.2)
+    assert (bench.number(0x1017), bench.number(0x6083)) == (0, 777)
+
+
+def test_it_starts_by_itself_where_its_dictionary_says_so():
+    od = servo_od()
+    od.add(entry(0x1F80, 0, T.UNSIGNED32, 0))
+    assert Bench(make_device(od, 5)).node.operational
+    od.add(entry(0x1F80, 0, T.UNSIGNED32, 4))
+    assert not Bench(make_device(od, 5)).node.operational
+
+
+def test_a_dictionary_without_a_drive_is_a_plain_node():
+    od = ObjectDictionary(node_id=9)
+    od.add(entry(0x1000, 0, T.UNSIGNED32, 0x191))
+    od.add(entry(0x6200, 1, T.UNSIGNED8, 0, mapped=True))
+    bench = Bench(make_device(od, 9))
+    bench.write(0x6200, 0x55, 1)
+    assert bench.number(0x6200, 1) == 0x55
+    assert bench.node.drives == {}
+
+
+# -- whatever comes, it lives, answers, and moves only when it may
+
+WORDS = st.sampled_from([0x00, 0x02, 0x06, 0x07, 0x0F, 0x1F, 0x3F, 0x80, 0x8F, 0x010F, 0x0B])
+SDO_WRITE = st.tuples(
+    st.sampled_from(
+        [0x6040, 0x6060, 0x60FF, 0x607A, 0x6083, 0x605A, 0x1016, 0x1029, 0x1017, 0x1400, 0x1A00, 0x6071, 0x6098]
+    ),
+    st.integers(0, 2),
+    st.integers(0, 0xFFFFFFFF),
+    st.sampled_from([1, 2, 4]),
+)
+STEPS = st.one_of(
+    st.tuples(st.just("frame"), st.integers(0, 0x7FF), st.binary(max_size=8)),
+    st.tuples(st.just("sdo"), SDO_WRITE),
+    st.tuples(st.just("raw sdo"), st.binary(min_size=8, max_size=8)),
+    st.tuples(st.just("nmt"), st.sampled_from(list(NmtCommand))),
+    st.tuples(st.just("word"), WORDS),
+    st.tuples(st.just("mode"), st.integers(-2, 11)),
+    st.tuples(st.just("target"), st.integers(-(2**31), 2**31 - 1)),
+    st.tuples(st.just("sync")),
+    st.tuples(st.just("wait"), st.integers(1, 2 * S)),
+)
+ENABLE = [("nmt", NmtCommand.START), ("word", 0x06), ("word", 0x07), ("word", 0x0F)]
+
+
+def act(bench, step):
+    kind, *rest = step
+    if kind == "frame":
+        bench.put(rest[0], rest[1])
+    elif kind == "sdo":
+        index, sub, value, size = rest[0]
+        bench.put(0x605, struct.pack("<BHB", {1: 0x2F, 2: 0x2B, 4: 0x23}[size], index, sub) + struct.pack("<I", value))
+    elif kind == "raw sdo":
+        bench.put(0x605, rest[0])
+    elif kind == "nmt":
+        bench.nmt(rest[0])
+    elif kind == "word":
+        bench.put(0x205, struct.pack("<Hb", rest[0], bench.drive.modes.number))
+    elif kind == "mode":
+        bench.put(0x205, struct.pack("<Hb", bench.drive.power.controlword, rest[0]))
+    elif kind == "target":
+        bench.put(0x305, struct.pack("<ii", rest[0], rest[0] // 1000))
+    elif kind == "sync":
+        bench.sync()
+    else:
+        bench.to(bench.now + rest[0])
+
+
+def may_move(states):
+    """Tell, from the states that were seen, whether the reference lets the motor move."""
+    return bool(states & {State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE, State.FAULT_REACTION_ACTIVE})
+
+
+@settings(max_examples=150, deadline=None)
+@given(st.lists(STEPS, max_size=25), st.booleans(), st.integers(0, 3))
+def test_random_frames_never_crash_it_and_move_it_only_in_operation(steps, enabled, option):
+    bench = Bench(servo(x6007=option))
+    bench.write(0x6060, 3)
+    was_operational_when_enabled = False
+    for step in [*ENABLE, *steps] if enabled else steps:
+        before = bench.drive.mover.plant.position
+        seen = {bench.drive.state}
+        enabled_before = State.OPERATION_ENABLED in seen
+        operational_before = bench.node.operational
+        act(bench, step)
+        seen |= {
+            decode_statusword(bench.statusword),
+            *(e.state for e in bench.events if hasattr(e, "axis") and hasattr(e, "state")),
+        }
+        bench.events.clear()
+        if bench.drive.mover.plant.position != before:
+            assert may_move(seen)
+        # Operation begins only while OPERATIONAL; what turns outside of it was turning before.
+        if bench.drive.state is State.OPERATION_ENABLED and not enabled_before:
+            was_operational_when_enabled = operational_before or bench.node.operational
+            assert was_operational_when_enabled
+        if bench.drive.mover.plant.velocity and not bench.node.operational:
+            assert was_operational_when_enabled
+    # Whatever happened, one command makes it talk again.
+    bench.to(bench.now + 5 * S)
+    bench.put(0x605, b"\x80" + bytes(7))
+    bench.nmt(NmtCommand.RESET_NODE)
+    bench.to(bench.now + S)
+    assert bench.number(0x1000) == 0x20192
+    assert bench.drive.mover.plant.velocity == 0
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.lists(st.binary(min_size=8, max_size=8), max_size=12))
+def test_no_sdo_frame_leaves_it_unable_to_answer(requests):
+    bench = Bench(tmcm())
+    for data in requests:
+        bench.put(0x603, data)
+    bench.put(0x603, b"\x80" + bytes(7))
+    bench.put(0x603, CanFrame(0x603, b"\x40\x00\x10\x00" + bytes(4)).data)
+    assert bench.seen[-1][1].data == bytes.fromhex("430010009201FFFF")
+
+
+def test_a_clock_may_start_at_zero():
+    bench = Bench(servo(), start=0)
+    bench.node.tick(0)
+    bench.node.tick(0)
+    assert texts(bench.node.frames()) == []
+    assert bench.number(0x1000) == 0x20192
+
+
+def test_what_nobody_fetches_is_bounded():
+    node = servo()
+    node.tick(S)
+    for _ in range(1500):
+        node.outbox.tell(object())
+        node.outbox.send(CanFrame(0x123))
+    assert len(node.events()) == 1000
+    assert len(node.frames()) == 1001

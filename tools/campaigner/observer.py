@@ -1,0 +1,293 @@
+"""Judges what moves on a bus by what was asked of the robot: frames and facts in, breaches out; no I/O, no clock.
+
+The law of this file: a fact that took a while (asked at one time, answered at another) happened at an unknown moment
+between the two, a frame arrived at an unknown moment between two looks at the bus, and motion is a breach only where no
+choice of these moments allows it. So a breach is never a matter of how late somebody read.
+
+Motion is allowed while somebody has asked to enable since the last stop reason, and a command that may be newer than
+that is not older than its life, not replaced, and its source still there. When that ends the wheels may move on for the
+time that the reason needs to be noticed (`Reason.detect`), `GRACE_S`, and the ramp; no longer. All times in seconds.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+from campaigner.wire import CONTROLWORD, STATUSWORD, TARGET_VELOCITY, VELOCITY
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from campaigner.wire import Wire
+
+__all__ = ["GRACE_S", "Breach", "Command", "Enable", "Observer", "Reason"]
+
+GRACE_S: Final = 0.25  # a cycle or two, the way through a socket, and the scheduling of a busy machine
+MOTOR_S: Final = 0.1  # what a shaft lags behind its ramp
+STANDING: Final = 0.05  # rad/s
+_KEPT_S: Final = 30.0  # facts that are over for longer cannot matter any more
+_AGAIN_S: Final = 1.0  # one motion is one breach, not one of each wheel and frame; this long without ends it
+_RUNS: Final = 0x000F  # of the controlword: switch on, voltage, no quick stop, enable operation
+_HALT: Final = 0x0100
+_POWERED: Final = ((0x6F, 0x27), (0x6F, 0x07), (0x4F, 0x0F))  # operation enabled, quick stop, fault reaction
+
+
+@dataclass(slots=True)
+class Enable:
+    """Somebody asked to enable the drives; `done` is when it was answered, whatever the answer was."""
+
+    asked: float
+    done: float = math.inf
+
+
+@dataclass(slots=True)
+class Command:
+    """One command, or a stream of them that goes on until `done`; `speed` in rad/s, 0 or nan (no value) moves nothing.
+
+    `gone`: when its source's connection had ended, if it is to end with that. A `refused` one counts until its answer;
+    no value ends what was commanded before also when it is refused.
+    """
+
+    source: str
+    speed: float
+    asked: float
+    life: float
+    done: float = math.inf
+    gone: float = math.inf
+    refused: bool = False
+
+    @property
+    def end(self) -> float:
+        """When it cannot move anything any more by itself."""
+        return self.done if self.refused else min(self.done + self.life, self.gone)
+
+
+@dataclass(slots=True)
+class Reason:
+    """Why everything has to stop: it came between `since` and `known`, and is to be noticed within `detect`."""
+
+    name: str
+    since: float
+    known: float = math.inf
+    detect: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Breach:
+    """An invariant that did not hold; `rule` is its short name."""
+
+    time: float
+    rule: str
+    text: str
+
+
+@dataclass(slots=True)
+class _Shaft:
+    word: int = 0  # controlword
+    target: int = 0
+    status: int = 0
+    heard: float = -math.inf
+    moving: bool = False
+    rose: float = -math.inf  # when it began to move
+
+
+class Observer:
+    """Hears a bus; `top_speed` (rad/s) is the fastest that is ever commanded. `breaches` grows."""
+
+    def __init__(self, wire: Wire, top_speed: float) -> None:
+        self.wire = wire
+        self.ramp = wire.ramp(top_speed)
+        self.breaches: list[Breach] = []
+        self.moved_s = 0.0  # how long something was seen to move, allowed or not
+        self._enables: list[Enable] = []
+        self._commands: list[Command] = []
+        self._reasons: list[Reason] = []
+        self._excuses: deque[tuple[float, float, int]] = deque()  # from, to, node (0: all)
+        self._shafts = {node: _Shaft() for node in wire.nodes}
+        self._pruned = self._told = -math.inf
+        self._last_motion = -math.inf
+
+    # ------------------------------------------------------------------------------------------- facts
+
+    def add(self, fact: Enable | Command | Reason) -> None:
+        """Take a fact, at the latest when what it is about may show on the bus; its owner completes it later."""
+        if isinstance(fact, Enable):
+            self._enables.append(fact)
+        elif isinstance(fact, Command):
+            self._commands.append(fact)
+        else:
+            self._reasons.append(fact)
+
+    def excuse(self, since: float, until: float, node: int = 0) -> None:
+        """Nobody could do, or see, anything meanwhile; deadlines that run then run so much longer."""
+        self._excuses.append((since, until, node))
+
+    # ------------------------------------------------------------------------------------------- the bus
+
+    def on_frame(self, early: float, late: float, identifier: int, data: bytes) -> None:
+        """Take a frame that arrived between two times."""
+        for node, index, value in self.wire.values(identifier, data):
+            shaft = self._shafts[node]
+            if index == CONTROLWORD:
+                shaft.word = value
+                self._judge_target(early, late, node)
+            elif index == TARGET_VELOCITY:
+                shaft.target = value
+                self._judge_target(early, late, node)
+            elif index == STATUSWORD:
+                shaft.status = value
+            elif index == VELOCITY:
+                shaft.heard = late
+                self._judge_shaft(early, late, node, value / self.wire.scales[node])
+
+    def on_shaft(self, early: float, late: float, node: int, velocity: float) -> None:
+        """Take a shaft's velocity (device units/s) from a place where it is known while the bus is silent."""
+        self._judge_shaft(early, late, node, velocity / self.wire.scales[node])
+
+    def silent(self, node: int, now: float) -> bool:
+        """Whether this node's velocity is not on the bus now."""
+        return now - self._shafts[node].heard > 3 * self.wire.limits.sync
+
+    def powered(self, node: int) -> bool:
+        """Whether the drive's last statusword says that it drives its motor."""
+        return any(self._shafts[node].status & mask == value for mask, value in _POWERED)
+
+    def forget(self, node: int) -> None:
+        """A node or its master was started anew: what the old one said last says nothing."""
+        self._shafts[node] = _Shaft()
+
+    # ------------------------------------------------------------------------------------------- judgement
+
+    def _judge_target(self, early: float, late: float, node: int) -> None:
+        shaft = self._shafts[node]
+        drives = shaft.word & _RUNS == _RUNS and not shaft.word & _HALT and shaft.target != 0
+        if drives and not self._allowed(early - self._margin(early, node, GRACE_S + self.ramp), late):
+            if self._told_just_now(late):
+                return
+            speed = shaft.target / self.wire.scales[node]
+            text = f"its target velocity is {speed:.2f} rad/s (controlword 0x{shaft.word:04X}), {self.why(late)}"
+            self._tell(late, "target", node, text)
+
+    def _judge_shaft(self, early: float, late: float, node: int, speed: float) -> None:
+        shaft = self._shafts[node]
+        moves = abs(speed) > STANDING
+        if moves and not shaft.moving:
+            shaft.rose = late
+        shaft.moving = moves
+        if not moves:
+            return
+        if late > self._last_motion:
+            self.moved_s += min(late - self._last_motion, self.wire.limits.sync)
+            self._last_motion = late
+        margin = self._margin(early, node, GRACE_S + self.ramp + MOTOR_S)
+        if not self._allowed(early - margin, late) and not self._told_just_now(late):
+            ended = self._last_allowed(late)
+            began = ended is None or shaft.rose > ended + margin
+            power = "under power" if self.powered(node) else "without power"
+            text = f"its shaft turns at {speed:.2f} rad/s ({power}), {self.why(late)}"
+            self._tell(late, "motion" if began else "stop", node, text)
+
+    def _margin(self, early: float, node: int, margin: float) -> float:
+        """Return how long motion may go on that is not allowed any more; longer by the excuses it runs into."""
+        waiting = [(since, until) for since, until, whose in self._excuses if whose in (0, node) and since < early]
+        found = True
+        while found:
+            found = False
+            for since, until in waiting:
+                if until > early - margin:
+                    margin += min(until, early) - since
+                    waiting.remove((since, until))
+                    found = True
+                    break
+        return margin
+
+    def _allowed(self, begin: float, end: float) -> bool:
+        """Whether motion was allowed at any time in between; such a period begins where something is asked."""
+        return any(self._allowed_at(moment) for moment in self._moments(begin, end))
+
+    def _moments(self, begin: float, end: float) -> Iterator[float]:
+        yield end
+        yield begin
+        asked = [each.asked for each in self._enables] + [each.asked for each in self._commands]
+        yield from (moment for moment in asked if begin < moment <= end)
+
+    def _allowed_at(self, moment: float) -> bool:
+        for enable in self._enables:
+            if enable.asked <= moment and not self._ended(enable, moment):
+                for command in self._commands:
+                    if command.asked <= moment and command.done >= enable.asked and self._drives(command, moment):
+                        return True
+        return False
+
+    def _ended(self, enable: Enable, moment: float) -> bool:
+        """Whether a stop reason that surely came after this enable is to be in effect."""
+        return any(each.since > enable.done and each.known + each.detect < moment for each in self._reasons)
+
+    def _drives(self, command: Command, moment: float) -> bool:
+        if not abs(command.speed) > 0 or moment > command.end:
+            return False
+        replaced = (each.done for each in self._commands if each.asked > command.done and not _in_vain(each))
+        return moment <= min(replaced, default=math.inf)
+
+    def _last_allowed(self, before: float) -> float | None:
+        """Return about when motion was allowed last, None if it never was as far as is known."""
+        moment = before
+        while moment > before - _KEPT_S:
+            if self._allowed_at(moment):
+                return moment
+            moment -= self.wire.limits.sync
+        return None
+
+    def why(self, moment: float) -> str:
+        """Say why nothing should move."""
+        ended = self._last_allowed(moment)
+        if ended is None:
+            return "and that was not allowed for long: no command newer than an enable"
+        reasons = [each for each in self._reasons if ended - 1.0 <= each.known + each.detect <= moment]
+        names = ", ".join(dict.fromkeys(each.name for each in reasons))
+        return f"{moment - ended:.2f} s after {names or self._how_the_command_ended(ended)}"
+
+    def _how_the_command_ended(self, ended: float) -> str:
+        near = [each for each in self._commands if each.asked <= ended + 0.1 and abs(each.speed) > 0]
+        if not near:
+            return "the last command"
+        last = max(near, key=lambda each: (min(each.end, ended + 0.1), each.asked))
+        if last.refused:
+            return f"a command of {last.source} was refused"
+        if last.gone <= last.done + last.life and last.gone < ended + 0.5:
+            return f"the connection of {last.source} ended"
+        if last.end < ended + 0.5:
+            return f"the life of the last command (of {last.source}) was over"
+        return f"the command of {last.source} was replaced"
+
+    def _told_just_now(self, time: float) -> bool:
+        before, self._told = self._told, time
+        return time - before <= _AGAIN_S
+
+    def _tell(self, time: float, rule: str, node: int, text: str) -> None:
+        self.breaches.append(Breach(time, rule, f"node {node} ({self.wire.nodes[node]}): {text}"))
+
+    # ------------------------------------------------------------------------------------------- memory
+
+    def prune(self, now: float) -> None:
+        """Forget what cannot matter any more; call it now and then."""
+        if now - self._pruned < 1.0:
+            return
+        self._pruned = now
+        old = now - _KEPT_S
+        self._commands = [each for each in self._commands if each.end > old]
+        while self._excuses and self._excuses[0][1] < old:
+            self._excuses.popleft()
+        settled = [each for each in self._reasons if each.known + each.detect < old]
+        if settled:
+            newest = max(each.since for each in settled)
+            self._enables = [each for each in self._enables if each.done >= newest]
+            self._reasons = [each for each in self._reasons if each.since >= newest or each not in settled]
+
+
+def _in_vain(command: Command) -> bool:
+    """Whether a command changes nothing: refused, unless for its value, which makes the target zero."""
+    return command.refused and math.isfinite(command.speed)

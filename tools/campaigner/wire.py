@@ -1,0 +1,139 @@
+"""What the frames of a robot's bus carry, and its time limits: read from bus.yml alone, past the master's own reader.
+
+Only what a campaign needs: the mappings of RPDOs and TPDOs on their predefined identifiers, the scales, and the times
+after which somebody has to notice that somebody else is gone.
+"""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final
+
+import yaml
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+__all__ = [
+    "CONTROLWORD",
+    "STATUSWORD",
+    "TARGET_VELOCITY",
+    "VELOCITY",
+    "Field",
+    "Limits",
+    "Wire",
+    "read_wire",
+]
+
+CONTROLWORD: Final = 0x6040
+STATUSWORD: Final = 0x6041
+VELOCITY: Final = 0x606C
+TARGET_VELOCITY: Final = 0x60FF
+#: CiA 402 says how long these are
+_FORMATS: Final = {
+    0x6040: "<H", 0x6041: "<H", 0x6060: "<b", 0x6061: "<b", 0x6064: "<i", 0x606C: "<i", 0x6071: "<h", 0x6077: "<h",
+    0x607A: "<i", 0x60FF: "<i",
+}  # fmt: skip
+_PROFILE_DECELERATION, _QUICK_STOP_DECELERATION = 0x6084, 0x6085
+
+
+@dataclass(frozen=True, slots=True)
+class Field:
+    """Where an object is in a frame."""
+
+    node_id: int
+    index: int
+    offset: int
+    form: str
+
+    def value(self, data: bytes) -> int | None:
+        """Return it, None where the frame is too short for it."""
+        if len(data) < self.offset + struct.calcsize(self.form):
+            return None
+        return int(struct.unpack_from(self.form, data, self.offset)[0])
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """Times in seconds: how long a death or a lost signal may stay unnoticed, by what bus.yml says."""
+
+    sync: float  # one cycle
+    heartbeat: float  # between two heartbeats: a state that changed is known after it
+    consumer: float  # 0x1016: without a heartbeat for so long the other side is dead
+    feedback: float  # feedback is stale after so many SYNCs
+
+
+@dataclass(frozen=True, slots=True)
+class Wire:
+    """A bus: `fields` by identifier, `nodes` {node id: name}, `scales` {node id: device units per rad/s}.
+
+    `decelerations` {node id: device units/s^2}, the gentler of ramp and quick stop.
+    """
+
+    fields: dict[int, tuple[Field, ...]]
+    nodes: dict[int, str]
+    scales: dict[int, float]
+    decelerations: dict[int, float]
+    limits: Limits
+    master: int
+
+    def ramp(self, speed: float) -> float:
+        """Return how many seconds the slowest drive takes from `speed` (rad/s) to standstill."""
+        return max(abs(speed * self.scales[node]) / self.decelerations[node] for node in self.nodes)
+
+    def values(self, identifier: int, data: bytes) -> list[tuple[int, int, int]]:
+        """Return what a frame carries: node id, object, value."""
+        found = []
+        for field in self.fields.get(identifier, ()):
+            value = field.value(data)
+            if value is not None:
+                found.append((field.node_id, field.index, value))
+        return found
+
+
+def read_wire(path: Path) -> Wire:
+    """Read a bus.yml of drives that all move by velocity."""
+    tree = yaml.safe_load(path.read_text())
+    master, defaults = tree["master"], tree.get("defaults", {})
+    nodes = {int(each["node_id"]): (name, {**defaults, **each}) for name, each in tree["nodes"].items()}
+    fields: dict[int, tuple[Field, ...]] = {}
+    for node_id, (_, keys) in nodes.items():
+        fields.update(_pdos(node_id, keys.get("rpdo", {}), 0x100))
+        fields.update(_pdos(node_id, keys.get("tpdo", {}), 0x80))
+    return Wire(
+        fields,
+        {node_id: name for node_id, (name, _) in nodes.items()},
+        {node_id: abs(float(keys["scale_vel_to_dev"])) for node_id, (_, keys) in nodes.items()},
+        {node_id: _deceleration(keys) for node_id, (_, keys) in nodes.items()},
+        _limits(master, [keys for _, keys in nodes.values()]),
+        int(master["node_id"]),
+    )
+
+
+def _limits(master: dict[str, Any], nodes: list[dict[str, Any]]) -> Limits:
+    sync = int(master["sync_period"]) / 1e6
+    beat = max(int(each["heartbeat_producer"]) for each in (master, *nodes)) / 1e3
+    multiplier = max(float(each.get("heartbeat_multiplier", 3)) for each in nodes)
+    return Limits(sync, beat, beat * multiplier, sync * max(int(each.get("missed_syncs", 3)) for each in nodes))
+
+
+def _deceleration(keys: dict[str, Any]) -> float:
+    written = {int(each["index"]): float(each["value"]) for each in keys.get("sdo", ())}
+    return min(written[index] for index in (_PROFILE_DECELERATION, _QUICK_STOP_DECELERATION) if index in written)
+
+
+def _pdos(node_id: int, pdos: dict[Any, dict[str, Any]], base: int) -> dict[int, tuple[Field, ...]]:
+    found = {}
+    for number, pdo in pdos.items():
+        if not pdo.get("enabled", False):
+            continue
+        given = pdo.get("cob_id", "auto")
+        identifier = base + 0x100 * int(number) + node_id if given == "auto" else int(given) & 0x7FF
+        fields, offset = [], 0
+        for each in pdo["mapping"]:
+            form = _FORMATS[int(each["index"])]
+            fields.append(Field(node_id, int(each["index"]), offset, form))
+            offset += struct.calcsize(form)
+        found[identifier] = tuple(fields)
+    return found

@@ -1,0 +1,76 @@
+"""The runtime whose bridge is measured: robby on mock hardware, its diff drive active; it notes when commands arrive.
+
+`python -m canopen_control_bench.bridge_subject NAME`. A command's linear velocity is the time.monotonic() at which it
+was published. "latencies" on standard input is answered with the seconds that each command took, and forgets them.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from typing import TYPE_CHECKING, Any
+
+from canopen_control.runtime.robot_files import find_robot
+from canopen_control.runtime.run_session import RunOptions, Session
+from canopen_control.runtime.setup import read_robot
+from canopen_control_bench.turns import say
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+__all__ = ["BridgeSubject", "main"]
+
+CONTROLLER = "robby_base_controller"
+
+
+class BridgeSubject:
+    """The robot of a session as its API sees it, with its commands timed."""
+
+    def __init__(self, session: Session) -> None:
+        self.session, self.latencies = session, list[float]()
+        session.api._robot = self  # type: ignore[assignment]  # noqa: SLF001 - the measuring point, compiled or not
+        session.robot.on_running = lambda: say({"ready": True})
+        session.reactor.add_reader(0, self._on_order)
+
+    def command(
+        self,
+        controller: str,
+        values: Sequence[float],
+        source: str,
+        stamp: float | None = None,
+        *,
+        holder: object = None,
+    ) -> None:
+        """Note how old a command is, and take it."""
+        self.latencies.append(time.monotonic() - values[0])
+        self.session.robot.command(controller, [0.0] * len(values), source, stamp, holder=holder)
+
+    def __getattr__(self, name: str) -> Any:  # noqa: ANN401 - whatever it is there
+        """Be the robot in everything else."""
+        return getattr(self.session.robot, name)
+
+    def _on_order(self) -> None:
+        line = sys.stdin.readline()
+        if not line:
+            self.session.reactor.remove_reader(0)
+            self.session.robot.shutdown("measured")
+        elif json.loads(line) == "latencies":
+            taken, self.latencies = self.latencies, []
+            sys.stdout.write(json.dumps(taken) + "\n")
+            sys.stdout.flush()
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Run until standard input ends."""
+    setup = read_robot(find_robot("robby"), name=arguments[0], mock=True, controllers=[CONTROLLER])
+    session = Session(setup, RunOptions(drives=False))
+    try:
+        BridgeSubject(session)
+        return 0 if session.run() is None else 1
+    finally:
+        session.close()
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

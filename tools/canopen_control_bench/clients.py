@@ -1,0 +1,166 @@
+"""`clients`: what the ROS bridge, the view and the monitor do to the cycle of the robot they look at.
+
+They are processes of their own, so that all they can take from the cycle is the machine. Runs with and without them
+are paired, one right after the other, now this one first and now that one. Processors are kept awake for them, and the
+robot has one for itself: two runs without anybody differ by a third where they may sleep, and by a tenth even so.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import importlib.util
+import os
+import subprocess
+import threading
+import time
+from typing import TYPE_CHECKING
+
+from canopen_control.errors import CanopenError
+from canopen_control.host.environment import MODULE, clean_environment
+from canopen_control.ros.installation import require_ros
+from canopen_control.runtime.realtime import keep_awake
+from canopen_control_bench.cycle import OURS, ROBOT, Arena, absolutes_of
+from canopen_control_bench.figure import Figure, compared, limited, percentiles
+from canopen_control_bench.machine import apart
+from canopen_control_bench.stage import stage
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from canopen_control_bench.runner import Options
+    from canopen_control_bench.stage import Contender
+    from canopen_control_bench.turns import Turn
+
+__all__ = ["has_ros", "measure", "on_a_terminal"]
+
+INFLUENCE_LIMIT = 1.05
+PERIOD_US = 10_000
+ROUNDS = 5
+SECONDS, PAIRED_SECONDS = 60.0, 20.0  # a p99 of 300 cycles would be the third worst of them
+_SETTLE_S = 3.0
+_LAST_WORDS_S = 2.0
+
+
+def measure(options: Options) -> list[Figure]:
+    """Measure with what is installed; each needs an extra of its own. A quick run has no ratio to look at here."""
+    if options.quick:
+        return []
+    figures = []
+    with stage() as played:
+        arena = Arena(played, 2, PERIOD_US)
+        with arena.contender(OURS, check=False) as contender:
+            with contextlib.ExitStack() as undo:
+                asleep = options.as_is or keep_awake(undo)
+                figures += _influence(contender, "may sleep" if asleep else "awake", as_is=options.as_is)
+            figures.append(_together(contender, arena, options.seconds or SECONDS))
+    return figures
+
+
+def has_ros() -> bool:
+    """Whether the bridge can run here."""
+    try:
+        require_ros()
+    except CanopenError:
+        return False
+    return True
+
+
+def _influence(contender: Contender, processors: str, *, as_is: bool) -> list[Figure]:
+    """Pair turns with and without the view, and the monitor; the p99 of the whole cycle is compared."""
+    figures = []
+    for name, verb in (("view", ("view", "--port", "0")), ("monitor", ("monitor",))):
+        if not _has_extra(name):
+            continue
+        pairs = [_pair(contender, name, verb, watched_first=number % 2 == 1, as_is=as_is) for number in range(ROUNDS)]
+        figures.append(
+            compared(
+                f"with the {name}: cycle, p99",
+                "us",
+                [(_p99(watched), _p99(alone)) for watched, alone in pairs],
+                peer_name="without",
+                limit=INFLUENCE_LIMIT,
+                absolutes=absolutes_of([watched for watched, _ in pairs]) | {"processors": processors},
+            )
+        )
+    return figures
+
+
+def _pair(
+    contender: Contender, name: str, verb: Sequence[str], *, watched_first: bool, as_is: bool
+) -> tuple[Turn, Turn]:
+    """Return a turn with a client and one without, right after another."""
+
+    def turn() -> Turn:
+        with contextlib.nullcontext() if as_is else apart(contender.pid, contender.others.values()):
+            return contender.turn(round(PAIRED_SECONDS * 1e6 / PERIOD_US), PERIOD_US * 1000)
+
+    before = None if watched_first else turn()
+    with on_a_terminal(*verb, "--name", ROBOT) as pid:
+        time.sleep(_SETTLE_S)
+        contender.others[name] = pid
+        watched = turn()
+        del contender.others[name]
+    return watched, before or turn()
+
+
+def _p99(turn: Turn) -> float:
+    return percentiles(turn.whole_ns, 1e-3)["p99"]
+
+
+def _has_extra(name: str) -> bool:
+    return importlib.util.find_spec({"view": "nicegui", "monitor": "textual"}[name]) is not None
+
+
+def _together(contender: Contender, arena: Arena, seconds: float) -> Figure:
+    """Run at 100 Hz with the bridge and the view; no cycle may be left out."""
+    with contextlib.ExitStack() as company:
+        if has_ros():
+            bridge = arena.stage.start("canopen_control.ros.bridge", "--name", ROBOT, ros=True)
+            company.callback(bridge.end)
+            contender.others["bridge"] = bridge.pid
+        if _has_extra("view"):
+            contender.others["view"] = company.enter_context(on_a_terminal("view", "--port", "0", "--name", ROBOT))
+        time.sleep(_SETTLE_S)
+        turn = contender.turn(round(seconds * 1e6 / PERIOD_US), PERIOD_US * 1000)
+    absolutes = absolutes_of([turn])
+    return limited("100 Hz with bridge and view: cycles left out", "", [turn.missed], limit=0.0, absolutes=absolutes)
+
+
+@contextlib.contextmanager
+def on_a_terminal(*words: str) -> Iterator[int]:
+    """Run a verb on a terminal that nobody looks at; its process id."""
+    ours, theirs = os.openpty()
+    process = subprocess.Popen(
+        [*MODULE, "canopen_control", *words],
+        stdin=theirs,
+        stdout=theirs,
+        stderr=theirs,
+        env={**clean_environment(ros=False), "TERM": "xterm-256color"},
+        start_new_session=True,
+    )
+    os.close(theirs)
+    said = bytearray()
+    drain = threading.Thread(target=_drain, args=(ours, said), daemon=True)
+    drain.start()
+    try:
+        yield process.pid
+        if process.poll() is not None:
+            drain.join(_LAST_WORDS_S)
+            raise CanopenError(f"{words[0]} ended with {process.returncode}: {bytes(said)[-300:]!r}")
+    finally:
+        process.terminate()
+        try:
+            process.wait(10)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+        drain.join()
+        os.close(ours)
+
+
+def _drain(terminal: int, said: bytearray) -> None:
+    """Take what is written until nobody writes any more; the end of what was said is kept."""
+    with contextlib.suppress(OSError):
+        while data := os.read(terminal, 65536):
+            said += data
+            del said[:-4096]

@@ -1,0 +1,87 @@
+"""The options of the bench, and what they do: which families are measured, printed, judged and written down."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import signal
+import sys
+from pathlib import Path
+
+from canopen_control.errors import ConfigError
+from canopen_control.host.signals import interrupt, on_signals
+from canopen_control_bench.runner import FAMILIES, Options, run_families
+
+__all__ = ["add_arguments", "run"]
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    families = "\n".join(f"  {name:<10} {text}" for name, text in FAMILIES.items())
+    parser.epilog = f"families:\n{families}\n\n{parser.epilog or ''}"
+    parser.add_argument(
+        "family", nargs="*", type=_family, metavar="FAMILY", help="of those below, or all (default: cycle)"
+    )
+    parser.add_argument(
+        "--quick", action="store_true", help="short runs; judges what no busy machine changes: ratios and counts"
+    )
+    parser.add_argument("--check", action="store_true", help="exit code 1 when a figure is not what it must be")
+    parser.add_argument(
+        "--json",
+        type=Path,
+        metavar="FILE",
+        help="write everything to a file, and show what it held before beside",
+    )
+    parser.add_argument(
+        "--nice", type=int, metavar="N", help="niceness of all that runs here; negative: before others (needs root)"
+    )
+    parser.add_argument(
+        "--as-is",
+        action="store_true",
+        help="let processors sleep and the kernel place processes; "
+        "else cycle, scale, services and clients keep processors awake where that is allowed; "
+        "there and in services, who is compared has one for itself",
+    )
+    parser.add_argument("--seconds", type=float, metavar="S", help="how long the long runs take, such as the soak")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Measure and print; 1 with --check when something is short."""
+    if args.json is not None:
+        _check_writable(args.json)
+    if args.nice is not None:
+        _be_nice(args.nice)
+    names = list(FAMILIES) if "all" in args.family or (args.quick and not args.family) else args.family or ["cycle"]
+    with on_signals((signal.SIGTERM,), interrupt):  # what was started is ended then, as by Ctrl-C
+        options = Options(args.quick, args.seconds, lambda text: print(text, file=sys.stderr), args.as_is)
+        report = run_families(names, options)
+    if args.json is not None:
+        report.put_beside(args.json)
+        report.write(args.json)
+    print(report)
+    short = report.short()
+    for each in short if args.check else ():
+        print(f"short: {each.name}: {each.judged:.3g}, must be {each.direction} {each.limit:g}", file=sys.stderr)
+    return 1 if report.failures or (args.check and short) else 0
+
+
+def _check_writable(path: Path) -> None:
+    """Refuse before anything is measured; what the file holds stays."""
+    try:
+        path.open("a").close()
+    except OSError as error:
+        raise ConfigError(f"{path} cannot be written: {error.strerror or error}") from error
+
+
+def _be_nice(niceness: int) -> None:
+    """Take a niceness, which all that is started here inherits; the table says it."""
+    try:
+        os.setpriority(os.PRIO_PROCESS, 0, niceness)
+    except PermissionError as error:
+        raise ConfigError(f"--nice {niceness}: only root may go before others; leave it out") from error
+
+
+def _family(text: str) -> str:
+    if text not in (*FAMILIES, "all"):
+        raise argparse.ArgumentTypeError(f"no family {text!r}; there are: {', '.join(FAMILIES)}, all")
+    return text

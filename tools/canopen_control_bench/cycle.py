@@ -1,0 +1,345 @@
+"""`cycle`: two drives, SYNC, two RPDOs and two TPDOs each; our complete runtime beside peers that only exchange them.
+
+All take turns on one `local:` bus with the same virtual drives, in a process of their own: the runtime with diff drive,
+joint states, supervision, 402 machines and API; the `canopen` package; python-can with a codec written by hand. Who has
+its turn has a processor for itself, bus and drives the other: whoever the kernel puts aside for the bus it has just
+woken would pay for that, and each of them is at its best so. Before the clock starts, a listener looks at the bytes of
+every cycle; while it runs, the drives repeat what they sent last (`canopen_control_bench.slaves`), since those of a
+real robot use no processor of its computer.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import os
+import threading
+import time
+from typing import TYPE_CHECKING, TypeVar
+
+from canopen_control.bus.local import ask_hub
+from canopen_control.client.robot import RobotClient
+from canopen_control.errors import CanopenError, RemoteError
+from canopen_control.rpc.messages.hub import GetHubStatus
+from canopen_control.rpc.messages.robot import CommandController, GetStatus, TwistController
+from canopen_control_bench.figure import Figure, compared, limited, percentiles
+from canopen_control_bench.fleet import CONTROLLER, FIRST_NODE, RADIUS_M, SCALE, write_fleet
+from canopen_control_bench.listener import cycles_of, judge, listening
+from canopen_control_bench.machine import apart, may_be_realtime
+from canopen_control_bench.peers.pattern import target
+from canopen_control_bench.stage import EDS, Contender, Slaves, Stage, stage
+from canopen_control_bench.witness import unwitnessed
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+    from pathlib import Path
+
+    from canopen_control.frame import CanFrame
+    from canopen_control.rpc.messages.declare import Request
+    from canopen_control_bench.runner import Options
+    from canopen_control_bench.turns import Turn
+
+__all__ = ["CANOPEN", "NAMES", "OURS", "PYTHON_CAN", "Arena", "absolutes_of", "ask_robot", "measure", "rounds_of"]
+
+A = TypeVar("A")
+OURS, PYTHON_CAN = "runtime", "python-can"
+CANOPEN = "canopen"  # its own thread left out: the faster of its two idioms
+CANOPEN_THREADED = "canopen, its thread"
+NAMES = (OURS, CANOPEN, CANOPEN_THREADED, PYTHON_CAN)
+ROUNDS = 5
+CPU_LIMIT, WAKE_LIMIT, LATE_LIMIT_US = 0.25, 0.4, 250.0
+REALTIME_S = 60.0
+#: label -> period in us, cycles of a quick turn (0: left out), cycles of a turn
+PACES = {"100 Hz": (10_000, 0, 200), "500 Hz": (2000, 0, 1000), "1 kHz": (1000, 1000, 2000)}
+_BUS = ROBOT = "bench"
+_CHECKED_CYCLES, _CHECKED_US, _ATTEMPTS = 100, 10_000, 5
+_SETTLE_S, _SETTLED = 20.0, 0.01  # rad/s
+_SPEED = 0.5  # m/s
+
+
+class Arena:
+    """A bus with drives on it, and the contenders that take turns there."""
+
+    def __init__(
+        self,
+        played: Stage,
+        count: int,
+        period_us: int,
+        *,
+        base: bool = True,
+        cpu: int | None = None,
+        buses: Sequence[str] = (_BUS,),
+    ) -> None:
+        self.stage, self.count, self.period_us = played, count, period_us
+        self.base, self.cpu, self.buses = base, cpu, buses
+        self.channel = f"local:{buses[0]}"
+        self.nodes = range(FIRST_NODE, FIRST_NODE + count // len(buses))
+        self.others: dict[str, int] = {}
+        self.slaves: list[Slaves] = []
+        for bus in buses:
+            drives = played.slaves(f"local:{bus}", FIRST_NODE, len(self.nodes))
+            self.slaves.append(drives)
+            more = "" if bus == buses[0] else f" of {bus}"
+            self.others |= {f"drives{more}": drives.pid, f"hub{more}": ask_hub(bus, GetHubStatus()).pid}
+        self.robot = self._write()
+
+    def _write(self) -> Path:
+        return write_fleet(self.stage.folder, self.count, self.period_us, base=self.base, buses=len(self.buses))
+
+    @property
+    def _channels(self) -> str:
+        names = ["", *(f"b{number}=" for number in range(1, len(self.buses)))]
+        return ",".join(f"{name}local:{bus}" for name, bus in zip(names, self.buses, strict=True))
+
+    def pace(self, period_us: int) -> None:
+        """Have our robot cycle at another period."""
+        if period_us != self.period_us:
+            self.period_us = period_us
+            self.robot = self._write()
+
+    @contextlib.contextmanager
+    def contender(self, name: str, *, check: bool = True) -> Iterator[Contender]:
+        """Have a contender take the bus; its bytes are looked at first. Ours is commanded meanwhile."""
+        if name != OURS:
+            contender = self._peer(name)
+            if check:
+                self.check(contender, lambda number, position: (target(number, position),))
+            yield contender
+            contender.leave()
+            return
+        if check:
+            self._check_ours()
+        contender = self.ours()
+        with commanding(self) as move:
+            move()
+            yield contender
+        contender.leave()
+
+    def _check_ours(self) -> None:
+        """Look at the bytes of ours at a calm pace, which leaves drives and listener a processor now and then."""
+        period_us = self.period_us
+        self.pace(max(period_us, _CHECKED_US))
+        contender = self.ours()
+        with commanding(self):
+            _settle()
+            self.check(contender, self._expected_of_ours)
+        contender.leave()
+        self.pace(period_us)
+
+    @contextlib.contextmanager
+    def replayed(self) -> Iterator[None]:
+        """Have the drives answer as iron ones do, without a processor of this machine."""
+        for slaves in self.slaves:
+            slaves.replay(True)
+        yield
+        for slaves in self.slaves:
+            slaves.replay(False)
+
+    def ours(self) -> Contender:
+        """Start our runtime, and return it when it runs; nobody commands it."""
+        cpu = [] if self.cpu is None else [str(self.cpu)]
+        ours = ["canopen_control_bench.subject", str(self.robot), ROBOT, self._channels, *cpu]
+        return self.stage.contender(*ours, others=self.others)
+
+    def _peer(self, name: str) -> Contender:
+        module = "pythoncan_pdo" if name == PYTHON_CAN else "canopen_pdo"
+        words = [self.channel, EDS, str(FIRST_NODE), str(self.count), *(["--inline"] if name == CANOPEN else [])]
+        return self.stage.contender(f"canopen_control_bench.peers.{module}", *words, others=self.others)
+
+    def check(self, contender: Contender, expected: Callable[[int, int], Sequence[int]]) -> None:
+        """Look at the bytes of some cycles; raises CanopenError with what is wrong.
+
+        Where it is only that the drives had no processor for long, on a busy machine, it is looked at again.
+        """
+        offset = 0 if contender.words[0].endswith("subject") else 1
+        for attempt in range(_ATTEMPTS):
+            cycles = cycles_of(self._listen(contender))
+            verdict = judge(cycles, self.nodes, lambda number, position: expected(number + offset, position))
+            if not verdict.count and verdict.cycles >= _CHECKED_CYCLES // 2:
+                return
+            if verdict.count > verdict.starved or attempt == _ATTEMPTS - 1:
+                raise CanopenError(
+                    f"{contender.words[0]}: {verdict.count} mistakes in the bytes of {verdict.cycles} cycles, "
+                    f"{verdict.late} of them late: {'; '.join(verdict.wrong)}"
+                )
+
+    def _listen(self, contender: Contender) -> list[CanFrame]:
+        period_ns = max(self.period_us, _CHECKED_US) * 1000
+        with listening(self.channel) as hear:
+            contender.order(_CHECKED_CYCLES, period_ns)
+            frames = hear(_CHECKED_CYCLES * period_ns / 1e9 + 0.3)
+            contender.answer()
+        return frames
+
+    def _expected_of_ours(self, _number: int, _position: int) -> Sequence[int]:
+        """Return what a base that drives straight on sends: every wheel turns alike; a forward controller too."""
+        radians = _SPEED / RADIUS_M
+        return (round(radians * SCALE), int(radians * SCALE))
+
+
+@contextlib.contextmanager
+def commanding(arena: Arena) -> Iterator[Callable[[], None]]:
+    """Command our robot by its API at 20 Hz: straight on, and, once the function was called, faster and slower."""
+    ended, moves = threading.Event(), threading.Event()
+
+    def command(client: RobotClient) -> None:
+        number = 0
+        while not ended.wait(0.05):
+            number += 1
+            speed = _SPEED * (1 if not moves.is_set() or number // 20 % 2 else -1)
+            with contextlib.suppress(RemoteError):
+                if arena.base:
+                    client.notify(TwistController(controller=CONTROLLER, linear=speed, angular=0.0, source="bench"))
+                else:
+                    values = [speed / RADIUS_M] * arena.count
+                    client.notify(CommandController(controller=CONTROLLER, values=values, source="bench"))
+
+    client = RobotClient.connect(ROBOT)
+    thread = threading.Thread(target=command, args=(client,), daemon=True)
+    thread.start()
+    try:
+        yield moves.set
+    finally:
+        ended.set()
+        thread.join()
+        client.close()
+
+
+def _settle() -> None:
+    """Wait until all wheels turn as fast as they are told to, and the limiter has nothing left to do."""
+    end = time.monotonic() + _SETTLE_S
+    wanted = _SPEED / RADIUS_M
+    while time.monotonic() < end:
+        time.sleep(0.2)
+        joints = ask_robot(GetStatus()).joints.values()
+        if all(abs((joint.velocity or 0.0) - wanted) < _SETTLED for joint in joints):
+            return
+    raise CanopenError(f"the wheels do not reach {wanted:.1f} rad/s within {_SETTLE_S:g} s")
+
+
+def ask_robot(request: Request[A]) -> A:
+    """Ask our robot by its API."""
+    client = RobotClient.connect(ROBOT)
+    try:
+        return client.ask(request)
+    finally:
+        client.close()
+
+
+def rounds_of(
+    arena: Arena,
+    names: Sequence[str],
+    count: int,
+    run: Callable[[Contender], Turn],
+    *,
+    check: bool = True,
+    as_is: bool = False,
+) -> dict[str, list[Turn]]:
+    """Have the contenders take turns, `count` times each, one right after another; first turns' bytes are looked at.
+
+    Each has a processor for itself meanwhile, but for `as_is`.
+    """
+    turns: dict[str, list[Turn]] = {name: [] for name in names}
+    for number in range(count):
+        for name in names:
+            with arena.contender(name, check=check and number == 0) as contender, arena.replayed():
+                alone = contextlib.nullcontext() if as_is else apart(contender.pid, arena.others.values())
+                with alone:
+                    turns[name].append(run(contender))
+    return turns
+
+
+def measure(options: Options) -> list[Figure]:
+    """Measure free-running cycles and paced ones."""
+    figures: list[Figure] = []
+    names = (OURS, CANOPEN) if options.quick else NAMES
+    with stage() as played:
+        arena = Arena(played, 2, 1000)
+        cycles = 1000 if options.quick else 3000
+        turns = rounds_of(arena, names, ROUNDS, lambda contender: contender.turn(cycles, 0), as_is=options.as_is)
+        figures += cpu_figures("free-running", turns)
+        for label, (period_us, quick_cycles, cycles) in PACES.items():
+            if options.quick and not quick_cycles:
+                continue
+            count = quick_cycles if options.quick else cycles
+            arena.pace(period_us)
+            run = functools.partial(Contender.turn, cycles=count, period_ns=period_us * 1000)
+            paced = [name for name in names if name != CANOPEN_THREADED]
+            turns = rounds_of(arena, paced, ROUNDS, run, as_is=options.as_is)
+            figures += cpu_figures(label, turns)
+            figures.append(wake_figure(label, turns))
+    return figures if options.quick else [*figures, *_realtime(options.seconds or REALTIME_S)]
+
+
+def _realtime(seconds: float) -> list[Figure]:
+    """Run at 1 kHz with --realtime --cpu: no cycle may be left out, and hardly one be late.
+
+    A witness on the same processor tells which of those left out the machine itself stood still for.
+    """
+    if not may_be_realtime():
+        return []
+    cpu, period_ns = max(os.sched_getaffinity(0)), 1_000_000
+    with stage() as played:
+        arena = Arena(played, 2, period_ns // 1000, cpu=cpu)
+        with arena.contender(OURS) as contender:
+            witness = played.witness(cpu, period_ns // 2)
+            turn = contender.turn(round(seconds * 1e9 / period_ns), period_ns)
+            stalls = witness.stalls()
+    return realtime_figures(turn, stalls, period_ns)
+
+
+def realtime_figures(turn: Turn, stalls: Sequence[tuple[int, int]], period_ns: int) -> list[Figure]:
+    """Return what a turn with --realtime showed beside a witness' stalls."""
+    ours = sum((woke - edge) // period_ns for edge, woke in unwitnessed(turn.stalls, stalls))
+    late = percentiles(turn.late_ns, 1e-3)["p99.9"]
+    seen = absolutes_of([turn]) | {"stalls of the machine": len(stalls)}
+    return [
+        limited("1 kHz --realtime: cycles left out by ours", "", [ours], limit=0.0, absolutes=seen),
+        limited("1 kHz --realtime: lateness, p99.9", "us", [late], limit=LATE_LIMIT_US),
+    ]
+
+
+def cpu_figures(label: str, turns: dict[str, list[Turn]]) -> list[Figure]:
+    """Return CPU per cycle, ours beside each peer's."""
+    return [
+        compared(
+            f"cycle, {label}: CPU",
+            "us",
+            [(ours.cpu_us, peer.cpu_us) for ours, peer in zip(turns[OURS], turns[name], strict=True)],
+            peer_name=name,
+            limit=CPU_LIMIT if name == CANOPEN and not turns[OURS][0].late_ns else None,
+            absolutes=absolutes_of(turns[OURS]),
+        )
+        for name in turns
+        if name != OURS
+    ]
+
+
+def wake_figure(label: str, turns: dict[str, list[Turn]]) -> Figure:
+    """Return the p99 of the time from waking up to the cycle's last frame on the bus."""
+    rounds = [
+        (percentiles(ours.work_ns, 1e-3)["p99"], percentiles(peer.work_ns, 1e-3)["p99"])
+        for ours, peer in zip(turns[OURS], turns[CANOPEN], strict=True)
+    ]
+    return compared(
+        f"cycle, {label}: wake to RPDO, p99",
+        "us",
+        rounds,
+        peer_name=CANOPEN,
+        limit=WAKE_LIMIT if label == "1 kHz" else None,
+    )
+
+
+def absolutes_of(turns: Sequence[Turn]) -> dict[str, float]:
+    """Return what else was seen in some turns: percentiles in us, CPU of the other processes for each cycle."""
+    cycles = sum(turn.cycles for turn in turns)
+    found: dict[str, float] = {"cycles": cycles, "missed": sum(turn.missed for turn in turns)}
+    for key, values in (
+        ("late", [each for turn in turns for each in turn.late_ns]),
+        ("wake to RPDO", [each for turn in turns for each in turn.work_ns]),
+    ):
+        if values:
+            found.update((f"{key} {name} us", round(value, 1)) for name, value in percentiles(values, 1e-3).items())
+    for name in turns[0].others_ns:
+        found[f"{name} CPU us"] = round(sum(turn.others_ns[name] for turn in turns) / cycles / 1000, 1)
+    return found

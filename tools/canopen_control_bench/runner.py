@@ -1,0 +1,171 @@
+"""Families of figures by name, run one after the other; the table that a user reads, and the JSON."""
+
+from __future__ import annotations
+
+import contextlib
+import importlib
+import json
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from canopen_control.errors import CanopenError
+from canopen_control.runtime.realtime import keep_awake
+from canopen_control_bench.machine import describe
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+    from pathlib import Path
+    from types import ModuleType
+
+    from canopen_control_bench.figure import Figure
+
+__all__ = ["FAMILIES", "Options", "Report", "module_of", "run_families", "table"]
+
+#: family -> what it measures; each is a module of this room with `measure(options) -> list[Figure]`
+FAMILIES = {
+    "cycle": "two drives: CPU, lateness and wake-to-RPDO beside the canopen package and python-can",
+    "scale": "from 2 to 126 drives, at the shortest period that a bus has room for, and on several buses",
+    "latency": "from a command to the wire, by API and ROS topic; from the wire to /joint_states",
+    "clients": "what ROS bridge, view and monitor do to the cycle",
+    "load": "a full bus of 1 Mbit/s, received, decoded and supervised",
+    "memory": "what a million cycles leave behind; a cycle without a wire",
+    "soak": "random commands and breaking drives, for a minute (--seconds 3600: an hour)",
+    "boot": "from nothing to all drives operational, 2 and 64 of them",
+    "services": "SDO and EDS beside the canopen package",
+    "bridge": "CPU of the ROS bridge beside a node that publishes alone; from a topic to the runtime",
+    "import": "how long --help and status take, beside a bare interpreter",
+}
+_MODULES = {"import": "imports"}
+AWAKE = ("cycle", "scale", "services")  # where CPU is compared of who waits for others: a wake-up is the machine's
+IDLE_ENOUGH = 0.9  # of all processors, before anything was started
+
+
+@dataclass(frozen=True, slots=True)
+class Options:
+    """How to measure: `quick` is for CI, `seconds` is how long a long run takes, `say` tells progress.
+
+    In the families of `AWAKE`, and in the pairs of `clients`, processors are kept awake, where this user may do that;
+    there who is compared with others has one for itself. Not so `as_is`: what it takes to wake a
+    processor, to wake another process on it, or to be put aside for one, is the machine's and differs threefold from
+    turn to turn. Every contender is at its best so.
+    """
+
+    quick: bool = False
+    seconds: float | None = None
+    say: Callable[[str], None] = lambda _text: None
+    as_is: bool = False
+
+
+@dataclass(slots=True)
+class Report:
+    """What was measured, where and when; `failures` says why a family could not be.
+
+    `last` is what an earlier run has seen, by family, figure and peer, and `last_run` which one that was.
+    """
+
+    machine: dict[str, Any]
+    figures: dict[str, list[Figure]]
+    quick: bool = False
+    failures: dict[str, str] = field(default_factory=dict)
+    last: dict[tuple[str, str, str], float] = field(default_factory=dict)
+    last_run: str = ""
+
+    def short(self) -> list[Figure]:
+        """Return the figures that are not what they must be; of a quick run what no busy machine changes."""
+        return [each for each in self._all() if not each.good and (each.steady or not self.quick)]
+
+    def _all(self) -> Iterator[Figure]:
+        for figures in self.figures.values():
+            yield from figures
+
+    def put_beside(self, path: Path) -> None:
+        """Show what an earlier run has written to a file beside; one that is not there, or no report, says nothing."""
+        try:
+            found = json.loads(path.read_text())
+            last_run = f"{found['machine']['date']}, {found['machine']['package']}"
+            last = {
+                (family, each["name"], each["peer_name"]): float(each["ours"])
+                for family, figures in found["figures"].items()
+                for each in figures
+            }
+        except (OSError, ValueError, KeyError, TypeError, AttributeError):
+            return
+        self.last, self.last_run = last, last_run
+
+    def write(self, path: Path) -> None:
+        """Write it as JSON."""
+        figures = {name: [each.as_dict() for each in figures] for name, figures in self.figures.items()}
+        found = {"machine": self.machine, "quick": self.quick, "figures": figures, "failures": self.failures}
+        path.write_text(json.dumps(found, indent=2) + "\n")
+
+    def __str__(self) -> str:
+        machine = self.machine
+        idle = machine["idle"]
+        busy = "" if idle is None or idle >= IDLE_ENOUGH else "; NOT IDLE: only ratios count"
+        return "\n".join(
+            [
+                f"{machine['machine']}, {machine['kernel']}, {machine['python']}, "
+                f"{machine['package']}, {machine['date']}",
+                f"before the run: load {machine['load']}, {'?' if idle is None else f'{idle:.0%}'} idle{busy}; "
+                f"niceness {machine['nice']}; processors {machine['processors']}",
+                *([f"last: {self.last_run}"] if self.last_run else []),
+                *(f"\n{name}\n{self._table(name, figures)}" for name, figures in self.figures.items() if figures),
+                *(f"\n{name}\n  FAILED: {text}" for name, text in self.failures.items()),
+            ]
+        )
+
+    def _table(self, family: str, figures: Sequence[Figure]) -> str:
+        if not self.last_run:
+            return table(figures)
+        return table(figures, [self.last.get((family, each.name, each.peer_name)) for each in figures])
+
+
+def run_families(names: Sequence[str], options: Options) -> Report:
+    """Measure the families and return what was seen."""
+    report = Report(describe(), {}, options.quick)
+    report.machine["processors"] = "may sleep"
+    for name in names:
+        options.say(f"{name}: {FAMILIES[name]}")
+        with contextlib.ExitStack() as undo:
+            if name in AWAKE and not options.as_is:
+                asleep = keep_awake(undo)
+                report.machine["processors"] = f"may sleep ({asleep})" if asleep else f"awake for {', '.join(AWAKE)}"
+            try:
+                report.figures[name] = module_of(name).measure(options)
+            except CanopenError as error:
+                report.failures[name] = str(error)
+    return report
+
+
+def module_of(name: str) -> ModuleType:
+    """Return the module of a family."""
+    return importlib.import_module(f"canopen_control_bench.{_MODULES.get(name, name)}")
+
+
+def table(figures: Sequence[Figure], last: Sequence[float | None] = ()) -> str:
+    """Return figures as lines of a table, each with what else was seen below it; `last` is ours of another time."""
+    head = f"{'last':>12}" if last else ""
+    lines = [f"  {'':<46}{head}{'ours':>12}{'peer':>12} {'unit':<6}{'ratio':>7}  must be"]
+    told: object = None
+    for number, each in enumerate(figures):
+        lines.append(_line(each, _column(last[number]) if last else ""))
+        if each.absolutes and each.absolutes != told:
+            told = each.absolutes
+            lines.append("      " + ", ".join(f"{name} {_short(value)}" for name, value in each.absolutes.items()))
+    return "\n".join(lines)
+
+
+def _column(value: float | None) -> str:
+    return f"{'' if value is None else _short(value):>12}"
+
+
+def _line(each: Figure, last: str) -> str:
+    name = f"{each.name} / {each.peer_name}" if each.peer_name else each.name
+    peer = "" if each.peer is None else _short(each.peer)
+    ratio = "" if each.ratio is None else f"{each.ratio:.2f}"
+    must = "" if each.limit is None else f"{each.direction} {each.limit:g}{'' if each.good else '   SHORT'}"
+    return f"  {name:<46}{last}{_short(each.ours):>12}{peer:>12} {each.unit:<6}{ratio:>7}  {must}".rstrip()
+
+
+def _short(value: float | str) -> str:
+    return value if isinstance(value, str) else f"{value:.4g}" if abs(value) < 1000 else f"{value:.0f}"

@@ -1,0 +1,161 @@
+"""`services`: SDO and EDS beside the `canopen` package in the same run, against the same server on the same bus.
+
+Both clients live in this process and take turns; the server is ours, in a process of its own. CPU is that of this
+process, all its threads; it has a processor for itself, bus and server the other. "As it comes": each on the bus that
+it brings where there is no CAN, ours `local:` between processes, canopen's python-can's `virtual` between threads. What
+is moved is compared with what came back first.
+
+A round moves a block once; segments, which take canopen seconds for 64 KiB, are moved in two rounds only.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import time
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from canopen_control.bus.local import ask_hub
+from canopen_control.errors import CanopenError
+from canopen_control.interop.canopen import to_canopen
+from canopen_control.od.eds import read_eds
+from canopen_control.rpc.messages.hub import GetHubStatus
+from canopen_control_bench.figure import AT_LEAST, Figure, compared
+from canopen_control_bench.machine import apart
+from canopen_control_bench.peers.sdo_canopen import import_eds, their_client, their_virtual_client
+from canopen_control_bench.sdo_client import BLOCK_BYTES, BUS, NODE, Client, our_client
+from canopen_control_bench.stage import EDS, stage
+
+if TYPE_CHECKING:
+    from contextlib import AbstractContextManager
+
+    from canopen_control_bench.runner import Options
+
+__all__ = ["check", "measure"]
+
+CANOPEN = "canopen"
+CPU_LIMIT, EDS_LIMIT, BLOCK_LIMIT = 0.5, 0.5, 5.0
+TRIPS, QUICK_TRIPS = 1000, 400
+ROUNDS, BEST_OF, SEGMENTED_ROUNDS, LOADS = 9, 20, 2, 5
+
+Opener = Callable[[], "AbstractContextManager[Client]"]
+Work = Callable[[Client], object]
+SAME_BUS: tuple[Opener, Opener] = (our_client, their_client)
+AS_THEY_COME: tuple[Opener, Opener] = (our_client, their_virtual_client)
+PAYLOAD = bytes(number % 251 for number in range(BLOCK_BYTES))
+
+
+def measure(options: Options) -> list[Figure]:
+    """Measure round trips, transfers and reading an EDS."""
+    trips = QUICK_TRIPS if options.quick else TRIPS
+    with stage() as played:
+        server = played.start("canopen_control_bench.sdo_client")
+        server.line()
+        for opener in (our_client, their_client, their_virtual_client):
+            with opener() as client:
+                check(client, PAYLOAD if not options.quick else PAYLOAD[:4096])
+        others = (server.pid, ask_hub(BUS, GetHubStatus()).pid)
+        with contextlib.nullcontext() if options.as_is else apart(os.getpid(), others):
+            figures = [*_round_trips(trips), *_blocks(quick=options.quick)]
+            if not options.quick:
+                figures += _segmented()
+    return [*figures, _eds()]
+
+
+def check(client: Client, payload: bytes) -> None:
+    """Move a block there and back both ways; raises CanopenError when what comes back is not what was sent."""
+    for block in (False, True):
+        sent = payload[::-1] if block else payload
+        client.download(sent, block)
+        if (back := client.upload(block)) != sent:
+            raise CanopenError(f"{len(sent)} bytes were sent and {len(back)} others came back")
+
+
+def _round_trips(trips: int) -> list[Figure]:
+    def expedited(client: Client) -> None:
+        for _ in range(trips):
+            client.read()
+
+    cpu = _rounds(expedited, time.process_time, SAME_BUS, ROUNDS, lambda seconds: 1e6 * seconds / trips)
+    rate = _rounds(expedited, time.perf_counter, SAME_BUS, ROUNDS, lambda seconds: trips / seconds)
+    return [
+        compared("SDO round trip, same bus: CPU", "us", cpu, peer_name=CANOPEN, limit=CPU_LIMIT),
+        compared("SDO round trips, same bus", "1/s", rate, peer_name=CANOPEN),
+    ]
+
+
+def _blocks(*, quick: bool) -> list[Figure]:
+    """Compare CPU, and what passes in a second: that of the best round, since it waits for other processes."""
+    figures = []
+    for name, move in (
+        ("block download", lambda client: client.download(PAYLOAD, True)),
+        ("block upload", lambda client: client.upload(True)),
+    ):
+        cpu = _rounds(move, time.process_time, SAME_BUS, ROUNDS, lambda seconds: 1e3 * seconds)
+        figures.append(compared(f"{name}, same bus: CPU", "ms", cpu, peer_name=CANOPEN, limit=CPU_LIMIT))
+        if quick:
+            continue
+        ours, theirs = zip(*_rounds(move, time.perf_counter, AS_THEY_COME, BEST_OF, _kilobytes), strict=True)
+        best = [(max(ours), max(theirs))]
+        figures.append(
+            compared(f"{name}, as it comes", "kB/s", best, peer_name=CANOPEN, limit=BLOCK_LIMIT, direction=AT_LEAST)
+        )
+    return figures
+
+
+def _segmented() -> list[Figure]:
+    return [
+        compared(
+            f"segmented {name}, same bus",
+            "kB/s",
+            _rounds(move, time.perf_counter, SAME_BUS, SEGMENTED_ROUNDS, _kilobytes),
+            peer_name=CANOPEN,
+        )
+        for name, move in (
+            ("download", lambda client: client.download(PAYLOAD, False)),
+            ("upload", lambda client: client.upload(False)),
+        )
+    ]
+
+
+def _rounds(
+    work: Work,
+    clock: Callable[[], float],
+    openers: tuple[Opener, Opener],
+    rounds: int,
+    quantity: Callable[[float], float],
+) -> list[tuple[float, float]]:
+    """Return each round's quantity, ours first; a server has one client at a time, so they come and go."""
+    found = []
+    for _ in range(rounds):
+        times = []
+        for opener in openers:
+            with opener() as client:
+                client.read()  # connected and warm
+                begin = clock()
+                work(client)
+                times.append(clock() - begin)
+        found.append((quantity(times[0]), quantity(times[1])))
+    return found
+
+
+def _kilobytes(seconds: float) -> float:
+    return BLOCK_BYTES / seconds / 1e3
+
+
+def _eds() -> Figure:
+    """Read the same EDS with both, which have to find the same dictionary."""
+    if len(to_canopen(read_eds(EDS, NODE).od)) != len(import_eds(EDS, NODE)):
+        raise CanopenError(f"{EDS}: the two readers do not find the same objects")
+
+    def milliseconds(load: Callable[[], object]) -> float:
+        begin = time.process_time()
+        for _ in range(LOADS):
+            load()
+        return 1e3 * (time.process_time() - begin) / LOADS
+
+    rounds = [
+        (milliseconds(lambda: read_eds(EDS, NODE)), milliseconds(lambda: import_eds(EDS, NODE))) for _ in range(ROUNDS)
+    ]
+    return compared("EDS load, TMCM-1270: CPU", "ms", rounds, peer_name=CANOPEN, limit=EDS_LIMIT)

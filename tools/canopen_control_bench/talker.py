@@ -1,0 +1,50 @@
+"""Fills a bus: TPDOs of drives that are there, one frame at a time, at the rate of a wire.
+
+python -m canopen_control_bench.talker CHANNEL FIRST_NODE COUNT RATE SECONDS        -> {"sent": frames}
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+
+from canopen_control.bus.channel import open_port
+from canopen_control.frame import RECORD
+
+__all__ = ["talk"]
+
+_TPDO2 = 0x280
+_RANGE = 50  # counts: a drive that stands still, as its encoder sees it
+
+
+def talk(channel: str, nodes: range, rate: float, seconds: float) -> int:
+    """Send for so long; return how many frames were sent."""
+    port = open_port(channel, label="talker")
+    now, sleep = time.monotonic_ns, time.sleep
+    gap, count = 1e9 / rate, round(rate * seconds)
+    begin = now()
+    for number in range(count):
+        if (rest := begin + number * gap - now()) > 0:
+            sleep(rest / 1e9)
+        node = nodes[number % len(nodes)]
+        position = (number // len(nodes)) % _RANGE
+        port.send(RECORD.pack(_TPDO2 + node, 8, position.to_bytes(4, "little") + bytes(4)))
+    while port.wants_write:
+        port.flush()
+    port.close()
+    return count
+
+
+def main() -> None:
+    """Send what the arguments say, when a line comes."""
+    channel, first, count, rate, seconds = sys.argv[1:6]
+    sys.stdout.write("ready\n")
+    sys.stdout.flush()
+    sys.stdin.readline()
+    sent = talk(channel, range(int(first), int(first) + int(count)), float(rate), float(seconds))
+    sys.stdout.write(json.dumps({"sent": sent}) + "\n")
+
+
+if __name__ == "__main__":
+    main()
