@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     import argparse
 
     from canopen_control.trace.flight_file import FlightFile
-    from canopen_control.trace.network import NetworkDescription
+    from canopen_control.trace.network_description import NetworkDescription
 
 __all__ = ["EXAMPLE", "add_arguments", "run"]
 
@@ -55,7 +55,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run the verb."""
     from canopen_control.cli.support.json_text import json_text
-    from canopen_control.trace.report import facts_of
+    from canopen_control.trace.report_build import facts_of
     from canopen_control.trace.report_page import page_of
 
     if args.list:

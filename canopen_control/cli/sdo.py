@@ -22,7 +22,7 @@ from canopen_control.cli.support.target import add_target_arguments, open_target
 from canopen_control.errors import CanopenError, ConfigError, RemoteError, SdoAbort
 from canopen_control.od.address import find_object, parts_of
 from canopen_control.od.codec import decode
-from canopen_control.trace.network import NodeDescription
+from canopen_control.trace.network_description import NodeDescription
 from canopen_control.trace.values import NodeWords, decoded
 
 if TYPE_CHECKING:

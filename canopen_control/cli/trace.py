@@ -18,13 +18,13 @@ from canopen_control.cli.support.heard_bus import add_network_arguments, heard_b
 from canopen_control.cli.support.json_text import json_line
 from canopen_control.trace.decoder import Decoder
 from canopen_control.trace.filters import Filter, node_ids_of, parse_ids, parse_services
-from canopen_control.trace.lines import LineWriter, document_of
+from canopen_control.trace.frame_lines import LineWriter, document_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
 
     from canopen_control.bus.record import RecordedFrame
-    from canopen_control.trace.network import NetworkDescription
+    from canopen_control.trace.network_description import NetworkDescription
 
 __all__ = ["EXAMPLE", "add_arguments", "add_view_arguments", "run", "show", "show_file"]
 

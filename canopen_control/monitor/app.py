@@ -30,7 +30,7 @@ from canopen_control.monitor.sources import SOURCE
 from canopen_control.monitor.style import CSS, MARK_STYLES, TONE_STYLES
 from canopen_control.monitor.tables import FRAME_COLUMNS, LiveTable, frame_rows
 from canopen_control.rpc.messages.robot import AxisRequest, Release, Stop
-from canopen_control.trace.lines import LineWriter
+from canopen_control.trace.frame_lines import LineWriter
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

@@ -21,7 +21,7 @@ from canopen_control.trace.values import statusword_text
 
 if TYPE_CHECKING:
     from canopen_control.trace.decoder import DecodedFrame
-    from canopen_control.trace.network import NetworkDescription
+    from canopen_control.trace.network_description import NetworkDescription
     from canopen_control.trace.values import SignalValue
 
 __all__ = ["BusTable"]

@@ -19,7 +19,7 @@ from canopen_control.trace.filters import Filter, node_ids_of, parse_ids
 if TYPE_CHECKING:
     from canopen_control.frame import CanFrame
     from canopen_control.trace.decoder import DecodedFrame
-    from canopen_control.trace.network import NetworkDescription
+    from canopen_control.trace.network_description import NetworkDescription
 
 __all__ = ["FrameTable", "LoadMeter", "TraceLog", "parse_filter"]
 

@@ -16,7 +16,7 @@ from canopen_control.monitor.link import RobotLink
 from canopen_control.monitor.robot_rows import is_emergency, log_line, picture_of, without_robot
 from canopen_control.monitor.tap import BusTap
 from canopen_control.rpc.messages.robot import ROBOT
-from canopen_control.trace.network import NetworkDescription, network_of_layout
+from canopen_control.trace.network_description import NetworkDescription, network_of_layout
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping

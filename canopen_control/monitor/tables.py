@@ -11,7 +11,7 @@ from textual.widgets.data_table import ColumnKey
 
 from canopen_control.monitor.picture import Cell, plain
 from canopen_control.monitor.style import TONE_STYLES
-from canopen_control.trace.lines import identifier_text
+from canopen_control.trace.frame_lines import identifier_text
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from canopen_control.bus.port import Port
     from canopen_control.trace.decoder import DecodedFrame
-    from canopen_control.trace.network import NetworkDescription
+    from canopen_control.trace.network_description import NetworkDescription
 
 __all__ = ["BusTap"]
 

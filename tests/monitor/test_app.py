@@ -23,7 +23,7 @@ from canopen_control.monitor.picture import (
 )
 from canopen_control.rpc.messages.robot import AxisRequest, Release, Stop
 from canopen_control.trace.decoder import Decoder
-from canopen_control.trace.network import NetworkDescription, NodeDescription
+from canopen_control.trace.network_description import NetworkDescription, NodeDescription
 from canopen_control.trace.values import statusword_text
 
 

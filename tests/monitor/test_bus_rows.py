@@ -9,7 +9,7 @@ from canopen_control.monitor.bus_rows import BusTable, _Axis
 from canopen_control.monitor.picture import Tone
 from canopen_control.trace.bare import network_of_eds
 from canopen_control.trace.decoder import Decoder
-from canopen_control.trace.network import NetworkDescription
+from canopen_control.trace.network_description import NetworkDescription
 
 MS = 1_000_000
 START = 1_700_000_000_000 * MS

@@ -4,7 +4,7 @@ from canopen_control.errors import ConfigError
 from canopen_control.frame import CanFrame
 from canopen_control.monitor.frames import KEPT, FrameTable, LoadMeter, TraceLog, parse_filter
 from canopen_control.trace.decoder import Decoder
-from canopen_control.trace.network import NetworkDescription, NodeDescription
+from canopen_control.trace.network_description import NetworkDescription, NodeDescription
 
 NETWORK = NetworkDescription(nodes={3: NodeDescription("left_drive", 3)}, master_node_id=1)
 DECODER = Decoder(NETWORK)

@@ -12,7 +12,7 @@ from canopen_control.frame import CanFrame, pack_records
 from canopen_control.monitor.sources import BusSource, RobotSource
 from canopen_control.rpc.messages.layout import BusLayout, NodeLayout
 from canopen_control.rpc.messages.robot import Stop
-from canopen_control.trace.network import NetworkDescription, NodeDescription
+from canopen_control.trace.network_description import NetworkDescription, NodeDescription
 
 
 @pytest.fixture

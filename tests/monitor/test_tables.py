@@ -8,7 +8,7 @@ from canopen_control.monitor.picture import Cell, Tone
 from canopen_control.monitor.style import TONE_STYLES
 from canopen_control.monitor.tables import FRAME_COLUMNS, LiveTable, frame_rows
 from canopen_control.trace.decoder import Decoder
-from canopen_control.trace.network import NetworkDescription
+from canopen_control.trace.network_description import NetworkDescription
 
 
 class Screen(App):

@@ -2,7 +2,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from canopen_control.trace.lss import lss_text
+from canopen_control.trace.lss_text import lss_text
 
 
 @pytest.mark.parametrize(

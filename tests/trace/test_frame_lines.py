@@ -3,7 +3,7 @@ from support.tracing import frame, robby_decoder, robby_network
 from canopen_control.frame import ERROR_FLAG, EXTENDED_FLAG, REMOTE_FLAG
 from canopen_control.rpc.wire import plain
 from canopen_control.trace.decoder import DecodedFrame
-from canopen_control.trace.lines import LineWriter, document_of, identifier_text
+from canopen_control.trace.frame_lines import LineWriter, document_of, identifier_text
 from canopen_control.trace.values import SignalValue
 
 

@@ -8,8 +8,8 @@ from canopen_control.rpc.messages.layout import Layout
 from canopen_control.rpc.messages.state import RobotEvent
 from canopen_control.rpc.wire import plain
 from canopen_control.trace.flight_file import NO_FAULT, FlightFile, FlightMeta
-from canopen_control.trace.network import NetworkDescription
-from canopen_control.trace.report import facts_of, networks_of
+from canopen_control.trace.network_description import NetworkDescription
+from canopen_control.trace.report_build import facts_of, networks_of
 
 EMPTY = FlightMeta(robot="", reason=NO_FAULT)
 

@@ -13,7 +13,7 @@ from canopen_control.trace.decoder import Mark
 if TYPE_CHECKING:
     from canopen_control.od.model import Value
     from canopen_control.trace.decoder import DecodedFrame
-    from canopen_control.trace.network import NetworkDescription
+    from canopen_control.trace.network_description import NetworkDescription
 
 __all__ = ["FrameDocument", "LineWriter", "ValueDocument", "document_of", "identifier_text"]
 

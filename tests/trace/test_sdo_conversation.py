@@ -6,8 +6,8 @@ from support.tracing import frame, robby_decoder, said
 from canopen_control.cia301.sdo_client import SdoClient
 from canopen_control.cia301.sdo_server import SdoServer
 from canopen_control.trace.decoder import Decoder, Mark
-from canopen_control.trace.network import NetworkDescription
-from canopen_control.trace.sdo import LIMIT
+from canopen_control.trace.network_description import NetworkDescription
+from canopen_control.trace.sdo_conversation import LIMIT
 
 
 class Store:

@@ -7,7 +7,7 @@ from canopen_control.od.eds import read_eds
 from canopen_control.od.model import DataType, Entry, ObjectCode, ObjectDictionary, ObjectInfo
 from canopen_control.rpc.messages.layout import BusLayout
 from canopen_control.rpc.wire import convert, plain
-from canopen_control.trace.network import (
+from canopen_control.trace.network_description import (
     NetworkDescription,
     NodeDescription,
     entry_name,

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from canopen_control.trace.flight_trigger import is_fault
-from canopen_control.trace.network import network_of_layout
+from canopen_control.trace.network_description import network_of_layout
 from canopen_control.trace.report_facts import Gaps, ReportFacts, event_at
 from canopen_control.trace.report_frames import read_frames
 from canopen_control.trace.report_samples import cycle_of, joints_of, node_spans, stopped_after
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from canopen_control.rpc.messages.state import TimedSnapshot
     from canopen_control.trace.flight_file import FlightFile
-    from canopen_control.trace.network import NetworkDescription
+    from canopen_control.trace.network_description import NetworkDescription
     from canopen_control.trace.report_facts import EventFacts, NodeFacts
 
 __all__ = ["facts_of", "networks_of"]
