@@ -8,7 +8,7 @@ from __future__ import annotations
 import sys
 from typing import TYPE_CHECKING, TypeAlias, get_args
 
-from canopen_control.bus import link as links
+from canopen_control.bus import can_interfaces
 from canopen_control.bus.channel import ChannelKind, ChannelSpec, parse_channel
 from canopen_control.bus.local import ask_hub
 from canopen_control.cli.support.arguments import whole
@@ -109,10 +109,10 @@ def _list(args: argparse.Namespace) -> int:
     return 0
 
 
-def _links() -> list[links.Link]:
+def _links() -> list[can_interfaces.CanInterface]:
     """Return the CAN interfaces; where iproute2 is missing there is a hint instead, and none."""
     try:
-        return links.list_links()
+        return can_interfaces.list_can_interfaces()
     except ConfigError as error:
         print(f"canopen-control: {error}", file=sys.stderr)
         return []
@@ -148,7 +148,7 @@ def _status_of(spec: ChannelSpec) -> Status:
         return ask_hub(spec.name, hub.GetHubStatus())
     if spec.kind is not ChannelKind.SOCKETCAN:
         raise ConfigError(f"{spec}: only local: buses and CAN interfaces can be looked at from outside")
-    link = links.find_link(spec.name)
+    link = can_interfaces.find_can_interface(spec.name)
     if link is None:
         raise InterfaceNotFound(spec.name, "what there is: canopen-control bus list")
     return status_of_interfaces([link])[link.name]
@@ -197,14 +197,14 @@ def _interface(args: argparse.Namespace) -> str:
 
 
 def _up(args: argparse.Namespace) -> int:
-    links.bring_up(
+    can_interfaces.bring_up(
         _interface(args), print, bitrate=args.bitrate, restart_ms=args.restart_ms, sample_point=args.sample_point
     )
     return 0
 
 
 def _down(args: argparse.Namespace) -> int:
-    links.bring_down(_interface(args), print)
+    can_interfaces.bring_down(_interface(args), print)
     return 0
 
 

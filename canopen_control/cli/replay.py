@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
     from canopen_control.bus.play import Played
-    from canopen_control.bus.record import RecordedFrame
+    from canopen_control.bus.recordings import RecordedFrame
     from canopen_control.cli.support.frame_source import Source
 
 __all__ = ["EXAMPLE", "add_arguments", "node_ids_in", "run"]

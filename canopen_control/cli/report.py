@@ -148,7 +148,7 @@ def _watched(args: argparse.Namespace) -> FlightFile:
 
 def _frames_only(args: argparse.Namespace, path: Path) -> tuple[FlightFile, dict[str, NetworkDescription]]:
     """Read a recording of frames; its only bus is called "can"."""
-    from canopen_control.bus.record import Recording
+    from canopen_control.bus.recordings import Recording
     from canopen_control.cli.support.heard_bus import described
     from canopen_control.trace.flight_file import NO_FAULT, FlightFile, FlightMeta
 

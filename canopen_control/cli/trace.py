@@ -23,7 +23,7 @@ from canopen_control.trace.frame_lines import LineWriter, document_of
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
 
-    from canopen_control.bus.record import RecordedFrame
+    from canopen_control.bus.recordings import RecordedFrame
     from canopen_control.trace.network_description import NetworkDescription
 
 __all__ = ["EXAMPLE", "add_arguments", "add_view_arguments", "run", "show", "show_file"]

@@ -12,7 +12,7 @@ from canopen_control.rpc.wire import plain
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from canopen_control.bus.link import Link
+    from canopen_control.bus.can_interfaces import CanInterface
     from canopen_control.bus.listeners import Listener
     from canopen_control.bus.traffic import Traffic
 
@@ -26,7 +26,7 @@ _COMMAND_LENGTH = 60
 class InterfaceStatus:
     """A CAN interface; `traffic` is None of one that is down, `unnamed_listeners` are sockets of other users."""
 
-    link: Link
+    link: CanInterface
     traffic: Traffic | None
     listeners: list[Listener]
     unnamed_listeners: int
@@ -38,13 +38,13 @@ class InterfaceStatus:
         return {**plain(self.link), **traffic, **heard}
 
 
-def status_of_interfaces(links: Sequence[Link]) -> dict[str, InterfaceStatus]:
+def status_of_interfaces(links: Sequence[CanInterface]) -> dict[str, InterfaceStatus]:
     """Return the status of interfaces by name; takes half a second to see what goes over those that are up."""
     traffic = measure(links, LOOK_S)
     return {link.name: _status(link, traffic.get(link.name)) for link in links}
 
 
-def _status(link: Link, traffic: Traffic | None) -> InterfaceStatus:
+def _status(link: CanInterface, traffic: Traffic | None) -> InterfaceStatus:
     listeners = find_listeners(link.name)
     named = sum(each.interface is not None and each.identifiers != 0 for each in listeners)
     return InterfaceStatus(link, traffic, listeners, max(0, count_hearing(link.name) - named))

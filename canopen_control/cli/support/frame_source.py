@@ -9,7 +9,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
-from canopen_control.bus.record import RecordedFrame, Recording
+from canopen_control.bus.recordings import RecordedFrame, Recording
 from canopen_control.cli.support.heard_bus import described
 from canopen_control.errors import ConfigError
 from canopen_control.trace.flight_file import is_flight_file

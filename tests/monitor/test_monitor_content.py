@@ -1,7 +1,7 @@
 import pytest
 
 from canopen_control.cia402.state import State
-from canopen_control.monitor.picture import Cell, Tone, age_cell, state_cell
+from canopen_control.monitor.monitor_content import Cell, Tone, age_cell, state_cell
 
 
 @pytest.mark.parametrize("state", State)

@@ -8,14 +8,14 @@ from canopen_control.cia402.modes import OperationMode
 from canopen_control.cia402.state import State
 from canopen_control.errors import RemoteError
 from canopen_control.frame import CanFrame
-from canopen_control.monitor.app import PERIOD_S, MonitorApp
-from canopen_control.monitor.frames import FrameTable, TraceLog
-from canopen_control.monitor.picture import (
+from canopen_control.monitor.frame_tables import FrameTable, TraceLog
+from canopen_control.monitor.monitor_app import PERIOD_S, MonitorApp
+from canopen_control.monitor.monitor_content import (
     DRIVE_COLUMNS,
     JOINT_COLUMNS,
     Cell,
     LogLine,
-    Picture,
+    MonitorContent,
     Tone,
     age_cell,
     sdo_cell,
@@ -52,14 +52,14 @@ class FakeSource:
     def tick(self):
         pass
 
-    def picture(self):
+    def content(self):
         drives = {
             name: (Cell(name), Cell("OPERATIONAL"), self.state, *[Cell("-")] * (len(DRIVE_COLUMNS) - 3))
             for name in ("left", "right")
         }
         joints = {"wheel": tuple(Cell("1.000") for _ in JOINT_COLUMNS)}
         drives = drives if self.rows is None else self.rows
-        return Picture("robby", Cell("running", Tone.GOOD), self.alarm, ("cycle 20 ms",), drives, joints)
+        return MonitorContent("robby", Cell("running", Tone.GOOD), self.alarm, ("cycle 20 ms",), drives, joints)
 
     def log(self):
         lines, self.lines = self.lines, []
@@ -375,7 +375,7 @@ def test_the_drives_of_an_arm_fit_120_columns():
 
 def test_a_robot_without_drives_has_no_table_of_them_until_it_has():
     source = FakeSource()
-    drives, source.rows = source.picture().drives, {}
+    drives, source.rows = source.content().drives, {}
 
     async def check(app, pilot, source):
         assert not app.query_one("#drives").display

@@ -3,14 +3,14 @@ from support.host import eventually
 from support.mockrobot import running
 
 from canopen_control.errors import RemoteError
-from canopen_control.monitor import link as link_module
-from canopen_control.monitor.link import RobotLink
+from canopen_control.monitor import robot_link as module
+from canopen_control.monitor.robot_link import RobotLink
 from canopen_control.rpc.messages.robot import LoadController, Stop
 
 
 @pytest.fixture
 def link(private_folders, monkeypatch):
-    monkeypatch.setattr(link_module, "AGAIN_S", 0.05)
+    monkeypatch.setattr(module, "AGAIN_S", 0.05)
     link = RobotLink()
     link.start()
     yield link

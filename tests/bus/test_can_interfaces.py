@@ -6,15 +6,15 @@ import json
 
 import pytest
 
-from canopen_control.bus import link as link_module
-from canopen_control.bus.link import (
-    Link,
+from canopen_control.bus import can_interfaces as module
+from canopen_control.bus.can_interfaces import (
+    CanInterface,
     Result,
     bring_down,
     bring_up,
-    find_link,
-    list_links,
-    parse_links,
+    find_can_interface,
+    list_can_interfaces,
+    parse_can_interfaces,
     run_command,
     up_commands,
 )
@@ -74,15 +74,15 @@ class Shell:
 
 @pytest.fixture(autouse=True)
 def root(monkeypatch):
-    monkeypatch.setattr(link_module.os, "geteuid", lambda: 0)
+    monkeypatch.setattr(module.os, "geteuid", lambda: 0)
 
 
 def test_can_interfaces_are_read_and_others_left_out():
-    assert parse_links(json.dumps([ETHERNET, VCAN0, CAN0, FRESH])) == [
-        Link(
+    assert parse_can_interfaces(json.dumps([ETHERNET, VCAN0, CAN0, FRESH])) == [
+        CanInterface(
             "vcan0", "vcan", is_up=True, queue_length=1000, traffic={"rx_packets": 7, "rx_dropped": 0, "tx_packets": 3}
         ),
-        Link(
+        CanInterface(
             "can0",
             "can",
             is_up=False,
@@ -94,7 +94,7 @@ def test_can_interfaces_are_read_and_others_left_out():
             error_counters=(128, 9),
             counters={"bus_error": 4, "bus_off": 1},
         ),
-        Link("can1", "can", is_up=False, queue_length=10, state="STOPPED", restart_ms=0),
+        CanInterface("can1", "can", is_up=False, queue_length=10, state="STOPPED", restart_ms=0),
     ]
 
 
@@ -108,25 +108,25 @@ def test_can_interfaces_are_read_and_others_left_out():
     ids=["by hand", "by itself", "from now on by itself"],
 )
 def test_an_interface_that_is_off_the_bus_is_restarted(restart_ms, wanted, commands):
-    off = Link("can3", "can", True, 1000, state="BUS-OFF", bitrate=500_000, restart_ms=restart_ms)
-    made = [str(command) for command in link_module.up_commands("can3", off, **wanted)]
+    off = CanInterface("can3", "can", True, 1000, state="BUS-OFF", bitrate=500_000, restart_ms=restart_ms)
+    made = [str(command) for command in module.up_commands("can3", off, **wanted)]
     assert [each.removeprefix("ip link set can3 ") for each in made] == [
         each.removeprefix("ip link set can3 ") for each in commands
     ]
 
 
 def test_no_output_is_no_interfaces():
-    assert parse_links("") == []
+    assert parse_can_interfaces("") == []
 
 
 def test_an_interface_is_found_by_name():
-    assert find_link("can0", Shell(VCAN0, CAN0)).name == "can0"
-    assert find_link("can7", Shell(VCAN0, CAN0)) is None
+    assert find_can_interface("can0", Shell(VCAN0, CAN0)).name == "can0"
+    assert find_can_interface("can7", Shell(VCAN0, CAN0)) is None
 
 
 @pytest.mark.process
 def test_the_machines_own_links_are_readable_json():
-    assert all(isinstance(link, Link) for link in list_links())
+    assert all(isinstance(link, CanInterface) for link in list_can_interfaces())
 
 
 def test_a_missing_ip_says_what_to_install():
@@ -134,12 +134,12 @@ def test_a_missing_ip_says_what_to_install():
         raise FileNotFoundError(2, "No such file or directory")
 
     with pytest.raises(ConfigError, match="install iproute2"):
-        list_links(run)
+        list_can_interfaces(run)
 
 
 def test_a_failing_ip_is_quoted():
     with pytest.raises(ConfigError, match="ip link show failed: boom"):
-        list_links(lambda argv: Result(1, "", "boom"))
+        list_can_interfaces(lambda argv: Result(1, "", "boom"))
 
 
 @pytest.mark.parametrize(
@@ -181,7 +181,7 @@ def test_a_failing_ip_is_quoted():
     ids=["new vcan", "vcan up", "vcan down", "fresh can", "set can", "same can", "other sample point"],
 )
 def test_only_what_is_missing_is_done(entry, options, commands):
-    link = None if entry is None else parse_links(json.dumps([entry]))[0]
+    link = None if entry is None else parse_can_interfaces(json.dumps([entry]))[0]
     assert [str(command) for command in up_commands(link.name if link else "vcan0", link, **options)] == commands
 
 
@@ -194,7 +194,7 @@ def test_only_what_is_missing_is_done(entry, options, commands):
     ],
 )
 def test_what_cannot_be_meant_is_one_sentence(name, entry, options, message):
-    link = None if entry is None else parse_links(json.dumps([entry]))[0]
+    link = None if entry is None else parse_can_interfaces(json.dumps([entry]))[0]
     with pytest.raises(ConfigError, match=message):
         up_commands(name, link, **options)
 
@@ -244,8 +244,8 @@ def test_taking_an_interface_down():
 
 
 def test_without_root_and_sudo_the_commands_to_type_are_said(monkeypatch):
-    monkeypatch.setattr(link_module.os, "geteuid", lambda: 1000)
-    monkeypatch.setattr(link_module.shutil, "which", lambda _name: None)
+    monkeypatch.setattr(module.os, "geteuid", lambda: 1000)
+    monkeypatch.setattr(module.shutil, "which", lambda _name: None)
     shell = Shell(VCAN0 | {"flags": []})
     with pytest.raises(ConfigError, match="vcan0: this needs root; type: sudo ip link set vcan0 up"):
         bring_up("vcan0", lambda _line: None, run=shell)
@@ -253,8 +253,8 @@ def test_without_root_and_sudo_the_commands_to_type_are_said(monkeypatch):
 
 
 def test_with_sudo_the_commands_go_through_it(monkeypatch):
-    monkeypatch.setattr(link_module.os, "geteuid", lambda: 1000)
-    monkeypatch.setattr(link_module.shutil, "which", lambda _name: "/usr/bin/sudo")
+    monkeypatch.setattr(module.os, "geteuid", lambda: 1000)
+    monkeypatch.setattr(module.shutil, "which", lambda _name: "/usr/bin/sudo")
     shell = Shell(VCAN0)
     bring_down("vcan0", lambda _line: None, run=shell)
     assert shell.ran == ["sudo -n true", "sudo -n ip link set vcan0 down"]

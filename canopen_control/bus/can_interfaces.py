@@ -23,14 +23,14 @@ if TYPE_CHECKING:
     """Runs a command to its end; OSError if it cannot be started."""
 
 __all__ = [
+    "CanInterface",
     "Command",
-    "Link",
     "Result",
     "bring_down",
     "bring_up",
-    "find_link",
-    "list_links",
-    "parse_links",
+    "find_can_interface",
+    "list_can_interfaces",
+    "parse_can_interfaces",
     "run_command",
     "up_commands",
 ]
@@ -41,7 +41,7 @@ _TIMEOUT_S = 15.0
 
 
 @dataclass(frozen=True, slots=True)
-class Link:
+class CanInterface:
     """A CAN interface; None where the kernel does not say, as with virtual ones.
 
     `bitrate` in bit/s, `restart_ms` 0 for no automatic restart after bus-off, `state` such as ``ERROR-ACTIVE``.
@@ -123,19 +123,19 @@ class _Entry(TypedDict, total=False):
     stats64: dict[str, dict[str, int]]  # by way, rx and tx
 
 
-def parse_links(text: str) -> list[Link]:
+def parse_can_interfaces(text: str) -> list[CanInterface]:
     """Return the CAN interfaces in the output of ``ip -json -details -statistics link show``."""
     entries: list[_Entry] = json.loads(text or "[]")
     return [_link(entry) for entry in entries if entry.get("link_type") == "can"]
 
 
-def _link(entry: _Entry) -> Link:
+def _link(entry: _Entry) -> CanInterface:
     info = entry.get("linkinfo", _LinkInfo())
     data = info.get("info_data", _Controller())
     timing = data.get("bittiming", _Timing())
     counters = data.get("berr_counter")
     sample_point = timing.get("sample_point")
-    return Link(
+    return CanInterface(
         name=entry["ifname"],
         kind=info.get("info_kind", "can"),
         is_up="UP" in entry.get("flags", ()),
@@ -150,7 +150,7 @@ def _link(entry: _Entry) -> Link:
     )
 
 
-def list_links(run: Run = run_command) -> list[Link]:
+def list_can_interfaces(run: Run = run_command) -> list[CanInterface]:
     """Return all CAN interfaces; raise `ConfigError` where iproute2 is missing or fails."""
     try:
         result = run(("ip", "-json", "-details", "-statistics", "link", "show"))
@@ -158,12 +158,12 @@ def list_links(run: Run = run_command) -> list[Link]:
         raise ConfigError(f"ip cannot be run ({error.strerror}); install iproute2") from error
     if result.returncode:
         raise ConfigError(f"ip link show failed: {result.error}")
-    return parse_links(result.output)
+    return parse_can_interfaces(result.output)
 
 
-def find_link(name: str, run: Run = run_command) -> Link | None:
+def find_can_interface(name: str, run: Run = run_command) -> CanInterface | None:
     """Return the CAN interface of this name, None if there is none."""
-    return next((link for link in list_links(run) if link.name == name), None)
+    return next((link for link in list_can_interfaces(run) if link.name == name), None)
 
 
 # Setting -----------------------------------------------------------------------------------------------------------
@@ -173,7 +173,7 @@ def _ip(purpose: str, *words: str) -> Command:
     return Command(("ip", "link", *words), purpose)
 
 
-def _up_virtual(name: str, kind: str, link: Link | None) -> list[Command]:
+def _up_virtual(name: str, kind: str, link: CanInterface | None) -> list[Command]:
     commands = []
     if link is None:
         commands = [
@@ -187,7 +187,9 @@ def _up_virtual(name: str, kind: str, link: Link | None) -> list[Command]:
     return commands
 
 
-def _up_real(link: Link, bitrate: int | None, restart_ms: int | None, sample_point: float | None) -> list[Command]:
+def _up_real(
+    link: CanInterface, bitrate: int | None, restart_ms: int | None, sample_point: float | None
+) -> list[Command]:
     wanted: dict[str, float | None] = {"bitrate": bitrate, "sample-point": sample_point, "restart-ms": restart_ms}
     present: dict[str, float | None] = {
         "bitrate": link.bitrate,
@@ -215,7 +217,7 @@ def _up_real(link: Link, bitrate: int | None, restart_ms: int | None, sample_poi
 
 def up_commands(
     name: str,
-    link: Link | None,
+    link: CanInterface | None,
     *,
     bitrate: int | None = None,
     restart_ms: int | None = None,
@@ -249,7 +251,7 @@ def bring_up(
 
     Raise `ConfigError` with the commands to type where rights are missing, or with what is missing or refused.
     """
-    link = find_link(name, run)
+    link = find_can_interface(name, run)
     commands = up_commands(name, link, bitrate=bitrate, restart_ms=restart_ms, sample_point=sample_point)
     if not commands:
         say(f"{name} is up already")
@@ -258,7 +260,7 @@ def bring_up(
 
 def bring_down(name: str, say: Callable[[str], None], *, run: Run = run_command) -> None:
     """Bring an interface down; a virtual one stays and can be brought up again. Errors as with `bring_up`."""
-    link = find_link(name, run)
+    link = find_can_interface(name, run)
     if link is None:
         raise ConfigError(f"no CAN interface {name!r}; what there is: canopen-control bus list")
     if not link.is_up:

@@ -24,8 +24,8 @@ from textual.binding import Binding, BindingType
 from textual.widgets import Footer, Input, RichLog, Static, TabbedContent, TabPane
 
 from canopen_control.errors import CanopenError, ConfigError
-from canopen_control.monitor.frames import parse_filter
-from canopen_control.monitor.picture import DRIVE_COLUMNS, JOINT_COLUMNS
+from canopen_control.monitor.frame_tables import parse_filter
+from canopen_control.monitor.monitor_content import DRIVE_COLUMNS, JOINT_COLUMNS
 from canopen_control.monitor.sources import SOURCE
 from canopen_control.monitor.style import CSS, MARK_STYLES, TONE_STYLES
 from canopen_control.monitor.tables import FRAME_COLUMNS, LiveTable, frame_rows
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from textual.notifications import SeverityLevel
 
     from canopen_control.bus.port import Port
-    from canopen_control.monitor.picture import LogLine, Picture
+    from canopen_control.monitor.monitor_content import LogLine, MonitorContent
     from canopen_control.monitor.sources import Source
     from canopen_control.monitor.tap import BusTap
     from canopen_control.rpc.messages.declare import Request
@@ -149,30 +149,30 @@ class MonitorApp(App[None]):
             text, severity = self._told.popleft()
             self.notify(text, severity=severity, markup=False)
         self._watch(self.source.taps)
-        picture = self.source.picture()
-        self._show_head(picture)
-        self._drives.show(picture.drives)
-        self._show_drives(bool(picture.drives))
-        self._joints.show(picture.joints)
-        self._joints.display = bool(picture.joints)
+        content = self.source.content()
+        self._show_head(content)
+        self._drives.show(content.drives)
+        self._show_drives(bool(content.drives))
+        self._joints.show(content.joints)
+        self._joints.display = bool(content.joints)
         self._write("events", self.source.log())
         self._write("emergencies", self.source.emergencies())
         self._show_frames()
 
-    def _show_head(self, picture: Picture) -> None:
-        state = picture.state
-        head = Text.assemble((picture.title, "bold"), "  ", (str(state), TONE_STYLES[state.tone]))
+    def _show_head(self, content: MonitorContent) -> None:
+        state = content.state
+        head = Text.assemble((content.title, "bold"), "  ", (str(state), TONE_STYLES[state.tone]))
         problems = [tap.problem for tap in self.source.taps if tap.problem]
         lost = sum(tap.lost for tap in self.source.taps)
-        facts = [*picture.facts, *problems, *([f"{lost} frames came too fast for the monitor"] if lost else [])]
+        facts = [*content.facts, *problems, *([f"{lost} frames came too fast for the monitor"] if lost else [])]
         head.append(f"  {'  ·  '.join(facts)}")
         if str(self._head.content) != str(head):
             lines = len(head.wrap(self.console, max(self.size.width - _MARGIN, 1)))
             self._head.update(head, layout=lines != self._head_lines)  # a new line: all is laid out
             self._head_lines = lines
-        self._alarm.set_class(bool(picture.alarm), "shown")
-        if str(self._alarm.content) != picture.alarm:
-            self._alarm.update(Text(picture.alarm))
+        self._alarm.set_class(bool(content.alarm), "shown")
+        if str(self._alarm.content) != content.alarm:
+            self._alarm.update(Text(content.alarm))
 
     def _show_drives(self, shown: bool) -> None:
         """Hide the table of drives where there are none, as on a simulated robot; back again it has the focus."""

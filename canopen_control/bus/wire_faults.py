@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from canopen_control.frame import RECORD, RECORD_SIZE
 
-__all__ = ["DropRule", "Faults"]
+__all__ = ["DropRule", "WireFaults"]
 
 
 class DropRule:
@@ -38,7 +38,7 @@ class DropRule:
         return lost
 
 
-class Faults:
+class WireFaults:
     """All faults of one bus; `active` is False while there is none, and then costs nothing."""
 
     def __init__(self) -> None:

@@ -20,7 +20,7 @@ __all__ = [
     "JOINT_COLUMNS",
     "Cell",
     "LogLine",
-    "Picture",
+    "MonitorContent",
     "Tone",
     "age_cell",
     "plain",
@@ -63,7 +63,7 @@ class LogLine:
 
 
 @dataclass(frozen=True, slots=True)
-class Picture:
+class MonitorContent:
     """One moment: tables by row name, `facts` for the head, `alarm` what must not be overlooked or ""."""
 
     title: str

@@ -2,7 +2,7 @@ import pytest
 
 from canopen_control.errors import ConfigError
 from canopen_control.frame import CanFrame
-from canopen_control.monitor.frames import KEPT, FrameTable, LoadMeter, TraceLog, parse_filter
+from canopen_control.monitor.frame_tables import KEPT, FrameTable, LoadMeter, TraceLog, parse_filter
 from canopen_control.trace.decoder import Decoder
 from canopen_control.trace.network_description import NetworkDescription, NodeDescription
 

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from canopen_control.bus.error_frames import bus_off_frame, overrun_frame
-from canopen_control.bus.record import FORMATS, RecordedFrame, Recording, RecordingWriter, format_of
+from canopen_control.bus.recordings import FORMATS, RecordedFrame, Recording, RecordingWriter, format_of
 from canopen_control.errors import ConfigError
 from canopen_control.frame import EXTENDED_FLAG, REMOTE_FLAG, CanFrame
 
@@ -165,7 +165,7 @@ def test_a_full_disk_is_said_with_the_file_and_what_is_in_it(tmp_path, suffix):
     path = tmp_path / f"run{suffix}"
     script = f"""
 import resource, signal
-from canopen_control.bus.record import RecordingWriter
+from canopen_control.bus.recordings import RecordingWriter
 from canopen_control.errors import DiskFull
 from canopen_control.frame import CanFrame
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
