@@ -1,0 +1,78 @@
+"""Connections to a running robot, and to a virtual drive past the bus: which one is meant, and its socket."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+from canopen_control.errors import ConfigError
+from canopen_control.host.lineclient import LineClient
+from canopen_control.host.sockets import check_name, drive_name, list_sockets, socket_path
+from canopen_control.rpc.client import Client
+from canopen_control.rpc.messages.drive import DRIVE, DriveEvent, DriveHello
+from canopen_control.rpc.messages.robot import ROBOT, RobotHello, RobotPush, SdoPiece, SdoWrite
+
+if TYPE_CHECKING:
+    from typing import Self
+
+__all__ = ["DriveClient", "RobotClient", "find_robots", "select_robot"]
+
+_PIECE: Final = 24_000  # bytes of an object in one request
+
+
+def find_robots() -> list[str]:
+    """Return the names of this user's running robots, sorted."""
+    return list_sockets("robot")
+
+
+def select_robot(name: str | None = None) -> str:
+    """Return the robot that is meant: `name`, or without one the only robot there is; ConfigError otherwise."""
+    running = find_robots()
+    if name is not None:
+        if check_name(name) in running:
+            return name
+        raise ConfigError(f"no robot {name!r} is running" + (f"; running: {', '.join(running)}" if running else ""))
+    if not running:
+        raise ConfigError("no robot is running; start one: canopen-control run robby")
+    if len(running) > 1:
+        raise ConfigError(f"several robots are running: {', '.join(running)}; choose one with --name")
+    return running[0]
+
+
+class RobotClient(Client[RobotHello, RobotPush]):
+    """A connection to a running robot; `robot` is its name. See `rpc.messages.robot` for what it can be asked."""
+
+    def __init__(self, stream: LineClient, timeout: float = 10.0) -> None:
+        super().__init__(ROBOT, stream, timeout)
+        self.robot = self.hello.robot
+
+    @classmethod
+    def connect(cls, name: str | None = None, timeout: float = 10.0) -> Self:
+        """Connect to the robot `name`, or to the only one; ConfigError when there is none or a choice."""
+        robot = select_robot(name)
+        return cls(LineClient(socket_path("robot", robot), timeout, label=f"robot {robot}"), timeout)
+
+    def sdo_write(self, request: SdoWrite, timeout: float) -> None:
+        """Download an object of any length that the robot passes on, in pieces where it is long."""
+        data = request.data
+        rest = max(0, len(data) - 1) // _PIECE * _PIECE  # the last piece goes with the request that writes
+        for start in range(0, rest, _PIECE):
+            self.ask(SdoPiece(data=data[start : start + _PIECE]))
+        last = SdoWrite(
+            node=request.node,
+            index=request.index,
+            subindex=request.subindex,
+            data=data[rest:],
+            timeout=request.timeout,
+        )
+        self.ask(last, timeout)
+
+
+class DriveClient(Client[DriveHello, DriveEvent]):
+    """A connection to a virtual drive. See `rpc.messages.drive` for what it can be asked."""
+
+    @classmethod
+    def connect(cls, channel: str, node_id: int, timeout: float = 10.0, *, label: str = "") -> Self:
+        """Connect to the node on a bus; RemoteError when there is none. `label` names it in sentences."""
+        label = label or f"the virtual drive {node_id} on {channel}"
+        stream = LineClient(socket_path("drive", drive_name(channel, node_id)), timeout, label=label)
+        return cls(DRIVE, stream, timeout)

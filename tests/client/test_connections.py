@@ -1,0 +1,439 @@
+"""The client of a virtual drive, against one that runs in a thread."""
+
+from __future__ import annotations
+
+import os
+import threading
+import time
+from base64 import b64decode, b64encode
+
+import pytest
+from support.jsonserver import json_server, line_of, say
+from support.onbus import TMCM, OnBus
+
+from canopen_control.client import RobotClient, find_robots, select_robot
+from canopen_control.client.connections import DriveClient
+from canopen_control.errors import ConfigError, LocalProtocolError, RemoteError
+from canopen_control.host.reactor import Reactor
+from canopen_control.host.sockets import close_listener, listen, socket_path
+from canopen_control.rpc.messages.drive import GetDriveState, ListFaults, SetPlant, SwitchFault
+from canopen_control.rpc.messages.robot import (
+    Description,
+    GetDescription,
+    GetStatus,
+    Release,
+    RobotHello,
+    SdoData,
+    SdoRead,
+    SdoWrite,
+    Shutdown,
+    Stop,
+    Tell,
+)
+from canopen_control.rpc.messages.state import StateSample
+from canopen_control.virtual.control import NodeControl
+
+HELLO = {"hello": {"robot": "robby", "version": "0.1.0", "protocol": 2, "pid": 42}}
+
+
+def text_of(number):
+    return b64encode(number.to_bytes(2, "big")).decode()
+
+
+def read(client, number):
+    """Ask for an object whose value is its index, and return that."""
+    return int.from_bytes(client.ask(SdoRead(node="a", index=number)).data, "big")
+
+
+def push(client, count):
+    """Have so many events pushed."""
+    client.ask(Tell(kind="push", text=str(count)))
+
+
+def told(number):
+    return {"time": number, "kind": "test", "level": "info", "node": None, "text": "it is"}
+
+
+class Robot:
+    """A runtime as a client sees it, on a thread of its own; `answers` says what a method does."""
+
+    def __init__(self, name="robby", hello=HELLO):
+        self.reactor = Reactor()
+        self.raised = []
+        self.reactor.on_error = self.raised.append
+        self.seen = []
+        self.answers = {
+            "description": lambda connection, request: {"result": {"urdf": "<robot/>"}},
+            "sdo_read": lambda connection, request: {"result": {"data": text_of(request["params"]["index"])}},
+            "release": lambda connection, request: {"error": {"kind": "InterfaceConflict", "message": "it is claimed"}},
+            "status": lambda connection, request: None,
+            "stop": lambda connection, request: {"error": {"kind": "X", "message": "no"}},
+            "shutdown": lambda connection, request: self.server.close(),
+            "tell": lambda connection, request: self.push(connection, int(request["params"]["text"])),
+        }
+        greet = (lambda connection: say(connection, hello)) if hello else (lambda connection: None)
+        self.server = json_server(self.reactor, socket_path("robot", name), greet, self.on_message)
+        self.thread = threading.Thread(target=self.reactor.run)
+
+    def push(self, connection, count):
+        for number in range(count):
+            say(connection, {"event": told(number)})
+        return {"result": {}}
+
+    def on_message(self, connection, request):
+        self.seen.append(request)
+        answer = self.answers[request["method"]](connection, request)
+        if answer is not None and "id" in request:
+            say(connection, {"id": request["id"], **answer})
+
+    def on_loop(self, callback):
+        done = threading.Event()
+        self.reactor.call_threadsafe(lambda: (callback(), done.set()))
+        assert done.wait(10)
+
+    def __enter__(self):
+        self.thread.start()
+        return self
+
+    def __exit__(self, *_):
+        self.reactor.call_threadsafe(self.server.close)
+        self.reactor.call_threadsafe(self.reactor.stop)
+        self.thread.join(10)
+        self.reactor.close()
+        assert not self.thread.is_alive()
+        assert self.raised == []
+
+
+@pytest.fixture
+def robot(run_folder):
+    with Robot() as robot:
+        yield robot
+
+
+@pytest.fixture
+def client(robot):
+    with RobotClient.connect() as client:
+        yield client
+
+
+# -- which robot
+
+
+def test_no_robot_running_is_a_sentence(run_folder):
+    assert find_robots() == []
+    with pytest.raises(ConfigError, match="no robot is running; start one: canopen-control run robby"):
+        select_robot()
+    with pytest.raises(ConfigError, match=r"no robot 'robby' is running$"):
+        RobotClient.connect("robby")
+
+
+def test_the_only_robot_needs_no_name(robot):
+    assert find_robots() == ["robby"]
+    assert select_robot() == "robby"
+    assert select_robot("robby") == "robby"
+
+
+def test_several_robots_are_named_and_one_must_be_chosen(run_folder):
+    listeners = [listen(socket_path("robot", name)) for name in ("b", "a")]
+    with pytest.raises(ConfigError, match="several robots are running: a, b; choose one with --name"):
+        select_robot()
+    assert select_robot("b") == "b"
+    with pytest.raises(ConfigError, match="no robot 'c' is running; running: a, b"):
+        select_robot("c")
+    with pytest.raises(ConfigError, match="is no name"):
+        select_robot("../c")
+    for listener in listeners:
+        close_listener(listener)
+
+
+# -- hello
+
+
+def test_the_robot_says_who_it_is(client):
+    assert client.robot == "robby"
+    assert client.hello == RobotHello("robby", "0.1.0", 2, 42)
+    assert client.fileno() >= 0
+
+
+@pytest.mark.parametrize(
+    ("hello", "sentence"),
+    [
+        ({"hello": {"robot": "robby", "protocol": 1}}, "robot robby speaks protocol 1, this client 2; use the same"),
+        ({"hello": {"robot": 3, "protocol": 2}}, "greets in another way: Expected `str`, got `int`"),
+        ({"hello": "you"}, "speaks protocol None"),
+        ({"welcome": 1}, "speaks protocol None"),
+        ({"error": {"kind": "BusError", "message": "too many connections"}}, "^too many connections$"),
+    ],
+)
+def test_another_greeting_ends_it(run_folder, hello, sentence):
+    with Robot(hello=hello), pytest.raises(RemoteError, match=sentence):
+        RobotClient.connect()
+
+
+def test_a_robot_that_does_not_greet_hangs(run_folder):
+    with Robot(hello=None), pytest.raises(RemoteError, match=r"robot robby does not answer; does it hang\?") as caught:
+        RobotClient.connect(timeout=0.02)
+    assert caught.value.kind == "Timeout"
+
+
+def test_a_robot_that_dies_before_it_greets_is_gone(run_folder):
+    listener = listen(socket_path("robot", "robby"))
+
+    def accept_and_leave():
+        for _ in range(2):  # the first connection only looks whether somebody lives here
+            listener.accept()[0].close()
+
+    listener.setblocking(True)
+    leaving = threading.Thread(target=accept_and_leave)
+    leaving.start()
+    with pytest.raises(RemoteError, match="robot robby has closed the connection") as caught:
+        RobotClient.connect()
+    assert caught.value.kind == "BusClosed"
+    leaving.join(10)
+    close_listener(listener)
+
+
+# -- requests
+
+
+def test_a_request_has_parameters_and_an_answer(robot, client):
+    assert client.ask(SdoRead(node="a", index=7)) == SdoData(b"\0\7")
+    assert client.ask(GetDescription()) == Description("<robot/>")
+    asked = {"node": "a", "index": 7, "subindex": 0, "block": False, "timeout": None}
+    assert robot.seen == [
+        {"id": 1, "method": "sdo_read", "params": asked},
+        {"id": 2, "method": "description", "params": {}},
+    ]
+
+
+def test_a_refusal_has_the_kind_and_the_words_of_the_robot(client):
+    with pytest.raises(RemoteError, match=r"^it is claimed$") as caught:
+        client.ask(Release())
+    assert caught.value.kind == "InterfaceConflict"
+    assert read(client, 8) == 8
+
+
+@pytest.mark.parametrize(
+    ("error", "kind", "sentence"),
+    [("no", "RemoteError", "no"), ({}, "RemoteError", "refused without a reason"), ({"kind": "X"}, "X", "refused")],
+)
+def test_a_refusal_of_any_shape_is_a_sentence(robot, client, error, kind, sentence):
+    robot.answers["status"] = lambda connection, request: {"error": error}
+    with pytest.raises(RemoteError, match=sentence) as caught:
+        client.ask(GetStatus())
+    assert caught.value.kind == kind
+
+
+def test_a_call_that_takes_too_long_is_given_up_and_its_late_answer_is_nobodys(robot, client):
+    late = {}
+    robot.answers["status"] = lambda connection, request: late.update(connection=connection, id=request["id"])
+    client.timeout = 0.02
+    with pytest.raises(RemoteError, match=r"robot robby has not answered 'status' within 0.02 s") as caught:
+        client.ask(GetStatus())
+    assert caught.value.kind == "Timeout"
+    client.timeout = 10
+    robot.on_loop(lambda: say(late["connection"], {"id": late["id"], "result": {}}))
+    assert read(client, 1) == 1
+    assert client._awaited == {}
+
+
+def test_a_request_may_have_a_timeout_of_its_own(client):
+    with pytest.raises(RemoteError, match=r"within 0.01 s"):
+        client.ask(GetStatus(), 0.01)
+
+
+def test_a_notification_is_not_answered(robot, client):
+    client.notify(Stop(latch=True))
+    read(client, 1)
+    assert robot.seen[0] == {"method": "stop", "params": {"latch": True, "source": None}}
+
+
+def test_a_robot_that_dies_in_the_middle_of_a_call_is_one_sentence(robot, client):
+    with pytest.raises(
+        RemoteError, match=r"^robot robby has closed the connection; it was shut down or has died$"
+    ) as caught:
+        client.ask(Shutdown())
+    assert caught.value.kind == "BusClosed"
+    for use in (lambda: read(client, 1), lambda: next(client.messages(1)), lambda: client.notify(Stop())):
+        with pytest.raises(RemoteError) as caught:
+            use()
+        assert caught.value.kind == "BusClosed"
+
+
+def test_what_is_too_long_is_the_callers_mistake_and_leaves_nothing_behind(client):
+    with pytest.raises(LocalProtocolError, match="more than 65536"):
+        client.ask(Tell(kind="long", text="x" * 70_000))
+    assert client._awaited == {}
+    assert read(client, 1) == 1
+
+
+def test_a_complaint_about_the_line_itself_ends_the_conversation(robot, client):
+    robot.answers["status"] = lambda connection, request: connection.refuse("RemoteProtocolError", "no such line")
+    with pytest.raises(RemoteError, match=r"^no such line$") as caught:
+        client.ask(GetStatus())
+    assert caught.value.kind == "RemoteProtocolError"
+
+
+# -- subscriptions
+
+
+def test_what_was_subscribed_to_comes_in_order_also_before_an_answer(client):
+    push(client, 3)
+    assert [event.time for event in client.messages(0)] == [0, 1, 2]
+    assert list(client.messages(0)) == []
+
+
+def test_messages_wait_as_long_as_they_are_told(robot, client):
+    started = time.monotonic()
+    assert list(client.messages(0.02)) == []
+    assert time.monotonic() - started >= 0.02
+    (connection,) = robot.server.connections
+    later = threading.Timer(0.01, lambda: robot.on_loop(lambda: say(connection, {"state": {"time": 1.0}})))
+    later.start()
+    assert next(client.messages()) == StateSample(time=1.0)
+    later.join()
+
+
+def test_what_has_come_is_yielded_before_the_end_is_told(robot, client):
+    push(client, 2)
+    robot.on_loop(robot.server.close)
+    messages = client.messages(10)
+    assert [next(messages).time for _ in range(2)] == [0, 1]
+    with pytest.raises(RemoteError, match="closed the connection"):
+        next(messages)
+
+
+def test_what_nobody_fetches_is_dropped_and_counted(client, monkeypatch):
+    monkeypatch.setattr("canopen_control.rpc.client._KEPT", 3)
+    push(client, 5)
+    assert client.dropped == 2
+    assert [event.time for event in client.messages(0)] == [2, 3, 4]
+
+
+def test_several_lines_may_come_at_once(robot, client):
+    lines = line_of({"state": {"time": 1.0}}) + line_of({"state": {"time": 2.0}})
+    robot.on_loop(lambda: robot.server.connections[0].send(lines))
+    assert [sample.time for sample in client.messages(0)] == [1.0, 2.0]
+
+
+# -- threads
+
+
+def test_many_threads_share_one_connection(client):
+    wrong = []
+
+    def ask(number):
+        asked = [100 * number + step for step in range(50)]
+        wrong.extend(each for each in asked if read(client, each) != each)
+
+    def listen_to_events():
+        received.extend(event.time for event in client.messages(0.5))
+
+    received = []
+    listening = threading.Thread(target=listen_to_events)
+    threads = [threading.Thread(target=ask, args=(number,)) for number in range(6)]
+    for thread in [listening, *threads]:
+        thread.start()
+    push(client, 20)
+    for thread in [*threads, listening]:
+        thread.join(20)
+        assert not thread.is_alive()
+    assert wrong == []
+    assert received == list(range(20))
+
+
+def test_a_call_is_answered_while_another_thread_reads(client):
+    stopped = []
+
+    def listen_for_ever():
+        with pytest.raises(RemoteError, match="the connection to robot robby is closed"):
+            list(client.messages())
+        stopped.append(True)
+
+    listening = threading.Thread(target=listen_for_ever)
+    listening.start()
+    for number in range(20):
+        assert read(client, number) == number
+    client.close()
+    listening.join(10)
+    assert stopped == [True]
+
+
+def test_a_death_is_told_to_every_thread_that_waits(robot, client):
+    told = []
+
+    def wait():
+        try:
+            client.ask(GetStatus())
+        except RemoteError as error:
+            told.append(error)
+
+    threads = [threading.Thread(target=wait) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    while len(robot.seen) < 4:
+        time.sleep(0.001)
+    robot.on_loop(robot.server.close)
+    for thread in threads:
+        thread.join(10)
+    assert [error.kind for error in told] == ["BusClosed"] * 4
+    assert len(set(map(id, told))) == 4
+
+
+def test_closing_twice_is_fine_and_a_closed_client_says_so(client):
+    client.close()
+    client.close()
+    with pytest.raises(RemoteError, match="closed"):
+        client.ask(GetStatus())
+    with pytest.raises(RemoteError, match="closed"):
+        next(client.messages(0))
+    assert client.fileno() == -1
+
+
+# -- objects
+
+
+def test_a_long_object_goes_in_pieces(robot, client):
+    for method in ("sdo_data", "sdo_write"):
+        robot.answers[method] = lambda connection, request: {"result": {}}
+    data = bytes(range(250)) * 200
+    client.sdo_write(SdoWrite(node="3", index=0x2000, data=data, timeout=2.0), 5.0)
+    assert [each["method"] for each in robot.seen] == ["sdo_data", "sdo_data", "sdo_write"]
+    assert b"".join(b64decode(each["params"]["data"]) for each in robot.seen) == data
+    assert (robot.seen[2]["params"]["index"], robot.seen[2]["params"]["timeout"]) == (0x2000, 2.0)
+
+
+CHANNEL = "memory:client"
+
+
+@pytest.fixture
+def drive():
+    with OnBus(CHANNEL, {3: TMCM}) as drives:
+        control = drives.call(lambda: NodeControl(drives._host, drives.nodes[3]))
+        with DriveClient.connect(CHANNEL, 3) as client:
+            yield client
+        drives.call(control.close)
+
+
+def test_it_knows_whom_it_speaks_to(drive):
+    assert (drive.hello.node_id, drive.hello.channel, drive.hello.pid) == (3, CHANNEL, os.getpid())
+
+
+def test_answers_are_structures(drive):
+    assert drive.ask(SwitchFault(name="warning")).active == ["warning"]
+    assert [each.name for each in drive.ask(ListFaults()) if each.on] == ["warning"]
+    state = drive.ask(GetDriveState())
+    assert (state.faults, state.axes[0].plant.velocity, state.world) == (["warning"], 0.0, None)
+
+
+def test_what_is_refused_is_told_in_its_words(drive):
+    with pytest.raises(RemoteError, match="'colour' is no number of this plant") as refused:
+        drive.ask(SetPlant(numbers={"colour": 1.0}))
+    assert refused.value.kind == "ConfigError"
+
+
+def test_a_drive_that_is_not_there_is_named():
+    with pytest.raises(RemoteError, match="virtual drive 9 on memory:client is not running"):
+        DriveClient.connect(CHANNEL, 9)
+    with pytest.raises(RemoteError, match="the left one is not running"):
+        DriveClient.connect(CHANNEL, 9, label="the left one")
