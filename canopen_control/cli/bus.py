@@ -13,9 +13,8 @@ from canopen_control.bus.channel import ChannelKind, ChannelSpec, parse_channel
 from canopen_control.bus.local import ask_hub
 from canopen_control.cli.support.arguments import whole
 from canopen_control.cli.support.bus_interfaces import InterfaceStatus, render_interface, status_of_interfaces
-from canopen_control.cli.support.json_text import json_text
 from canopen_control.cli.support.node_names import find_node, known_nodes
-from canopen_control.cli.support.output import Table
+from canopen_control.cli.support.output import Table, json_text
 from canopen_control.errors import ConfigError, InterfaceNotFound
 from canopen_control.host.sockets import list_sockets
 from canopen_control.rpc.messages import hub

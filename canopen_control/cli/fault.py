@@ -12,8 +12,8 @@ import textwrap
 from typing import TYPE_CHECKING
 
 from canopen_control.bus.channel import parse_channel
-from canopen_control.cli.support.json_text import json_text
 from canopen_control.cli.support.node_names import find_node, known_nodes
+from canopen_control.cli.support.output import json_text
 from canopen_control.client.connections import DriveClient
 from canopen_control.errors import ConfigError, RemoteError
 from canopen_control.host.sockets import drive_name, list_sockets

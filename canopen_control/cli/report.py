@@ -54,7 +54,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the verb."""
-    from canopen_control.cli.support.json_text import json_text
+    from canopen_control.cli.support.output import json_text
     from canopen_control.trace.report_build import facts_of
     from canopen_control.trace.report_page import page_of
 
@@ -90,7 +90,7 @@ def _recording(
 
 def _list(args: argparse.Namespace) -> int:
     """Print when, which robot, and what went wrong first, of every flight recording; one that is damaged is named."""
-    from canopen_control.cli.support.json_text import json_text
+    from canopen_control.cli.support.output import json_text
     from canopen_control.trace.flight_file import read_meta
     from canopen_control.trace.report_words import clock
 

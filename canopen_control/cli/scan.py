@@ -25,8 +25,7 @@ from canopen_control.cli.support.identity import (
     match_eds,
     read_known,
 )
-from canopen_control.cli.support.json_text import json_text
-from canopen_control.cli.support.output import Progress, Table
+from canopen_control.cli.support.output import Progress, Table, json_text
 from canopen_control.cli.support.target import LABEL, RobotTarget, find_eds, robot_on
 from canopen_control.client import RobotClient
 from canopen_control.data_files import data_names, data_path

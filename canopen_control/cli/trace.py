@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 from canopen_control.cli.support.arguments import seconds, whole_number
 from canopen_control.cli.support.frame_source import network_for, open_frames
 from canopen_control.cli.support.heard_bus import add_network_arguments, heard_bus
-from canopen_control.cli.support.json_text import json_line
+from canopen_control.cli.support.output import json_line
 from canopen_control.trace.decoder import Decoder
 from canopen_control.trace.filters import Filter, node_ids_of, parse_ids, parse_services
 from canopen_control.trace.frame_lines import LineWriter, document_of
