@@ -13,8 +13,9 @@ from typing import Annotated, Final
 
 import msgspec
 
-from canopen_control.rpc.messages.declare import Api, Done, Effect, Index, Request, Subindex
+from canopen_control.rpc.messages.declare import Api, Done, Effect, Request
 from canopen_control.rpc.messages.layout import Layout
+from canopen_control.rpc.messages.quantities import Index, Subindex
 from canopen_control.rpc.messages.samples import TrajectoryPoint
 from canopen_control.rpc.messages.state import ControllerReading, RobotEvent, StateSample, Status
 
