@@ -17,8 +17,8 @@ from canopen_control.view.elements.nicegui_elements import Feed
 from canopen_control.view.panels.banner import BannerPanel
 from canopen_control.view.panels.fault_panel import FaultPanel
 from canopen_control.view.panels.power import PowerPanel
+from canopen_control.view.panels.read_only import DrivesPanel, EventsPanel, JointsPanel
 from canopen_control.view.panels.scene_and_plots import PlotsPanel, ScenePanel
-from canopen_control.view.panels.tables import DrivesPanel, JointsPanel, LogPanel
 from canopen_control.view.panels.teleop_panel import TeleopPanel
 from canopen_control.view.sampling import titles
 
@@ -53,7 +53,7 @@ PANELS: Final = (
     Place("drives", "right", "Drives", DrivesPanel),
     Place("joints", "right", "Joints", JointsPanel),
     Place("plots", "right", "", PlotsPanel),
-    Place("events", "right", "Events, newest first", LogPanel),
+    Place("events", "right", "Events, newest first", EventsPanel),
 )
 
 

@@ -116,7 +116,9 @@ def test_a_test_that_failed_is_run_once_more_when_nothing_else_runs_and_that_dec
     assert done.returncode == 0, done.stdout + done.stderr
     again = [line for line in log if "--last-failed" in line]
     first = next(line for line in log if part in line)
-    assert all(re.search("cache_dir=([^ ]+)", line)[1] == re.search("cache_dir=([^ ]+)", first)[1] for line in again[:2])
+    assert all(
+        re.search("cache_dir=([^ ]+)", line)[1] == re.search("cache_dir=([^ ]+)", first)[1] for line in again[:2]
+    )
     assert log[-2:] == again[-2:]
     assert "== looked at twice: pytest" in done.stdout
     assert checkout(fail=part, again=1)[0].returncode == 1

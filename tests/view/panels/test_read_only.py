@@ -4,7 +4,7 @@ pytest.importorskip("nicegui", reason="NiceGUI is not installed: pip install can
 from support.pages import FakeContext, html, state, visited
 from support.samples import event_of
 
-from canopen_control.view.panels.tables import DrivesPanel, JointsPanel, LogPanel
+from canopen_control.view.panels.read_only import DrivesPanel, EventsPanel, JointsPanel
 
 
 def test_what_was_is_not_shown_as_what_is():
@@ -45,4 +45,4 @@ def test_an_event_is_shown_and_escaped():
         panel.show(context.content())
         return html(user)
 
-    assert "&lt;img" in visited(lambda: LogPanel(context), act)
+    assert "&lt;img" in visited(lambda: EventsPanel(context), act)

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from canopen_control.view.page_content import PageContent
     from canopen_control.view.panels.panel import PanelContext
 
-__all__ = ["DrivesPanel", "JointsPanel", "LogPanel"]
+__all__ = ["DrivesPanel", "EventsPanel", "JointsPanel"]
 
 _UNKNOWN = "<p class='cc-note'>No connection: nobody knows what the drives do.</p>"
 
@@ -41,7 +41,7 @@ class JointsPanel:
             self._table.show(joint_table(content.state.joints, self._linear, content.commanded))
 
 
-class LogPanel:
+class EventsPanel:
     """The list of events, which scrolls."""
 
     def __init__(self, context: PanelContext) -> None:
