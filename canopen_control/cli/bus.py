@@ -12,7 +12,13 @@ from canopen_control.bus import can_interfaces
 from canopen_control.bus.channel import ChannelKind, ChannelSpec, parse_channel
 from canopen_control.bus.local import ask_hub
 from canopen_control.cli.support.arguments import whole
-from canopen_control.cli.support.bus_interfaces import InterfaceStatus, render_interface, status_of_interfaces
+from canopen_control.cli.support.bus_interfaces import (
+    InterfaceDocument,
+    InterfaceStatus,
+    document_of,
+    render_interface,
+    status_of_interfaces,
+)
 from canopen_control.cli.support.node_names import find_node, known_nodes
 from canopen_control.cli.support.output import Table, json_text
 from canopen_control.errors import ConfigError, InterfaceNotFound
@@ -135,7 +141,7 @@ def _status(args: argparse.Namespace) -> int:
         spec = parse_channel(args.channel)
         found = {str(spec): _status_of(spec)}
     if args.json:
-        print(json_text({channel: _json(status) for channel, status in found.items()}))
+        print(json_text({channel: _document(status) for channel, status in found.items()}))
         return 0
     lines = [line for channel, status in found.items() for line in _render(channel, status)]
     print("\n".join(lines) or "no local bus is open, and there is no CAN interface")
@@ -153,8 +159,8 @@ def _status_of(spec: ChannelSpec) -> Status:
     return status_of_interfaces([link])[link.name]
 
 
-def _json(status: Status) -> object:
-    return status.as_json() if isinstance(status, InterfaceStatus) else plain(status)
+def _document(status: Status) -> InterfaceDocument | hub.HubStatus:
+    return document_of(status) if isinstance(status, InterfaceStatus) else status
 
 
 def _render(channel: str, status: Status) -> list[str]:
