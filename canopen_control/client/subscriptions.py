@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
     from types import TracebackType
 
-    from canopen_control.client.connections import RobotClient
+    from canopen_control.client.robot_client import RobotClient
     from canopen_control.rpc.messages.state import ControllerReading, CycleTimes
 
 __all__ = ["EventStream", "outpaced", "stream_rate"]

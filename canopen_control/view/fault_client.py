@@ -10,7 +10,7 @@ import contextlib
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final
 
-from canopen_control.client.connections import DriveClient
+from canopen_control.client.drive_client import DriveClient
 from canopen_control.errors import RemoteError
 from canopen_control.host.sockets import drive_name, list_sockets
 from canopen_control.rpc.messages.drive import ListFaults, SwitchFault

@@ -1,4 +1,4 @@
-"""Connections to a running robot, and to a virtual drive past the bus: which one is meant, and its socket."""
+"""The client of a running robot: which one, and its socket."""
 
 from __future__ import annotations
 
@@ -6,15 +6,14 @@ from typing import TYPE_CHECKING, Final
 
 from canopen_control.errors import ConfigError
 from canopen_control.host.lineclient import LineClient
-from canopen_control.host.sockets import check_name, drive_name, list_sockets, socket_path
+from canopen_control.host.sockets import check_name, list_sockets, socket_path
 from canopen_control.rpc.client import Client
-from canopen_control.rpc.messages.drive import DRIVE, DriveEvent, DriveHello
 from canopen_control.rpc.messages.robot import ROBOT, RobotHello, RobotPush, SdoPiece, SdoWrite
 
 if TYPE_CHECKING:
     from typing import Self
 
-__all__ = ["DriveClient", "RobotClient", "find_robots", "select_robot"]
+__all__ = ["RobotClient", "find_robots", "select_robot"]
 
 _PIECE: Final = 24_000  # bytes of an object in one request
 
@@ -65,14 +64,3 @@ class RobotClient(Client[RobotHello, RobotPush]):
             timeout=request.timeout,
         )
         self.ask(last, timeout)
-
-
-class DriveClient(Client[DriveHello, DriveEvent]):
-    """A connection to a virtual drive. See `rpc.messages.drive` for what it can be asked."""
-
-    @classmethod
-    def connect(cls, channel: str, node_id: int, timeout: float = 10.0, *, label: str = "") -> Self:
-        """Connect to the node on a bus; RemoteError when there is none. `label` names it in sentences."""
-        label = label or f"the virtual drive {node_id} on {channel}"
-        stream = LineClient(socket_path("drive", drive_name(channel, node_id)), timeout, label=label)
-        return cls(DRIVE, stream, timeout)
