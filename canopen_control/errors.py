@@ -71,6 +71,7 @@ __all__ = [
     "SdoLengthError",
     "SdoStopped",
     "SdoTimeout",
+    "TrajectoryRefused",
     "UnknownInterface",
     "UnknownName",
     "UnreadableMessage",
@@ -270,6 +271,14 @@ class InterfaceConflict(ControlError):
     def __init__(self, interface: str, owner: str) -> None:
         self.interface, self.owner = interface, owner
         super().__init__(f"command interface {interface} is claimed by {owner}; deactivate that controller first")
+
+
+class TrajectoryRefused(ControlError):
+    """A trajectory that breaks a rule; `code` is the one that the result of FollowJointTrajectory has for it."""
+
+    def __init__(self, message: str, code: int) -> None:
+        self.code = code
+        super().__init__(message)
 
 
 class NotEnabled(ControlError):

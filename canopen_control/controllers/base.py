@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 
     from canopen_control.controllers.params import Params
     from canopen_control.controllers.trajectory.goal import Goal
+    from canopen_control.controllers.trajectory.point import JointTrajectory
     from canopen_control.hardware.interfaces import CommandInterface, StateInterface
     from canopen_control.rpc.messages.samples import ControllerSample, Sample
     from canopen_control.urdf.joint import Joint
@@ -233,13 +234,13 @@ class Controller:
         del values, now, stamp
         raise self.refusal("takes no commands; it only reads states")
 
-    def send_goal(self, goal: Goal, now: int) -> None:
+    def send_goal(self, goal: Goal | JointTrajectory, now: int) -> None:
         """Execute a trajectory, `now` in ns; ControlError if it is refused."""
         del goal, now
         raise self.refusal("follows no trajectories; it is no joint trajectory controller")
 
-    def cancel_goal(self) -> None:
-        """End the goal that is being executed, if there is one."""
+    def cancel_goal(self, why: str | None = None) -> None:
+        """End the goal that is being executed, if there is one; `why` is told."""
 
     # ------------------------------------------------------------------------------------------------ for overrides
 
