@@ -110,7 +110,9 @@ class JudgedActionServer(_ActionServer):  # type: ignore[misc] # rclpy's, withou
             handle.canceled()
         else:
             handle.abort()
-        self._result_futures[uuid].set_result(self._response(handle.status, result))
+        future = self._result_futures[uuid]
+        future._set_executor(None)  # noqa: SLF001 - else it is sent in a turn of the executor, which may have ended
+        future.set_result(self._response(handle.status, result))
 
     def _response(self, status: int, result: RosMessage) -> RosMessage:
         response = self._action_type.Impl.GetResultService.Response()
