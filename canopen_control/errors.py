@@ -27,6 +27,7 @@ CanopenError
     InterfaceConflict      a command interface has an owner already: interface, owner
     NotEnabled             a command to a drive that is not enabled, which is refused and never kept
       NotYetEnabled          the same while it is on its way up: the next command may be taken
+    TrajectoryRefused      a trajectory breaks a rule: code
     UnknownInterface       nobody exports it: name
     UnknownName            the robot has no node, joint, controller, component or mode of that name
   RemoteError            a running robot refused a request: kind

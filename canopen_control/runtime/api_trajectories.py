@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, TypeAlias
 
-from canopen_control.controllers.trajectory.controller import JointTrajectoryController
 from canopen_control.controllers.trajectory.goal import Goal, ResultCode
 from canopen_control.controllers.trajectory.point import JointTrajectory, Point
 from canopen_control.controllers.trajectory.tolerances import GoalTolerances, JointTolerance
 from canopen_control.errors import ControlError, TrajectoryRefused
 from canopen_control.rpc.messages.declare import Done, Request
-from canopen_control.rpc.messages.samples import TrajectoryPoint
 from canopen_control.rpc.messages.trajectory import (
     MAX_POINTS,
     CancelTrajectory,
@@ -19,7 +17,6 @@ from canopen_control.rpc.messages.trajectory import (
     ScaleTrajectory,
     SendTrajectory,
     SetTrajectory,
-    TrajectoryAt,
     TrajectoryData,
     TrajectoryEnd,
     TrajectoryResult,
@@ -30,6 +27,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from canopen_control.rpc.messages.robot import RobotHello, RobotPush
+    from canopen_control.rpc.messages.samples import TrajectoryPoint
     from canopen_control.rpc.messages.trajectory import TrajectoryTolerance
     from canopen_control.rpc.server import Call, Connection, Server
     from canopen_control.runtime.core import RobotCore
@@ -140,36 +138,24 @@ class TrajectoryMethods:
         sent.tell(call)
 
     def _cancel(self, call: Call[CancelTrajectory]) -> None:
-        wanted = call.request
+        wanted, sent = call.request, self._sent.get(call.connection)
+        controller = self._robot.manager.get(wanted.controller)
         if not wanted.own:
-            self._robot.manager.get(wanted.controller).cancel_goal(wanted.why)
-        elif (sent := self._sent.get(call.connection)) is not None:
-            self._arm(wanted.controller).cancel(sent.goal, wanted.why)
+            controller.cancel_goal(wanted.why)
+        elif sent is not None:
+            controller.cancel_goal(wanted.why, sent.goal)
         call.reply(Done())
 
     # ----------------------------------------------------------------------------------------------- what it follows
 
-    def _arm(self, name: str) -> JointTrajectoryController:
-        controller = self._robot.manager.get(name)
-        if not isinstance(controller, JointTrajectoryController):
-            raise ControlError(f"{name} follows no trajectories; it is no joint trajectory controller")
-        return controller
-
     def _query(self, call: Call[QueryTrajectory]) -> None:
-        arm, point = self._arm(call.request.controller), Point()
-        if arm.state.value != "active":
-            call.reply(TrajectoryAt(known=False, text=f"{arm.name} is {arm.state.value}; activate it first"))
-            return
-        known = arm.query(round(call.request.time * 1e9) - self._robot.wall_offset_ns, point)
-        told = TrajectoryPoint(
-            positions=point.positions, velocities=point.velocities, accelerations=point.accelerations
-        )
-        text = "" if known else f"{arm.name} follows nothing at that time; this is where the joints are, or were to end"
-        call.reply(TrajectoryAt(known=known, text=text, joints=list(arm.params.joints), point=told))
+        controller = self._robot.manager.get(call.request.controller)
+        call.reply(controller.trajectory_at(round(call.request.time * 1e9) - self._robot.wall_offset_ns))
 
     def _scale(self, call: Call[ScaleTrajectory]) -> None:
-        self._robot.latch.refuse("another speed to", call.request.controller)
-        self._arm(call.request.controller).set_speed_scaling(call.request.factor)
+        controller = call.request.controller
+        self._robot.latch.refuse("another speed to", controller)
+        self._robot.manager.get(controller).set_speed_scaling(call.request.factor)
         call.reply(Done())
 
 

@@ -26,6 +26,7 @@ from canopen_control.controllers.trajectory.validation import JointLimits, Rules
 from canopen_control.errors import RobotConfigError, TrajectoryRefused
 from canopen_control.hardware.interfaces import ACCELERATION, EFFORT, OK, POSITION, VELOCITY, ReturnType
 from canopen_control.rpc.messages.samples import TrajectoryPoint, TrajectorySample
+from canopen_control.rpc.messages.trajectory import TrajectoryAt
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -204,10 +205,11 @@ class JointTrajectoryController(Controller):
             self._end(GoalState.CANCELED, ResultCode.SUCCESSFUL, text)
             self._brake()
 
-    def cancel_goal(self, why: str | None = None) -> None:
-        """Cancel whatever goal is being executed."""
-        if self.goal is not None:
-            self.cancel(self.goal, why)
+    def cancel_goal(self, why: str | None = None, only: Goal | None = None) -> None:
+        """Cancel whatever goal is being executed, or `only` this one."""
+        goal = only or self.goal
+        if goal is not None:
+            self.cancel(goal, why)
 
     def set_speed_scaling(self, factor: float) -> None:
         """Let the time of trajectories run slower or faster; ControlError below 0 and where it cannot be scaled."""
@@ -224,6 +226,15 @@ class JointTrajectoryController(Controller):
             out.take(self._group.actual)
             return False
         return not motion.is_over
+
+    def trajectory_at(self, t: int) -> TrajectoryAt:
+        """Return what the trajectory says at `t`, in ns; where it says nothing, where the joints are."""
+        if self.state.value != "active":
+            return TrajectoryAt(known=False, text=f"{self.name} is {self.state.value}; activate it first")
+        point = Point()
+        known = self.query(t, point)
+        text = "" if known else f"{self.name} follows nothing at that time; this is where the joints are, or are to end"
+        return TrajectoryAt(known=known, text=text, joints=list(self.params.joints), point=_told(point))
 
     def sample(self, wall_offset_ns: int) -> TrajectorySample | None:
         """Return where the joints were to be and where they were, in the last cycle that moved or held them."""
