@@ -9,7 +9,7 @@ PACKAGE = ROOT / "canopen_control"
 #: files of these rooms have the name of what they are for, and may share it with whoever does the work
 NAMED_BY_A_RULE = {
     "cli": "a verb's file is the verb's name",
-    "rpc/messages": "NAME.py is what goes over the socket of NAME",
+    "rpc/messages": "NAME.py is what goes over the socket of NAME, or a part of that",
 }
 #: file -> why it may stand in several rooms
 SHARED = {

@@ -32,9 +32,8 @@ from canopen_control.bus.candump import interface_name, line_of, parse_line
 from canopen_control.errors import ConfigError
 from canopen_control.frame import CanFrame, frames_of
 from canopen_control.host.files import telling
-from canopen_control.rpc.messages.declare import Document
+from canopen_control.rpc.messages.declare import Count, Document, UnixTime
 from canopen_control.rpc.messages.layout import Layout
-from canopen_control.rpc.messages.quantities import Count, UnixTime
 from canopen_control.rpc.messages.state import RobotEvent, Status, TimedSnapshot
 from canopen_control.rpc.wire import decode, text_of
 
