@@ -111,7 +111,7 @@ def _through_robot(args: argparse.Namespace, target: RobotTarget, command: NmtCo
 
 
 def _tell(args: argparse.Namespace, outcomes: list[Outcome], timeout: float) -> int:
-    """Print what became of it; 1 if a node shows another state, or a robot's node none."""
+    """Print each node's state after the command; 1 if one shows another state, or a robot's node shows none."""
     if args.json:
         keys = ("node_id", "state", "confirmed", "error")
         print(json_text([{key: getattr(each, key) for key in keys} for each in outcomes]))
