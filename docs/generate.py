@@ -167,12 +167,12 @@ def bus_yml() -> str:
 
 def controllers() -> str:
     """Return the parameters of every controller."""
-    from canopen_control.controllers import broadcasters, diff_drive_params, forward_command_params, types
-    from canopen_control.controllers.common_params import CommonParams
-    from canopen_control.controllers.joint_state_params import BroadcasterParams
+    from canopen_control.controllers import broadcasters, diff_drive_params, standard_params, types
+    from canopen_control.controllers.params import CommonParams
+    from canopen_control.controllers.standard_params import BroadcasterParams
     from canopen_control.controllers.trajectory import params as trajectory
 
-    forward, diff = forward_command_params, diff_drive_params
+    forward, diff = standard_params, diff_drive_params
     groups = (
         ("Every controller", CommonParams, ""),
         ("Forward command: all joints of one interface", forward.ForwardParams, "ForwardCommandController"),

@@ -119,7 +119,7 @@ class RobotCore:
         if setup.controllers.manager.enforce_command_limits:
             self.manager.limiter = CommandLimits(setup.description, self.registry)
         prepare_controllers(setup, self.manager, self.registry)
-        self.manager.on_switched = self._regroup
+        self.manager.on_switch(self._regroup)
 
     # ------------------------------------------------------------------------------------------- life
 
