@@ -122,12 +122,14 @@ class JointTrajectoryController(Controller):
         """Give up what was commanded: joints that do not follow end the goal, where all do they brake."""
         del now
         self._waiting = self._group.waits_for()
+        why = self.life.ended_by or "it was to stop"
         self.life.end()
         if self._waiting is not None:
             self._give_up(self._waiting)
             return
         who = self.life.source or "who commanded"
-        self._end(GoalState.ABORTED, ResultCode.INVALID_GOAL, f"the command of {who} was taken back; send it again")
+        text = f"{why}, so the command of {who} was taken back; send it again once the joints are enabled"
+        self._end(GoalState.ABORTED, ResultCode.INVALID_GOAL, text)
         self._brake()
 
     def change(self, params: TrajectoryParams) -> None:
