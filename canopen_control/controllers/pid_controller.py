@@ -16,6 +16,7 @@ from canopen_control.controllers.base import Controller, zero_targets
 from canopen_control.controllers.command_life import ENDLESS, MOVING, endless, life_ns
 from canopen_control.controllers.pid import Pid
 from canopen_control.controllers.pid_params import PidParams, read_params
+from canopen_control.controllers.state_copy import finite
 from canopen_control.controllers.trajectory.point import shortest_angular_distance
 from canopen_control.errors import RobotConfigError
 from canopen_control.hardware.interfaces import OK, CommandInterface, ReturnType
@@ -52,11 +53,11 @@ class _Dof:
             self.reference_rate.value = math.nan
 
     def stay(self) -> None:
-        """Have what is measured as the reference."""
-        if self.state is not None:
-            self.reference.value = self.state.value
-        if self.reference_rate is not None and self.state_rate is not None:
-            self.reference_rate.value = self.state_rate.value if self.reference.interface in MOVING else 0.0
+        """Have the reference that keeps it where it is: what is measured, and of what moves 0."""
+        measured = math.nan if self.state is None else self.state.value
+        self.reference.value = 0.0 if self.reference.interface in MOVING else measured
+        if self.reference_rate is not None:
+            self.reference_rate.value = 0.0
 
     def step(self, period: float, feed_forward: bool) -> float:
         """Return the command of one cycle, nan without a reference or a state; `period` in s."""
@@ -109,7 +110,8 @@ class PidController(Controller):
         self.update_rate, self.joints, self.interface = given.update_rate, given.dof_names, given.command_interface
         self.feed_forward = given.enable_feedforward
         self.life.limit_ns = life_ns(given.command_timeout, given.reference_and_state_interfaces[:1])
-        if (text := endless("command_timeout", given.command_timeout, given.reference_and_state_interfaces[:1])) is not None:
+        kind = given.reference_and_state_interfaces[:1]
+        if (text := endless("command_timeout", given.command_timeout, kind)) is not None:
             self.tell(ENDLESS, text)
         self._references = [
             CommandInterface(f"{self.name}/{dof}", interface)
@@ -117,6 +119,7 @@ class PidController(Controller):
             for dof in given.measured
         ]
         count = len(given.dof_names)
+        self._follows = [False] * count
         self._dofs = [
             _Dof(dof, given.gains[index], self._references[index::count]) for index, dof in enumerate(given.measured)
         ]
@@ -140,7 +143,6 @@ class PidController(Controller):
         for index, dof in enumerate(self._dofs):
             dof.command, dof.state = commands[index], states[index]
             dof.state_rate = states[index + count] if len(states) > count else None
-        self._follows = [False] * count
         self.stamp = 0
         self.life.end()
         self._clear()
@@ -157,13 +159,15 @@ class PidController(Controller):
         zero_targets(self.commands)
         self.life.end()
         self._clear()
+        for dof in self._dofs:
+            dof.pid.reset()
 
     def _clear(self) -> None:
+        """Be where it was when it was activated."""
         for index, dof in enumerate(self._dofs):
             dof.pid.reset(dof.keep)
             dof.clear()
-            if self._follows:
-                self._follows[index] = False
+            self._follows[index] = False
 
     # -------------------------------------------------------------------------------------------------- commands
 
@@ -193,13 +197,13 @@ class PidController(Controller):
             dofs=[
                 DofReading(
                     name=each.name,
-                    reference=each.reference.value,
-                    feedback=math.nan if each.state is None else each.state.value,
-                    feedback_dot=math.nan if each.state_rate is None else each.state_rate.value,
-                    error=each.error,
-                    error_dot=each.error_rate,
+                    reference=finite(each.reference.value),
+                    feedback=None if each.state is None else finite(each.state.value),
+                    feedback_dot=None if each.state_rate is None else finite(each.state_rate.value),
+                    error=finite(each.error),
+                    error_dot=finite(each.error_rate),
                     time_step=self._period,
-                    output=each.command.value,
+                    output=finite(each.command.value),
                 )
                 for each in self._dofs
             ],
@@ -216,7 +220,7 @@ class PidController(Controller):
         for index in range(len(dofs)):
             dof = dofs[index]
             enabled = dof.command.enabled
-            if enabled is not follows[index]:
+            if enabled is not follows[index] or enabled is not dof.reference.enabled:
                 self._turn(index, enabled)
             target = dof.step(period, self.feed_forward) if enabled else math.nan
             dof.command.value = target if math.isfinite(target) else 0.0
@@ -237,6 +241,5 @@ class PidController(Controller):
     def _stop(self, now: int) -> None:
         for dof in self._dofs:
             dof.clear()
-        self.tell(
-            "command_timeout", f"no reference for {(now - self.life.given) / 1e9:.2f} s, targets are 0 until the next one"
-        )
+        age = (now - self.life.given) / 1e9
+        self.tell("command_timeout", f"no reference for {age:.2f} s, targets are 0 until the next one")

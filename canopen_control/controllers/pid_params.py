@@ -93,7 +93,8 @@ class PidParams(CommonParams):
         if not self.dof_names:
             return "no 'dof_names'; give it under ros__parameters: dof_names: [joint_1, joint_2]"
         if len(self.measured) != len(self.dof_names):
-            return f"reference_and_state_dof_names: {len(self.measured)} for {len(self.dof_names)} dof_names; name as many"
+            count = f"{len(self.measured)} for {len(self.dof_names)} dof_names"
+            return f"reference_and_state_dof_names: {count}; name as many"
         if not self.command_interface:
             return "no 'command_interface'; give it: command_interface: effort"
         if len(self.reference_and_state_interfaces) not in (1, 2):

@@ -124,7 +124,8 @@ class RunningControllers:
         for part in slot.parts:
             enabled = part.follows()
             if part.enabled and not enabled:
-                self._forget(slot, now, part.ends if len(slot.parts) > 1 else None)
+                off = [each for each in part.ends if not each.enabled]
+                self._forget(slot, now, part.ends if len(slot.parts) > 1 else None, slot.controller.explain(off))
             part.enabled = enabled
 
     # ------------------------------------------------------------------------------------------------ their commands
