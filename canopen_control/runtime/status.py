@@ -21,6 +21,7 @@ from canopen_control.rpc.messages.state import (
     SdoCounts,
     StateSample,
     Status,
+    TrackingReading,
 )
 from canopen_control.runtime.pacer import LATE_EDGES_NS
 
@@ -145,7 +146,7 @@ def _buses(robot: RobotCore) -> dict[str, BusTraffic]:
     for name, bus in robot.buses.items():
         stats = bus.port.stats if bus.port else None
         counts = (0, 0, 0) if stats is None else (stats.rx, stats.tx, stats.lost)
-        found[name] = BusTraffic(bus.channel, *counts, bus.network.unknown, bus.load)
+        found[name] = BusTraffic(bus.channel, *counts, bus.network.unknown, bus.load, bus.sync_words)
     return found
 
 
@@ -201,9 +202,15 @@ def _joints(robot: RobotCore) -> dict[str, JointReading]:
             values.pop("effort", None),
             commands.get(name),
             values,
+            _tracking(robot.joints.get(name)),
         )
         for name, values in joints.items()
     }
+
+
+def _tracking(joint: JointDrive | None) -> TrackingReading | None:
+    figures = None if joint is None else joint.tracking.figures()
+    return None if joint is None or figures is None else TrackingReading(joint.tracking.interface, *figures)
 
 
 def _boot_steps(node: RemoteNode) -> list[BootStep]:
