@@ -34,6 +34,7 @@ from canopen_control.runtime.readiness import (
     by_stop_group,
     cause,
     claimed_off,
+    cost_of_skipping,
     ending,
     hint,
     in_fault,
@@ -303,6 +304,7 @@ class RobotCore:
             self._requests = [request for request in self._requests if not request.settle(now)]
         if missed := self.pacer.newly_missed(now):
             text = f"a cycle was missed, {self.pacer.late_max / 1e6:.0f} ms late at worst; is the machine busy?"
+            text += cost_of_skipping(self.joints.values())
             self.report(Event(now, "cycle_missed", "", text, Level.WARNING, count=missed))
         for event in self.manager.events():
             self.report(Event(now, event.kind, "", event.text, _CONTROLLER_LEVELS.get(event.kind, Level.WARNING)))

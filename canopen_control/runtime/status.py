@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from canopen_control.cia402.modes import mode_name
 from canopen_control.controllers.state_copy import finite
+from canopen_control.hardware.interfaces import POSITION
 from canopen_control.master.pdo_layout import layout_of
 from canopen_control.rpc.messages.layout import Layout
 from canopen_control.rpc.messages.robot import BusPlace, NodeIdentity, NodeListing, NodePlace
@@ -192,8 +193,8 @@ def _joints(robot: RobotCore) -> dict[str, JointReading]:
         joints.setdefault(state.joint, {})[state.interface] = finite(state.value)
     commands: dict[str, float | None] = {}
     for command in robot.registry.command_interfaces:
-        if command.owner is not None:
-            commands[command.joint] = finite(command.value)
+        if command.owner is not None and (command.interface == POSITION or command.joint not in commands):
+            commands[command.joint] = finite(command.value)  # of a position with feed-forward that
     return {
         name: JointReading(
             name,
