@@ -28,9 +28,9 @@ BUS_YML: dict[str, dict[str, str]] = {
         "sync_period": "us between two SYNCs, the cycle of the robot; 0: no SYNC, the controller manager's update_rate",
         "sync_window": "us that the synchronous PDOs may take; `check` says where they take longer",
         "sync_overflow": "the SYNC carries a counter up to this; written to the nodes (0x1019) too; 0: none",
-        "sync_order": "`last`: SYNC follows the RPDOs of its cycle, and drives act on them at once; `first`: SYNC begins "
-        "the cycle, and its RPDOs have a whole period to arrive, which is when drives act on them. A cycle that follows "
-        "another's SYNC comes half a period after it, with `first` an eighth",
+        "sync_order": "`last`: SYNC follows the RPDOs of its cycle, and drives act on them at once; `first`: SYNC "
+        "begins the cycle, and its RPDOs have a whole period to arrive, which is when drives act on them. A cycle that "
+        "follows another's SYNC comes half a period after it, with `first` an eighth",
         "sync_producer": "who sends SYNC: the master, or `other`, a node of the bus, whose SYNC the cycle follows",
         "heartbeat_multiplier": "as in `options`, for the nodes of this bus",
         "heartbeat_producer": "ms between two heartbeats of the master; 0: 100",

@@ -282,7 +282,10 @@ def require_targets(axis: Axis, interfaces: Collection[str]) -> None:
             )
         elif not any(_is_mapped(axis, mode) for mode in _SERVED[name]):
             index, _ = target_address(_SERVED[name][0]) or (0, 0)
-            raise _unmapped(axis, name, f"0x{axis.index(index):04X}")
+            what = f"0x{axis.index(index):04X}"
+            if name in FEED_FORWARD and POSITION in interfaces:
+                what += f", or beside its position give feed_forward: [{name}],"
+            raise _unmapped(axis, name, what)
 
 
 def _feeds(axis: Axis, interface: str) -> bool:

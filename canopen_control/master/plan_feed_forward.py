@@ -60,7 +60,8 @@ def _add(builder: PlanBuilder, index: int, target: int) -> str:
             return _put(builder, number, replace(pdo, mapping=[*pdo.mapping, PdoObject(index)]))
     beside = next((rpdos[number] for number in mine if target in _mapped(builder, number, rpdos[number])), PdoConfig())
     for number in _PREDEFINED:
-        if number not in rpdos and _has_room(builder, number, [], index):
+        used = number in rpdos and rpdos[number].enabled
+        if not used and _has_room(builder, number, [], index):
             return _put(builder, number, PdoConfig(transmission=beside.transmission, mapping=[PdoObject(index)]))
     return f"no RPDO of {builder.file} has room for 0x{index:04X}"
 

@@ -76,7 +76,7 @@ def joints_of(states: Sequence[TimedSnapshot], begin: float) -> dict[str, JointF
         for name, values in sample.joints.items():
             if name not in joints:
                 quantity = _QUANTITIES.get(modes.get(name, ""), "velocity")
-                joints[name] = JointFacts(quantity, *([] for _ in range(7)), tracking=tracked.get(name))
+                joints[name] = JointFacts(quantity, [], [], [], [], [], [], [], tracked.get(name))
             joint = joints[name]
             actual, command = values.value(joint.quantity), values.command
             joint.time.append(round(sample.time - begin, 4))

@@ -200,8 +200,11 @@ def joint_table(joints: Mapping[str, JointReading], linear: frozenset[str], comm
             f"<td>{_number(joint.velocity)}<small>{unit}/s</small></td><td>{_number(joint.effort)}</td><td>{command}</td>"
             f"<td>{_tracking(joint.tracking, unit)}</td></tr>"
         )
-    titles = "<tr><th>joint</th><th>position</th><th>velocity</th><th>effort</th><th>command</th><th>tracking error</th></tr>"
-    return f"<table class='cc-table cc-joints'>{titles}{''.join(lines)}</table>"
+    titles = "".join(f"<th>{each}</th>" for each in _JOINT_TITLES)
+    return f"<table class='cc-table cc-joints'><tr>{titles}</tr>{''.join(lines)}</table>"
+
+
+_JOINT_TITLES: Final = ("joint", "position", "velocity", "effort", "command", "tracking error")
 
 
 def _tracking(each: TrackingReading | None, unit: str) -> str:
