@@ -60,14 +60,8 @@ def check_timing(
         return
     axes = [axis for tag in description.hardware for joint in tag.joints for axis in _axes(config, joint)]
     yield from _repeated(config, control, axes)
-    told: set[tuple[str, int]] = set()
-    for axis in axes:
-        for layout in config.plans[axis.node.name].rpdos:
-            if (axis.node.name, layout.number) not in told and _acts_on_arrival(axis, layout):
-                told.add((axis.node.name, layout.number))
-                yield _on_arrival(config, axis, layout)
-    for name in dict.fromkeys(axis.node.name for axis in axes):
-        yield from _held_back(config, config.nodes[name])
+    yield from _on_arrival(config, axes)
+    yield from _held_back(config, axes)
 
 
 def _axes(config: BusConfig, joint: ControlJoint) -> Iterator[_CyclicAxis]:
@@ -108,39 +102,60 @@ def _repeated(config: BusConfig, control: ControllersFile | None, axes: list[_Cy
         yield Finding(control.path, line, Severity.WARNING, text, f"set update_rate: {cycle:g}")
 
 
-def _acts_on_arrival(axis: _CyclicAxis, layout: PdoLayout) -> bool:
-    carries = any(mapped.index == axis.target for mapped in layout.objects)
-    return carries and layout.transmission_type in _ON_ARRIVAL
+def _on_arrival(config: BusConfig, axes: list[_CyclicAxis]) -> Iterator[Finding]:
+    """Look for set-points that act when they come instead of with SYNC."""
+    found = _Found(config, "rpdo.{}.transmission")
+    for axis in axes:
+        for layout in config.plans[axis.node.name].rpdos:
+            carries = any(mapped.index == axis.target for mapped in layout.objects)
+            if carries and layout.transmission_type in _ON_ARRIVAL:
+                text = (
+                    f"RPDO {layout.number} of {axis.node.name}{{more}} carries 0x{axis.target:04X}, the set-point of "
+                    f"{axis.joint} in {axis.mode.name}, with transmission {layout.transmission_type}: it acts when it "
+                    "arrives, and not with SYNC"
+                )
+                fix = f"set rpdo: {layout.number}: transmission: 1, or the motor has the computer's jitter"
+                found.add(axis.node, layout, text, fix)
+    yield from found.findings()
 
 
-def _on_arrival(config: BusConfig, axis: _CyclicAxis, layout: PdoLayout) -> Finding:
-    text = (
-        f"RPDO {layout.number} of {axis.node.name} carries 0x{axis.target:04X}, the set-point of {axis.joint} in "
-        f"{axis.mode.name}, with transmission {layout.transmission_type}: it acts when it arrives, and not with SYNC"
-    )
-    place = config.place(axis.node.name, f"rpdo.{layout.number}.transmission")
-    return _finding(place, text, f"set rpdo: {layout.number}: transmission: 1, or the motor has the computer's jitter")
-
-
-def _held_back(config: BusConfig, node: NodeConfig) -> Iterator[Finding]:
+def _held_back(config: BusConfig, axes: list[_CyclicAxis]) -> Iterator[Finding]:
     """Look for feedback that comes by events, and more seldom than SYNC."""
-    od, period_us = config.dictionaries[node.name], config.master.sync_period
-    for layout in config.plans[node.name].tpdos:
-        feedback = any(objects.axis_of(mapped.index)[0] in _FEEDBACK for mapped in layout.objects)
-        if not feedback or layout.transmission_type not in _ON_ARRIVAL:
-            continue
-        given = node.boot.tpdo.get(layout.number)
-        entry = od.get(0x1800 + layout.number - 1, 3)
-        default = entry.value if entry is not None and isinstance(entry.value, int) else 0
-        inhibit = given.inhibit_time if given is not None and given.inhibit_time is not None else default
-        if inhibit * 100 > period_us:
-            text = (
-                f"TPDO {layout.number} of {node.name} comes every {inhibit / 10:g} ms at most (inhibit time), SYNC "
-                f"every {period_us / 1000:g} ms: feedback is older than a period"
-            )
-            place = config.place(node.name, f"tpdo.{layout.number}.inhibit_time")
-            yield _finding(place, text, f"set tpdo: {layout.number}: transmission: 1, or inhibit_time: 0")
+    found, period_us = _Found(config, "tpdo.{}.inhibit_time"), config.master.sync_period
+    for axis in axes:
+        node = axis.node
+        for layout in config.plans[node.name].tpdos:
+            feedback = any(objects.axis_of(mapped.index)[0] in _FEEDBACK for mapped in layout.objects)
+            if not feedback or layout.transmission_type not in _ON_ARRIVAL:
+                continue
+            given = node.boot.tpdo.get(layout.number)
+            entry = config.dictionaries[node.name].get(0x1800 + layout.number - 1, 3)
+            default = entry.value if entry is not None and isinstance(entry.value, int) else 0
+            inhibit = given.inhibit_time if given is not None and given.inhibit_time is not None else default
+            if inhibit * 100 > period_us:
+                text = (
+                    f"TPDO {layout.number} of {node.name}{{more}} comes every {inhibit / 10:g} ms at most (inhibit "
+                    f"time), SYNC every {period_us / 1000:g} ms: feedback is older than a period"
+                )
+                found.add(node, layout, text, f"set tpdo: {layout.number}: transmission: 1, or inhibit_time: 0")
+    yield from found.findings()
 
 
-def _finding(place: Node, text: str, fix: str) -> Finding:
-    return Finding(place.path, place.line, Severity.WARNING, text, fix, column=place.column)
+class _Found:
+    """Mistakes by their places: one that `defaults` make for several nodes is told once; `{}` in the key is the PDO."""
+
+    def __init__(self, config: BusConfig, key: str) -> None:
+        self._config, self._key = config, key
+        self._by_place: dict[tuple[int, int], tuple[Node, str, str, set[str]]] = {}
+
+    def add(self, node: NodeConfig, layout: PdoLayout, text: str, fix: str) -> None:
+        """Take a mistake; `{more}` in the text are the other nodes."""
+        place = self._config.place(node.name, self._key.format(layout.number))
+        self._by_place.setdefault((place.line, place.column), (place, text, fix, set()))[3].add(node.name)
+
+    def findings(self) -> Iterator[Finding]:
+        """Yield one for each place."""
+        for place, text, fix, names in self._by_place.values():
+            more = f" and of {len(names) - 1} more" if len(names) > 1 else ""
+            told = text.replace("{more}", more)
+            yield Finding(place.path, place.line, Severity.WARNING, told, fix, column=place.column)

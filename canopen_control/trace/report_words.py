@@ -83,7 +83,7 @@ def _tracking(facts: ReportFacts) -> Iterator[str]:
         if errors:
             name = max(errors, key=lambda each: errors[each].error_max_since_enable)
             worst, rms = errors[name].error_max_since_enable, errors[name].error_rms_since_enable
-            yield f"Of the joints by {interface}, {name} was furthest off its set-points: {worst:.2g} {unit}, RMS {rms:.2g}."
+            yield f"Furthest off its set-points, by {interface}, was {name}: {worst:.2g} {unit}, RMS {rms:.2g}."
     odd = [
         f"{name} {each.repeated} and {each.skipped}" for name, each in known.items() if each.repeated or each.skipped
     ]

@@ -135,7 +135,9 @@ def test_a_velocity_beyond_the_drive_is_cut_and_none_that_does_not_fit_is_sent(a
 def test_torque_feed_forward_is_zero_when_the_positions_end(tmp_path):
     config = fed_arm(tmp_path, asked="[effort]", interfaces=("position", "effort"))
     path = config / "ros2_controllers.yaml"
-    path.write_text(path.read_text().replace("command_interfaces: [position, effort]", "command_interfaces: [position]"))
+    path.write_text(
+        path.read_text().replace("command_interfaces: [position, effort]", "command_interfaces: [position]")
+    )
     bench = Bench("torque", config=config, drives=NODES)
     bench.start()
     joint = bench.robot.joints["joint_1"]

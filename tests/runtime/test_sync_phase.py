@@ -66,7 +66,9 @@ def test_late_sights_bunches_and_stalls_never_lose_or_double_an_edge(period, par
         bunch = period // 10  # an adapter hands over what came in a tenth of a period
         return min(round(chance.random() * late * period) // bunch * bunch, period)
 
-    counts, *_ = follow(period, period // part, 2000, ppm=ppm, lateness=lateness, seed=seed, begin=round(begin * period))
+    counts, *_ = follow(
+        period, period // part, 2000, ppm=ppm, lateness=lateness, seed=seed, begin=round(begin * period)
+    )
     settled = counts[64:]
     assert set(settled) == {1}, [(place, count) for place, count in enumerate(counts) if count != 1]
 
