@@ -11,7 +11,7 @@ def test_before_its_node_is_there_nothing_is_known_and_nothing_enabled():
     bench = Bench("parts1", drives=())
     joint = bench.joint(LEFT)
     assert (joint.state, joint.statusword, joint.claimed) == (None, None, None)
-    assert not (joint.enabled or joint.following or joint.wanted or joint.homed)
+    assert (joint.enabled, joint.following, joint.wanted, joint.homed) == (False, False, False, False)
     assert joint.age_ns(0) is None
     assert joint.has_come_to_rest(0)
     assert joint.tracking.figures() is None

@@ -58,7 +58,8 @@ def test_a_period_that_the_object_cannot_hold_is_told_with_what_to_do(tmp_path):
 
 @pytest.mark.parametrize(("value", "exponent"), [(2, -2), (200, -4), (20, -3)])
 def test_the_same_time_in_another_unit_is_no_mistake(tmp_path, value, exponent):
-    asked = f"    - {{index: 0x60C2, sub_index: 1, value: {value}}}\n    - {{index: 0x60C2, sub_index: 2, value: {exponent}}}\n"
+    lines = [f"    - {{index: 0x60C2, sub_index: {sub}, value: {each}}}\n" for sub, each in ((1, value), (2, exponent))]
+    asked = "".join(lines)
     values, warnings = read(tmp_path, 20000, asked)
     assert (values, warnings) == ((value, exponent), [])
 
