@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
 __all__ = ["BusFacts", "BusLoad", "CycleFacts", "EventFacts", "FrameFacts", "Gaps", "JointFacts", "NodeFacts",
-           "NothingKnown", "ReportFacts", "Span", "event_at"]  # fmt: skip
+           "ReportFacts", "Span", "event_at"]  # fmt: skip
 
 Column: TypeAlias = list[float | None]
 
@@ -51,10 +51,6 @@ class JointFacts(Document, frozen=True):
     velocity: Column
     effort: Column
     tracking: TrackingReading | None = None
-
-
-class NothingKnown(Document, frozen=True):
-    """An empty object."""
 
 
 class CycleFacts(Document, frozen=True, kw_only=True):
@@ -130,7 +126,7 @@ class ReportFacts(Document, frozen=True, kw_only=True):
     joints: dict[str, JointFacts]
     stopped_after_s: dict[str, float | None]
     last_state: str
-    cycle: CycleFacts | NothingKnown
+    cycle: CycleFacts | None
     boot: list[BootStep]
     sdo: dict[str, SdoCounts]
     buses: dict[str, BusFacts]
