@@ -41,8 +41,8 @@ def test_set_points_that_act_on_arrival_are_told_where_the_type_stands(tmp_path,
     assert len(told) == 1, "it stands once, in `defaults`"
     assert re.match(
         r".*bus\.yml:44:21: warning: RPDO 1 of joint_1_drive and of 5 more carries 0x607A, the set-point of joint_1 in "
-        rf"CSP, with transmission {kind}: it acts when it arrives, and not with SYNC; set rpdo: 1: transmission: 1, or the motor "
-        r"has the computer's jitter",
+        rf"CSP, with transmission {kind}: it acts when it arrives, and not with SYNC; set rpdo: 1: transmission: 1, or"
+        r" the motor has the computer's jitter",
         told[0],
     ), told[0]
 
