@@ -16,7 +16,8 @@ def test_the_server_says_who_it_is_first(client):
     assert hello["pid"] > 0
 
 
-def test_status_has_the_documented_shape(client):
+def test_status_has_the_documented_shape(robby, client):
+    robby.hold(0.0, 0.0, ms=200)
     status = client.ask("status")["result"]
     assert status["robot"] == "robby"
     assert status["state"] == "running"

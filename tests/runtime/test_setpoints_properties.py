@@ -77,6 +77,7 @@ class Arm:
         bench.bus.clear_history()
         bench.robot.manager.get("arm_controller").send_goal(goal, bench.reactor.now())
         bench.until(lambda: goal.ended, 4000)
+        bench.run(50)  # the last set-points are taken
         assert goal.state is GoalState.SUCCEEDED
         assert bench.robot.pacer.missed == 0
         return {node: self._taken(0x200 + node) for node in NODES}
