@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, cast
 
 from canopen_control.errors import RobotConfigError
-from canopen_control.urdf.model import RobotModel, read_model
+from canopen_control.urdf.robot_model import RobotModel, read_model
 from canopen_control.view.fault_client import DriveFaults, FaultClient
 from canopen_control.view.history import History
 from canopen_control.view.page_content import PageContent, RecentEvents
