@@ -43,7 +43,7 @@ def test_a_verbs_file_is_the_verbs_name():
 def test_a_second_file_of_a_name_would_be_seen(tmp_path):
     for name in (
         "bus/link.py",
-        "urdf/link_element.py",
+        "urdf/link.py",
         "cli/link.py",
         "bus/__init__.py",
         "urdf/__init__.py",
