@@ -70,6 +70,7 @@ class NodeControl:
         self._answer(messages.ListFaults, self._faults)
         self._answer(messages.SwitchFault, self._switch_fault)
         self._answer(messages.GetDriveState, self._state)
+        self._answer(messages.RestartQuality, self._restart_quality)
         self._answer(messages.SetInputs, self._set_inputs)
         self._answer(messages.SetPlant, self._set_plant)
         self._server.check()
@@ -106,6 +107,10 @@ class NodeControl:
 
     def _state(self, _request: messages.GetDriveState) -> DriveState:
         return describe(self._node, None if self._world is None else self._world.describe())
+
+    def _restart_quality(self, request: messages.RestartQuality) -> Done:
+        self._axis(request.axis).meter.restart()
+        return Done()
 
     def _set_inputs(self, request: messages.SetInputs) -> Done:
         now = self._host.reactor.now()

@@ -1,6 +1,6 @@
 """Makes virtual devices of EDS files: the node, and a drive on each axis that has a controlword.
 
-The dictionary alone decides. A known identity brings its device model, everything else is
+The dictionary alone decides. A known identity, or a known vendor, brings its device model, everything else is
 generic; a dictionary without CiA 402 objects makes a plain node.
 """
 
@@ -18,6 +18,7 @@ from canopen_control.virtual.fault_switches import FaultSwitches
 from canopen_control.virtual.parameter_file import ParameterFile
 from canopen_control.virtual.plant import PlainWorld, World
 from canopen_control.virtual.tmcm1270 import TMCM1270, is_tmcm1270
+from canopen_control.virtual.vendor_models import vendor_model
 from canopen_control.virtual.virtual_node import VirtualNode
 
 if TYPE_CHECKING:
@@ -32,7 +33,7 @@ __all__ = ["Devices", "device_model_of", "make_device", "make_devices"]
 
 def device_model_of(od: ObjectDictionary) -> DeviceModel:
     """Return what is known of the device, by its identity."""
-    return TMCM1270 if is_tmcm1270(od) else GENERIC
+    return TMCM1270 if is_tmcm1270(od) else vendor_model(od) or GENERIC
 
 
 def make_device(

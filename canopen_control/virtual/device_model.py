@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from canopen_control.virtual.object_store import ObjectStore
 
-__all__ = ["GENERIC", "DeviceModel", "Limit"]
+__all__ = ["GENERIC", "DeviceModel", "Limit", "MissingSetPoint"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,6 +25,19 @@ class Limit:
     code: int
     negative: bytes
     positive: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class MissingSetPoint:
+    """What a cyclic mode does when the next set-point does not come; without anything it stands at the last one.
+
+    It goes on with its velocity for `cycles` interpolation periods (0x60C2), those of `cycles_object` where the
+    dictionary has it; then it stands, or with a `fault` code that is its EMCY and fault.
+    """
+
+    cycles: int = 0
+    cycles_object: tuple[int, int] | None = None
+    fault: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +67,8 @@ class DeviceModel:
     software_limit: Limit | None = None
     switch_limit: Limit | None = None
     switches_disabled: Callable[[ObjectStore], bool] = lambda _store: False
+    missing: MissingSetPoint = MissingSetPoint()
+    follows_sync: bool = False  # measures the SYNC, so that a clock that drifts does not matter in cyclic modes
     velocity_bits: Callable[[float], int] | None = None  # of the statusword, from the measured velocity
     identity: Mapping[tuple[int, int], int | str] = field(default_factory=dict)  # where the file gives no default
     display: Mapping[tuple[int, int], Callable[[ObjectStore], int]] = field(default_factory=dict)
