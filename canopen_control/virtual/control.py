@@ -70,9 +70,9 @@ class NodeControl:
         self._answer(messages.ListFaults, self._faults)
         self._answer(messages.SwitchFault, self._switch_fault)
         self._answer(messages.GetDriveState, self._state)
-        self._answer(messages.RestartQuality, self._restart_quality)
         self._answer(messages.SetInputs, self._set_inputs)
         self._answer(messages.SetPlant, self._set_plant)
+        self._answer(messages.RestartQuality, self._restart_quality)
         self._server.check()
 
     def close(self) -> None:

@@ -115,6 +115,7 @@ class InterpolatedPosition(CyclicPosition):
         """Forget the last target and what waits."""
         super().reset()
         self.buffer.clear()
+        self._dry_ns: int | None = None  # when a record was due and none was there
 
     @property
     def _enabled(self) -> bool:
@@ -153,8 +154,11 @@ class InterpolatedPosition(CyclicPosition):
             return
         place = self.buffer.get()
         if place is None:
-            self.meter.missed += self.streaming
+            self._dry_ns = now if self.streaming else None
             return
+        if self._dry_ns is not None:
+            self.meter.missed += round((now - self._dry_ns) / self.period_ns)
+            self._dry_ns = None
         self._arrived += 1
         self.meter.take(place, now)
         self.feed()

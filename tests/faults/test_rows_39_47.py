@@ -247,3 +247,12 @@ def test_row_47_syncs_are_on_an_exact_grid_and_a_set_point_more_or_less_is_no_fa
     assert turning.robot.state is RobotState.RUNNING
     assert turning.speed(RIGHT) == pytest.approx(SPEED, rel=0.01)
     assert not [event for event in turning.events if event.level == 2], [event.text for event in turning.events]
+
+
+@pytest.mark.parametrize("fault", ["rpdo_late", "rpdo_lost"])
+def test_rpdos_that_come_late_or_get_lost_now_and_then_stop_nothing(turning, fault):
+    turning.switch(fault)
+    turning.hold(10.0, 10.0, ms=3000)
+    assert turning.robot.state is RobotState.RUNNING
+    assert turning.speed(LEFT) == pytest.approx(SPEED, rel=0.01)
+    assert not [event for event in turning.events if event.level == 2], [event.text for event in turning.events]
