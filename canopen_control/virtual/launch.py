@@ -9,10 +9,9 @@ import contextlib
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from canopen_control.bus.channel import ChannelKind, open_port, parse_channel
+from canopen_control.bus.channel import open_port, parse_channel
 from canopen_control.errors import BusError
 from canopen_control.host.reactor import Reactor
-from canopen_control.host.sockets import list_sockets
 from canopen_control.virtual.node_id_check import NodeIdCheck
 
 if TYPE_CHECKING:
@@ -78,11 +77,13 @@ def run_drives(node_ids: Sequence[int], eds: Path, channel: str, options: Option
 
 
 def _reopen(channel: str, label: str) -> Port | None:
-    """Open a channel that was gone, None where it is not back. A local bus is not started for it."""
-    spec = parse_channel(channel)
-    if spec.kind.in_process or (spec.kind is ChannelKind.LOCAL and spec.name not in list_sockets("bus")):
+    """Open a channel that was gone, None where it is not back. A local bus is not started for it.
+
+    It joins, for a hub that dies is still there to who looks whether it is, and gone to who then opens.
+    """
+    if parse_channel(channel).kind.in_process:
         return None
     try:
-        return open_port(channel, label=label)
+        return open_port(channel, label=label, join=True)
     except BusError:
         return None

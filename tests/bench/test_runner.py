@@ -32,6 +32,16 @@ def test_a_quick_run_judges_ratios_only():
     assert [each.name for each in report(quick=True).short()] == ["slow"]
 
 
+def test_a_second_run_takes_the_place_of_what_fell_short_or_failed():
+    first, second = report(quick=True), report(quick=True)
+    first.failures["load"] = "a frame is missing"
+    assert first.fell_short() == ["cycle", "load"]
+    second.figures = {"cycle": [second.figures["cycle"][0]], "load": []}
+    first.take(second)
+    assert first.fell_short() == []
+    assert first.failures == {}
+
+
 def test_a_family_that_fails_does_not_take_the_others_with_it(monkeypatch):
     def fail(_options):
         raise CanopenError("a frame is missing")

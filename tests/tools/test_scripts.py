@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import subprocess
 from pathlib import Path
@@ -32,7 +33,8 @@ prepare() { [ "${FAIL:-}" != prepare ]; }
 """
 PYTHON = """#!/usr/bin/env bash
 echo "begin $*" >>log
-case "$*" in *"${FAIL:-nothing}"*) code=1 ;; esac
+case "$*" in *"${FAIL:-nothing}"*) code=${CODE:-1} ;; esac
+case "$*" in *"--last-failed"*) code=${AGAIN:-1} ;; esac
 # the two lanes wait for each other, which they could not do one after the other
 case "$*" in
     *"(process and"*) other="begin .*(not process and" ;;
@@ -61,11 +63,13 @@ def checkout(tmp_path):
         path.write_text(text if text.startswith("#!") else f"#!/bin/sh\n{text}\n")
         path.chmod(0o755)
 
-    def checkout(*words, fail=""):
+    def checkout(*words, fail="", again=1, code=1):
         environment = {
             **os.environ,
             "PATH": f"{tmp_path}:{os.environ['PATH']}",
             "FAIL": fail,
+            "AGAIN": str(again),
+            "CODE": str(code),
             "LANES": "0" if words else "200",
         }
         environment.pop("CANOPEN_CONTROL_REQUIRE", None)
@@ -104,6 +108,27 @@ def test_a_part_that_fails_in_either_lane_fails_the_whole_and_the_others_run(che
     assert bool(log) == (what != "prepare")
     if log:
         assert any("and (alone)" in line for line in log)
+
+
+@pytest.mark.parametrize("part", ["(not process and not alone)", "and (alone)"])
+def test_a_test_that_failed_is_run_once_more_when_nothing_else_runs_and_that_decides(checkout, part):
+    done, log = checkout(fail=part, again=0)
+    assert done.returncode == 0, done.stdout + done.stderr
+    again = [line for line in log if "--last-failed" in line]
+    first = next(line for line in log if part in line)
+    assert all(
+        re.search("cache_dir=([^ ]+)", line)[1] == re.search("cache_dir=([^ ]+)", first)[1] for line in again[:2]
+    )
+    assert log[-2:] == again[-2:]
+    assert "== looked at twice: pytest" in done.stdout
+    assert checkout(fail=part, again=1)[0].returncode == 1
+    assert "looked at twice" not in checkout()[0].stdout
+
+
+def test_tests_that_could_not_be_run_at_all_are_not_looked_at_twice(checkout):
+    done, log = checkout(fail="(process and not alone)", code=4)
+    assert done.returncode == 1
+    assert not any("--last-failed" in line for line in log)
 
 
 def test_the_fast_ones_and_rooms(checkout):

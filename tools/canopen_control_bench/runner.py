@@ -13,7 +13,7 @@ from canopen_control.runtime.realtime import keep_awake
 from canopen_control_bench.machine import describe
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Callable, Sequence
     from pathlib import Path
     from types import ModuleType
 
@@ -72,11 +72,21 @@ class Report:
 
     def short(self) -> list[Figure]:
         """Return the figures that are not what they must be; of a quick run what no busy machine changes."""
-        return [each for each in self._all() if not each.good and (each.steady or not self.quick)]
+        return [each for figures in self.figures.values() for each in self._short_of(figures)]
 
-    def _all(self) -> Iterator[Figure]:
-        for figures in self.figures.values():
-            yield from figures
+    def fell_short(self) -> list[str]:
+        """Return the families that have such a figure, or could not be measured."""
+        return [name for name, figures in self.figures.items() if self._short_of(figures)] + list(self.failures)
+
+    def take(self, other: Report) -> None:
+        """Take what another run saw of its families in place of what this one did."""
+        for name in (*other.figures, *other.failures):
+            self.failures.pop(name, None)
+        self.figures.update(other.figures)
+        self.failures.update(other.failures)
+
+    def _short_of(self, figures: Sequence[Figure]) -> list[Figure]:
+        return [each for each in figures if not each.good and (each.steady or not self.quick)]
 
     def put_beside(self, path: Path) -> None:
         """Show what an earlier run has written to a file beside; one that is not there, or no report, says nothing."""
