@@ -81,6 +81,19 @@ def test_it_starts_when_interpolation_is_enabled_and_keeps_what_waits_until_the_
     assert bench.number(0x60C4, 4) == 0
 
 
+def test_enabled_again_it_goes_on_at_once():
+    bench = buffered(x6084=0)
+    for cycle in range(1, 5):
+        bench.send(STEP * cycle)
+        bench.sync()
+    bench.on(0.013)
+    bench.control(0x0F)
+    bench.control(0x1F)
+    assert bench.number(0x60C4, 4) == 1
+    bench.on(0.01)
+    assert place(bench) == 3 * STEP
+
+
 def test_a_record_too_many_is_refused_and_those_that_wait_stay():
     bench = buffered()
     bench.control(0x0F)
