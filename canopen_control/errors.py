@@ -86,9 +86,14 @@ def _node(node_id: int, name: str = "") -> str:
 class CanopenError(Exception):
     """Nothing else is raised on purpose."""
 
+    @property
+    def of_usage(self) -> bool:
+        """Whether what the user typed or wrote is wrong, and nothing was done; the command line exits with 2."""
+        return isinstance(self, _OF_USAGE)
+
 
 class ConfigError(CanopenError):
-    """What the user wrote cannot be used; the command line exits with 2."""
+    """What the user wrote cannot be used."""
 
 
 class EdsError(ConfigError):
@@ -301,8 +306,9 @@ class RemoteError(CanopenError):
 
     @property
     def of_usage(self) -> bool:
-        """Whether the words of the request were wrong, and nothing was done."""
-        return self.kind == UnknownName.__name__
+        """Whether the error over there is one of usage."""
+        kind = globals().get(self.kind)
+        return isinstance(kind, type) and issubclass(kind, _OF_USAGE)
 
 
 class UnreadableMessage(RemoteError):
@@ -310,6 +316,9 @@ class UnreadableMessage(RemoteError):
 
     def __init__(self, message: str) -> None:
         super().__init__("RemoteProtocolError", message)
+
+
+_OF_USAGE = (ConfigError, InterfaceDown, InterfaceNotFound, UnknownName)
 
 
 def nearest(name: str, known: Iterable[str]) -> str:

@@ -53,7 +53,7 @@ this protocol, a field that a request does not have is refused.
 On the command line `canopen-control fault` uses it. In Python `DriveClient` has all of it with types; each method is a
 class of `canopen_control.rpc.messages.drive`:
 
-    from canopen_control.client.drive import DriveClient
+    from canopen_control.client.drive_client import DriveClient
     from canopen_control.rpc.messages.drive import GetDriveState, SwitchFault
 
     with DriveClient.connect("local:robby", 3) as drive:

@@ -96,3 +96,14 @@ def test_the_nearest_name_is_offered_and_otherwise_what_there_is():
     assert errors.nearest("velocty", ["velocity", "position"]) == ", did you mean 'velocity'?"
     assert errors.nearest("zzz", ["velocity", "position"]) == "; known: velocity, position"
     assert errors.nearest("zzz", []) == ""
+
+
+def test_what_was_typed_wrong_is_of_usage_here_and_over_there():
+    usage = (errors.ConfigError, errors.InterfaceDown, errors.InterfaceNotFound, errors.UnknownName)
+    for name, member in TREE.items():
+        over_there = errors.RemoteError(name, "refused")
+        assert over_there.of_usage is issubclass(member, usage), name
+    assert errors.ConfigError("no such folder").of_usage
+    assert not errors.ControlError("it is active").of_usage
+    assert not errors.RemoteError("Sequence", "no class of errors").of_usage
+    assert not errors.RemoteError("nearest", "no class at all").of_usage

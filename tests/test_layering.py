@@ -298,7 +298,6 @@ def test_the_files_of_virtual_stand_in_the_order_that_the_room_tells():
 ANYTHING = re.compile(r"\b(dict|Dict|Mapping|MutableMapping)\[str, (typing\.)?(Any|object)\]")
 #: what is public and holds anything under texts: why
 UNTYPED = {
-    "cli/support/bus_interfaces.py: InterfaceStatus.as_json": "the keys of three structures, side by side as before",
     "controllers/params.py: Params.of": "what stands in YAML below a controller's name; the class checks it",
     "ros/interfaces/definition.py: Structure.constants": "a constant of ROS is a number, a text or a truth value",
 }

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from canopen_control.bus.arbitration import PacedWire
 from canopen_control.bus.error_frames import bus_off_frame, overrun_frame, restarted_frame
-from canopen_control.bus.faults import Faults
+from canopen_control.bus.wire_faults import WireFaults
 from canopen_control.frame import ERROR_FLAG, RECORD, RECORD_SIZE, CanFrame, pack_records
 
 if TYPE_CHECKING:
@@ -48,7 +48,7 @@ class Exchange:
 
     def __init__(self, *, limit: int = QUEUE_LIMIT) -> None:
         self.members: dict[int, Member] = {}
-        self.faults = Faults()
+        self.faults = WireFaults()
         self.frames = 0
         self.dropped = 0
         self.dirty: list[Member] = []
@@ -243,7 +243,7 @@ class Exchange:
     def clear_faults(self) -> None:
         """Mend everything; those that were bus-off are told of the restart."""
         restarted = self.faults.bus_off
-        self.faults = Faults()
+        self.faults = WireFaults()
         self._refresh()
         for label in restarted:
             self.report(label, restarted_frame())

@@ -89,19 +89,6 @@ class MemoryBus:
         """Lose each frame that `predicate` takes, for all readers; None ends it. Counted in `dropped`."""
         self._drop = predicate
 
-    def drop_next(self, count: int = 1, predicate: Predicate | None = None) -> None:
-        """Lose the next `count` frames (that `predicate` takes)."""
-        left = count
-
-        def take(label: str, frame: CanFrame) -> bool:
-            nonlocal left
-            if left == 0 or (predicate is not None and not predicate(label, frame)):
-                return False
-            left -= 1
-            return True
-
-        self._drop = take
-
     def duplicate(self, predicate: Predicate | None) -> None:
         """Deliver twice each frame that `predicate` takes, as a bus does that lost the acknowledge; None ends it."""
         self._duplicate = predicate

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
     from canopen_control.bus.port import Port
-    from canopen_control.bus.record import RecordedFrame
+    from canopen_control.bus.recordings import RecordedFrame
 
 __all__ = ["Played", "play"]
 

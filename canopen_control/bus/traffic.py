@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
     from pathlib import Path
 
-    from canopen_control.bus.link import Link
+    from canopen_control.bus.can_interfaces import CanInterface
 
 __all__ = ["Traffic", "measure"]
 
@@ -34,7 +34,7 @@ class Traffic:
 
 
 def measure(
-    links: Iterable[Link],
+    links: Iterable[CanInterface],
     seconds: float,
     *,
     sleep: Callable[[float], None] = time.sleep,
@@ -54,12 +54,12 @@ def measure(
     return found
 
 
-def _traffic(link: Link, frames: int, size: int, seconds: float) -> Traffic:
+def _traffic(link: CanInterface, frames: int, size: int, seconds: float) -> Traffic:
     bits = FRAME_BITS * frames + 8 * size
     return Traffic(frames / seconds, bits / seconds / link.bitrate if link.bitrate else None)
 
 
-def _counted(link: Link, network_class: Path) -> tuple[int, int] | None:
+def _counted(link: CanInterface, network_class: Path) -> tuple[int, int] | None:
     """Return frames and bytes of data since the interface is there."""
     folder = network_class / link.name / "statistics"
     ways = ("tx",) if link.kind in _LOOPED else ("rx", "tx")

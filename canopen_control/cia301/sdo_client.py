@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Final
 
 from canopen_control.cia301.sdo_codec import ANSWER_BASE, REQUEST_BASE
 from canopen_control.cia301.sdo_exchange import SdoExchange
+from canopen_control.cia301.sdo_phases import first_phase
 from canopen_control.cia301.sdo_request import SdoOptions, SdoRequest
 from canopen_control.errors import LocalProtocolError
 
@@ -53,7 +54,7 @@ class SdoClient:
         self.answer_cob_id = ANSWER_BASE + node_id if answer_cob_id is None else answer_cob_id
         self.request_cob_id = REQUEST_BASE + node_id if request_cob_id is None else request_cob_id
         self._queue: deque[SdoRequest] = deque()
-        self._exchange = SdoExchange(node_id, name, retries, options, self.request_cob_id)
+        self._exchange = SdoExchange(node_id, name, retries, options, self.request_cob_id, first_phase)
         self._exchange.entry_of = entry_of
 
     # -- what callers ask for

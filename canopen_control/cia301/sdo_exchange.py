@@ -1,46 +1,132 @@
 """One SDO request of a client as a state machine: tries, answers, timeouts and aborts (CiA 301, 7.2.4).
 
-The law:
-- What is awaited is the `Phase` (sdo_phases.py): nothing, the answer to the first frame (one phase for each), the end
-  of a pause, the rest of a transfer. What follows from it is decided in sdo_try.py.
+The law of this file:
+- What is awaited is a `Phase` (sdo_phases.py): it alone knows what a frame, an abort, a timeout or a cancellation
+  means; what follows from that is decided here. How often what is tried again: sdo_request.py.
+- A timeout sends an abort with the true multiplexer. A block transfer that the server refuses, or whose CRC is wrong,
+  is done again in segments. Every other abort ends the request.
+- What an upload of a known object brought has the length of its type; else it is an error, and never a value.
 - A request that died (timed out or cancelled) may still be answered: until that is settled, its object is in
   quarantine (sdo_quarantine.py), so that no late answer can be taken for that of the retry.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, Protocol
 
+from canopen_control.cia301.abort import AbortCode, abort_text
 from canopen_control.cia301.sdo_client_block import BlockUpload
-from canopen_control.cia301.sdo_codec import ABORT
-from canopen_control.cia301.sdo_initiate import completed, initiate, initiate_block
-from canopen_control.cia301.sdo_phases import (
-    AwaitingBlockDownload,
-    AwaitingBlockUpload,
-    AwaitingDownload,
-    AwaitingUpload,
-    Probing,
-)
-from canopen_control.cia301.sdo_try import SdoTry
+from canopen_control.cia301.sdo_codec import ABORT, INITIATE_NUMBER
+from canopen_control.cia301.sdo_initiate import BLOCK_ERRORS, completed
+from canopen_control.cia301.sdo_quarantine import Quarantine
+from canopen_control.cia301.sdo_request import RetryBudget, SdoOptions, SdoRequest
+from canopen_control.errors import SdoAbort, SdoLengthError, SdoTimeout
 from canopen_control.frame import CanFrame
+from canopen_control.od.codec import fitted
 
 if TYPE_CHECKING:
-    from canopen_control.cia301.sdo_request import SdoRequest
-    from canopen_control.cia301.sdo_try import Phase
-    from canopen_control.errors import CanopenError
+    from collections.abc import Callable
 
-__all__ = ["SdoExchange"]
+    from canopen_control.errors import CanopenError
+    from canopen_control.od.model import Entry
+
+    FirstPhase = Callable[["SdoExchange", SdoRequest], tuple["Phase", bytes]]
+    """Returns what a try waits for first, and its first frame."""
+
+__all__ = ["Phase", "SdoExchange"]
 
 _UNARMED: Final = 0  # the deadline of a request whose caller did not say when it is; the next tick does
-_UPLOAD: Final = AwaitingUpload()
-_DOWNLOAD: Final = AwaitingDownload()
-_BLOCK_UPLOAD: Final = AwaitingBlockUpload(block=True)
-_BLOCK_DOWNLOAD: Final = AwaitingBlockDownload(block=True)
-_PROBING: Final = Probing()
 
 
-class SdoExchange(SdoTry):
-    """The request under way, if there is one, as its client sees it."""
+class Transfer(Protocol):
+    """What follows an initiate that was not expedited."""
+
+    suspect: bool
+
+    @property
+    def result(self) -> bytes: ...
+    @property
+    def progress(self) -> tuple[int, int | None]: ...
+    def receive(self, data: bytes, out: list[CanFrame]) -> int: ...
+    def nudge(self, out: list[CanFrame]) -> bool: ...
+
+
+class Phase:
+    """What the exchange waits for. This one is no request at all: nothing of the server belongs to it.
+
+    `block` says whether block transfer is tried; `transfer` is what follows the first answer.
+    """
+
+    def __init__(self, block: bool = False, transfer: Transfer | None = None) -> None:
+        self.block, self.transfer = block, transfer
+
+    def receive(self, exchange: SdoExchange, data: bytes, now: int) -> None:  # noqa: ARG002 - what every phase gets
+        """Take a frame of eight bytes that is no abort."""
+        exchange.ignored += 1
+
+    def concerns(self, exchange: SdoExchange, mux: bytes) -> bool:  # noqa: ARG002
+        """Whether an abort of this multiplexer is about the request."""
+        return False
+
+    def aborted(self, exchange: SdoExchange, request: SdoRequest, data: bytes, now: int) -> None:
+        """Take an abort that concerns the request."""
+        if data[1:4] == exchange.mux:
+            exchange.quarantine.answered(exchange.mux)
+        exchange.refused(request, int.from_bytes(data[4:8], "little"), now)
+
+    def time_out(self, exchange: SdoExchange, request: SdoRequest, now: int) -> None:
+        """Act on a deadline that has passed."""
+
+    def abandon(self, exchange: SdoExchange) -> None:
+        """Let the server know that nobody waits any more, if it has heard of the request."""
+
+
+class Pausing(Phase):
+    """The server has said "not now": the request is made again when the deadline passes."""
+
+    def time_out(self, exchange: SdoExchange, request: SdoRequest, now: int) -> None:
+        """Ask again."""
+        exchange.again(request, now)
+
+
+_IDLE: Final = Phase()
+_PAUSING: Final = Pausing()
+
+
+class SdoExchange:
+    """The request under way, if there is one, as its client sees it, and what its phases do with it.
+
+    `first_phase` of sdo_phases.py says how a try begins. `out` holds what is to be sent and `finished` the requests
+    that ended: both are the client's to take. `mux` and `first` are the multiplexer and the first frame of this try.
+    """
+
+    def __init__(
+        self,
+        node_id: int,
+        name: str,
+        retries: int,
+        options: SdoOptions,
+        request_cob_id: int,
+        first_phase: FirstPhase,
+    ) -> None:
+        self.node_id, self.name, self.retries, self.options = node_id, name, retries, options
+        self.request_cob_id, self._first_phase = request_cob_id, first_phase
+        self.ignored = 0  # frames from the server that belonged to nothing
+        self.retried = 0  # tries after the first
+        self.entry_of: Callable[[int, int], Entry | None] | None = None  # of the node's dictionary
+        self.block_supported: bool | None = None  # None: not known yet
+        self.out: list[CanFrame] = []
+        self.finished: list[SdoRequest] = []
+        self.active: SdoRequest | None = None
+        self.deadline: int | None = None
+        self.phase: Phase = _IDLE
+        self.quarantine = Quarantine()
+        self.first = b""
+        self.mux = b""
+        self._started: int | None = None  # None: the first frame has not been seen to leave
+        self._budget: RetryBudget | None = None  # None: the request has had no trouble yet
+
+    # -- what the client does
 
     @property
     def progress(self) -> tuple[int, int | None]:
@@ -96,18 +182,123 @@ class SdoExchange(SdoTry):
         self.quarantine.owed.clear()
         self.block_supported = None
 
+    # -- what the phases do
+
     def begin(self, request: SdoRequest, now: int | None) -> None:
-        """Make a try: send the first frame, or read another object before it."""
-        if request.block and self.block_supported is not False and not (self._budget and self._budget.plain):
-            phase: Phase = _BLOCK_DOWNLOAD if request.is_write else _BLOCK_UPLOAD
-            data = initiate_block(request, self.options)
-        else:
-            phase = _DOWNLOAD if request.is_write else _UPLOAD
-            data = initiate(request, self.options)
-        mux = data[1:4]
-        if mux in self.quarantine.owed:
-            phase, data = _PROBING, self.quarantine.probe()
-            mux = data[1:4]
-        self.phase, self.first, self.mux = phase, data, mux
-        self.out.append(CanFrame(self.request_cob_id, data))
+        """Make a try: send its first frame."""
+        self.phase, self.first = self._first_phase(self, request)
+        self.mux = self.first[1:4]
+        self.out.append(CanFrame(self.request_cob_id, self.first))
         self.deadline = _UNARMED if now is None else now + request.timeout_ns
+
+    @property
+    def tries_blocks(self) -> bool:
+        """Whether block transfer may still be tried: neither the server nor an earlier try has shown that it fails."""
+        return self.block_supported is not False and not (self._budget and self._budget.plain)
+
+    def proceed(self, request: SdoRequest, phase: Phase, now: int) -> None:
+        """Go on with what follows the first answer."""
+        self.phase = phase
+        self.deadline = now + request.timeout_ns
+
+    def again(self, request: SdoRequest, now: int) -> None:
+        """Make another try."""
+        self.retried += 1
+        self.begin(request, now)
+
+    def has_room(self, request: SdoRequest, size: int | None, now: int) -> bool:
+        """Whether an upload may be as large as it was announced; if not, the request has ended."""
+        if size is None or size <= self.options.max_size:
+            return True
+        self.give_up(request, AbortCode.OUT_OF_MEMORY, now)
+        return False
+
+    def uploaded(self, request: SdoRequest, data: bytes, sized: bool, now: int) -> None:
+        """End an upload with its data, if they have the length of the object's type."""
+        request.data = data
+        entry = None if self.entry_of is None else self.entry_of(request.index, request.subindex)
+        if entry is not None:
+            if (whole := fitted(data, entry.data_type, told=sized)) is None:
+                self.finish(request, now, self._length_error(request, entry))
+                return
+            request.data = whole
+        self.finish(request, now)
+
+    def finish(self, request: SdoRequest, now: int, error: CanopenError | None = None) -> None:
+        """End the request under way."""
+        request.elapsed_ns = 0 if self._started is None else now - self._started
+        self.active = self.deadline = None  # `idle` and `report`, without the calls
+        self.phase, self.mux = _IDLE, b""
+        request.error = error
+        request.done = True
+        self.finished.append(request)
+
+    def report(self, request: SdoRequest, error: CanopenError | None) -> None:
+        """End a request."""
+        request.error = error
+        request.done = True
+        self.finished.append(request)
+
+    def idle(self) -> None:
+        """Wait for nothing."""
+        self.active = self.deadline = None
+        self.phase, self.mux = _IDLE, b""
+
+    def refused(self, request: SdoRequest, code: int, now: int) -> None:
+        """Decide what follows from an abort, be it the server's or ours."""
+        budget = self._trouble()
+        if self.phase.block and code in BLOCK_ERRORS:
+            if code == AbortCode.UNKNOWN_COMMAND and self.phase.transfer is None:
+                self.block_supported = False
+            budget.plain = True
+            self.again(request, now)
+        elif budget.has_try(code):
+            self.again(request, now)
+        elif (until := budget.pause(code, self.options.busy_ns, now)) is not None:
+            self.phase, self.mux, self.deadline = _PAUSING, b"", until
+        else:
+            self.finish(request, now, self._abort_error(request, code))
+
+    def give_up(self, request: SdoRequest, code: int, now: int) -> None:
+        """Abort the transfer because of what the server sent."""
+        self._send_abort(code)
+        if code == AbortCode.OUT_OF_MEMORY:  # our own limit: no pause makes it larger
+            self.finish(request, now, self._abort_error(request, code))
+        else:
+            self.refused(request, code, now)
+
+    def timed_out(self, request: SdoRequest, now: int) -> None:
+        """Abort the try that got no answer, and make another one or end the request."""
+        budget = self._trouble()
+        budget.waited_ns += request.timeout_ns
+        if self.phase.block:
+            budget.plain = True  # some servers do not answer what they do not know
+        self.die(AbortCode.TIMED_OUT)
+        if budget.has_try(AbortCode.TIMED_OUT):
+            self.again(request, now)
+        else:
+            seconds = budget.waited_ns / 1e9
+            self.finish(request, now, SdoTimeout(self.node_id, request.index, request.subindex, seconds, self.name))
+
+    def die(self, code: int) -> None:
+        """Abort a transfer whose last answer is still owed."""
+        self.quarantine.died(self.mux)
+        self.out = [one for one in self.out if one.data[0] == ABORT]  # no segment that nobody wants any more
+        self._send_abort(code)
+
+    def _trouble(self) -> RetryBudget:
+        if self._budget is None:
+            self._budget = RetryBudget(self.retries)
+        return self._budget
+
+    def _send_abort(self, code: int) -> None:
+        _, index, subindex, _ = INITIATE_NUMBER.unpack(self.first)
+        self.out.append(CanFrame(self.request_cob_id, INITIATE_NUMBER.pack(ABORT, index, subindex, code)))
+
+    def _abort_error(self, request: SdoRequest, code: int) -> SdoAbort:
+        return SdoAbort(self.node_id, request.index, request.subindex, code, abort_text(code), self.name)
+
+    def _length_error(self, request: SdoRequest, entry: Entry) -> SdoLengthError:
+        data_type, address = entry.data_type, (self.node_id, request.index, request.subindex)
+        wanted = f"{data_type.name} has {((data_type.bits or 0) + 7) // 8}"
+        return SdoLengthError(*address, request.data, wanted, entry.name, self.name)

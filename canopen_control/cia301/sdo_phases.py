@@ -2,12 +2,12 @@
 
 The law of this file: an answer counts if its command and its multiplexer are those of the request, and if the request
 has left: what comes before that is the bus's copy of an older answer. There is one phase for each kind of first frame,
-and one for the rest of a transfer; what follows from what they find is decided in sdo_try.py.
+and one for the rest of a transfer; what follows from what they find is decided in sdo_exchange.py.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from canopen_control.cia301.abort import AbortCode
 from canopen_control.cia301.sdo_client_block import BlockDownload, BlockUpload
@@ -30,11 +30,12 @@ from canopen_control.cia301.sdo_codec import (
     UPLOAD_SIZED,
     UPLOAD_UNSIZED,
 )
-from canopen_control.cia301.sdo_try import Phase
+from canopen_control.cia301.sdo_exchange import Phase
+from canopen_control.cia301.sdo_initiate import initiate, initiate_block
 
 if TYPE_CHECKING:
+    from canopen_control.cia301.sdo_exchange import SdoExchange, Transfer
     from canopen_control.cia301.sdo_request import SdoRequest
-    from canopen_control.cia301.sdo_try import SdoTry, Transfer
 
 __all__ = [
     "AwaitingBlockDownload",
@@ -43,13 +44,14 @@ __all__ = [
     "AwaitingUpload",
     "Probing",
     "Transferring",
+    "first_phase",
 ]
 
 
 class Awaiting(Phase):
     """The first frame is on its way, and the answer is due; what is one, the phases derived from this know."""
 
-    def receive(self, exchange: SdoTry, data: bytes, now: int) -> None:
+    def receive(self, exchange: SdoExchange, data: bytes, now: int) -> None:
         """Take an answer to this request alone, and not before the request has left."""
         request = exchange.active
         if data[1:4] != exchange.mux or exchange.out or request is None:
@@ -57,21 +59,21 @@ class Awaiting(Phase):
         else:
             self.answered(exchange, request, data, now)
 
-    def answered(self, exchange: SdoTry, request: SdoRequest, data: bytes, now: int) -> None:
+    def answered(self, exchange: SdoExchange, request: SdoRequest, data: bytes, now: int) -> None:
         """Take a frame with the multiplexer of the request."""
         raise NotImplementedError
 
-    def concerns(self, exchange: SdoTry, mux: bytes) -> bool:
+    def concerns(self, exchange: SdoExchange, mux: bytes) -> bool:
         """Whether the abort is about it: some servers name no object when they do not know a command."""
         if exchange.out:
             return False
         return mux == exchange.mux or (mux == NO_MUX and (self.block or not exchange.quarantine.owed))
 
-    def time_out(self, exchange: SdoTry, request: SdoRequest, now: int) -> None:
+    def time_out(self, exchange: SdoExchange, request: SdoRequest, now: int) -> None:
         """Give this try up."""
         exchange.timed_out(request, now)
 
-    def abandon(self, exchange: SdoTry) -> None:
+    def abandon(self, exchange: SdoExchange) -> None:
         """Take the first frame back, or abort what has left."""
         if exchange.out:
             exchange.out.pop()
@@ -82,7 +84,7 @@ class Awaiting(Phase):
 class AwaitingUpload(Awaiting):
     """An upload was asked for: the answer has the data (expedited), or announces segments."""
 
-    def answered(self, exchange: SdoTry, request: SdoRequest, data: bytes, now: int) -> None:
+    def answered(self, exchange: SdoExchange, request: SdoRequest, data: bytes, now: int) -> None:
         """Finish an expedited upload, or go on with segments."""
         if data[0] & COMMAND_MASK != UPLOAD:
             exchange.ignored += 1
@@ -103,7 +105,7 @@ class AwaitingUpload(Awaiting):
 class AwaitingBlockUpload(AwaitingUpload):
     """A block upload was asked for; the server may switch and answer as if plainly asked."""
 
-    def answered(self, exchange: SdoTry, request: SdoRequest, data: bytes, now: int) -> None:
+    def answered(self, exchange: SdoExchange, request: SdoRequest, data: bytes, now: int) -> None:
         """Go on in blocks."""
         command, options = data[0], exchange.options
         if command & ~(CRC_FLAG | SIZED_FLAG) != BLOCK_UPLOAD_ANSWER:
@@ -121,7 +123,7 @@ class AwaitingBlockUpload(AwaitingUpload):
 class AwaitingDownload(Awaiting):
     """A download was announced: its data went with it (expedited), or follow in segments."""
 
-    def answered(self, exchange: SdoTry, request: SdoRequest, data: bytes, now: int) -> None:
+    def answered(self, exchange: SdoExchange, request: SdoRequest, data: bytes, now: int) -> None:
         """Finish an expedited download, or go on with segments."""
         if data[0] != DOWNLOAD_ANSWER:
             exchange.ignored += 1
@@ -137,7 +139,7 @@ class AwaitingDownload(Awaiting):
 class AwaitingBlockDownload(Awaiting):
     """A block download was announced."""
 
-    def answered(self, exchange: SdoTry, request: SdoRequest, data: bytes, now: int) -> None:
+    def answered(self, exchange: SdoExchange, request: SdoRequest, data: bytes, now: int) -> None:
         """Go on in blocks of the size that the server asks for."""
         command, block_size = data[0], data[4]
         if command & ~CRC_FLAG != BLOCK_DOWNLOAD_ANSWER:
@@ -156,7 +158,7 @@ class AwaitingBlockDownload(Awaiting):
 class Probing(Awaiting):
     """Another object is read first, so that no late answer can be taken for this request's (sdo_quarantine.py)."""
 
-    def answered(self, exchange: SdoTry, request: SdoRequest, data: bytes, now: int) -> None:
+    def answered(self, exchange: SdoExchange, request: SdoRequest, data: bytes, now: int) -> None:
         """Begin the request itself: whatever the answer says, it settles what was owed."""
         if data[0] & COMMAND_MASK not in (UPLOAD, ABORT):
             exchange.ignored += 1
@@ -164,7 +166,7 @@ class Probing(Awaiting):
         exchange.quarantine.answered(exchange.mux)
         exchange.begin(request, now)
 
-    def aborted(self, exchange: SdoTry, request: SdoRequest, data: bytes, now: int) -> None:
+    def aborted(self, exchange: SdoExchange, request: SdoRequest, data: bytes, now: int) -> None:
         """Take an abort as an answer."""
         self.answered(exchange, request, data, now)
 
@@ -175,7 +177,7 @@ class Transferring(Phase):
     def __init__(self, transfer: Transfer, block: bool) -> None:
         self.block, self.transfer, self.rest = block, transfer, transfer
 
-    def receive(self, exchange: SdoTry, data: bytes, now: int) -> None:
+    def receive(self, exchange: SdoExchange, data: bytes, now: int) -> None:
         """Hand a frame to the transfer, and end the request when it is done."""
         outcome = self.rest.receive(data, exchange.out)
         request = exchange.active
@@ -190,11 +192,11 @@ class Transferring(Phase):
         else:
             exchange.give_up(request, outcome, now)
 
-    def concerns(self, exchange: SdoTry, mux: bytes) -> bool:
+    def concerns(self, exchange: SdoExchange, mux: bytes) -> bool:
         """Whether the abort is about it: named, or nothing."""
         return mux in (exchange.mux, NO_MUX)
 
-    def time_out(self, exchange: SdoTry, request: SdoRequest, now: int) -> None:
+    def time_out(self, exchange: SdoExchange, request: SdoRequest, now: int) -> None:
         """Let the transfer ask again where it can, else give this try up."""
         if self.rest.nudge(exchange.out):
             exchange.deadline = now + request.timeout_ns
@@ -204,10 +206,30 @@ class Transferring(Phase):
         else:
             exchange.timed_out(request, now)
 
-    def abandon(self, exchange: SdoTry) -> None:
+    def abandon(self, exchange: SdoExchange) -> None:
         """Abort it."""
         exchange.die(AbortCode.GENERAL_ERROR)
 
 
 def _size(data: bytes, told: bool) -> int | None:
     return int.from_bytes(data[4:8], "little") if told else None
+
+
+_UPLOAD: Final = AwaitingUpload()
+_DOWNLOAD: Final = AwaitingDownload()
+_BLOCK_UPLOAD: Final = AwaitingBlockUpload(block=True)
+_BLOCK_DOWNLOAD: Final = AwaitingBlockDownload(block=True)
+_PROBING: Final = Probing()
+
+
+def first_phase(exchange: SdoExchange, request: SdoRequest) -> tuple[Phase, bytes]:
+    """Return what a try waits for first, and its first frame: the request's, or that of another object before it."""
+    if request.block and exchange.tries_blocks:
+        phase: Phase = _BLOCK_DOWNLOAD if request.is_write else _BLOCK_UPLOAD
+        data = initiate_block(request, exchange.options)
+    else:
+        phase = _DOWNLOAD if request.is_write else _UPLOAD
+        data = initiate(request, exchange.options)
+    if data[1:4] in exchange.quarantine.owed:
+        return _PROBING, exchange.quarantine.probe()
+    return phase, data

@@ -8,14 +8,19 @@ from __future__ import annotations
 import sys
 from typing import TYPE_CHECKING, TypeAlias, get_args
 
-from canopen_control.bus import link as links
+from canopen_control.bus import can_interfaces
 from canopen_control.bus.channel import ChannelKind, ChannelSpec, parse_channel
 from canopen_control.bus.local import ask_hub
 from canopen_control.cli.support.arguments import whole
-from canopen_control.cli.support.bus_interfaces import InterfaceStatus, render_interface, status_of_interfaces
-from canopen_control.cli.support.json_text import json_text
+from canopen_control.cli.support.bus_interfaces import (
+    InterfaceDocument,
+    InterfaceStatus,
+    document_of,
+    render_interface,
+    status_of_interfaces,
+)
 from canopen_control.cli.support.node_names import find_node, known_nodes
-from canopen_control.cli.support.output import Table
+from canopen_control.cli.support.output import Table, json_text
 from canopen_control.errors import ConfigError, InterfaceNotFound
 from canopen_control.host.sockets import list_sockets
 from canopen_control.rpc.messages import hub
@@ -109,10 +114,10 @@ def _list(args: argparse.Namespace) -> int:
     return 0
 
 
-def _links() -> list[links.Link]:
+def _links() -> list[can_interfaces.CanInterface]:
     """Return the CAN interfaces; where iproute2 is missing there is a hint instead, and none."""
     try:
-        return links.list_links()
+        return can_interfaces.list_can_interfaces()
     except ConfigError as error:
         print(f"canopen-control: {error}", file=sys.stderr)
         return []
@@ -136,7 +141,7 @@ def _status(args: argparse.Namespace) -> int:
         spec = parse_channel(args.channel)
         found = {str(spec): _status_of(spec)}
     if args.json:
-        print(json_text({channel: _json(status) for channel, status in found.items()}))
+        print(json_text({channel: _document(status) for channel, status in found.items()}))
         return 0
     lines = [line for channel, status in found.items() for line in _render(channel, status)]
     print("\n".join(lines) or "no local bus is open, and there is no CAN interface")
@@ -148,14 +153,14 @@ def _status_of(spec: ChannelSpec) -> Status:
         return ask_hub(spec.name, hub.GetHubStatus())
     if spec.kind is not ChannelKind.SOCKETCAN:
         raise ConfigError(f"{spec}: only local: buses and CAN interfaces can be looked at from outside")
-    link = links.find_link(spec.name)
+    link = can_interfaces.find_can_interface(spec.name)
     if link is None:
         raise InterfaceNotFound(spec.name, "what there is: canopen-control bus list")
     return status_of_interfaces([link])[link.name]
 
 
-def _json(status: Status) -> object:
-    return status.as_json() if isinstance(status, InterfaceStatus) else plain(status)
+def _document(status: Status) -> InterfaceDocument | hub.HubStatus:
+    return document_of(status) if isinstance(status, InterfaceStatus) else status
 
 
 def _render(channel: str, status: Status) -> list[str]:
@@ -197,14 +202,14 @@ def _interface(args: argparse.Namespace) -> str:
 
 
 def _up(args: argparse.Namespace) -> int:
-    links.bring_up(
+    can_interfaces.bring_up(
         _interface(args), print, bitrate=args.bitrate, restart_ms=args.restart_ms, sample_point=args.sample_point
     )
     return 0
 
 
 def _down(args: argparse.Namespace) -> int:
-    links.bring_down(_interface(args), print)
+    can_interfaces.bring_down(_interface(args), print)
     return 0
 
 

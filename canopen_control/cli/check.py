@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from canopen_control.cli.run import add_file_arguments, add_kind_arguments
-from canopen_control.cli.support.json_text import json_text
+from canopen_control.cli.support.output import json_text
 from canopen_control.rpc.messages.declare import Document
 
 if TYPE_CHECKING:

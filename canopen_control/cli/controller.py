@@ -11,8 +11,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from canopen_control.cli.support.json_text import json_text
-from canopen_control.cli.support.output import Table
+from canopen_control.cli.support.output import Table, json_text
 from canopen_control.client import RobotClient
 from canopen_control.errors import ConfigError
 from canopen_control.rpc.messages.robot import (

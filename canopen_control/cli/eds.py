@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING
 
 from canopen_control.cli.support.arguments import node_id
 from canopen_control.cli.support.eds_documents import changes_of, checked, entry_document, pdo_document, refused
-from canopen_control.cli.support.json_text import json_text
-from canopen_control.cli.support.output import Progress
+from canopen_control.cli.support.output import Progress, json_text
 from canopen_control.data_files import data_path
 from canopen_control.errors import EdsError
 from canopen_control.od.eds import read_eds

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from typing import TextIO
 
     from canopen_control.trace.decoder import DecodedFrame
-    from canopen_control.trace.network import NetworkDescription
+    from canopen_control.trace.network_description import NetworkDescription
 
 __all__ = ["EXAMPLE", "add_arguments", "run"]
 

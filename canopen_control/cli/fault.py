@@ -12,9 +12,9 @@ import textwrap
 from typing import TYPE_CHECKING
 
 from canopen_control.bus.channel import parse_channel
-from canopen_control.cli.support.json_text import json_text
 from canopen_control.cli.support.node_names import find_node, known_nodes
-from canopen_control.client.drive import DriveClient
+from canopen_control.cli.support.output import json_text
+from canopen_control.client.drive_client import DriveClient
 from canopen_control.errors import ConfigError, RemoteError
 from canopen_control.host.sockets import drive_name, list_sockets
 from canopen_control.rpc.messages.drive import ListFaults, SwitchFault

@@ -21,7 +21,7 @@ from canopen_control.cia301.lss import (
     bit_timing_index,
 )
 from canopen_control.cli.support.arguments import whole_number
-from canopen_control.cli.support.json_text import json_text
+from canopen_control.cli.support.output import json_text
 from canopen_control.cli.support.target import LABEL, robot_on
 from canopen_control.errors import ConfigError, RemoteProtocolError
 from canopen_control.master.direct import DirectBus

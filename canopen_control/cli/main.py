@@ -1,8 +1,7 @@
 """The entry point: one table of verbs, each imported only when it is used.
 
-Exit codes: 0 good, 1 the run failed, 2 usage or configuration; a name that the running robot does not have
-(errors.UnknownName) is usage. A user sees one sentence, never a traceback, unless
-CANOPEN_CONTROL_DEBUG is set.
+Exit codes: 0 good, 1 the run failed, 2 usage or configuration (`errors.CanopenError.of_usage`), also where a running
+robot found that. A user sees one sentence, never a traceback, unless CANOPEN_CONTROL_DEBUG is set.
 """
 
 from __future__ import annotations
@@ -15,14 +14,7 @@ import sys
 from typing import TYPE_CHECKING
 
 from canopen_control.cli.verbs import VERBS, parser_of
-from canopen_control.errors import (
-    CanopenError,
-    ConfigError,
-    InterfaceDown,
-    InterfaceNotFound,
-    RemoteError,
-    UnknownName,
-)
+from canopen_control.errors import CanopenError, ConfigError
 from canopen_control.version import __version__
 
 if TYPE_CHECKING:
@@ -54,12 +46,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _run(arguments: list[str]) -> int:
     try:
         return _dispatch(arguments)
-    except (ConfigError, UnknownName, InterfaceNotFound, InterfaceDown) as error:  # nothing has begun: type it better
-        return _complain(error, 2)
-    except RemoteError as error:
-        return _complain(error, 2 if error.of_usage else 1)
     except CanopenError as error:
-        return _complain(error, 1)
+        return _complain(error, 2 if error.of_usage else 1)
     except KeyboardInterrupt:
         return 130
     except BrokenPipeError:

@@ -57,7 +57,7 @@ def run(args: argparse.Namespace) -> int:
     if not (sys.stdin.isatty() and sys.stdout.isatty()):
         raise ConfigError("the monitor needs a terminal; for a script: canopen-control status --json")
     os.environ.setdefault("TEXTUAL_FPS", DRAWN_AT_ONCE)
-    from canopen_control.monitor.app import MonitorApp
+    from canopen_control.monitor.monitor_app import MonitorApp
 
     os.nice(NICENESS)
     MonitorApp(source).run()

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 from canopen_control.cia301.nmt import COMMAND_NAMES, EXPECTED_STATE, RESETS, NmtCommand, NmtConfirmed, NmtState
 from canopen_control.cli.support.arguments import timeout_seconds
-from canopen_control.cli.support.json_text import json_text
+from canopen_control.cli.support.output import json_text
 from canopen_control.cli.support.target import LABEL, RobotTarget, add_target_arguments, parse_node_id
 from canopen_control.client import RobotClient
 from canopen_control.errors import ConfigError

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from canopen_control.cli.support.json_text import json_text
+from canopen_control.cli.support.output import json_text
 from canopen_control.rpc.messages.declare import Document
 
 if TYPE_CHECKING:

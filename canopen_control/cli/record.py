@@ -16,10 +16,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from canopen_control.bus.channel import parse_channel
-from canopen_control.bus.record import FORMATS, RecordingWriter, format_of
+from canopen_control.bus.recordings import FORMATS, RecordingWriter, format_of
 from canopen_control.cli.support.arguments import seconds
-from canopen_control.cli.support.json_text import json_text
-from canopen_control.cli.support.output import Progress
+from canopen_control.cli.support.output import Progress, json_text
 from canopen_control.cli.support.record_bag import record_bag
 from canopen_control.cli.support.target import robot_on
 from canopen_control.client import RobotClient, find_robots

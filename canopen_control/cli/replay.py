@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING
 from canopen_control.bus.channel import ChannelKind, open_port, parse_channel
 from canopen_control.cli.support.arguments import number
 from canopen_control.cli.support.heard_bus import add_network_arguments
-from canopen_control.cli.support.json_text import json_text
-from canopen_control.cli.support.output import Progress
+from canopen_control.cli.support.output import Progress, json_text
 from canopen_control.cli.trace import add_view_arguments, show_file
 from canopen_control.errors import ConfigError, SdoTimeout
 from canopen_control.frame import Service, service_of
@@ -24,7 +23,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
     from canopen_control.bus.play import Played
-    from canopen_control.bus.record import RecordedFrame
+    from canopen_control.bus.recordings import RecordedFrame
     from canopen_control.cli.support.frame_source import Source
 
 __all__ = ["EXAMPLE", "add_arguments", "node_ids_in", "run"]

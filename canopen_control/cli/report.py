@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     import argparse
 
     from canopen_control.trace.flight_file import FlightFile
-    from canopen_control.trace.network import NetworkDescription
+    from canopen_control.trace.network_description import NetworkDescription
 
 __all__ = ["EXAMPLE", "add_arguments", "run"]
 
@@ -54,8 +54,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the verb."""
-    from canopen_control.cli.support.json_text import json_text
-    from canopen_control.trace.report import facts_of
+    from canopen_control.cli.support.output import json_text
+    from canopen_control.trace.report_build import facts_of
     from canopen_control.trace.report_page import page_of
 
     if args.list:
@@ -90,7 +90,7 @@ def _recording(
 
 def _list(args: argparse.Namespace) -> int:
     """Print when, which robot, and what went wrong first, of every flight recording; one that is damaged is named."""
-    from canopen_control.cli.support.json_text import json_text
+    from canopen_control.cli.support.output import json_text
     from canopen_control.trace.flight_file import read_meta
     from canopen_control.trace.report_words import clock
 
@@ -148,7 +148,7 @@ def _watched(args: argparse.Namespace) -> FlightFile:
 
 def _frames_only(args: argparse.Namespace, path: Path) -> tuple[FlightFile, dict[str, NetworkDescription]]:
     """Read a recording of frames; its only bus is called "can"."""
-    from canopen_control.bus.record import Recording
+    from canopen_control.bus.recordings import Recording
     from canopen_control.cli.support.heard_bus import described
     from canopen_control.trace.flight_file import NO_FAULT, FlightFile, FlightMeta
 

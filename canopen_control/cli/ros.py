@@ -17,7 +17,7 @@ import time
 from typing import TYPE_CHECKING, Any
 
 from canopen_control.cli.support.arguments import LONGEST_S, number
-from canopen_control.cli.support.json_text import json_text
+from canopen_control.cli.support.output import json_text
 from canopen_control.errors import CanopenError, ConfigError
 from canopen_control.host.environment import MODULE, clean_environment
 from canopen_control.yamlfile.reader import read

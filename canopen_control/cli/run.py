@@ -129,7 +129,7 @@ def run_robot(args: argparse.Namespace, *, motion: bool = False, table: bool = F
 
         require_ros()
     if args.view:
-        from canopen_control.view.available import require_view
+        from canopen_control.view import require_view
 
         require_view()
     elif args.teleop:

@@ -12,7 +12,7 @@ from __future__ import annotations
 import sys
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from canopen_control.bus.channel import parse_channel
 from canopen_control.cli.support.arguments import timeout_seconds
@@ -25,20 +25,20 @@ from canopen_control.cli.support.identity import (
     match_eds,
     read_known,
 )
-from canopen_control.cli.support.json_text import json_text
-from canopen_control.cli.support.output import Progress, Table
+from canopen_control.cli.support.output import Progress, Table, json_text
 from canopen_control.cli.support.target import LABEL, RobotTarget, find_eds, robot_on
 from canopen_control.client import RobotClient
 from canopen_control.data_files import data_names, data_path
 from canopen_control.errors import CanopenError, ConfigError, RemoteError, SdoTimeout
 from canopen_control.frame import MAX_NODE_ID
 from canopen_control.master.direct import PARALLEL, DirectBus
+from canopen_control.rpc.messages.declare import Document
 from canopen_control.rpc.messages.robot import GetStatus
 from canopen_control.rpc.wire import plain
 
 if TYPE_CHECKING:
     import argparse
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Iterable
 
     from canopen_control.cli.support.identity import KnownEds
 
@@ -82,6 +82,33 @@ class ScanResult:
     expected: dict[int, ExpectedNode] | None = None
     master_id: int | None = None
     notes: list[str] = field(default_factory=list)
+
+
+class NodeDocument(Document, frozen=True, kw_only=True):
+    """A node as `scan --json` prints it; `name` and `expected` are those of the bus.yml, null where it has none."""
+
+    node_id: int
+    answers: bool
+    device_type: int | None
+    vendor_id: int | None
+    product_code: int | None
+    revision_number: int | None
+    serial_number: int | None
+    device_name: str | None
+    nmt_state: str | None
+    eds: str | None
+    eds_remark: str | None
+    name: str | None
+    problems: list[str]
+    expected: dict[str, int] | None
+
+
+class ScanDocument(Document, frozen=True):
+    """What `scan --json` prints."""
+
+    channel: str
+    nodes: list[NodeDocument]
+    notes: list[str]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -279,24 +306,26 @@ def _verdict(survey: ScanResult, found: FoundNode) -> str:
     return f"{found.name}: {', '.join(found.problems) or 'as expected'}"
 
 
-def _document(survey: ScanResult) -> Mapping[str, Any]:
-    return {
-        "channel": survey.channel,
-        "nodes": [
-            {
-                "node_id": found.node_id,
-                "answers": found.identity is not None,
-                **asdict(found.identity or NodeIdentity()),
-                "nmt_state": found.nmt_state,
-                "eds": found.eds,
-                "eds_remark": found.remark or None,
-                "name": found.name or None,
-                "problems": found.problems,
-                "expected": survey.expected[found.node_id].identity
-                if survey.expected and found.node_id in survey.expected
-                else None,
-            }
-            for found in survey.found.values()
-        ],
-        "notes": survey.notes,
-    }
+def _document(survey: ScanResult) -> ScanDocument:
+    nodes = [_node_document(found, (survey.expected or {}).get(found.node_id)) for found in survey.found.values()]
+    return ScanDocument(survey.channel, nodes, survey.notes)
+
+
+def _node_document(found: FoundNode, expected: ExpectedNode | None) -> NodeDocument:
+    identity = found.identity or NodeIdentity()
+    return NodeDocument(
+        node_id=found.node_id,
+        answers=found.identity is not None,
+        device_type=identity.device_type,
+        vendor_id=identity.vendor_id,
+        product_code=identity.product_code,
+        revision_number=identity.revision_number,
+        serial_number=identity.serial_number,
+        device_name=identity.device_name,
+        nmt_state=found.nmt_state,
+        eds=found.eds,
+        eds_remark=found.remark or None,
+        name=found.name or None,
+        problems=found.problems,
+        expected=None if expected is None else expected.identity,
+    )

@@ -15,14 +15,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from canopen_control.cli.support.arguments import timeout_seconds
-from canopen_control.cli.support.json_text import json_text
 from canopen_control.cli.support.object_values import TYPE_NAMES, parse_type, parse_value, show
-from canopen_control.cli.support.output import Progress, watched
+from canopen_control.cli.support.output import Progress, json_text, watched
 from canopen_control.cli.support.target import add_target_arguments, open_target
 from canopen_control.errors import CanopenError, ConfigError, RemoteError, SdoAbort
 from canopen_control.od.address import find_object, parts_of
 from canopen_control.od.codec import decode
-from canopen_control.trace.network import NodeDescription
+from canopen_control.rpc.messages.declare import Document
+from canopen_control.trace.network_description import NodeDescription
 from canopen_control.trace.values import NodeWords, decoded
 
 if TYPE_CHECKING:
@@ -41,8 +41,22 @@ EXAMPLE = """canopen-control sdo read left_drive 0x6041
          canopen-control sdo write 3 0x60FF -500 --can can0 --type i32
          canopen-control sdo upload 5 0x1021 device.eds --can can0"""
 
+
 _IN_BRACKETS = re.compile(r"-?\d* ?\((.*)\)")
 STREAM = "-"  # instead of FILE: standard input or output
+
+
+class ObjectDocument(Document, frozen=True, kw_only=True):
+    """An object as `sdo read --json` prints it; `data` and a `value` of bytes are in hexadecimal, null is not known."""
+
+    node_id: int
+    node: str | None
+    index: int
+    subindex: int
+    name: str | None
+    type: str | None
+    value: int | float | str | None
+    data: str
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -140,18 +154,18 @@ def _fitting(data: bytes, data_type: DataType | None, place: Place, address: Obj
     return data_type
 
 
-def _document(data: bytes, data_type: DataType | None, place: Place, address: ObjectAddress) -> dict[str, object]:
+def _document(data: bytes, data_type: DataType | None, place: Place, address: ObjectAddress) -> ObjectDocument:
     value = None if data_type is None else decode(data, data_type)
-    return {
-        "node_id": place.node_id,
-        "node": place.name or None,
-        "index": address.index,
-        "subindex": address.subindex,
-        "name": address.entry.name if address.entry is not None else None,
-        "type": None if data_type is None else data_type.name,
-        "value": value.hex() if isinstance(value, bytes) else value,
-        "data": data.hex(),
-    }
+    return ObjectDocument(
+        node_id=place.node_id,
+        node=place.name or None,
+        index=address.index,
+        subindex=address.subindex,
+        name=address.entry.name if address.entry is not None else None,
+        type=None if data_type is None else data_type.name,
+        value=value.hex() if isinstance(value, bytes) else value,
+        data=data.hex(),
+    )
 
 
 def _write(args: argparse.Namespace, target: Target, place: Place, address: ObjectAddress) -> None:

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 
 from canopen_control.cia402.modes import INTERFACE_MODES
 from canopen_control.cli.support.causes import tell_causes
-from canopen_control.cli.support.json_text import json_line, json_text
-from canopen_control.cli.support.output import Table
+from canopen_control.cli.support.output import Table, json_line, json_text
 from canopen_control.client import RobotClient
 from canopen_control.errors import RemoteError
 from canopen_control.rpc.messages.robot import GetStatus, Subscribe

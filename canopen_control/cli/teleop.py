@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Final, Protocol
 from canopen_control.cli.support.arguments import number, seconds
 from canopen_control.cli.support.keyboard import Keyboard
 from canopen_control.client import RobotClient
-from canopen_control.client.teleop import HELP, KeyDecoder, Teleop, Velocities
+from canopen_control.client.teleop_keys import HELP, KeyDecoder, Teleop, Velocities
 from canopen_control.errors import ConfigError, RemoteError
 from canopen_control.rpc.messages.robot import CommandController, GetStatus, ListControllers, Subscribe, TwistController
 from canopen_control.rpc.messages.state import RobotEvent

@@ -15,16 +15,16 @@ from typing import TYPE_CHECKING
 from canopen_control.cli.support.arguments import seconds, whole_number
 from canopen_control.cli.support.frame_source import network_for, open_frames
 from canopen_control.cli.support.heard_bus import add_network_arguments, heard_bus
-from canopen_control.cli.support.json_text import json_line
+from canopen_control.cli.support.output import json_line
 from canopen_control.trace.decoder import Decoder
 from canopen_control.trace.filters import Filter, node_ids_of, parse_ids, parse_services
-from canopen_control.trace.lines import LineWriter, document_of
+from canopen_control.trace.frame_lines import LineWriter, document_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
 
-    from canopen_control.bus.record import RecordedFrame
-    from canopen_control.trace.network import NetworkDescription
+    from canopen_control.bus.recordings import RecordedFrame
+    from canopen_control.trace.network_description import NetworkDescription
 
 __all__ = ["EXAMPLE", "add_arguments", "add_view_arguments", "run", "show", "show_file"]
 

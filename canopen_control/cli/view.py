@@ -10,7 +10,7 @@ import os
 from typing import TYPE_CHECKING
 
 from canopen_control.cli.support.arguments import whole_number
-from canopen_control.view.available import require_view
+from canopen_control.view import require_view
 
 if TYPE_CHECKING:
     import argparse
@@ -40,7 +40,7 @@ def run(args: argparse.Namespace) -> int:
     """Run the verb until Ctrl-C."""
     require_view()
     os.nice(NICENESS)  # before anything is imported: a thread has the niceness that its maker had when it began
-    from canopen_control.view.app import main
+    from canopen_control.view.view_app import main
 
     main(args.name, args.host, args.port, teleop=args.teleop)
     return 0

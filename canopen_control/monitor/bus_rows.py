@@ -15,13 +15,22 @@ from canopen_control.cia402 import objects
 from canopen_control.cia402.modes import OperationMode, mode_name
 from canopen_control.cia402.state import decode_statusword
 from canopen_control.frame import CanFrame
-from canopen_control.monitor.picture import Cell, LogLine, Picture, Tone, age_cell, plain, sdo_cell, state_cell
+from canopen_control.monitor.monitor_content import (
+    Cell,
+    LogLine,
+    MonitorContent,
+    Tone,
+    age_cell,
+    plain,
+    sdo_cell,
+    state_cell,
+)
 from canopen_control.trace.decoder import Mark
 from canopen_control.trace.values import statusword_text
 
 if TYPE_CHECKING:
     from canopen_control.trace.decoder import DecodedFrame
-    from canopen_control.trace.network import NetworkDescription
+    from canopen_control.trace.network_description import NetworkDescription
     from canopen_control.trace.values import SignalValue
 
 __all__ = ["BusTable"]
@@ -91,7 +100,7 @@ class BusTable:
             node = self._nodes.get(decoded.node_id) or _Node(decoded.time)  # of one never heard nothing is kept
         self._take(node, decoded)
 
-    def picture(self, now: int, title: str, facts: tuple[str, ...]) -> Picture:
+    def content(self, now: int, title: str, facts: tuple[str, ...]) -> MonitorContent:
         """Return the tables at `now`, Unix ns."""
         rows = sorted(self._nodes.items())
         state = Cell("listening", Tone.GOOD) if rows else Cell("listening, nobody is heard", Tone.WARN)
@@ -102,7 +111,7 @@ class BusTable:
             for number, axis in sorted(node.axes.items())
             if axis.values
         }
-        return Picture(title, state, "", facts, drives, joints)
+        return MonitorContent(title, state, "", facts, drives, joints)
 
     def log(self) -> list[LogLine]:
         """Return what happened since the last call."""

@@ -6,7 +6,16 @@ from typing import TYPE_CHECKING, Final
 
 from canopen_control.cia402.modes import OperationMode
 from canopen_control.cia402.state import State
-from canopen_control.monitor.picture import Cell, LogLine, Picture, Tone, age_cell, plain, sdo_cell, state_cell
+from canopen_control.monitor.monitor_content import (
+    Cell,
+    LogLine,
+    MonitorContent,
+    Tone,
+    age_cell,
+    plain,
+    sdo_cell,
+    state_cell,
+)
 from canopen_control.rpc.messages.state import AxisReading
 from canopen_control.trace.values import statusword_text
 
@@ -15,7 +24,7 @@ if TYPE_CHECKING:
 
     from canopen_control.rpc.messages.state import JointReading, NodeReading, RobotEvent, StateSample
 
-__all__ = ["is_emergency", "log_line", "picture_of", "without_robot"]
+__all__ = ["content_of", "is_emergency", "log_line", "without_robot"]
 
 STALE_S: Final = 0.25
 """A node that the robot takes for alive and that has been silent so long is stale; dead is what the robot has lost."""
@@ -30,12 +39,12 @@ _LEVEL_TONES: Final = {"warning": Tone.WARN, "error": Tone.BAD}
 _NO_AXIS: Final = AxisReading("")
 
 
-def picture_of(robot: str, state: StateSample) -> Picture:
-    """Return the picture of one sample."""
+def content_of(robot: str, state: StateSample) -> MonitorContent:
+    """Return the content of one sample."""
     alarm = state.hint or ""
     if state.latched:
         alarm = f"STOP is latched by {state.latched_by}: nothing moves before it is released (key r)"
-    return Picture(
+    return MonitorContent(
         robot,
         Cell(state.state, _ROBOT_TONES.get(state.state, Tone.IDLE)),
         alarm,
@@ -45,9 +54,9 @@ def picture_of(robot: str, state: StateSample) -> Picture:
     )
 
 
-def without_robot(robot: str, why: str) -> Picture:
-    """Return the picture while there is no robot."""
-    return Picture(robot, Cell("not connected", Tone.BAD), f"{why}. STOP does not reach it; trying again")
+def without_robot(robot: str, why: str) -> MonitorContent:
+    """Return the content while there is no robot."""
+    return MonitorContent(robot, Cell("not connected", Tone.BAD), f"{why}. STOP does not reach it; trying again")
 
 
 def log_line(event: RobotEvent) -> LogLine:

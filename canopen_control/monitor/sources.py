@@ -1,4 +1,4 @@
-"""Where the monitor's picture comes from: a running robot, or a bare bus.
+"""Where the monitor's content comes from: a running robot, or a bare bus.
 
 The law of the file: a source never blocks who draws. Only a robot takes commands; on a bare bus nothing is ever sent.
 A robot's buses are listened to while somebody looks at frames: on the robot's own computer every frame costs time.
@@ -11,17 +11,17 @@ from typing import TYPE_CHECKING, Any, Final, Protocol
 
 from canopen_control.errors import RemoteError
 from canopen_control.monitor.bus_rows import BusTable
-from canopen_control.monitor.frames import FrameTable, TraceLog
-from canopen_control.monitor.link import RobotLink
-from canopen_control.monitor.robot_rows import is_emergency, log_line, picture_of, without_robot
+from canopen_control.monitor.frame_tables import FrameTable, TraceLog
+from canopen_control.monitor.robot_link import RobotLink
+from canopen_control.monitor.robot_rows import content_of, is_emergency, log_line, without_robot
 from canopen_control.monitor.tap import BusTap
 from canopen_control.rpc.messages.robot import ROBOT
-from canopen_control.trace.network import NetworkDescription, network_of_layout
+from canopen_control.trace.network_description import NetworkDescription, network_of_layout
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from canopen_control.monitor.picture import LogLine, Picture
+    from canopen_control.monitor.monitor_content import LogLine, MonitorContent
     from canopen_control.rpc.messages.declare import Request
     from canopen_control.rpc.messages.layout import BusLayout
     from canopen_control.trace.decoder import DecodedFrame
@@ -57,7 +57,7 @@ class Source(Protocol):
     def listen(self, wanted: bool) -> None:
         """Frames are looked at from now on, or not any more."""
 
-    def picture(self) -> Picture:
+    def content(self) -> MonitorContent:
         """Return how it is now."""
 
     def log(self) -> list[LogLine]:
@@ -117,12 +117,12 @@ class RobotSource:
         for tap in self.taps:
             tap.tick(time.monotonic_ns())
 
-    def picture(self) -> Picture:
+    def content(self) -> MonitorContent:
         """Return the newest sample."""
         state = self._link.state
         if state is None or not self._link.connected:
             return without_robot(self._link.name or "robot", self._link.why or "no answer")
-        return picture_of(str(self._link.name), state)
+        return content_of(str(self._link.name), state)
 
     def log(self) -> list[LogLine]:
         """Return the events since the last call."""
@@ -177,14 +177,14 @@ class BusSource:
         """Open the bus, again where it went."""
         self._tap.tick(time.monotonic_ns())
 
-    def picture(self) -> Picture:
+    def content(self) -> MonitorContent:
         """Return what the nodes have said."""
         load = self._tap.meter.load
         facts = [
             f"{self.network.bitrate // 1000} kbit/s",
             "bus load -" if load is None else f"bus load {100 * load:.1f} %",
         ]
-        return self._table.picture(time.time_ns(), f"{self.network.channel} (listening only)", tuple(facts))
+        return self._table.content(time.time_ns(), f"{self.network.channel} (listening only)", tuple(facts))
 
     def log(self) -> list[LogLine]:
         """Return what happened since the last call."""

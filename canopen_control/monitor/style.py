@@ -1,11 +1,11 @@
-"""The monitor's looks: textual's CSS, and the colour of each tone. A colour never stands alone (picture.py)."""
+"""The monitor's looks: textual's CSS, and the colour of each tone. A colour never stands alone (monitor_content.py)."""
 
 from __future__ import annotations
 
 import os
 from typing import TYPE_CHECKING, Final
 
-from canopen_control.monitor.picture import Tone
+from canopen_control.monitor.monitor_content import Tone
 from canopen_control.trace.decoder import Mark
 
 if TYPE_CHECKING:

@@ -9,14 +9,14 @@ from rich.text import Text
 from textual.widgets import DataTable
 from textual.widgets.data_table import ColumnKey
 
-from canopen_control.monitor.picture import Cell, plain
+from canopen_control.monitor.monitor_content import Cell, plain
 from canopen_control.monitor.style import TONE_STYLES
-from canopen_control.trace.lines import identifier_text
+from canopen_control.trace.frame_lines import identifier_text
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from canopen_control.monitor.frames import FrameTable
+    from canopen_control.monitor.frame_tables import FrameTable
 
 __all__ = ["FRAME_COLUMNS", "LiveTable", "frame_rows"]
 

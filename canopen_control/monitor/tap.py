@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Final
 from canopen_control.bus.port_abilities import receive_stamped
 from canopen_control.errors import BusError, ConfigError
 from canopen_control.frame import frames_of
-from canopen_control.monitor.frames import LoadMeter
+from canopen_control.monitor.frame_tables import LoadMeter
 from canopen_control.trace.decoder import Decoder
 from canopen_control.trace.listen import open_listener
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from canopen_control.bus.port import Port
     from canopen_control.trace.decoder import DecodedFrame
-    from canopen_control.trace.network import NetworkDescription
+    from canopen_control.trace.network_description import NetworkDescription
 
 __all__ = ["BusTap"]
 

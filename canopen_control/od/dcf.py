@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
     from canopen_control.od.model import Address, Value
 
-__all__ = ["configured", "dcf_text", "eds_text", "write_dcf", "write_eds"]
+__all__ = ["configured", "dcf_text", "eds_text", "write_dcf"]
 
 _Lines = dict[str, str]
 _SPELLING = {
@@ -86,11 +86,6 @@ def dcf_text(
     od = configured(od.for_node(node_id), values or {})
     commissioning = replace(od.commissioning, node_name=node_name or od.commissioning.node_name)
     return _text(_sections(replace(od, bitrate=bitrate, commissioning=commissioning), is_dcf=True))
-
-
-def write_eds(path: str | Path, od: ObjectDictionary) -> None:
-    """Write `eds_text` to a file, in UTF-8."""
-    Path(path).write_text(eds_text(od), encoding="utf-8", newline="")
 
 
 def write_dcf(

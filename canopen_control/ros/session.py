@@ -10,7 +10,7 @@ from __future__ import annotations
 from functools import partial
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
-from canopen_control.client.stream import outpaced, stream_rate
+from canopen_control.client.subscriptions import outpaced, stream_rate
 from canopen_control.errors import RemoteError, UnreadableMessage
 from canopen_control.host.sockets import socket_path
 from canopen_control.ros.activity import Activity

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from canopen_control.errors import ConfigError
 from canopen_control.od.eds import read_eds
-from canopen_control.trace.network import NetworkDescription, NodeDescription, pdos_by_default
+from canopen_control.trace.network_description import NetworkDescription, NodeDescription, pdos_by_default
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from cantools.database.can import Message, Node, Signal
     from cantools.database.namedsignalvalue import NamedSignalValue
 
-    from canopen_control.trace.network import NetworkDescription, NodeDescription, PdoDescription, PdoObject
+    from canopen_control.trace.network_description import NetworkDescription, NodeDescription, PdoDescription, PdoObject
 
 __all__ = ["WORD_PARTS", "dbc_text"]
 

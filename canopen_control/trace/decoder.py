@@ -24,15 +24,15 @@ from canopen_control.cia402 import objects
 from canopen_control.errors import LocalProtocolError
 from canopen_control.frame import BROADCAST, EXTENDED_FLAG, REMOTE_FLAG, CanFrame, Service, service_of
 from canopen_control.trace.learn import LearnedPdos
-from canopen_control.trace.lss import lss_text
-from canopen_control.trace.network import NodeDescription
-from canopen_control.trace.sdo import SdoConversation
+from canopen_control.trace.lss_text import lss_text
+from canopen_control.trace.network_description import NodeDescription
+from canopen_control.trace.sdo_conversation import SdoConversation
 from canopen_control.trace.values import Change, NodeWords, SignalValue
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from canopen_control.trace.network import NetworkDescription, PdoDescription
+    from canopen_control.trace.network_description import NetworkDescription, PdoDescription
 
 __all__ = ["SERVICES", "DecodedFrame", "Decoder", "Mark"]
 

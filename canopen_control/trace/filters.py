@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from canopen_control.trace.decoder import DecodedFrame
-    from canopen_control.trace.network import NetworkDescription
+    from canopen_control.trace.network_description import NetworkDescription
 
 __all__ = ["Filter", "node_ids_of", "parse_ids", "parse_services"]
 

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Final
 
 from canopen_control.bus.channel import open_port, parse_channel
 from canopen_control.bus.port_abilities import Stamping, receive_stamped
-from canopen_control.client.robot import RobotClient
+from canopen_control.client.robot_client import RobotClient
 from canopen_control.errors import BusError, CanopenError
 from canopen_control.frame import RECORD_SIZE
 from canopen_control.host.files import state_dir

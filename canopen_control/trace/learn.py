@@ -14,11 +14,11 @@ from canopen_control.cia301.remap import is_restricted
 from canopen_control.cia402 import objects
 from canopen_control.frame import EXTENDED_FLAG, can_id_of
 from canopen_control.od.profile402 import TYPES
-from canopen_control.trace.network import PdoDescription, PdoObject, address_text, type_of
+from canopen_control.trace.network_description import PdoDescription, PdoObject, address_text, type_of
 
 if TYPE_CHECKING:
     from canopen_control.od.model import DataType
-    from canopen_control.trace.network import NodeDescription
+    from canopen_control.trace.network_description import NodeDescription
     from canopen_control.trace.values import NodeWords, SignalValue
 
 __all__ = ["LIMIT", "LearnedPdos"]

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from canopen_control.bus.channel import ChannelKind, open_port, parse_channel
 from canopen_control.bus.port_abilities import receive_stamped
-from canopen_control.bus.record import RecordedFrame
+from canopen_control.bus.recordings import RecordedFrame
 from canopen_control.errors import ConfigError
 from canopen_control.frame import frames_of
 

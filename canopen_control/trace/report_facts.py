@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
 __all__ = ["BusFacts", "BusLoad", "CycleFacts", "EventFacts", "FrameFacts", "Gaps", "JointFacts", "NodeFacts",
-           "NothingKnown", "ReportFacts", "Span", "event_at"]  # fmt: skip
+           "ReportFacts", "Span", "event_at"]  # fmt: skip
 
 Column: TypeAlias = list[float | None]
 
@@ -47,10 +47,6 @@ class JointFacts(Document, frozen=True):
     position: Column
     velocity: Column
     effort: Column
-
-
-class NothingKnown(Document, frozen=True):
-    """An empty object."""
 
 
 class CycleFacts(Document, frozen=True, kw_only=True):
@@ -126,7 +122,7 @@ class ReportFacts(Document, frozen=True, kw_only=True):
     joints: dict[str, JointFacts]
     stopped_after_s: dict[str, float | None]
     last_state: str
-    cycle: CycleFacts | NothingKnown
+    cycle: CycleFacts | None
     boot: list[BootStep]
     sdo: dict[str, SdoCounts]
     buses: dict[str, BusFacts]

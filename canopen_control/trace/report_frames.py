@@ -15,8 +15,8 @@ from canopen_control.cia402.state import decode_statusword
 from canopen_control.frame import FRAME_BITS
 from canopen_control.rpc.messages.state import RobotEvent
 from canopen_control.trace.decoder import DecodedFrame, Decoder, Mark
-from canopen_control.trace.lines import identifier_text
-from canopen_control.trace.network import NetworkDescription
+from canopen_control.trace.frame_lines import identifier_text
+from canopen_control.trace.network_description import NetworkDescription
 from canopen_control.trace.report_facts import BusFacts, BusLoad, FrameFacts, NodeFacts
 from canopen_control.trace.report_samples import Spans
 

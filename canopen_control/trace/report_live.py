@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Final
 
 from canopen_control.bus.channel import open_port, parse_channel
 from canopen_control.bus.port_abilities import receive_stamped
-from canopen_control.client.robot import RobotClient
+from canopen_control.client.robot_client import RobotClient
 from canopen_control.errors import BusError, CanopenError
 from canopen_control.frame import frames_of
 from canopen_control.host.reactor import Reactor

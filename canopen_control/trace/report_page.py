@@ -9,7 +9,6 @@ from __future__ import annotations
 from html import escape
 from typing import TYPE_CHECKING, Final
 
-from canopen_control.trace.report_facts import CycleFacts
 from canopen_control.trace.report_svg import Axis, bars, lines, timeline
 from canopen_control.trace.report_words import clock
 from canopen_control.version import __version__
@@ -199,7 +198,7 @@ def _step_text(step: BootStep | None) -> str:
 
 def _cycle(facts: ReportFacts) -> Iterator[str]:
     cycle = facts.cycle
-    if not isinstance(cycle, CycleFacts) or not cycle.late_edges_s:
+    if cycle is None or not cycle.late_edges_s:
         return
     edges = cycle.late_edges_s
     if len(cycle.late_counts) != len(edges) + 1:

@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.rpc.messages.state import CycleTimes
-from canopen_control.trace.report_facts import CycleFacts, JointFacts, NodeFacts, NothingKnown, Span
+from canopen_control.trace.report_facts import CycleFacts, JointFacts, NodeFacts, Span
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -96,14 +96,14 @@ def _modes(states: Iterable[TimedSnapshot]) -> dict[str, str]:
     return modes
 
 
-def cycle_of(states: Sequence[TimedSnapshot], status: Status | None) -> CycleFacts | NothingKnown:
+def cycle_of(states: Sequence[TimedSnapshot], status: Status | None) -> CycleFacts | None:
     """Return period, counts of these samples, and the histogram of how late the cycles came.
 
     `late_counts` and `late_edges_s` are those of `status --json`; without samples they are of the whole run.
     """
     last = states[-1].cycle if states else None if status is None else status.cycle
     if last is None or last == CycleTimes():
-        return NothingKnown()
+        return None
     first = states[0].cycle if len(states) > 1 else CycleTimes()
     before = [*first.late_counts, *([0] * len(last.late_counts))]
     return CycleFacts(

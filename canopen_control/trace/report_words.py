@@ -5,8 +5,6 @@ from __future__ import annotations
 import time
 from typing import TYPE_CHECKING
 
-from canopen_control.trace.report_facts import CycleFacts
-
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
@@ -66,7 +64,7 @@ def _reaction(facts: ReportFacts) -> Iterator[str]:
 
 def _cycle(facts: ReportFacts) -> Iterator[str]:
     cycle = facts.cycle
-    if not isinstance(cycle, CycleFacts) or not cycle.count:
+    if cycle is None or not cycle.count:
         return
     share = f", {cycle.missed} missed" if cycle.missed else ", none missed"
     yield (

@@ -28,13 +28,13 @@ from canopen_control.cia402.state import (
     decode_statusword,
 )
 from canopen_control.od.codec import decode
-from canopen_control.trace.network import entry_name
+from canopen_control.trace.network_description import entry_name
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from canopen_control.od.model import DataType, ObjectDictionary, Value
-    from canopen_control.trace.network import NodeDescription
+    from canopen_control.trace.network_description import NodeDescription
 
 __all__ = [
     "AxisWords",

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from pathlib import Path
     from types import TracebackType
 
-__all__ = ["XacroLimits", "XacroRun", "run_xacro"]
+__all__ = ["XacroLimits", "XacroRun"]
 
 _HINT: Final = "look for a power, a range or a macro in it that never ends"
 
@@ -90,9 +90,3 @@ class XacroRun:
         if code == -signal.SIGALRM:
             return f"{self._path}: xacro took more than {self._limits.wall_s} s; {_HINT}"
         return f"{self._path}: xacro ended without an answer (exit code {code}), as for want of memory; {_HINT}"
-
-
-def run_xacro(path: Path, mappings: Mapping[str, str], limits: XacroLimits | None = None) -> str:
-    """Return the URDF text of a xacro file; `mappings` are its arguments. RobotConfigError if xacro cannot."""
-    with XacroRun(path, mappings, limits) as run:
-        return run.result()

@@ -28,7 +28,7 @@ class History:
         self.names = tuple(names)
         self._rows: deque[Row] = deque(maxlen=_SIZE)
         self._slot: int | None = None
-        self._news = 0
+        self._new = 0
 
     def add(self, time: float, values: Mapping[str, float | None]) -> None:
         """Take a sample; of those within a tenth of a second the last is kept."""
@@ -38,7 +38,7 @@ class History:
         if slot == self._slot:
             self._rows.pop()
         else:
-            self._news += 1
+            self._new += 1
         self._slot = slot
         self._rows.append([time, *(_finite(values.get(name)) for name in self.names)])
 
@@ -46,18 +46,18 @@ class History:
         """Return everything, oldest first."""
         return list(self._rows)
 
-    def take_news(self) -> list[Row]:
+    def take_new_rows(self) -> list[Row]:
         """Return the rows that are finished and have not been taken, oldest first."""
-        rows, count = list(self._rows), min(self._news, len(self._rows))
+        rows, count = list(self._rows), min(self._new, len(self._rows))
         if count < 2:
             return []
-        self._news = 1
+        self._new = 1
         return rows[-count:-1]
 
     def clear(self) -> None:
         """Forget everything."""
         self._rows.clear()
-        self._slot, self._news = None, 0
+        self._slot, self._new = None, 0
 
 
 def _finite(value: float | None) -> float | None:

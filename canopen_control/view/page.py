@@ -1,6 +1,6 @@
 """One page of the robot, as one browser has it: STOP, then the panels of the table below, then the feed.
 
-STOP is plain HTML and needs nothing of what follows. A new panel is a file in `panels` and a line in `PANELS`.
+STOP is plain HTML and needs nothing of what follows. A new panel is a class in `panels` and a line in `PANELS`.
 """
 
 from __future__ import annotations
@@ -13,24 +13,21 @@ from typing import TYPE_CHECKING, Final
 
 from nicegui import ui
 
-from canopen_control.view.elements.feed import Feed
+from canopen_control.view.elements.nicegui_elements import Feed
 from canopen_control.view.panels.banner import BannerPanel
-from canopen_control.view.panels.drive import DrivePanel
-from canopen_control.view.panels.drives import DrivesPanel
-from canopen_control.view.panels.faults import FaultsPanel
-from canopen_control.view.panels.joints import JointsPanel
-from canopen_control.view.panels.log import LogPanel
-from canopen_control.view.panels.plots import PlotsPanel
+from canopen_control.view.panels.fault_panel import FaultPanel
 from canopen_control.view.panels.power import PowerPanel
-from canopen_control.view.panels.scene import ScenePanel
+from canopen_control.view.panels.read_only import DrivesPanel, EventsPanel, JointsPanel
+from canopen_control.view.panels.scene_and_plots import PlotsPanel, ScenePanel
+from canopen_control.view.panels.teleop_panel import TeleopPanel
 from canopen_control.view.sampling import titles
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from canopen_control.view.desk import Desk, Panel
-    from canopen_control.view.elements.feed import FeedMessage
-    from canopen_control.view.picture import Picture
+    from canopen_control.view.elements.nicegui_elements import FeedMessage
+    from canopen_control.view.page_content import PageContent
+    from canopen_control.view.panels.panel import Panel, PanelContext
 
 __all__ = ["PANELS", "Page", "Place", "build_waiting", "stop_html"]
 
@@ -44,19 +41,19 @@ class Place:
     key: str
     where: str
     title: str
-    make: Callable[[Desk], Panel]
+    make: Callable[[PanelContext], Panel]
 
 
 PANELS: Final = (
     Place("banner", "side", "", BannerPanel),
-    Place("drive", "side", "Drive: hold a button", DrivePanel),
+    Place("drive", "side", "Drive: hold a button", TeleopPanel),
     Place("power", "side", "Power", PowerPanel),
-    Place("faults", "side", "", FaultsPanel),
+    Place("faults", "side", "", FaultPanel),
     Place("scene", "middle", "", ScenePanel),
     Place("drives", "right", "Drives", DrivesPanel),
     Place("joints", "right", "Joints", JointsPanel),
     Place("plots", "right", "", PlotsPanel),
-    Place("events", "right", "Events, newest first", LogPanel),
+    Place("events", "right", "Events, newest first", EventsPanel),
 )
 
 
@@ -79,12 +76,12 @@ def build_waiting(robot: str, why: str) -> None:
 class Page:
     """Made in the page that is current; `show` and `send` keep it up to date."""
 
-    def __init__(self, desk: Desk) -> None:
-        self._desk, self.client = desk, ui.context.client
+    def __init__(self, context: PanelContext) -> None:
+        self._context, self.client = context, ui.context.client
         self._commanded: Mapping[str, str] | None = None
         self._lost: bool | None = None
         self._latched: bool | None = None
-        self._linear = desk.robot.linear
+        self._linear = context.robot.linear
         ui.add_body_html(stop_html())
         self._panels: list[Panel] = []
         with ui.element("main").classes("cc-page"):
@@ -95,28 +92,28 @@ class Page:
 
     def _place(self, place: Place) -> Panel:
         if place.where == "middle":
-            return place.make(self._desk)
+            return place.make(self._context)
         with ui.element("section").classes(f"cc-panel cc-p-{place.key}"):
             if place.title:
                 ui.html(escape(place.title), sanitize=False, tag="h2")
-            return place.make(self._desk)
+            return place.make(self._context)
 
-    def show(self, picture: Picture) -> None:
+    def show(self, content: PageContent) -> None:
         """Show what is known now; a few times a second."""
         with self.client:
             for panel in self._panels:
-                panel.show(picture)
+                panel.show(content)
 
-    def news(self, picture: Picture) -> FeedMessage:
-        """Return what of the picture the feed has to tell this page: what has changed since the last time."""
+    def changes(self, content: PageContent) -> FeedMessage:
+        """Return what the feed has to tell this page: what of the content has changed since the last time."""
         found: FeedMessage = {}
-        if picture.commanded != self._commanded:
-            self._commanded = picture.commanded
-            found["titles"] = titles(picture.commanded, self._linear)
-        if bool(picture.lost) is not self._lost:
-            self._lost = found["lost"] = bool(picture.lost)
-        if picture.state.latched is not self._latched:
-            self._latched = found["latched"] = picture.state.latched
+        if content.commanded != self._commanded:
+            self._commanded = content.commanded
+            found["titles"] = titles(content.commanded, self._linear)
+        if bool(content.lost) is not self._lost:
+            self._lost = found["lost"] = bool(content.lost)
+        if content.state.latched is not self._latched:
+            self._latched = found["latched"] = content.state.latched
         return found
 
     def send(self, data: FeedMessage) -> None:

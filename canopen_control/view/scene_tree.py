@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from canopen_control.urdf.joint import Joint
     from canopen_control.urdf.link import Visual
     from canopen_control.urdf.model import RobotModel
-    from canopen_control.view.model import Pose
+    from canopen_control.view.robot_info import Pose
 
 __all__ = ["SceneDocument", "SceneTree", "Trail", "angles_of", "extent_of"]
 

@@ -9,7 +9,7 @@ from canopen_control_bench.fleet import CONTROLLER, SCALE
 from canopen_control_bench.stage import stage
 
 from canopen_control.bus.channel import open_port
-from canopen_control.client.robot import RobotClient
+from canopen_control.client.robot_client import RobotClient
 from canopen_control.errors import CanopenError
 from canopen_control.frame import CanFrame, pack_records
 from canopen_control.rpc.messages.robot import CommandController

@@ -11,7 +11,7 @@ import pytest
 from can.io import blf
 
 from canopen_control.bus.blf import LARGEST_CONTAINER
-from canopen_control.bus.record import Recording, RecordingWriter
+from canopen_control.bus.recordings import Recording, RecordingWriter
 from canopen_control.frame import CanFrame
 
 OBJECT = struct.Struct("<4sHHLL")

@@ -97,13 +97,6 @@ def test_dropped_frames_reach_nobody_and_are_counted(bus, ports):
     assert received(ports[2]) == [TWO]
 
 
-def test_the_next_n_frames_can_be_dropped(bus, ports):
-    bus.drop_next(2, lambda _label, frame: frame == ONE)
-    for _ in range(3):
-        send(ports[0], ONE, TWO)
-    assert received(ports[1]) == [TWO, TWO, ONE, TWO]
-
-
 def test_a_duplicated_frame_arrives_twice(bus, ports):
     bus.duplicate(lambda _label, frame: frame == ONE)
     send(ports[0], ONE, TWO)

@@ -1,7 +1,7 @@
 from canopen_control.bus.error_frames import bus_off_frame
 from canopen_control.bus.memory import MemoryBus
 from canopen_control.bus.play import Played, play
-from canopen_control.bus.record import RecordedFrame
+from canopen_control.bus.recordings import RecordedFrame
 from canopen_control.frame import CanFrame
 
 MS = 1_000_000

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import pytest
 
-from canopen_control.bus.link import Link
+from canopen_control.bus.can_interfaces import CanInterface
 from canopen_control.bus.traffic import Traffic, measure
 
-CAN0 = Link("can0", "can", is_up=True, bitrate=500_000)
-VCAN0 = Link("vcan0", "vcan", is_up=True)
+CAN0 = CanInterface("can0", "can", is_up=True, bitrate=500_000)
+VCAN0 = CanInterface("vcan0", "vcan", is_up=True)
 
 
 class Counters:
@@ -49,7 +49,7 @@ def test_a_virtual_interface_that_counts_twice_is_counted_once_and_has_no_load(c
 
 
 def test_what_is_down_or_goes_away_is_left_out_and_nobody_waits_for_nothing(counters):
-    down = Link("can1", "can", is_up=False)
+    down = CanInterface("can1", "can", is_up=False)
     assert counters.measure(down) == {}
     assert counters.now == 10.0
     assert counters.measure(CAN0) == {}

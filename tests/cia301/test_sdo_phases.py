@@ -9,6 +9,7 @@ from support.sdo import MS, NODE
 
 from canopen_control.cia301.sdo_client import SdoOptions
 from canopen_control.cia301.sdo_exchange import SdoExchange
+from canopen_control.cia301.sdo_phases import first_phase
 from canopen_control.cia301.sdo_request import SdoRequest
 
 HALF = 500 * MS
@@ -22,7 +23,7 @@ PHASES = pytest.mark.parametrize("phase", REQUESTS)
 
 
 def waiting(phase, *, sent=True):
-    exchange = SdoExchange(NODE, "", 1, SdoOptions(), 0x603)
+    exchange = SdoExchange(NODE, "", 1, SdoOptions(), 0x603, first_phase)
     exchange.start(REQUESTS[phase](), 0)
     assert type(exchange.phase).__name__ == phase
     if sent:

@@ -8,7 +8,7 @@ import subprocess
 import pytest
 from support.localbus import receive, runtime_folders
 
-from canopen_control.bus import link as links
+from canopen_control.bus import can_interfaces
 from canopen_control.bus.local import open_local
 from canopen_control.cli.main import main
 from canopen_control.cli.support.node_names import KnownNode
@@ -16,13 +16,15 @@ from canopen_control.frame import CanFrame, frames_of, pack_records
 
 pytestmark = pytest.mark.process
 
-VCAN0 = links.Link("vcan0", "vcan", is_up=True, traffic={"rx_packets": 3, "rx_dropped": 0})
-CAN0 = links.Link("can0", "can", is_up=False, state="BUS-OFF", bitrate=500_000, error_counters=(248, 0))
+VCAN0 = can_interfaces.CanInterface("vcan0", "vcan", is_up=True, traffic={"rx_packets": 3, "rx_dropped": 0})
+CAN0 = can_interfaces.CanInterface(
+    "can0", "can", is_up=False, state="BUS-OFF", bitrate=500_000, error_counters=(248, 0)
+)
 
 
 @pytest.fixture(autouse=True)
 def runtime(monkeypatch):
-    monkeypatch.setattr(links, "list_links", lambda run=None: [VCAN0, CAN0])
+    monkeypatch.setattr(can_interfaces, "list_can_interfaces", lambda run=None: [VCAN0, CAN0])
     monkeypatch.setattr("canopen_control.cli.support.bus_interfaces.find_listeners", lambda name: [])
     with runtime_folders(monkeypatch.setenv) as folder:
         yield folder
@@ -196,8 +198,8 @@ def test_up_says_each_command(monkeypatch, capsys):
         ran.append(" ".join(argv))
         return subprocess.CompletedProcess(argv, 0, "", "")
 
-    monkeypatch.setattr(links.subprocess, "run", run)
-    monkeypatch.setattr(links.os, "geteuid", lambda: 0)
+    monkeypatch.setattr(can_interfaces.subprocess, "run", run)
+    monkeypatch.setattr(can_interfaces.os, "geteuid", lambda: 0)
     assert main(["bus", "up", "can0", "--bitrate", "1000000"]) == 0
     assert ran == [
         "ip link set can0 type can bitrate 1000000",

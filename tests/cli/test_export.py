@@ -1,7 +1,7 @@
 import csv
 import io
 
-from canopen_control.bus.record import RecordingWriter
+from canopen_control.bus.recordings import RecordingWriter
 from canopen_control.cli.main import main
 from canopen_control.frame import CanFrame
 

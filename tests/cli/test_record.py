@@ -11,7 +11,7 @@ from support.mockrobot import running
 from support.robots import Bench
 from support.tracing import robby_decoder
 
-from canopen_control.bus.record import FORMATS, Recording, RecordingWriter
+from canopen_control.bus.recordings import FORMATS, Recording, RecordingWriter
 from canopen_control.cli.main import main
 from canopen_control.cli.record import Recorded
 from canopen_control.frame import CanFrame, pack_records

@@ -5,7 +5,7 @@ import pytest
 from support.localbus import open_local, receive, runtime_folders
 from support.onbus import TMCM, OnBus
 
-from canopen_control.bus.record import RecordingWriter
+from canopen_control.bus.recordings import RecordingWriter
 from canopen_control.cli import replay
 from canopen_control.cli.main import main
 from canopen_control.frame import CanFrame, frames_of, pack_records

@@ -6,7 +6,7 @@ import pytest
 from support.flightstory import record, saved
 from support.mockrobot import running
 
-from canopen_control.bus.record import RecordingWriter
+from canopen_control.bus.recordings import RecordingWriter
 from canopen_control.cli.main import main
 from canopen_control.host.files import state_dir
 

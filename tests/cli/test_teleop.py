@@ -9,7 +9,7 @@ from support.terminal import in_background, typed
 
 from canopen_control.cli.main import main
 from canopen_control.cli.teleop import ZEROS, Sender, choose, sides
-from canopen_control.client.teleop import Velocities
+from canopen_control.client.teleop_keys import Velocities
 from canopen_control.errors import ConfigError, RemoteError
 from canopen_control.rpc.messages.state import ControllerReading
 

@@ -2,7 +2,7 @@ import json
 
 import pytest
 
-from canopen_control.bus.record import RecordingWriter
+from canopen_control.bus.recordings import RecordingWriter
 from canopen_control.cli.main import main
 from canopen_control.frame import CanFrame
 

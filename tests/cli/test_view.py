@@ -4,6 +4,8 @@ import os
 import pytest
 
 from canopen_control.cli.main import main
+from canopen_control.errors import ConfigError
+from canopen_control.view import require_view
 
 
 @pytest.fixture(autouse=True)
@@ -50,3 +52,14 @@ def test_run_with_the_view_but_without_nicegui_starts_nothing(monkeypatch, capsy
     said = capsys.readouterr()
     assert "pip install 'canopen-control[view]'" in said.err
     assert said.out == ""
+
+
+def test_what_is_required_is_named_without_importing_it(monkeypatch):
+    monkeypatch.setattr(importlib.util, "find_spec", lambda _name: None)
+    with pytest.raises(ConfigError, match=r"pip install 'canopen-control\[view\]'"):
+        require_view()
+
+
+def test_with_nicegui_it_says_nothing():
+    pytest.importorskip("nicegui")
+    require_view()

@@ -14,7 +14,7 @@ from canopen_control.bus.channel import open_port
 from canopen_control.client import RobotClient
 from canopen_control.rpc.messages.robot import CommandController, GetStatus
 
-pytestmark = pytest.mark.alone
+pytestmark = pytest.mark.timed
 
 LEFT, RIGHT = 3, 2
 NODES = (LEFT, RIGHT)

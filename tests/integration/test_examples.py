@@ -31,7 +31,7 @@ from canopen_control.bus.local import ask_hub
 from canopen_control.cli.main import main
 from canopen_control.cli.verbs import VERBS
 from canopen_control.client import find_robots
-from canopen_control.client.drive import DriveClient
+from canopen_control.client.drive_client import DriveClient
 from canopen_control.errors import CanopenError
 from canopen_control.rpc.messages.drive import GetDriveState, SwitchFault
 from canopen_control.rpc.messages.hub import ClearFaults, GetHubStatus

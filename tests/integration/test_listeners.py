@@ -10,7 +10,7 @@ import pytest
 from support.channel import channel_of
 from support.host import eventually
 
-from canopen_control.bus.record import Recording
+from canopen_control.bus.recordings import Recording
 from canopen_control.client import RobotClient
 from canopen_control.rpc.messages.robot import GetStatus
 

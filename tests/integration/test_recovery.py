@@ -15,7 +15,7 @@ from canopen_control.client import RobotClient
 from canopen_control.rpc.messages.hub import Cut, Uncut
 from canopen_control.rpc.messages.robot import GetStatus
 
-pytestmark = pytest.mark.alone
+pytestmark = pytest.mark.timed
 
 LEFT, RIGHT = 3, 2
 SPEED = 10 / 0.003926990816987242  # microsteps/s at 10 rad/s

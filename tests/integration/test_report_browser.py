@@ -4,7 +4,7 @@ import pytest
 from support.browser import browser
 from support.flightstory import record
 
-from canopen_control.trace.report import facts_of
+from canopen_control.trace.report_build import facts_of
 from canopen_control.trace.report_page import page_of
 
 pytestmark = pytest.mark.browser

@@ -11,7 +11,7 @@ from support import ros
 from support.processes import DriveProbe, Stage
 from support.robots import PATIENT_ROBBY, copy_robby
 
-pytestmark = [pytest.mark.ros, pytest.mark.alone]
+pytestmark = [pytest.mark.ros, pytest.mark.timed]
 TWIST, TF = "geometry_msgs/msg/Twist", "tf2_msgs/msg/TFMessage"
 ARRAY, JOINTS, ODOMETRY = "std_msgs/msg/Float64MultiArray", "sensor_msgs/msg/JointState", "nav_msgs/msg/Odometry"
 DONE = {"success": True, "message": ""}

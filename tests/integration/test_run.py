@@ -13,7 +13,7 @@ from support.listener import SYNC, Witness, missing
 from canopen_control.client import RobotClient
 from canopen_control.rpc.messages.robot import GetStatus, SdoRead, SwitchControllers
 
-pytestmark = pytest.mark.alone
+pytestmark = pytest.mark.timed
 
 LEFT, RIGHT = 3, 2
 RAD = {LEFT: -0.003926990816987242, RIGHT: 0.003926990816987242}  # per microstep; the left motor is mirrored

@@ -12,7 +12,7 @@ from support.processes import GONE_S, seconds_until
 from canopen_control.client import RobotClient
 from canopen_control.rpc.messages.robot import GetStatus
 
-pytestmark = pytest.mark.alone
+pytestmark = pytest.mark.timed
 
 SPEED = 10 / 0.003926990816987242
 

@@ -12,7 +12,7 @@ from support.localbus import open_local
 from support.processes import seconds_until
 from support.terminal import Tmux
 
-pytestmark = [pytest.mark.tmux, pytest.mark.alone]
+pytestmark = [pytest.mark.tmux, pytest.mark.timed]
 PROGRAM = f"{shlex.quote(sys.executable)} -m canopen_control"
 
 

@@ -12,7 +12,7 @@ from support.processes import seconds_until
 from canopen_control.client import RobotClient
 from canopen_control.rpc.messages.robot import GetStatus
 
-pytestmark = pytest.mark.alone  # times of stops, and starts of drives that nobody waits for
+pytestmark = pytest.mark.timed  # times of stops, and starts of drives that nobody waits for
 
 SPEED = 10 / 0.003926990816987242
 NUMBER = (int, float)

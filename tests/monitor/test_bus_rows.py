@@ -6,10 +6,10 @@ from canopen_control.cia301.pdo import MappedObject
 from canopen_control.data_files import data_path
 from canopen_control.frame import CanFrame
 from canopen_control.monitor.bus_rows import BusTable, _Axis
-from canopen_control.monitor.picture import Tone
+from canopen_control.monitor.monitor_content import Tone
 from canopen_control.trace.bare import network_of_eds
 from canopen_control.trace.decoder import Decoder
-from canopen_control.trace.network import NetworkDescription
+from canopen_control.trace.network_description import NetworkDescription
 
 MS = 1_000_000
 START = 1_700_000_000_000 * MS
@@ -35,8 +35,8 @@ class Bus:
         self.hear(self.statusword.cob_id, statusword.to_bytes(2, "little").ljust(length, b"\0"), at)
 
     def rows(self, at=0):
-        picture = self.table.picture(START + at * MS, "local:x", ())
-        return {key: [str(cell) for cell in row] for key, row in picture.drives.items()}
+        content = self.table.content(START + at * MS, "local:x", ())
+        return {key: [str(cell) for cell in row] for key, row in content.drives.items()}
 
 
 @pytest.fixture
@@ -45,10 +45,10 @@ def bus():
 
 
 def test_a_silent_bus_says_so(bus):
-    picture = bus.table.picture(START, "local:x (listening only)", ("1000 kbit/s",))
-    assert str(picture.state) == "▲ listening, nobody is heard"
-    assert picture.facts == ("1000 kbit/s",)
-    assert not picture.drives
+    content = bus.table.content(START, "local:x (listening only)", ("1000 kbit/s",))
+    assert str(content.state) == "▲ listening, nobody is heard"
+    assert content.facts == ("1000 kbit/s",)
+    assert not content.drives
 
 
 def test_heartbeats_make_rows_with_and_without_a_name(bus):
@@ -133,5 +133,5 @@ def test_what_matters_is_logged_and_cyclic_traffic_is_not(bus):
 def test_joints_show_the_target_of_the_mode(bus):
     axis = bus.table._heard(3, START).axes[0] = _Axis()
     axis.mode, axis.values = 3, {0x60FF: 500, 0x607A: 7, 0x606C: 499}
-    row = bus.table.picture(START, "", ()).joints["3/0"]
+    row = bus.table.content(START, "", ()).joints["3/0"]
     assert [cell.text for cell in row] == ["left (device units)", "500", "499", "-", "-"]

@@ -2,8 +2,8 @@ import pytest
 from support.robots import LEFT, Bench
 from support.samples import event_of, sample_of
 
-from canopen_control.monitor.picture import Tone
-from canopen_control.monitor.robot_rows import is_emergency, log_line, picture_of, without_robot
+from canopen_control.monitor.monitor_content import Tone
+from canopen_control.monitor.robot_rows import content_of, is_emergency, log_line, without_robot
 from canopen_control.rpc.wire import plain
 from canopen_control.runtime.status import event_message, state_sample
 
@@ -16,8 +16,8 @@ def bench():
     bench.close()
 
 
-def picture(bench):
-    return picture_of("robby", state_sample(bench.robot))
+def content(bench):
+    return content_of("robby", state_sample(bench.robot))
 
 
 def words(row):
@@ -27,7 +27,7 @@ def words(row):
 def test_a_running_robot_in_words(bench):
     bench.run(300)
     bench.hold(5.0, 5.0, ms=1000)
-    shown = picture(bench)
+    shown = content(bench)
     assert (shown.title, str(shown.state), shown.alarm) == ("robby", "● running", "")
     drive = words(shown.drives["left_drive"])
     assert drive[:4] == ["left_drive (3)", "● OPERATIONAL", "● OPERATION ENABLED", ""]
@@ -45,7 +45,7 @@ def test_a_running_robot_in_words(bench):
 def test_a_drive_that_is_gone_is_dead_in_words(bench):
     bench.power_off(LEFT)
     bench.run(1500)
-    row = picture(bench).drives["left_drive"]
+    row = content(bench).drives["left_drive"]
     assert row[1].tone is Tone.BAD
     assert row[4].tone is Tone.BAD
     assert "dead" in row[4].text
@@ -55,20 +55,20 @@ def test_a_drive_that_is_gone_is_dead_in_words(bench):
 
 def test_a_robot_without_canopen_drives_says_so(bench):
     state = state_sample(bench.robot)
-    assert "no CANopen drives" not in picture_of("robby", state).facts
-    assert "no CANopen drives" in picture_of("robby", sample_of({**plain(state), "nodes": {}})).facts
+    assert "no CANopen drives" not in content_of("robby", state).facts
+    assert "no CANopen drives" in content_of("robby", sample_of({**plain(state), "nodes": {}})).facts
 
 
 def test_a_latched_stop_is_an_alarm_with_the_way_out(bench):
     bench.robot.stop(lambda _: None, "somebody")
     bench.run(100)
-    assert picture(bench).alarm.startswith("STOP is latched by somebody: nothing moves before it is released")
+    assert content(bench).alarm.startswith("STOP is latched by somebody: nothing moves before it is released")
 
 
 def test_drives_that_are_off_are_a_warning_with_what_to_call(bench):
     bench.robot.stop(lambda _: None)
     bench.run(1000)
-    shown = picture(bench)
+    shown = content(bench)
     assert (shown.state.text, shown.state.tone) == ("disabled", Tone.WARN)
     assert shown.alarm == "left_drive, right_drive are not enabled and will not move: canopen-control axis enable all"
 

@@ -12,7 +12,7 @@ from canopen_control.frame import CanFrame, pack_records
 from canopen_control.monitor.sources import BusSource, RobotSource
 from canopen_control.rpc.messages.layout import BusLayout, NodeLayout
 from canopen_control.rpc.messages.robot import Stop
-from canopen_control.trace.network import NetworkDescription, NodeDescription
+from canopen_control.trace.network_description import NetworkDescription, NodeDescription
 
 
 @pytest.fixture
@@ -25,13 +25,13 @@ def robot_source(private_folders):
 
 def test_a_running_robot_is_shown_and_commanded(robot_source):
     assert robot_source.can_command
-    assert robot_source.picture().alarm.endswith("STOP does not reach it; trying again")
+    assert robot_source.content().alarm.endswith("STOP does not reach it; trying again")
     with running():
-        assert eventually(lambda: robot_source.picture().title == "mock" and robot_source.picture().joints)
+        assert eventually(lambda: robot_source.content().title == "mock" and robot_source.content().joints)
         robot_source.tick()
         assert robot_source.taps == []  # mock hardware has no bus
         robot_source.command(Stop(latch=True, source="monitor"))
-        assert eventually(lambda: robot_source.picture().alarm.startswith("STOP is latched by monitor"))
+        assert eventually(lambda: robot_source.content().alarm.startswith("STOP is latched by monitor"))
         assert eventually(lambda: any("latched" in line.text for line in robot_source.log()))
         assert robot_source.emergencies() == []
 
@@ -76,13 +76,13 @@ def test_a_bare_bus_is_listened_to_and_never_spoken_to(private_folders):
         source.tick()
         others.send(pack_records([CanFrame(0x703, b"\x05"), CanFrame(0x083, bytes([0x10, 0x32, 4, 0, 0, 0, 0, 0]))]))
         end = time.monotonic() + 5
-        while not source.picture().drives or not source.frames.rows.get(0x083):
+        while not source.content().drives or not source.frames.rows.get(0x083):
             assert time.monotonic() < end
             source.taps[0].receive()
-        picture = source.picture()
-        assert picture.title == "local:bare (listening only)"
-        assert picture.drives["3"][0].text == "left (3)"
-        assert picture.facts == ("1000 kbit/s", "bus load -")
+        content = source.content()
+        assert content.title == "local:bare (listening only)"
+        assert content.drives["3"][0].text == "left (3)"
+        assert content.facts == ("1000 kbit/s", "bus load -")
         assert len(source.emergencies()) == len(source.log()) == 1
         assert not source.can_command
         with pytest.raises(RemoteError, match="only listens on local:bare"):

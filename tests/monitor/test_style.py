@@ -1,6 +1,6 @@
 from rich.style import Style
 
-from canopen_control.monitor.picture import Tone
+from canopen_control.monitor.monitor_content import Tone
 from canopen_control.monitor.style import MARK_STYLES, TONE_STYLES, tone_styles
 from canopen_control.trace.decoder import Mark
 

@@ -3,12 +3,12 @@ import asyncio
 from textual.app import App
 
 from canopen_control.frame import CanFrame
-from canopen_control.monitor.frames import FrameTable
-from canopen_control.monitor.picture import Cell, Tone
+from canopen_control.monitor.frame_tables import FrameTable
+from canopen_control.monitor.monitor_content import Cell, Tone
 from canopen_control.monitor.style import TONE_STYLES
 from canopen_control.monitor.tables import FRAME_COLUMNS, LiveTable, frame_rows
 from canopen_control.trace.decoder import Decoder
-from canopen_control.trace.network import NetworkDescription
+from canopen_control.trace.network_description import NetworkDescription
 
 
 class Screen(App):

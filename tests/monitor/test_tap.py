@@ -5,7 +5,7 @@ from canopen_control.bus.channel import open_port
 from canopen_control.frame import CanFrame, pack_records
 from canopen_control.host.sockets import list_sockets
 from canopen_control.monitor.tap import BusTap
-from canopen_control.trace.network import NetworkDescription
+from canopen_control.trace.network_description import NetworkDescription
 
 SECOND = 1_000_000_000
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 from support.robots import copy_robby
 
-from canopen_control.client.drive import DriveClient
+from canopen_control.client.drive_client import DriveClient
 from canopen_control.rpc.messages.drive import GetDriveState
 
 if TYPE_CHECKING:

@@ -7,7 +7,7 @@ import subprocess
 import sys
 from typing import TYPE_CHECKING
 
-from canopen_control.monitor.app import MonitorApp
+from canopen_control.monitor.monitor_app import MonitorApp
 from canopen_control.monitor.sources import RobotSource
 
 if TYPE_CHECKING:

@@ -9,9 +9,9 @@ from support.samples import controllers_of, sample_of, status_of
 
 from canopen_control.rpc.messages.drive import FaultListing
 from canopen_control.rpc.messages.robot import BusPlace, Description, NodeListing, NodePlace
-from canopen_control.view.faults import FaultBoard
-from canopen_control.view.model import read_welcome
-from canopen_control.view.robot import RobotView
+from canopen_control.view.fault_client import DriveFaults
+from canopen_control.view.robot_info import read_robot_info
+from canopen_control.view.robot_view import RobotView
 
 URDF = """<robot name='pair'><link name='base'><visual><geometry><box size='0.4 0.3 0.1'/></geometry></visual></link>
 <link name='wheel'><visual><geometry><cylinder radius='0.1' length='0.04'/></geometry></visual></link>
@@ -53,18 +53,18 @@ def drive_state(axis=None, **node):
     return state(nodes={"left_drive": NODE | {"axes": [AXIS | (axis or {})]} | node})
 
 
-def welcome(**status):
+def info(**status):
     drive = NodePlace(name="left_drive", node_id=3, bus="can")
     nodes = NodeListing({"can": BusPlace("local:x")}, [drive])
     told = copy.deepcopy(STATE) | {"buses": {"can": {"load": 0.02}}, "events": []} | status
-    return read_welcome("pair", Description(URDF, "/nowhere/pair.urdf"), nodes, status_of(told))
+    return read_robot_info("pair", Description(URDF, "/nowhere/pair.urdf"), nodes, status_of(told))
 
 
 def robot(**status):
-    return RobotView(welcome(**status), lambda _content, kind: f"/mesh/1.{kind}")
+    return RobotView(info(**status), lambda _content, kind: f"/mesh/1.{kind}")
 
 
-class Desk:
+class FakeContext:
     """Takes what a page asks for; `refusal` is what the robot answers."""
 
     def __init__(self, *, teleop=True, controllers=(FORWARD,), **status):
@@ -85,16 +85,16 @@ class Desk:
     def let_go(self, page):
         self.let += 1
 
-    def look_at_faults(self):
+    def refresh_faults(self):
         pass
 
-    def picture(self, new=None, lost=""):
+    def content(self, new=None, lost=""):
         if new is not None:
             self.robot.state = new
-        return self.robot.picture(lost)
+        return self.robot.content(lost)
 
     def with_faults(self):
-        self.robot.faults = FaultBoard({"left_drive": FAULTS})
+        self.robot.faults = DriveFaults({"left_drive": FAULTS})
         return self
 
 

@@ -19,7 +19,7 @@ from support.channel import channel_of, robby_of
 from support.host import eventually
 from support.localbus import end_hubs
 
-from canopen_control.client.drive import DriveClient
+from canopen_control.client.drive_client import DriveClient
 from canopen_control.rpc.messages.drive import DriveState, GetDriveState, SwitchFault
 
 if TYPE_CHECKING:

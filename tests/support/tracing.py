@@ -7,7 +7,7 @@ from canopen_control.frame import CanFrame
 from canopen_control.master.config import read_bus
 from canopen_control.master.pdo_layout import layout_of
 from canopen_control.trace.decoder import Decoder
-from canopen_control.trace.network import network_of_layout
+from canopen_control.trace.network_description import network_of_layout
 
 
 @functools.cache

@@ -8,7 +8,7 @@ from canopen_control.frame import CanFrame
 from canopen_control.od.model import DataType
 from canopen_control.trace.dbc import WORD_PARTS, dbc_text
 from canopen_control.trace.decoder import Decoder
-from canopen_control.trace.network import NetworkDescription, NodeDescription, PdoDescription, PdoObject
+from canopen_control.trace.network_description import NetworkDescription, NodeDescription, PdoDescription, PdoObject
 
 cantools = pytest.importorskip("cantools", reason="cantools, the independent reader of DBC files, is not installed")
 

@@ -6,7 +6,7 @@ from support.tracing import frame, robby_decoder, robby_network, said
 from canopen_control.frame import ERROR_FLAG, EXTENDED_FLAG, REMOTE_FLAG, CanFrame
 from canopen_control.od.model import DataType
 from canopen_control.trace.decoder import SERVICES, Decoder, Mark
-from canopen_control.trace.network import NetworkDescription, NodeDescription, PdoDescription, PdoObject
+from canopen_control.trace.network_description import NetworkDescription, NodeDescription, PdoDescription, PdoObject
 
 
 def one(can_id, data="", decoder=None):

@@ -29,7 +29,7 @@ from canopen_control.trace.flight_file import (
     save,
 )
 from canopen_control.trace.flight_ring import Batch
-from canopen_control.trace.report import facts_of
+from canopen_control.trace.report_build import facts_of
 from canopen_control.trace.report_page import page_of
 
 RELEASED = Path(__file__).parents[1] / "data" / "flight_recording.zip"  # as it was written before protocol 2

@@ -9,7 +9,7 @@ from canopen_control.frame import EXTENDED_FLAG
 from canopen_control.od.model import DataType
 from canopen_control.trace.decoder import Decoder
 from canopen_control.trace.learn import LIMIT, LearnedPdos
-from canopen_control.trace.network import NetworkDescription, NodeDescription
+from canopen_control.trace.network_description import NetworkDescription, NodeDescription
 from canopen_control.trace.values import NodeWords, SignalValue
 
 

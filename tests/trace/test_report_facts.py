@@ -2,12 +2,11 @@
 
 from canopen_control.rpc.messages.state import EventDetails, RobotEvent
 from canopen_control.rpc.wire import plain
-from canopen_control.trace.report_facts import NothingKnown, Span, event_at
+from canopen_control.trace.report_facts import Span, event_at
 
 
 def test_a_span_has_the_keys_that_scripts_know():
     assert plain(Span(1.0, 2.0, None)) == {"from": 1.0, "to": 2.0, "state": None}
-    assert plain(NothingKnown()) == {}
 
 
 def test_an_event_keeps_all_it_says_and_gets_its_time_in_the_recording():

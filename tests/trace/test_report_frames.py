@@ -3,8 +3,8 @@
 import pytest
 
 from canopen_control.frame import EXTENDED_FLAG, CanFrame
-from canopen_control.trace.network import NetworkDescription
-from canopen_control.trace.report import networks_of
+from canopen_control.trace.network_description import NetworkDescription
+from canopen_control.trace.report_build import networks_of
 from canopen_control.trace.report_frames import read_frames
 
 NS = 1_000_000_000

@@ -6,7 +6,7 @@ import re
 from msgspec.structs import replace
 
 from canopen_control.trace.flight_file import NO_FAULT, FlightFile, FlightMeta
-from canopen_control.trace.report import facts_of
+from canopen_control.trace.report_build import facts_of
 from canopen_control.trace.report_page import page_of
 
 

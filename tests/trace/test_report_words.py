@@ -3,7 +3,7 @@
 from msgspec.structs import replace
 
 from canopen_control.rpc.messages.state import RobotEvent
-from canopen_control.trace.report import facts_of
+from canopen_control.trace.report_build import facts_of
 from canopen_control.trace.report_words import clock, summary
 
 

@@ -1,10 +1,9 @@
 from __future__ import annotations
 
 import pytest
-from urdf.test_xacro_run import HEAD, write
+from urdf.test_xacro_run import HEAD, run_xacro, write
 
 from canopen_control.urdf.xacro_child import _where, find_package
-from canopen_control.urdf.xacro_run import run_xacro
 
 
 @pytest.mark.process

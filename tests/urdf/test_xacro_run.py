@@ -10,7 +10,7 @@ import pytest
 from support.host import eventually
 
 from canopen_control.errors import RobotConfigError
-from canopen_control.urdf.xacro_run import XacroLimits, XacroRun, run_xacro
+from canopen_control.urdf.xacro_run import XacroLimits, XacroRun
 
 pytestmark = pytest.mark.process
 
@@ -21,6 +21,11 @@ def write(folder, text: str, name: str = "r.urdf.xacro"):
     path = folder / name
     path.write_text(f"{HEAD}{text}</robot>", encoding="utf-8")
     return path
+
+
+def run_xacro(path, mappings, limits=None):
+    with XacroRun(path, mappings, limits) as run:
+        return run.result()
 
 
 def test_arguments_macros_and_includes_work(tmp_path):

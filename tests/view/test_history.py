@@ -24,11 +24,11 @@ def test_news_are_told_once_and_when_they_are_finished():
     history = History(["a"])
     for step in range(4):
         history.add(5.0 + step / 10, {"a": float(step)})
-    assert [row[1] for row in history.take_news()] == [0.0, 1.0, 2.0]
-    assert history.take_news() == []
+    assert [row[1] for row in history.take_new_rows()] == [0.0, 1.0, 2.0]
+    assert history.take_new_rows() == []
     history.add(5.31, {"a": 9.0})
     history.add(5.4, {"a": 4.0})
-    assert [row[1] for row in history.take_news()] == [9.0]
+    assert [row[1] for row in history.take_new_rows()] == [9.0]
 
 
 def test_where_nothing_was_known_nothing_is_made_up():
@@ -49,7 +49,7 @@ def test_whatever_comes_the_times_go_up_and_every_row_is_told_at_most_once(sampl
     history, told = History(["a"]), []
     for time, value in samples:
         history.add(time, {"a": value})
-        told += history.take_news()
+        told += history.take_new_rows()
         times = [row[0] for row in history.rows()]
         assert times == sorted(times)
     assert len({id(row) for row in told}) == len(told)

@@ -5,28 +5,28 @@ import pytest
 pytest.importorskip("nicegui", reason="NiceGUI is not installed: pip install canopen-control[view]")
 
 from nicegui import ui
-from support.pages import Desk, html, seen, state, visited
+from support.pages import FakeContext, html, seen, state, visited
 
-from canopen_control.view.elements.feed import Feed
+from canopen_control.view.elements.nicegui_elements import Feed
 from canopen_control.view.page import PANELS, Page, build_waiting, stop_html
 
 
-def made(desk, act):
+def made(context, act):
     async def show(user, page):
-        page.show(desk.picture())
+        page.show(context.content())
         return await act(user, page)
 
-    return visited(lambda: Page(desk), show)
+    return visited(lambda: Page(context), show)
 
 
 def test_everything_is_on_the_page_and_stop_is_before_it():
-    desk = Desk()
+    context = FakeContext()
 
     async def act(user, _page):
         await user.should_see("Disable")
         return html(user), user._client.body_html
 
-    text, body = made(desk, act)
+    text, body = made(context, act)
     for words in ("pair", "running", "enabled, follows commands", "2.50<small>velocity", "Nothing has happened"):
         assert words in text
     assert 'id="cc-stop-button"' in body
@@ -46,15 +46,15 @@ def test_a_panel_is_a_line_of_the_table():
 
 
 def test_only_news_are_told():
-    desk = Desk()
+    context = FakeContext()
 
     async def act(_user, page):
-        first = page.news(desk.picture())
-        same = page.news(desk.picture())
-        lost = page.news(desk.picture(state(latched=True), lost="gone"))
+        first = page.changes(context.content())
+        same = page.changes(context.content())
+        lost = page.changes(context.content(state(latched=True), lost="gone"))
         return first, same, lost
 
-    first, same, lost = made(desk, act)
+    first, same, lost = made(context, act)
     assert first == {"titles": {"left": "left velocity, rad/s", "error": "Following error, rad/s"},
                      "lost": False, "latched": False}  # fmt: skip
     assert same == {}
@@ -68,7 +68,7 @@ def test_what_is_sent_goes_through_the_feed(monkeypatch):
     async def act(_user, page):
         page.send({"scene": {}})
 
-    made(Desk(), act)
+    made(FakeContext(), act)
     assert sent == [{"scene": {}}]
 
 

@@ -21,7 +21,7 @@ from campaigner.sources import CONTROLLER, LIFE_S, ShellStream, SocketStream, as
 from campaigner.stage import NAME
 from canopen_control.bus.channel import open_port
 from canopen_control.bus.local import ask_hub
-from canopen_control.client.drive import DriveClient
+from canopen_control.client.drive_client import DriveClient
 from canopen_control.errors import CanopenError
 from canopen_control.frame import CanFrame, pack_records
 from canopen_control.host.sockets import socket_path

@@ -14,7 +14,7 @@ from collections import deque
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.bus.channel import open_port
-from canopen_control.client.drive import DriveClient
+from canopen_control.client.drive_client import DriveClient
 from canopen_control.errors import CanopenError, RemoteError
 from canopen_control.frame import frames_of
 from canopen_control.rpc.messages.drive import GetDriveState

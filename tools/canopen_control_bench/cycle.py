@@ -18,7 +18,7 @@ import time
 from typing import TYPE_CHECKING, TypeVar
 
 from canopen_control.bus.local import ask_hub
-from canopen_control.client.robot import RobotClient
+from canopen_control.client.robot_client import RobotClient
 from canopen_control.errors import CanopenError, RemoteError
 from canopen_control.rpc.messages.hub import GetHubStatus
 from canopen_control.rpc.messages.robot import CommandController, GetStatus, TwistController

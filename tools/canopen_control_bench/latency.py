@@ -13,7 +13,7 @@ import time
 from typing import TYPE_CHECKING
 
 from canopen_control.bus.channel import open_port
-from canopen_control.client.robot import RobotClient
+from canopen_control.client.robot_client import RobotClient
 from canopen_control.errors import CanopenError
 from canopen_control.frame import frames_of
 from canopen_control.rpc.messages.robot import CommandController

@@ -15,8 +15,8 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from canopen_control.bus.local import ask_hub
-from canopen_control.client.drive import DriveClient
-from canopen_control.client.robot import RobotClient
+from canopen_control.client.drive_client import DriveClient
+from canopen_control.client.robot_client import RobotClient
 from canopen_control.errors import CanopenError, RemoteError
 from canopen_control.rpc.messages.drive import GetDriveState, SwitchFault
 from canopen_control.rpc.messages.hub import GetHubStatus

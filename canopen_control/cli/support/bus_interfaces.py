@@ -5,18 +5,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from canopen_control.bus.listeners import count_hearing, find_listeners
+from canopen_control.bus.listeners import Listener, count_hearing, find_listeners
 from canopen_control.bus.traffic import measure
-from canopen_control.rpc.wire import plain
+from canopen_control.rpc.messages.declare import Document
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from canopen_control.bus.link import Link
-    from canopen_control.bus.listeners import Listener
+    from canopen_control.bus.can_interfaces import CanInterface
     from canopen_control.bus.traffic import Traffic
 
-__all__ = ["InterfaceStatus", "render_interface", "status_of_interfaces"]
+__all__ = ["InterfaceDocument", "InterfaceStatus", "document_of", "render_interface", "status_of_interfaces"]
 
 LOOK_S = 0.5
 _COMMAND_LENGTH = 60
@@ -26,25 +25,61 @@ _COMMAND_LENGTH = 60
 class InterfaceStatus:
     """A CAN interface; `traffic` is None of one that is down, `unnamed_listeners` are sockets of other users."""
 
-    link: Link
+    link: CanInterface
     traffic: Traffic | None
     listeners: list[Listener]
     unnamed_listeners: int
 
-    def as_json(self) -> dict[str, object]:
-        """Return what `--json` prints: the link's keys, and beside them the others."""
-        traffic = {"frames_per_second": None, "load": None} if self.traffic is None else plain(self.traffic)
-        heard = {"listeners": plain(self.listeners), "unnamed_listeners": self.unnamed_listeners}
-        return {**plain(self.link), **traffic, **heard}
+
+class InterfaceDocument(Document, frozen=True, kw_only=True):
+    """A CAN interface as `bus status --json` prints it; see CanInterface, Traffic and Listener. Null is not known."""
+
+    name: str
+    kind: str
+    is_up: bool
+    queue_length: int
+    state: str | None
+    bitrate: int | None
+    sample_point: float | None
+    restart_ms: int | None
+    error_counters: tuple[int, int] | None
+    counters: dict[str, int]
+    traffic: dict[str, int]
+    frames_per_second: float | None
+    load: float | None
+    listeners: list[Listener]
+    unnamed_listeners: int
 
 
-def status_of_interfaces(links: Sequence[Link]) -> dict[str, InterfaceStatus]:
+def document_of(status: InterfaceStatus) -> InterfaceDocument:
+    """Return the status of an interface as `--json` prints it."""
+    link, traffic = status.link, status.traffic
+    return InterfaceDocument(
+        name=link.name,
+        kind=link.kind,
+        is_up=link.is_up,
+        queue_length=link.queue_length,
+        state=link.state,
+        bitrate=link.bitrate,
+        sample_point=link.sample_point,
+        restart_ms=link.restart_ms,
+        error_counters=link.error_counters,
+        counters=dict(link.counters),
+        traffic=dict(link.traffic),
+        frames_per_second=None if traffic is None else traffic.frames_per_second,
+        load=None if traffic is None else traffic.load,
+        listeners=status.listeners,
+        unnamed_listeners=status.unnamed_listeners,
+    )
+
+
+def status_of_interfaces(links: Sequence[CanInterface]) -> dict[str, InterfaceStatus]:
     """Return the status of interfaces by name; takes half a second to see what goes over those that are up."""
     traffic = measure(links, LOOK_S)
     return {link.name: _status(link, traffic.get(link.name)) for link in links}
 
 
-def _status(link: Link, traffic: Traffic | None) -> InterfaceStatus:
+def _status(link: CanInterface, traffic: Traffic | None) -> InterfaceStatus:
     listeners = find_listeners(link.name)
     named = sum(each.interface is not None and each.identifiers != 0 for each in listeners)
     return InterfaceStatus(link, traffic, listeners, max(0, count_hearing(link.name) - named))

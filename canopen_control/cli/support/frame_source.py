@@ -9,7 +9,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
-from canopen_control.bus.record import RecordedFrame, Recording
+from canopen_control.bus.recordings import RecordedFrame, Recording
 from canopen_control.cli.support.heard_bus import described
 from canopen_control.errors import ConfigError
 from canopen_control.trace.flight_file import is_flight_file
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from canopen_control.trace.flight_file import FlightFile
-    from canopen_control.trace.network import NetworkDescription
+    from canopen_control.trace.network_description import NetworkDescription
 
 __all__ = ["FlightSource", "Source", "network_for", "open_frames"]
 
@@ -29,7 +29,7 @@ class FlightSource:
 
     def __init__(self, path: str, bus: str | None) -> None:
         from canopen_control.trace.flight_file import read_flight
-        from canopen_control.trace.report import networks_of
+        from canopen_control.trace.report_build import networks_of
 
         file = read_flight(Path(path))
         chosen = _chosen(path, file, bus)

@@ -17,7 +17,7 @@ from canopen_control.client import RobotClient, find_robots
 from canopen_control.errors import ConfigError
 from canopen_control.rpc.messages.robot import GetLayout
 from canopen_control.trace.bare import network_of_eds
-from canopen_control.trace.network import NetworkDescription, network_of_layout
+from canopen_control.trace.network_description import NetworkDescription, network_of_layout
 
 if TYPE_CHECKING:
     import argparse

@@ -8,8 +8,8 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING
 
+from canopen_control.bus.can_interfaces import find_can_interface
 from canopen_control.bus.channel import ChannelKind, parse_channel
-from canopen_control.bus.link import find_link
 from canopen_control.cli.support.identity import FIELDS, NAME, differences, identity_of, match_eds, read_known
 from canopen_control.errors import SdoAbort, SdoTimeout
 from canopen_control.master.direct import DirectBus
@@ -52,7 +52,7 @@ def link_steps(channel: str, baudrate: int) -> list[Step]:
     spec = parse_channel(channel)
     if spec.kind is not ChannelKind.SOCKETCAN:
         return [Step("link", None, f"{channel}: no interface of the kernel, its bit rate cannot be looked at")]
-    link = find_link(spec.name)
+    link = find_can_interface(spec.name)
     if link is None or not link.is_up:
         what = "is not there" if link is None else "is down"
         typed = f"canopen-control bus up {spec.name} --bitrate {baudrate * 1000}"

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from canopen_control.client import RobotClient
-from canopen_control.client.stream import outpaced, stream_rate
+from canopen_control.client.subscriptions import outpaced, stream_rate
 from canopen_control.errors import ConfigError, RemoteError
 from canopen_control.host.signals import on_signals
 from canopen_control.rpc.messages.robot import MAX_RATE, GetDescription, GetStatus, ListControllers, Subscribe

@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, Any, Final
 from nicegui import ui
 
 from canopen_control.rpc.messages.robot import AxisRequest, Release
-from canopen_control.view.panels.html import Html, tell
-from canopen_control.view.teleop import SOURCE
+from canopen_control.view.dead_man import SOURCE
+from canopen_control.view.panels.panel import Html, tell
 from canopen_control.view.words import chip, facts
 
 if TYPE_CHECKING:
     from canopen_control.rpc.messages.declare import Request
-    from canopen_control.view.desk import Desk
-    from canopen_control.view.picture import Picture
+    from canopen_control.view.page_content import PageContent
+    from canopen_control.view.panels.panel import PanelContext
 
 __all__ = ["BannerPanel"]
 
@@ -31,8 +31,8 @@ _ACTIONS: Final[dict[str, tuple[str, str, Request[Any]]]] = {
 class BannerPanel:
     """The robot's state in words, never greyed: a lost connection is said here. The next thing to do is a button."""
 
-    def __init__(self, desk: Desk) -> None:
-        self._desk = desk
+    def __init__(self, context: PanelContext) -> None:
+        self._context = context
         self._head = Html()
         self._buttons = {action: self._button(action) for action in _ACTIONS}
         self._facts = Html("cc-stale")
@@ -43,10 +43,10 @@ class BannerPanel:
         button.props("unelevated").visible = False
         return button
 
-    def show(self, picture: Picture) -> None:
+    def show(self, content: PageContent) -> None:
         """Show the state."""
-        banner = picture.banner
-        name = f"<span class='cc-name'>{escape(self._desk.robot.welcome.robot)}</span>"
+        banner = content.banner
+        name = f"<span class='cc-name'>{escape(self._context.robot.info.robot)}</span>"
         advice = f"<span>{escape(banner.advice)}</span>" if banner.advice else ""
         box = (
             f"<div class='cc-cause cc-{banner.tone}'>{escape(banner.cause)}{advice}</div>"
@@ -54,13 +54,13 @@ class BannerPanel:
             else ""
         )
         self._head.show(f"<div class='cc-head'>{name}{chip(banner.words, banner.tone)}</div>{box}")
-        self._facts.show(facts(picture.state))
+        self._facts.show(facts(content.state))
         for action, button in self._buttons.items():
             if button.visible is not (action == banner.action):
                 button.visible = action == banner.action
 
     async def _act(self, action: str) -> None:
         label, _, request = _ACTIONS[action]
-        refused = await self._desk.ask(request)
+        refused = await self._context.ask(request)
         if refused is not None:
             tell(f"{label}: not done", refused)

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Final
 from nicegui import ui
 
 from canopen_control.rpc.messages.robot import AxisRequest
-from canopen_control.view.panels.html import tell
+from canopen_control.view.panels.panel import tell
 
 if TYPE_CHECKING:
-    from canopen_control.view.desk import Desk
-    from canopen_control.view.picture import Picture
+    from canopen_control.view.page_content import PageContent
+    from canopen_control.view.panels.panel import PanelContext
 
 __all__ = ["PowerPanel"]
 
@@ -27,15 +27,15 @@ _ACTIONS: Final = (
 class PowerPanel:
     """A row of buttons for each drive, and one for all of them."""
 
-    def __init__(self, desk: Desk) -> None:
-        self._desk = desk
-        drives = list(desk.robot.welcome.state.nodes)
+    def __init__(self, context: PanelContext) -> None:
+        self._context = context
+        drives = list(context.robot.info.state.nodes)
         if not drives:
             ui.html("<p class='cc-note'>No drives to enable.</p>", sanitize=False)
         for drive in [*(("all",) if len(drives) > 1 else ()), *drives]:
             self._row(drive)
 
-    def show(self, picture: Picture) -> None:
+    def show(self, content: PageContent) -> None:
         """Leave it: nothing here changes with the state."""
 
     def _row(self, drive: str) -> None:
@@ -49,6 +49,6 @@ class PowerPanel:
                     button.props(outline).props(f'aria-label="{label}"')
 
     async def _act(self, drive: str, action: str, label: str) -> None:
-        refused = await self._desk.ask(AxisRequest(action=action, node=drive))
+        refused = await self._context.ask(AxisRequest(action=action, node=drive))
         if refused is not None:
             tell(f"{drive}: {label.lower()}", refused)

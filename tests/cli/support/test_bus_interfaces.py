@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import json
-
 import pytest
 
-from canopen_control.bus.link import Link
+from canopen_control.bus.can_interfaces import CanInterface
 from canopen_control.bus.listeners import Listener
 from canopen_control.bus.traffic import Traffic
 from canopen_control.cli.support import bus_interfaces
-from canopen_control.cli.support.bus_interfaces import render_interface, status_of_interfaces
+from canopen_control.cli.support.bus_interfaces import document_of, render_interface, status_of_interfaces
+from canopen_control.rpc.wire import plain
 
-CAN0 = Link("can0", "can", is_up=True, state="ERROR-ACTIVE", bitrate=1_000_000, error_counters=(0, 0))
-VCAN0 = Link("vcan0", "vcan", is_up=True, traffic={"tx_packets": 7, "rx_dropped": 0})
+CAN0 = CanInterface("can0", "can", is_up=True, state="ERROR-ACTIVE", bitrate=1_000_000, error_counters=(0, 0))
+VCAN0 = CanInterface("vcan0", "vcan", is_up=True, traffic={"tx_packets": 7, "rx_dropped": 0})
 
 
 @pytest.fixture
@@ -30,7 +29,7 @@ def kernel(monkeypatch):
 
 def lines(link):
     status = status_of_interfaces([link])[link.name]
-    written = json.loads(json.dumps(status.as_json()))
+    written = plain(document_of(status))
     assert (written["name"], len(written["listeners"])) == (link.name, len(status.listeners))
     assert {"frames_per_second", "load", "unnamed_listeners"} < set(written)
     return render_interface(status)

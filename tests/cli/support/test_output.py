@@ -1,10 +1,23 @@
 import io
+import json
+import math
 import os
 import threading
 
 import pytest
 
-from canopen_control.cli.support.output import PLAIN_S, REDRAW_S, SOON_S, Announcer, Progress, Table, watched
+from canopen_control.cli.support.output import (
+    PLAIN_S,
+    REDRAW_S,
+    SOON_S,
+    Announcer,
+    Progress,
+    Table,
+    json_line,
+    json_text,
+    watched,
+)
+from canopen_control.rpc.messages.state import JointReading
 
 
 class Terminal(io.StringIO):
@@ -156,3 +169,23 @@ def test_a_missing_value_stands_left():
     table = Table(("name", "value"))
     table.add(("a", "-"))
     assert table.lines() == ["name  value", "a     -"]
+
+
+def test_what_is_printed_is_json_with_the_keys_of_the_messages():
+    text = json_text({"joints": [JointReading("é", math.nan)]})
+    assert text.isascii()
+    assert text.startswith('{\n  "joints"')
+    (joint,) = json.loads(text)["joints"]
+    assert (joint["name"], joint["position"]) == ("é", None)
+
+
+def test_without_an_indent_it_is_one_line():
+    assert json_text([JointReading("a")], indent=None).startswith('[{"name": "a", ')
+
+
+@pytest.mark.parametrize("name", ["a", "é"])
+def test_a_line_of_a_stream_is_compact(name):
+    text = json_line([JointReading(name, math.inf)])
+    assert text.startswith('[{"name":"')
+    assert text.isascii()
+    assert (json.loads(text)[0]["name"], json.loads(text)[0]["position"]) == (name, None)

@@ -6,13 +6,13 @@ import pytest
 from support.processes import Stage
 from support.robots import copy_robby
 
-from canopen_control.bus.link import Link
+from canopen_control.bus.can_interfaces import CanInterface
 from canopen_control.cli.support import preflight_steps as steps
 from canopen_control.cli.support.preflight_steps import link_steps, node_steps
 from canopen_control.runtime.robot_files import find_robot
 from canopen_control.runtime.setup import read_robot
 
-CAN0 = Link("can0", "can", is_up=True, state="ERROR-ACTIVE", bitrate=1_000_000)
+CAN0 = CanInterface("can0", "can", is_up=True, state="ERROR-ACTIVE", bitrate=1_000_000)
 
 
 @pytest.fixture
@@ -42,12 +42,16 @@ def results(found):
             "type: canopen-control bus up can0 --bitrate 1000000",
         ),
         (None, [("link", False)], "can0 is not there"),
-        (Link("can0", "vcan", is_up=True), [("link", True), ("bit rate", None)], "is a vcan interface and has none"),
+        (
+            CanInterface("can0", "vcan", is_up=True),
+            [("link", True), ("bit rate", None)],
+            "is a vcan interface and has none",
+        ),
     ],
     ids=["good", "other rate", "passive", "down", "missing", "virtual"],
 )
 def test_the_link_is_held_against_the_bus_file(monkeypatch, link, expected, words):
-    monkeypatch.setattr(steps, "find_link", lambda _name: link)
+    monkeypatch.setattr(steps, "find_can_interface", lambda _name: link)
     found = link_steps("can0", 1000)
     assert results(found) == expected
     assert any(words in step.text for step in found)

@@ -3,7 +3,7 @@ import pytest
 
 pytest.importorskip("nicegui", reason="NiceGUI is not installed: pip install canopen-control[view]")
 
-from support.pages import Desk, drive_state, html, seen, settle, state, visited
+from support.pages import FakeContext, drive_state, html, seen, settle, state, visited
 
 from canopen_control.rpc.messages.robot import AxisRequest, Release
 from canopen_control.view.panels.banner import BannerPanel
@@ -13,20 +13,20 @@ def shown(new=None, lost="", press=False, refusal=None):
     """Return the HTML, the labels of the buttons that are there, and what the robot was asked for."""
     from nicegui import ui
 
-    desk = Desk()
-    desk.refusal = refusal
+    context = FakeContext()
+    context.refusal = refusal
 
     async def act(user, panel):
-        panel.show(desk.picture(new, lost))
+        panel.show(context.content(new, lost))
         labels = [button.text for button in seen(ui.button)]
         if press:
             user.find(kind=ui.button, content=labels[0]).click()
-            await settle(lambda: desk.asked, 100)
+            await settle(lambda: context.asked, 100)
             if refusal:
                 await user.should_see(refusal)
-        return html(user), labels, desk.asked
+        return html(user), labels, context.asked
 
-    return visited(lambda: BannerPanel(desk), act)
+    return visited(lambda: BannerPanel(context), act)
 
 
 def test_a_robot_that_runs_says_so_and_nothing_is_to_be_done():

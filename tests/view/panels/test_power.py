@@ -3,24 +3,24 @@ import pytest
 pytest.importorskip("nicegui", reason="NiceGUI is not installed: pip install canopen-control[view]")
 
 from nicegui import ui
-from support.pages import AXIS, NODE, Desk, html, seen, settle, visited
+from support.pages import AXIS, NODE, FakeContext, html, seen, settle, visited
 
 from canopen_control.rpc.messages.robot import AxisRequest
 from canopen_control.view.panels.power import PowerPanel
 
 
 def pressed(label, refusal=None, **status):
-    desk = Desk(**status)
-    desk.refusal = refusal
+    context = FakeContext(**status)
+    context.refusal = refusal
 
     async def act(user, _panel):
         user.find(label).click()
-        await settle(lambda: desk.asked)
+        await settle(lambda: context.asked)
         if refusal:
             await user.should_see(refusal)
-        return desk.asked
+        return context.asked
 
-    return visited(lambda: PowerPanel(desk), act)
+    return visited(lambda: PowerPanel(context), act)
 
 
 @pytest.mark.parametrize(("label", "action"), [("Disable", "disable"), ("Reset fault", "fault-reset")])
@@ -30,12 +30,12 @@ def test_a_button_asks_for_its_action(label, action):
 
 def test_several_drives_have_a_row_for_all():
     axes = [AXIS | {"joint": "lift"}]
-    desk = Desk(nodes={"left_drive": NODE, "lift_drive": NODE | {"axes": axes}})
+    context = FakeContext(nodes={"left_drive": NODE, "lift_drive": NODE | {"axes": axes}})
 
     async def act(_user, _panel):
         return [button.text for button in seen(ui.button)].count("Disable"), [label.text for label in seen(ui.label)]
 
-    assert visited(lambda: PowerPanel(desk), act) == (3, ["all drives", "left_drive", "lift_drive"])
+    assert visited(lambda: PowerPanel(context), act) == (3, ["all drives", "left_drive", "lift_drive"])
 
 
 def test_what_is_refused_is_told():
@@ -43,9 +43,9 @@ def test_what_is_refused_is_told():
 
 
 def test_without_drives_there_is_nothing_to_enable():
-    desk = Desk(nodes={})
+    context = FakeContext(nodes={})
 
     async def act(user, _panel):
         return html(user)
 
-    assert "No drives" in visited(lambda: PowerPanel(desk), act)
+    assert "No drives" in visited(lambda: PowerPanel(context), act)

@@ -1,0 +1,83 @@
+"""Wire faults of a ``local:`` bus (cut cables, dropped frames), by the labels of its members.
+
+A label that is not there yet may be named: its cable stays cut when its process comes back.
+"""
+
+from __future__ import annotations
+
+from canopen_control.frame import RECORD, RECORD_SIZE
+
+__all__ = ["DropRule", "WireFaults"]
+
+
+class DropRule:
+    """Loses frames of `label` ("" for anybody) with identifier `can_id` (None for any).
+
+    Each `every`-th one that fits is lost, `count` of them in all (None: for good).
+    """
+
+    __slots__ = ("can_id", "count", "every", "label", "lost", "seen")
+
+    def __init__(self, label: str = "", can_id: int | None = None, every: int = 1, count: int | None = None) -> None:
+        self.label, self.can_id, self.every, self.count = label, can_id, max(1, every), count
+        self.seen = 0
+        self.lost = 0
+
+    @property
+    def spent(self) -> bool:
+        """Whether it has lost all that it was to lose."""
+        return self.count is not None and self.lost >= self.count
+
+    def takes(self, label: str, can_id: int) -> bool:
+        """Whether this frame is lost; counts it."""
+        if self.spent or self.label not in ("", label) or self.can_id not in (None, can_id):
+            return False
+        self.seen += 1
+        lost = self.seen % self.every == 0
+        self.lost += lost
+        return lost
+
+
+class WireFaults:
+    """All faults of one bus; `active` is False while there is none, and then costs nothing."""
+
+    def __init__(self) -> None:
+        self.cut: set[str] = set()
+        self.bus_off: set[str] = set()
+        self.delays: dict[str, int] = {}  # label, "" for anybody -> ns
+        self.drops: list[DropRule] = []
+
+    @property
+    def active(self) -> bool:
+        """Whether frames need a look before they travel."""
+        return bool(self.delays or self.drops)
+
+    def silences(self, label: str) -> bool:
+        """Whether nothing comes from this label and nothing gets there."""
+        return label in self.cut or label in self.bus_off
+
+    def delay_of(self, label: str) -> int:
+        """Return the delay of what this label sends, in ns."""
+        return self.delays.get(label, self.delays.get("", 0))
+
+    def delay(self, label: str, delay_ns: int) -> None:
+        """Delay what this label ("" for anybody) sends; 0 ends it."""
+        if delay_ns > 0:
+            self.delays[label] = delay_ns
+        else:
+            self.delays.pop(label, None)
+
+    def survivors(self, label: str, records: bytes) -> bytes:
+        """Return the records that the drop rules leave."""
+        if not self.drops:
+            return records
+        kept = b"".join(
+            records[at : at + RECORD_SIZE]
+            for at in range(0, len(records), RECORD_SIZE)
+            if not self._lost(label, RECORD.unpack_from(records, at)[0])
+        )
+        self.drops = [rule for rule in self.drops if not rule.spent]
+        return kept
+
+    def _lost(self, label: str, can_id: int) -> bool:
+        return any(rule.takes(label, can_id) for rule in self.drops)

@@ -1,0 +1,29 @@
+"""The client of a virtual drive, past the bus: what it is doing, and its faults.
+
+Apart from that of a robot: verbs that ask a robot do not wait for the import of a drive's messages.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from canopen_control.host.lineclient import LineClient
+from canopen_control.host.sockets import drive_name, socket_path
+from canopen_control.rpc.client import Client
+from canopen_control.rpc.messages.drive import DRIVE, DriveEvent, DriveHello
+
+if TYPE_CHECKING:
+    from typing import Self
+
+__all__ = ["DriveClient"]
+
+
+class DriveClient(Client[DriveHello, DriveEvent]):
+    """A connection to a virtual drive. See `rpc.messages.drive` for what it can be asked."""
+
+    @classmethod
+    def connect(cls, channel: str, node_id: int, timeout: float = 10.0, *, label: str = "") -> Self:
+        """Connect to the node on a bus; RemoteError when there is none. `label` names it in sentences."""
+        label = label or f"the virtual drive {node_id} on {channel}"
+        stream = LineClient(socket_path("drive", drive_name(channel, node_id)), timeout, label=label)
+        return cls(DRIVE, stream, timeout)

@@ -1,0 +1,135 @@
+"""The frames of a bus as the monitor keeps them: one row for each identifier, and the newest that a filter wants.
+
+Bounded, whatever the bus does. A filter is one line of words with commas between them: a service
+(`pdo`, `sdo`, ...), a node (name, or its number), an identifier or a range of them (`0x181`, `0x180-0x1FF`), `changes`.
+Words of one kind are alternatives, different kinds must all hold; nothing is everything.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Final
+
+from canopen_control.errors import ConfigError
+from canopen_control.frame import FRAME_BITS
+from canopen_control.trace.decoder import SERVICES
+from canopen_control.trace.filters import Filter, node_ids_of, parse_ids
+
+if TYPE_CHECKING:
+    from canopen_control.frame import CanFrame
+    from canopen_control.trace.decoder import DecodedFrame
+    from canopen_control.trace.network_description import NetworkDescription
+
+__all__ = ["FrameTable", "LoadMeter", "TraceLog", "parse_filter"]
+
+KEPT: Final = 2000  # decoded frames that a changed filter can still show
+_IDENTIFIERS: Final = 4096  # rows; a bus with more has a fault of its own
+_SMOOTHING: Final = 0.2
+_SECOND_NS: Final = 1_000_000_000
+_CHANGES: Final = "changes"
+
+
+def parse_filter(text: str, network: NetworkDescription) -> Filter:
+    """Return what a line of words wants; ConfigError that says what words there are."""
+    services, nodes, ids = set[str](), list[str](), list[range]()
+    words = [word.strip() for word in text.split(",") if word.strip()]
+    for word in words:
+        if word.lower() in SERVICES:
+            services.add(word.lower())
+        elif word.lower().startswith("0x"):
+            ids.append(_identifiers(word))
+        elif word != _CHANGES:
+            nodes.append(word)
+    return Filter(_nodes(network, nodes), frozenset(services), tuple(ids), _CHANGES in words)
+
+
+def _identifiers(word: str) -> range:
+    try:
+        return parse_ids(word)
+    except ValueError as error:
+        raise ConfigError(str(error)) from None
+
+
+def _nodes(network: NetworkDescription, words: list[str]) -> frozenset[int]:
+    try:
+        return node_ids_of(network, words)
+    except ConfigError as error:
+        services = ", ".join(SERVICES)
+        raise ConfigError(f"{error}; or a service: {services}; an identifier as 0x181; {_CHANGES}") from None
+
+
+@dataclass(slots=True)
+class _Row:
+    """What is known of one identifier; `period_ns` is smoothed, None after one frame."""
+
+    count: int
+    last: DecodedFrame
+    period_ns: float | None = None
+
+
+@dataclass(slots=True)
+class FrameTable:
+    """Counts frames by identifier."""
+
+    rows: dict[int, _Row] = field(default_factory=dict)
+
+    def add(self, decoded: DecodedFrame) -> None:
+        """Count a frame; new identifiers beyond the bound are left out."""
+        row = self.rows.get(decoded.can_id)
+        if row is None:
+            if len(self.rows) < _IDENTIFIERS:
+                self.rows[decoded.can_id] = _Row(1, decoded)
+            return
+        gap = float(decoded.time - row.last.time)
+        row.period_ns = gap if row.period_ns is None else row.period_ns + _SMOOTHING * (gap - row.period_ns)
+        row.count += 1
+        row.last = decoded
+
+
+class TraceLog:
+    """The newest frames; `wanted` are those a filter lets through, `fresh` those of them since the last call."""
+
+    def __init__(self) -> None:
+        self.filter = Filter()
+        self._all: deque[DecodedFrame] = deque(maxlen=KEPT)
+        self._fresh: deque[DecodedFrame] = deque(maxlen=KEPT)
+
+    def add(self, decoded: DecodedFrame) -> None:
+        """Keep a frame."""
+        self._all.append(decoded)
+        if self.filter.wants(decoded):
+            self._fresh.append(decoded)
+
+    def choose(self, wanted: Filter) -> None:
+        """Change the filter; what is kept and passes is fresh again."""
+        self.filter = wanted
+        self._fresh = deque((each for each in self._all if wanted.wants(each)), maxlen=KEPT)
+
+    def fresh(self) -> list[DecodedFrame]:
+        """Return what came since the last call and is wanted."""
+        found = list(self._fresh)
+        self._fresh.clear()
+        return found
+
+
+class LoadMeter:
+    """The bus load of the last full second, stuff bits left out; times in ns."""
+
+    def __init__(self, bitrate: int) -> None:
+        self.bitrate = bitrate
+        self.load: float | None = None
+        self._bits = 0
+        self._since: int | None = None
+
+    def add(self, frame: CanFrame) -> None:
+        """Count a frame's bits."""
+        self._bits += FRAME_BITS + 8 * len(frame.data)
+
+    def tick(self, now: int) -> None:
+        """Let time pass."""
+        if self._since is None:
+            self._since, self._bits = now, 0
+        elif now - self._since >= _SECOND_NS:
+            self.load = self._bits * _SECOND_NS / (now - self._since) / self.bitrate
+            self._since, self._bits = now, 0

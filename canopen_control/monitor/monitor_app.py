@@ -1,0 +1,309 @@
+"""The monitor's screen: tables, logs and keys. No safety function: STOP is a key of a program (ISO 13850).
+
+The law of the file: it draws five times a second and never waits; what a key asks of the robot is asked on a thread,
+and what the robot answers is told. STOP has priority over whatever has the focus.
+
+It draws when a sample of the robot has come, which is right after a cycle: a computer that both share is then free for
+most of a period. What would have the whole screen laid out again is done only when it must be.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import contextvars
+import re
+import threading
+import time
+from collections import deque
+from typing import TYPE_CHECKING, Any, ClassVar, Final
+
+from rich.text import Text
+from textual.app import App
+from textual.binding import Binding, BindingType
+from textual.widgets import Footer, Input, RichLog, Static, TabbedContent, TabPane
+
+from canopen_control.errors import CanopenError, ConfigError
+from canopen_control.monitor.frame_tables import parse_filter
+from canopen_control.monitor.monitor_content import DRIVE_COLUMNS, JOINT_COLUMNS
+from canopen_control.monitor.sources import SOURCE
+from canopen_control.monitor.style import CSS, MARK_STYLES, TONE_STYLES
+from canopen_control.monitor.tables import FRAME_COLUMNS, LiveTable, frame_rows
+from canopen_control.rpc.messages.robot import AxisRequest, Release, Stop
+from canopen_control.trace.frame_lines import LineWriter
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from textual.app import ComposeResult
+    from textual.notifications import SeverityLevel
+
+    from canopen_control.bus.port import Port
+    from canopen_control.monitor.monitor_content import LogLine, MonitorContent
+    from canopen_control.monitor.sources import Source
+    from canopen_control.monitor.tap import BusTap
+    from canopen_control.rpc.messages.declare import Request
+
+__all__ = ["MonitorApp"]
+
+PERIOD_S: Final = 0.2
+TRACE_LINES: Final = 60  # new ones at a time; a busy bus has more than anybody reads
+KEPT_LINES: Final = 1000
+_COMMANDS: Final = ("release", "axis")
+_WORDS: Final = "pdo, sdo, a node's name, 0x181, 0x180-0x1FF, changes; empty: everything"
+_FONT_FACES: Final = re.compile(r"@font-face\s*\{[^}]*\}\s*")
+_SCROLLBAR: Final = 2
+_MARGIN: Final = 2  # left and right of the head
+_TABS: Final = ("events", "emergencies", "identifiers", "trace")
+_FRAME_TABS: Final = ("tab-identifiers", "tab-trace")
+_LATE_S: Final = 0.9 * PERIOD_S
+
+
+class MonitorApp(App[None]):
+    """The monitor's screen, of a robot or of a bare bus."""
+
+    CSS = CSS
+    TITLE = "canopen-control monitor"
+    ENABLE_COMMAND_PALETTE = False
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("space", "stop", "STOP", priority=True),
+        Binding("q", "quit", "Quit"),
+        Binding("r", "release", "Release"),
+        Binding("e", "axis('enable')", "Enable"),
+        Binding("d", "axis('disable')", "Disable"),
+        Binding("f", "axis('fault-reset')", "Reset"),
+        Binding("E", "axis('enable', 'all')", "Enable all", show=False),
+        Binding("D", "axis('disable', 'all')", "Disable all", show=False),
+        Binding("F", "axis('fault-reset', 'all')", "Reset all", show=False),
+        Binding("slash", "filter", "Filter"),
+        Binding("p", "pause", "Pause"),
+        *(Binding(str(number), f"tab('{tab}')", tab, show=False) for number, tab in enumerate(_TABS, 1)),
+        Binding("escape", "leave_filter", "Back", show=False),
+        Binding("ctrl+c", "quit", "Quit", show=False, priority=True),
+    ]
+
+    def __init__(self, source: Source) -> None:
+        super().__init__()
+        self.source = source
+        self.paused = False
+        self._drives = LiveTable(DRIVE_COLUMNS, id="drives")
+        self._joints = LiveTable(JOINT_COLUMNS, id="joints")
+        self._frames = LiveTable(FRAME_COLUMNS, id="identifiers-table")
+        self._head, self._alarm = Static(id="head"), Static(id="alarm")
+        self._head_lines = 0
+        self._logs = {
+            name: RichLog(max_lines=KEPT_LINES, wrap=name != "trace", id=name)
+            for name in _TABS
+            if name != "identifiers"
+        }
+        self._told: deque[tuple[str, SeverityLevel]] = deque()  # what threads have to say, until it is shown
+        self._watched: list[BusTap] = []
+        self._drawn = 0.0
+        self._lines: LineWriter | None = None
+
+    # -- the screen
+
+    def compose(self) -> ComposeResult:
+        """Lay it out."""
+        yield self._head
+        yield self._alarm
+        yield self._drives
+        yield self._joints
+        yield FilterLine(placeholder=_WORDS, id="filter")
+        with TabbedContent(id="tabs"):
+            for number, name in enumerate(_TABS, 1):
+                with TabPane(f"{number} {name}", id=f"tab-{name}"):
+                    yield self._frames if name == "identifiers" else self._logs[name]
+        yield Footer()
+
+    def on_mount(self) -> None:
+        """Begin to listen and to draw."""
+        self._drives.focus()
+        loop, context = asyncio.get_running_loop(), contextvars.copy_context()
+
+        def on_news() -> None:
+            with contextlib.suppress(RuntimeError):  # the loop has ended
+                loop.call_soon_threadsafe(self.refresh_picture, context=context)
+
+        self.source.start(on_news)
+        self.refresh_picture()
+        self.set_interval(PERIOD_S, self._refresh_if_late)
+
+    def on_unmount(self) -> None:
+        """End what was begun."""
+        self.source.close()
+
+    def _refresh_if_late(self) -> None:
+        """Draw although nothing has come: there is no robot, or it is silent."""
+        if time.monotonic() - self._drawn > _LATE_S:
+            self.refresh_picture()
+
+    def refresh_picture(self) -> None:
+        """Draw what has changed."""
+        if not self.is_running:
+            return
+        self._drawn = time.monotonic()
+        self.source.listen(self.query_one("#tabs", TabbedContent).active in _FRAME_TABS)
+        self.source.tick()
+        while self._told:
+            text, severity = self._told.popleft()
+            self.notify(text, severity=severity, markup=False)
+        self._watch(self.source.taps)
+        content = self.source.content()
+        self._show_head(content)
+        self._drives.show(content.drives)
+        self._show_drives(bool(content.drives))
+        self._joints.show(content.joints)
+        self._joints.display = bool(content.joints)
+        self._write("events", self.source.log())
+        self._write("emergencies", self.source.emergencies())
+        self._show_frames()
+
+    def _show_head(self, content: MonitorContent) -> None:
+        state = content.state
+        head = Text.assemble((content.title, "bold"), "  ", (str(state), TONE_STYLES[state.tone]))
+        problems = [tap.problem for tap in self.source.taps if tap.problem]
+        lost = sum(tap.lost for tap in self.source.taps)
+        facts = [*content.facts, *problems, *([f"{lost} frames came too fast for the monitor"] if lost else [])]
+        head.append(f"  {'  ·  '.join(facts)}")
+        if str(self._head.content) != str(head):
+            lines = len(head.wrap(self.console, max(self.size.width - _MARGIN, 1)))
+            self._head.update(head, layout=lines != self._head_lines)  # a new line: all is laid out
+            self._head_lines = lines
+        self._alarm.set_class(bool(content.alarm), "shown")
+        if str(self._alarm.content) != content.alarm:
+            self._alarm.update(Text(content.alarm))
+
+    def _show_drives(self, shown: bool) -> None:
+        """Hide the table of drives where there are none, as on a simulated robot; back again it has the focus."""
+        if shown and not self._drives.display and not isinstance(self.focused, FilterLine):
+            self._drives.display = True
+            self._drives.focus()
+        self._drives.display = shown
+
+    def _write(self, name: str, lines: Iterable[LogLine]) -> None:
+        for line in lines:
+            clock = time.strftime("%H:%M:%S", time.localtime(line.time)) + f".{int(line.time * 1000) % 1000:03d}"
+            sign = f"{line.tone.value or ' '} "
+            text = Text(f"{clock} {sign}{line.text}", style=TONE_STYLES[line.tone])
+            self._logs[name].write(text, width=max(self.size.width - _SCROLLBAR, 1))  # a hidden tab has no width yet
+
+    def _show_frames(self) -> None:
+        active = self.query_one("#tabs", TabbedContent).active
+        if self.paused:
+            return
+        if active == "tab-identifiers":
+            self._frames.show(frame_rows(self.source.frames))
+        elif active == "tab-trace":
+            self._show_trace()
+
+    def _show_trace(self) -> None:
+        fresh = self.source.trace.fresh()
+        writer = self._lines = self._lines or LineWriter(self.source.network)
+        if len(fresh) > TRACE_LINES:
+            self._logs["trace"].write(Text(f"... {len(fresh) - TRACE_LINES} frames not shown; / filters", style="dim"))
+        for decoded in fresh[-TRACE_LINES:]:
+            self._logs["trace"].write(Text(writer.line(decoded), style=MARK_STYLES[decoded.mark]))
+
+    def _watch(self, taps: list[BusTap]) -> None:
+        """Let the event loop read the ports as soon as something has come: a kernel buffer is small."""
+        for tap in taps:
+            if not any(tap is each for each in self._watched):
+                tap.watch(_Reader(tap))
+        self._watched = list(taps)
+
+    def picture_svg(self) -> str:
+        """Return the screen as a picture that stands alone: without the fonts that textual would have fetched."""
+        return _FONT_FACES.sub("", self.export_screenshot())
+
+    # -- keys
+
+    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:  # noqa: ARG002 - textual's
+        """Hide what a source that only listens cannot do."""
+        return self.source.can_command or action not in _COMMANDS
+
+    def action_stop(self) -> None:
+        """Ramp to zero, disable, and latch."""
+        if self.source.can_command:
+            self._ask("STOP", Stop(latch=True, source=SOURCE))
+        else:
+            self.notify("listening only: this monitor sends nothing, so it cannot stop anything", severity="warning")
+
+    def action_release(self) -> None:
+        """Let go of a latched STOP."""
+        self._ask("release", Release(source=SOURCE))
+
+    def action_axis(self, action: str, node: str = "") -> None:
+        """Enable, disable or fault-reset the selected drive, or all."""
+        who = node or (self._drives.selected or "").partition("/")[0]
+        if who:
+            self._ask(f"{action} {who}", AxisRequest(action=action, node=who))
+
+    def action_tab(self, name: str) -> None:
+        """Show one of the tabs."""
+        self.query_one("#tabs", TabbedContent).active = f"tab-{name}"
+
+    def action_pause(self) -> None:
+        """Let the frames stand still, or go on."""
+        self.paused = not self.paused
+        self.notify("frames stand still; p goes on" if self.paused else "frames go on", timeout=2)
+
+    def action_filter(self) -> None:
+        """Ask for a filter of the trace."""
+        self.action_tab("trace")
+        field = self.query_one(FilterLine)
+        field.add_class("shown")
+        field.focus()
+
+    def action_leave_filter(self) -> None:
+        """Put the filter away."""
+        self.query_one(FilterLine).remove_class("shown")
+        self._drives.focus()
+
+    def on_input_submitted(self, event: Input.Submitted) -> None:
+        """Use the filter; what is wrong with it is told, and can be mended."""
+        try:
+            wanted = parse_filter(event.value, self.source.network)
+        except ConfigError as error:
+            self.notify(str(error), severity="error", markup=False)
+            return
+        self.source.trace.choose(wanted)
+        self._logs["trace"].clear()
+        self.action_leave_filter()
+
+    def _ask(self, what: str, request: Request[Any]) -> None:
+        """Ask the robot on a thread of its own, and tell how it went."""
+
+        def ask() -> None:
+            try:
+                self.source.command(request)
+            except CanopenError as error:
+                self._told.append((f"{what}: {error}", "error"))
+            else:
+                self._told.append((f"{what}: done", "information"))
+
+        # Not one of textual's workers: those are few, and a STOP may not wait for the others.
+        threading.Thread(target=ask, name=what, daemon=True).start()
+
+
+class FilterLine(Input):
+    """A line for words without spaces: textual takes printable keys from bindings, even of priority, for an input."""
+
+    def check_consume_key(self, key: str, character: str | None) -> bool:
+        """Leave the STOP key to the screen."""
+        return key != "space" and super().check_consume_key(key, character)
+
+
+class _Reader:
+    """Lets the running event loop read a tap's port, while it has one."""
+
+    def __init__(self, tap: BusTap) -> None:
+        self._tap, self._loop = tap, asyncio.get_running_loop()
+        self._fd: int | None = None
+
+    def __call__(self, port: Port | None) -> None:
+        if self._fd is not None:
+            self._loop.remove_reader(self._fd)
+        self._fd = None if port is None else port.fileno()
+        if self._fd is not None:
+            self._loop.add_reader(self._fd, self._tap.receive)

@@ -1,0 +1,112 @@
+"""What the monitor shows, as plain data: cells with a tone, tables of cells, lines of logs.
+
+The law of the file: a tone is never the only thing that tells; each has its sign before the words, so that it is read
+without colours too. Pure: no terminal, no socket, no clock.
+"""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+from canopen_control.cia402.state import State
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+__all__ = [
+    "DRIVE_COLUMNS",
+    "JOINT_COLUMNS",
+    "Cell",
+    "LogLine",
+    "MonitorContent",
+    "Tone",
+    "age_cell",
+    "plain",
+    "sdo_cell",
+    "state_cell",
+]
+
+#: what matters most comes first: a terminal of 80 columns shows no more than the beginning
+DRIVE_COLUMNS: Final = ("drive", "NMT", "CiA 402", "error", "heard", "mode", "SDO", "statusword")
+JOINT_COLUMNS: Final = ("joint", "command", "velocity", "position", "effort")
+
+
+class Tone(enum.Enum):
+    """How good something is; the value is its sign."""
+
+    PLAIN = ""
+    GOOD = "●"
+    IDLE = "○"
+    WARN = "▲"
+    BAD = "✖"
+
+
+class Cell(NamedTuple):
+    """Words and how good that is."""
+
+    text: str
+    tone: Tone = Tone.PLAIN
+
+    def __str__(self) -> str:
+        return f"{self.tone.value} {self.text}" if self.tone.value and self.text else self.text
+
+
+@dataclass(frozen=True, slots=True)
+class LogLine:
+    """Something that happened; `time` in Unix seconds."""
+
+    time: float
+    text: str
+    tone: Tone = Tone.PLAIN
+
+
+@dataclass(frozen=True, slots=True)
+class MonitorContent:
+    """One moment: tables by row name, `facts` for the head, `alarm` what must not be overlooked or ""."""
+
+    title: str
+    state: Cell
+    alarm: str = ""
+    facts: tuple[str, ...] = ()
+    drives: Mapping[str, tuple[Cell, ...]] = field(default_factory=dict)
+    joints: Mapping[str, tuple[Cell, ...]] = field(default_factory=dict)
+
+
+_STATE_TONES: Final = {
+    State.NOT_READY_TO_SWITCH_ON: Tone.IDLE,
+    State.SWITCH_ON_DISABLED: Tone.IDLE,
+    State.READY_TO_SWITCH_ON: Tone.IDLE,
+    State.SWITCHED_ON: Tone.WARN,
+    State.OPERATION_ENABLED: Tone.GOOD,
+    State.QUICK_STOP_ACTIVE: Tone.WARN,
+    State.FAULT_REACTION_ACTIVE: Tone.BAD,
+    State.FAULT: Tone.BAD,
+}
+
+
+def state_cell(state: State | None) -> Cell:
+    """Return a CiA 402 state in the standard's words; None is none."""
+    return plain("-") if state is None else Cell(state.name.replace("_", " "), _STATE_TONES[state])
+
+
+def age_cell(seconds: float | None, *, stale: float, dead: float) -> Cell:
+    """Return how long ago a node was heard; from `stale` and `dead` seconds on it says so."""
+    if seconds is None:
+        return Cell("never", Tone.BAD)
+    text = f"{1e3 * seconds:.0f} ms" if seconds < 1 else f"{seconds:.1f} s"
+    if seconds >= dead:
+        return Cell(f"{text}, dead", Tone.BAD)
+    return Cell(f"{text}, stale", Tone.WARN) if seconds >= stale else Cell(text)
+
+
+def sdo_cell(reads: int, writes: int, failed: int) -> Cell:
+    """Return how many SDO transfers there were, and how many of them failed."""
+    text = f"{reads}r {writes}w"
+    return Cell(f"{text}, {failed} failed", Tone.WARN) if failed else Cell(text)
+
+
+def plain(text: str) -> Cell:
+    """Return a cell that is neither good nor bad."""
+    return Cell(text)

@@ -1,0 +1,121 @@
+"""Decoded frames as lines for people, and as documents for scripts."""
+
+from __future__ import annotations
+
+import datetime
+import math
+from typing import TYPE_CHECKING
+
+from canopen_control.frame import ERROR_FLAG, EXTENDED_FLAG, REMOTE_FLAG
+from canopen_control.rpc.messages.declare import Document
+from canopen_control.trace.decoder import Mark
+
+if TYPE_CHECKING:
+    from canopen_control.od.model import Value
+    from canopen_control.trace.decoder import DecodedFrame
+    from canopen_control.trace.network_description import NetworkDescription
+
+__all__ = ["FrameDocument", "LineWriter", "ValueDocument", "document_of", "identifier_text"]
+
+_NS = 1_000_000_000
+_COLOURS = {Mark.ERROR: "\x1b[31m", Mark.WARNING: "\x1b[33m", Mark.NOTABLE: "\x1b[36m"}
+_RESET = "\x1b[0m"
+_DATA_WIDTH = 23  # eight bytes in hex
+_SUBJECT_WIDTH = 12  # SDO response
+_SHORTEST_NODE = 8
+
+
+class LineWriter:
+    """Makes the lines of one trace; times count from the first frame, or are the local time of day with `absolute`."""
+
+    def __init__(self, network: NetworkDescription, *, absolute: bool = False, colour: bool = False) -> None:
+        self._absolute, self._colour = absolute, colour
+        names = [node.name for node in network.nodes.values()]
+        self._node_width = max((len(name) for name in names), default=0)
+        self._node_width = max(self._node_width, _SHORTEST_NODE)
+        self._start: int | None = None
+
+    def line(self, decoded: DecodedFrame) -> str:
+        """Return one line without its end."""
+        text = (
+            f"{self._time(decoded.time)}  {identifier_text(decoded.can_id):>3}  {_data(decoded):<{_DATA_WIDTH}}  "
+            f"{decoded.who:<{self._node_width}}  {decoded.subject:<{_SUBJECT_WIDTH}}  {decoded.text}"
+        ).rstrip()
+        colour = _COLOURS.get(decoded.mark) if self._colour else None
+        return f"{colour}{text}{_RESET}" if colour else text
+
+    def _time(self, time: int) -> str:
+        if self._absolute:
+            seconds, ns = divmod(time, _NS)
+            moment = datetime.datetime.fromtimestamp(seconds)  # noqa: DTZ006 - the reader's own clock
+            return f"{moment:%Y-%m-%d %H:%M:%S}.{ns // 1000:06d}"
+        if self._start is None:
+            self._start = time
+        return f"{(time - self._start) / _NS:12.6f}"
+
+
+def identifier_text(can_id: int) -> str:
+    """Return an identifier in hex, three digits or eight; error frames have their classes."""
+    width = 8 if can_id & (EXTENDED_FLAG | ERROR_FLAG) else 3
+    return f"{can_id & 0x1FFFFFFF:0{width}X}"
+
+
+def _data(decoded: DecodedFrame) -> str:
+    if decoded.can_id & REMOTE_FLAG:
+        return f"remote, {len(decoded.data)} bytes" if decoded.data else "remote"
+    return decoded.data.hex(" ").upper()
+
+
+class ValueDocument(Document, frozen=True):
+    """An object in a frame; `value` is bytes in hexadecimal, None for what is no number."""
+
+    index: int
+    subindex: int
+    name: str
+    value: int | float | str | None
+    text: str
+
+
+class FrameDocument(Document, frozen=True, kw_only=True):
+    """A frame as `trace --json` prints it: `time` in Unix seconds, `id` and `data` in hexadecimal."""
+
+    time: float
+    id: str
+    extended: bool
+    remote: bool
+    data: str
+    service: str
+    subject: str
+    node_id: int | None
+    node: str | None
+    text: str
+    mark: str
+    values: list[ValueDocument]
+
+
+def document_of(decoded: DecodedFrame) -> FrameDocument:
+    """Return a frame as a document."""
+    return FrameDocument(
+        time=decoded.time / _NS,
+        id=identifier_text(decoded.can_id),
+        extended=bool(decoded.can_id & EXTENDED_FLAG),
+        remote=bool(decoded.can_id & REMOTE_FLAG),
+        data=decoded.data.hex(),
+        service=decoded.service,
+        subject=decoded.subject,
+        node_id=decoded.node_id,
+        node=decoded.node or None,
+        text=decoded.text,
+        mark=decoded.mark.name.lower(),
+        values=[
+            ValueDocument(value.index, value.subindex, value.name, _plain(value.value), value.text)
+            for value in decoded.values
+        ],
+    )
+
+
+def _plain(value: Value) -> int | float | str | None:
+    """Return a value as JSON has it: no bytes, no infinity."""
+    if isinstance(value, bytes | bytearray):
+        return value.hex()
+    return None if isinstance(value, float) and not math.isfinite(value) else value

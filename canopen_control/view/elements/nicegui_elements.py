@@ -1,0 +1,115 @@
+"""Elements that NiceGUI has not, each with its JavaScript: the feed, held buttons, the 3D scene, strip charts."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypedDict
+
+import nicegui
+from nicegui.element import Element
+
+from canopen_control.view.dead_man import HOLD_HZ
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from canopen_control.view.history import Row
+    from canopen_control.view.sampling import Chart
+    from canopen_control.view.scene_tree import SceneDocument
+
+__all__ = ["Feed", "FeedMessage", "HoldButton", "HoldButtons", "PlotRows", "RobotScene", "SceneChange", "StripCharts"]
+
+
+class SceneChange(TypedDict, total=False):
+    """What has moved: joints by their order in the tree, in rad or m, the base's pose, joints of drives in a fault."""
+
+    angles: list[float | None]
+    pose: list[float] | None
+    tint: list[str]
+
+
+class PlotRows(TypedDict, total=False):
+    """Rows that are new; `anew`: they are all there is."""
+
+    anew: bool
+    rows: list[Row]
+
+
+class FeedMessage(TypedDict, total=False):
+    """One message; a key that is not there has not changed. `trail` are points in m, `titles` those of charts."""
+
+    scene: SceneChange
+    plots: PlotRows
+    trail: list[tuple[float, float]]
+    titles: dict[str, str]
+    lost: bool
+    latched: bool
+
+
+class Feed(Element, component="feed.js"):
+    """Nothing to see. Every key of what is sent becomes the event `cc-KEY` of the page's window."""
+
+    def send(self, data: FeedMessage) -> None:
+        """Send what has changed; nothing at all says that the view is alive."""
+        self.run_method("take", data)
+
+
+@dataclass(frozen=True, slots=True)
+class HoldButton:
+    """A button: its name to us and to the user, its sign, and the key of the keyboard that holds it too."""
+
+    key: str
+    label: str
+    sign: str = ""
+    keyboard: str = ""
+
+
+class HoldButtons(Element, component="hold_buttons.js"):
+    """A group of which one is held at a time; `held(key)` and `let_go()` are called."""
+
+    def __init__(
+        self, buttons: Sequence[HoldButton], held: Callable[[str], None], let_go: Callable[[], None], kind: str = ""
+    ) -> None:
+        super().__init__()
+        self._props["buttons"] = [asdict(button) for button in buttons]
+        self._props["period"] = round(1000 / HOLD_HZ)
+        self.classes(f"cc-hold {kind}")
+        known = {button.key for button in buttons}
+
+        def on_hold(event: Any) -> None:  # noqa: ANN401 - what a browser sends
+            if event.args in known:
+                held(event.args)
+
+        self.on("hold", on_hold)
+        self.on("release", lambda _event: let_go(), [])
+
+
+_THREE = Path(nicegui.__file__).parent / "elements" / "scene" / "dist"
+
+
+class RobotScene(Element, component="robot_scene.js", esm={"nicegui-scene": str(_THREE)}):
+    """Takes from the feed: `scene` {"pose", "angles", "tint"}, and `trail`, the way so far.
+
+    Where the browser has no WebGL it says so in its place.
+    """
+
+    def __init__(self, tree: SceneDocument) -> None:
+        super().__init__()
+        self._props["tree"] = tree
+        self.classes("cc-scene")
+
+    def follow(self, follow: bool) -> None:
+        """Keep the robot in the middle of the picture, or let it drive out of it."""
+        self.run_method("setFollow", follow)
+
+
+class StripCharts(Element, component="strip_charts.js"):
+    """Draws what the feed brings: `plots` {"rows": [[time, value, ...], ...]} by `names`, and `titles` by chart."""
+
+    def __init__(self, charts: Sequence[Chart], names: Sequence[str], span: float) -> None:
+        super().__init__()
+        self._props["charts"] = [asdict(chart) for chart in charts]
+        self._props["names"] = list(names)
+        self._props["span"] = span
+        self.classes("cc-strips")

@@ -1,0 +1,202 @@
+"""The page's HTTP server: NiceGUI behind our access check, on a socket that is bound already.
+
+The access check is the outermost ASGI application, so that nothing of the toolkit is reached past it; and before the
+address is told, `access_problem` asks from outside as a foreign page would. A server that answers it ends with a
+sentence.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import os
+import socket
+from typing import TYPE_CHECKING, Any, Final
+
+os.environ.setdefault("NICEGUI_STORAGE_PATH", os.devnull)  # the page keeps nothing on disk
+
+import uvicorn
+from fastapi import FastAPI
+from nicegui import app as toolkit
+from nicegui import ui
+from starlette.responses import PlainTextResponse
+
+from canopen_control.errors import ConfigError, ControlError
+from canopen_control.view.access_middleware import AccessMiddleware
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+
+    from starlette.requests import Request
+    from starlette.types import ASGIApp
+
+    from canopen_control.view.access_rules import AccessRules
+
+__all__ = ["DEFAULT_PORT", "PageServer", "access_problem", "listen"]
+
+DEFAULT_PORT: Final = 8080
+_OTHER_PORTS: Final = 20  # tried after the default one, which many programs like
+_MAX_MESSAGE: Final = 1 << 20  # bytes; a browser sends clicks
+_STRANGER: Final = "canopen-control-probe.invalid"
+_WEBSOCKET: Final = "/_nicegui_ws/socket.io/?EIO=4&transport=websocket"
+_UPGRADE: Final = (
+    "Connection: Upgrade", "Upgrade: websocket", "Sec-WebSocket-Version: 13",
+    "Sec-WebSocket-Key: Y2Fub3BlbiBjb250cm9sIQ==",
+)  # fmt: skip
+_PROBE_S: Final = 5.0
+
+
+def listen(host: str, port: int | None) -> socket.socket:
+    """Bind a listening socket; without a port the default one, or the next that is free. ConfigError if it cannot."""
+    ports = range(DEFAULT_PORT, DEFAULT_PORT + _OTHER_PORTS) if port is None else [port]
+    problem = OSError("no port is free")
+    for each in ports:
+        try:
+            family, _, _, _, address = socket.getaddrinfo(host or "0.0.0.0", each, type=socket.SOCK_STREAM)[0]
+            return socket.create_server(address[:2], family=family)
+        except OSError as error:
+            problem = error
+    where = f"{host}:{port}" if port is not None else f"{host}, ports {ports[0]} to {ports[-1]}"
+    reason = problem.strerror or str(problem)
+    raise ConfigError(f"the page cannot listen on {where}: {reason}; choose another --host or --port")
+
+
+class PageServer:
+    """Serves `build` at / and `stop` at POST /stop; `stop` returns None, or the reason why it was not done."""
+
+    def __init__(
+        self,
+        listener: socket.socket,
+        rules: AccessRules,
+        title: str,
+        build: Callable[[], None],
+        stop: Callable[[], str | None],
+    ) -> None:
+        self.rules, self._listener = rules, listener
+        self._outer = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
+        self._outer.add_route("/stop", _stop_route(stop), methods=["POST"])
+        self._add_page(title, build)
+        self._server = _Server(
+            uvicorn.Config(
+                self._guarded(self._outer, rules),
+                log_config=None,
+                access_log=False,
+                ws="websockets-sansio",
+                ws_max_size=_MAX_MESSAGE,
+                ws_per_message_deflate=False,  # nothing is compressed for a network that is a cable long
+                proxy_headers=False,
+                server_header=False,
+                timeout_graceful_shutdown=1,
+            )
+        )
+
+    def _add_page(self, title: str, build: Callable[[], None]) -> None:
+        ui.page(
+            "/", title=title, viewport="width=device-width, initial-scale=1, viewport-fit=cover", response_timeout=10
+        )(build)
+        ui.run_with(
+            self._outer,
+            title=title,
+            tailwind=False,  # a compiler of styles in the browser: slow to start
+            binding_refresh_interval=None,
+            reconnect_timeout=3.0,
+            message_history_length=0,  # who was away gets what is, not what was
+            gzip_middleware_factory=None,
+            show_welcome_message=False,
+        )
+
+    def _guarded(self, app: ASGIApp, rules: AccessRules) -> ASGIApp:
+        return AccessMiddleware(app, rules)
+
+    async def serve(self, ready: Callable[[], object]) -> None:
+        """Serve until `stop`; `ready` is called after a trial of the access check. ControlError if that failed."""
+        serving = asyncio.ensure_future(self._server.serve(sockets=[self._listener]))
+        try:
+            while not self._server.started and not serving.done():
+                await asyncio.sleep(0.01)
+            if not serving.done():
+                problem = await access_problem(self.rules)
+                if problem is not None:
+                    raise ControlError(f"{problem}; the page is not served. Is the installed NiceGUI one we know?")
+                ready()
+            await serving
+        finally:
+            self._server.should_exit = True
+            await serving
+
+    def add_file(self, path: str, content: bytes, media_type: str) -> None:
+        """Serve a file of the robot's description, behind the same access check."""
+
+        async def answer(_request: Request) -> Any:  # noqa: ANN401 - a response of starlette
+            from starlette.responses import Response
+
+            return Response(content, media_type=media_type)
+
+        self._outer.router.routes[:] = [each for each in self._outer.router.routes if getattr(each, "path", "") != path]
+        self._outer.add_route(path, answer, methods=["GET"])
+        self._outer.router.routes.insert(0, self._outer.router.routes.pop())  # before the toolkit, which takes all
+
+    def stop(self) -> None:
+        """End `serve`."""
+        self._server.should_exit = True
+
+
+class _Server(uvicorn.Server):
+    @contextlib.contextmanager
+    def capture_signals(self) -> Iterator[None]:
+        """Leave signals to the program."""
+        yield
+
+
+def _stop_route(stop: Callable[[], str | None]) -> Callable[[Request], Any]:
+    async def answer(_request: Request) -> PlainTextResponse:
+        refused = stop()
+        return PlainTextResponse(refused or "STOP is sent.", 503 if refused else 200)
+
+    return answer
+
+
+async def access_problem(rules: AccessRules) -> str | None:
+    """Ask as those would who are to be refused; return what is wrong if one of them is answered."""
+    host = f"127.0.0.1:{rules.port}"
+    own, foreign = f"Host: {host}", f"Origin: http://{_STRANGER}"
+    asked: list[tuple[str, str, Sequence[str]]] = [
+        ("a request with a foreign Origin", "/", (own, foreign)),
+        ("a WebSocket with a foreign Origin", _WEBSOCKET, (own, foreign, *_UPGRADE)),
+        ("a WebSocket without Origin", _WEBSOCKET, (own, *_UPGRADE)),
+    ]
+    if rules.token is None:
+        asked.append(("a request with a foreign Host", "/", (f"Host: {_STRANGER}",)))
+    else:
+        asked.append(("a request without the token", "/", (own,)))
+    for what, path, headers in asked:
+        try:
+            status = await asyncio.wait_for(_status(rules, path, headers), _PROBE_S)
+        except (TimeoutError, OSError, ValueError):
+            return f"the page's own server does not answer {what}"
+        if status != 403:
+            return f"the page's access check fails: {what} is answered with {status} instead of 403"
+    return None
+
+
+async def _status(rules: AccessRules, path: str, headers: Sequence[str]) -> int:
+    host = {"0.0.0.0": "127.0.0.1", "": "127.0.0.1", "::": "::1"}.get(rules.host, rules.host)
+    reader, writer = await asyncio.open_connection(host, rules.port)
+    try:
+        writer.write("\r\n".join([f"GET {path} HTTP/1.1", *headers, "", ""]).encode())
+        return int((await reader.readline()).split()[1])
+    except IndexError:
+        raise ValueError("no status line") from None
+    finally:
+        writer.close()
+
+
+def silence(say: Callable[[str], None]) -> None:
+    """Let the toolkit tell errors by `say`, and nothing else."""
+    import logging
+    import traceback
+
+    for name in ("nicegui", "uvicorn", "uvicorn.error", "asyncio", "engineio", "socketio", "websockets"):
+        logging.getLogger(name).addHandler(logging.NullHandler())
+        logging.getLogger(name).setLevel(logging.CRITICAL)
+    toolkit.on_exception(lambda error: say("".join(traceback.format_exception(error)).rstrip()))

@@ -1,0 +1,76 @@
+"""Switches that break the virtual drives; there is nothing to see where there are none."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING
+
+from nicegui import ui
+
+from canopen_control.errors import RemoteError
+from canopen_control.view.panels.panel import Html, tell
+from canopen_control.view.robot_connection import in_thread
+from canopen_control.view.words import active_faults, fault_text
+
+if TYPE_CHECKING:
+    from canopen_control.view.fault_client import DriveFaults
+    from canopen_control.view.page_content import PageContent
+    from canopen_control.view.panels.panel import PanelContext
+
+__all__ = ["FaultPanel"]
+
+
+class FaultPanel:
+    """Chooses a drive and a fault, says what it does, switches it, and shows what is on."""
+
+    def __init__(self, context: PanelContext) -> None:
+        self._context = context
+        self._board: DriveFaults | None = None
+        self._whole = ui.expansion("Break a virtual drive").props("dense").classes("cc-stale w-full")
+        with self._whole:
+            self._drive = ui.select([], label="drive", on_change=self._follow).props("dense").style("width: 100%")
+            self._fault = ui.select([], label="fault", on_change=self._explain).props("dense").style("width: 100%")
+            self._text = Html()
+            with ui.element("div").classes("cc-row"):
+                ui.button("Switch on", color="red-8", on_click=partial(self._switch, True)).props("dense unelevated")
+                ui.button("Switch off", color="blue-grey-6", on_click=partial(self._switch, False)).props(
+                    "dense outline"
+                )
+            self._active = Html()
+
+    def show(self, content: PageContent) -> None:
+        """Show who is there to be broken, and what is on."""
+        board = content.faults
+        if board is None or board == self._board:
+            return
+        self._board = board
+        drives = list(board.drives)
+        if drives != self._drive.options:
+            self._drive.set_options(
+                drives, value=self._drive.value if self._drive.value in drives else next(iter(drives), None)
+            )
+        self._follow()
+        self._active.show(active_faults(board.active) if drives else "")
+
+    def _follow(self) -> None:
+        faults = self._board.drives.get(self._drive.value or "", ()) if self._board is not None else ()
+        names = [fault.name for fault in faults]
+        if names != self._fault.options:
+            self._fault.set_options(
+                names, value=self._fault.value if self._fault.value in names else next(iter(names), None)
+            )
+        self._explain()
+
+    def _explain(self) -> None:
+        faults = self._board.drives.get(self._drive.value or "", ()) if self._board is not None else ()
+        self._text.show(fault_text(next((fault for fault in faults if fault.name == self._fault.value), None)))
+
+    async def _switch(self, on: bool) -> None:
+        drive, fault, context = self._drive.value, self._fault.value, self._context.robot.fault_client
+        if not drive or not fault:
+            return
+        try:
+            await in_thread(partial(context.switch, drive, fault, on=on))
+        except RemoteError as error:
+            tell("Not switched", str(error))
+        self._context.refresh_faults()

@@ -1,0 +1,78 @@
+"""What a panel of the page is, what it is given, and what all of them show things with: HTML and notices.
+
+What is in a piece of HTML has been escaped by `words`.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Protocol
+
+from nicegui import ui
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from canopen_control.rpc.messages.declare import Request
+    from canopen_control.view.dead_man import Motion
+    from canopen_control.view.page_content import PageContent
+    from canopen_control.view.robot_view import RobotView
+
+__all__ = ["Html", "Panel", "PanelContext", "tell"]
+
+
+class PanelContext(Protocol):
+    """The robot as the panels of every page see it; see `view_app.ViewApp`."""
+
+    teleop: bool
+
+    @property
+    def robot(self) -> RobotView:
+        """What is known of the robot."""
+        ...
+
+    async def ask(self, request: Request[Any]) -> str | None:
+        """Ask the robot and wait; the reason if it was not done."""
+        ...
+
+    def hold(self, page: str, motion: Motion, told: Callable[[str], None]) -> None:
+        """Take note that a page holds a button; `told` gets a sentence if it may not drive."""
+        ...
+
+    def let_go(self, page: str) -> None:
+        """End what a page drives, now."""
+        ...
+
+    def refresh_faults(self) -> None:
+        """Ask the virtual drives again, soon."""
+        ...
+
+
+class Panel(Protocol):
+    """A part of a page: made in its place, then given what it shows a few times a second. A line in `page.PANELS`."""
+
+    def __init__(self, context: PanelContext) -> None:
+        """Make the widgets in the place that is current."""
+        ...
+
+    def show(self, content: PageContent) -> None:
+        """Show what is known now; what has not changed is not sent again."""
+        ...
+
+
+class Html:
+    """A piece of HTML, empty until it is given one."""
+
+    def __init__(self, classes: str = "") -> None:
+        self._html = ""
+        self._element = ui.html("", sanitize=False).classes(classes)
+
+    def show(self, html: str) -> None:
+        """Show this; nothing is sent when it is shown already."""
+        if html != self._html:
+            self._html = html
+            self._element.content = html
+
+
+def tell(title: str, text: str) -> None:
+    """Show a notice on the page that asked."""
+    ui.notify(f"{title}: {text}", type="negative", position="top", timeout=12_000, multi_line=True, close_button="OK")

@@ -1,0 +1,50 @@
+"""The panels that the feed keeps up to date: the robot in 3D, and plots of the last 30 seconds."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+from nicegui import ui
+
+from canopen_control.view.elements.nicegui_elements import RobotScene, StripCharts
+from canopen_control.view.history import SPAN_S
+from canopen_control.view.sampling import charts
+
+if TYPE_CHECKING:
+    from canopen_control.view.page_content import PageContent
+    from canopen_control.view.panels.panel import PanelContext
+
+__all__ = ["PlotsPanel", "ScenePanel"]
+
+
+_TABS: Final = {"joints": "Joints", "cycle": "Cycle and bus"}
+
+
+class ScenePanel:
+    """The robot in 3D; the feed moves it."""
+
+    def __init__(self, context: PanelContext) -> None:
+        with ui.element("div").classes("cc-stale").style("position: absolute; inset: 0"):
+            scene = RobotScene(context.robot.scene.tree)
+        ui.checkbox("Camera follows", value=True, on_change=lambda event: scene.follow(bool(event.value))).props(
+            "dense"
+        ).classes("cc-follow")
+
+    def show(self, content: PageContent) -> None:
+        """Leave it to the feed."""
+
+
+class PlotsPanel:
+    """Tabs of charts, which the page's feed keeps up to date."""
+
+    def __init__(self, context: PanelContext) -> None:
+        found = charts(context.robot.info.joints, context.robot.info.buses)
+        with ui.tabs().props("dense align=left no-caps") as tabs:
+            made = {group: ui.tab(group, title) for group, title in _TABS.items()}
+        with ui.tab_panels(tabs, value=made["joints"], animated=False, keep_alive=True).classes("cc-stale"):
+            for group, tab in made.items():
+                with ui.tab_panel(tab):
+                    StripCharts([chart for chart in found if chart.group == group], context.robot.history.names, SPAN_S)
+
+    def show(self, content: PageContent) -> None:
+        """Leave it to the feed."""

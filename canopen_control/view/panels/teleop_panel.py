@@ -1,0 +1,168 @@
+"""Driving by hand, only with `--teleop`: which controller moves the joints, and buttons that drive while they are held.
+
+What may be driven is what the active controllers take: a base by its twist, joints by values.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import partial
+from typing import TYPE_CHECKING, Any, Final
+
+from nicegui import ui
+
+from canopen_control.rpc.messages.robot import SwitchControllers
+from canopen_control.urdf.joint import Limits
+from canopen_control.view.dead_man import joint_motion, twist_motion
+from canopen_control.view.elements.nicegui_elements import HoldButton, HoldButtons
+from canopen_control.view.panels.panel import tell
+from canopen_control.view.targets import Targets
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from canopen_control.rpc.messages.state import ControllerReading
+    from canopen_control.view.dead_man import Motion
+    from canopen_control.view.page_content import PageContent
+    from canopen_control.view.panels.panel import PanelContext
+
+__all__ = ["TeleopPanel"]
+
+#: button, sign, key of the keyboard, and what it makes of the speeds: linear and angular factor
+_PAD: Final = {
+    "forward": ("Forward", "▲", "ArrowUp", 1, 0),
+    "left": ("Left", "◀", "ArrowLeft", 0, 1),
+    "back": ("Back", "▼", "ArrowDown", -1, 0),
+    "right": ("Right", "▶", "ArrowRight", 0, -1),
+}
+_LINEAR: Final = (0.0, 1.0, 0.05, 0.2)  # m/s: lowest, highest, step, at first
+_ANGULAR: Final = (0.0, 3.0, 0.1, 0.8)  # rad/s
+_LARGEST: Final = {"velocity": 10.0, "position": math.pi, "effort": 1.0}
+_NOTHING: Final = "<p class='cc-note'>No active controller takes commands.</p>"
+_LOOK: Final = "<p class='cc-note'>This page only looks. To drive: <code>canopen-control view --teleop</code></p>"
+
+
+class TeleopPanel:
+    """Follows the controllers; built anew when they have changed."""
+
+    def __init__(self, context: PanelContext) -> None:
+        self._context, self._client = context, ui.context.client
+        self._joints = context.robot.model.joints
+        self._positions: dict[str, float | None] = {}
+        self._targets: Targets | None = None
+        self._sliders: dict[str, ui.slider] = {}
+        self._shown: object = None
+        self._whole = ui.element("div").classes("cc-acts")
+
+    def show(self, content: PageContent) -> None:
+        """Follow controllers and joints."""
+        if content.lost:
+            return
+        self._positions = {name: joint.position for name, joint in content.state.joints.items()}
+        takers = tuple(each for each in content.controllers if each.topic in ("commands", "cmd_vel"))
+        key = tuple((each.name, each.state) for each in takers)
+        if key != self._shown:
+            self._shown = key
+            self._build(takers)
+        self._whole.classes(**{"remove" if content.banner.tone == "good" else "add": "cc-off"})
+        if self._targets is not None:
+            for joint, at in self._targets.follow(self._positions).items():
+                self._sliders[joint].value = at
+
+    def _build(self, takers: tuple[ControllerReading, ...]) -> None:
+        self._context.let_go(self._client.id)
+        self._whole.clear()
+        self._targets, self._sliders = None, {}
+        active = [each for each in takers if each.state == "active"]
+        with self._whole:
+            if not self._context.teleop:
+                ui.html(_LOOK, sanitize=False)
+            elif not active:
+                ui.html(_NOTHING, sanitize=False)
+            elif active[0].topic == "cmd_vel":
+                self._pad(active[0])
+            else:
+                self._values(active[0])
+            self._choice(takers, active)
+
+    def _choice(self, takers: tuple[ControllerReading, ...], active: list[ControllerReading]) -> None:
+        """Let choose who moves the joints, where there is a choice."""
+        names = [each.name for each in takers]
+        if len(names) < 2:
+            return
+        chosen = active[0].name if active else None
+        ui.select(
+            names, label="controller", value=chosen, on_change=lambda event: self._switch(str(event.value), active)
+        ).props("dense").style("width: 100%")
+
+    async def _switch(self, name: str, active: list[ControllerReading]) -> None:
+        others = tuple(each.name for each in active if each.name != name)
+        refused = await self._context.ask(SwitchControllers(activate=(name,), deactivate=others))
+        if refused is not None:
+            tell(f"{name} is not active", refused)
+            self._shown = None  # shows again who is
+
+    def _pad(self, controller: ControllerReading) -> None:
+        """Four buttons as on a cross, and how fast they are."""
+        buttons = [HoldButton(key, label, sign, keyboard) for key, (label, sign, keyboard, *_) in _PAD.items()]
+
+        def motion(key: str) -> Motion:
+            ahead, around = _PAD[key][3:]
+            return twist_motion(controller.name, ahead * float(linear.value), around * float(angular.value))
+
+        self._hold(buttons, motion, "cc-pad")
+        linear = self._slider("speed, m/s", *_LINEAR)
+        angular = self._slider("turn, rad/s", *_ANGULAR)
+
+    def _values(self, controller: ControllerReading) -> None:
+        """Make a slider for each value of the controller, and one button that sends them while it is held."""
+        limits = {joint: self._range(joint, controller.interface or "") for joint in controller.joints}
+        if controller.interface == "position":
+            self._targets = Targets(limits)
+            self._targets.follow(self._positions)
+        for joint, (low, high) in limits.items():
+            value = self._targets.values[joint] if self._targets is not None else min(max(0.0, low), high)
+            slider = self._sliders[joint] = self._slider(joint, low, high, (high - low) / 200, value)
+            if self._targets is not None:
+                slider.on("update:model-value", partial(self._on_set, joint))
+        self._hold([HoldButton("drive", "Hold to drive")], lambda _key: self._motion(controller), "")
+
+    def _on_set(self, joint: str, event: Any) -> None:  # noqa: ANN401 - what a browser sends
+        if self._targets is not None and isinstance(event.args, (int, float)):
+            self._targets.set(joint, float(event.args))
+
+    def _motion(self, controller: ControllerReading) -> Motion:
+        if self._targets is None:
+            values = [float(slider.value) for slider in self._sliders.values()]
+            return joint_motion(controller.name, values, [0.0] * len(values))
+        return joint_motion(
+            controller.name, self._targets.targets(self._positions), self._targets.rest(self._positions)
+        )
+
+    def _range(self, joint: str, interface: str) -> tuple[float, float]:
+        """Return what a slider may be set to, by the description's limits as far as it has any."""
+        found = self._joints.get(joint)
+        limits = found.limits if found is not None else Limits()
+        if interface == "position" and math.isfinite(limits.lower) and math.isfinite(limits.upper):
+            return limits.lower, limits.upper if limits.lower < limits.upper else limits.lower + 1.0
+        largest = _LARGEST.get(interface, 1.0)
+        limit = min({"velocity": limits.velocity, "effort": limits.effort}.get(interface) or largest, largest)
+        return -limit, limit
+
+    def _slider(self, label: str, low: float, high: float, step: float, value: float) -> ui.slider:
+        with ui.element("div").classes("cc-slider"):
+            ui.label(label)
+            slider = ui.slider(min=low, max=high, step=step, value=value).props(f'dense aria-label="{label}"')
+            ui.label().bind_text_from(slider, "value", lambda at: f"{float(at or 0.0):.2f}")
+        return slider
+
+    def _hold(self, buttons: list[HoldButton], motion: Callable[[str], Motion], kind: str) -> None:
+        page, client = self._client.id, self._client
+
+        def told(why: str) -> None:
+            with client:
+                tell("Not driven", why)
+
+        HoldButtons(
+            buttons, lambda key: self._context.hold(page, motion(key), told), lambda: self._context.let_go(page), kind
+        )

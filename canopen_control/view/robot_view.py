@@ -1,0 +1,77 @@
+"""Everything the view knows of one robot, for all its pages: what it is, how it is, and the last half minute."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, cast
+
+from canopen_control.errors import RobotConfigError
+from canopen_control.urdf.model import RobotModel, read_model
+from canopen_control.view.fault_client import DriveFaults, FaultClient
+from canopen_control.view.history import History
+from canopen_control.view.page_content import EventLog, PageContent
+from canopen_control.view.robot_info import pose_of
+from canopen_control.view.sampling import Sampler, commanded_interfaces, names
+from canopen_control.view.scene_tree import SceneTree, Trail, angles_of
+from canopen_control.view.words import BAD, axis_rows
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from canopen_control.rpc.messages.state import ControllerReading, StateSample
+    from canopen_control.view.elements.nicegui_elements import SceneChange
+    from canopen_control.view.robot_info import RobotInfo
+
+__all__ = ["RobotView"]
+
+
+class RobotView:
+    """Made of a robot's info; `take` keeps it up to date. `publish` serves a mesh, see `SceneTree`."""
+
+    def __init__(self, info: RobotInfo, publish: Callable[[bytes, str], str]) -> None:
+        self.info, self.state = info, info.state
+        self.events = EventLog(info.events)
+        self.model = _drawable(info.urdf)
+        self.linear = frozenset(joint.name for joint in self.model.joints.values() if joint.type == "prismatic")
+        self.scene = SceneTree(self.model, info.path, publish)
+        self.history, self.trail = History(names(info.joints, info.buses)), Trail()
+        self.fault_client, self.faults = FaultClient(info.nodes), DriveFaults()
+        self.controllers: tuple[ControllerReading, ...] = ()
+        self._sampler = Sampler()
+        self._scene: SceneChange = {}
+
+    def come_back(self, info: RobotInfo) -> bool:
+        """Go on with a robot that was started again; False if it is another one, for which this does not fit."""
+        if info.shape != self.info.shape:
+            return False
+        self.info, self.state, self.events = info, info.state, EventLog(info.events)
+        return True
+
+    def take(self, state: StateSample) -> SceneChange:
+        """Take a sample of the stream; returns what of the scene has changed."""
+        self.state = state
+        self.history.add(state.time, self._sampler.take(state, commanded_interfaces(self.controllers)))
+        if (pose := pose_of(state)) is not None:
+            self.trail.add(pose)
+        before, now = self._scene, self.scene_now()
+        self._scene = now
+        return cast("SceneChange", {key: value for key, value in now.items() if value != before.get(key)})
+
+    def scene_now(self) -> SceneChange:
+        """Return where everything of the scene is, and which joints hang on a drive in a fault."""
+        state = self.state
+        bad = [row.joint for row in axis_rows(state) if row.tone == BAD and row.joint]
+        pose, positions = pose_of(state), {name: joint.position for name, joint in state.joints.items()}
+        where = None if pose is None else [round(each, 4) for each in pose]
+        return {"angles": angles_of(self.model, positions), "pose": where, "tint": bad}
+
+    def content(self, lost: str) -> PageContent:
+        """Return what the panels show; `lost` says why nobody knows how the robot is, empty if somebody does."""
+        return PageContent(self.state, self.events, self.controllers, self.faults, lost)
+
+
+def _drawable(urdf: str) -> RobotModel:
+    """Return the links and joints of a description; of one that cannot be read, nothing but a note."""
+    try:
+        return read_model(urdf)
+    except RobotConfigError as error:
+        return RobotModel("robot", notes=(f"the description cannot be drawn: {error}",))

@@ -1,0 +1,366 @@
+"""The process of the view: `python -m canopen_control.view.view_app`, or `canopen-control view`.
+
+One thread and one loop: connection, dead man and pages. What may take time is asked on threads of its own, so that STOP
+never waits. Started by `run` it ends with its lifeline or the robot; by hand it waits for the robot to come back.
+Whatever happens here, the robot does not notice.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import signal
+import sys
+import time
+import traceback
+from functools import partial
+from typing import TYPE_CHECKING, Any, Final
+
+from nicegui import ui
+
+from canopen_control.client import select_robot
+from canopen_control.errors import CanopenError, RemoteError
+from canopen_control.host.spawn import lifeline_fd
+from canopen_control.rpc.messages.robot import Tell
+from canopen_control.rpc.messages.state import RobotEvent
+from canopen_control.view.access_rules import AccessRules
+from canopen_control.view.dead_man import DeadMan
+from canopen_control.view.fault_client import read_faults
+from canopen_control.view.page import Page, build_waiting
+from canopen_control.view.page_server import PageServer, listen, silence
+from canopen_control.view.robot_connection import RobotConnection, in_thread
+from canopen_control.view.robot_view import RobotView
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Coroutine
+
+    from canopen_control.rpc.messages.declare import Request
+    from canopen_control.rpc.messages.state import StateSample
+    from canopen_control.view.dead_man import Command, Motion
+    from canopen_control.view.robot_info import RobotInfo
+
+__all__ = ["ViewApp"]
+
+SEEN_HZ: Final = 25.0  # samples of the state while somebody looks
+UNSEEN_HZ: Final = 5.0
+_TICK_S: Final = 0.2  # between two updates: what is read, not watched
+_RETRY_S: Final = 0.5
+_FAULTS_S: Final = 3.0
+_SILENT_S: Final = 1.5  # a robot that runs says something 5 times a second
+
+
+class ViewApp:
+    """Serves the page of the robot `name` (None: the only one) until a signal or the lifeline ends it.
+
+    `say` prints a sentence. ConfigError when there is no such robot, or nowhere to listen.
+    """
+
+    def __init__(
+        self, name: str | None, host: str, port: int | None, *, teleop: bool, say: Callable[[str], None]
+    ) -> None:
+        self.name, self.teleop, self._say = select_robot(name), teleop, say
+        listener = listen(host, port)
+        self.rules = AccessRules(host, listener.getsockname()[1])
+        self._lifeline = lifeline_fd()
+        self.server = PageServer(listener, self.rules, self.name, self._build, self.stop)
+        silence(say)
+        self._connection: RobotConnection | None = None
+        self._lost, self._heard, self._silent = f"robot {self.name} is not connected", 0.0, False
+        self._pages: dict[str, Page] = {}
+        self._dead_man = DeadMan(self._send)
+        self._letting_go: asyncio.TimerHandle | None = None
+        self._tasks: set[asyncio.Task[Any]] = set()
+        self._known: RobotView | None = None
+        self._controller_states: dict[str, str] | None = None
+        self._meshes = 0
+
+    @property
+    def robot(self) -> RobotView:
+        """What is known of the robot; only pages of a robot that was there ask."""
+        if self._known is None:
+            raise RemoteError("BusClosed", self._lost)
+        return self._known
+
+    # ------------------------------------------------------------------------------------ begin and end
+
+    async def run(self) -> None:
+        """Serve until the end."""
+        loop = asyncio.get_running_loop()
+        loop.set_exception_handler(self._on_error)
+        for number in (signal.SIGTERM, signal.SIGINT):
+            loop.add_signal_handler(number, self.server.stop)
+        if self._lifeline is not None:
+            loop.add_reader(self._lifeline, self.server.stop)
+        try:
+            await self.server.serve(self._begin)
+        finally:
+            self._dead_man.let_go()
+            self._leave()
+            for task in self._tasks:
+                task.cancel()
+
+    def _begin(self) -> None:
+        for endless in (self._connect(), self._tick_for_ever(), self._watch_faults()):
+            self._start(endless)
+
+    def _start(self, work: Coroutine[Any, Any, None]) -> None:
+        task = asyncio.get_running_loop().create_task(work)
+        self._tasks.add(task)
+        task.add_done_callback(self._done)
+
+    def _done(self, task: asyncio.Task[Any]) -> None:
+        self._tasks.discard(task)
+        if not task.cancelled() and (error := task.exception()) is not None:
+            self._complain(error)
+
+    def _on_error(self, _loop: object, context: dict[str, object]) -> None:
+        error = context.get("exception")
+        if isinstance(error, BaseException) and not isinstance(error, (ConnectionError, asyncio.CancelledError)):
+            self._complain(error)
+
+    def _complain(self, error: BaseException) -> None:
+        """Say it and go on: a page that cannot be drawn must not take the STOP button with it."""
+        self._say("".join(traceback.format_exception(error)).rstrip())
+
+    # ------------------------------------------------------------------------------------ what a page may do
+
+    def stop(self) -> str | None:
+        """STOP, latched; the reason if the robot cannot be reached."""
+        if self._connection is None:
+            return f"Robot {self.name} is not connected: {self._lost}. Use what else stops it."
+        self._dead_man.forget()  # nothing may be sent after STOP
+        try:
+            self._connection.stop()
+        except CanopenError as error:
+            return str(error)
+        return f"Robot {self.name} does not answer; use what else stops it." if self._silent else None
+
+    async def ask(self, request: Request[Any]) -> str | None:
+        """Ask the robot and wait; returns the reason if it was not done."""
+        connection = self._connection
+        return (
+            f"robot {self.name} is not connected"
+            if connection is None
+            else await in_thread(partial(connection.ask, request))
+        )
+
+    def hold(self, page: str, motion: Motion, told: Callable[[str], None]) -> None:
+        """Take note that a page holds a button; `told` gets a sentence if it may not drive."""
+        if page not in self._pages or not self.teleop:
+            return  # it was closed while this was on its way
+        if not self._dead_man.hold(page, motion, time.monotonic_ns()):
+            told("another page drives; it has to let go first")
+        elif self._letting_go is None:
+            self._watch_hold()
+
+    def let_go(self, page: str) -> None:
+        """End what a page drives, now."""
+        self._dead_man.leave(page)
+
+    def _watch_hold(self) -> None:
+        """Let go in time, and look again as long as somebody holds."""
+        now = time.monotonic_ns()
+        self._dead_man.tick(now)
+        deadline = self._dead_man.deadline
+        loop = asyncio.get_running_loop()
+        self._letting_go = None if deadline is None else loop.call_later((deadline - now) / 1e9, self._watch_hold)
+
+    def _send(self, command: Command) -> None:
+        if self._connection is not None:
+            self._connection.send(command)
+
+    # ------------------------------------------------------------------------------------ who looks
+
+    def _build(self) -> None:
+        """Make a page for who has just opened it."""
+        if self._known is None:
+            build_waiting(self.name, self._lost)
+            ui.timer(1.0, lambda: ui.navigate.reload() if self._known is not None else None)
+            return
+        page, client = Page(self), ui.context.client
+        page.show(self._known.content(self._lost))
+        client.on_connect(lambda: self._page_opened(page))
+        client.on_disconnect(lambda: self._page_closed(client.id))
+
+    def _page_opened(self, page: Page) -> None:
+        self._pages[page.client.id] = page
+        robot = self.robot
+        page.send({"plots": {"anew": True, "rows": robot.history.rows()}, "trail": list(robot.trail.points)})
+        page.send({"scene": robot.scene_now(), **page.changes(robot.content(self._lost))})
+        self._set_rate()
+        self.refresh_faults()
+
+    def _page_closed(self, page: str) -> None:
+        self._pages.pop(page, None)
+        self._dead_man.leave(page)
+        self._set_rate()
+
+    def _set_rate(self) -> None:
+        if self._connection is not None:
+            try:
+                self._connection.subscribe(SEEN_HZ if self._pages else UNSEEN_HZ)
+            except RemoteError as error:
+                self._drop(str(error))
+
+    # ------------------------------------------------------------------------------------ what is shown
+
+    async def _tick_for_ever(self) -> None:
+        while True:
+            try:
+                self._tick()
+            except Exception as error:  # noqa: BLE001 - as `_complain` says
+                self._complain(error)
+            await asyncio.sleep(_TICK_S)
+
+    def _tick(self) -> None:
+        if self._known is None:
+            return
+        self._judge_silence()
+        content, rows = self._known.content(self._lost), self._known.history.take_new_rows()
+        for page in list(self._pages.values()):
+            page.show(content)
+            changes = page.changes(content)
+            if rows:
+                changes["plots"] = {"rows": rows}
+            page.send(changes)
+
+    def _judge_silence(self) -> None:
+        """Take a robot that is connected and says nothing for lost, until it says something again."""
+        silent_s = time.monotonic() - self._heard
+        self._silent = self._connection is not None and silent_s > _SILENT_S
+        if self._silent:
+            self._lost = f"Robot {self.name} has said nothing for {silent_s:.0f} s"
+
+    def _take(self, robot: RobotView, state: StateSample) -> None:
+        self._heard = time.monotonic()
+        self._silent, self._lost = False, ""
+        if state.controllers != self._controller_states:
+            self._controller_states = state.controllers
+            self._start(self._follow_controllers(robot))
+        changed = robot.take(state)
+        for page in list(self._pages.values()) if changed else ():
+            page.send({"scene": changed})
+
+    async def _follow_controllers(self, robot: RobotView) -> None:
+        """Ask until the robot answers, or is gone: a busy one must not leave the page without its buttons."""
+        connection, asked_for = self._connection, self._controller_states
+        while connection is not None and connection is self._connection and asked_for is self._controller_states:
+            with contextlib.suppress(CanopenError):
+                robot.controllers = await in_thread(connection.controllers)
+                return
+            await asyncio.sleep(_RETRY_S)
+
+    def refresh_faults(self) -> None:
+        """Ask the virtual drives, on a thread of its own: one of them may hang."""
+        self._start(self._refresh_faults())
+
+    async def _refresh_faults(self) -> None:
+        if self._known is not None:
+            self._known.faults = await in_thread(partial(read_faults, self._known.fault_client))
+
+    async def _watch_faults(self) -> None:
+        while True:
+            if self._pages:
+                await self._refresh_faults()
+            await asyncio.sleep(_FAULTS_S)
+
+    # ------------------------------------------------------------------------------------ the connection
+
+    async def _connect(self) -> None:
+        """Try until the robot is there; as a child of `run`, once."""
+        while (met := await self._meet()) is None:
+            if self._lifeline is not None:
+                self._say(self._lost)
+                self.server.stop()
+                return
+            await asyncio.sleep(_RETRY_S)
+        connection, info = met
+        self._connection, self._lost, self._heard = connection, "", time.monotonic()
+        self._controller_states = None
+        self._learn(info)
+        self._announce(connection)
+        self._set_rate()
+        if self._connection is connection:
+            asyncio.get_running_loop().add_reader(connection.fileno(), self._on_readable)
+            self._on_readable()  # what came with an answer makes no descriptor readable
+
+    async def _meet(self) -> tuple[RobotConnection, RobotInfo] | None:
+        try:
+            return await in_thread(partial(_meet, self.name))
+        except CanopenError as error:
+            self._lost = str(error)
+            return None
+
+    def _learn(self, info: RobotInfo) -> None:
+        """Take what the robot says of itself; pages made for another one are loaded anew."""
+        if self._known is not None and self._known.come_back(info):
+            return
+        self._known = RobotView(info, self._publish)
+        for note in self._known.scene.notes:
+            self._say(note)
+        for page in self._pages.values():
+            page.reload()
+
+    def _publish(self, content: bytes, kind: str) -> str:
+        self._meshes += 1
+        path = f"/mesh/{self._meshes}.{kind}"
+        self.server.add_file(path, content, "model/stl" if kind == "stl" else "model/gltf-binary")
+        return path
+
+    def _announce(self, connection: RobotConnection) -> None:
+        """Tell where the page is: to who started it by hand, or through the robot to who watches `run`."""
+        text = f"view: {self.rules.url}"
+        if self._lifeline is not None:
+            connection.send(Tell(kind="view", text=text))
+        self._say(text)
+
+    def _on_readable(self) -> None:
+        connection, robot = self._connection, self._known
+        if connection is None or robot is None:
+            return
+        try:
+            for message in connection.messages():
+                if isinstance(message, RobotEvent):
+                    robot.events.add(message)
+                else:
+                    self._take(robot, message)
+        except RemoteError as error:
+            self._drop(str(error))
+
+    def _drop(self, why: str) -> None:
+        """Take note that the robot is gone."""
+        if self._connection is None:
+            return
+        self._leave()
+        self._lost = why
+        self._say(why)
+        if self._lifeline is not None:
+            self.server.stop()
+        else:
+            self._start(self._connect())
+
+    def _leave(self) -> None:
+        connection, self._connection = self._connection, None
+        if connection is not None:
+            asyncio.get_running_loop().remove_reader(connection.fileno())
+            connection.close()
+
+
+def _meet(name: str) -> tuple[RobotConnection, RobotInfo]:
+    """Connect and ask for all that a page needs to begin; waits."""
+    connection = RobotConnection(name)
+    try:
+        return connection, connection.robot_info()
+    except BaseException:
+        connection.close()
+        raise
+
+
+def main(name: str | None, host: str, port: int | None, *, teleop: bool) -> None:
+    """Serve the page until a signal ends it; ConfigError when it cannot begin."""
+
+    def say(text: str) -> None:
+        sys.stdout.write(f"{text}\n")
+        sys.stdout.flush()
+
+    asyncio.run(ViewApp(name, host, port, teleop=teleop, say=say).run())

@@ -1,0 +1,218 @@
+import itertools
+import os
+import subprocess
+import sys
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from canopen_control.bus.error_frames import bus_off_frame, overrun_frame
+from canopen_control.bus.recordings import FORMATS, RecordedFrame, Recording, RecordingWriter, format_of
+from canopen_control.errors import ConfigError
+from canopen_control.frame import EXTENDED_FLAG, REMOTE_FLAG, CanFrame
+
+START = 1_763_706_802_005_123_000  # five milliseconds after a second: a date with one digit would be misread
+PLAIN = [
+    CanFrame(0x000, b"\x01\x03"),
+    CanFrame(0x080),
+    CanFrame(0x183, b"\x37\x06\x03"),
+    CanFrame(0x603, bytes(range(8))),
+    CanFrame(EXTENDED_FLAG | 0x12345678, b"\xff"),
+    CanFrame(EXTENDED_FLAG | 0x183, b"\xff"),
+]
+REMOTE = CanFrame(REMOTE_FLAG | 0x703, bytes(1))
+ALL = tuple(FORMATS)
+
+
+def stream(frames):
+    return [RecordedFrame(START + number * 1_234_000, frame) for number, frame in enumerate(frames)]
+
+
+def write(path, frames):
+    with RecordingWriter(path, "local:robby") as writer:
+        for each in stream(frames):
+            writer.write(*each)
+    return writer
+
+
+@pytest.mark.parametrize("suffix", ALL)
+def test_what_is_written_reads_back_the_same_frame_for_frame(tmp_path, suffix):
+    path = tmp_path / f"x{suffix}"
+    writer = write(path, PLAIN)
+    assert (writer.written, writer.left_out) == (len(PLAIN), 0)
+    recording = Recording(path)
+    back = list(recording)
+    assert [each.frame for each in back] == PLAIN
+    assert list(recording) == back  # a second reading
+    assert (recording.skipped, recording.problem) == (0, "")
+
+
+@pytest.mark.parametrize("suffix", ALL)
+def test_times_are_kept_to_a_few_microseconds_and_the_date_to_a_millisecond(tmp_path, suffix):
+    path = tmp_path / f"x{suffix}"
+    write(path, PLAIN)
+    times = [each.time_ns for each in Recording(path)]
+    assert abs(times[0] - START) <= 1_000_000
+    assert all(abs((after - before) - 1_234_000) <= 2000 for before, after in itertools.pairwise(times))
+
+
+@pytest.mark.parametrize(
+    ("suffix", "remote", "error"),
+    [(".log", True, True), (".asc", True, False), (".blf", True, True), (".trc", False, False)],
+)
+def test_what_a_format_cannot_hold_is_left_out_and_counted(tmp_path, suffix, remote, error):
+    path = tmp_path / f"x{suffix}"
+    frames = [PLAIN[0], REMOTE, bus_off_frame(), overrun_frame(7)]
+    writer = write(path, frames)
+    kept = [PLAIN[0], *([REMOTE] if remote else []), *(frames[2:] if error else [])]
+    assert [each.frame for each in Recording(path)] == kept
+    assert (writer.written, writer.left_out) == (len(kept), len(frames) - len(kept))
+
+
+@pytest.mark.parametrize("suffix", ALL)
+def test_a_recording_without_frames_is_one_too(tmp_path, suffix):
+    path = tmp_path / f"x{suffix}"
+    write(path, [])
+    recording = Recording(path)
+    assert list(recording) == []
+    assert recording.problem == f"{path}: no frame is in it"
+
+
+@pytest.mark.parametrize("suffix", ALL)
+def test_a_recording_that_was_cut_is_read_up_to_the_cut(tmp_path, suffix):
+    path = tmp_path / f"x{suffix}"
+    write(path, PLAIN * 2000)
+    whole = path.read_bytes()
+    path.write_bytes(whole[: len(whole) * 2 // 3 + 1])
+    recording = Recording(path)
+    frames = [each.frame for each in recording]
+    assert frames[: len(PLAIN)] == (PLAIN if frames else [])
+    assert len(frames) < len(PLAIN) * 2000
+
+
+@pytest.mark.parametrize("kept", [0.3, 0.6, 0.9])
+def test_a_blf_that_was_cut_says_that_it_ends_in_the_middle(tmp_path, kept):
+    path = tmp_path / "x.blf"
+    write(path, PLAIN * 4000)
+    whole = path.read_bytes()
+    path.write_bytes(whole[: int(len(whole) * kept)])
+    recording = Recording(path)
+    frames = len(list(recording))
+    assert recording.problem.endswith("it ends in the middle of a frame")
+    assert f"after {frames} frames" in recording.problem
+    assert frames > 0 or kept == 0.3
+
+
+@pytest.mark.parametrize(("suffix", "size"), [(".blf", 50), (".blf", 150), (".trc", 300)])
+def test_a_recording_that_was_cut_in_its_head_is_no_riddle_either(tmp_path, suffix, size):
+    path = tmp_path / f"x{suffix}"
+    write(path, PLAIN)
+    path.write_bytes(path.read_bytes()[:size])
+    recording = Recording(path)
+    assert list(recording) == []
+    assert recording.problem.split(": ")[-1] in ("it ends in the middle of a frame", "no frame is in it")
+    assert "unpack" not in recording.problem
+
+
+@pytest.mark.parametrize("suffix", ALL)
+def test_what_is_no_recording_says_so_and_never_raises(tmp_path, suffix):
+    path = tmp_path / f"x{suffix}"
+    path.write_bytes(bytes(range(256)) * 8)
+    recording = Recording(path)
+    assert list(recording) == []
+    assert str(path) in recording.problem
+
+
+def test_can_fd_frames_of_others_are_skipped_and_counted(tmp_path):
+    path = tmp_path / "x.log"
+    path.write_text("(1.0) can0 123##01122\n(1.0) can0 123#11\n")
+    recording = Recording(path)
+    assert len(list(recording)) == 1
+    assert recording.skipped == 1
+
+
+def test_the_name_says_the_format(tmp_path):
+    assert format_of("/a/B.LOG") == ".log"
+    with pytest.raises(ConfigError, match=r"\.log, \.asc, \.blf, \.trc"):
+        format_of("x.db")
+    with pytest.raises(ConfigError, match="no recording"):
+        Recording("/nowhere/x.log")
+    (folder := tmp_path / "x.log").mkdir()
+    with pytest.raises(ConfigError, match=r"x\.log is a folder, no recording; name one of its files"):
+        Recording(folder)
+    os.mkfifo(tmp_path / "x.asc")
+    with pytest.raises(ConfigError, match="is no regular file"):
+        Recording(tmp_path / "x.asc")
+    with pytest.raises(ConfigError, match="cannot be written"):
+        RecordingWriter("/nowhere/x.blf")
+
+
+def test_frames_are_in_the_file_after_a_flush(tmp_path):
+    path = tmp_path / "x.log"
+    writer = RecordingWriter(path)
+    writer.write(START, PLAIN[0])
+    writer.flush()
+    assert path.read_text().endswith("can0 000#0103\n")
+    writer.close()
+    writer.close()
+
+
+@pytest.mark.process
+@pytest.mark.parametrize("suffix", [".log", ".asc", ".blf", ".trc"])
+def test_a_full_disk_is_said_with_the_file_and_what_is_in_it(tmp_path, suffix):
+    """In a process of its own, whose files may have no more than 100 kB: the kernel refuses as a full disk does."""
+    path = tmp_path / f"run{suffix}"
+    script = f"""
+import resource, signal
+from canopen_control.bus.recordings import RecordingWriter
+from canopen_control.errors import DiskFull
+from canopen_control.frame import CanFrame
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000))
+writer = RecordingWriter({str(path)!r}, "can0")
+try:
+    with writer:
+        for number in range(30_000):
+            writer.write(1_700_000_000_000_000_000 + number * 1_000_037, CanFrame(number % 0x7FF, number.to_bytes(8)))
+except DiskFull as error:
+    print(writer.written)
+    print(error)
+"""
+    done = subprocess.run(
+        [sys.executable, "-P", "-W", "error", "-c", script], capture_output=True, text=True, check=True
+    )
+    assert done.stderr == ""
+    count, sentence = done.stdout.splitlines()
+    assert sentence == f"{path}: File too large; {count} frames are in it"
+    assert int(count) == len(list(Recording(path))) > 100
+
+
+@pytest.fixture(scope="module")
+def recordings(tmp_path_factory):
+    """Return a good recording of each format as bytes."""
+    folder = tmp_path_factory.mktemp("good")
+    for suffix in FORMATS:
+        with RecordingWriter(folder / f"x{suffix}", "can0") as writer:
+            for number in range(40):
+                frame = CanFrame(0x180 + number % 8, number.to_bytes(2, "little"))
+                writer.write(1_700_000_000_000_000_000 + number * 1_000_000, frame)
+    return {suffix: (folder / f"x{suffix}").read_bytes() for suffix in FORMATS}
+
+
+ODD = (b"", b"\xff\xff\xff\xff", b"\0\0\0\0", b"-1", b"9" * 5000, b"nan", b"1e999", b"LOBJ", b"\n", b"(", b"#")
+
+
+@given(data=st.data())
+def test_whatever_is_changed_in_a_recording_it_is_read_or_said(recordings, tmp_path_factory, data):
+    suffix = data.draw(st.sampled_from(sorted(recordings)))
+    content = bytearray(recordings[suffix])
+    for _ in range(data.draw(st.integers(1, 4))):
+        at = data.draw(st.integers(0, len(content)))
+        content[at : at + data.draw(st.sampled_from((0, 1, 4, 60)))] = data.draw(st.sampled_from(ODD))
+    path = tmp_path_factory.mktemp("odd") / f"x{suffix}"
+    path.write_bytes(content)
+    recording = Recording(path)
+    count = len(list(recording))
+    assert count <= 200
+    assert count or recording.problem or recording.skipped

@@ -1,0 +1,478 @@
+import asyncio
+import html
+import threading
+
+import pytest
+
+from canopen_control.cia402.modes import OperationMode
+from canopen_control.cia402.state import State
+from canopen_control.errors import RemoteError
+from canopen_control.frame import CanFrame
+from canopen_control.monitor.frame_tables import FrameTable, TraceLog
+from canopen_control.monitor.monitor_app import PERIOD_S, MonitorApp
+from canopen_control.monitor.monitor_content import (
+    DRIVE_COLUMNS,
+    JOINT_COLUMNS,
+    Cell,
+    LogLine,
+    MonitorContent,
+    Tone,
+    age_cell,
+    sdo_cell,
+    state_cell,
+)
+from canopen_control.rpc.messages.robot import AxisRequest, Release, Stop
+from canopen_control.trace.decoder import Decoder
+from canopen_control.trace.network_description import NetworkDescription, NodeDescription
+from canopen_control.trace.values import statusword_text
+
+
+class FakeSource:
+    """A robot of two drives that notes what it is asked."""
+
+    def __init__(self, *, can_command=True):
+        self.can_command = can_command
+        self.network = NetworkDescription(nodes={3: NodeDescription("left", 3)})
+        self.frames, self.trace, self.taps = FrameTable(), TraceLog(), []
+        self.asked, self.refusal, self.hold = [], None, None
+        self.lines, self.emergency_lines = [], []
+        self.rows = None
+        self.alarm, self.state = "", Cell("OPERATION ENABLED", Tone.GOOD)
+        self.decoder, self.started, self.closed = Decoder(self.network), False, False
+
+    def start(self, on_news):
+        self.started, self.news = True, on_news
+
+    def listen(self, wanted):
+        self.listening = wanted
+
+    def close(self):
+        self.closed = True
+
+    def tick(self):
+        pass
+
+    def content(self):
+        drives = {
+            name: (Cell(name), Cell("OPERATIONAL"), self.state, *[Cell("-")] * (len(DRIVE_COLUMNS) - 3))
+            for name in ("left", "right")
+        }
+        joints = {"wheel": tuple(Cell("1.000") for _ in JOINT_COLUMNS)}
+        drives = drives if self.rows is None else self.rows
+        return MonitorContent("robby", Cell("running", Tone.GOOD), self.alarm, ("cycle 20 ms",), drives, joints)
+
+    def log(self):
+        lines, self.lines = self.lines, []
+        return lines
+
+    def emergencies(self):
+        lines, self.emergency_lines = self.emergency_lines, []
+        return lines
+
+    def command(self, request):
+        if self.hold is not None and not isinstance(request, Stop):
+            self.hold.wait(10)
+        self.asked.append(request)
+        if self.refusal:
+            raise RemoteError("ControlError", self.refusal)
+
+    def hear(self, can_id, data):
+        decoded = self.decoder.decode(CanFrame(can_id, bytes(data)), 0)
+        self.frames.add(decoded)
+        self.trace.add(decoded)
+
+
+def on_screen(check, source=None, size=(120, 36)):
+    source = source or FakeSource()
+
+    async def run():
+        app = MonitorApp(source)
+        async with app.run_test(size=size) as pilot:
+            await pilot.pause()
+            await check(app, pilot, source)
+
+    asyncio.run(run())
+    return source
+
+
+async def asked(pilot, source, count=1):
+    """Wait for what keys have asked for."""
+    for _ in range(200):
+        if len(source.asked) >= count:
+            break
+        await pilot.pause(0.01)
+    return source.asked
+
+
+def text_of(app, name):
+    return "\n".join(line.text for line in app.query_one(f"#{name}").lines)
+
+
+STOP = Stop(latch=True, source="monitor")
+
+
+# -- STOP
+
+
+def test_space_is_stop_and_it_is_latched():
+    async def check(app, pilot, source):
+        await pilot.press("space")
+        assert await asked(pilot, source) == [STOP]
+
+    on_screen(check)
+
+
+@pytest.mark.parametrize("tab", "1234")
+def test_no_widget_that_can_have_the_focus_eats_the_stop_key(tab):
+    async def check(app, pilot, source):
+        await pilot.press(tab)
+        count = 0
+        for widget in [each for each in app.query("*") if each.focusable]:
+            widget.focus()
+            await pilot.pause()
+            if app.focused is not widget:
+                continue
+            await pilot.press("space")
+            count += 1
+            assert len(await asked(pilot, source, count)) == count, widget
+        assert count >= 3
+        assert set(map(str, source.asked)) == {str(STOP)}
+
+    on_screen(check)
+
+
+def test_stop_works_while_a_filter_is_typed_and_leaves_the_text_alone():
+    async def check(app, pilot, source):
+        await pilot.press("slash", "h", "b", "space")
+        assert await asked(pilot, source) == [STOP]
+        assert app.query_one("#filter").value == "hb"
+
+    on_screen(check)
+
+
+def test_stop_does_not_wait_for_what_else_was_asked():
+    source = FakeSource()
+    source.hold = threading.Event()
+
+    async def check(app, pilot, source):
+        await pilot.press(*"eeeeeeeeee", "space")
+        assert (await asked(pilot, source))[0] == STOP
+        source.hold.set()
+
+    on_screen(check, source)
+
+
+def test_a_refusal_is_told_as_it_is():
+    source = FakeSource()
+    source.refusal = "axis enable is refused [latched]: STOP"
+
+    async def check(app, pilot, source):
+        await pilot.press("e")
+        await asked(pilot, source)
+        for _ in range(100):
+            app.refresh_picture()
+            if app._notifications:
+                break
+            await pilot.pause(0.01)
+        (told,) = app._notifications
+        assert told.message == "enable left: axis enable is refused [latched]: STOP"
+        assert told.severity == "error"
+
+    on_screen(check, source)
+
+
+# -- the other keys
+
+
+@pytest.mark.parametrize(
+    ("keys", "expected"),
+    [
+        ("r", Release(source="monitor")),
+        ("e", AxisRequest(action="enable", node="left")),
+        ("d", AxisRequest(action="disable", node="left")),
+        ("f", AxisRequest(action="fault-reset", node="left")),
+        (["down", "f"], AxisRequest(action="fault-reset", node="right")),
+        ("E", AxisRequest(action="enable", node="all")),
+        ("D", AxisRequest(action="disable", node="all")),
+        ("F", AxisRequest(action="fault-reset", node="all")),
+    ],
+)
+def test_keys_ask_the_robot(keys, expected):
+    async def check(app, pilot, source):
+        await pilot.press(*keys)
+        assert await asked(pilot, source) == [expected]
+
+    on_screen(check)
+
+
+def test_a_click_selects_a_drive():
+    async def check(app, pilot, source):
+        await pilot.click("#drives", offset=(5, 2))
+        await pilot.press("e")
+        assert await asked(pilot, source) == [AxisRequest(action="enable", node="right")]
+
+    on_screen(check)
+
+
+def test_q_quits_and_the_source_is_closed():
+    async def check(app, pilot, source):
+        await pilot.press("q")
+        await pilot.pause()
+        assert not app.is_running
+
+    assert on_screen(check).closed
+
+
+def test_who_only_listens_asks_nobody_and_says_why():
+    source = FakeSource(can_command=False)
+
+    async def check(app, pilot, source):
+        await pilot.press("space", "e", "r", "f", "E")
+        await pilot.pause(0.1)
+        assert source.asked == []
+        assert [each.message for each in app._notifications] == [
+            "listening only: this monitor sends nothing, so it cannot stop anything"
+        ]
+        assert "Enable" not in {
+            each.binding.description for each in app.screen.active_bindings.values() if each.enabled
+        }
+
+    on_screen(check, source)
+
+
+# -- what is shown
+
+
+def test_the_head_and_an_alarm():
+    async def check(app, pilot, source):
+        assert str(app.query_one("#head").content) == "robby  ● running  cycle 20 ms"
+        assert not app.query_one("#alarm").display
+        source.alarm = "STOP is latched by somebody"
+        app.refresh_picture()
+        await pilot.pause()
+        assert app.query_one("#alarm").display
+        assert str(app.query_one("#alarm").content) == "STOP is latched by somebody"
+
+    on_screen(check)
+
+
+def test_only_what_changed_is_drawn_again():
+    async def check(app, pilot, source):
+        drives = app.query_one("#drives")
+        before = drives.written
+        app.refresh_picture()
+        assert drives.written == before
+        source.state = Cell("FAULT", Tone.BAD)
+        app.refresh_picture()
+        assert drives.written == before + 2
+        assert str(drives.get_cell("left", "CiA 402")) == "✖ FAULT"
+
+    on_screen(check)
+
+
+def test_events_and_emergencies_have_logs_of_their_own():
+    async def check(app, pilot, source):
+        source.lines = [LogLine(1.5, "robby runs"), LogLine(2.0, "left: fault [1]", Tone.BAD)]
+        source.emergency_lines = [LogLine(2.0, "left: EMCY 0x3210", Tone.BAD)]
+        app.refresh_picture()
+        await pilot.pause()
+        assert "  robby runs" in text_of(app, "events")
+        assert "✖ left: fault [1]" in text_of(app, "events")
+        await pilot.press("2")
+        await pilot.pause()
+        assert "✖ left: EMCY 0x3210" in text_of(app, "emergencies")
+
+    on_screen(check)
+
+
+def test_identifiers_are_a_table_and_stand_still_when_paused():
+    async def check(app, pilot, source):
+        source.hear(0x703, [5])
+        await pilot.press("3")
+        app.refresh_picture()
+        table = app.query_one("#identifiers-table")
+        assert table.row_count == 1
+        await pilot.press("p")
+        source.hear(0x702, [5])
+        app.refresh_picture()
+        assert table.row_count == 1
+        await pilot.press("p")
+        app.refresh_picture()
+        assert table.row_count == 2
+
+    on_screen(check)
+
+
+def test_the_trace_follows_its_filter():
+    async def check(app, pilot, source):
+        source.hear(0x703, [5])
+        source.hear(0x000, [1, 0])
+        await pilot.press("4")
+        app.refresh_picture()
+        await pilot.pause()
+        assert "left" in text_of(app, "trace")
+        assert "START, all nodes" in text_of(app, "trace")
+        await pilot.press("slash", *"nmt", "enter")
+        app.refresh_picture()
+        await pilot.pause()
+        assert "START, all nodes" in text_of(app, "trace")
+        assert "heartbeat" not in text_of(app, "trace")
+        assert app.focused is app.query_one("#drives")
+
+    on_screen(check)
+
+
+def test_a_wrong_filter_is_told_and_can_be_mended():
+    async def check(app, pilot, source):
+        await pilot.press("slash", "x", "x", "enter")
+        await pilot.pause()
+        assert "no node 'xx'" in next(iter(app._notifications)).message
+        assert app.focused is app.query_one("#filter")
+        await pilot.press("escape")
+        assert not app.query_one("#filter").display
+
+    on_screen(check)
+
+
+def test_a_flood_is_told_instead_of_drawn():
+    async def check(app, pilot, source):
+        await pilot.press("4")
+        await pilot.pause()
+        for _ in range(500):
+            source.hear(0x703, [5])
+        app.refresh_picture()
+        await pilot.pause()
+        assert "... 440 frames not shown; / filters" in text_of(app, "trace")
+        assert len(app.query_one("#trace").lines) < 100
+
+    on_screen(check)
+
+
+def test_the_drives_of_an_arm_fit_120_columns():
+    source = FakeSource()
+    source.rows = {
+        name: (
+            Cell(f"{name} (2)"),
+            Cell("OPERATIONAL", Tone.GOOD),
+            state_cell(State.OPERATION_ENABLED),
+            Cell("CSP"),
+            age_cell(0.012, stale=1, dead=2),
+            sdo_cell(159, 28, 0),
+            Cell(""),
+            Cell(statusword_text(0x1237, OperationMode.CSP).replace("OPERATION ENABLED, ", "")),
+        )
+        for name in ("joint_1_drive", "joint_2_drive")
+    }
+
+    async def check(app, pilot, source):
+        table = app.query_one("#drives")
+        assert table.row_count == 2
+        assert table.virtual_size.width <= table.size.width == 120
+        assert table.max_scroll_x == 0
+
+    on_screen(check, source)
+
+
+def test_a_robot_without_drives_has_no_table_of_them_until_it_has():
+    source = FakeSource()
+    drives, source.rows = source.content().drives, {}
+
+    async def check(app, pilot, source):
+        assert not app.query_one("#drives").display
+        source.rows = drives
+        app.refresh_picture()
+        await pilot.pause()
+        assert app.query_one("#drives").display
+        assert app.focused is app.query_one("#drives")  # so that the arrow keys select one
+        await pilot.press("down", "e")
+        assert await asked(pilot, source) == [AxisRequest(action="enable", node="right")]
+
+    on_screen(check, source)
+
+
+def test_a_small_terminal_still_shows_drives_and_keys():
+    async def check(app, pilot, source):
+        assert app.query_one("#drives").region.height >= 3
+        assert app.query_one("Footer").region.bottom == 24
+
+    on_screen(check, size=(80, 24))
+
+
+def test_its_picture_asks_nobody_for_anything():
+    async def check(app, pilot, source):
+        assert "url(" in app.export_screenshot()  # what is taken out was there
+        picture = app.picture_svg()
+        assert "url(" not in picture.replace("url(#", "")
+        assert "@font-face" not in picture
+        assert "OPERATIONAL" in picture
+
+    on_screen(check)
+
+
+# -- when it draws
+
+
+def test_a_new_sample_is_drawn_when_it_comes():
+    async def check(app, pilot, source):
+        drawn = app._drawn
+        source.lines = [LogLine(1.0, "a drive was lost", Tone.BAD)]
+        threading.Thread(target=source.news).start()  # as the robot's connection does
+        for _ in range(200):
+            if app._drawn != drawn:
+                break
+            await pilot.pause(0.005)
+        assert "a drive was lost" in text_of(app, "events")
+
+    on_screen(check)
+
+
+def test_frames_are_listened_to_while_somebody_looks_at_them():
+    async def check(app, pilot, source):
+        app.refresh_picture()
+        wanted = [source.listening]
+        for key in ("3", "4", "1"):
+            await pilot.press(key)
+            app.refresh_picture()
+            wanted.append(source.listening)
+        assert wanted == [False, True, True, False]
+
+    on_screen(check)
+
+
+def test_a_changing_number_does_not_have_the_screen_laid_out_again(monkeypatch):
+    async def check(app, pilot, source):
+        app.refresh_picture()
+        await pilot.pause()
+        laid_out = []
+        monkeypatch.setattr(app.screen, "_refresh_layout", lambda *_, **__: laid_out.append(1))
+        for text, expected in (("OPERATION ENABLE", False), ("QUICK STOP ACTIVE AND LONGER", True), ("FAULT", True)):
+            laid_out.clear()
+            source.state = Cell(text, Tone.BAD)
+            app.refresh_picture()
+            await pilot.pause()
+            assert bool(laid_out) is expected
+
+    on_screen(check)
+
+
+# -- a small terminal
+
+
+def test_on_80_columns_and_24_lines_the_errors_and_the_way_out_are_in_sight():
+    """What tmux, a serial console and an old laptop have: the error of a drive, and how to quit."""
+
+    async def check(app, pilot, source):
+        drive = dict(zip(DRIVE_COLUMNS, ("right_drive (2)", "● OPERATIONAL", "● OPERATION ENABLED"), strict=False))
+        drive |= {"error": "EMCY 0x3220 (DC link under-voltage)"}
+        source.rows = {"right": tuple(Cell(drive.get(title, "-")) for title in DRIVE_COLUMNS)}
+        shown = ""
+        for _ in range(200):  # a busy machine draws late
+            await pilot.pause(PERIOD_S)
+            shown = html.unescape(app.picture_svg()).replace("\xa0", " ")
+            if "EMCY 0x3220" in shown:
+                break
+        assert "EMCY 0x3220" in shown
+        for key in ("STOP", "Quit", "Release", "Enable", "Disable", "Reset", "Filter", "Pause"):
+            assert key in shown, key
+
+    on_screen(check, size=(80, 24))

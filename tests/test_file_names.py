@@ -1,0 +1,50 @@
+"""A file's name says which side it is: none stands in two rooms, but for rooms that name their files by a rule."""
+
+from pathlib import Path
+
+from canopen_control.cli.verbs import VERBS
+
+ROOT = Path(__file__).parents[1]
+PACKAGE = ROOT / "canopen_control"
+#: files of these rooms have the name of what they are for, and may share it with whoever does the work
+NAMED_BY_A_RULE = {
+    "cli": "a verb's file is the verb's name",
+    "rpc/messages": "NAME.py is what goes over the socket of NAME",
+}
+#: file -> why it may stand in several rooms
+SHARED = {
+    "diff_drive.py": "the controller, and what ROS shows of it",
+    "goal.py": "of a drive in cia402, of a trajectory in its folder",
+    "interfaces.py": "of the hardware, and those that a trajectory takes of them",
+    "joint.py": "of the hardware, and of a description",
+    "model.py": "of an object dictionary, and of a robot",
+    "params.py": "of all controllers, and those of a trajectory in its folder",
+}
+
+
+def shared_names(package):
+    """Return the names of files that stand in several rooms, none of which has a rule for it, and where."""
+    places = {}
+    for path in package.rglob("*.py"):
+        room = path.relative_to(package).parent.as_posix()
+        if not path.name.startswith("__") and room not in NAMED_BY_A_RULE:
+            places.setdefault(path.name, []).append(room)
+    return {name: sorted(rooms) for name, rooms in places.items() if len(rooms) > 1}
+
+
+def test_no_name_stands_in_two_rooms_without_a_reason():
+    found = shared_names(PACKAGE)
+    assert {name: rooms for name, rooms in found.items() if name not in SHARED} == {}, "say which side each of them is"
+    assert SHARED.keys() - found.keys() == set(), "these stand in one room by now"
+
+
+def test_a_verbs_file_is_the_verbs_name():
+    files = {path.stem for path in (PACKAGE / "cli").glob("*.py")} - {"__init__", "main", "verbs"}
+    assert files == set(VERBS)
+
+
+def test_a_second_file_of_a_name_would_be_seen(tmp_path):
+    for name in ("bus/link.py", "urdf/link.py", "cli/link.py", "bus/__init__.py", "urdf/__init__.py", "rpc/hub.py"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).touch()
+    assert shared_names(tmp_path) == {"link.py": ["bus", "urdf"]}

@@ -1,0 +1,66 @@
+from support.tracing import frame, robby_decoder, robby_network
+
+from canopen_control.frame import ERROR_FLAG, EXTENDED_FLAG, REMOTE_FLAG
+from canopen_control.rpc.wire import plain
+from canopen_control.trace.decoder import DecodedFrame
+from canopen_control.trace.frame_lines import LineWriter, document_of, identifier_text
+from canopen_control.trace.values import SignalValue
+
+
+def lines(*frames, **how):
+    decoder, writer = robby_decoder(), LineWriter(robby_network(), **how)
+    return [writer.line(decoder.decode(frame(*each), 10**18 + n * 1_500_000)) for n, each in enumerate(frames)]
+
+
+def test_a_line_is_a_row_of_columns_with_the_seconds_since_the_first():
+    assert lines((0x183, "370603"), (0x080,), (0x709, "05"), (REMOTE_FLAG | 0x183, "0000")) == [
+        "    0.000000  183  37 06 03                 left_drive   TPDO1         Statusword 0x0637 OPERATION ENABLED, "
+        "target reached; Modes of operation display 3 PV",
+        "    0.001500  080                                        SYNC",
+        "    0.003000  709  05                       node 9       heartbeat     OPERATIONAL",
+        "    0.004500  183  remote, 2 bytes          left_drive   TPDO1         asks for TPDO1",
+    ]
+
+
+def test_absolute_times_are_those_of_the_day():
+    (line,) = lines((0x080,), absolute=True)
+    assert line.startswith("2001-09-0")
+    assert ".000000  080" in line
+
+
+def test_colours_mark_what_deserves_a_look_and_nothing_else():
+    _, ordinary, fault = lines((0x183, "370603"), (0x183, "370603"), (0x083, "1186210000000000"), colour=True)
+    assert "\x1b" not in ordinary
+    assert fault.startswith("\x1b[31m")
+    assert fault.endswith("\x1b[0m")
+
+
+def test_identifiers_of_29_bits_and_error_classes_have_eight_digits():
+    assert [identifier_text(each) for each in (0x80, EXTENDED_FLAG | 0x80, ERROR_FLAG | 4, REMOTE_FLAG | 0x703)] == [
+        "080",
+        "00000080",
+        "00000004",
+        "703",
+    ]
+
+
+def test_a_frame_is_a_document_for_scripts():
+    decoder = robby_decoder()
+    told = plain(document_of(decoder.decode(frame(0x183, "370603"), 1_500_000_000)))
+    assert list(told) == ["time", "id", "extended", "remote", "data", "service", "subject", "node_id", "node", "text",
+                          "mark", "values"]  # fmt: skip
+    assert (told["time"], told["id"], told["data"], told["node"]) == (1.5, "183", "370603", "left_drive")
+    assert told["values"][0] == {
+        "index": 0x6041,
+        "subindex": 0,
+        "name": "Statusword",
+        "value": 0x637,
+        "text": "0x0637 OPERATION ENABLED, target reached",
+    }
+    assert document_of(decoder.decode(frame(0x080))).node is None
+
+
+def test_a_float_that_is_no_number_is_null_in_json():
+    value = SignalValue(0x2000, 0, "x", float("nan"), "nan")
+    decoded = DecodedFrame(0, 0x183, b"", "pdo", 3, "", "x nan", (value,))
+    assert document_of(decoded).values[0].value is None

@@ -1,0 +1,169 @@
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from support.tracing import frame, robby_decoder, said
+
+from canopen_control.cia301.sdo_client import SdoClient
+from canopen_control.cia301.sdo_server import SdoServer
+from canopen_control.trace.decoder import Decoder, Mark
+from canopen_control.trace.network_description import NetworkDescription
+from canopen_control.trace.sdo_conversation import LIMIT
+
+
+class Store:
+    """An object store that takes and gives whatever is asked for."""
+
+    def __init__(self, content=b""):
+        self.content = content
+
+    def upload(self, index, subindex):
+        return self.content
+
+    def download(self, index, subindex, data):
+        self.content = bytes(data)
+
+    def size_of(self, index, subindex):
+        return None
+
+
+def overheard(request, content=b"", decoder=None):
+    """Let our client and our server talk, and return what a listener understood."""
+    client, server = SdoClient(3), SdoServer(3, Store(content))
+    request(client)
+    decoder = decoder or Decoder(NetworkDescription())
+    lines = []
+    for _ in range(100_000):
+        asked = client.frames()
+        answered = []
+        for each in asked:
+            lines.append(decoder.decode(each))
+            server.receive(each, 0)
+            answered += server.frames()
+        for each in answered:
+            lines.append(decoder.decode(each))
+            client.receive(each, 0)
+        if not asked and not answered:
+            break
+        client.tick(0)
+    assert [each.error for each in client.events()] == [None]
+    return lines
+
+
+def carried(lines):
+    """Return the bytes of every value; eight bytes of an unknown type are told as a number."""
+    values = [value.value for line in lines for value in line.values]
+    return [value.to_bytes(8, "little") if isinstance(value, int) else value for value in values]
+
+
+def test_short_values_are_read_and_written_by_type_and_name():
+    assert said(
+        robby_decoder(),
+        (0x603, "4041600000000000"),
+        (0x583, "4B41600037060000"),
+        (0x603, "2F60600003000000"),
+        (0x583, "6060600000000000"),
+    ) == [
+        "read 0x6041:00 Statusword",
+        "0x6041:00 Statusword = 0x0637 OPERATION ENABLED, target reached",
+        "write 0x6060:00 Modes of operation = 3 PV",
+        "written 0x6060:00 Modes of operation",
+    ]
+
+
+def test_the_abort_names_object_code_and_side():
+    decoder = robby_decoder()
+    texts = said(decoder, (0x603, "4018100500000000"), (0x583, "8018100511000906"), (0x603, "8008100000000405"))
+    assert texts[1] == "ABORT by the node, 0x1018:05 Identity object: 0x06090011 subindex does not exist"
+    assert texts[2].startswith(
+        "ABORT by the client, 0x1008:00 Manufacturer device name: 0x05040000 SDO protocol timed out"
+    )
+
+
+def test_an_abort_is_marked_as_an_error():
+    assert robby_decoder().decode(frame(0x583, "8018100511000906")).mark is Mark.ERROR
+
+
+def test_configuration_objects_are_said_in_their_own_words():
+    texts = said(
+        robby_decoder(),
+        (0x603, "23001A0110004160"),
+        (0x603, "2300180183010080"),
+        (0x603, "2F00180201000000"),
+        (0x603, "2B17100064000000"),
+        (0x603, "23161001F4010100"),
+        (0x603, "2310100173617665"),
+    )
+    assert [text.rpartition(" = ")[2] for text in texts] == [
+        "0x60410010 (0x6041:00 Statusword, 16 bits)",
+        "0x80000183 (0x183, off)",
+        "1 (every SYNC)",
+        "100 ms",
+        "0x000101F4 (node 1 within 500 ms)",
+        "0x65766173 ('save')",
+    ]
+
+
+@settings(deadline=None, max_examples=40)
+@given(st.binary(min_size=5, max_size=600), st.booleans())
+def test_segments_and_blocks_are_put_together(content, block):
+    lines = overheard(lambda client: client.read(0x2000, 1, block=block), content)
+    assert carried(lines) == [content]
+    written = overheard(lambda client: client.write(0x2000, 1, content, block=block))
+    assert carried(written) == [content]
+    assert written[-1].text == "written 0x2000:01"
+
+
+def test_a_string_in_segments_is_read_as_one():
+    assert said(
+        robby_decoder(),
+        (0x603, "4008100000000000"),
+        (0x583, "4108100009000000"),
+        (0x603, "6000000000000000"),
+        (0x583, "00544D434D2D3132"),
+        (0x603, "7000000000000000"),
+        (0x583, "1B37300000000000"),
+    )[1:] == [
+        "0x1008:00 Manufacturer device name: 9 bytes, in segments",
+        "next segment of 0x1008:00 Manufacturer device name",
+        "segment of 0x1008:00 Manufacturer device name, 7 of 9 bytes",
+        "next segment of 0x1008:00 Manufacturer device name",
+        "0x1008:00 Manufacturer device name = 'TMCM-1270'",
+    ]
+
+
+def test_who_comes_late_is_told_so():
+    texts = said(robby_decoder(), (0x583, "00544D434D2D3132"), (0x603, "6000000000000000"), (0x583, "C100000000000000"))
+    assert texts == [
+        "segment of a transfer that began unheard",
+        "next segment of a transfer that began unheard",
+        "end of a block transfer that began unheard",
+    ]
+
+
+def test_a_lost_block_segment_is_sent_again_and_counted_once():
+    texts = said(
+        Decoder(NetworkDescription()),
+        (0x603, "A0 0020 00 7F 00 00 00"),
+        (0x583, "C2 0020 00 0E 00 00 00"),
+        (0x603, "A3 00 00 00 00 00 00 00"),
+        (0x583, "01 41 42 43 44 45 46 47"),
+        (0x583, "82 48 49 4A 4B 4C 4D 4E"),
+        (0x603, "A2 01 7F 00 00 00 00 00"),  # the second was lost on the way to the client
+        (0x583, "81 48 49 4A 4B 4C 4D 4E"),
+        (0x603, "A2 01 7F 00 00 00 00 00"),
+        (0x583, "C1 00 00 00 00 00 00 00"),
+    )
+    assert texts[5] == "1 segments of 0x2000:00 taken, 1 come again"
+    assert texts[-1] == "0x2000:00 = 41 42 43 44 45 46 47 48 49 4a 4b 4c 4d 4e"
+
+
+def test_a_transfer_larger_than_what_is_kept_is_told_by_its_length():
+    content = bytes(LIMIT + 100)
+    lines = overheard(lambda client: client.read(0x2000, 1, block=True), content)
+    texts = [line.text for line in lines if " = " in line.text]
+    assert texts == [f"0x2000:01 = {len(content)} bytes"]
+
+
+@pytest.mark.parametrize("data", ["", "FF", "E0", "40"])
+def test_what_is_no_sdo_is_said(data):
+    assert said(robby_decoder(), (0x603, data))[0]

@@ -1,0 +1,61 @@
+import pytest
+
+pytest.importorskip("nicegui", reason="NiceGUI is not installed: pip install canopen-control[view]")
+from support.pages import visited
+
+from canopen_control.view.elements import nicegui_elements
+from canopen_control.view.elements.nicegui_elements import Feed, HoldButton, HoldButtons, RobotScene, StripCharts
+from canopen_control.view.sampling import charts, names
+
+
+def test_what_is_sent_goes_out_in_one_message(monkeypatch):
+    called = []
+    monkeypatch.setattr(Feed, "run_method", lambda self, name, *args: called.append((name, args)))
+
+    async def act(_user, feed):
+        feed.send({"scene": {"angles": [1.0]}, "lost": False})
+        feed.send({})
+
+    visited(Feed, act)
+    assert called == [("take", ({"scene": {"angles": [1.0]}, "lost": False},)), ("take", ({},))]
+
+
+def test_a_held_button_says_so_and_a_foreign_word_is_nothing():
+    told = []
+
+    async def act(user, _buttons):
+        group = user.find(kind=HoldButtons)
+        for word in ("go", "other", None, ["go"]):
+            group.trigger("hold", word)
+        group.trigger("release")
+
+    visited(lambda: HoldButtons([HoldButton("go", "Go")], told.append, lambda: told.append("let go")), act)
+    assert told == ["go", "let go"]
+
+
+def test_a_held_button_speaks_often_enough_for_the_dead_man():
+    from canopen_control.view.dead_man import LET_GO_NS
+
+    async def act(_user, buttons):
+        return buttons.props["period"]
+
+    assert visited(lambda: HoldButtons([], print, print), act) * 1e6 * 3 <= LET_GO_NS
+
+
+def test_three_js_is_the_toolkits_own():
+    assert (nicegui_elements._THREE / "index.js").is_file()
+
+
+def test_it_is_given_its_tree():
+    async def act(_user, scene):
+        return scene.props["tree"]
+
+    assert visited(lambda: RobotScene({"root": "base"}), act) == {"root": "base"}
+
+
+def test_every_line_is_a_row_that_is_sent():
+    async def act(_user, strips):
+        return strips.props["charts"], strips.props["names"]
+
+    found, rows = visited(lambda: StripCharts(charts(["a"], ["can"]), names(["a"], ["can"]), 30.0), act)
+    assert {line["row"] for chart in found for line in chart["lines"]} <= set(rows)

@@ -1,0 +1,65 @@
+import pytest
+
+pytest.importorskip("nicegui", reason="NiceGUI is not installed: pip install canopen-control[view]")
+
+from nicegui import ui
+from support.pages import FakeContext, html, seen, settle, visited
+
+from canopen_control.errors import RemoteError
+from canopen_control.view.fault_client import DriveFaults
+from canopen_control.view.panels.fault_panel import FaultPanel
+
+
+def played(act, switch=None):
+    context = FakeContext().with_faults()
+    switched = []
+    context.robot.fault_client.switch = switch or (lambda *args, **how: switched.append((*args, how["on"])))
+
+    async def show(user, panel):
+        panel.show(context.content())
+        return await act(user, panel, context)
+
+    return visited(lambda: FaultPanel(context), show), switched
+
+
+def test_drives_and_faults_are_offered_and_what_is_on_is_said():
+    async def act(user, _panel, _context):
+        drive, fault = seen(ui.select)
+        assert (drive.value, fault.value, fault.options) == ("left_drive", "silent", ["silent", "hot"])
+        fault.value = "hot"
+        return html(user)
+
+    found, _ = played(act)
+    assert "left_drive: silent" in found
+    assert "The drive is hot (once)" in found
+
+
+def test_a_fault_is_switched():
+    async def act(user, _panel, _context):
+        user.find("Switch off").click()
+        user.find("Switch on").click()
+        await settle()
+
+    _, switched = played(act)
+    assert sorted(switched) == [("left_drive", "silent", False), ("left_drive", "silent", True)]
+
+
+def test_what_the_drive_refuses_is_told():
+    def refuse(*_args, **_how):
+        raise RemoteError("DriveError", "not while it moves")
+
+    async def act(user, _panel, _context):
+        user.find("Switch on").click()
+        await settle(turns=10)
+        await user.should_see("not while it moves")
+
+    played(act, refuse)
+
+
+def test_where_no_drive_is_virtual_nothing_is_offered():
+    async def act(user, panel, context):
+        context.robot.faults = DriveFaults()
+        panel.show(context.content())
+        return html(user)
+
+    assert "No virtual drive" in played(act)[0]

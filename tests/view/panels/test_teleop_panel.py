@@ -1,0 +1,139 @@
+import pytest
+
+pytest.importorskip("nicegui", reason="NiceGUI is not installed: pip install canopen-control[view]")
+
+from nicegui import ui
+from support.pages import BASE, FORWARD, LIFT, FakeContext, drive_state, html, seen, settle, state, visited
+
+from canopen_control.rpc.messages.robot import SwitchControllers
+from canopen_control.view.elements.nicegui_elements import HoldButtons
+from canopen_control.view.panels.teleop_panel import TeleopPanel
+
+OFF = FORWARD | {"state": "inactive"}
+
+
+def played(context, act):
+    async def show(user, panel):
+        panel.show(context.content())
+        return await act(user, panel)
+
+    return visited(lambda: TeleopPanel(context), show)
+
+
+def hold(user, key):
+    user.find(kind=HoldButtons).trigger("hold", key)
+
+
+def test_a_base_is_driven_by_a_pad_at_the_speeds_of_its_sliders():
+    context = FakeContext(controllers=(BASE | {"state": "active"},))
+
+    async def act(user, _panel):
+        linear, angular = seen(ui.slider)
+        linear.value, angular.value = 0.5, 1.5
+        for key in ("forward", "left", "back", "right"):
+            hold(user, key)
+        user.find(kind=HoldButtons).trigger("release")
+
+    played(context, act)
+    assert [(each.moving.linear, each.moving.angular) for each in context.held] == [
+        (0.5, 0.0), (0.0, 1.5), (-0.5, 0.0), (0.0, -1.5),
+    ]  # fmt: skip
+    assert all(each.resting.linear == each.resting.angular == 0.0 for each in context.held)
+    assert context.let == 2  # once when it was built
+
+
+def test_a_key_that_is_no_button_drives_nothing():
+    context = FakeContext(controllers=(BASE | {"state": "active"},))
+
+    async def act(user, _panel):
+        hold(user, "up")
+        hold(user, {"linear": 99})
+
+    played(context, act)
+    assert context.held == []
+
+
+def test_joints_are_driven_by_what_their_sliders_say_and_rest_at_zero():
+    context = FakeContext()
+
+    async def act(user, _panel):
+        seen(ui.slider)[0].value = 3.0
+        hold(user, "drive")
+
+    played(context, act)
+    assert context.held[0].moving.values == [3.0]
+    assert context.held[0].resting.values == [0.0]
+
+
+def test_a_position_begins_where_the_joint_is_within_its_limits_and_rests_there():
+    context = FakeContext(controllers=(LIFT,))
+
+    async def act(user, _panel):
+        slider = seen(ui.slider)[0]
+        assert (slider.props["min"], slider.props["max"], slider.value) == (0.0, 0.5, 0.1)
+        hold(user, "drive")
+        user.find(kind=ui.slider).trigger("update:modelValue", 0.4)
+        hold(user, "drive")
+
+    played(context, act)
+    assert [each.moving.values for each in context.held] == [[0.1], [0.4]]
+    assert context.held[1].resting.values == [0.1]
+
+
+def test_a_position_slider_follows_its_joint():
+    context = FakeContext(controllers=(LIFT,))
+
+    async def act(user, panel):
+        joints = {"lift": {"position": 0.3}}
+        panel.show(context.content(state(joints=joints)))
+        return seen(ui.slider)[0].value
+
+    assert played(context, act) == 0.3
+
+
+def test_the_controller_is_chosen_and_a_refusal_told():
+    context = FakeContext(controllers=(FORWARD, BASE))
+    context.refusal = "the joint is claimed"
+
+    async def act(user, _panel):
+        seen(ui.select)[0].value = "base"
+        await settle(lambda: context.asked)
+        await user.should_see("the joint is claimed")
+
+    played(context, act)
+    assert context.asked == [SwitchControllers(activate=("base",), deactivate=("forward",))]
+
+
+def test_without_an_active_controller_or_teleop_nothing_can_be_driven():
+    for context, words in (
+        (FakeContext(controllers=(OFF,)), "No active controller"),
+        (FakeContext(teleop=False), "--teleop"),
+    ):
+
+        async def act(user, _panel, words=words):
+            assert words in html(user)
+            assert seen(HoldButtons) == []
+
+        played(context, act)
+
+
+def test_while_the_drives_are_off_the_buttons_do_not_look_ready():
+    context = FakeContext()
+
+    async def act(user, panel):
+        ready = "cc-off" in panel._whole._classes
+        panel.show(context.content(drive_state({"cia402_state": "SWITCH_ON_DISABLED"})))
+        return ready, "cc-off" in panel._whole._classes
+
+    assert played(context, act) == (False, True)
+
+
+def test_who_may_not_drive_is_told():
+    context = FakeContext()
+    context.refusal = "another page drives"
+
+    async def act(user, _panel):
+        hold(user, "drive")
+        await user.should_see("another page drives")
+
+    played(context, act)

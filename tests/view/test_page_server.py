@@ -1,0 +1,185 @@
+"""The access check over real sockets, with the toolkit behind it, in a process as it is started."""
+
+import asyncio
+import contextlib
+import http.client
+import os
+import socket
+import subprocess
+import sys
+
+import pytest
+
+pytest.importorskip("nicegui", reason="NiceGUI is not installed: pip install canopen-control[view]")
+
+import websockets.asyncio.client as wsclient
+import websockets.exceptions
+
+from canopen_control.errors import ConfigError
+from canopen_control.view.access_rules import AccessRules
+from canopen_control.view.page_server import access_problem, listen
+
+SOCKET = "/_nicegui_ws/socket.io/?EIO=4&transport=websocket"
+SERVE = """
+import asyncio, sys
+from canopen_control.view.access_rules import AccessRules
+from canopen_control.view import page_server as server
+host, token, tamper = sys.argv[1], sys.argv[2] or None, sys.argv[3]
+if tamper:
+    server.AccessMiddleware = lambda app, rules: app
+listener = server.listen(host, 0)
+rules = AccessRules(host, listener.getsockname()[1], token)
+def build():
+    from nicegui import ui
+    ui.label("the page")
+stopped = []
+def stop():
+    stopped.append(1)
+    return None if len(stopped) == 1 else "the robot is gone"
+page = server.PageServer(listener, rules, "test", build, stop)
+try:
+    asyncio.run(page.serve(lambda: print("ready", rules.port, flush=True)))
+except server.ControlError as error:
+    print("refused", error, flush=True)
+    sys.exit(1)
+"""
+
+
+@contextlib.contextmanager
+def served(host="127.0.0.1", token="", tamper=""):
+    process = subprocess.Popen(
+        [sys.executable, "-c", SERVE, host, token, tamper], stdout=subprocess.PIPE, text=True, env=dict(os.environ)
+    )
+    try:
+        yield process, process.stdout.readline()
+    finally:
+        process.kill()
+        process.communicate()
+
+
+@pytest.fixture(scope="module")
+def port():
+    with served() as (_, line):
+        yield int(line.split()[1])
+
+
+@pytest.fixture(scope="module")
+def open_port():
+    with served("0.0.0.0", "secret") as (_, line):
+        yield int(line.split()[1])
+
+
+def ask(port, path="/", method="GET", **headers):
+    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=10)
+    connection.request(method, path, headers=headers)
+    response = connection.getresponse()
+    body = response.read()
+    connection.close()
+    return response, body
+
+
+def knock(port, **options):
+    """Open a WebSocket as the page does; True if it was let in."""
+
+    async def attempt():
+        try:
+            async with wsclient.connect(f"ws://127.0.0.1:{port}{SOCKET}", proxy=None, **options) as found:
+                return (await asyncio.wait_for(found.recv(), 5)).startswith("0{")
+        except websockets.exceptions.InvalidStatus as error:
+            return error.response.status_code
+
+    return asyncio.run(attempt())
+
+
+def test_the_page_is_served_to_this_computer_alone_and_may_ask_nobody_else(port):
+    response, body = ask(port)
+    assert response.status == 200
+    assert b"the page" in body
+    policy = response.headers["Content-Security-Policy"]
+    assert "default-src 'self'" in policy
+    assert "connect-src 'self' blob:;" in policy
+    with pytest.raises(OSError, match=r".*"):
+        socket.create_connection(("127.0.0.2", port), timeout=1).close()
+
+
+def test_scripts_of_the_page_carry_a_nonce_of_its_own_and_no_other_runs(port):
+    response, body = ask(port)
+    policy = response.headers["Content-Security-Policy"]
+    nonce = policy.split("'nonce-")[1].split("'")[0].encode()
+    assert body.count(b"<script") == body.count(b'<script nonce="%s"' % nonce) > 3
+    assert "'unsafe-inline'" not in policy.split("script-src")[1].split(";")[0]
+    assert nonce not in ask(port)[1]
+
+
+def test_a_foreign_origin_is_refused_and_our_own_is_not(port):
+    own = f"http://127.0.0.1:{port}"
+    assert knock(port, origin=own) is True
+    assert knock(port, origin="http://evil.example") == 403
+    assert knock(port) == 403
+    response, body = ask(port, Origin="http://evil.example")
+    assert response.status == 403
+    assert b"evil.example" in body
+    for headers in ({"Host": "evil.example"}, {"Sec-Fetch-Site": "cross-site", "Sec-Fetch-Mode": "no-cors"}):
+        assert ask(port, **headers)[0].status == 403
+
+
+def test_no_path_is_past_the_door_and_none_leads_out(port):
+    for path in ("/", "/stop", "/mesh/1.stl", "/_nicegui_ws/socket.io/?EIO=4&transport=polling", "/docs", "//", "/x"):
+        assert ask(port, path, Host="evil.example")[0].status == 403
+    for path in ("/../../../../etc/passwd", "/%2e%2e/%2e%2e/setup.py", "/docs", "/openapi.json"):
+        assert ask(port, path)[0].status == 404
+
+
+def test_stop_is_for_our_own_page_alone_and_says_when_it_did_not_reach(port):
+    assert ask(port, "/stop")[0].status != 200
+    assert ask(port, "/stop", "POST")[0].status == 403
+    assert ask(port, "/stop", "POST", Origin="http://evil.example")[0].status == 403
+    own = {"Origin": f"http://127.0.0.1:{port}"}
+    assert ask(port, "/stop", "POST", **own)[0].status == 200
+    response, body = ask(port, "/stop", "POST", **own)
+    assert (response.status, body) == (503, b"the robot is gone")
+
+
+def test_a_proxys_word_is_not_written_into_the_page(port):
+    assert b"evilprefix" not in ask(port, **{"X-Forwarded-Prefix": "/evilprefix"})[1]
+
+
+def test_bound_elsewhere_the_page_wants_its_token(open_port):
+    assert ask(open_port)[0].status == 403
+    response, _ = ask(open_port, "/?token=secret")
+    assert response.status == 200
+    cookie = response.headers["Set-Cookie"].split(";")[0]
+    own = f"http://127.0.0.1:{open_port}"
+    assert knock(open_port, origin=own) == 403
+    assert knock(open_port, origin=own, additional_headers={"Cookie": cookie}) is True
+    assert knock(open_port, origin="http://evil.example", additional_headers={"Cookie": cookie}) == 403
+
+
+@pytest.mark.process
+def test_a_server_without_its_door_does_not_serve():
+    with served(tamper="yes") as (process, line):
+        assert line.startswith(
+            "refused the page's access check fails: a request with a foreign Origin is answered with 200"
+        )
+        assert process.wait(10) == 1
+
+
+def test_a_server_that_does_not_answer_is_a_problem_too():
+    with socket.create_server(("127.0.0.1", 0)) as nobody:
+        rules = AccessRules("127.0.0.1", nobody.getsockname()[1])
+        nobody.close()
+        assert "does not answer" in asyncio.run(access_problem(rules))
+
+
+def test_a_port_that_is_taken_is_a_sentence_and_the_default_one_moves_on():
+    with listen("127.0.0.1", 0) as first:
+        port = first.getsockname()[1]
+        with pytest.raises(ConfigError, match=f"127.0.0.1:{port}.*choose another"):
+            listen("127.0.0.1", port)
+    with listen("127.0.0.1", None) as first, listen("127.0.0.1", None) as second:
+        assert first.getsockname()[1] != second.getsockname()[1]
+
+
+def test_an_address_that_is_not_ours_is_a_sentence():
+    with pytest.raises(ConfigError, match=r"cannot listen on 192\.0\.2\.1"):
+        listen("192.0.2.1", 0)

@@ -1,0 +1,47 @@
+import dataclasses
+
+import pytest
+from support.pages import FORWARD, drive_state, info, robot, state
+from support.samples import controllers_of
+
+from canopen_control.view.robot_view import RobotView
+
+
+def test_a_robot_that_comes_back_goes_on_and_another_one_does_not():
+    view = robot()
+    view.take(state())
+    assert view.come_back(info(state="starting"))
+    assert view.state.state == "starting"
+    assert view.history.rows()
+    assert not view.come_back(info(joints={"other": {}}))
+
+
+def test_only_what_has_moved_is_sent():
+    view = robot()
+    assert set(view.take(state())) == {"angles", "tint"}
+    assert view.take(state()) == {}
+    moved = view.take(state(samples={"base": {"kind": "odometry", "time": 1.0, "x": 1.0, "y": 0.0, "heading": 0.0}}))
+    assert moved == {"pose": [1.0, 0.0, 0.0]}
+    assert list(view.trail.points) == [(1.0, 0.0)]
+
+
+def test_what_hangs_on_a_faulty_drive_is_named():
+    view = robot()
+    view.take(state())
+    assert view.take(drive_state(axis={"cia402_state": "FAULT"})) == {"tint": ["left"]}
+
+
+def test_a_sample_is_plotted_as_it_is_commanded():
+    view = robot()
+    view.controllers = controllers_of([FORWARD])
+    view.take(state())
+    row = dict(zip(["time", *view.history.names], view.history.rows()[0], strict=True))
+    assert (row["left command"], row["left error"]) == (2.5, pytest.approx(0.5))
+
+
+@pytest.mark.parametrize("urdf", ["", "<robot", "<robot><link/><joint/></robot>"])
+def test_a_description_that_cannot_be_read_is_a_note_and_no_error(urdf):
+    view = RobotView(dataclasses.replace(info(), urdf=urdf), lambda _content, kind: f"/mesh/1.{kind}")
+    assert view.scene.tree["joints"] == []
+    (note,) = view.scene.notes
+    assert note.startswith("the description cannot be drawn: <urdf>")

@@ -1,0 +1,371 @@
+"""The process of the view without a browser: on its own loop, against a robot on mock hardware."""
+
+import asyncio
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("nicegui", reason="NiceGUI is not installed: pip install canopen-control[view]")
+
+from support.host import eventually
+from support.mockrobot import running
+from support.pages import settle
+
+from canopen_control.errors import ConfigError, RemoteError
+from canopen_control.rpc.messages.robot import Release
+from canopen_control.view import view_app
+from canopen_control.view.dead_man import joint_motion
+from canopen_control.view.robot_connection import RobotConnection
+from canopen_control.view.view_app import SEEN_HZ, UNSEEN_HZ, ViewApp
+
+FORWARD = "robby_forward_controller"
+MOTION = joint_motion(FORWARD, [3.0, 3.0], [0.0, 0.0])
+
+
+class Server:
+    """In the place of the one that listens: `serve` lasts until `stop`."""
+
+    def __init__(self, listener, rules, title, build, stop):
+        listener.close()
+        self.ended = asyncio.Event()
+
+    async def serve(self, ready):
+        ready()
+        await self.ended.wait()
+
+    def stop(self):
+        self.ended.set()
+
+
+class Page:
+    """What a browser would have; `client` is itself."""
+
+    def __init__(self, name="page 1"):
+        self.client, self.id, self.shown, self.sent, self.loads = self, name, [], [], 0
+
+    def show(self, content):
+        self.shown.append(content)
+
+    def changes(self, content):
+        return {}
+
+    def send(self, data):
+        self.sent.append(data)
+
+    def reload(self):
+        self.loads += 1
+
+
+@pytest.fixture
+def robot(private_folders):
+    with running() as robot:
+        yield robot
+
+
+@pytest.fixture
+def play(private_folders, monkeypatch):
+    """Run the view, and beside it what a test does with it."""
+    monkeypatch.setattr(view_app, "PageServer", Server)
+    monkeypatch.setattr(view_app, "select_robot", lambda name: name)  # it may come later
+
+    def play(act, **how):
+        async def both():
+            said = []
+            app = ViewApp("mock", "127.0.0.1", 0, **({"teleop": True, "say": said.append} | how))
+            app.said = said
+            running = asyncio.ensure_future(app.run())
+            try:
+                return await act(app)
+            finally:
+                app.server.stop()
+                await running
+
+        return asyncio.run(both())
+
+    return play
+
+
+async def until(condition, seconds=5.0):
+    begin = time.monotonic()
+    while not condition():
+        assert time.monotonic() - begin < seconds, "not within the time"
+        await asyncio.sleep(0.005)
+
+
+async def connected(app):
+    await until(lambda: app._connection is not None)
+
+
+def command(robot):
+    return robot.status().joints["left_wheel_joint"].command
+
+
+def test_without_a_robot_it_does_not_begin(private_folders):
+    with pytest.raises(ConfigError, match="no robot"):
+        ViewApp(None, "127.0.0.1", 0, teleop=False, say=print)
+
+
+@pytest.mark.process
+def test_every_thread_of_the_process_goes_after_the_robot(robot):
+    view = subprocess.Popen(
+        [sys.executable, "-m", "canopen_control", "view", "--name", "mock", "--port", "0"],
+        stdout=subprocess.PIPE,
+        env=os.environ | {"_ROS_WHEELS_BOOTSTRAP_COMPLETE": "1"},
+        text=True,
+    )
+    try:
+        assert view.stdout.readline().startswith("view: http://127.0.0.1:")
+        tasks = [int(task.name) for task in Path(f"/proc/{view.pid}/task").iterdir()]
+        mine = os.getpriority(os.PRIO_PROCESS, 0)
+        assert min(os.getpriority(os.PRIO_PROCESS, task) for task in tasks) == min(19, mine + 5)
+    finally:
+        view.terminate()
+        assert view.wait(timeout=10) == 0
+        view.stdout.close()
+
+
+def test_it_says_where_the_page_is_and_knows_the_robot(robot, play):
+    async def act(app):
+        await connected(app)
+        assert app.said == [f"view: http://127.0.0.1:{app.rules.port}/"]
+        assert app.robot.info.joints == ("left_wheel_joint", "right_wheel_joint")
+        await until(lambda: app.robot.controllers)
+
+    play(act)
+
+
+def test_controllers_are_asked_for_until_they_are_told(robot, play, monkeypatch):
+    real, tried = RobotConnection.controllers, []
+
+    def busy(self):
+        tried.append(1)
+        if len(tried) < 3:
+            raise RemoteError("Timeout", "it has not answered")
+        return real(self)
+
+    async def act(app):
+        await connected(app)
+        await until(lambda: app.robot.controllers)
+
+    monkeypatch.setattr(RobotConnection, "controllers", busy)
+    monkeypatch.setattr(view_app, "_RETRY_S", 0.02)
+    play(act)
+    assert len(tried) == 3
+
+
+def test_started_by_run_it_tells_through_the_robot(robot, play):
+    async def act(app):
+        await connected(app)
+        app._lifeline = 0  # as a child of run has one
+        app._announce(app._connection)
+        await until(lambda: any(event.kind == "view" for event in robot.status().events))
+        app._lifeline = None
+
+    play(act)
+
+
+def test_samples_come_fast_while_somebody_looks(robot, play, monkeypatch):
+    rates = []
+    monkeypatch.setattr(RobotConnection, "subscribe", lambda self, rate: rates.append(rate))
+
+    async def act(app):
+        await connected(app)
+        app._page_opened(Page())
+        app._page_closed("page 1")
+
+    play(act)
+    assert rates == [UNSEEN_HZ, SEEN_HZ, UNSEEN_HZ]
+
+
+def test_a_page_is_told_what_was_then_what_is(robot, play):
+    page = Page()
+
+    async def act(app):
+        await connected(app)
+        await until(lambda: len(app.robot.history.rows()) > 3)
+        app._page_opened(page)
+        await until(lambda: len(page.shown) > 2)
+
+    play(act)
+    assert page.sent[0]["plots"]["anew"]
+    assert len(page.sent[0]["plots"]["rows"]) > 3
+    assert "angles" in page.sent[1]["scene"]
+    assert page.shown[-1].banner.words == "running"
+
+
+def test_stop_latches_and_says_when_it_does_not_reach(robot, play):
+    async def act(app):
+        assert "not connected" in app.stop()
+        assert "not connected" in await app.ask(Release())
+        await connected(app)
+        assert app.stop() is None
+        await until(lambda: robot.status().latched)
+        await until(lambda: app.robot.state.latched)
+        assert await app.ask(Release()) is None
+
+    play(act)
+
+
+def test_a_held_button_drives_until_it_is_silent(robot, play):
+    async def act(app):
+        await connected(app)
+        app._page_opened(Page())
+        app.hold("page 1", MOTION, app.said.append)
+        await until(lambda: command(robot) == 3.0)
+        begin = time.monotonic()
+        await until(lambda: command(robot) == 0.0)
+        assert time.monotonic() - begin < 0.4
+        await until(lambda: app._letting_go is None)
+
+    play(act)
+
+
+def test_letting_go_or_closing_the_page_ends_its_motion_at_once(robot, play):
+    async def act(app):
+        await connected(app)
+        app._page_opened(Page())
+        app.hold("page 1", MOTION, app.said.append)
+        app.let_go("page 1")
+        assert app._dead_man.driver is None
+        app.hold("page 1", MOTION, app.said.append)
+        app._page_closed("page 1")
+        assert app._dead_man.driver is None
+        app.hold("page 1", MOTION, app.said.append)  # was on its way
+        assert app._dead_man.driver is None
+        await until(lambda: command(robot) == 0.0)
+
+    play(act)
+
+
+def test_nothing_is_sent_after_stop(robot, play, monkeypatch):
+    sent = []
+
+    async def act(app):
+        await connected(app)
+        app._page_opened(Page())
+        app.hold("page 1", MOTION, app.said.append)
+        monkeypatch.setattr(app, "_send", lambda *what: sent.append(what))
+        app.stop()
+        await asyncio.sleep(0.3)
+
+    play(act)
+    assert sent == []
+
+
+def test_without_teleop_nobody_drives_and_who_comes_second_is_told(robot, play):
+    told = []
+
+    async def refuse(app):
+        await connected(app)
+        app._page_opened(Page())
+        app.hold("page 1", MOTION, told.append)
+        assert app._dead_man.driver is None
+
+    async def both(app):
+        await connected(app)
+        for name in ("page 1", "page 2"):
+            app._page_opened(Page(name))
+            app.hold(name, MOTION, told.append)
+
+    play(refuse, teleop=False)
+    play(both)
+    assert told == ["another page drives; it has to let go first"]
+
+
+def test_the_end_of_the_view_ends_what_it_drives(robot, play):
+    async def act(app):
+        await connected(app)
+        app._page_opened(Page())
+        app.hold("page 1", MOTION, app.said.append)
+        await until(lambda: command(robot) == 3.0)
+
+    play(act)
+    assert eventually(lambda: command(robot) == 0.0)
+
+
+def test_it_waits_for_a_robot_that_comes_back_and_keeps_its_pages(private_folders, play):
+    page = Page()
+
+    async def act(app):
+        with running():
+            await connected(app)
+            app._page_opened(page)
+        await until(lambda: app._connection is None)
+        await until(lambda: page.shown and page.shown[-1].banner.words == "not connected")
+        with running():
+            await connected(app)
+            await until(lambda: page.shown[-1].banner.words == "running")
+
+    play(act)
+    assert page.loads == 0
+
+
+def test_another_robot_of_the_same_name_makes_pages_anew(robot, play):
+    page = Page()
+
+    async def act(app):
+        await connected(app)
+        app._page_opened(page)
+        app._known.come_back = lambda _welcome: False
+        app._drop("it was another one")
+        await until(lambda: page.loads)
+
+    play(act)
+    assert page.loads == 1
+
+
+def test_a_robot_that_says_nothing_is_lost_until_it_speaks_again(robot, play, monkeypatch):
+    async def act(app):
+        await connected(app)
+        page = Page()
+        app._page_opened(page)
+        await until(lambda: page.shown)
+        loop = asyncio.get_running_loop()
+        loop.remove_reader(app._connection.fileno())  # as if it were stopped
+        await until(lambda: page.shown[-1].banner.words == "not connected")
+        assert "has said nothing for" in page.shown[-1].banner.cause
+        assert "does not answer" in app.stop()
+        loop.add_reader(app._connection.fileno(), app._on_readable)
+        await until(lambda: page.shown[-1].banner.words != "not connected")
+
+    monkeypatch.setattr(view_app, "_SILENT_S", 0.5)
+    play(act)
+
+
+def test_as_a_child_it_ends_with_its_robot(private_folders, play):
+    async def act(app):
+        with running():
+            await connected(app)
+            app._lifeline = 0
+        await until(lambda: app.server.ended.is_set())
+        app._lifeline = None
+
+    play(act)
+
+
+def test_a_page_that_cannot_be_drawn_takes_nothing_with_it(robot, play):
+    class Broken(Page):
+        def show(self, content):
+            raise ZeroDivisionError
+
+    async def act(app):
+        await connected(app)
+        app._page_opened(Broken())
+        await until(lambda: any("ZeroDivisionError" in text for text in app.said))
+        assert app.stop() is None
+        await until(lambda: robot.status().latched)
+
+    play(act)
+
+
+def test_what_nobody_has_met_is_no_robot(private_folders, play):
+    async def act(app):
+        with pytest.raises(RemoteError, match="not connected"):
+            _ = app.robot
+        await settle(turns=5)
+
+    play(act)
