@@ -34,8 +34,8 @@ from typing import TYPE_CHECKING
 from canopen_control.bus.channel import parse_channel
 from canopen_control.cli.support.arguments import whole
 from canopen_control.cli.support.drive_state import state_lines
-from canopen_control.cli.support.json_text import json_line
-from canopen_control.client.drive import DriveClient
+from canopen_control.cli.support.output import json_line
+from canopen_control.client.drive_client import DriveClient
 from canopen_control.data_files import data_path
 from canopen_control.errors import ConfigError
 from canopen_control.rpc.messages.drive import GetDriveState

@@ -13,12 +13,11 @@ from typing import TYPE_CHECKING
 from canopen_control.cia301.lss import UNCONFIGURED
 from canopen_control.errors import ConfigError
 from canopen_control.od.eds import read_eds
-from canopen_control.virtual.device_model import GENERIC, DeviceModel
+from canopen_control.virtual.device_model import GENERIC, DeviceModel, vendor_model
 from canopen_control.virtual.fault_switches import FaultSwitches
 from canopen_control.virtual.parameter_file import ParameterFile
 from canopen_control.virtual.plant import PlainWorld, World
 from canopen_control.virtual.tmcm1270 import TMCM1270, is_tmcm1270
-from canopen_control.virtual.vendor_models import vendor_model
 from canopen_control.virtual.virtual_node import VirtualNode
 
 if TYPE_CHECKING:

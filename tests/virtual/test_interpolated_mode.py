@@ -9,8 +9,7 @@ from support.setpoints import STEP, StreamBench
 from support.virtualbench import BIT_12, REACHED, T, entry, servo_od
 
 from canopen_control.cia301.abort import AbortCode
-from canopen_control.virtual.device_model import GENERIC, DeviceModel, MissingSetPoint
-from canopen_control.virtual.vendor_models import ELMO
+from canopen_control.virtual.device_model import ELMO, GENERIC, DeviceModel, MissingSetPoint
 
 BUFFER = ((1, T.UNSIGNED32, 8, "ro"), (2, T.UNSIGNED32, 8, "rw"), (3, T.UNSIGNED8, 0, "rw"),
           (4, T.UNSIGNED16, 0, "rw"), (5, T.UNSIGNED8, 4, "wo"), (6, T.UNSIGNED8, 0, "wo"))  # fmt: skip
