@@ -183,6 +183,7 @@ CONTROLLERS: dict[str, dict[str, str]] = {
         "constraints.goal_time": "s after the end in which the goal must be reached; 0: no limit",
         "constraints.decelerate_on_cancel": "brakes with `max_deceleration_on_cancel` where a trajectory is given up",
         "allowed_start_tolerance": "rad or m from a joint to the first point, beyond what it can go until then; 0: any",
+        "continue_without_client": "a goal goes on when the action client that sent it is gone, as upstream's does",
     },
     "JointGains": {
         "p": "proportional gain of the loop over a velocity or effort",

@@ -23,9 +23,10 @@ from canopen_control.controllers.trajectory.stop import Stop
 from canopen_control.controllers.trajectory.tolerances import SegmentTolerances, resolve, within
 from canopen_control.controllers.trajectory.upsampling import fill_velocities, time_points
 from canopen_control.controllers.trajectory.validation import JointLimits, Rules, beyond, broken_rule, column, far_start
-from canopen_control.errors import RobotConfigError
+from canopen_control.errors import RobotConfigError, TrajectoryRefused
 from canopen_control.hardware.interfaces import ACCELERATION, EFFORT, OK, POSITION, VELOCITY, ReturnType
 from canopen_control.rpc.messages.samples import TrajectoryPoint, TrajectorySample
+from canopen_control.rpc.messages.trajectory import TrajectoryAt
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -175,14 +176,21 @@ class JointTrajectoryController(Controller):
             fill_velocities(message.points)
         self._queue(message, now)
 
-    def send_goal(self, goal: Goal, now: int) -> None:
-        """Execute a goal from the next cycle on, in the place of the one before; ControlError if it is refused."""
+    def send_goal(self, goal: Goal | JointTrajectory, now: int) -> None:
+        """Execute a goal from the next cycle on, in the place of the one before; ControlError if it is refused.
+
+        A trajectory alone is set, see `set_trajectory`.
+        """
+        if isinstance(goal, JointTrajectory):
+            self.set_trajectory(goal, now)
+            return
         self._check(goal.trajectory, now)
         self._end(GoalState.ABORTED, ResultCode.INVALID_GOAL, "another goal has taken its place")
         self.tolerances, self.refused_tolerances = resolve(goal.tolerances, self.params.joints, self._default)
         if self.refused_tolerances is not None:
             self.tell("tolerances", self.refused_tolerances)
         self.goal = goal
+        goal.feedback_rate, goal.outlives_client = self.params.action_monitor_rate, self.params.continue_without_client
         self._queue(goal.trajectory, now)
 
     def set_command(self, values: Sequence[float], now: int, stamp: int | None = None) -> None:
@@ -190,16 +198,18 @@ class JointTrajectoryController(Controller):
         del values, now, stamp
         raise self.refusal("takes trajectories and no numbers; send it one, or a goal")
 
-    def cancel(self, goal: Goal) -> None:
-        """Cancel a goal: if it is the one that is being executed, the joints brake and hold."""
+    def cancel(self, goal: Goal, why: str | None = None) -> None:
+        """Cancel a goal: if it is the one that is being executed, the joints brake and hold; `why` is told."""
         if goal is self.goal:
-            self._end(GoalState.CANCELED, ResultCode.SUCCESSFUL, "the goal was cancelled")
+            text = "the goal was cancelled" if why is None else f"the goal was cancelled: {why}"
+            self._end(GoalState.CANCELED, ResultCode.SUCCESSFUL, text)
             self._brake()
 
-    def cancel_goal(self) -> None:
-        """Cancel whatever goal is being executed."""
-        if self.goal is not None:
-            self.cancel(self.goal)
+    def cancel_goal(self, why: str | None = None, only: Goal | None = None) -> None:
+        """Cancel whatever goal is being executed, or `only` this one."""
+        goal = only or self.goal
+        if goal is not None:
+            self.cancel(goal, why)
 
     def set_speed_scaling(self, factor: float) -> None:
         """Let the time of trajectories run slower or faster; ControlError below 0 and where it cannot be scaled."""
@@ -216,6 +226,15 @@ class JointTrajectoryController(Controller):
             out.take(self._group.actual)
             return False
         return not motion.is_over
+
+    def trajectory_at(self, t: int) -> TrajectoryAt:
+        """Return what the trajectory says at `t`, in ns; where it says nothing, where the joints are."""
+        if self.state.value != "active":
+            return TrajectoryAt(known=False, text=f"{self.name} is {self.state.value}; activate it first")
+        point = Point()
+        known = self.query(t, point)
+        text = "" if known else f"{self.name} follows nothing at that time; this is where the joints are, or are to end"
+        return TrajectoryAt(known=known, text=text, joints=list(self.params.joints), point=_told(point))
 
     def sample(self, wall_offset_ns: int) -> TrajectorySample | None:
         """Return where the joints were to be and where they were, in the last cycle that moved or held them."""
@@ -257,7 +276,7 @@ class JointTrajectoryController(Controller):
             self._group.has_effort,
         )
         if (refused := broken_rule(message, rules, now)) is not None:
-            raise self._refused(refused.text)
+            raise self._refused(refused.text, refused.rule.code)
         here = dict(zip(given.joints, self._group.actual.positions, strict=True))
         wrong = beyond(message, self._limits)
         if wrong is None:
@@ -280,8 +299,8 @@ class JointTrajectoryController(Controller):
                     return f"it leads {joint} to {value:g}, and {fits}; plan within that"
         return None
 
-    def _refused(self, text: str) -> ControlError:
-        return self.refusal(f"refuses the trajectory: {text}")
+    def _refused(self, text: str, code: ResultCode = ResultCode.INVALID_GOAL) -> ControlError:
+        return TrajectoryRefused(str(self.refusal(f"refuses the trajectory: {text}")), code)
 
     def _queue(self, message: JointTrajectory, now: int) -> None:
         self._queued = message
