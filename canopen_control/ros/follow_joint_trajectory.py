@@ -13,10 +13,11 @@ import math
 from functools import partial
 from typing import TYPE_CHECKING, Any, Final
 
-from canopen_control.ros.action_server import JudgedActionServer, clients_of
+from canopen_control.ros.action_server import JudgedActionServer
 from canopen_control.ros.endpoint import COMMANDER, Endpoint, NewSamples
 from canopen_control.ros.interfaces import interface
 from canopen_control.ros.joint_states import time_message
+from canopen_control.ros.participants import ActionClients
 from canopen_control.ros.throttle import without_numbers
 from canopen_control.ros.trajectory_messages import (
     fill_point,
@@ -88,7 +89,7 @@ class FollowJointTrajectory(Endpoint):
             lambda uuid: ros.hand_over(lambda: self._cancel(uuid)),
             lambda uuid: ros.hand_over(lambda: self._give_up(uuid, _CLIENT_GONE)),
         )
-        self._full_name = ros.node.resolve_service_name(self._topic)
+        self._clients = ActionClients(ros.node, ros.node.resolve_service_name(self._topic))
 
     # ------------------------------------------------------------------------------------------------ goals that come
 
@@ -205,7 +206,7 @@ class FollowJointTrajectory(Endpoint):
     def _watch(self, followed: list[_Followed]) -> None:
         """End the goals whose client is gone."""
         watched = [each for each in followed if each.verdict is not None and not each.verdict.outlives_client]
-        clients = clients_of(self._ros.node, self._full_name) if watched else set()
+        clients = self._clients.present() if watched else set()
         for each in watched:
             if each.is_alone(clients):
                 self._give_up(each.uuid, _CLIENT_GONE)

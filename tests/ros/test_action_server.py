@@ -1,7 +1,5 @@
 from __future__ import annotations
 
-import ctypes
-
 import pytest
 from support.ros import domain, run_ros
 
@@ -11,7 +9,8 @@ pytestmark = pytest.mark.ros
 SCENE = """
 import time, uuid
 from canopen_control.ros import rcl
-from canopen_control.ros.action_server import JudgedActionServer, clients_of
+from canopen_control.ros.action_server import JudgedActionServer
+from canopen_control.ros.participants import ActionClients
 from canopen_control.ros.interfaces import interface
 from canopen_control.ros.spinner import Spinner
 from rclpy.action import ActionClient
@@ -57,7 +56,7 @@ begin, used = time.monotonic(), time.process_time()
 time.sleep(0.5)
 assert time.process_time() - used < 0.3, "something spins while the goal is judged"
 assert not future.done()
-assert requests[0].client in clients_of(node, "/follow")
+assert requests[0].client in ActionClients(node, "/follow").present()
 spinner.call(lambda: server.answer(requests[0].uuid, None))
 until(future.done)
 handle = future.result()
@@ -116,18 +115,3 @@ for number, asks in ((1, False), (2, True)):
     until(result.done)
     assert result.result().status == (5 if asks else 6)
 """)
-
-
-def test_a_header_whose_number_is_not_where_it_should_be_names_no_client():
-    from canopen_control.ros.action_server import client_of
-
-    class Header:
-        """An object that begins as pybind11's do: with a pointer, here to bytes, which have their length at 16."""
-
-        __slots__ = ("at", "sequence_number")
-
-    header = Header()
-    header.at, header.sequence_number = bytes(32), 32
-    assert client_of(header)[8:] == ctypes.string_at(id(header.at) + 8, 4)  # before it are the references
-    header.sequence_number = 33
-    assert client_of(header) is None

@@ -21,12 +21,6 @@ ARM = {
     "tells": "trajectory", "is_broadcaster": False, "rejected": 0,
 }  # fmt: skip
 POINT = {"positions": [1.0, 2.0], "velocities": [0.0, 0.0], "time_from_start": {"sec": 1, "nanosec": 500_000_000}}
-SHORT_LEASE = """<?xml version="1.0" encoding="UTF-8"?>
-<dds xmlns="http://www.eprosima.com"><profiles><participant profile_name="short" is_default_profile="true"><rtps>
-<builtin><discovery_config><leaseDuration><sec>1</sec></leaseDuration>
-<leaseAnnouncement><sec>0</sec><nanosec>200000000</nanosec></leaseAnnouncement></discovery_config></builtin>
-</rtps></participant></profiles></dds>
-"""
 ENDED = {"state": "succeeded", "error_code": 0, "text": "the goal was reached"}
 
 
@@ -191,11 +185,9 @@ def test_a_newer_goal_goes_to_the_robot_at_once_and_the_one_before_ends_as_the_r
     assert result(maker, "new")[0] == SUCCEEDED
 
 
-def test_the_death_of_the_client_ends_its_goal_unless_that_is_to_go_on(arm, robot, tmp_path):
-    profile = tmp_path / "short.xml"
-    profile.write_text(SHORT_LEASE)
+def test_the_death_of_the_client_ends_its_goal_unless_that_is_to_go_on(arm, robot):
     robot.answers["send_trajectory"] = lambda goal: {"accepted": True, "outlives_client": goal["controller"] == "free"}
-    with ros.Peer(arm.domain, "--interfaces", FASTRTPS_DEFAULT_PROFILES_FILE=str(profile)) as mortal:
+    with ros.Peer(arm.domain, "--interfaces") as mortal:
         accepted(robot, mortal, "free", action="/free/follow_joint_trajectory")
         accepted(robot, mortal, "orphan")
         robot.time += 0.3
