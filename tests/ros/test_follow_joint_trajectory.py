@@ -62,7 +62,7 @@ def accepted(robot, peer, name, data=None, action=ACTION):
     robot.told.clear()
     before = held(robot)
     peer.order("goal", action=action, of=KIND, data=data or goal(), name=name)
-    assert peer.message(name) == {"accepted": True}
+    assert peer.message(name, lambda message: "accepted" in message) == {"accepted": True}
     assert eventually(lambda: held(robot) == before + 1)
     return robot.commands("send_trajectory")[-1]
 
