@@ -79,7 +79,7 @@ assert len(requests) == 1
 """)
 
 
-def test_a_refusal_has_a_result_for_who_asks_and_the_last_ones_are_kept(run):
+def test_a_refusal_has_a_result_for_who_asks_and_what_nobody_cancelled_is_aborted(run):
     run("""
 from canopen_control.ros import action_server
 action_server._KEPT = 2
@@ -96,13 +96,9 @@ results = [each.get_result_async() for each in handles]
 until(lambda: all(each.done() for each in results))
 told = [(each.result().status, each.result().result.error_code, each.result().result.error_string) for each in results]
 assert told == [(0, 0, ""), (6, -2, "no 1"), (6, -2, "no 2")], told
-""")
-
-
-def test_what_nobody_cancelled_is_aborted_and_what_was_cancelled_is_cancelled(run):
-    run("""
+requests.clear()
 for number, asks in ((1, False), (2, True)):
-    future = send(number)
+    future = send(10 + number)
     until(lambda: len(requests) == number)
     spinner.call(lambda: server.answer(requests[-1].uuid, None))
     until(future.done)
