@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from canopen_control.bus.channel import ChannelKind, parse_channel
-from canopen_control.controllers.params import read_controllers
+from canopen_control.controllers.controllers_file import read_controllers
 from canopen_control.controllers.types import is_broadcaster
 from canopen_control.errors import RobotConfigError, nearest
 from canopen_control.hardware.plugins import Kind, kind_of
@@ -21,7 +21,7 @@ from canopen_control.urdf.description import DescriptionReader
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from canopen_control.controllers.params import ControllersFile
+    from canopen_control.controllers.controllers_file import ControllersFile
     from canopen_control.master.config import BusConfig
     from canopen_control.runtime.robot_files import RobotFiles
     from canopen_control.urdf.description import Description
@@ -57,6 +57,12 @@ class RobotSetup:
         """The period of the cycle: SYNC's, else that of the controllers."""
         sync = self.bus.master.sync_period * 1000 if self.buses else 0
         return sync or 1_000_000_000 // self.controllers.update_rate
+
+    @property
+    def phase_ns(self) -> int:
+        """How long after a SYNC that it follows the cycle comes: an eighth of a period, or half."""
+        first = bool(self.buses) and self.bus.master.sync_order == "first"
+        return self.cycle_ns // (8 if first else 2)
 
     @property
     def update_rate(self) -> int:
