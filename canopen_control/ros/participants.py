@@ -43,22 +43,16 @@ class ActionClients:
 
     def __init__(self, node: Node, action: str) -> None:
         self._node, self._action = node, action
-        self._running: set[bytes] = set()
 
     def present(self) -> set[bytes]:
-        """Return those that are there; one of this host whose process is gone is not, though DDS still waits for it.
+        """Return those that DDS knows now."""
+        found = self._node.get_publishers_info_by_topic(f"rq{self._action}/_action/send_goalRequest", no_mangle=True)
+        return set(map(_participant, found))
 
-        Only who was seen to run can be missed: a process of another container has no number here.
-        """
-        looked_up = self._node.get_publishers_info_by_topic(
-            f"rq{self._action}/_action/send_goalRequest", no_mangle=True
-        )
-        found = {_participant(each) for each in looked_up}
+    def runs_here(self, participant: bytes) -> bool:
+        """Whether it is of a process that runs on this host; of another container's nothing is known, False."""
         host = self._host()
-        running = {each for each in found if host is not None and each[:4] == _VENDOR + host and runs(_process(each))}
-        gone = (self._running & found) - running
-        self._running |= running
-        return found - gone
+        return host is not None and participant[:4] == _VENDOR + host and runs(_process(participant))
 
     def _host(self) -> bytes | None:
         """Return what stands for this host in the bytes of a participant, by those of this process; None if not so."""

@@ -190,8 +190,6 @@ def test_the_death_of_the_client_ends_its_goal_unless_that_is_to_go_on(arm, robo
     with ros.Peer(arm.domain, "--interfaces") as mortal:
         accepted(robot, mortal, "free", action="/free/follow_joint_trajectory")
         accepted(robot, mortal, "orphan")
-        robot.time += 0.3
-        mortal.order("graph")
         mortal.kill()
 
         def cancelled():

@@ -50,34 +50,34 @@ def graph(monkeypatch):
         return [SimpleNamespace(endpoint_gid=each) for each in gids]
 
     monkeypatch.setattr(participants, "runs", lambda process: process in graph.running)
-    graph.present = ActionClients(SimpleNamespace(get_publishers_info_by_topic=look), "/arm").present
+    graph.of = ActionClients(SimpleNamespace(get_publishers_info_by_topic=look), "/arm")
     return graph
 
 
-def parts(*gids):
-    return {bytes(each[:12]) for each in gids}
+def part(given):
+    return bytes(given[:12])
 
 
-def test_a_client_of_this_host_is_gone_with_its_process(graph):
-    graph.clients = [gid(1), gid(2)]
-    assert graph.present() == parts(gid(1), gid(2))
-    graph.running = {2}
-    assert graph.present() == parts(gid(2))
-    assert graph.present() == parts(gid(2))
+def test_those_are_present_that_dds_knows(graph):
+    graph.clients = [gid(1), gid(2), gid(2)]
+    assert graph.of.present() == {part(gid(1)), part(gid(2))}
     graph.clients = []
-    assert graph.present() == set()
+    assert graph.of.present() == set()
 
 
-@pytest.mark.parametrize("other", [gid(7), gid(1, FAR), gid(1, HOST, b"\x01\x10")])
-def test_of_a_client_elsewhere_counts_what_dds_says(graph, other):
-    graph.clients = [other]
-    assert graph.present() == parts(other)
-    graph.running = set()
-    assert graph.present() == parts(other)
+def test_a_client_of_this_host_is_known_by_its_process(graph):
+    assert graph.of.runs_here(part(gid(1)))
+    graph.running = {2}
+    assert not graph.of.runs_here(part(gid(1)))
+
+
+@pytest.mark.parametrize("other", [gid(1, FAR), gid(1, HOST, b"\x01\x10")])
+def test_of_a_client_elsewhere_no_process_is_looked_for(graph, other):
+    assert not graph.of.runs_here(part(other))
 
 
 def test_where_a_participant_is_made_in_another_way_no_process_is_looked_for(graph):
-    graph.server, graph.clients = gid((os.getpid() + 1) % 65536), [gid(1)]
-    assert graph.present() == parts(gid(1))
-    graph.running = set()
-    assert graph.present() == parts(gid(1))
+    graph.server = gid((os.getpid() + 1) % 65536)
+    assert not graph.of.runs_here(part(gid(1)))
+    graph.server = gid(os.getpid() % 65536, HOST, b"\x01\x10")
+    assert not graph.of.runs_here(part(gid(1)))
