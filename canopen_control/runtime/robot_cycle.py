@@ -3,7 +3,8 @@
 The law of this file: controllers live on the grid. The time that they get is that of the edge, and the period is that
 of the grid, however late the process woke: a late cycle sends the set-point of its edge. After edges that were skipped
 they go on with the set-point of the newest one, but for `CAUGHT_UP` skipped edges at most: for the others their time
-stands, since a drive that has stopped meanwhile must not be told to make up for all of it in one period. What waits for
+stands, since a drive that has stopped meanwhile must not be told to make up for all of it in one period. What is
+written is for one period all the same: no target moves by more than the drive's velocity makes of that. What waits for
 frames or watches others goes by the clock.
 """
 
@@ -62,7 +63,7 @@ class RobotCycle:
             self.advance(now)
         manager.update(edge, period)
         for component in components:
-            if component.write(now, period) is ERROR:
+            if component.write(now, self._period) is ERROR:
                 self._failed(component, "write", now)
         for bus in self._buses:
             bus.send_cycle(now)
