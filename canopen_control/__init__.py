@@ -16,8 +16,7 @@ if TYPE_CHECKING:
     from canopen_control.bus.port import BusEvent, Port
     from canopen_control.client import RobotClient, find_robots
     from canopen_control.controllers.base import Controller
-    from canopen_control.controllers.common_params import CommonParams
-    from canopen_control.controllers.params import Params
+    from canopen_control.controllers.params import CommonParams, Params
     from canopen_control.errors import CanopenError
     from canopen_control.frame import CanFrame, frames_of, pack_records
     from canopen_control.hardware.interfaces import CommandInterface, ReturnType, StateInterface
@@ -70,8 +69,7 @@ _NAMES_OF = {
     "bus.port": ("BusEvent", "Port"),
     "client": ("RobotClient", "find_robots"),
     "controllers.base": ("Controller",),
-    "controllers.common_params": ("CommonParams",),
-    "controllers.params": ("Params",),
+    "controllers.params": ("CommonParams", "Params"),
     "errors": ("CanopenError",),
     "frame": ("CanFrame", "frames_of", "pack_records"),
     "hardware.interfaces": ("CommandInterface", "ReturnType", "StateInterface"),

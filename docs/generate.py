@@ -167,12 +167,12 @@ def bus_yml() -> str:
 
 def controllers() -> str:
     """Return the parameters of every controller."""
-    from canopen_control.controllers import broadcasters, diff_drive_params, forward_command_params, types
-    from canopen_control.controllers.common_params import CommonParams
-    from canopen_control.controllers.joint_state_params import BroadcasterParams
+    from canopen_control.controllers import broadcasters, diff_drive_params, pid_params, standard_params, types
+    from canopen_control.controllers.params import CommonParams
+    from canopen_control.controllers.standard_params import BroadcasterParams
     from canopen_control.controllers.trajectory import params as trajectory
 
-    forward, diff = forward_command_params, diff_drive_params
+    forward, diff = standard_params, diff_drive_params
     groups = (
         ("Every controller", CommonParams, ""),
         ("Forward command: all joints of one interface", forward.ForwardParams, "ForwardCommandController"),
@@ -181,6 +181,7 @@ def controllers() -> str:
         ("One joint, as in ROS 1", forward.SingleParams, "/Joint(Position|Velocity|Effort)Controller"),
         ("Diff drive", diff.DiffDriveParams, "DiffDrive"),
         ("Joint trajectories", trajectory.TrajectoryParams, "JointTrajectory"),
+        ("PID", pid_params.PidParams, "/PidController"),
         ("Joint states", BroadcasterParams, "JointState(Broadcaster|Controller)"),
         ("GPIO and diagnostics", broadcasters.StateParams, "(Gpio|Diagnostics)Broadcaster"),
     )
@@ -195,6 +196,11 @@ def controllers() -> str:
             text += [
                 "### Limits: `linear.x.KEY` and `angular.z.KEY`\n",
                 _keys(diff.AxisLimits, CONTROLLERS["AxisLimits"], {}),
+            ]
+        if cls is pid_params.PidParams:
+            text += [
+                "### Each degree of freedom: `gains.DOF.KEY`\n",
+                _keys(pid_params.DofGains, CONTROLLERS["DofGains"], {}),
             ]
         if cls is trajectory.TrajectoryParams:
             for part, title in ((trajectory.JointGains, "gains"), (trajectory.JointConstraints, "constraints")):

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, ClassVar, Final, Protocol
 from mypy_extensions import mypyc_attr
 
 from canopen_control.controllers.command_life import MOVING, CommandLife
-from canopen_control.controllers.common_params import CommonParams
+from canopen_control.controllers.params import CommonParams
 from canopen_control.errors import ControlError
 from canopen_control.hardware.interfaces import OK, POSITION, ReturnType
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, ClassVar
 from canopen_control.cia301.nmt import NmtState, state_of_byte
 from canopen_control.cia402.state import decode_statusword
 from canopen_control.controllers.base import ALL_STATES, Controller
-from canopen_control.controllers.common_params import CommonParams
+from canopen_control.controllers.params import CommonParams
 from canopen_control.controllers.state_copy import StateCopy
 from canopen_control.errors import ControlError
 from canopen_control.hardware.interfaces import ReturnType

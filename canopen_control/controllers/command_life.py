@@ -27,15 +27,16 @@ class CommandLife:
     """The command that a controller has, its values apart: `live` while it counts, `given` when it was made, in ns.
 
     `source` says in words who gave it; `holder` is the connection with which it ends, None where it outlives that.
+    `ended_by` says why the last one was taken back, "" where nobody said.
     """
 
-    __slots__ = ("given", "holder", "limit_ns", "live", "source")
+    __slots__ = ("ended_by", "given", "holder", "limit_ns", "live", "source")
 
     def __init__(self) -> None:
         self.limit_ns = 0
         self.given = 0
         self.live = False
-        self.source = ""
+        self.source = self.ended_by = ""
         self.holder: object = None
 
     def give(self, now: int) -> None:
@@ -49,9 +50,10 @@ class CommandLife:
         self.live = False
         return True
 
-    def end(self) -> None:
-        """Count no more."""
+    def end(self, why: str = "") -> None:
+        """Count no more; `why` is a clause that says who or what has ended it."""
         self.live = False
+        self.ended_by = why
         self.holder = None
 
 

@@ -12,8 +12,8 @@ import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
-from canopen_control.controllers.common_params import CommonParams
 from canopen_control.controllers.limiter import Limits
+from canopen_control.controllers.params import CommonParams
 from canopen_control.errors import RobotConfigError
 from canopen_control.yamlfile.convert import setting
 

@@ -13,15 +13,14 @@ from typing import TYPE_CHECKING, ClassVar
 
 from canopen_control.controllers.base import Controller, zero_targets
 from canopen_control.controllers.command_life import ENDLESS, endless, life_ns
-from canopen_control.controllers.forward_command_params import ForwardParams, GroupParams, MultiParams, SingleParams
+from canopen_control.controllers.standard_params import ForwardParams, GroupParams, MultiParams, SingleParams
 from canopen_control.errors import RobotConfigError
 from canopen_control.hardware.interfaces import EFFORT, OK, POSITION, VELOCITY, ReturnType
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from canopen_control.controllers.common_params import CommonParams
-    from canopen_control.controllers.params import Params
+    from canopen_control.controllers.params import CommonParams, Params
     from canopen_control.hardware.interfaces import CommandInterface, StateInterface
 
 __all__ = [

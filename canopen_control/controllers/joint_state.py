@@ -13,7 +13,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, ClassVar, Final
 
 from canopen_control.controllers.base import ALL_STATES, Controller
-from canopen_control.controllers.joint_state_params import RENAMES, BroadcasterParams
+from canopen_control.controllers.standard_params import RENAMES, BroadcasterParams
 from canopen_control.controllers.state_copy import StateCopy
 from canopen_control.errors import ControlError
 from canopen_control.hardware.interfaces import EFFORT, OK, POSITION, VELOCITY, ReturnType

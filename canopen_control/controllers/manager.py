@@ -1,33 +1,23 @@
 """The controller manager: who is loaded, who is active, and who owns what.
 
 The law of the file (ros2_control jazzy): a switch is checked as a whole before anything changes. STRICT refuses it if
-any name is impossible, best effort drops the impossible ones; a claimed or unavailable interface refuses it in both.
-Then the leaving controllers stop and release, the hardware changes its modes, the entering ones claim and start; if one
-of those fails, all of that request are stopped again. A controller whose update fails is deactivated with those it is
-chained to, and its fallbacks take over. `update` never raises (`running`).
+any name is impossible, best effort drops the impossible ones; a claimed or unavailable interface refuses it in both
+(`switcher`). A controller whose update fails is deactivated with those it is chained to, and its fallbacks take over.
+`update` never raises (`running`).
 Ours, and safer: a command to a controller one of whose drives is not enabled is refused, and what the controller has is
 forgotten when a drive is no longer enabled, so that the first motion after every enable has a command that is newer.
 """
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
-from canopen_control.controllers.base import (
-    ALL_STATES,
-    Controller,
-    ControllerEvent,
-    ControllerState,
-    not_enabled,
-    zero_targets,
-)
-from canopen_control.controllers.chain import joints_of, users_of
-from canopen_control.controllers.claims import Plan, make_plan
+from canopen_control.controllers.base import Controller, ControllerEvent, ControllerState, not_enabled
+from canopen_control.controllers.chain import joints_of
 from canopen_control.controllers.command_life import MOVING
 from canopen_control.controllers.params import Params
 from canopen_control.controllers.running import RunningControllers
+from canopen_control.controllers.switcher import Switched, Switcher
 from canopen_control.controllers.types import make_controller
 from canopen_control.errors import CanopenError, ControlError, NotEnabled, NotYetEnabled, UnknownName, nearest
 from canopen_control.rpc.messages.samples import kind_of
@@ -43,25 +33,15 @@ if TYPE_CHECKING:
         CommandInterface,
         HardwareComponent,
         InterfaceRegistry,
-        StateInterface,
     )
     from canopen_control.urdf.joint import Joint
 
 __all__ = ["ControllerEvent", "ControllerManager", "Switched"]
 
 
-@dataclass(frozen=True, slots=True)
-class Switched:
-    """The result of a switch of controllers: what was activated and deactivated."""
-
-    activated: tuple[str, ...] = ()
-    deactivated: tuple[str, ...] = ()
-
-
 # within the class `list` is the method of ros2_control's name
 Events = tuple[ControllerEvent, ...]
 Names = list[str]
-States = list["StateInterface"]
 Running = tuple[Controller, ...]
 Bases = dict[str, tuple[str, ...]]
 
@@ -104,8 +84,6 @@ class ControllerManager:
         self._geometry = geometry
         self._description = description or {}
         self.limiter: Limiter | None = None
-        self.on_switched: Callable[[], None] = lambda: None
-        """Called when other controllers are active than before."""
         self.why_waiting: Callable[[Sequence[CommandInterface]], NotEnabled] = _why_waiting
         self.explain: Callable[[Sequence[CommandInterface]], str] = not_enabled
         self._told_refusal: set[str] = set()
@@ -114,6 +92,7 @@ class ControllerManager:
         self._fallbacks: dict[str, tuple[str, ...]] = {}
         self._events: list[ControllerEvent] = []
         self.running = RunningControllers(update_rate, cycle or 1.0 / update_rate, self._events)
+        self._switcher = Switcher(registry, self._controllers, self.running, self._events)
 
     # ------------------------------------------------------------------------------------------------- lifecycle
 
@@ -176,6 +155,10 @@ class ControllerManager:
             raise UnknownName(f"no controller {name!r} is loaded{nearest(name, self._controllers)}")
         return controller
 
+    def on_switch(self, call: Callable[[], None]) -> None:
+        """Have something called whenever other controllers are active than before."""
+        self._switcher.on_switched = call
+
     def list(self) -> list[ControllerReading]:
         """Return all controllers in the order they were loaded."""
         return [self._info(each) for each in self._controllers.values()]
@@ -218,17 +201,7 @@ class ControllerManager:
         Raises ControlError (InterfaceConflict, UnknownInterface) or DriveError and changes nothing if the request is
         refused; if a controller fails to start, all of this request are deactivated and the ControlError says why.
         """
-        now = self.running.now if now is None else now
-        plan = make_plan(self._controllers, self.registry, activate, deactivate, strict=strict)
-        for component, start, stop in plan.switches:
-            component.prepare_command_mode_switch(start, stop)
-        for controller in plan.deactivate:
-            self._stop(controller, now, "deactivated")
-        for component, start, stop in plan.switches:
-            component.perform_command_mode_switch(start, stop)
-        self._start_all(plan, now)
-        self._arrange()
-        return Switched(tuple(each.name for each in plan.activate), tuple(each.name for each in plan.deactivate))
+        return self._switcher.switch(activate, deactivate, self.running.now if now is None else now, strict=strict)
 
     def deactivate_using(self, component: HardwareComponent, reason: str, now: int | None = None) -> Names:
         """Deactivate whoever commands a component that failed, with those chained to them; return their names.
@@ -236,7 +209,8 @@ class ControllerManager:
         Broadcasters keep telling what is known of the others.
         """
         owned = {each.owner for each in component.command_interfaces if each.owner is not None}
-        return self._drop([self._controllers[name] for name in owned if name in self._controllers], reason, now)
+        using = [self._controllers[name] for name in owned if name in self._controllers]
+        return self._switcher.drop(using, reason, self.running.now if now is None else now)
 
     # ------------------------------------------------------------------------------------------------- every cycle
 
@@ -311,7 +285,7 @@ class ControllerManager:
         failed, self.running.failed = self.running.failed, []
         for controller, reason in failed:
             again = f"canopen-control controller switch --activate {controller.name}"
-            dropped = self._drop([controller], f"{reason}; to go on, once that is mended: {again}", now)
+            dropped = self._switcher.drop([controller], f"{reason}; to go on, once that is mended: {again}", now)
             fallbacks = dict.fromkeys(name for each in dropped for name in self._fallbacks.get(each, ()))
             if fallbacks:
                 self._fall_back(list(fallbacks), controller.name, now)
@@ -325,70 +299,6 @@ class ControllerManager:
             self._tell("error", failed, f"{failed}: its fallbacks cannot take over: {error}")
         else:
             self._tell("fallback", failed, f"{', '.join(names)} took over from {failed}")
-
-    def _drop(self, controllers: Sequence[Controller], reason: str, now: int | None) -> Names:
-        """Deactivate these and whoever is chained to them, without asking anyone."""
-        now = self.running.now if now is None else now
-        group = users_of(controllers, self.running.controllers)
-        for controller in group:
-            self._stop(controller, now, "error", reason)
-        self._release_hardware(group)
-        self._arrange()
-        return [each.name for each in group]
-
-    def _release_hardware(self, group: Sequence[Controller]) -> None:
-        for component in self.registry.components:
-            names = {each.name for each in component.command_interfaces}
-            stop = [name for each in group for name in each.command_interface_names() if name in names]
-            if stop:
-                component.perform_command_mode_switch((), stop)
-
-    def _start_all(self, plan: Plan, now: int) -> None:
-        started: list[Controller] = []
-        try:
-            for controller in plan.activate:
-                started.append(controller)
-                self._start(controller, now)
-        except Exception as error:
-            for controller in started:
-                self._stop(controller, now, "error", str(error))
-            self._release_hardware(plan.activate)
-            self._arrange()
-            raise ControlError(f"{started[-1].name} could not be activated: {error}") from error
-
-    def _start(self, controller: Controller, now: int) -> None:
-        commands = self.registry.claim(controller.command_interface_names(), controller.name)
-        for each in commands:
-            each.value = math.nan
-        controller.on_activate(commands, self._states_of(controller), now)
-        controller.state = ControllerState.ACTIVE
-        self._tell("activated", controller.name, f"{controller.name} is active")
-
-    def _stop(self, controller: Controller, now: int, kind: str, reason: str = "") -> None:
-        """Make a controller inactive; its targets are zero even if its own hook fails."""
-        commands = list(controller.commands)
-        try:
-            controller.life.end()
-            controller.on_deactivate(now)
-        except Exception as error:  # noqa: BLE001 - stopping goes on
-            reason = reason or f"on_deactivate raised {type(error).__name__}: {error}"
-        zero_targets(commands)
-        self.registry.release(controller.name)
-        controller.state = ControllerState.INACTIVE
-        controller.commands, controller.states = [], []
-        text = f"{controller.name} was deactivated"
-        self._tell(kind, controller.name, f"{text}: {reason}" if reason else text)
-
-    def _states_of(self, controller: Controller) -> States:
-        names = controller.state_interface_names()
-        if names == [ALL_STATES]:
-            return list(self.registry.state_interfaces)
-        return [self.registry.state(name) for name in names]
-
-    def _arrange(self) -> None:
-        active = [each for each in self._controllers.values() if each.state is ControllerState.ACTIVE]
-        self.running.arrange(self._controllers.values(), active)
-        self.on_switched()
 
     def _explain(self, waiting: Sequence[CommandInterface]) -> str:
         return self.explain(waiting)

@@ -1,37 +1,28 @@
-"""ros2_controllers.yaml, in every layout users have: who the controllers are and what their parameters say.
+"""The parameters of a controller: dotted names, where each stands, and those that every controller has.
 
 The law of the file: as rcl reads it, `a.b: 1` and `a: {b: 1}` are one parameter and the last of two wins; unlike rcl
 nothing is silent: a repeated or unknown key is a warning with its line and the nearest valid name, an error if strict.
-A controller's type stands in the controller_manager's block or in its own, with `ros__parameters` (ROS 2) or without
-(ROS 1); blocks may be named `/name`, `/ns/name` or `/**`, or be nested in namespaces.
 """
 
 from __future__ import annotations
 
 import contextlib
 import dataclasses
-import os
 import typing
-from dataclasses import dataclass, field
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Final, TypeVar
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
-from canopen_control.errors import RobotConfigError, nearest
+from canopen_control.errors import RobotConfigError
 from canopen_control.yamlfile.convert import convert, setting
 from canopen_control.yamlfile.node import Node
 from canopen_control.yamlfile.problems import Problems
-from canopen_control.yamlfile.reader import tree
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-__all__ = ["ControllerConfig", "ControllersFile", "Params", "read_controllers"]
+__all__ = ["CommonParams", "Params", "flattened", "like", "scalar_node", "tell_ineffective"]
 
 T = TypeVar("T")
-
-PARAMETERS: Final = "ros__parameters"
-MANAGER: Final = "controller_manager"
-EVERYWHERE: Final = "/**"
 
 
 class Params:
@@ -47,7 +38,7 @@ class Params:
     def of(cls, values: Mapping[str, Any], name: str = "parameters") -> Params:
         """Return the parameters of a nested or dotted mapping of Python values."""
         problems = Problems(name, strict=False)
-        return cls(_flatten(_made(values, "", problems)), name)
+        return cls(flattened(_made(values, "", problems)), name)
 
     def read(self, cls: type[T], renames: Mapping[str, str] | None = None) -> T:
         """Return the parameters as a dataclass whose keys are dotted names; raise RobotConfigError with every mistake.
@@ -60,7 +51,7 @@ class Params:
             for each in self.files:
                 stack.enter_context(each.raising(RobotConfigError))
             value = convert(_gathered(self._renamed(renames or {}), cls), cls, None)
-            _tell_ineffective(self.flat, value)
+            tell_ineffective(self.flat, value)
         return typing.cast("T", value)
 
     @property
@@ -89,11 +80,12 @@ class Params:
                     f"{key.text!r} is read as {name!r}" if name else f"{key.text!r} has no effect and can be removed"
                 )
             if name and not (name != key.text and self.flat.get(name)):
-                pairs[name] = (_scalar_node(name, key), value)
-        return Node.mapping(_like(self.flat), pairs)
+                pairs[name] = (scalar_node(name, key), value)
+        return Node.mapping(like(self.flat), pairs)
 
 
-def _tell_ineffective(given: Node, value: object) -> None:
+def tell_ineffective(given: Node, value: object) -> None:
+    """Warn of every parameter that is known and changes nothing, see `INEFFECTIVE`."""
     keys, cls = given.keys(), type(value)
     for name, why in getattr(cls, "INEFFECTIVE", {}).items():
         if name in keys and getattr(value, name) != getattr(cls, name):
@@ -106,18 +98,20 @@ def _gathered(flat: Node, cls: type[Any]) -> Node:
     pairs = {key.text: (key, value) for key, value in flat.pairs()}
     for name in names:
         inner = {key[len(name) + 1 :]: pairs.pop(key) for key in list(pairs) if key.startswith(f"{name}.")}
-        named = {short: (_scalar_node(short, key), value) for short, (key, value) in inner.items()}
+        named = {short: (scalar_node(short, key), value) for short, (key, value) in inner.items()}
         if named:
-            place = _scalar_node(name, next(iter(named.values()))[0])
-            pairs[name] = (place, Node.mapping(_like(place), named))
-    return Node.mapping(_like(flat), pairs)
+            place = scalar_node(name, next(iter(named.values()))[0])
+            pairs[name] = (place, Node.mapping(like(place), named))
+    return Node.mapping(like(flat), pairs)
 
 
-def _like(node: Node) -> Node:
+def like(node: Node) -> Node:
+    """Return an empty mapping that stands where another node does."""
     return Node("mapping", node.line, node.column, node.where, node.problems)
 
 
-def _scalar_node(text: str, place: Node) -> Node:
+def scalar_node(text: str, place: Node) -> Node:
+    """Return a name that stands where another node does."""
     return Node.scalar(Node("scalar", place.line, place.column, place.where, place.problems), text, text, quoted=False)
 
 
@@ -128,7 +122,7 @@ def _made(value: Any, where: str, problems: Problems) -> Node:  # noqa: ANN401 -
         keys = {str(key): (key, each) for key, each in value.items()}
         place = Node("mapping", 0, 0, where, problems)
         children = {name: _made(each, below + name, problems) for name, (_, each) in keys.items()}
-        return Node.mapping(place, {name: (_scalar_node(name, child), child) for name, child in children.items()})
+        return Node.mapping(place, {name: (scalar_node(name, child), child) for name, child in children.items()})
     if isinstance(value, list | tuple):
         place = Node("sequence", 0, 0, where, problems)
         return Node.sequence(place, [_made(each, f"{where}[{at}]", problems) for at, each in enumerate(value)])
@@ -136,7 +130,7 @@ def _made(value: Any, where: str, problems: Problems) -> Node:  # noqa: ANN401 -
     return Node.scalar(place, str(value), value, quoted=isinstance(value, str))
 
 
-def _flatten(node: Node) -> Node:
+def flattened(node: Node) -> Node:
     """Return a mapping of dotted names to what stands there; of two equal names the last, with a warning."""
     pairs: dict[str, tuple[Node, Node]] = {}
 
@@ -150,273 +144,23 @@ def _flatten(node: Node) -> Node:
                 key.problems.suspect(
                     key, f"{name!r} is given twice (first at line {pairs[name][0].line}); the last wins"
                 )
-            pairs[name] = (_scalar_node(name, key), value)
+            pairs[name] = (scalar_node(name, key), value)
 
     add("", node)
-    return Node.mapping(_like(node), pairs)
+    return Node.mapping(like(node), pairs)
 
 
 @dataclass(frozen=True)
-class ControllerConfig:
-    """One controller of the file: `type` is "" if the file names none; `line` is where its type stands.
-
-    `fallbacks` take over when it fails. `namespace` and `block_line` are those of its parameters; `ros1` says that they
-    are written as in ROS 1, without `ros__parameters`.
-    """
-
-    name: str
-    type: str
-    params: Params
-    line: int = 0
-    path: str = ""
-    fallbacks: tuple[str, ...] = ()
-    namespace: str = ""
-    ros1: bool = False
-    block_line: int = 0
-
-
-@dataclass(frozen=True)
-class ControllersFile:
-    """A ros2_controllers.yaml: `update_rate` in Hz; the controllers in the order of the file; what is suspicious.
-
-    `line` and `namespace` are those of the manager's block, `manager_lines` the lines of its parameters.
-    """
-
-    update_rate: int = 100
-    controllers: dict[str, ControllerConfig] = field(default_factory=dict)
-    warnings: list[str] = field(default_factory=list)
-    manager: ManagerParams = field(default_factory=lambda: ManagerParams())
-    path: str = ""
-    line: int = 0
-    namespace: str = ""
-    manager_lines: dict[str, int] = field(default_factory=dict)
-
-
-@dataclass(frozen=True)
-class ManagerParams:
-    """The controller_manager's own parameters; those without meaning for one process and one thread are accepted."""
+class CommonParams:
+    """The parameters that every controller has; `update_rate` in Hz, 0 is the manager's own."""
 
     INEFFECTIVE: ClassVar[dict[str, str]] = {
-        "handle_exceptions": "an exception of a controller never ends the cycle",
-        "lock_memory": "run --realtime locks it",
-        "thread_priority": "run --realtime sets it",
-        "cpu_affinity": "run --cpu sets it",
+        "is_async": "all controllers run in the cycle, in one thread",
+        "thread_priority": "all controllers run in the cycle; run --realtime sets the priority of its thread",
     }
 
-    update_rate: int = setting(100, low=1, high=10_000)
+    type: str = ""
+    update_rate: int = setting(0, low=0)
     use_sim_time: bool = False
-    enforce_command_limits: bool = False
-    handle_exceptions: bool = True
-    lock_memory: bool = False
+    is_async: bool = False
     thread_priority: int = 50
-    cpu_affinity: Any = None
-    robot_description: str = ""
-    unconfigured: tuple[str, ...] = setting((), key="hardware_components_initial_state.unconfigured")
-    inactive: tuple[str, ...] = setting((), key="hardware_components_initial_state.inactive")
-
-
-_IGNORED: Final = (
-    "defaults.",
-    "diagnostics.",
-    "overruns.",
-    "hardware_synchronization.",
-    "hardware_components_initial_state.",
-)
-"""Groups of controller_manager parameters that this manager answers by itself."""
-
-_INITIAL_STATES: Final = frozenset(
-    {"hardware_components_initial_state.unconfigured", "hardware_components_initial_state.inactive"}
-)
-_MANAGERS_OWN: Final = frozenset({"type", "params_file", "fallback_controllers", "node_options_args"})
-_MANAGER_KEYS: Final = frozenset({"update_rate", "use_sim_time"})
-FOREIGN: Final = {
-    "gazebo_ros_control": "Gazebo's PID gains have no meaning here, the simulated motors follow by themselves",
-    "hardware_interface": "the joints are those of the description",
-    "generic_hw_control_loop": "the cycle is that of bus.yml and update_rate",
-}
-"""Blocks of ROS 1 files that belong to no controller, and why they have no effect."""
-
-
-@dataclass(frozen=True)
-class _Block:
-    """The parameters that stand under one name."""
-
-    key: Node
-    value: Node
-    namespace: str = ""
-    ros1: bool = False
-
-
-@dataclass(frozen=True)
-class _Declared:
-    """A controller that the manager's block names: type, further parameters, files of parameters, fallbacks."""
-
-    key: Node
-    type: str
-    further: Node
-    files: tuple[tuple[Node, str], ...]
-    fallbacks: tuple[str, ...]
-
-
-def read_controllers(path: str | os.PathLike[str], *, strict: bool = False) -> ControllersFile:
-    """Read a ros2_controllers.yaml; raises RobotConfigError with every mistake, each with file, line and column.
-
-    Parameters of a controller are checked when it is configured. With `strict`, warnings are errors.
-    """
-    root = tree(path, error=RobotConfigError, strict=strict)
-    if root.kind != "mapping":
-        root.error("expected a mapping of controllers")
-    blocks: dict[str, _Block] = {}
-    _collect(root, blocks)
-    empty = _Block(root, _like(root))
-    everywhere = blocks.pop(EVERYWHERE, empty).value
-    own = blocks.pop(MANAGER, empty)
-    flat = _flatten(own.value.over(_common(everywhere)))
-    declared, manager = _manager(flat, root)
-    controllers = _controllers(declared, blocks, everywhere)
-    if not controllers:
-        own.key.error("no controller has a type; name them under controller_manager: <name>: type: ...")
-    root.problems.raise_if_any(RobotConfigError)
-    read = {id(root.problems): [str(each) for each in root.problems.warnings]}
-    for each in controllers.values():
-        read.update((id(one), [str(text) for text in one.warnings]) for one in each.params.files)
-    warnings = [text for texts in read.values() for text in texts]
-    lines = {name: key.line for name, key in flat.keys().items()}
-    place = str(path), own.key.line, own.namespace, lines
-    return ControllersFile(manager.update_rate, controllers, warnings, manager, *place)
-
-
-def _common(everywhere: Node) -> Node:
-    """Return what a `/**` block says that concerns the manager."""
-    pairs = {name: (key, value) for name, (key, value) in _pairs(everywhere).items() if name in _MANAGER_KEYS}
-    return Node.mapping(_like(everywhere), pairs)
-
-
-def _pairs(node: Node) -> dict[str, tuple[Node, Node]]:
-    return {key.text: (key, value) for key, value in node.pairs()}
-
-
-def _collect(node: Node, blocks: dict[str, _Block], namespace: str = "") -> None:
-    """Find the parameter blocks by controller: `name:`, `/ns/name:`, nested, with ROS 2's key or without."""
-    for key, value in node.pairs():
-        above, _, name = key.text.rstrip("/").rpartition("/")
-        name = EVERYWHERE if key.text == EVERYWHERE else name
-        inner = value.get(PARAMETERS)
-        space = f"{namespace}/{above.strip('/')}".rstrip("/") if name != EVERYWHERE else ""
-        if inner is not None:
-            _add(blocks, name, _Block(key, inner, space))
-        elif key.text in FOREIGN:
-            key.warning(f"{key.text} has no effect: {FOREIGN[key.text]}")
-        elif _is_namespace(name, value):
-            _collect(value, blocks, f"{space}/{name}")
-        elif value.kind in ("mapping", "null"):
-            _add(blocks, name, _Block(key, value, space, ros1=True))
-        else:
-            key.problems.suspect(key, f"{key.text!r} belongs to no controller; indent it under one")
-
-
-def _is_namespace(name: str, value: Node) -> bool:
-    """Whether a block holds blocks: nothing but mappings, and neither a type nor the manager's name."""
-    below = {each.kind for _, each in value.items()}
-    return value.kind == "mapping" and value.get("type") is None and below == {"mapping"} and name != MANAGER
-
-
-def _add(blocks: dict[str, _Block], name: str, block: _Block) -> None:
-    known = blocks.get(name)
-    blocks[name] = dataclasses.replace(block, value=block.value.over(known.value)) if known else block
-
-
-def _manager(flat: Node, root: Node) -> tuple[dict[str, _Declared], ManagerParams]:
-    """Split the manager's block into the controllers it declares and its own parameters."""
-    own: dict[str, tuple[Node, Node]] = {}
-    pairs = _pairs(flat)
-    declared: dict[str, _Declared] = {}
-    for dotted, (key, value) in pairs.items():
-        name, _, last = dotted.rpartition(".")
-        if name and last == "type":
-            files, fallbacks = _texts(pairs, f"{name}.params_file"), _texts(pairs, f"{name}.fallback_controllers")
-            further = _below(flat, pairs, name)
-            told = tuple(text for _, text in fallbacks)
-            declared[name] = _Declared(key, convert(value, str, ""), further, files, told)
-    for dotted, pair in pairs.items():
-        foreign = dotted.startswith((*_IGNORED, *(f"{name}." for name in declared)))
-        if dotted in _INITIAL_STATES or not foreign:
-            own[dotted] = pair
-    given = Node.mapping(_like(root), own)
-    manager = convert(given, ManagerParams, ManagerParams())
-    _tell_ineffective(given, manager)
-    return declared, manager
-
-
-def _texts(pairs: Mapping[str, tuple[Node, Node]], name: str) -> tuple[tuple[Node, str], ...]:
-    """Return a parameter that is a text or a list of them, each with its place."""
-    if name not in pairs:
-        return ()
-    _, node = pairs[name]
-    places = node.elements() if node.kind == "sequence" else [node]
-    return tuple((place, text) for place in places if (text := convert(place, str, "")))
-
-
-def _below(flat: Node, pairs: dict[str, tuple[Node, Node]], name: str) -> Node:
-    """Return the parameters that stand under a controller in the manager's block, the manager's own aside."""
-    inner: dict[str, tuple[Node, Node]] = {}
-    for dotted, (key, value) in pairs.items():
-        rest = dotted.removeprefix(f"{name}.")
-        if rest != dotted and rest not in _MANAGERS_OWN:
-            inner[rest] = (_scalar_node(rest, key), value)
-    return Node.mapping(_like(flat), inner)
-
-
-def _controllers(
-    declared: dict[str, _Declared], blocks: dict[str, _Block], everywhere: Node
-) -> dict[str, ControllerConfig]:
-    found: dict[str, ControllerConfig] = {}
-    for name, each in declared.items():
-        block = blocks.get(name, _Block(each.key, _like(each.further)))
-        values = block.value.over(each.further).over(everywhere)
-        for place, text in each.files:
-            values = _from_file(place, text, name).over(values)
-        found[name] = _config(name, each.type, each.key, values, block, each.fallbacks)
-    for name, block in blocks.items():
-        type_node = block.value.get("type")
-        if name in found:
-            continue
-        if type_node is not None:
-            found[name] = _config(name, convert(type_node, str, ""), block.key, block.value.over(everywhere), block)
-        else:
-            hint = nearest(name, declared)
-            block.key.problems.suspect(block.key, f"{name!r} has parameters but no type, so nobody loads it{hint}")
-    _check_fallbacks(declared, found)
-    return found
-
-
-def _check_fallbacks(declared: dict[str, _Declared], found: dict[str, ControllerConfig]) -> None:
-    for name, each in declared.items():
-        for fallback in each.fallbacks:
-            if fallback not in found or fallback == name:
-                each.key.error(f"fallback_controllers of {name}: no controller {fallback!r}{nearest(fallback, found)}")
-
-
-def _from_file(place: Node, text: str, name: str) -> Node:
-    """Return the parameters of a controller in a `params_file`, sought beside the file that names it."""
-    path = Path(place.path).parent / Path(os.path.expandvars(text)).expanduser()
-    blocks: dict[str, _Block] = {}
-    try:
-        _collect(tree(path, error=RobotConfigError, strict=place.problems.strict), blocks)
-    except RobotConfigError as error:
-        place.error(f"params_file: {error}")
-        return _like(place)
-    own, everywhere = (blocks.get(each) for each in (name, EVERYWHERE))
-    if own is None and everywhere is None:
-        place.error(f"{path} has no parameters for {name}{nearest(name, blocks)}")
-        return _like(place)
-    if own is None or everywhere is None:
-        return (own or everywhere or _Block(place, _like(place))).value
-    return own.value.over(everywhere.value)
-
-
-def _config(
-    name: str, type_name: str, place: Node, values: Node, block: _Block, fallbacks: tuple[str, ...] = ()
-) -> ControllerConfig:
-    params, where = Params(_flatten(values), name), (block.namespace, block.ros1, block.key.line)
-    return ControllerConfig(name, type_name, params, place.line, place.path, fallbacks, *where)

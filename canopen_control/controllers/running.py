@@ -124,7 +124,8 @@ class RunningControllers:
         for part in slot.parts:
             enabled = part.follows()
             if part.enabled and not enabled:
-                self._forget(slot, now, part.ends if len(slot.parts) > 1 else None)
+                off = [each for each in part.ends if not each.enabled]
+                self._forget(slot, now, part.ends if len(slot.parts) > 1 else None, slot.controller.explain(off))
             part.enabled = enabled
 
     # ------------------------------------------------------------------------------------------------ their commands
@@ -144,7 +145,7 @@ class RunningControllers:
             controller = slot.controller
             if controller.life.holder is holder:
                 source, moving = controller.life.source, is_moving(controller.commands)
-                self._forget(slot, self.now)
+                self._forget(slot, self.now, why=f"{source} is gone")
                 if moving:
                     stands = all(each.interface in MOVING for each in controller.commands)
                     now = "its targets are 0" if stands else "what moves is stopped, positions are held where they are"
@@ -161,14 +162,14 @@ class RunningControllers:
                     each.set_aside = True
                 self._forget(slot, now, ends)
 
-    def forget(self, now: int) -> None:
-        """Let every one forget its command."""
+    def forget(self, now: int, why: str) -> None:
+        """Let every one forget its command; `why` is a clause that says who or what takes it back."""
         for slot in self._commanding:
-            self._forget(slot, now)
+            self._forget(slot, now, why=why)
 
-    def _forget(self, slot: Slot, now: int, some: Ends | None = None) -> None:
+    def _forget(self, slot: Slot, now: int, some: Ends | None = None, why: str = "") -> None:
         try:
-            slot.forget(now, some)
+            slot.forget(now, some, why)
         except Exception as error:  # noqa: BLE001 - no controller ends the cycle, whatever it raises
             self.failed.append((slot.controller, f"forget raised {type(error).__name__}: {error}"))
 

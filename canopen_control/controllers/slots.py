@@ -97,10 +97,10 @@ class Slot:
         for part in self.parts:
             part.enabled = part.enabled or were_enabled.issuperset(part.ends)
 
-    def forget(self, now: int, some: Ends | None = None) -> None:
-        """Have its command forgotten, or that of some interfaces."""
+    def forget(self, now: int, some: Ends | None = None, why: str = "") -> None:
+        """Have its command forgotten, or that of some interfaces; `why` is a clause."""
         if some is not None:
             self.controller.forget_some(some, now)
             return
-        self.controller.life.end()
+        self.controller.life.end(why)
         self.controller.forget(now)

@@ -31,6 +31,7 @@ TYPES: Final = {
     "effort_controllers/JointEffortController": f"{_HERE}.forward_command:JointEffortController",
     "diff_drive_controller/DiffDriveController": f"{_HERE}.diff_drive:DiffDriveController",
     "joint_trajectory_controller/JointTrajectoryController": f"{_HERE}.trajectory.controller:JointTrajectoryController",
+    "pid_controller/PidController": f"{_HERE}.pid_controller:PidController",
     "joint_state_broadcaster/JointStateBroadcaster": f"{_HERE}.joint_state:JointStateBroadcaster",
     "joint_state_controller/JointStateController": f"{_HERE}.joint_state:JointStateBroadcaster",
     "canopen_control/GpioBroadcaster": f"{_HERE}.broadcasters:GpioBroadcaster",

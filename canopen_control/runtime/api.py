@@ -198,7 +198,8 @@ class ApiServer:
         call.reply(Done())
 
     def _stop(self, call: Call[messages.Stop]) -> None:
-        self._robot.stop(call.settle, (call.request.source or call.who) if call.request.latch else None)
+        who = call.request.source or call.who
+        self._robot.stop(call.settle, who if call.request.latch else None, who)
 
     def _release(self, call: Call[messages.Release]) -> None:
         self._robot.latch.release(call.request.source or call.who, self._robot.reactor.now())

@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, TypeAlias
 
 from canopen_control.controllers.trajectory.goal import Goal, ResultCode
-from canopen_control.controllers.trajectory.point import JointTrajectory, Point
+from canopen_control.controllers.trajectory.packed import PackedPoints
+from canopen_control.controllers.trajectory.point import JointTrajectory
 from canopen_control.controllers.trajectory.tolerances import GoalTolerances, JointTolerance
 from canopen_control.errors import ControlError, TrajectoryRefused
 from canopen_control.rpc.messages.declare import Done, Request
@@ -44,7 +45,7 @@ class TrajectoryMethods:
         self, robot: RobotCore, server: Server[RobotHello, RobotPush], keep: Callable[[Connection], None]
     ) -> None:
         self._robot, self._keep = robot, keep
-        self._coming: dict[Connection, list[Point]] = {}
+        self._coming: dict[Connection, PackedPoints] = {}
         self._sent: dict[Connection, _SentGoal] = {}
         server.answers(TrajectoryData, self._data)
         server.answers(FollowTrajectory, self._follow)
@@ -66,16 +67,13 @@ class TrajectoryMethods:
         self._collect(call.connection, call.request.points)
         call.reply(Done())
 
-    def _collect(self, connection: Connection, points: Sequence[TrajectoryPoint]) -> list[Point]:
+    def _collect(self, connection: Connection, points: Sequence[TrajectoryPoint]) -> PackedPoints:
         """Return all points that a connection has sent; ControlError, and they are dropped, if those are too many."""
-        kept = self._coming.setdefault(connection, [])
+        kept = self._coming.setdefault(connection, PackedPoints())
         if len(kept) + len(points) > MAX_POINTS:
             del self._coming[connection]
             raise ControlError(f"a trajectory has {MAX_POINTS} points at most; nothing was kept, send fewer")
-        kept += [
-            Point(each.positions, each.velocities, each.accelerations, each.effort, round(each.time_from_start * 1e9))
-            for each in points
-        ]
+        kept.add(points)
         return kept
 
     def _trajectory(self, call: Call[FollowTrajectory] | Call[SendTrajectory] | Call[SetTrajectory]) -> JointTrajectory:

@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
-from canopen_control.controllers.params import read_controllers
+from canopen_control.controllers.controllers_file import read_controllers
 from canopen_control.errors import CanopenError, ConfigError
 from canopen_control.host.reactor import Reactor
 from canopen_control.host.timer import ManualClock
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
     from pathlib import Path
 
-    from canopen_control.controllers.params import ControllersFile
+    from canopen_control.controllers.controllers_file import ControllersFile
     from canopen_control.master.budget import Budget
     from canopen_control.master.config import BusConfig
     from canopen_control.runtime.robot_files import RobotFiles

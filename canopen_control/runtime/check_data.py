@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from canopen_control.controllers.base import Controller
-    from canopen_control.controllers.params import ControllerConfig, ControllersFile
+    from canopen_control.controllers.controllers_file import ControllerConfig, ControllersFile
     from canopen_control.master.config import BusConfig
     from canopen_control.runtime.robot_files import RobotFiles
     from canopen_control.urdf.description import Description

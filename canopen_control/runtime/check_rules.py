@@ -24,7 +24,7 @@ from canopen_control.runtime.check_wheels import WHEEL_RULES
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
-    from canopen_control.controllers.params import ControllerConfig, ControllersFile
+    from canopen_control.controllers.controllers_file import ControllerConfig, ControllersFile
     from canopen_control.master.config import BusConfig
     from canopen_control.runtime.robot_files import RobotFiles
     from canopen_control.urdf.description import Description

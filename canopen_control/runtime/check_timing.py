@@ -19,7 +19,7 @@ from canopen_control.runtime.check_data import Finding, Severity
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from canopen_control.controllers.params import ControllersFile
+    from canopen_control.controllers.controllers_file import ControllersFile
     from canopen_control.master.config import BusConfig
     from canopen_control.master.keys import NodeConfig
     from canopen_control.master.plan_builder import PdoLayout

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
     from canopen_control.controllers.base import WheelBase
-    from canopen_control.controllers.params import ControllerConfig
+    from canopen_control.controllers.controllers_file import ControllerConfig
     from canopen_control.master.config import NodeConfig
     from canopen_control.runtime.check_data import CheckedRobot
     from canopen_control.urdf.joint import Joint

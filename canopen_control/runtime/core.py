@@ -117,7 +117,7 @@ class RobotCore:
         if setup.controllers.manager.enforce_command_limits:
             self.manager.limiter = CommandLimits(setup.description, self.registry)
         prepare_controllers(setup, self.manager, self.registry)
-        self.manager.on_switched = self._regroup
+        self.manager.on_switch(self._regroup)
 
     # ------------------------------------------------------------------------------------------- life
 
@@ -180,6 +180,7 @@ class RobotCore:
         self.report(Event(now, "stopping", "", f"stopping: {why}"))
         self._phase, self.cycle.advance = RobotState.STOPPING, self._advance
         self._stopping_until = now + STOP_TIMEOUT_NS
+        self.manager.running.forget(now, f"the robot is stopping ({why})")
         self._release_all(now)
         if not self.pacer.running:  # it has not begun: nothing turns, and no cycle would end it
             self._end("has stopped before it began")
@@ -243,17 +244,17 @@ class RobotCore:
             self.setup, self.manager, activate, deactivate, strict=strict, check=self.latch.check_controllers
         )
 
-    def stop(self, done: Callable[[str | None], None], latched_by: str | None = None) -> None:
+    def stop(self, done: Callable[[str | None], None], latched_by: str | None = None, by: str = "somebody") -> None:
         """Ramp to zero and disable; `done(error)` when no drive moves under power any more.
 
-        `latched_by` latches it as well, see runtime/latch.py.
+        `latched_by` latches it as well, see runtime/latch.py; `by` says who stops, for the commands that end with it.
         """
         now = self.reactor.now()
         if latched_by is None:
             self.report(Event(now, "stop", "", "stop was commanded", Level.WARNING))
         else:
             self.latch.hold(latched_by, now)
-        self.manager.running.forget(now)
+        self.manager.running.forget(now, f"stop was commanded by {latched_by or by}")
         for system in self.systems:
             system.stop(now)
         self._requests.append(AxisRequest(tuple(self.joints.values()), Action.DISABLE, now + STOP_TIMEOUT_NS, done))

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from canopen_control.bus.channel import ChannelKind, parse_channel
-from canopen_control.controllers.params import read_controllers
+from canopen_control.controllers.controllers_file import read_controllers
 from canopen_control.controllers.types import is_broadcaster
 from canopen_control.errors import RobotConfigError, nearest
 from canopen_control.hardware.plugins import Kind, kind_of
@@ -21,7 +21,7 @@ from canopen_control.urdf.description import DescriptionReader
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from canopen_control.controllers.params import ControllersFile
+    from canopen_control.controllers.controllers_file import ControllersFile
     from canopen_control.master.config import BusConfig
     from canopen_control.runtime.robot_files import RobotFiles
     from canopen_control.urdf.description import Description

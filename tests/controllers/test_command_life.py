@@ -146,7 +146,7 @@ def test_the_odometry_goes_on_after_what_was_commanded_is_forgotten():
     hardware, control = base(cmd_vel_timeout=0.0)
     control.command("base", [1.0, 0.0], 0)
     control.update(0, 0.01)
-    control.running.forget(1)
+    control.running.forget(1, "a test")
     before = control.get("base").publications
     for now in range(1, 4):
         control.update(now * S, 1.0)

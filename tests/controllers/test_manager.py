@@ -6,7 +6,7 @@ import sys
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from support.control import BROADCASTER, FORWARD, Hardware, S, add, manager
+from support.control import BROADCASTER, FORWARD, Hardware, S, Scripted, add, manager, put, three_on_two_wheels, wheels
 
 from canopen_control.controllers.base import Controller, ControllerState
 from canopen_control.controllers.manager import ControllerManager
@@ -17,57 +17,15 @@ from canopen_control.errors import (
     InterfaceConflict,
     RobotConfigError,
     UnknownInterface,
-    UnsupportedMode,
 )
 from canopen_control.hardware.interfaces import InterfaceRegistry, LifecycleState, ReturnType
 from canopen_control.rpc.messages.samples import GpioSample, OdometrySample
 from canopen_control.rpc.wire import plain
 
 
-class Scripted(Controller):
-    """Does what the test says: `result` is returned or raised, `runs` are the (now, period) it was called with."""
-
-    def __init__(self, name: str, wheel: str = "l", result: object = ReturnType.OK) -> None:
-        super().__init__(name, "test/Scripted")
-        self.wheel, self.result, self.start_error, self.runs = wheel, result, None, []
-
-    def command_interface_names(self) -> list[str]:
-        return [f"{self.wheel}/velocity"]
-
-    def on_activate(self, commands, states, now) -> None:
-        super().on_activate(commands, states, now)
-        if self.start_error is not None:
-            raise self.start_error
-
-    def update(self, now: int, period: float) -> ReturnType:
-        self.runs.append((now, period))
-        if isinstance(self.result, Exception):
-            raise self.result
-        for each in self.commands:
-            each.value = 5.0
-        return self.result
-
-
-def wheels() -> Hardware:
-    return Hardware("l/velocity", "r/velocity", states=("l/position", "r/position"), name="base")
-
-
-def put(control: ControllerManager, controller: Controller, rate: int = 0) -> Controller:
-    """Put a controller in as loaded and configured."""
-    control._controllers[controller.name] = controller
-    control._params[controller.name] = Params.of({"update_rate": rate})
-    control.configure(controller.name)
-    return controller
-
-
 @pytest.fixture
 def robot():
-    hardware = wheels()
-    control = manager(hardware)
-    for name, joints in (("both", ["l", "r"]), ("left", ["l"]), ("right", ["r"])):
-        add(control, name, FORWARD, joints=joints, interface_name="velocity")
-    add(control, "states", BROADCASTER)
-    return hardware, control
+    return three_on_two_wheels()
 
 
 def states(control: ControllerManager) -> dict[str, str]:
@@ -115,25 +73,6 @@ def test_a_claimed_interface_refuses_the_whole_request_in_both_strictnesses(robo
     assert [each.owner for each in hardware.command_interfaces] == ["left", None]
 
 
-def test_a_swap_is_one_request(robot):
-    hardware, control = robot
-    control.switch(["left", "right"], now=0)
-    hardware.calls.clear()
-    done = control.switch(["both"], ["left", "right"])
-    assert (done.activated, done.deactivated) == (("both",), ("left", "right"))
-    names = ("l/velocity", "r/velocity")
-    assert hardware.calls == [("prepare", names, names), ("perform", names, names)]
-    assert [each.owner for each in hardware.command_interfaces] == ["both", "both"]
-
-
-def test_a_restart_of_an_active_controller_is_one_request(robot):
-    _, control = robot
-    control.switch(["left"], now=0)
-    control.command("left", [3.0], 0)
-    assert control.switch(["left"], ["left"]).activated == ("left",)
-    assert math.isnan(control.get("left").commands[0].value)
-
-
 def test_strict_refuses_what_is_impossible_and_best_effort_drops_it(robot):
     _, control = robot
     control.switch(["left"], now=0)
@@ -159,35 +98,12 @@ def test_an_unknown_name_is_answered_with_the_nearest(robot):
         control.load("x", "forward_command_controller/ForwardCommandControler")
 
 
-def test_what_hardware_refuses_changes_nothing(robot):
-    hardware, control = robot
-    control.switch(["left"], now=0)
-    hardware.calls.clear()
-    hardware.refuse = UnsupportedMode("velocity", ("position",))
-    with pytest.raises(UnsupportedMode):
-        control.switch(["right"], ["left"])
-    assert [verb for verb, _, _ in hardware.calls] == ["prepare"]
-    assert control.active == ("left",)
-
-
 def test_hardware_that_is_not_active_can_not_be_claimed(robot):
     hardware, control = robot
     hardware.state = LifecycleState.INACTIVE
     with pytest.raises(ControlError, match="hardware 'base', which is inactive"):
         control.switch(["left"])
     assert control.switch(["states"], now=0).activated == ("states",)
-
-
-def test_a_controller_that_fails_to_start_takes_its_whole_request_back(robot):
-    hardware, control = robot
-    bad = put(control, Scripted("bad", "r"))
-    bad.start_error = RuntimeError("no")
-    with pytest.raises(ControlError, match="bad could not be activated: no"):
-        control.switch(["left", "bad"], now=0)
-    assert control.active == ()
-    assert [each.owner for each in hardware.command_interfaces] == [None, None]
-    assert hardware.calls[-1][0] == "perform"
-    assert set(hardware.calls[-1][2]) == {"l/velocity", "r/velocity"}
 
 
 @pytest.mark.parametrize("result", [ReturnType.ERROR, ValueError("boom")])
@@ -206,19 +122,6 @@ def test_a_controller_whose_update_fails_is_stopped_and_the_others_run_on(result
     assert [(each.kind, each.controller) for each in control.events()] == [("error", "bad")]
     control.update(3 * S, 0.01)
     assert len(good.runs) == 3
-
-
-def test_a_failing_deactivation_hook_still_leaves_zero_targets():
-    hardware = wheels()
-    control = manager(hardware)
-    bad = put(control, Scripted("bad"))
-    bad.on_deactivate = lambda now: 1 / 0
-    control.switch(["bad"], now=0)
-    control.update(0, 0.01)
-    control.switch(deactivate=["bad"])
-    assert hardware.values()[0] == 0.0
-    assert hardware.command_interfaces[0].owner is None
-    assert "on_deactivate raised ZeroDivisionError" in control.events()[-1].text
 
 
 def test_a_hardware_error_deactivates_who_commands_it_and_names_why():

@@ -126,8 +126,9 @@ def test_a_stop_ends_the_goal_and_everything_rests(arm):
     goal = send(arm, ENDS)
     arm.run(1000)
     answers = []
-    arm.robot.stop(answers.append)
+    arm.robot.stop(answers.append, by="the operator")
     assert goal.ended
+    assert goal.text.startswith("stop was commanded by the operator, so the command of ")
     arm.until(lambda: answers)
     where = positions(arm)
     arm.run(1000)

@@ -2,7 +2,7 @@
 
 import pytest
 
-from canopen_control.controllers.params import read_controllers
+from canopen_control.controllers.controllers_file import read_controllers
 from canopen_control.runtime.check_data import CheckedRobot, Finding, Severity, sorted_findings
 from canopen_control.runtime.robot_files import find_robot
 from canopen_control.urdf.description import read_description

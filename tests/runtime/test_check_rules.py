@@ -7,7 +7,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from support.configs import BASES, FIRST, ROBOTS, changed, found, line_of
 
-from canopen_control.controllers.params import read_controllers
+from canopen_control.controllers.controllers_file import read_controllers
 from canopen_control.data_files import data_path
 from canopen_control.errors import ConfigError
 from canopen_control.master.config import read_bus

@@ -2,7 +2,7 @@
 
 import shutil
 
-from canopen_control.controllers.params import read_controllers
+from canopen_control.controllers.controllers_file import read_controllers
 from canopen_control.data_files import data_path
 from canopen_control.master.config import read_bus
 from canopen_control.runtime.check_data import Severity

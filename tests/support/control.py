@@ -7,6 +7,7 @@ import math
 from pathlib import Path
 from typing import Any
 
+from canopen_control.controllers.base import Controller
 from canopen_control.controllers.manager import ControllerManager
 from canopen_control.controllers.params import Params
 from canopen_control.hardware.interfaces import (
@@ -79,6 +80,52 @@ def manager(
     for each in hardware:
         registry.register(each)
     return ControllerManager(registry, rate, joints=joints, cycle=cycle)
+
+
+class Scripted(Controller):
+    """Does what the test says: `result` is returned or raised, `runs` are the (now, period) it was called with."""
+
+    def __init__(self, name: str, wheel: str = "l", result: object = ReturnType.OK) -> None:
+        super().__init__(name, "test/Scripted")
+        self.wheel, self.result, self.start_error, self.runs = wheel, result, None, []
+
+    def command_interface_names(self) -> list[str]:
+        return [f"{self.wheel}/velocity"]
+
+    def on_activate(self, commands, states, now) -> None:
+        super().on_activate(commands, states, now)
+        if self.start_error is not None:
+            raise self.start_error
+
+    def update(self, now: int, period: float) -> ReturnType:
+        self.runs.append((now, period))
+        if isinstance(self.result, Exception):
+            raise self.result
+        for each in self.commands:
+            each.value = 5.0
+        return self.result
+
+
+def put(control: ControllerManager, controller: Controller, rate: int = 0) -> Controller:
+    """Put a controller in as loaded and configured."""
+    control._controllers[controller.name] = controller
+    control._params[controller.name] = Params.of({"update_rate": rate})
+    control.configure(controller.name)
+    return controller
+
+
+def wheels() -> Hardware:
+    return Hardware("l/velocity", "r/velocity", states=("l/position", "r/position"), name="base")
+
+
+def three_on_two_wheels() -> tuple[Hardware, ControllerManager]:
+    """Return wheels, and a manager with one controller for both, one for each, and a broadcaster."""
+    hardware = wheels()
+    control = manager(hardware)
+    for name, joints in (("both", ["l", "r"]), ("left", ["l"]), ("right", ["r"])):
+        add(control, name, FORWARD, joints=joints, interface_name="velocity")
+    add(control, "states", BROADCASTER)
+    return hardware, control
 
 
 def add(control: ControllerManager, name: str, type_name: str, **params: Any) -> Any:

@@ -157,7 +157,7 @@ class Player:
             "pending_goal": active is not None,
             "response": self.answer,
             "accepted": self.answer,
-            "factor": controller.scaling,
+            "factor": controller.speed.factor,
             "goals": self.told,
             "first_change_cycle": self.first_change,
         }
@@ -188,6 +188,6 @@ class Player:
                     wrong[f"{name}.{key}"] = (getattr(points[name], key), expect[name][key])
             if points[name].time != expect[name].get("t_ns", points[name].time):
                 wrong[f"{name}.t_ns"] = (points[name].time, expect[name]["t_ns"])
-        if not same(controller.scaling, expect.get("speed_scaling_factor", controller.scaling)):
-            wrong["speed_scaling_factor"] = (controller.scaling, expect["speed_scaling_factor"])
+        if not same(controller.speed.factor, expect.get("speed_scaling_factor", controller.speed.factor)):
+            wrong["speed_scaling_factor"] = (controller.speed.factor, expect["speed_scaling_factor"])
         return wrong

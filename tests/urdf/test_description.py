@@ -56,7 +56,7 @@ def test_robby_has_the_geometry_of_the_tutorial_and_its_wheels_turn_forward_toge
 
 
 def test_robbys_wheels_as_cylinders_agree_with_the_controllers_numbers():
-    from canopen_control.controllers.params import read_controllers
+    from canopen_control.controllers.controllers_file import read_controllers
 
     base = (
         read_controllers(ROBBY.parent / "ros2_controllers.yaml").controllers["robby_base_controller"].params.flat.value

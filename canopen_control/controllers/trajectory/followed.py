@@ -4,26 +4,29 @@ The law of the file (ros2_controllers jazzy, Trajectory): it starts at its stamp
 0; until the arrival at the first point it leads there from the point before it; what a point lacks is deduced from its
 derivatives and from then on stands in it; when it is over, its last point stays. Ours, and safer: a look into the
 future never moves the place that has been reached, and a time that lies before that place is found all the same.
+Points that come packed are made one by one, when the joints come to them.
 """
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from typing import TYPE_CHECKING, Final
 
-from canopen_control.controllers.trajectory.point import Point
+from canopen_control.controllers.trajectory.point import Point, Points, wrap_around
 from canopen_control.controllers.trajectory.segment import Segment
-from canopen_control.controllers.trajectory.wraparound import wrap_around
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from canopen_control.controllers.trajectory.point import JointTrajectory
+    from canopen_control.controllers.trajectory.point import Arrangement, JointTrajectory
 
 __all__ = ["Motion", "Trajectory"]
 
 _BEFORE: Final = -1
 """The segment that leads to the first point."""
 _NONE: Final = -2
+_FEW: Final = 8
+"""So many segments are looked through one by one, as each cycle does with the next ones."""
 
 
 class Motion:
@@ -53,6 +56,10 @@ class Motion:
         """Return the time of a point from start, in ns."""
         raise NotImplementedError
 
+    def end_point(self) -> Point | None:
+        """Return the point that stays when it is over, None where it has none."""
+        return None
+
     def begin(self, t: int) -> None:
         """Begin at `t` with the first sample, unless a stamp says when."""
         if not self.sampled:
@@ -71,38 +78,63 @@ class Motion:
 
 
 class Trajectory(Motion):
-    """Points that are followed, with `splines` between them, or without: then each is commanded until it is reached."""
+    """Points that are followed, with `splines` between them, or without: then each is commanded until it is reached.
 
-    def __init__(self, message: JointTrajectory, splines: bool = True) -> None:
+    With an `arrangement` it is applied to each point that is made.
+    """
+
+    def __init__(self, message: JointTrajectory, splines: bool = True, arrangement: Arrangement | None = None) -> None:
         super().__init__(message.stamp, len(message.points))
-        self.points = message.points
         self.splines = splines
         self.before_time, self.before = 0, Point()
         self.reached = 0
+        points = message.points
+        self._points, self._packed = points, isinstance(points, Points)
+        self._times: Sequence[int] = points.times if isinstance(points, Points) else [each.time for each in points]
+        self._arrangement = arrangement if arrangement is not None and arrangement.changes else None
+        self._arranged = bytearray(self.size if self._arrangement is not None else 0)  # of points that are made already
         self._segment = Segment()
         self._fitted = _NONE
+        self._from, self._to = Point(), Point()
+        self._end: Point | None = None
 
     def set_before(self, time: int, point: Point, wrap: Sequence[bool]) -> None:
         """Take where the joints are before the first point; only it is moved by whole turns, never the trajectory."""
         self.before_time, self._fitted = time, _NONE
         before = self.before
         before.take(point)
-        if not self.points:
+        if not self.size:
             return
-        first = self.points[0]
+        first = self.at(0)
         if not before.velocities and first.velocities:
             before.velocities[:] = [0.0] * len(first.velocities)
         if not before.accelerations and first.accelerations:
             before.accelerations[:] = [0.0] * len(first.accelerations)
         wrap_around(before.positions, first.positions, wrap)
 
+    def at(self, index: int) -> Point:
+        """Return a point of it, for all joints in their order."""
+        if self._packed and self._fitted == index - 1 >= 0:
+            return self._to  # what was deduced of it stays
+        point = self._points[index]
+        if self._arrangement is not None and (self._packed or not self._arranged[index]):
+            self._arrangement.apply(point)
+            self._arranged[index] = 1
+        return point
+
     def time_of(self, index: int) -> int:
         """Return the time of a point from start, in ns."""
-        return self.points[index].time
+        return self._times[index]
+
+    def end_point(self) -> Point | None:
+        """Return the last point, None where there is none."""
+        if self._end is None and self.size:
+            self._end = self.at(self.size - 1)
+        return self._end
 
     def sample(self, t: int, out: Point, *, ahead: bool = False) -> bool:
         """Write the point at `t` into `out`, see `Motion`."""
-        points, size = self.points, self.size
+        times, size = self._times, self.size
         self.first = self.following = size
         if not size:
             return False
@@ -110,22 +142,31 @@ class Trajectory(Motion):
         if t < self.before_time:
             return False
         elapsed = t - self.start
-        if elapsed < points[0].time:
+        if elapsed < times[0]:
             self.first = self.following = 0
             self._between(_BEFORE, t, out)
             return True
-        index = self.reached
-        while index < size - 1:
-            if points[index].time <= elapsed < points[index + 1].time:
-                if not ahead:
-                    self.reached = index
-                self.first, self.following = index, index + 1
-                self._between(index, t, out)
-                return True
-            index += 1
+        index = self._segment_of(elapsed)
+        if index < size - 1:
+            if not ahead:
+                self.reached = index
+            self.first, self.following = index, index + 1
+            self._between(index, t, out)
+            return True
         if not ahead:
             self.reached = size - 1
         return self._last(out)
+
+    def _segment_of(self, elapsed: int) -> int:
+        """Return the place, from that which is reached, whose point is past and whose next one is not."""
+        times, index, last = self._times, self.reached, self.size - 1
+        steps = 0
+        while index < last and not times[index] <= elapsed < times[index + 1]:
+            index += 1
+            steps += 1
+            if steps == _FEW and self._packed:  # what comes packed is taken with increasing times alone
+                return min(max(bisect_right(times, elapsed) - 1, index), last)
+        return index
 
     def query(self, t: int, out: Point) -> bool:
         """Write what is said of any time into `out`, see `Motion`."""
@@ -136,27 +177,34 @@ class Trajectory(Motion):
 
     def _between(self, index: int, t: int, out: Point) -> None:
         """Write what stands between a point and the next one."""
-        a = self.before if index == _BEFORE else self.points[index]
-        b = self.points[index + 1]
-        if not self.splines:
-            out.take(a if index == _BEFORE else b)
-            return
         if index != self._fitted:
+            self._fit(index)
+        if not self.splines:
+            out.take(self._from if index == _BEFORE else self._to)
+            return
+        self._segment.evaluate(t, out)
+        out.time = 0 if index == _BEFORE else self._to.time
+
+    def _fit(self, index: int) -> None:
+        """Make the way from a point to the next one."""
+        a = self.before if index == _BEFORE else self.at(index)
+        b = self.at(index + 1)
+        self._from, self._to, self._fitted = a, b, index
+        if self.splines:
             begin = self.before_time if index == _BEFORE else self.start + a.time
             end = self.start + b.time
             _deduce(a, b, (end - begin) / 1e9)
             self._segment.fit(begin, a, end, b)
-            self._fitted = index
-        self._segment.evaluate(t, out)
-        out.time = 0 if index == _BEFORE else b.time
 
     def _last(self, out: Point) -> bool:
-        size, last = self.size, self.points[-1]
-        if not last.positions and size > 1 and self.points[-2].positions:
-            _deduce(self.points[-2], last, (last.time - self.points[-2].time) / 1e9)
+        last = self.end_point()
+        if last is None:
+            return False
+        if not last.positions and self.size > 1 and (before := self.at(self.size - 2)).positions:
+            _deduce(before, last, (last.time - before.time) / 1e9)
         if not last.positions:
             return False
-        self.first = size - 1
+        self.first = self.size - 1
         out.take(last)
         if not (last.velocities and last.accelerations and last.effort):
             _fill(out)

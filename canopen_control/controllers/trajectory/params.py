@@ -11,7 +11,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, cast
 
-from canopen_control.controllers.common_params import CommonParams
+from canopen_control.controllers.params import CommonParams
 from canopen_control.controllers.pid import AntiWindup, Gains
 from canopen_control.controllers.trajectory.interfaces import (
     wrong_commands,

@@ -1,13 +1,21 @@
-"""The points of a joint trajectory: positions, velocities, accelerations and efforts of its joints at a time."""
+"""The points of a joint trajectory: what they say of its joints, in which order, and on which turn.
+
+The law of the file (ros2_controllers jazzy): joints that a trajectory does not name stay, and its values are put into
+the order of the controller; a start is moved by whole turns to where the first point is the shortest way off.
+"""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import math
+from typing import TYPE_CHECKING, Final
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Iterator, Sequence
 
-__all__ = ["JointTrajectory", "Point"]
+__all__ = ["Arrangement", "JointTrajectory", "Point", "Points", "shortest_angular_distance", "wrap_around"]
+
+_HALF_TURN: Final = 1e-9
+"""So near to half a turn both ways are the shortest, and the sign of the difference decides; rad."""
 
 
 class Point:
@@ -42,6 +50,21 @@ class Point:
         return Point(self.positions, self.velocities, self.accelerations, self.effort, self.time)
 
 
+class Points:
+    """Points that are made when they are needed: each `[]` makes one; `times` are theirs from start in ns."""
+
+    times: Sequence[int]
+
+    def __len__(self) -> int:
+        return len(self.times)
+
+    def __getitem__(self, index: int) -> Point:
+        raise NotImplementedError
+
+    def __iter__(self) -> Iterator[Point]:
+        return (self[index] for index in range(len(self)))
+
+
 class JointTrajectory:
     """What is sent to be followed (trajectory_msgs/JointTrajectory): joint names, points, and the stamp of its start.
 
@@ -50,5 +73,60 @@ class JointTrajectory:
 
     __slots__ = ("joint_names", "points", "stamp")
 
-    def __init__(self, joint_names: Iterable[str], points: Iterable[Point], stamp: int = 0) -> None:
-        self.joint_names, self.points, self.stamp = list(joint_names), list(points), stamp
+    def __init__(self, joint_names: Iterable[str], points: Iterable[Point] | Points, stamp: int = 0) -> None:
+        self.joint_names, self.stamp = list(joint_names), stamp
+        self.points: list[Point] | Points = points if isinstance(points, Points) else list(points)
+
+
+class Arrangement:
+    """How the values of a trajectory become those of all joints in the order of `joints`: `apply` does it to a point.
+
+    Those it does not name stay at what is commanded to them, else where they are; nan is unknown. `names` are the
+    joints in the order that the message then has.
+    """
+
+    def __init__(
+        self, names: Sequence[str], joints: Sequence[str], commands: Sequence[float], positions: Sequence[float]
+    ) -> None:
+        self.names = list(names)
+        self._stays: list[float] = []
+        if len(names) != len(joints):
+            for index, name in enumerate(joints):
+                if name not in names:
+                    self.names.append(name)
+                    self._stays.append(positions[index] if math.isnan(commands[index]) else commands[index])
+        self._known = [each for each in self._stays if not math.isnan(each)]
+        self._zeros = [0.0] * len(self._stays)
+        self._order = [self.names.index(name) for name in joints if name in self.names]
+        self.changes = bool(self._stays) or self._order != list(range(len(self.names)))
+
+    def apply(self, point: Point) -> None:
+        """Fill up a point and put it in order; vectors that are not one value for each name stay."""
+        if point.positions:
+            point.positions += self._known
+        for each in (point.velocities, point.accelerations, point.effort):
+            if each:
+                each += self._zeros
+        for values in (point.positions, point.velocities, point.accelerations, point.effort):
+            if len(values) == len(self.names):
+                values[:] = [values[each] for each in self._order]
+
+
+def shortest_angular_distance(begin: float, end: float) -> float:
+    """Return the angle from one direction to another, in (-pi, pi] rad; nan if either is not finite."""
+    turned = end - begin + math.pi
+    if not math.isfinite(turned):
+        return math.nan
+    rest = math.fmod(turned, 2.0 * math.pi)
+    return rest + math.pi if rest <= 0.0 else rest - math.pi
+
+
+def wrap_around(current: list[float], following: Sequence[float], wrap: Sequence[bool]) -> None:
+    """Move the positions of joints without end by whole turns to where the next ones are the shortest way off."""
+    for index in range(min(len(current), len(following), len(wrap))):
+        if not wrap[index]:
+            continue
+        distance = shortest_angular_distance(current[index], following[index])
+        if abs(abs(distance) - math.pi) < _HALF_TURN:
+            distance = math.copysign(distance, following[index] - current[index] or -1.0)
+        current[index] = following[index] - distance

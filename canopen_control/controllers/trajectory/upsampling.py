@@ -12,9 +12,14 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from canopen_control.controllers.trajectory.point import Point
+    from canopen_control.controllers.trajectory.point import JointTrajectory, Point
 
-__all__ = ["fill_velocities", "time_points"]
+__all__ = ["fill_velocities", "positions_alone", "time_points"]
+
+
+def positions_alone(message: JointTrajectory) -> bool:
+    """Whether the points say nothing but positions."""
+    return not any(each.velocities or each.accelerations or each.effort for each in message.points)
 
 
 def time_points(points: Sequence[Point], frequency: float) -> None:

@@ -12,15 +12,18 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.controllers.trajectory.goal import ResultCode
-from canopen_control.controllers.trajectory.wraparound import shortest_angular_distance
+from canopen_control.controllers.trajectory.packed import PackedPoints
+from canopen_control.controllers.trajectory.point import shortest_angular_distance
+from canopen_control.controllers.trajectory.survey import NONE, Survey
 from canopen_control.errors import nearest
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from canopen_control.controllers.trajectory.point import JointTrajectory, Point
+    from canopen_control.controllers.trajectory.point import JointTrajectory, Point, Points
+    from canopen_control.controllers.trajectory.survey import Extremes, Range
 
-__all__ = ["JointLimits", "Refused", "Rule", "Rules", "beyond", "broken_rule", "column", "far_start"]
+__all__ = ["JointLimits", "Refused", "Rule", "Rules", "beyond", "broken_rule", "far_start", "survey_of"]
 
 _FLOAT_EPSILON: Final = 2.0**-23
 _ROUNDING: Final = 1e-6
@@ -59,10 +62,15 @@ _CODES: Final = {
 
 @dataclass(frozen=True)
 class Refused:
-    """Why a trajectory is refused: the rule, and the sentence."""
+    """Why a trajectory is refused: the rule of upstream, None where it is one of ours, and the sentence."""
 
-    rule: Rule
+    rule: Rule | None
     text: str
+
+    @property
+    def code(self) -> ResultCode:
+        """The code that a goal is refused with."""
+        return ResultCode.INVALID_GOAL if self.rule is None else self.rule.code
 
 
 @dataclass(frozen=True)
@@ -89,19 +97,42 @@ class JointLimits:
     continuous: bool = False
 
 
-def broken_rule(message: JointTrajectory, rules: Rules, now: int) -> Refused | None:
+def survey_of(message: JointTrajectory) -> Survey:
+    """Return what the points of a trajectory come to: made as they came, or now."""
+    if isinstance(message.points, PackedPoints):
+        return message.points.survey
+    made = Survey()
+    made.add(list(message.points), [each.time for each in message.points])
+    return made
+
+
+def broken_rule(message: JointTrajectory, survey: Survey, rules: Rules, now: int) -> Refused | None:
     """Return the first rule of upstream that a trajectory breaks, None if none; `now` in ns."""
     refused = _wrong_joints(message, rules) or _wrong_end(message, rules, now)
     if refused is not None:
         return refused
-    points = message.points
-    for index, point in enumerate(points):
-        if index and point.time <= points[index - 1].time:
-            times = f"{point.time / 1e9:g} s comes after {points[index - 1].time / 1e9:g} s"
-            return Refused(Rule.TIME_NOT_INCREASING, f"point {index}: {times}; let time_from_start increase")
-        if (refused := _wrong_sizes(index, point, len(message.joint_names), rules)) is not None:
-            return refused
-    return None
+    index = _first_wrong(survey, len(message.joint_names), rules)
+    if index == NONE:
+        return None
+    point = message.points[index]
+    before = message.points[index - 1].time if index else point.time - 1
+    if point.time <= before:
+        times = f"{point.time / 1e9:g} s comes after {before / 1e9:g} s"
+        return Refused(Rule.TIME_NOT_INCREASING, f"point {index}: {times}; let time_from_start increase")
+    return _wrong_sizes(index, point, len(message.joint_names), rules)
+
+
+def _first_wrong(survey: Survey, joints: int, rules: Rules) -> int:
+    """Return the first point that breaks a rule about points, NONE if none does."""
+    wrong = (
+        survey.not_increasing,
+        survey.empty if rules.integration else NONE,
+        survey.sized(0, (0, joints) if rules.integration else (joints,)),
+        survey.sized(1, (0, joints)),
+        survey.sized(2, (0, joints)),
+        NONE if rules.effort else survey.sized(3, (0,)),
+    )
+    return min((each for each in wrong if each != NONE), default=NONE)
 
 
 def _wrong_joints(message: JointTrajectory, rules: Rules) -> Refused | None:
@@ -111,7 +142,7 @@ def _wrong_joints(message: JointTrajectory, rules: Rules) -> Refused | None:
         return Refused(Rule.JOINT_COUNT, f"{count}; name {known}, or set allow_partial_joints_goal")
     if not names:
         return Refused(Rule.NO_JOINT_NAMES, f"it names no joints; name some of {known}")
-    if not message.points:
+    if not len(message.points):
         return Refused(Rule.NO_POINTS, "it has no points; give at least one")
     strange = next((name for name in names if name not in rules.joints), None)
     if strange is not None:
@@ -153,51 +184,61 @@ def _wrong_sizes(index: int, point: Point, joints: int, rules: Rules) -> Refused
     return None
 
 
-def beyond(message: JointTrajectory, limits: dict[str, JointLimits]) -> str | None:
+def beyond(message: JointTrajectory, survey: Survey, limits: dict[str, JointLimits]) -> str | None:
     """Say what in a trajectory is no number or beyond the limits of its joint, None if nothing is."""
     names = message.joint_names
     for name in names:
         if names.count(name) > 1:
             return f"it names {name} twice; name each joint once"
-    for at, point in enumerate(message.points):
-        for what, values in (
-            ("position", point.positions),
-            ("velocity", point.velocities),
-            ("acceleration", point.accelerations),
-            ("effort", point.effort),
-        ):
-            if not all(map(math.isfinite, values)):
-                index = [math.isfinite(each) for each in values].index(False)
-                return f"point {at}: the {what} of {_named(names, index)} is {values[index]}; give finite numbers"
-    return _beyond_limits(message, limits)
-
-
-def column(points: Sequence[Sequence[float]], index: int) -> list[float]:
-    """Return one joint's values of all points that have them."""
-    return [each[index] for each in points if each]
-
-
-def _beyond_limits(message: JointTrajectory, limits: dict[str, JointLimits]) -> str | None:
-    """Compare the extremes of each joint, so that a thousand points are judged between two cycles."""
-    positions = [each.positions for each in message.points]
-    velocities = [each.velocities for each in message.points]
-    for index, name in enumerate(message.joint_names):
+    if survey.infinite != NONE:
+        return _no_number(names, survey.infinite, message.points[survey.infinite])
+    for index, name in enumerate(names):
         known = limits.get(name, JointLimits())
-        found = [] if known.continuous else column(positions, index)
-        if found and not known.lower - _ROUNDING <= min(found) <= max(found) <= known.upper + _ROUNDING:
-            worst = min(found) if min(found) < known.lower - _ROUNDING else max(found)
-            where = f"point {positions.index(_with(positions, index, worst))}: {name} at {worst:g}"
+        lower, upper = (-math.inf, math.inf) if known.continuous else (known.lower, known.upper)
+        if (found := _outside(survey.positions, index, lower, upper)) is not None:
+            at, worst = _place(message.points, found, index, lower, upper, "positions")
+            where = f"point {at}: {name} at {worst:g}"
             return f"{where} is beyond its limits of {known.lower:g} to {known.upper:g}; plan within them"
-        speeds = column(velocities, index)
-        if speeds and max(max(speeds), -min(speeds)) > known.velocity + _ROUNDING:
-            worst = max(speeds, key=abs)
-            where = f"point {velocities.index(_with(velocities, index, worst))}: {name} with a velocity of {worst:g}"
+        if (found := _outside(survey.velocities, index, -known.velocity, known.velocity)) is not None:
+            at, worst = _place(message.points, found, index, -known.velocity, known.velocity, "velocities")
+            where = f"point {at}: {name} with a velocity of {worst:g}"
             return f"{where} is beyond its limit of {known.velocity:g}; plan within it"
     return None
 
 
-def _with(points: list[list[float]], index: int, value: float) -> list[float]:
-    return next(each for each in points if each and each[index] == value)
+def _no_number(names: Sequence[str], at: int, point: Point) -> str | None:
+    for what, values in (
+        ("position", point.positions),
+        ("velocity", point.velocities),
+        ("acceleration", point.accelerations),
+        ("effort", point.effort),
+    ):
+        for index, value in enumerate(values):
+            if not math.isfinite(value):
+                return f"point {at}: the {what} of {_named(names, index)} is {value}; give finite numbers"
+    return None
+
+
+def _outside(extremes: Extremes, joint: int, lower: float, upper: float) -> Range | None:
+    """Return the first points among which a joint goes beyond, None if it does not."""
+    lower, upper = lower - _ROUNDING, upper + _ROUNDING
+    if not extremes.ranges or (lower <= extremes.lowest[joint] and extremes.highest[joint] <= upper):
+        return None
+    for each in extremes.ranges:
+        if each.lowest[joint] < lower or each.highest[joint] > upper:
+            return each
+    return None
+
+
+def _place(
+    points: Sequence[Point] | Points, found: Range, joint: int, lower: float, upper: float, quantity: str
+) -> tuple[int, float]:
+    """Return the first point that goes beyond, and its value."""
+    for at in range(found.begin, found.end):
+        values = getattr(points[at], quantity)
+        if values and not lower - _ROUNDING <= values[joint] <= upper + _ROUNDING:
+            return at, values[joint]
+    return found.begin, math.nan
 
 
 def far_start(
@@ -207,7 +248,7 @@ def far_start(
 
     A joint that has time until the first point may be as much farther off as its velocity limit lets it go until then.
     """
-    if allowed <= 0.0 or not message.points:
+    if allowed <= 0.0 or not len(message.points):
         return None
     first = message.points[0]
     time = max(first.time, 0) / 1e9

@@ -10,8 +10,9 @@ from typing import TypeAlias
 
 import msgspec
 
-__all__ = ["ControllerSample", "DiagnosticsSample", "GpioSample", "JointDiagnosis", "JointStatesSample",
-           "OdometrySample", "Sample", "TrajectoryPoint", "TrajectorySample", "Values", "kind_of"]  # fmt: skip
+__all__ = ["ControllerSample", "DiagnosticsSample", "DofReading", "GpioSample", "JointDiagnosis", "JointStatesSample",
+           "OdometrySample", "PidSample", "Sample", "TrajectoryPoint", "TrajectorySample", "Values",
+           "kind_of"]  # fmt: skip
 
 Values: TypeAlias = dict[str, float | None]
 
@@ -102,7 +103,28 @@ class TrajectorySample(Sample, frozen=True, kw_only=True, tag="trajectory"):
     speed_scaling_factor: float = 1.0
 
 
-ControllerSample: TypeAlias = OdometrySample | JointStatesSample | GpioSample | DiagnosticsSample | TrajectorySample
+class DofReading(msgspec.Struct, frozen=True, kw_only=True):
+    """One degree of freedom under a PID (control_msgs/SingleDOFState): SI units, `time_step` in s, null is unknown."""
+
+    name: str
+    reference: float | None
+    feedback: float | None
+    feedback_dot: float | None
+    error: float | None
+    error_dot: float | None
+    time_step: float
+    output: float | None
+
+
+class PidSample(Sample, frozen=True, kw_only=True, tag="pid"):
+    """What a PID controller keeps at its references (control_msgs/MultiDOFStateStamped)."""
+
+    dofs: list[DofReading]
+
+
+ControllerSample: TypeAlias = (
+    OdometrySample | JointStatesSample | GpioSample | DiagnosticsSample | TrajectorySample | PidSample
+)
 """What a controller may tell."""
 
 

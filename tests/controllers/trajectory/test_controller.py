@@ -277,7 +277,7 @@ def test_a_scaling_that_nobody_knows_lets_the_time_stand():
     arm.run(20)
     arm.hardware.set("a/velocity", math.nan)
     arm.run()
-    assert arm.controller.scaling == 0.0
+    assert arm.controller.speed.factor == 0.0
 
 
 @pytest.mark.parametrize("factor", [-0.1, math.nan, math.inf])

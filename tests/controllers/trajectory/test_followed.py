@@ -14,7 +14,9 @@ S = 1_000_000_000
 def samples(case):
     """Yield (found, wanted) of every sample of a case, and at last the points that it leaves."""
     given = case["in"]
-    trajectory = Trajectory(message(given), splines=given["method"] == "splines")
+    made = message(given)
+    points = made.points
+    trajectory = Trajectory(made, splines=given["method"] == "splines")
     before = given["before"]
     if before is not None:
         trajectory.set_before(before["time_ns"], point(before["point"]), before.get("wrap", []))
@@ -32,7 +34,7 @@ def samples(case):
         keys = found.keys() & wanted.keys() if wanted["ok"] else {"ok"}
         wrong = {key: (found[key], wanted[key]) for key in keys if found[key] != wanted[key]}
         yield wrong | (differences(out, wanted, case["tolerance"]) if ok else {}), each, wanted
-    for each, wanted in zip(trajectory.points, case["expect"].get("points_after", trajectory.points), strict=True):
+    for each, wanted in zip(points, case["expect"].get("points_after", points), strict=True):
         if isinstance(wanted, dict):
             yield differences(each, wanted, case["tolerance"]), {}, wanted
 

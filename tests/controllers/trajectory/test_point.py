@@ -1,4 +1,44 @@
-from canopen_control.controllers.trajectory.point import JointTrajectory, Point
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from support.control import same
+from support.trajectories import cases, close, differences, message
+
+from canopen_control.controllers.trajectory.point import (
+    Arrangement,
+    JointTrajectory,
+    Point,
+    shortest_angular_distance,
+    wrap_around,
+)
+
+#: upstream appends nothing then, and commands every joint what was meant for another one
+UNKNOWN = "missing command value is NaN: nothing appended, rows not remapped"
+PARTIAL = cases("jtc_partial_goal")
+
+
+def test_a_joint_without_a_command_stays_where_it_is():
+    case = next(each for each in PARTIAL if each["name"] == UNKNOWN)
+    joints, made = case["in"]["params"]["joints"], message(case["in"]["trajectory"])
+    given = dict(zip(made.joint_names, made.points[0].positions, strict=True))
+    Arrangement(made.joint_names, joints, [math.nan] * len(joints), [9.0] * len(joints)).apply(made.points[0])
+    assert made.points[0].positions == [given.get(joint, 9.0) for joint in joints]
+
+
+@pytest.mark.parametrize("case", [each for each in PARTIAL if each["name"] != UNKNOWN], ids=lambda case: case["name"])
+def test_it_fills_up_and_sorts_as_upstream_does(case):
+    given, expect = case["in"], case["expect"]
+    joints, made = given["params"]["joints"], message(given["trajectory"])
+    commands = [given.get("command", {}).get(f"{joint}/position", math.nan) for joint in joints]
+    states = [given.get("state", {}).get(f"{joint}/position", 0.0) for joint in joints]
+    arrangement = Arrangement(made.joint_names, joints, commands, states)
+    assert arrangement.names == expect["joint_names_after_fill"]
+    for found, wanted in zip(made.points, expect["points_after_sort"], strict=True):
+        arrangement.apply(found)
+        assert not differences(found, wanted)
+        assert found.time == wanted["t_ns"]
 
 
 def test_a_point_takes_the_values_of_another_in_its_own_lists():
@@ -29,3 +69,36 @@ def test_a_trajectory_keeps_lists_of_its_own():
     message = JointTrajectory(names, [Point([1.0])])
     names.append("b")
     assert (message.joint_names, message.stamp) == (["a"], 0)
+
+
+ANGLES = st.floats(-1e3, 1e3)
+
+
+@pytest.mark.parametrize("case", cases("shortest_angular_distance"), ids=lambda case: case["name"])
+def test_the_shortest_way_is_upstreams(case):
+    given = case["in"]
+    assert same(shortest_angular_distance(given["from"], given["to"]), case["expect"]["distance"])
+
+
+@pytest.mark.parametrize("case", cases("jtc_wraparound"), ids=lambda case: case["name"])
+def test_the_start_moves_by_whole_turns_as_upstreams_does(case):
+    current = list(case["in"]["current"])
+    wrap_around(current, case["in"]["next"], case["in"]["wrap"])
+    assert close(current, case["expect"]["current_after"])
+
+
+@given(ANGLES, ANGLES)
+def test_the_way_is_half_a_turn_at_most_and_ends_where_it_should(begin, end):
+    way = shortest_angular_distance(begin, end)
+    assert -math.pi < way <= math.pi
+    assert math.cos(begin + way) == pytest.approx(math.cos(end), abs=1e-9)
+
+
+@given(ANGLES, ANGLES)
+def test_a_joint_without_end_starts_within_half_a_turn_on_the_turn_of_the_first_point(begin, first):
+    current = [begin, begin]
+    wrap_around(current, [first, first], [True, False])
+    assert abs(current[0] - first) <= math.pi + 1e-9
+    turns = (current[0] - begin) / (2 * math.pi)
+    assert turns == pytest.approx(round(turns), abs=1e-6)
+    assert current[1] == begin

@@ -6,7 +6,14 @@ from support.trajectories import cases, message
 from canopen_control.controllers.params import Params
 from canopen_control.controllers.trajectory.params import read_params
 from canopen_control.controllers.trajectory.point import JointTrajectory, Point
-from canopen_control.controllers.trajectory.validation import JointLimits, Rules, beyond, broken_rule, far_start
+from canopen_control.controllers.trajectory.validation import (
+    JointLimits,
+    Rules,
+    beyond,
+    broken_rule,
+    far_start,
+    survey_of,
+)
 
 S = 1_000_000_000
 LIMITS = {"a": JointLimits(-1.0, 1.0, 2.0), "b": JointLimits(continuous=True)}
@@ -23,7 +30,8 @@ def test_the_first_rule_that_is_broken_is_upstreams(case):
         params.allow_integration_in_goal_trajectories,
         "effort" in params.command_interfaces,
     )
-    refused = broken_rule(message(given["trajectory"]), rules, given["now_ns"])
+    made = message(given["trajectory"])
+    refused = broken_rule(made, survey_of(made), rules, given["now_ns"])
     assert (refused is None) is case["expect"]["accept"]
     if refused is not None:
         assert refused.rule.name == case["expect"]["reason"]
@@ -48,11 +56,12 @@ def to(*positions: float, time: float = 1.0, **more: list[float]) -> JointTrajec
     ],
 )
 def test_what_no_joint_can_bear_is_named_with_its_joint(given, text):
-    assert text in beyond(given, LIMITS)
+    assert text in beyond(given, survey_of(given), LIMITS)
 
 
 def test_limits_bear_the_rounding_of_a_planner_and_turns_without_end():
-    assert beyond(to(1.0 + 1e-7, 100.0), LIMITS) is None
+    given = to(1.0 + 1e-7, 100.0)
+    assert beyond(given, survey_of(given), LIMITS) is None
 
 
 @pytest.mark.parametrize(

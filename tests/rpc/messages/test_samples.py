@@ -5,10 +5,12 @@ import pytest
 from canopen_control.rpc.messages.samples import (
     ControllerSample,
     DiagnosticsSample,
+    DofReading,
     GpioSample,
     JointDiagnosis,
     JointStatesSample,
     OdometrySample,
+    PidSample,
     Sample,
     TrajectoryPoint,
     TrajectorySample,
@@ -31,6 +33,21 @@ SAMPLES = {
         error=TrajectoryPoint(positions=[0.1]),
         output=TrajectoryPoint(positions=[1.1]),
     ),
+    "loops": PidSample(
+        time=6.0,
+        dofs=[
+            DofReading(
+                name="a",
+                reference=1.0,
+                feedback=0.9,
+                feedback_dot=None,
+                error=0.1,
+                error_dot=None,
+                time_step=0.01,
+                output=0.2,
+            )
+        ],
+    ),
     "health": DiagnosticsSample(time=4.0, joints=[JointDiagnosis("a", 2, "in fault", {"age": None})]),
 }
 
@@ -44,7 +61,7 @@ def test_samples_of_every_kind_cross_the_wire_as_what_they_are():
 
 def test_each_kind_has_a_word_of_its_own():
     kinds = [kind_of(each) for each in typing.get_args(ControllerSample)]
-    assert kinds == ["odometry", "joint_states", "gpio", "diagnostics", "trajectory"]
+    assert kinds == ["odometry", "joint_states", "gpio", "diagnostics", "trajectory", "pid"]
     assert plain(SAMPLES["io"])["kind"] == "gpio"
 
 

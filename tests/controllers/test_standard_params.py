@@ -1,9 +1,13 @@
-"""The parameters of the forward command controllers."""
-
 import pytest
 
-from canopen_control.controllers.forward_command_params import ForwardParams, MultiParams, SingleParams
 from canopen_control.controllers.params import Params
+from canopen_control.controllers.standard_params import (
+    RENAMES,
+    BroadcasterParams,
+    ForwardParams,
+    MultiParams,
+    SingleParams,
+)
 from canopen_control.errors import RobotConfigError
 
 
@@ -20,3 +24,12 @@ def test_one_joint_and_its_interfaces():
 def test_a_timeout_below_zero_is_refused():
     with pytest.raises(RobotConfigError, match="command_timeout"):
         Params.of({"command_timeout": -0.1}).read(ForwardParams)
+
+
+def test_a_value_is_read_from_the_interface_that_the_map_names():
+    given = Params.of({"map_interface_to_joint_state": {"position": "kf_position"}}).read(BroadcasterParams)
+    assert (given.position, given.velocity, given.effort) == ("kf_position", "velocity", "effort")
+
+
+def test_the_key_of_ros_1_is_the_rate():
+    assert Params.of({"publish_rate": 50}).read(BroadcasterParams, RENAMES).update_rate == 50

@@ -1,0 +1,245 @@
+"""pid_controller/PidController: velocities or efforts that keep positions or velocities at a reference, by PIDs.
+
+The law of the file (ros2_controllers jazzy): the reference is the last message, or that of the controller that claims
+`NAME/DOF/INTERFACE` (chaining); with a second interface, the derivative, the loop takes the error's rate from there.
+Ours, and safer: without a reference, or without a state, the target is 0, where upstream leaves what stands; a drive
+that is not enabled loses its reference and its integral, and is held where it is once it follows again; a reference
+that moves ends by itself (`command_timeout`, see `command_life`).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, ClassVar
+
+from canopen_control.controllers.base import Controller, zero_targets
+from canopen_control.controllers.command_life import ENDLESS, MOVING, endless, life_ns
+from canopen_control.controllers.pid import Pid
+from canopen_control.controllers.pid_params import PidParams, read_params
+from canopen_control.controllers.state_copy import finite
+from canopen_control.controllers.trajectory.point import shortest_angular_distance
+from canopen_control.errors import RobotConfigError
+from canopen_control.hardware.interfaces import OK, CommandInterface, ReturnType
+from canopen_control.rpc.messages.samples import DofReading, PidSample
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from canopen_control.controllers.params import Params
+    from canopen_control.controllers.pid_params import DofGains
+    from canopen_control.hardware.interfaces import StateInterface
+    from canopen_control.rpc.messages.samples import Sample
+
+__all__ = ["PidController"]
+
+
+class _Dof:
+    """One degree of freedom: its loop, what it reads and writes, and what was of it in the last cycle."""
+
+    def __init__(self, name: str, gains: DofGains, references: Sequence[CommandInterface]) -> None:
+        self.name, self.pid, self.keep = name, Pid(gains.pid()), gains.save_i_term
+        self.forward, self.wraps = gains.feedforward_gain, gains.angle_wraparound
+        self.reference = references[0]
+        self.reference_rate = references[1] if len(references) == 2 else None
+        self.command: CommandInterface = CommandInterface(name, "none")
+        self.state: StateInterface | None = None
+        self.state_rate: StateInterface | None = None
+        self.error = self.error_rate = math.nan
+
+    def clear(self) -> None:
+        """Have no reference; nothing is known of what was before."""
+        self.reference.value = self.error = self.error_rate = math.nan
+        if self.reference_rate is not None:
+            self.reference_rate.value = math.nan
+
+    def stay(self) -> None:
+        """Have the reference that keeps it where it is: what is measured, and of what moves 0."""
+        measured = math.nan if self.state is None else self.state.value
+        self.reference.value = 0.0 if self.reference.interface in MOVING else measured
+        if self.reference_rate is not None:
+            self.reference_rate.value = 0.0
+
+    def step(self, period: float, feed_forward: bool) -> float:
+        """Return the command of one cycle, nan without a reference or a state; `period` in s."""
+        reference = self.reference.value
+        measured = math.nan if self.state is None else self.state.value
+        self.error = shortest_angular_distance(measured, reference) if self.wraps else reference - measured
+        rate = math.nan if self.reference_rate is None else self.reference_rate.value
+        self.error_rate = rate - (math.nan if self.state_rate is None else self.state_rate.value)
+        if not (math.isfinite(reference) and math.isfinite(measured)):
+            return math.nan
+        wanted = 0.0
+        if feed_forward:
+            led = reference if self.reference_rate is None else rate
+            wanted = self.forward * led if math.isfinite(led) else 0.0
+        if math.isfinite(self.error_rate):
+            return wanted + self.pid.compute_with_rate(self.error, self.error_rate, period)
+        return wanted + self.pid.compute(self.error, period)
+
+
+class PidController(Controller):
+    """Keeps each of its degrees of freedom at its reference; `feed_forward` says whether the reference leads."""
+
+    topic: ClassVar[str | None] = "reference"
+    tells: ClassVar[type[Sample] | None] = PidSample
+
+    def __init__(self, name: str, type_name: str = "pid_controller/PidController") -> None:
+        super().__init__(name, type_name)
+        self.params = PidParams()
+        self.feed_forward = False
+        self._references: list[CommandInterface] = []
+        self._dofs: list[_Dof] = []
+        self._follows: list[bool] = []
+        self._period = 0.0
+
+    @property
+    def chained(self) -> bool:
+        """Whether another controller commands it."""
+        return any(each.owner is not None for each in self._references)
+
+    # ------------------------------------------------------------------------------------------------- lifecycle
+
+    def on_configure(self, params: Params) -> None:
+        """Read the parameters, see `pid_params`."""
+        self.params = given = read_params(params, self.name)
+        if given.command_interface not in MOVING:
+            raise RobotConfigError(
+                f"{self.name}: command_interface: {given.command_interface} keeps its target when the loop stops; "
+                f"give velocity, acceleration or effort"
+            )
+        self.update_rate, self.joints, self.interface = given.update_rate, given.dof_names, given.command_interface
+        self.feed_forward = given.enable_feedforward
+        self.life.limit_ns = life_ns(given.command_timeout, given.reference_and_state_interfaces[:1])
+        kind = given.reference_and_state_interfaces[:1]
+        if (text := endless("command_timeout", given.command_timeout, kind)) is not None:
+            self.tell(ENDLESS, text)
+        self._references = [
+            CommandInterface(f"{self.name}/{dof}", interface)
+            for interface in given.reference_and_state_interfaces
+            for dof in given.measured
+        ]
+        count = len(given.dof_names)
+        self._follows = [False] * count
+        self._dofs = [
+            _Dof(dof, given.gains[index], self._references[index::count]) for index, dof in enumerate(given.measured)
+        ]
+
+    def command_interface_names(self) -> list[str]:
+        """Return one interface of each degree of freedom."""
+        return [f"{dof}/{self.params.command_interface}" for dof in self.params.dof_names]
+
+    def state_interface_names(self) -> list[str]:
+        """Return what is controlled of each degree of freedom, then the derivatives of all."""
+        return [f"{dof}/{each}" for each in self.params.reference_and_state_interfaces for dof in self.params.measured]
+
+    def reference_interfaces(self) -> Sequence[CommandInterface]:
+        """Return what another controller may command: references, then their derivatives."""
+        return self._references
+
+    def on_activate(self, commands: list[CommandInterface], states: list[StateInterface], now: int) -> None:
+        """Take the interfaces; the first reference is where the joints are, unless the parameters want none."""
+        super().on_activate(commands, states, now)
+        count = len(self._dofs)
+        for index, dof in enumerate(self._dofs):
+            dof.command, dof.state = commands[index], states[index]
+            dof.state_rate = states[index + count] if len(states) > count else None
+        self.stamp = 0
+        self.life.end()
+        self._clear()
+
+    def on_deactivate(self, now: int) -> None:
+        """Stop: every target becomes 0."""
+        super().on_deactivate(now)
+        self.life.end()
+        self._clear()
+
+    def forget(self, now: int) -> None:
+        """Have no reference before the next one; where the drives follow, the joints are held where they are."""
+        del now
+        zero_targets(self.commands)
+        self.life.end()
+        self._clear()
+        for dof in self._dofs:
+            dof.pid.reset()
+
+    def _clear(self) -> None:
+        """Be where it was when it was activated."""
+        for index, dof in enumerate(self._dofs):
+            dof.pid.reset(dof.keep)
+            dof.clear()
+            self._follows[index] = False
+
+    # -------------------------------------------------------------------------------------------------- commands
+
+    def set_command(self, values: Sequence[float], now: int, stamp: int | None = None) -> None:
+        """Take a reference for each degree of freedom, or those and then their derivatives; `now` in ns."""
+        del stamp  # MultiDOFCommand has none
+        names = [f"{each.joint.removeprefix(f'{self.name}/')}/{each.interface}" for each in self._references]
+        count = len(self._dofs)
+        self.checked(values, names if len(values) > count else names[:count])
+        if self.chained:
+            owner = next(each.owner for each in self._references if each.owner is not None)
+            raise self.refusal(f"is commanded by {owner}; deactivate that controller first")
+        for index, reference in enumerate(self._references):
+            reference.value = float(values[index]) if index < len(values) else math.nan
+        self.life.give(now)
+
+    def set_feed_forward(self, enabled: bool) -> None:
+        """Let references lead from the next cycle on, or no more (~/set_feedforward_control)."""
+        self.feed_forward = enabled
+
+    def sample(self, wall_offset_ns: int) -> PidSample | None:
+        """Return what was of each degree of freedom in the last cycle."""
+        if not self.stamp:
+            return None
+        return PidSample(
+            time=self.published(wall_offset_ns),
+            dofs=[
+                DofReading(
+                    name=each.name,
+                    reference=finite(each.reference.value),
+                    feedback=None if each.state is None else finite(each.state.value),
+                    feedback_dot=None if each.state_rate is None else finite(each.state_rate.value),
+                    error=finite(each.error),
+                    error_dot=finite(each.error_rate),
+                    time_step=self._period,
+                    output=finite(each.command.value),
+                )
+                for each in self._dofs
+            ],
+        )
+
+    # ----------------------------------------------------------------------------------------------------- cycle
+
+    def update(self, now: int, period: float) -> ReturnType:
+        """Write the target of each degree of freedom; `period` in s."""
+        self.stamp, self._period = now, period
+        if self.life.runs_out(now) and not self.chained:
+            self._stop(now)
+        dofs, follows = self._dofs, self._follows
+        for index in range(len(dofs)):
+            dof = dofs[index]
+            enabled = dof.command.enabled
+            if enabled is not follows[index] or enabled is not dof.reference.enabled:
+                self._turn(index, enabled)
+            target = dof.step(period, self.feed_forward) if enabled else math.nan
+            dof.command.value = target if math.isfinite(target) else 0.0
+        return OK
+
+    def _turn(self, index: int, enabled: bool) -> None:
+        """Forget what was, now that a drive follows or follows no more; whoever commands it sees that too."""
+        dof = self._dofs[index]
+        self._follows[index] = dof.reference.enabled = enabled
+        if dof.reference_rate is not None:
+            dof.reference_rate.enabled = enabled
+        if not enabled:
+            dof.pid.reset()
+            dof.clear()
+        elif not math.isfinite(dof.reference.value) and self.params.set_current_state_as_first_setpoint:
+            dof.stay()
+
+    def _stop(self, now: int) -> None:
+        for dof in self._dofs:
+            dof.clear()
+        age = (now - self.life.given) / 1e9
+        self.tell("command_timeout", f"no reference for {age:.2f} s, targets are 0 until the next one")

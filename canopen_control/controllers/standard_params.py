@@ -1,0 +1,69 @@
+"""The parameters of the forward command controllers and of the joint state broadcaster, ROS 1's among them.
+
+Keys, defaults and meaning are those of ros2_controllers.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+from canopen_control.controllers.params import CommonParams
+from canopen_control.hardware.interfaces import EFFORT, POSITION, VELOCITY
+from canopen_control.yamlfile.convert import setting
+
+__all__ = ["RENAMES", "BroadcasterParams", "ForwardParams", "GroupParams", "MultiParams", "SingleParams"]
+
+_MAP: Final = "map_interface_to_joint_state."
+
+
+@dataclass(frozen=True)
+class GroupParams(CommonParams):
+    """Parameters of the group controllers: `command_timeout` in s, see `command_life` for what absent and 0 mean."""
+
+    joints: tuple[str, ...] = ()
+    command_timeout: float | None = setting(None, low=0.0, high=1e9)
+
+
+@dataclass(frozen=True)
+class ForwardParams(GroupParams):
+    """Parameters of forward_command_controller/ForwardCommandController."""
+
+    interface_name: str = ""
+
+
+@dataclass(frozen=True)
+class SingleParams(CommonParams):
+    """Parameters of ROS 1's controllers of one joint; the gains of `pid` are the drive's own business."""
+
+    joint: str = ""
+    command_timeout: float | None = setting(None, low=0.0, high=1e9)
+
+
+@dataclass(frozen=True)
+class MultiParams(CommonParams):
+    """Parameters of forward_command_controller/MultiInterfaceForwardCommandController."""
+
+    joint: str = ""
+    interface_names: tuple[str, ...] = ()
+    command_timeout: float | None = setting(None, low=0.0, high=1e9)
+
+
+@dataclass(frozen=True)
+class BroadcasterParams(CommonParams):
+    """Parameters of joint_state_broadcaster/JointStateBroadcaster."""
+
+    joints: tuple[str, ...] = ()
+    interfaces: tuple[str, ...] = ()
+    extra_joints: tuple[str, ...] = ()
+    position: str = setting(POSITION, key=_MAP + POSITION)
+    velocity: str = setting(VELOCITY, key=_MAP + VELOCITY)
+    effort: str = setting(EFFORT, key=_MAP + EFFORT)
+    use_local_topics: bool = False
+    use_urdf_to_filter: bool = True
+    frame_id: str = "base_link"
+    publish_dynamic_joint_states: bool = True
+
+
+RENAMES: Final = {"publish_rate": "update_rate"}
+"""ROS 1's joint_state_controller published at a rate of its own."""

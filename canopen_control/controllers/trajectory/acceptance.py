@@ -1,0 +1,96 @@
+"""Whether a trajectory is taken: upstream's rules, then what the joints and the objects behind them can bear.
+
+The law of the file: it is judged outside of the cycle, by what its points came to as they arrived (`survey`), so that
+its length costs the moment of the answer nothing.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from canopen_control.controllers.trajectory.validation import (
+    JointLimits,
+    Refused,
+    Rules,
+    beyond,
+    broken_rule,
+    far_start,
+    survey_of,
+)
+from canopen_control.hardware.interfaces import POSITION
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from canopen_control.controllers.trajectory.joint_group import JointGroup
+    from canopen_control.controllers.trajectory.params import TrajectoryParams
+    from canopen_control.controllers.trajectory.point import JointTrajectory
+    from canopen_control.controllers.trajectory.survey import Survey
+    from canopen_control.urdf.joint import Joint
+
+__all__ = ["Acceptance"]
+
+
+class Acceptance:
+    """Judges trajectories for a group of joints; `limits` are those of the description and of the interfaces."""
+
+    def __init__(self, params: TrajectoryParams, group: JointGroup, description: Mapping[str, Joint]) -> None:
+        self.limits = {each: _limits_of(description.get(each)) for each in params.joints}
+        self._params, self._group = params, group
+
+    @property
+    def continuous(self) -> list[bool]:
+        """Which joints turn without end."""
+        return [self.limits[each].continuous for each in self._params.joints]
+
+    def take_params(self, params: TrajectoryParams) -> None:
+        """Judge by other parameters."""
+        self._params = params
+
+    def take_limits(self) -> None:
+        """Take the limits that the hardware interfaces know beside the description's."""
+        for index, command in enumerate(self._group.commands.get(POSITION, ())):
+            joint = self._params.joints[self._group.places[index]]
+            known = self.limits[joint]
+            lower, upper = max(known.lower, command.minimum), min(known.upper, command.maximum)
+            self.limits[joint] = JointLimits(lower, upper, known.velocity, known.continuous)
+
+    def mistake(self, message: JointTrajectory, now: int) -> Refused | None:
+        """Say why a trajectory is refused, None if it is taken; `now` in ns."""
+        given, survey = self._params, survey_of(message)
+        rules = Rules(
+            given.joints,
+            given.allow_partial_joints_goal,
+            given.allow_nonzero_velocity_at_trajectory_end,
+            given.allow_integration_in_goal_trajectories,
+            self._group.has_effort,
+        )
+        if (refused := broken_rule(message, survey, rules, now)) is not None:
+            return refused
+        here = dict(zip(given.joints, self._group.actual.positions, strict=True))
+        unbearable = (
+            beyond(message, survey, self.limits)
+            or far_start(message, here, self.limits, given.allowed_start_tolerance)
+            or self._misfit(message, survey)
+        )
+        return None if unbearable is None else Refused(None, unbearable)
+
+    def _misfit(self, message: JointTrajectory, survey: Survey) -> str | None:
+        """Say which position the object behind a command cannot hold, None if it holds all."""
+        joints, group = self._params.joints, self._group
+        for index, command in enumerate(group.commands.get(POSITION, ())):
+            joint = joints[group.places[index]]
+            if joint not in message.joint_names or not survey.positions.ranges:
+                continue
+            place = message.joint_names.index(joint)
+            for value in (survey.positions.lowest[place], survey.positions.highest[place]):
+                if (fits := command.misfit(value)) is not None:
+                    return f"it leads {joint} to {value:g}, and {fits}; plan within that"
+        return None
+
+
+def _limits_of(joint: Joint | None) -> JointLimits:
+    if joint is None:
+        return JointLimits()
+    limits = joint.limits
+    return JointLimits(limits.lower, limits.upper, limits.velocity, joint.type == "continuous")

@@ -1,0 +1,187 @@
+"""What the joints are commanded from cycle to cycle: a trajectory, a hold, or the way to rest.
+
+The law of the file (ros2_controllers jazzy): what is queued begins in the next cycle; the command is what it says one
+period ahead. Ours, and safer: a stop is computed as it is sampled, and a hold is one point.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+from canopen_control.controllers.trajectory.followed import Motion, Trajectory
+from canopen_control.controllers.trajectory.joint_group import Loops
+from canopen_control.controllers.trajectory.packed import PackedPoints
+from canopen_control.controllers.trajectory.point import Arrangement, JointTrajectory, Point
+from canopen_control.controllers.trajectory.stop import Stop
+from canopen_control.hardware.interfaces import ACCELERATION, EFFORT, POSITION, VELOCITY
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from canopen_control.controllers.trajectory.joint_group import JointGroup
+    from canopen_control.controllers.trajectory.params import TrajectoryParams
+
+__all__ = ["Follower"]
+
+NS: Final = 1_000_000_000
+
+
+class Follower:
+    """Moves a group of joints; `holding` says that it stays, or comes to rest, where it is.
+
+    `desired` is what was to be in the last cycle, `output` what was commanded for the next one. `motion` is what is
+    followed, `fresh` whether it began in this cycle.
+    """
+
+    def __init__(self, params: TrajectoryParams, group: JointGroup, period_ns: int) -> None:
+        self.holding = self.fresh = False
+        self.desired, self.output = Point(), Point()
+        self.motion: Motion | None = None
+        self._params, self._group, self._period_ns = params, group, period_ns
+        self._splines = params.interpolation_method == "splines"
+        self._queued: JointTrajectory | Stop | None = None
+        self._taken: JointTrajectory | Stop | None = None
+        self._hold = JointTrajectory(params.joints, [Point()])
+        self._stay = Point()
+        self._hold.points = [self._stay]
+        self._time = self._last_time = 0
+        self._last = Point()
+        looped = (group.has_velocity and not params.open_loop_control) or group.has_effort
+        alone = len(params.command_interfaces) == 1
+        self._loops = Loops(params.gains, group.places, with_effort=group.has_effort) if alone and looped else None
+
+    # ------------------------------------------------------------------------------------------- what is followed
+
+    def begin(self) -> None:
+        """Begin anew where the group was read; `hold` tells it to stay there."""
+        group = self._group
+        self.motion = self._queued = self._taken = None
+        self._last_time = 0
+        self._last = group.actual.copy()
+        self.desired, self.output = group.blank(), group.blank()
+        if self._loops is not None:
+            self._loops.reset()
+
+    def rise(self) -> None:
+        """Hold the joints where they are, now that all follow again."""
+        self._group.read()
+        self._last.take(self._group.actual)
+        if self._loops is not None:
+            self._loops.reset()
+        self.hold()
+
+    def drop(self, *, holding: bool) -> None:
+        """Follow nothing more."""
+        self.motion = self._queued = self._taken = None
+        self.holding = holding
+
+    def set_gains(self, params: TrajectoryParams) -> None:
+        """Go on with the gains of other parameters."""
+        self._params = params
+        if self._loops is not None:
+            self._loops.set_gains(params.gains)
+
+    def follow(self, message: JointTrajectory) -> None:
+        """Begin with a trajectory in the next cycle."""
+        if isinstance(message.points, PackedPoints) and 0 in message.points.survey.sizes[0]:
+            message.points = list(message.points)  # what is deduced of a point has to stay with it
+        self._queued, self.holding = message, False
+
+    def hold(self) -> None:
+        """Stay where the joints are; one point that is rewritten, since a hold has no course to jump on."""
+        self._hold_at(self._group.actual)
+        point, group = self._stay, self._group
+        zeros = [0.0] * len(group.joints)
+        point.velocities[:] = zeros if group.has_velocity or group.has_acceleration else ()
+        point.accelerations[:] = zeros if group.has_acceleration else ()
+        point.effort[:] = zeros if group.has_effort else ()
+
+    def hold_at_end(self) -> None:
+        """Stay at the last point, with all that it says."""
+        end = None if self.motion is None else self.motion.end_point()
+        if end is not None:
+            self._hold_at(end)
+
+    def brake(self, decelerations: Sequence[float]) -> None:
+        """Come to rest with these decelerations, in rad/s2 or m/s2."""
+        self._queued, self.holding = Stop(decelerations), True
+
+    def _hold_at(self, point: Point) -> None:
+        self._stay.take(point)
+        self._stay.time = 0
+        self._queued, self.holding = self._hold, True
+
+    # ----------------------------------------------------------------------------------------------------- cycle
+
+    def take_queued(self) -> None:
+        """Begin what was queued; joints that it does not name stay."""
+        message, group = self._queued, self._group
+        if message is self._taken:
+            return
+        self._taken = message
+        if message is None or isinstance(message, Stop):
+            self.motion = message
+            return
+        arrangement = None
+        if message is not self._hold:
+            group.read()
+            arrangement = Arrangement(message.joint_names, group.joints, group.targets(), group.actual.positions)
+        self.motion = Trajectory(message, self._splines, arrangement)
+
+    def sample(self, now: int, period: float, scaling: float) -> bool:
+        """Work out what is desired and what to command; False where nothing is to be commanded. Period in s."""
+        motion = self.motion
+        if motion is None:
+            return False
+        self.fresh = not motion.sampled
+        if self.fresh:
+            self._begin(motion, now)
+        else:
+            self._time += int(round(period * 1e9) * scaling)
+        motion.sample(self._time, self.desired)
+        self.desired.time = self._time - motion.start
+        found = motion.sample(self._time + self._period_ns, self.output, ahead=True)
+        self._group.actual.time = now - motion.start
+        return found
+
+    def write(self, now: int, period: float) -> None:
+        """Command what was worked out; `group.error` is that of this cycle."""
+        group, output, loops = self._group, self.output, self._loops
+        if group.has_position:
+            group.write(POSITION, output.positions)
+        if loops is not None:
+            commands = group.commands[VELOCITY if group.has_velocity else EFFORT]
+            for index in range(len(commands)):
+                commands[index].value = loops.compute(index, output, group.error, period)
+        else:
+            if group.has_velocity:
+                group.write(VELOCITY, output.velocities)
+            if group.has_acceleration:
+                group.write(ACCELERATION, output.accelerations)
+            if group.has_effort:
+                group.write(EFFORT, self.desired.effort)
+        self._last.take(output)
+        self._last_time = now
+
+    @property
+    def past(self) -> float:
+        """How long ago the point was at which it is, in s; once it is over, how long it is over."""
+        motion = self.motion
+        return 0.0 if motion is None else self._time / 1e9 - (motion.start + motion.time_of(motion.first)) / 1e9
+
+    def query(self, t: int, out: Point) -> bool:
+        """Write what is said of `t`, in ns, into `out`; False, with where the joints are, if nothing."""
+        motion = self.motion
+        if motion is None or not motion.query(t, out):
+            out.take(self._group.actual)
+            return False
+        return not motion.is_over
+
+    def _begin(self, motion: Motion, now: int) -> None:
+        """Take where the joints are, or were to be, before the first point."""
+        if self._params.from_desired and self._last.positions:
+            self._last_time = self._last_time or now
+            motion.set_before(self._last_time, self._last, self._group.wrap)
+        else:
+            motion.set_before(now, self._group.actual, self._group.wrap)
+        self._time = now

@@ -1,0 +1,218 @@
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from canopen_control.controllers.controllers_file import read_controllers
+from canopen_control.errors import RobotConfigError
+
+CONFIG = Path(__file__).parents[2] / "config"
+JAZZY = """\
+controller_manager:
+  ros__parameters:
+    update_rate: 50
+    states:
+      type: joint_state_broadcaster/JointStateBroadcaster
+    base.type: diff_drive_controller/DiffDriveController
+base:
+  ros__parameters:
+    wheel_radius: 0.1
+    linear.x.max_velocity: 1.0
+    linear: {x: {max_acceleration: 2.0}}
+"""
+
+
+@pytest.fixture
+def file(tmp_path):
+    def write(text: str, **options):
+        path = tmp_path / "c.yaml"
+        path.write_text(text, encoding="utf-8")
+        return read_controllers(path, **options)
+
+    return write
+
+
+@dataclass(frozen=True)
+class Some:
+    rate: float = 1.0
+
+
+def flat(config) -> dict[str, object]:
+    return config.params.flat.value
+
+
+def test_robbys_file_names_the_forward_controller_first_of_those_that_move():
+    read = read_controllers(CONFIG / "robby" / "ros2_controllers.yaml", strict=True)
+    assert read.update_rate == 50
+    assert read.warnings == []
+    moving = [name for name, each in read.controllers.items() if "broadcaster" not in each.type]
+    assert moving[0] == "robby_forward_controller"
+    assert flat(read.controllers["robby_forward_controller"])["command_timeout"] == 2.0
+
+
+def test_types_and_parameters_stand_in_their_blocks(file):
+    read = file(JAZZY)
+    assert list(read.controllers) == ["states", "base"]
+    base = read.controllers["base"]
+    assert (base.type, base.line) == ("diff_drive_controller/DiffDriveController", 6)
+    assert flat(base) == {"wheel_radius": 0.1, "linear.x.max_velocity": 1.0, "linear.x.max_acceleration": 2.0}
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "base: {ros__parameters: {type: a/B, k: 1}}",
+        "/base: {ros__parameters: {type: a/B, k: 1}}",
+        "/ns/base: {ros__parameters: {type: a/B, k: 1}}",
+        "ns: {base: {ros__parameters: {type: a/B, k: 1}}}",
+        "base: {type: a/B, k: 1}",
+        "robot: {base: {type: a/B, k: 1}}",
+        "ns:\n controller_manager: {ros__parameters: {base: {type: a/B}}}\n base: {ros__parameters: {k: 1}}",
+        "controller_manager: {ros__parameters: {base: {type: a/B}}}\n/**: {ros__parameters: {k: 1}}",
+        "controller_manager: {base: {type: a/B}}\nbase: {k: 1}",
+    ],
+)
+def test_every_layout_gives_the_same_controller(file, text):
+    base = file(text).controllers["base"]
+    assert base.type == "a/B"
+    assert flat(base)["k"] == 1
+
+
+def test_a_repeated_name_is_a_warning_and_the_last_one_wins_or_an_error_if_strict(file):
+    text = "c: {ros__parameters: {type: a/B,\n rate: 1,\n rate: 2, a.b: 1,\n a: {b: 2}}}"
+    read = file(text)
+    assert flat(read.controllers["c"]) == {"type": "a/B", "rate": 2, "a.b": 2}
+    assert [each.split(": ", 1)[0].rpartition("/")[2] for each in read.warnings] == ["c.yaml:3:2", "c.yaml:4:6"]
+    with pytest.raises(RobotConfigError, match="duplicate key 'rate'"):
+        file(text, strict=True)
+
+
+def test_parameters_that_nobody_loads_and_stray_lines_are_told_with_the_nearest_name(file):
+    read = file(JAZZY.replace("\nbase:\n", "\nbsae:\n") + "stray: 3\n")
+    assert "'bsae' has parameters but no type, so nobody loads it, did you mean 'base'?" in read.warnings[0]
+    assert "'stray' belongs to no controller" in read.warnings[1]
+
+
+def test_the_managers_own_mistakes_are_told_and_its_other_groups_are_left_alone(file):
+    text = "controller_manager: {ros__parameters: {update_rate: 0, defaults: {x: 1}, c: {type: a/B}}}"
+    with pytest.raises(RobotConfigError, match=r"update_rate: 0 is out of range 1\.\.10000"):
+        file(text)
+    read = file(text.replace("update_rate: 0", "updat_rate: 7"))
+    assert "unknown key 'updat_rate', did you mean 'update_rate'?" in read.warnings[0]
+    assert len(read.warnings) == 1
+
+
+def test_a_file_without_controllers_or_without_yaml_is_refused(file):
+    for text in ("", "controller_manager: {ros__parameters: {update_rate: 5}}"):
+        with pytest.raises(RobotConfigError, match="no controller has a type"):
+            file(text)
+    for text in ("[1]", "3", "a: [", "\t"):
+        with pytest.raises(RobotConfigError, match=r"c\.yaml:\d"):
+            file(text)
+
+
+def test_the_mistakes_of_one_controller_do_not_show_at_another(file):
+    read = file("a: {ros__parameters: {type: a/B, rate: x}}\nb: {ros__parameters: {type: a/B, rate: 3}}")
+    for _ in range(2):
+        with pytest.raises(RobotConfigError, match=r"c\.yaml:1:40: a\.ros__parameters\.rate: expected a number"):
+            read.controllers["a"].params.read(Some)
+        assert read.controllers["b"].params.read(Some).rate == 3.0
+
+
+def test_what_the_manager_does_not_do_is_told_with_its_line(file):
+    own = "update_rate: 50, use_sim_time: true, lock_memory: {}, handle_exceptions: true"
+    text = "controller_manager: {{ros__parameters: {{c.type: a/B, {}}}}}"
+    assert file(text.format(own.format("false"))).warnings == []
+    (warning,) = file(text.format(own.format("true"))).warnings
+    assert "c.yaml:1:" in warning
+    assert "lock_memory has no effect: run --realtime locks it" in warning
+
+
+LINES = st.lists(
+    st.sampled_from(
+        [
+            "controller_manager:",
+            "  ros__parameters:",
+            "    update_rate: 5",
+            "    c:",
+            "      type: a/B",
+            "    c.type: 3",
+            "c: {type: a/B}",
+            "/**:",
+            "d:",
+            "  type: [1]",
+            "  ? x",
+            "- 1",
+            "e: {f: {type: a/B}, g: {h: 1}}",
+            "controller_manager: {c: {type: {a: 1}}}",
+        ]
+    ),
+    max_size=10,
+)
+
+
+@given(st.one_of(LINES.map("\n".join), st.text(max_size=40)))
+@settings(max_examples=300, deadline=None)
+def test_any_text_gives_controllers_or_one_error(tmp_path_factory, text):
+    path = tmp_path_factory.getbasetemp() / "any.yaml"
+    path.write_bytes(text.encode("utf-8", "surrogatepass"))
+    try:
+        assert read_controllers(path).controllers
+    except RobotConfigError as error:
+        assert str(error).startswith(str(path))  # noqa: PT017 - either outcome is right
+
+
+def test_a_params_file_is_read_beside_the_file_and_wins(file, tmp_path):
+    (tmp_path / "first.yaml").write_text("/**: {ros__parameters: {k: 1, only: 7}}\n")
+    (tmp_path / "second.yaml").write_text("base: {ros__parameters: {k: 2, linear.x.max_velocity: 3.0}}\n")
+    manager = "controller_manager: {ros__parameters: {base: {type: a/B, params_file: %s}}}\n"
+    text = manager + "base: {ros__parameters: {k: 0}}\n"
+    assert flat(file(text % "[first.yaml, second.yaml]").controllers["base"]) == {
+        "k": 2,
+        "only": 7,
+        "linear.x.max_velocity": 3.0,
+    }
+    assert flat(file(text % "first.yaml").controllers["base"]) == {"k": 1, "only": 7}
+
+
+def test_a_params_file_that_is_not_there_or_not_about_the_controller_is_an_error(file, tmp_path):
+    text = "controller_manager: {ros__parameters: {base: {type: a/B, params_file: p.yaml}}}\n"
+    with pytest.raises(RobotConfigError, match=r"c\.yaml:1:\d+: .*params_file: .*p\.yaml: cannot be read"):
+        file(text)
+    (tmp_path / "p.yaml").write_text("bose: {ros__parameters: {k: 1}}\n")
+    with pytest.raises(RobotConfigError, match=r"p\.yaml has no parameters for base, did you mean 'bose'"):
+        file(text)
+
+
+def test_mistakes_in_a_params_file_are_told_with_its_name(file, tmp_path):
+    (tmp_path / "p.yaml").write_text("base:\n  ros__parameters:\n    rate: fast\n    rat: 1\n")
+    read = file("controller_manager: {ros__parameters: {base: {type: a/B, params_file: p.yaml}}}\n")
+    with pytest.raises(RobotConfigError, match=r"p\.yaml:3:11: base\.ros__parameters\.rate: expected a number"):
+        read.controllers["base"].params.read(Some)
+    assert "unknown key 'rat', did you mean 'rate'?" in read.controllers["base"].params.warnings[0]
+
+
+def test_fallbacks_are_controllers_of_the_file(file):
+    text = "controller_manager: {ros__parameters: {base: {type: a/B, fallback_controllers: %s}, safe: {type: a/B}}}\n"
+    assert file(text % "[safe]").controllers["base"].fallbacks == ("safe",)
+    assert file(text % "safe").controllers["base"].fallbacks == ("safe",)
+    with pytest.raises(RobotConfigError, match="no controller 'saffe', did you mean 'safe'"):
+        file(text % "[saffe]")
+
+
+def test_where_a_block_stands_is_kept(file):
+    read = file("/ns/base: {ros__parameters: {type: a/B}}\nrobot: {arm: {type: a/B, k: 1}}\n")
+    assert [each.namespace for each in read.controllers.values()] == ["/ns", "/robot"]
+    assert [each.ros1 for each in read.controllers.values()] == [False, True]
+    assert read.controllers["arm"].params.line("k") == 2
+    assert read.controllers["arm"].params.line("none") == 0
+
+
+def test_blocks_of_gazebos_gains_have_no_effect_and_are_told(file):
+    read = file("gazebo_ros_control: {pid_gains: {l: {p: 1.0}}}\nbase: {type: a/B, k: 1}\n")
+    assert list(read.controllers) == ["base"]
+    assert "gazebo_ros_control has no effect" in read.warnings[0]

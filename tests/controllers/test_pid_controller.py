@@ -1,0 +1,226 @@
+import gc
+import math
+import sys
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from support.control import Hardware, S, add, manager
+
+from canopen_control.controllers.base import ControllerState
+from canopen_control.errors import ControlError, NotEnabled, RobotConfigError
+
+MS = 1_000_000
+TYPE = "pid_controller/PidController"
+JTC = "joint_trajectory_controller/JointTrajectoryController"
+JOINTS = ["a", "b"]
+
+
+class Robot:
+    """Two joints that take one quantity and measure position and velocity, under PIDs."""
+
+    def __init__(self, kind="velocity", interfaces=("position",), gains=None, **params):
+        states = tuple(f"{joint}/{each}" for each in ("position", "velocity") for joint in JOINTS)
+        self.hardware = Hardware(*(f"{joint}/{kind}" for joint in JOINTS), states=states)
+        for each in self.hardware.state_interfaces:
+            each.value = 0.0
+        self.manager = manager(self.hardware)
+        given = {f"gains__{joint}__{key}": value for joint in JOINTS for key, value in (gains or {"p": 2.0}).items()}
+        self.pid = add(
+            self.manager,
+            "pid",
+            TYPE,
+            dof_names=JOINTS,
+            command_interface=kind,
+            reference_and_state_interfaces=list(interfaces),
+            **given,
+            **params,
+        )
+        self.now = S
+
+    def start(self, *names):
+        self.manager.switch(names or ["pid"], now=self.now)
+        return self
+
+    def cycle(self, count=1, follow=None):
+        for _ in range(count):
+            self.now += 10 * MS
+            self.manager.update(self.now, 0.01)
+            if follow is not None:
+                follow()
+        return self.hardware.values()
+
+    def enable(self, joint, enabled=True):
+        next(each for each in self.hardware.command_interfaces if each.joint == joint).enabled = enabled
+
+    def command(self, *values):
+        self.manager.command("pid", values, self.now, source="a test")
+
+    def state(self, name):
+        return next(each for each in self.hardware.state_interfaces if each.name == name)
+
+
+def test_the_first_reference_is_where_the_joints_are():
+    robot = Robot()
+    robot.state("a/position").value = 0.5
+    assert robot.start().cycle() == [0.0, 0.0]
+    assert [each.reference for each in robot.pid.sample(0).dofs] == [0.5, 0.0]
+
+
+def test_without_a_first_reference_the_targets_are_0_until_there_is_one():
+    robot = Robot(set_current_state_as_first_setpoint=False).start()
+    robot.state("a/position").value = 0.5
+    assert robot.cycle() == [0.0, 0.0]
+    assert robot.pid.sample(0).dofs[0].reference is None
+    robot.command(1.0, 1.0)
+    assert robot.cycle() == [pytest.approx(1.0), pytest.approx(2.0)]
+
+
+def test_it_claims_reads_and_exports_as_upstream_does():
+    robot = Robot("effort", ("position", "velocity"), reference_and_state_dof_names=["x", "y"])
+    assert robot.pid.command_interface_names() == ["a/effort", "b/effort"]
+    assert robot.pid.state_interface_names() == ["x/position", "y/position", "x/velocity", "y/velocity"]
+    names = [each.name for each in robot.pid.reference_interfaces()]
+    assert names == ["pid/x/position", "pid/y/position", "pid/x/velocity", "pid/y/velocity"]
+
+
+def test_with_the_derivative_the_rate_of_the_error_is_not_guessed():
+    robot = Robot("effort", ("position", "velocity"), {"d": 3.0}).start()
+    robot.state("b/velocity").value = 0.5
+    robot.command(1.0, 1.0, 0.25, 0.25)
+    assert robot.cycle() == pytest.approx([0.75, -0.75])
+
+
+def test_without_the_derivative_in_the_message_it_is_that_of_the_errors():
+    robot = Robot("effort", ("position", "velocity"), {"d": 3.0}).start()
+    robot.cycle()
+    robot.command(0.1, 0.0)
+    assert robot.cycle()[0] == pytest.approx(3.0 * 0.1 / 0.01)
+
+
+@pytest.mark.parametrize(("interfaces", "forward"), [(("velocity",), 4.0), (("position", "velocity"), 1.0)])
+def test_what_leads_is_the_reference_or_its_derivative(interfaces, forward):
+    robot = Robot("effort", interfaces, {"feedforward_gain": 2.0}, enable_feedforward=True).start()
+    robot.command(*([2.0, 2.0, 0.5, 0.5][: 2 * len(interfaces)]))
+    assert robot.cycle() == [forward, forward]
+    robot.pid.set_feed_forward(False)
+    assert robot.cycle() == [0.0, 0.0]
+
+
+def test_an_angle_goes_the_short_way_round():
+    robot = Robot(gains={"p": 1.0, "angle_wraparound": True}).start()
+    robot.state("a/position").value = 3.0
+    robot.command(-3.0, 0.0)
+    assert robot.cycle()[0] == pytest.approx(2 * math.pi - 6.0)
+
+
+def test_a_drive_that_does_not_follow_loses_its_reference_and_is_held_where_it_is_afterwards():
+    robot = Robot("effort", gains={"p": 1.0, "i": 1.0}, command_timeout=0.0).start()
+    robot.command(1.0, 1.0)
+    robot.cycle(50)
+    robot.enable("b", False)
+    assert robot.cycle(10) == [0.0, 0.0]
+    with pytest.raises(NotEnabled):
+        robot.command(1.0, 1.0)
+    robot.state("b/position").value = -0.4
+    robot.enable("b")
+    assert robot.cycle(10) == [0.0, 0.0]
+    assert [each.reference for each in robot.pid.sample(0).dofs] == [0.0, -0.4]
+
+
+def test_a_state_that_nobody_knows_makes_the_target_0():
+    robot = Robot().start()
+    robot.command(1.0, 1.0)
+    robot.cycle()
+    robot.state("a/position").value = math.nan
+    assert robot.cycle() == [0.0, 2.0]
+
+
+def test_a_velocity_reference_that_nobody_renews_ends_and_a_position_stays():
+    robot = Robot("effort", ("velocity",)).start()
+    robot.command(1.0, 1.0)
+    assert robot.cycle(199) == [2.0, 2.0]
+    assert robot.cycle(3) == [0.0, 0.0]
+    assert "no reference for 2.0" in robot.manager.events()[-1].text
+    robot = Robot("effort").start()
+    robot.command(1.0, 1.0)
+    assert robot.cycle(1000) == [2.0, 2.0]
+
+
+@pytest.mark.parametrize("values", [[1.0], [1.0, math.nan], [1.0, 1.0, 1.0]])
+def test_a_reference_that_is_none_is_refused(values):
+    robot = Robot().start()
+    with pytest.raises(ControlError, match="wants"):
+        robot.command(*values)
+    assert robot.cycle() == [0.0, 0.0]
+
+
+def test_it_commands_no_positions():
+    with pytest.raises(RobotConfigError, match="command_interface: position keeps its target"):
+        Robot("position")
+
+
+def chained(kind, interfaces, jtc_interfaces, **params):
+    """A trajectory controller whose commands are the references of the PIDs."""
+    robot = Robot(kind, interfaces, **params)
+    add(
+        robot.manager,
+        "arm",
+        JTC,
+        joints=JOINTS,
+        command_joints=["pid/a", "pid/b"],
+        command_interfaces=list(jtc_interfaces),
+        state_interfaces=["position", "velocity"],
+        allowed_start_tolerance=0.0,
+    )
+    return robot
+
+
+def test_it_takes_no_messages_while_another_controller_commands_it():
+    robot = chained("velocity", ("position",), ("position",)).start("pid", "arm")
+    robot.cycle()
+    with pytest.raises(ControlError, match="is commanded by arm"):
+        robot.command(1.0, 1.0)
+
+
+def test_the_chain_stops_as_one_and_what_is_above_is_told_what_does_not_follow():
+    robot = chained("velocity", ("position",), ("position",)).start("pid", "arm")
+    robot.cycle(5)
+    robot.enable("b", False)
+    robot.cycle(2)
+    assert [each.enabled for each in robot.pid.reference_interfaces()] == [True, False]
+    assert robot.hardware.values() == [0.0, 0.0]
+    robot.state("b/position").value = 0.3
+    robot.enable("b")
+    robot.cycle(20)
+    assert robot.hardware.values() == [0.0, 0.0]
+    assert robot.pid.sample(0).dofs[1].reference == 0.3
+    robot.manager.switch((), ["pid", "arm"])
+    assert robot.pid.state is ControllerState.INACTIVE
+
+
+@given(st.lists(st.tuples(st.floats(-2.0, 2.0), st.booleans()), min_size=1, max_size=30))
+def test_whatever_comes_and_goes_targets_are_finite_and_those_that_do_not_follow_have_0(steps):
+    robot = Robot("effort", gains={"p": 5.0, "i": 2.0, "d": 0.1, "u_clamp_max": 3.0, "u_clamp_min": -3.0}).start()
+    for value, enabled in steps:
+        robot.enable("a", enabled)
+        robot.state("a/position").value = value
+        try:
+            robot.command(value, -value)
+        except NotEnabled:
+            assert not enabled
+        found = robot.cycle()
+        assert all(abs(each) <= 3.0 for each in found)
+        assert enabled or found[0] == 0.0
+
+
+def test_its_cycles_leave_no_object_behind():
+    robot = Robot("effort", ("position", "velocity"), {"p": 1.0, "i": 1.0, "d": 1.0}).start()
+    robot.command(1.0, 1.0)
+    for _ in range(300):
+        robot.pid.update(robot.now, 0.01)
+    gc.collect()
+    before = sys.getallocatedblocks()
+    for _ in range(2000):
+        robot.pid.update(robot.now, 0.01)
+    assert sys.getallocatedblocks() - before < 20
