@@ -85,12 +85,18 @@ class Arm:
         begin = [bench.robot.registry.state(f"{each}/position").value for each in JOINTS]
         goal = Goal(planned(begin, [0.3 * each for each in ENDS], seconds))
         bench.bus.clear_history()
+        for node in NODES:
+            bench.drives[node].drives[0].meter.restart()
         bench.robot.manager.get("arm_controller").send_goal(goal, bench.reactor.now())
         bench.until(lambda: goal.ended, 4000)
         bench.run(50)  # the last set-points are taken
         assert goal.state is GoalState.SUCCEEDED
         assert bench.robot.pacer.missed <= missed
         return {node: self._taken(0x200 + node) for node in NODES}
+
+    def quality(self, node):
+        """Return what a drive says of the set-points of the last trajectory."""
+        return self.bench.drives[node].drives[0].meter.tell(1.0)
 
     def _taken(self, cob_id):
         """Return the set-points that were there at each SYNC: None where none had come since the last one."""
@@ -143,13 +149,14 @@ def jitter(seed):
 
 @pytest.fixture(scope="module")
 def calm(tmp_path_factory):
-    """Return what gives the set-points of a host that is never late, by the rate."""
+    """Return what gives the set-points of a host that is never late, and what its drives say, by the rate."""
 
     @functools.cache
     def of(hertz):
         arm = Arm(f"calm{hertz}", arm_at(tmp_path_factory.mktemp("calm"), hertz))
         try:
-            return {node: [points for (points,) in taken] for node, taken in arm.play().items()}
+            taken = arm.play()
+            return {node: ([points for (points,) in taken[node]], arm.quality(node)) for node in NODES}
         finally:
             arm.close()
 
@@ -163,7 +170,7 @@ def test_a_late_host_sends_the_set_points_of_the_grid_each_once(arms, calm, tmp_
     for node in NODES:
         assert {len(each) for each in late[node]} == {1}, "none lost, none doubled"
         got = [points for (points,) in late[node]]
-        sent, wanted = moving(got), moving(calm(hertz)[node])
+        sent, wanted = moving(got), moving(calm(hertz)[node][0])
         count = min(len(sent), len(wanted))
         assert abs(len(sent) - len(wanted)) <= 1, "one may lie before the first SYNC that was looked at"
         assert sent[-count:] == wanted[-count:], "to the count what a host that is never late sends"
@@ -177,8 +184,10 @@ def test_behind_the_sync_of_a_node_at_200_ppm_a_late_host_loses_and_doubles_none
     for node in NODES:
         assert {len(each) for each in late[node]} == {1}, "none lost, none doubled"
         assert arm.bench.joint(node).tracking.skipped == 0
-        got = [points for (points,) in late[node]]
-        assert ripple(moving(got)) <= 1.1 * ripple(moving(calm(hertz)[node]))
+        quality, (wanted, calm_quality) = arm.quality(node), calm(hertz)[node]
+        assert (quality.missed, quality.doubled, quality.overwritten) == (0, 0, 0)
+        assert quality.acceleration_ripple <= 1.1 * calm_quality.acceleration_ripple, "of what the motor is to do"
+        assert ripple(moving([points for (points,) in late[node]])) <= 1.1 * ripple(moving(wanted))
 
 
 def test_one_set_point_for_each_wake_up_is_what_makes_a_drive_vibrate(arms, calm, tmp_path):
@@ -196,7 +205,7 @@ def test_one_set_point_for_each_wake_up_is_what_makes_a_drive_vibrate(arms, calm
     other = arm.play()
     for node in NODES:
         got = [points for (points,) in other[node]]
-        assert ripple(moving(got)) > 10 * ripple(moving(calm(250)[node]))
+        assert ripple(moving(got)) > 10 * ripple(moving(calm(250)[node][0]))
 
 
 def test_a_cycle_that_is_too_late_for_the_sync_of_a_node_is_told_of_each_joint(arms, tmp_path):
