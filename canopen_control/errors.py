@@ -27,6 +27,7 @@ CanopenError
     InterfaceConflict      a command interface has an owner already: interface, owner
     NotEnabled             a command to a drive that is not enabled, which is refused and never kept
       NotYetEnabled          the same while it is on its way up: the next command may be taken
+    TrajectoryRefused      a trajectory breaks a rule: code
     UnknownInterface       nobody exports it: name
     UnknownName            the robot has no node, joint, controller, component or mode of that name
   RemoteError            a running robot refused a request: kind
@@ -71,6 +72,7 @@ __all__ = [
     "SdoLengthError",
     "SdoStopped",
     "SdoTimeout",
+    "TrajectoryRefused",
     "UnknownInterface",
     "UnknownName",
     "UnreadableMessage",
@@ -275,6 +277,14 @@ class InterfaceConflict(ControlError):
     def __init__(self, interface: str, owner: str) -> None:
         self.interface, self.owner = interface, owner
         super().__init__(f"command interface {interface} is claimed by {owner}; deactivate that controller first")
+
+
+class TrajectoryRefused(ControlError):
+    """A trajectory that breaks a rule; `code` is the one that the result of FollowJointTrajectory has for it."""
+
+    def __init__(self, message: str, code: int) -> None:
+        self.code = code
+        super().__init__(message)
 
 
 class NotEnabled(ControlError):

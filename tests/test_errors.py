@@ -44,6 +44,7 @@ MESSAGES = [
     (errors.UnsupportedMode("CSV", ("PP", "PV")), "0x6502 lists PP, PV"),
     (errors.UnsupportedMode("CSV", ()), "lists none"),
     (errors.InterfaceConflict("a/velocity", "diff"), "claimed by diff; deactivate"),
+    (errors.TrajectoryRefused("arm refuses the trajectory: it has no points", -1), "it has no points"),
     (errors.UnknownInterface("a/velo", ("a/velocity",)), "there are: a/velocity"),
     (errors.UnknownInterface("a/velo"), "no interface 'a/velo'"),
     (

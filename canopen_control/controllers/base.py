@@ -29,8 +29,10 @@ if TYPE_CHECKING:
 
     from canopen_control.controllers.params import Params
     from canopen_control.controllers.trajectory.goal import Goal
+    from canopen_control.controllers.trajectory.point import JointTrajectory
     from canopen_control.hardware.interfaces import CommandInterface, StateInterface
     from canopen_control.rpc.messages.samples import ControllerSample, Sample
+    from canopen_control.rpc.messages.trajectory import TrajectoryAt
     from canopen_control.urdf.joint import Joint
 
 __all__ = [
@@ -233,13 +235,23 @@ class Controller:
         del values, now, stamp
         raise self.refusal("takes no commands; it only reads states")
 
-    def send_goal(self, goal: Goal, now: int) -> None:
+    def send_goal(self, goal: Goal | JointTrajectory, now: int) -> None:
         """Execute a trajectory, `now` in ns; ControlError if it is refused."""
         del goal, now
         raise self.refusal("follows no trajectories; it is no joint trajectory controller")
 
-    def cancel_goal(self) -> None:
-        """End the goal that is being executed, if there is one."""
+    def cancel_goal(self, why: str | None = None, only: Goal | None = None) -> None:
+        """End the goal that is being executed, or `only` this one, if it is; `why` is told."""
+
+    def trajectory_at(self, t: int) -> TrajectoryAt:
+        """Return what the trajectory that it follows says at `t`, in ns; ControlError if it follows none ever."""
+        del t
+        raise ControlError(f"{self.name} follows no trajectories; it is no joint trajectory controller")
+
+    def set_speed_scaling(self, factor: float) -> None:
+        """Let the time of trajectories run slower or faster; ControlError where it cannot be scaled."""
+        del factor
+        raise ControlError(f"{self.name} follows no trajectories; it is no joint trajectory controller")
 
     # ------------------------------------------------------------------------------------------------ for overrides
 

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
     from canopen_control.controllers.base import Geometry
     from canopen_control.controllers.trajectory.goal import Goal
+    from canopen_control.controllers.trajectory.point import JointTrajectory
     from canopen_control.hardware.interfaces import (
         CommandInterface,
         HardwareComponent,
@@ -250,7 +251,9 @@ class ControllerManager:
         at_rest = not any(values) and all(each.interface in MOVING for each in controller.commands)
         controller.life.source, controller.life.holder = source, None if at_rest else holder
 
-    def send_goal(self, name: str, goal: Goal, now: int, *, source: str = "", holder: object = None) -> None:
+    def send_goal(
+        self, name: str, goal: Goal | JointTrajectory, now: int, *, source: str = "", holder: object = None
+    ) -> None:
         """Hand a trajectory to a controller, see `command`; with its end the holder's hold on it ends."""
         controller = self.get(name)
         self._hand(controller, lambda: controller.send_goal(goal, now), source)

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from canopen_control.rpc.messages.declare import Request
     from canopen_control.rpc.messages.robot import CommandController, MappedValue, TwistController
     from canopen_control.rpc.messages.state import ControllerReading, RobotEvent, StateSample
+    from canopen_control.rpc.reactor_client import ReactorClient
 
     Reply = Callable[[Any], object]
     #: takes a request, a response to be filled, and what sends it; once
@@ -62,6 +63,12 @@ class Ros(Protocol):
 
     def watch_process_data(self, watcher: object, wanted: bool) -> None:
         """Have the robot tell what its TPDOs carry, to `on_process_data`, while anybody wants it."""
+
+    def connect(self) -> ReactorClient:
+        """Return a connection to the robot of its own, for what ends with it; RemoteError if the robot is gone."""
+
+    def call(self, function: Callable[[], object]) -> None:
+        """Have a function called in the thread of ROS's callbacks, between two; from any thread."""
 
     def ask(self, request: Request[A], answer: Callable[[A | None, str | None], object]) -> None:
         """Ask the robot, and have `answer(result, error)` called on the reactor's thread, where this is called too."""

@@ -13,9 +13,15 @@ from canopen_control.ros.rcl import DurabilityPolicy, QoSProfile, ReliabilityPol
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-__all__ = ["EVENTS", "LATCHED", "LATEST", "SYSTEM_DEFAULT", "TF", "TF_STATIC", "quality_of"]
+__all__ = ["EVENTS", "KEPT_DEFAULT", "LATCHED", "LATEST", "SYSTEM_DEFAULT", "TF", "TF_STATIC", "quality_of"]
 
 SYSTEM_DEFAULT = qos_profile_system_default
+#: the same, and what was published before somebody subscribed: rclcpp::SystemDefaultsQoS().transient_local()
+KEPT_DEFAULT = QoSProfile(
+    depth=1,
+    reliability=ReliabilityPolicy.SYSTEM_DEFAULT,
+    durability=DurabilityPolicy.TRANSIENT_LOCAL,
+)
 #: the last message is kept for who comes later: robot_description, /tf_static
 LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 #: the newest alone: reliable, as joint_state_topic_hardware_interface publishes its commands

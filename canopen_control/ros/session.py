@@ -93,8 +93,7 @@ class Session:
         self._process_data_watchers: set[object] = set()
         self._ended = False
         self._spinner = Spinner(node, context, self._on_callback_error)
-        path = socket_path("robot", client.robot)
-        self._asker = ReactorClient(ROBOT, path, reactor, label=f"robot {client.robot}")
+        self._asker = self.connect()
 
     def _make_common(self, urdf: str, nodes: list[NodeView]) -> None:
         """Make the topics of the robot as a whole; what cannot be made is told, the others are there."""
@@ -225,6 +224,18 @@ class Session:
         (watchers.add if wanted else watchers.discard)(watcher)
         if (wanted or not watchers) and not self._ended:
             self._client.notify(Subscribe(state_rate=self._rate, events=True, pdos=wanted))
+
+    def connect(self) -> ReactorClient:
+        """Return a connection to the robot of its own, for what ends with it; RemoteError if the robot is gone."""
+        path = socket_path("robot", self.robot)
+        return ReactorClient(ROBOT, path, self._reactor, label=f"robot {self.robot}")
+
+    def call(self, function: Callable[[], object]) -> None:
+        """Have a function called in the thread of ROS's callbacks; in this one when that has ended."""
+        if self._ended:
+            function()
+        else:
+            self._spinner.call(function)
 
     def ask(self, request: Request[A], answer: Callable[[A | None, str | None], object]) -> None:
         """Ask the robot, and have `answer(result, error)` called; both on the reactor's thread."""

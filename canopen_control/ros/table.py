@@ -9,9 +9,11 @@ from typing import TYPE_CHECKING, Final
 
 from canopen_control.ros.diff_drive import BaseOdometry, TwistCommands
 from canopen_control.ros.dynamic_joint_states import DynamicJointStates
+from canopen_control.ros.follow_joint_trajectory import FollowJointTrajectory
 from canopen_control.ros.forward import ForwardCommands
 from canopen_control.ros.gpio_states import GpioStates
 from canopen_control.ros.joint_states import JointStates
+from canopen_control.ros.trajectory_topics import SpeedScaling, TrajectoryQuery, TrajectoryState, TrajectoryTopic
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -37,6 +39,7 @@ BY_PUBLISHED: Final[dict[str, Factory]] = {
 BY_SAMPLE: Final[dict[str | None, tuple[Factory, ...]]] = {
     "odometry": (BaseOdometry,),
     "gpio": (GpioStates,),
+    "trajectory": (FollowJointTrajectory, TrajectoryTopic, TrajectoryState, TrajectoryQuery, SpeedScaling),
 }
 
 

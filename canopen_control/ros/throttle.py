@@ -8,9 +8,14 @@ from __future__ import annotations
 import re
 from typing import Final
 
-__all__ = ["Refusals", "Throttle"]
+__all__ = ["Refusals", "Throttle", "without_numbers"]
 
 _NUMBERS: Final = re.compile(r"[-+]?[0-9]+(?:\.[0-9]+)?(?:e[-+]?[0-9]+)?")
+
+
+def without_numbers(text: str) -> str:
+    """Return a sentence by which others of its kind are known, whatever numbers stand in them."""
+    return _NUMBERS.sub("#", text)
 
 
 class Throttle:
@@ -47,7 +52,7 @@ class Refusals:
             self._reasons.pop(controller, None)
             return f"{controller} takes commands again, {count} were refused" if count > 1 else None
         self._counts[controller] = self._counts.get(controller, 0) + 1
-        reason = _NUMBERS.sub("#", error)
+        reason = without_numbers(error)
         if self._reasons.get(controller) == reason:
             return None
         self._reasons[controller] = reason

@@ -20,7 +20,10 @@ if TYPE_CHECKING:
     from canopen_control.host.reactor import Reactor, Timer
     from canopen_control.rpc.messages.declare import Api, Request
 
-__all__ = ["ReactorClient"]
+__all__ = ["ENDLESS", "ReactorClient"]
+
+ENDLESS: Final = 0
+"""A time-out for what may be answered at any time."""
 
 A = TypeVar("A")
 _TIMEOUT_NS: Final = 30_000_000_000  # longer than anything the robot may take by itself
@@ -37,27 +40,36 @@ class ReactorClient:
         self._api, self._reactor, self._timeout_ns = api, reactor, timeout_ns
         self._stream = LineClient(path, label=label)
         self._number = 0
-        self._waiting: dict[int, tuple[Any, Callable[[Any, str | None], object], Timer]] = {}
+        self._waiting: dict[int, tuple[Any, Callable[[Any, str | None], object], Timer | None]] = {}
         self._gone: str | None = None
         reactor.add_reader(self._stream.fileno(), self._on_readable)
 
-    def ask(self, request: Request[A], answer: Callable[[A | None, str | None], object]) -> None:
-        """Ask, and have `answer(result, None)` or `answer(None, why not)` called once."""
+    def ask(
+        self,
+        request: Request[A],
+        answer: Callable[[A | None, str | None], object],
+        timeout_ns: int | None = None,
+    ) -> None:
+        """Ask, and have `answer(result, None)` or `answer(None, why not)` called once, within `timeout_ns`."""
         if self._gone is not None:
             answer(None, self._gone)
             return
         self._number += 1
         number, method = self._number, self._api.of(type(request))
-        timer = self._reactor.call_later(
-            self._timeout_ns, lambda: self._settle(number, error=f"{self._stream.label} has not answered")
-        )
-        self._waiting[number] = (method.answer, answer, timer)
+        self._waiting[number] = (method.answer, answer, self._timer(number, timeout_ns))
         try:
             self._stream.send(wire.request_line(number, method.name, request), _SEND_S)
         except RemoteError as error:
             self._leave(str(error))
         except CanopenError as error:
             self._settle(number, error=str(error))
+
+    def _timer(self, number: int, timeout_ns: int | None) -> Timer | None:
+        patience = self._timeout_ns if timeout_ns is None else timeout_ns
+        if patience == ENDLESS:
+            return None
+        too_late = f"{self._stream.label} has not answered"
+        return self._reactor.call_later(patience, lambda: self._settle(number, error=too_late))
 
     def close(self) -> None:
         """Leave; who still waits is told. A second call does nothing."""
@@ -81,9 +93,10 @@ class ReactorClient:
 
     def _settle(self, number: int, result: wire.Raw | None = None, *, error: str | None = None) -> None:
         kind, answer, timer = self._waiting.pop(number, (None, None, None))
-        if answer is None or timer is None:
+        if answer is None:
             return
-        timer.cancel()
+        if timer is not None:
+            timer.cancel()
         try:
             read = None if result is None else wire.decode(result, kind)
         except ValueError as garbage:

@@ -1,32 +1,41 @@
-"""The API's methods about trajectories: a goal is answered when it has ended, and ends with its connection."""
+"""The API's methods about trajectories: a connection has one goal, which ends with it; its end is told to who asks."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
-from canopen_control.controllers.trajectory.goal import Goal
+from canopen_control.controllers.trajectory.goal import Goal, ResultCode
 from canopen_control.controllers.trajectory.packed import PackedPoints
 from canopen_control.controllers.trajectory.point import JointTrajectory
 from canopen_control.controllers.trajectory.tolerances import GoalTolerances, JointTolerance
-from canopen_control.errors import ControlError
-from canopen_control.rpc.messages.declare import Done
-from canopen_control.rpc.messages.robot import (
+from canopen_control.errors import ControlError, TrajectoryRefused
+from canopen_control.rpc.messages.declare import Done, Request
+from canopen_control.rpc.messages.trajectory import (
     MAX_POINTS,
     CancelTrajectory,
     FollowTrajectory,
+    QueryTrajectory,
+    ScaleTrajectory,
+    SendTrajectory,
+    SetTrajectory,
     TrajectoryData,
+    TrajectoryEnd,
     TrajectoryResult,
+    TrajectoryVerdict,
 )
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from canopen_control.rpc.messages.robot import RobotHello, RobotPush, TrajectoryTolerance
+    from canopen_control.rpc.messages.robot import RobotHello, RobotPush
     from canopen_control.rpc.messages.samples import TrajectoryPoint
+    from canopen_control.rpc.messages.trajectory import TrajectoryTolerance
     from canopen_control.rpc.server import Call, Connection, Server
     from canopen_control.runtime.core import RobotCore
 
 __all__ = ["TrajectoryMethods"]
+
+_Waiting: TypeAlias = "Call[Request[TrajectoryResult]]"
 
 
 class TrajectoryMethods:
@@ -37,13 +46,22 @@ class TrajectoryMethods:
     ) -> None:
         self._robot, self._keep = robot, keep
         self._coming: dict[Connection, PackedPoints] = {}
+        self._sent: dict[Connection, _SentGoal] = {}
         server.answers(TrajectoryData, self._data)
         server.answers(FollowTrajectory, self._follow)
+        server.answers(SendTrajectory, self._send)
+        server.answers(SetTrajectory, self._set)
+        server.answers(TrajectoryEnd, self._end)
         server.answers(CancelTrajectory, self._cancel)
+        server.answers(QueryTrajectory, self._query)
+        server.answers(ScaleTrajectory, self._scale)
 
     def forget(self, connection: Connection) -> None:
-        """Drop what a connection has sent of a trajectory."""
+        """Drop what a connection has sent of a trajectory, and its goal."""
         self._coming.pop(connection, None)
+        self._sent.pop(connection, None)
+
+    # ---------------------------------------------------------------------------------------------- what is sent
 
     def _data(self, call: Call[TrajectoryData]) -> None:
         self._collect(call.connection, call.request.points)
@@ -53,35 +71,112 @@ class TrajectoryMethods:
         """Return all points that a connection has sent; ControlError, and they are dropped, if those are too many."""
         kept = self._coming.setdefault(connection, PackedPoints())
         if len(kept) + len(points) > MAX_POINTS:
-            self.forget(connection)
+            del self._coming[connection]
             raise ControlError(f"a trajectory has {MAX_POINTS} points at most; nothing was kept, send fewer")
         kept.add(points)
         return kept
 
-    def _follow(self, call: Call[FollowTrajectory]) -> None:
-        wanted, robot = call.request, self._robot
+    def _trajectory(self, call: Call[FollowTrajectory] | Call[SendTrajectory] | Call[SetTrajectory]) -> JointTrajectory:
+        """Return the trajectory of a request, with the points that came before it."""
+        wanted = call.request
         points = self._collect(call.connection, wanted.points)
-        self.forget(call.connection)
+        del self._coming[call.connection]
+        stamp = 0 if wanted.stamp is None else round(wanted.stamp * 1e9) - self._robot.wall_offset_ns
+        return JointTrajectory(wanted.joints, points, stamp)
+
+    def _hand(
+        self,
+        call: Call[FollowTrajectory] | Call[SendTrajectory] | Call[SetTrajectory],
+        goal: Goal | JointTrajectory,
+    ) -> None:
+        wanted = call.request
         if wanted.dead_man:
             self._keep(call.connection)
-        stamp = 0 if wanted.stamp is None else round(wanted.stamp * 1e9) - robot.wall_offset_ns
-        path, end = _tolerances(wanted.path_tolerance), _tolerances(wanted.goal_tolerance)
-
-        def answer() -> None:
-            if goal.code is not None:
-                call.reply(TrajectoryResult(state=goal.state.value, error_code=int(goal.code), text=goal.text))
-
-        goal = Goal(
-            JointTrajectory(wanted.joints, points, stamp),
-            GoalTolerances(path, end, wanted.goal_time_tolerance),
-            lambda: robot.reactor.call_soon(answer),
-        )
         holder = call.connection if wanted.dead_man else None
-        robot.send_goal(wanted.controller, goal, wanted.source or call.who, holder=holder)
+        self._robot.send_goal(wanted.controller, goal, wanted.source or call.who, holder=holder)
+
+    # ------------------------------------------------------------------------------------------------------ goals
+
+    def _follow(self, call: Call[FollowTrajectory]) -> None:
+        self._give(call).tell(call)
+
+    def _send(self, call: Call[SendTrajectory]) -> None:
+        """Answer whether a goal is accepted; drives that are off and a latched stop are reasons like any other."""
+        try:
+            goal = self._give(call).goal
+        except ControlError as error:
+            code = error.code if isinstance(error, TrajectoryRefused) else int(ResultCode.INVALID_GOAL)
+            call.reply(TrajectoryVerdict(accepted=False, error_code=code, text=str(error)))
+        else:
+            call.reply(
+                TrajectoryVerdict(accepted=True, feedback_rate=goal.feedback_rate, outlives_client=goal.outlives_client)
+            )
+
+    def _give(self, call: Call[FollowTrajectory] | Call[SendTrajectory]) -> _SentGoal:
+        """Have a goal executed, the connection's only one from now on; ControlError if it is refused."""
+        wanted, robot = call.request, self._robot
+        trajectory = self._trajectory(call)
+        tolerances = GoalTolerances(
+            _tolerances(wanted.path_tolerance), _tolerances(wanted.goal_tolerance), wanted.goal_time_tolerance
+        )
+        goal = Goal(trajectory, tolerances, lambda: robot.reactor.call_soon(sent.settle))
+        sent = _SentGoal(goal)
+        self._hand(call, goal)
+        self._sent[call.connection] = sent
+        return sent
+
+    def _set(self, call: Call[SetTrajectory]) -> None:
+        self._hand(call, self._trajectory(call))
+        call.reply(Done())
+
+    def _end(self, call: Call[TrajectoryEnd]) -> None:
+        sent = self._sent.get(call.connection)
+        if sent is None:
+            raise ControlError("no goal came on this connection; send_trajectory sends one")
+        sent.tell(call)
 
     def _cancel(self, call: Call[CancelTrajectory]) -> None:
-        self._robot.manager.get(call.request.controller).cancel_goal()
+        wanted, sent = call.request, self._sent.get(call.connection)
+        controller = self._robot.manager.get(wanted.controller)
+        if not wanted.own:
+            controller.cancel_goal(wanted.why)
+        elif sent is not None:
+            controller.cancel_goal(wanted.why, sent.goal)
         call.reply(Done())
+
+    # ----------------------------------------------------------------------------------------------- what it follows
+
+    def _query(self, call: Call[QueryTrajectory]) -> None:
+        controller = self._robot.manager.get(call.request.controller)
+        call.reply(controller.trajectory_at(round(call.request.time * 1e9) - self._robot.wall_offset_ns))
+
+    def _scale(self, call: Call[ScaleTrajectory]) -> None:
+        controller = call.request.controller
+        self._robot.latch.refuse("another speed to", controller)
+        self._robot.manager.get(controller).set_speed_scaling(call.request.factor)
+        call.reply(Done())
+
+
+class _SentGoal:
+    """A goal that came on a connection, and who waits to be told of its end."""
+
+    def __init__(self, goal: Goal) -> None:
+        self.goal = goal
+        self._waiting: list[_Waiting] = []
+
+    def tell(self, call: _Waiting) -> None:
+        """Answer when it has ended."""
+        self._waiting.append(call)
+        self.settle()
+
+    def settle(self) -> None:
+        """Answer those who wait, if it has ended."""
+        goal = self.goal
+        if goal.code is None:
+            return
+        waiting, self._waiting = self._waiting, []
+        for call in waiting:
+            call.reply(TrajectoryResult(state=goal.state.value, error_code=int(goal.code), text=goal.text))
 
 
 def _tolerances(given: Sequence[TrajectoryTolerance]) -> tuple[JointTolerance, ...]:

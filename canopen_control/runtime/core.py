@@ -50,6 +50,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
 
     from canopen_control.controllers.trajectory.goal import Goal
+    from canopen_control.controllers.trajectory.point import JointTrajectory
     from canopen_control.hardware.interfaces import HardwareComponent
     from canopen_control.host.reactor import Reactor
     from canopen_control.master.remote_node import RemoteNode
@@ -228,7 +229,7 @@ class RobotCore:
         self.manager.command(controller, values, self.reactor.now(), made, source=source, holder=holder)
         self.commander = source
 
-    def send_goal(self, controller: str, goal: Goal, source: str, *, holder: object = None) -> None:
+    def send_goal(self, controller: str, goal: Goal | JointTrajectory, source: str, *, holder: object = None) -> None:
         """Hand a trajectory to a controller; with a `holder` it ends when `let_go` says that he is gone."""
         self.latch.refuse("a trajectory to", controller)
         if controller in self.setup.controllers.controllers:

@@ -34,7 +34,7 @@ RUNS = {
         [],
         [*[rf"heartbeats of node {n}: ([5-9]|1\d)" for n in (1, 2, 3)], *[rf"node {n}: .*, enabled" for n in (2, 3)]],
     ),
-    "python_can_listener": ([], [r"[0-9A-F]{3} .*"] * 5),
+    "python_can_listener": ([], [r"[0-9A-F]{3}( .*)?"] * 5),
     "canopen_package": ([], ["left_drive is OPERATIONAL"]),
     "two_axes": ([], [r"pan: 0\.50\d rad", r"tilt: -0\.50\d rad"]),
     "eds_issues": (

@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from canopen_control.ros.throttle import Refusals, Throttle
+from canopen_control.ros.throttle import Refusals, Throttle, without_numbers
 
 
 def test_a_sentence_is_said_at_once_and_then_once_per_interval():
@@ -36,3 +36,7 @@ def test_one_refusal_alone_needs_no_second_sentence():
     refusals = Refusals()
     refusals.answered("base", "being enabled")
     assert refusals.answered("base", None) is None
+
+
+def test_a_sentence_is_known_whatever_numbers_stand_in_it():
+    assert without_numbers("point 3 at -1.5e-3 rad") == without_numbers("point 12 at 7 rad") == "point # at # rad"

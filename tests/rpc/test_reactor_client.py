@@ -9,7 +9,7 @@ from canopen_control.errors import RemoteError
 from canopen_control.host.reactor import ManualClock, Reactor
 from canopen_control.host.sockets import socket_path
 from canopen_control.rpc.messages.declare import Done
-from canopen_control.rpc.reactor_client import ReactorClient
+from canopen_control.rpc.reactor_client import ENDLESS, ReactorClient
 
 MS = 1_000_000
 
@@ -110,3 +110,12 @@ def test_leaving_tells_who_waits_and_twice_is_once(scene):
 def test_without_a_robot_there_is_no_client(scene):
     with pytest.raises(RemoteError):
         ReactorClient(STORE, socket_path("robot", "nobody"), scene.reactor)
+
+
+def test_what_may_be_answered_at_any_time_is_waited_for(scene):
+    scene.client.ask(Get("a"), lambda result, error: scene.answers.append((result, error)), ENDLESS)
+    scene.client.ask(Get("b"), lambda result, error: scene.answers.append((result, error)), 100 * MS)
+    scene.reactor.run_for(5000 * MS)
+    assert scene.answers == [(None, "robot fake has not answered")]
+    scene.answer(0, result={"number": 7.0})
+    assert scene.answers[-1] == (Value(7.0), None)

@@ -136,6 +136,105 @@ def test_more_points_than_anybody_plans_are_refused_and_forgotten(client):
     assert client.ask("follow_trajectory", **goal())["result"]["state"] == "succeeded"
 
 
+def test_a_goal_that_is_sent_is_accepted_at_once_and_its_end_is_told_later(arm, client):
+    assert "send_trajectory" in client.ask("trajectory_end")["error"]["message"]
+    begin = arm.reactor.now()
+    verdict = client.ask("send_trajectory", **goal())["result"]
+    assert verdict == {
+        "accepted": True, "error_code": 0, "text": "", "feedback_rate": 20.0, "outlives_client": False,
+    }  # fmt: skip
+    assert (arm.reactor.now() - begin) / 1e9 < 0.1
+    assert client.ask("trajectory_end")["result"]["state"] == "succeeded"
+    assert client.ask("trajectory_end")["result"]["state"] == "succeeded"  # it has ended, whenever one asks
+    arm.run(300)
+    assert positions(arm) == pytest.approx(ENDS, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "code"),
+    [
+        ({"joints": JOINTS[:5]}, -2),
+        ({"joints": []}, -2),
+        ({"joints": [*JOINTS[:5], "joint_7"]}, -2),
+        ({"stamp": 1.0}, -3),
+        ({"points": []}, -1),
+        ({"points": [{"positions": [0.0] * 6, "velocities": [1.0] * 6, "time_from_start": 1.0}]}, -1),
+        ({"points": [{"positions": [0.0] * 6, "time_from_start": each} for each in (1.0, 1.0)]}, -1),
+        ({"points": [{"positions": [0.0] * 5, "time_from_start": 1.0}]}, -1),
+        ({"points": [{"positions": [0.0] * 6, "effort": [1.0] * 6, "time_from_start": 1.0}]}, -1),
+        ({"points": [{"positions": [9.0] * 6, "time_from_start": 9.0}]}, -1),
+    ],
+)
+def test_a_goal_that_is_sent_and_refused_has_the_code_of_its_rule(client, wrong, code):
+    verdict = client.ask("send_trajectory", **goal(**wrong))["result"]
+    assert (verdict["accepted"], verdict["error_code"]) == (False, code)
+    assert "refuses the trajectory" in verdict["text"]
+
+
+def test_a_goal_that_nothing_could_follow_is_refused_by_the_same_answer(arm, client):
+    assert client.ask("stop", latch=True)["result"] == {}
+    verdict = client.ask("send_trajectory", **goal())["result"]
+    assert (verdict["accepted"], verdict["error_code"]) == (False, -1)
+    assert "latched" in verdict["text"]
+    assert "latched" in client.ask("scale_trajectory", controller=ARM, factor=0.5)["error"]["message"]
+
+
+def test_a_newer_goal_takes_the_place_of_one_and_only_its_own_can_be_cancelled(arm, client, other):
+    assert client.ask("send_trajectory", **goal())["result"]["accepted"]
+    arm.run(500)
+    here = dict(zip(JOINTS, positions(arm), strict=True))
+    more = [{"positions": [*here.values()], "time_from_start": 0.5}]
+    assert other.ask("send_trajectory", **goal(points=more))["result"]["accepted"]
+    ended = client.ask("trajectory_end")["result"]
+    assert (ended["state"], ended["error_code"], ended["text"]) == ("aborted", -1, "another goal has taken its place")
+    assert client.ask("cancel_trajectory", controller=ARM, own=True)["result"] == {}  # it has ended already
+    assert other.ask("trajectory_end")["result"]["state"] == "succeeded"
+
+
+def test_why_a_goal_was_cancelled_is_in_its_result(arm, client):
+    assert client.ask("send_trajectory", **goal())["result"]["accepted"]
+    assert client.ask("cancel_trajectory", controller=ARM, own=True, why="lunch")["result"] == {}
+    ended = client.ask("trajectory_end")["result"]
+    assert (ended["state"], ended["text"]) == ("canceled", "the goal was cancelled: lunch")
+
+
+def test_a_trajectory_that_is_no_goal_is_followed_and_ends_with_its_connection(arm, client, other):
+    trajectory = {"controller": ARM, "joints": JOINTS, "points": points()}
+    assert client.ask("set_trajectory", **trajectory)["result"] == {}
+    arm.run(500)
+    client.close()
+    arm.until(lambda: arm.texts("commander_gone"))
+    arm.run(1000)
+    assert all(0.1 < abs(a) < abs(b) - 0.01 for a, b in zip(positions(arm), ENDS, strict=True))
+    refused = other.ask("set_trajectory", **{**trajectory, "points": []})["error"]
+    assert (refused["kind"], "no points" in refused["message"]) == ("TrajectoryRefused", True)
+
+
+def test_what_the_trajectory_says_can_be_asked_for_and_its_time_scaled(arm, client):
+    assert client.ask("scale_trajectory", controller=ARM, factor=0.5)["result"] == {}
+    assert client.ask("send_trajectory", **goal())["result"]["accepted"]
+    arm.run(100)
+    now = (arm.reactor.now() + arm.robot.wall_offset_ns) / 1e9
+    then = client.ask("query_trajectory", controller=ARM, time=now + 0.5)["result"]
+    assert then["known"]
+    assert then["joints"] == JOINTS
+    assert 0.0 < then["point"]["positions"][0] < ENDS[0]
+    late = client.ask("query_trajectory", controller=ARM, time=now + 99.0)["result"]
+    assert not late["known"]
+    assert "nothing at that time" in late["text"]
+    begin = arm.reactor.now()
+    assert client.ask("trajectory_end")["result"]["state"] == "succeeded"
+    assert 2.5 < (arm.reactor.now() - begin) / 1e9 < 3.2
+
+
+def test_a_controller_that_follows_nothing_says_so(arm, client):
+    for method, more in (("query_trajectory", {"time": 0.0}), ("scale_trajectory", {"factor": 1.0})):
+        error = client.ask(method, controller="joint_state_broadcaster", **more)["error"]
+        assert "follows no trajectories" in error["message"]
+    arm.robot.switch([], [ARM], strict=True)
+    assert "is inactive" in client.ask("query_trajectory", controller=ARM, time=0.0)["result"]["text"]
+
+
 def test_while_a_stop_is_latched_no_trajectory_is_taken(client):
     assert client.ask("stop", latch=True)["result"] == {}
     assert "latched" in client.ask("follow_trajectory", **goal())["error"]["message"]

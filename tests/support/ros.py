@@ -116,8 +116,9 @@ class Peer:
 
     def order(self, do, **params):
         """Have it do something, and return its answer."""
-        if "topic" in params:
-            self._messages.setdefault(params["topic"], Queue())
+        for name in (params.get("topic"), params.get("name")):
+            if name is not None:
+                self._messages.setdefault(name, Queue())
         self._process.stdin.write(json.dumps({"do": do, **params}) + "\n")
         self._process.stdin.flush()
         return self._answer()
@@ -282,7 +283,7 @@ class FakeRobot:
         self.told.append(message)
         if method == "subscribe":
             self._subscribe(connection, message["params"])
-        if message["params"].get("action") in self.holds:
+        if message["params"].get("action") in self.holds or method in self.holds:
             self._held.append((connection, message))
         elif "id" in message and method in self.refusals:
             say(connection, {"id": message["id"], "error": self.refusals[method]})
@@ -302,10 +303,15 @@ class FakeRobot:
         self.on_loop(lambda: [say(connection, message) for connection in self._watching])
 
     def release(self):
-        """Answer what was held back: the actions that `holds` names."""
-        held, self._held, self.holds = self._held, [], ()
-        for connection, message in held:
-            self.on_loop(lambda: say(connection, {"id": message["id"], "result": {}}))  # noqa: B023 - waited for
+        """Answer what was held back: the actions and methods that `holds` names."""
+        self.holds = ()
+        while self._held:
+            self.release_one({})
+
+    def release_one(self, result):
+        """Answer what was held back first; more of it is held back."""
+        connection, message = self._held.pop(0)
+        self.on_loop(lambda: say(connection, {"id": message["id"], "result": result}))
 
     def _outcome(self, method, params):
         try:

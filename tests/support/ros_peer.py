@@ -11,6 +11,7 @@ import threading
 import time
 
 import rclpy
+from rclpy.action import ActionClient
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy, qos_profile_system_default
 
 QOS = {
@@ -65,6 +66,7 @@ class Peer:
         rclpy.init()
         self.node = rclpy.create_node("peer")
         self.publishers, self.clients, self.timers, self.subscriptions = {}, {}, {}, {}
+        self.actions, self.goals = {}, {}
         self.lock, self.requests = threading.Lock(), []
 
     def say(self, **answer):
@@ -148,6 +150,39 @@ class Peer:
         requests, self.requests = self.requests, []
         self.say(done="served", requests=requests)
 
+    def goal(self, action, of, data, name, points=0):
+        """Send a goal of an action; what becomes of it comes as messages of a topic of that name.
+
+        `points` is how many times its only point is sent.
+        """
+        cls = kind(of)
+        if action not in self.actions:
+            self.actions[action] = ActionClient(self.node, cls, action)
+        client = self.actions[action]
+        if not client.wait_for_server(10.0):
+            self.say(done="goal", error="no such action")
+            return
+        goal = filled(cls.Goal(), data)
+        if points:
+            goal.trajectory.points = list(goal.trajectory.points) * points
+        future = client.send_goal_async(
+            goal, feedback_callback=lambda message: self.say(topic=name, message={"feedback": plain(message.feedback)})
+        )
+        future.add_done_callback(lambda future: self._judged(name, future.result()))
+        self.say(done="goal")
+
+    def _judged(self, name, handle):
+        self.goals[name] = handle
+        self.say(topic=name, message={"accepted": handle.accepted})
+        handle.get_result_async().add_done_callback(lambda future: self._ended(name, future.result()))
+
+    def _ended(self, name, response):
+        self.say(topic=name, message={"status": response.status, **plain(response.result)})
+
+    def cancel(self, name):
+        future = self.goals[name].cancel_goal_async()
+        future.add_done_callback(lambda future: self.say(done="cancel", goals=len(future.result().goals_canceling)))
+
     def graph(self):
         topics = dict(self.node.get_topic_names_and_types())
         services = dict(self.node.get_service_names_and_types())
@@ -159,6 +194,20 @@ class Peer:
             if hasattr(self.node, "get_fully_qualified_node_names")
             else self.node.get_node_names(),
         )
+
+    def wire(self, topics):
+        """Tell what DDS shows of topics by their names there."""
+        found = {}
+        for topic in topics:
+            look = self.node.get_subscriptions_info_by_topic if "Request" in topic else None
+            for each in (look or self.node.get_publishers_info_by_topic)(topic, no_mangle=True):
+                quality = each.qos_profile
+                found[topic] = [
+                    each.topic_type, str(each.topic_type_hash),
+                    *(str(int(part)) for part in (quality.reliability, quality.durability, quality.history)),
+                    str(quality.depth),
+                ]  # fmt: skip
+        self.say(done="wire", found=found)
 
     def endpoints(self, topic):
         publishers = self.node.get_publishers_info_by_topic(topic)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from canopen_control.controllers.trajectory.goal import ResultCode
 from canopen_control.controllers.trajectory.validation import (
     JointLimits,
     Rules,
@@ -19,7 +20,7 @@ from canopen_control.controllers.trajectory.validation import (
 from canopen_control.hardware.interfaces import POSITION
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     from canopen_control.controllers.trajectory.joint_group import JointGroup
     from canopen_control.controllers.trajectory.params import TrajectoryParams
@@ -54,8 +55,11 @@ class Acceptance:
             lower, upper = max(known.lower, command.minimum), min(known.upper, command.maximum)
             self.limits[joint] = JointLimits(lower, upper, known.velocity, known.continuous)
 
-    def mistake(self, message: JointTrajectory, now: int) -> str | None:
-        """Say why a trajectory is refused, None if it is taken; `now` in ns."""
+    def refused(self, message: JointTrajectory, now: int, begin: Sequence[float]) -> tuple[str, ResultCode] | None:
+        """Say why a trajectory is refused, and its code; None if it is taken.
+
+        `now` in ns; `begin` are the positions of the joints from which it would lead on.
+        """
         given, survey = self._params, survey_of(message)
         rules = Rules(
             given.joints,
@@ -65,13 +69,14 @@ class Acceptance:
             self._group.has_effort,
         )
         if (refused := broken_rule(message, survey, rules, now)) is not None:
-            return refused.text
-        here = dict(zip(given.joints, self._group.actual.positions, strict=True))
-        return (
+            return refused.text, refused.rule.code
+        here = dict(zip(given.joints, begin, strict=True))
+        text = (
             beyond(message, survey, self.limits)
             or far_start(message, here, self.limits, given.allowed_start_tolerance)
             or self._misfit(message, survey)
         )
+        return None if text is None else (text, ResultCode.INVALID_GOAL)
 
     def _misfit(self, message: JointTrajectory, survey: Survey) -> str | None:
         """Say which position the object behind a command cannot hold, None if it holds all."""

@@ -17,19 +17,20 @@ from canopen_control.controllers.trajectory.follower import Follower
 from canopen_control.controllers.trajectory.goal import Goal, GoalState, ResultCode
 from canopen_control.controllers.trajectory.joint_group import JointGroup
 from canopen_control.controllers.trajectory.params import TrajectoryParams, read_params
+from canopen_control.controllers.trajectory.point import JointTrajectory, Point
 from canopen_control.controllers.trajectory.scaling import SpeedScaling
 from canopen_control.controllers.trajectory.tolerances import SegmentTolerances, resolve, within
 from canopen_control.controllers.trajectory.upsampling import fill_velocities, positions_alone, time_points
-from canopen_control.errors import RobotConfigError
+from canopen_control.errors import RobotConfigError, TrajectoryRefused
 from canopen_control.hardware.interfaces import OK, POSITION, ReturnType
 from canopen_control.rpc.messages.samples import TrajectoryPoint, TrajectorySample
+from canopen_control.rpc.messages.trajectory import TrajectoryAt
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from canopen_control.controllers.params import Params
     from canopen_control.controllers.trajectory.followed import Motion
-    from canopen_control.controllers.trajectory.point import JointTrajectory, Point
     from canopen_control.hardware.interfaces import CommandInterface, StateInterface
     from canopen_control.rpc.messages.samples import Sample
 
@@ -153,14 +154,21 @@ class JointTrajectoryController(Controller):
             fill_velocities(list(message.points))
         self._queue(message, now)
 
-    def send_goal(self, goal: Goal, now: int) -> None:
-        """Execute a goal from the next cycle on, in the place of the one before; ControlError if it is refused."""
+    def send_goal(self, goal: Goal | JointTrajectory, now: int) -> None:
+        """Execute a goal from the next cycle on, in the place of the one before; ControlError if it is refused.
+
+        A trajectory alone is set, see `set_trajectory`.
+        """
+        if isinstance(goal, JointTrajectory):
+            self.set_trajectory(goal, now)
+            return
         self._check(goal.trajectory, now)
         self._end(GoalState.ABORTED, ResultCode.INVALID_GOAL, "another goal has taken its place")
         self.tolerances, self.refused_tolerances = resolve(goal.tolerances, self.params.joints, self._default)
         if self.refused_tolerances is not None:
             self.tell("tolerances", self.refused_tolerances)
         self.goal = goal
+        goal.feedback_rate, goal.outlives_client = self.params.action_monitor_rate, self.params.continue_without_client
         self._queue(goal.trajectory, now)
 
     def set_command(self, values: Sequence[float], now: int, stamp: int | None = None) -> None:
@@ -168,16 +176,18 @@ class JointTrajectoryController(Controller):
         del values, now, stamp
         raise self.refusal("takes trajectories and no numbers; send it one, or a goal")
 
-    def cancel(self, goal: Goal) -> None:
-        """Cancel a goal: if it is the one that is being executed, the joints brake and hold."""
+    def cancel(self, goal: Goal, why: str | None = None) -> None:
+        """Cancel a goal: if it is the one that is being executed, the joints brake and hold; `why` is told."""
         if goal is self.goal:
-            self._end(GoalState.CANCELED, ResultCode.SUCCESSFUL, "the goal was cancelled")
+            text = "the goal was cancelled" if why is None else f"the goal was cancelled: {why}"
+            self._end(GoalState.CANCELED, ResultCode.SUCCESSFUL, text)
             self._brake()
 
-    def cancel_goal(self) -> None:
-        """Cancel whatever goal is being executed."""
-        if self.goal is not None:
-            self.cancel(self.goal)
+    def cancel_goal(self, why: str | None = None, only: Goal | None = None) -> None:
+        """Cancel whatever goal is being executed, or `only` this one."""
+        goal = only or self.goal
+        if goal is not None:
+            self.cancel(goal, why)
 
     def set_speed_scaling(self, factor: float) -> None:
         """Let the time of trajectories run slower or faster; ControlError below 0 and where it cannot be scaled."""
@@ -188,6 +198,15 @@ class JointTrajectoryController(Controller):
     def query(self, t: int, out: Point) -> bool:
         """Write what the trajectory says at `t`, in ns, into `out`; False, with where the joints are, if nothing."""
         return self._follower.query(t, out)
+
+    def trajectory_at(self, t: int) -> TrajectoryAt:
+        """Return what the trajectory says at `t`, in ns; where it says nothing, where the joints are."""
+        if self.state.value != "active":
+            return TrajectoryAt(known=False, text=f"{self.name} is {self.state.value}; activate it first")
+        point = Point()
+        known = self.query(t, point)
+        text = "" if known else f"{self.name} follows nothing at that time; this is where the joints are, or are to end"
+        return TrajectoryAt(known=known, text=text, joints=list(self.params.joints), point=_told(point))
 
     def sample(self, wall_offset_ns: int) -> TrajectorySample | None:
         """Return where the joints were to be and where they were, in the last cycle that moved or held them."""
@@ -235,8 +254,9 @@ class JointTrajectoryController(Controller):
             raise self.refusal(f"is {self.state.value}; activate it before sending it trajectories")
         if self._waiting is not None:
             raise self.refusal(f"cannot move: {self._why(self._waiting)}, then send it again")
-        if (wrong := self._acceptance.mistake(message, now)) is not None:
-            raise self.refusal(f"refuses the trajectory: {wrong}")
+        if (wrong := self._acceptance.refused(message, now, self._follower.where_it_begins(message.stamp))) is not None:
+            text, code = wrong
+            raise TrajectoryRefused(str(self.refusal(f"refuses the trajectory: {text}")), code)
 
     def _queue(self, message: JointTrajectory, now: int) -> None:
         self._follower.follow(message)

@@ -38,7 +38,8 @@ class GoalState(enum.Enum):
 class Goal:
     """A trajectory with tolerances of its own; `code` and `text` are the result once it has ended.
 
-    `ended_now` is called then, in the cycle: whoever has more to do than to take note does it later.
+    `ended_now` is called then, in the cycle: whoever has more to do than to take note does it later. `feedback_rate` in
+    Hz and `outlives_client` are the parameters of the controller that has accepted it.
     """
 
     def __init__(
@@ -52,6 +53,8 @@ class Goal:
         self.state = GoalState.EXECUTING
         self.code: ResultCode | None = None
         self.text = ""
+        self.feedback_rate = 20.0
+        self.outlives_client = False
         self._ended_now = ended_now
 
     @property

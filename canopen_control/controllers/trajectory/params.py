@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, cast
+from typing import TYPE_CHECKING, Any, cast
 
 from canopen_control.controllers.params import CommonParams
 from canopen_control.controllers.pid import AntiWindup, Gains
@@ -78,13 +78,9 @@ class JointConstraints:
 class TrajectoryParams(CommonParams):
     """Parameters of the controller: s, Hz, rad/s, and `allowed_start_tolerance` in rad or m, 0 for none.
 
-    `gains` and `constraints` are in the order of `joints`.
+    `gains` and `constraints` are in the order of `joints`. With `continue_without_client` a goal goes on when the
+    action client that has sent it is gone, as upstream's does.
     """
-
-    INEFFECTIVE: ClassVar[dict[str, str]] = {
-        **CommonParams.INEFFECTIVE,
-        "allow_trajectory_replacement": "a new trajectory takes the place of the one that runs, for all joints",
-    }
 
     joints: tuple[str, ...] = ()
     command_joints: tuple[str, ...] = ()
@@ -109,6 +105,7 @@ class TrajectoryParams(CommonParams):
     goal_time: float = setting(0.0, key="constraints.goal_time", low=0.0)
     decelerate_on_cancel: bool = setting(False, key="constraints.decelerate_on_cancel")
     allowed_start_tolerance: float = setting(0.1, low=0.0)
+    continue_without_client: bool = False
     gains: tuple[JointGains, ...] = derived(())
     constraints: tuple[JointConstraints, ...] = derived(())
 

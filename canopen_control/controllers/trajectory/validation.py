@@ -11,6 +11,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
+from canopen_control.controllers.trajectory.goal import ResultCode
 from canopen_control.controllers.trajectory.packed import PackedPoints
 from canopen_control.controllers.trajectory.point import shortest_angular_distance
 from canopen_control.controllers.trajectory.survey import NONE, Survey
@@ -44,6 +45,19 @@ class Rule(enum.Enum):
     SIZE_ACCELERATIONS = enum.auto()
     POINT_EMPTY = enum.auto()
     EFFORT_NOT_SUPPORTED = enum.auto()
+
+    @property
+    def code(self) -> ResultCode:
+        """The code that a goal which breaks it is refused with."""
+        return _CODES.get(self, ResultCode.INVALID_GOAL)
+
+
+_CODES: Final = {
+    Rule.JOINT_COUNT: ResultCode.INVALID_JOINTS,
+    Rule.NO_JOINT_NAMES: ResultCode.INVALID_JOINTS,
+    Rule.UNKNOWN_JOINT: ResultCode.INVALID_JOINTS,
+    Rule.ENDS_IN_PAST: ResultCode.OLD_HEADER_TIMESTAMP,
+}
 
 
 @dataclass(frozen=True)

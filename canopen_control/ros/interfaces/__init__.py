@@ -2,7 +2,7 @@
 
 The law of the room: a package that is installed is used, never replaced. What is made here has upstream's type hashes,
 so that it talks to upstream's own; before the first one is used, a message that ROS's compiled code knows as well is
-sent through both (`provide`), and what differs in a single byte is refused.
+sent through both (`provide`), and what differs in a single byte is refused. A class is made when it is first asked for.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ from typing import TYPE_CHECKING, Any, Final
 
 from canopen_control.errors import CanopenError
 from canopen_control.ros.interfaces.cdr import Codecs
-from canopen_control.ros.interfaces.classes import message_class, service_class
-from canopen_control.ros.interfaces.definition import parts_of
+from canopen_control.ros.interfaces.classes import action_class, message_class, service_class
+from canopen_control.ros.interfaces.definition import owner_of, parts_of
 from canopen_control.ros.interfaces.type_description import Registry, hash_text
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Callable, Iterable
 
     from canopen_control.ros.interfaces.support import Supports
 
@@ -34,7 +34,7 @@ _DEFINITIONS: Final[dict[str, list[str]]] = json.loads(
     Path(__file__).with_name("definitions.json").read_text(encoding="utf-8")
 )
 PACKAGES: Final = tuple(dict.fromkeys(parts_of(name)[0] for name in _DEFINITIONS))
-"""The packages that can be made; of control_msgs three interfaces only."""
+"""The packages that can be made."""
 _PROBE: Final = "canopen_control_probe/msg/Header"  # std_msgs/msg/Header under another name
 _PROBED: Final = "std_msgs/msg/Header"
 
@@ -79,36 +79,48 @@ class _Factory:
     def class_of(self, name: str) -> type:
         """Return the class of a message, an installed one or one of ours."""
         package, kind, short = parts_of(name)
+        if name not in self._classes and (owner_of(name) in _DEFINITIONS or name == _PROBE):
+            self._classes[name] = message_class(self.registry.get(name), self.class_of, self.supports)
         if name in self._classes:
             return self._classes[name]
-        if any(name.startswith(known) for known in _DEFINITIONS if parts_of(known)[0] == package) or name == _PROBE:
-            self._classes[name] = message_class(self.registry.get(name), self.class_of, self.supports)
-            return self._classes[name]
-        module = importlib.import_module(f"{package}.{kind}")
-        found: type = getattr(module, short)
+        found: type = getattr(importlib.import_module(f"{package}.{kind}"), short)
         return found
+
+    def service_of(self, name: str) -> type:
+        """Return the class of a service, made once; also of the two services of an action."""
+        if name not in self._classes:
+            parts = {part: self.class_of(f"{name}_{part}") for part in ("Request", "Response", "Event")}
+            self._classes[name] = service_class(name, parts, self.supports)
+        return self._classes[name]
+
+    def action_of(self, name: str) -> type:
+        """Return the class of an action, made once."""
+        if name not in self._classes:
+            self._classes[name] = action_class(name, self.class_of, self.service_of, self.supports)
+        return self._classes[name]
 
     def install(self, package: str) -> None:
         """Put the modules of a package where `import` finds them."""
-        modules = {kind: _module(f"{package}.{kind}") for kind in ("msg", "srv")}
-        for name in _DEFINITIONS:
-            if parts_of(name)[0] == package:
-                self._install_interface(name, modules[parts_of(name)[1]])
         top = _module(package)
-        for kind, module in modules.items():
+        for kind, make in (("msg", self.class_of), ("srv", self.service_of), ("action", self.action_of)):
+            module = _module(f"{package}.{kind}")
+            names = [name for name in _DEFINITIONS if name.startswith(f"{package}/{kind}/")]
+            module.__dict__["__getattr__"] = self._maker(f"{package}/{kind}", make)
+            module.__dict__["__all__"] = [parts_of(name)[2] for name in names]
             setattr(top, kind, module)
             sys.modules[module.__name__] = module
         sys.modules[package] = top
 
-    def _install_interface(self, name: str, module: Any) -> None:  # noqa: ANN401 - a module
-        _, kind, short = parts_of(name)
-        if kind == "msg":
-            setattr(module, short, self.class_of(name))
-            return
-        parts = {part: self.class_of(f"{name}_{part}") for part in ("Request", "Response", "Event")}
-        for part, made in parts.items():
-            setattr(module, f"{short}_{part}", made)
-        setattr(module, short, service_class(name, parts, self.supports))
+    def _maker(self, prefix: str, make: Callable[[str], type]) -> Callable[[str], type]:
+        """Return what a module does for a name that it does not have yet: the class, or AttributeError."""
+
+        def made(short: str) -> type:
+            name = f"{prefix}/{short}"
+            if owner_of(name) not in _DEFINITIONS or short.startswith("_"):
+                raise AttributeError(f"there is no {name}")
+            return make(name) if name in _DEFINITIONS else self.class_of(name)
+
+        return made
 
 
 _made: list[_Factory] = []

@@ -38,6 +38,7 @@ __all__ = [
     "REMOVE_EVENT",
     "SERIALIZE",
     "SIZE",
+    "ActionSupport",
     "Bytes",
     "EventInfo",
     "FastCallbacks",
@@ -152,6 +153,21 @@ class ServiceSupport(Structure):
         ("event", c_void_p),
         ("make_event", c_void_p),
         ("remove_event", c_void_p),
+        ("get_hash", GET),
+        ("get_description", GET),
+        ("get_sources", GET),
+    )
+
+
+class ActionSupport(Structure):
+    """rosidl_action_type_support_t: rcl_action reads it as it is, so it has neither identifier nor handle."""
+
+    _fields_ = (
+        ("send_goal", c_void_p),
+        ("get_result", c_void_p),
+        ("cancel", c_void_p),
+        ("feedback", c_void_p),
+        ("status", c_void_p),
         ("get_hash", GET),
         ("get_description", GET),
         ("get_sources", GET),

@@ -1,8 +1,9 @@
-"""Python classes of messages and services, as rclpy expects them from rosidl_generator_py.
+"""Python classes of messages, services and actions, as rclpy expects them from rosidl_generator_py.
 
 The law of the file: the metaclass holds the type support, made when rclpy first asks for it; a message has its fields
-as attributes, None in the constructor is the default; a service cannot be made, only its Request and Response. A field
-holds what was put in it: whether that can be sent shows when it is sent.
+as attributes, None in the constructor is the default; a service cannot be made, only its Request and Response; of an
+action Goal, Result and Feedback, and what rclpy.action sends is in its Impl. A field holds what was put in it: whether
+that can be sent shows when it is sent.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
     from canopen_control.ros.interfaces.definition import Structure
     from canopen_control.ros.interfaces.support import Supports
 
-__all__ = ["MadeMessage", "message_class", "service_class"]
+__all__ = ["MadeMessage", "action_class", "message_class", "service_class"]
 
 #: what rclpy looks for in a metaclass, in the order of `Capsules`
 _CAPSULES: Final = (
@@ -101,6 +102,40 @@ def service_class(name: str, parts: dict[str, type], supports: Callable[[], Supp
             load_support()
 
     contents = {**parts, "__module__": f"{package}.{kind}", "__doc__": f"{name}, made at run time."}
+    made: type = _metaclass(short, load)(short, (), contents)
+    return made
+
+
+def action_class(
+    name: str, class_of: Callable[[str], type], service_of: Callable[[str], type], supports: Callable[[], Supports]
+) -> type:
+    """Return the class of an action; `class_of` gives its messages, `service_of` the two services that are its own.
+
+    Cancelling and the status are the same for all actions, and installed.
+    """
+    package, kind, short = parts_of(name)
+    carriers = {
+        "SendGoalService": service_of(f"{name}_SendGoal"),
+        "GetResultService": service_of(f"{name}_GetResult"),
+        "FeedbackMessage": class_of(f"{name}_FeedbackMessage"),
+        "CancelGoalService": class_of("action_msgs/srv/CancelGoal"),
+        "GoalStatusMessage": class_of("action_msgs/msg/GoalStatusArray"),
+    }
+
+    def load(metaclass: Any) -> None:  # noqa: ANN401 - the metaclass below
+        for part in carriers.values():  # rclpy asks for the action's alone
+            if getattr(type(part), _SUPPORT) is None:
+                load_support = getattr(type(part), _IMPORT)
+                load_support()
+        installed = [getattr(type(carriers[each]), _SUPPORT) for each in ("CancelGoalService", "GoalStatusMessage")]
+        setattr(metaclass, _SUPPORT, supports().action(name, *installed))
+
+    contents = {
+        **{word: class_of(f"{name}_{word}") for word in ("Goal", "Result", "Feedback")},
+        "Impl": type("Impl", (), carriers),
+        "__module__": f"{package}.{kind}",
+        "__doc__": f"{name}, made at run time.",
+    }
     made: type = _metaclass(short, load)(short, (), contents)
     return made
 

@@ -1,8 +1,9 @@
-"""The text of .msg and .srv files, as structures: the first step of making an interface at run time.
+"""The text of .msg, .srv and .action files, as structures: the first step of making an interface at run time.
 
-The law of the file (rosidl's .msg and .srv): a line is `type name [default]` or `type NAME=value`;
-`---` parts a service; `Header` is std_msgs', a name without a package is of the same one. An empty structure has one
-byte on the wire. A service is three messages (request, response, event) and one structure that names them.
+The law of the file (rosidl): a line is `type name [default]` or `type NAME=value`; `---` parts a service and an action;
+`Header` is std_msgs', a name without a package is of the same one. An empty structure has one byte on the wire. A
+service is three messages (request, response, event) and one structure that names them. An action is three messages
+(goal, result, feedback), two services and a message that carry them with the goal's id, and one that names all six.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ import re
 from dataclasses import dataclass, field
 from typing import Final
 
-__all__ = ["DUMMY", "NESTED", "STRING", "Field", "FieldType", "Shape", "Structure", "parse", "parts_of"]
+__all__ = ["DUMMY", "NESTED", "STRING", "Field", "FieldType", "Shape", "Structure", "owner_of", "parse", "parts_of"]
 
 DUMMY: Final = "structure_needs_at_least_one_member"
 """The byte of an empty structure: on the wire, not in Python."""
@@ -82,29 +83,78 @@ class Structure:
 
 
 def parts_of(name: str) -> tuple[str, str, str]:
-    """Return package, kind ("msg", "srv") and short name of a full name."""
+    """Return package, kind ("msg", "srv", "action") and short name of a full name."""
     package, kind, short = name.split("/")
     return package, kind, short
 
 
+def owner_of(name: str) -> str:
+    """Return the interface that a structure is a part of, itself for a message: names of interfaces have no "_"."""
+    package, kind, short = parts_of(name)
+    return f"{package}/{kind}/{short.partition('_')[0]}"
+
+
 def parse(name: str, lines: list[str]) -> list[Structure]:
-    """Return the structures of an interface, one for a message, four for a service; ValueError names a bad line."""
+    """Return the structures of an interface: one for a message, four for a service, thirteen for an action.
+
+    ValueError names a bad line.
+    """
     package, kind, _ = parts_of(name)
     if kind == "msg":
         return [_structure(name, package, lines)]
-    split = lines.index("---")
-    request = _structure(f"{name}_Request", package, lines[:split])
-    response = _structure(f"{name}_Response", package, lines[split + 1 :])
+    words = ("Request", "Response") if kind == "srv" else ("Goal", "Result", "Feedback")
+    texts = _split(lines)
+    if len(texts) != len(words):
+        raise ValueError(f"{name}: it has {len(texts)} parts between lines of ---, not {len(words)}")
+    parts = [_structure(f"{name}_{word}", package, text) for word, text in zip(words, texts, strict=True)]
+    return _service(name, *parts) if kind == "srv" else _action(name, *parts)
+
+
+def _split(lines: list[str]) -> list[list[str]]:
+    texts: list[list[str]] = [[]]
+    for line in lines:
+        if line.strip() == "---":
+            texts.append([])
+        else:
+            texts[-1].append(line)
+    return texts
+
+
+def _service(name: str, request: Structure, response: Structure) -> list[Structure]:
     event = (
-        Field("info", FieldType(NESTED, nested="service_msgs/msg/ServiceEventInfo")),
+        _nested("info", "service_msgs/msg/ServiceEventInfo"),
         Field("request", FieldType(NESTED, Shape.BOUNDED_SEQUENCE, 1, nested=request.name)),
         Field("response", FieldType(NESTED, Shape.BOUNDED_SEQUENCE, 1, nested=response.name)),
     )
-    service = tuple(
-        Field(f"{part}_message", FieldType(NESTED, nested=f"{name}_{part.capitalize()}"))
-        for part in ("request", "response", "event")
-    )
+    parts = ("request", "response", "event")
+    service = tuple(_nested(f"{part}_message", f"{name}_{part.capitalize()}") for part in parts)
     return [request, response, Structure(f"{name}_Event", event), Structure(name, service)]
+
+
+def _action(name: str, goal: Structure, result: Structure, feedback: Structure) -> list[Structure]:
+    goal_id = _nested("goal_id", "unique_identifier_msgs/msg/UUID")
+    send, get, told = f"{name}_SendGoal", f"{name}_GetResult", f"{name}_FeedbackMessage"
+    accepted = (Field("accepted", FieldType(PRIMITIVES["bool"])), _nested("stamp", "builtin_interfaces/msg/Time"))
+    ended = (Field("status", FieldType(PRIMITIVES["int8"])), _nested("result", result.name))
+    whole = {"goal": goal.name, "result": result.name, "feedback": feedback.name,
+             "send_goal_service": send, "get_result_service": get, "feedback_message": told}  # fmt: skip
+    return [
+        goal,
+        result,
+        feedback,
+        *_service(
+            send,
+            Structure(f"{send}_Request", (goal_id, _nested("goal", goal.name))),
+            Structure(f"{send}_Response", accepted),
+        ),
+        *_service(get, Structure(f"{get}_Request", (goal_id,)), Structure(f"{get}_Response", ended)),
+        Structure(told, (goal_id, _nested("feedback", feedback.name))),
+        Structure(name, tuple(_nested(field, nested) for field, nested in whole.items())),
+    ]
+
+
+def _nested(field: str, name: str) -> Field:
+    return Field(field, FieldType(NESTED, nested=name))
 
 
 def _structure(name: str, package: str, lines: list[str]) -> Structure:

@@ -1,8 +1,10 @@
-"""Type supports made at run time: what rclpy and rmw_fastrtps need of a message or service, without a compiler.
+"""Type supports made at run time: what rclpy and rmw_fastrtps need of an interface, without a compiler.
 
 The law of the file: rmw_fastrtps asks each type for two supports, fastrtps_c to serialise and introspection_c for its
 type object; both carry the same hash and description. No exception leaves a callback that C has called, since what C
-would see then is garbage: a failure is False or NULL and a line on standard error, and rclpy raises.
+would see then is garbage: a failure is False or NULL and a line on standard error. What comes is decoded while Fast DDS
+still asks whether it can be: bytes of another layout are dropped there, as compiled code does it. Were it refused
+later, rclpy would raise out of `spin`, and a stranger's message would end the process.
 """
 
 from __future__ import annotations
@@ -50,6 +52,14 @@ class _Message(NamedTuple):
     members: int
 
 
+class _Judged(NamedTuple):
+    """A message that was decoded when it came: where it is in C, its body then, and what it says."""
+
+    address: int
+    body: bytes
+    made: object
+
+
 class Supports:
     """Makes and keeps the type supports of the structures in a registry."""
 
@@ -57,8 +67,8 @@ class Supports:
         self._libraries, self._registry, self._codecs = libraries, registry, codecs
         self._messages: dict[str, _Message] = {}
         self._members: dict[str, tuple[int, int, abi.MessageSupport]] = {}
+        self._judged: _Judged | None = None
         self._serialize = keep(abi.SERIALIZE(self._write))
-        self._deserialize = keep(abi.DESERIALIZE(self._read))
         self._size = keep(abi.SIZE(lambda message: abi.Bytes.from_address(message).size))
         self._max_size = keep(abi.MAX_SIZE(_unbounded))
 
@@ -76,7 +86,7 @@ class Supports:
 
         def to_py(message: int) -> int | None:
             try:
-                made = codecs.decode(name, libraries.body_of(message))
+                made = self._decoded(name, message)
             except Exception as error:  # noqa: BLE001 - see the law of the file
                 _complain(name, error)
                 return None
@@ -116,6 +126,13 @@ class Supports:
             table[wanted] = address(support)
         return _capsule(table[b"rosidl_typesupport_c"])
 
+    def action(self, name: str, cancel: object, status: object) -> object:
+        """Make the support of an action of its parts' and of the capsules of the installed ones; return its capsule."""
+        send, get = (_pointer(self.service(f"{name}_{each}")) for each in ("SendGoal", "GetResult"))
+        feedback = self._message(f"{name}_FeedbackMessage").dispatch
+        parts = (send, get, _pointer(cancel), feedback, _pointer(status))
+        return _capsule(address(abi.ActionSupport(*parts, *self._getters(name))))
+
     # ------------------------------------------------------------------------------------------------- messages
 
     def _message(self, name: str) -> _Message:
@@ -126,9 +143,10 @@ class Supports:
     def _make_message(self, name: str) -> _Message:
         libraries, getters = self._libraries, self._getters(name)
         package, kind, short = parts_of(name)
+        deserialize = keep(abi.DESERIALIZE(lambda cdr, message: self._read(name, cdr, message)))
         callbacks = abi.FastCallbacks(
             f"{package}::{kind}".encode(), short.encode(),
-            self._serialize, self._deserialize, self._size, self._max_size, None,
+            self._serialize, deserialize, self._size, self._max_size, None,
         )  # fmt: skip
         members, introspected, introspection = self._introspection(name)
         table: dict[bytes, int] = {b"rosidl_typesupport_introspection_c": introspected}
@@ -174,12 +192,27 @@ class Supports:
             return False
         return True
 
-    def _read(self, cdr: int, message: int) -> bool:
+    def _read(self, name: str, cdr: int, message: int) -> bool:
+        """Take what has come into a message; False, and it is dropped, if it is none of this type."""
+        libraries = self._libraries
         try:
-            return self._libraries.read(cdr, message)
+            if not libraries.read(cdr, message):
+                return False
+            body = libraries.body_of(message)
+            self._judged = _Judged(message, body, self._codecs.decode(name, body))
         except Exception as error:  # noqa: BLE001 - see the law of the file
-            _complain("deserialize", error)
+            _complain(f"{name}: dropped a message of another layout", error)
             return False
+        return True
+
+    def _decoded(self, name: str, message: int) -> object:
+        """Return what a message in C says; it is the one that was judged last, unless somebody came between."""
+        body = self._libraries.body_of(message)
+        judged, self._judged = self._judged, None
+        if judged is not None and judged.address == message and judged.body == body:
+            return judged.made
+        made: object = self._codecs.decode(name, body)
+        return made
 
     # ---------------------------------------------------------------------------------------------- descriptions
 
@@ -261,6 +294,12 @@ def _capsule(pointer: int) -> object:
     new.argtypes, new.restype = [c_void_p, c_char_p, c_void_p], ctypes.py_object
     capsule: object = new(pointer, None, None)
     return capsule
+
+
+def _pointer(capsule: object) -> int:
+    get = ctypes.pythonapi.PyCapsule_GetPointer
+    get.argtypes, get.restype = [ctypes.py_object, c_char_p], c_void_p
+    return int(get(capsule, None) or 0)
 
 
 def _address_of(function: Any) -> int:  # noqa: ANN401 - a ctypes function

@@ -11,7 +11,7 @@ import hashlib
 import json
 from typing import TYPE_CHECKING, TypedDict
 
-from canopen_control.ros.interfaces.definition import Field, FieldType, Structure, parse, parts_of
+from canopen_control.ros.interfaces.definition import Field, FieldType, Structure, owner_of, parse, parts_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -57,17 +57,26 @@ class Registry:
     def __init__(self, shares: Iterable[Path] = ()) -> None:
         self._shares = list(shares)
         self._structures: dict[str, Structure] = {}
+        self._texts: dict[str, list[str]] = {}
 
     def add(self, definitions: Mapping[str, list[str]]) -> None:
-        """Add interfaces from their texts, as {"package/msg/Name": lines}; ValueError names a bad line."""
+        """Add interfaces by their texts, as {"package/msg/Name": lines}; they are read when they are asked for."""
         for name, lines in definitions.items():
-            for structure in parse(name, lines):
-                self._structures[structure.name] = structure
+            self._texts[name] = lines
+            for known in [each for each in self._structures if owner_of(each) == name]:
+                del self._structures[known]
 
     def get(self, name: str) -> Structure:
-        """Return a structure; LookupError if neither a definition nor an installed package has it."""
+        """Return a structure; LookupError if nobody has it, neither a definition nor an installed package.
+
+        ValueError names a bad line of a definition.
+        """
         if name not in self._structures:
-            self._load(name)
+            owner = owner_of(name)
+            if owner in self._texts:
+                self._structures |= {each.name: each for each in parse(owner, self._texts[owner])}
+            if name not in self._structures:
+                self._load(name)
         return self._structures[name]
 
     def referenced(self, name: str) -> list[Structure]:

@@ -16,23 +16,35 @@ import msgspec
 from canopen_control.rpc.messages.declare import Api, Done, Effect, Request
 from canopen_control.rpc.messages.layout import Layout
 from canopen_control.rpc.messages.quantities import Index, Subindex
-from canopen_control.rpc.messages.samples import TrajectoryPoint
 from canopen_control.rpc.messages.state import ControllerReading, RobotEvent, StateSample, Status
+from canopen_control.rpc.messages.trajectory import (
+    MAX_POINTS,
+    CancelTrajectory,
+    FollowTrajectory,
+    QueryTrajectory,
+    ScaleTrajectory,
+    SendTrajectory,
+    SetTrajectory,
+    TrajectoryData,
+    TrajectoryEnd,
+    TrajectoryResult,
+    TrajectoryTolerance,
+)
 
 __all__ = [
     "MAX_OBJECT", "MAX_POINTS", "MAX_RATE", "ROBOT", "STREAM_RATE", "AxisDone", "AxisRequest", "BusPlace",
     "CancelTrajectory", "CleanupController", "CommandController", "ComponentState", "ConfigureController",
     "Description", "FollowTrajectory", "GetDescription", "GetLayout", "GetNodes", "GetStatus", "HardwareReading",
     "InterfaceReading", "ListControllerTypes", "ListControllers", "ListHardware", "LoadController", "MappedValue",
-    "NmtRequest", "NodeIdentity", "NodeListing", "NodePlace", "PdoWrite", "ProcessData", "ReadTouchProbe", "Release",
-    "RobotHello", "RobotPush", "SdoData", "SdoPiece", "SdoRead", "SdoWrite", "SetHardwareState", "SetOdometry",
-    "Shutdown", "Stop", "Subscribe", "SwitchControllers", "Tell", "TouchProbe", "TrajectoryData", "TrajectoryResult",
+    "NmtRequest", "NodeIdentity", "NodeListing", "NodePlace", "PdoWrite", "ProcessData", "QueryTrajectory",
+    "ReadTouchProbe", "Release", "RobotHello", "RobotPush", "ScaleTrajectory", "SdoData", "SdoPiece", "SdoRead",
+    "SdoWrite", "SendTrajectory", "SetHardwareState", "SetOdometry", "SetTrajectory", "Shutdown", "Stop", "Subscribe",
+    "SwitchControllers", "Tell", "TouchProbe", "TrajectoryData", "TrajectoryEnd", "TrajectoryResult",
     "TrajectoryTolerance", "TwistController", "UnloadController",
 ]  # fmt: skip
 
 MAX_RATE: Final = 1000.0  # Hz, of the state stream
 STREAM_RATE: Final = 100.0  # Hz, the most that ROS and bags ask for by themselves
-MAX_POINTS: Final = 20_000  # of a trajectory
 MAX_OBJECT: Final = 400_000  # bytes of an object that an answer can carry; as many are taken in pieces
 
 Rate = Annotated[float, msgspec.Meta(gt=0, le=MAX_RATE)]
@@ -123,55 +135,17 @@ class TwistController(Request[Done], frozen=True, kw_only=True):
     stamp: float | None = None
 
 
-class TrajectoryTolerance(msgspec.Struct, frozen=True, kw_only=True):
-    """The largest errors of a joint (control_msgs/JointTolerance): 0 is that of the parameters, -1 none."""
-
-    joint: str
-    position: float = 0.0
-    velocity: float = 0.0
-    acceleration: float = 0.0
-
-
-class TrajectoryResult(msgspec.Struct, frozen=True, kw_only=True):
-    """How a goal ended: "succeeded", "canceled" or "aborted", the code of FollowJointTrajectory, and why."""
-
-    state: str
-    error_code: int
-    text: str
-
-
-@ROBOT.method("follow_trajectory", Effect.MOVES)
-class FollowTrajectory(Request[TrajectoryResult], frozen=True, kw_only=True):
-    """A trajectory as a goal of a joint trajectory controller; answered when it has ended.
-
-    One value for each of `joints`, or none at all, in each list of a point; they come after those of `trajectory_data`.
-    `stamp` is when it begins, null at once.
-    With `dead_man` the joints brake as soon as this connection is gone.
-    """
-
-    controller: str
-    joints: list[str]
-    points: list[TrajectoryPoint]
-    stamp: float | None = None
-    path_tolerance: tuple[TrajectoryTolerance, ...] = ()
-    goal_tolerance: tuple[TrajectoryTolerance, ...] = ()
-    goal_time_tolerance: float = 0.0
-    source: str | None = None
-    dead_man: bool = True
-
-
-@ROBOT.method("trajectory_data", Effect.CHANGES)
-class TrajectoryData(Request[Done], frozen=True, kw_only=True):
-    """The first points of the trajectory that this connection sends next, for one that no single request can carry."""
-
-    points: list[TrajectoryPoint]
-
-
-@ROBOT.method("cancel_trajectory", Effect.STOPS)
-class CancelTrajectory(Request[Done], frozen=True, kw_only=True):
-    """End the goal that a controller executes, whoever sent it: the joints brake and are held."""
-
-    controller: str
+for _name, _effect, _kind in (
+    ("follow_trajectory", Effect.MOVES, FollowTrajectory),
+    ("send_trajectory", Effect.MOVES, SendTrajectory),
+    ("set_trajectory", Effect.MOVES, SetTrajectory),
+    ("trajectory_data", Effect.CHANGES, TrajectoryData),
+    ("trajectory_end", Effect.READS, TrajectoryEnd),
+    ("cancel_trajectory", Effect.STOPS, CancelTrajectory),
+    ("query_trajectory", Effect.READS, QueryTrajectory),
+    ("scale_trajectory", Effect.MOVES, ScaleTrajectory),
+):
+    ROBOT.method(_name, _effect)(_kind)
 
 
 @ROBOT.method("stop", Effect.STOPS)

@@ -33,6 +33,11 @@ def acceptance(lower=-3.0, upper=3.0, kind="revolute"):
     return Acceptance(params, group, joints), commands
 
 
+def why(judge, message, now):
+    found = judge.refused(message, now, [0.0, 0.0])
+    return None if found is None else found[0]
+
+
 def packed(count, position=lambda index: [0.0, 0.0]):
     made = Counted()
     for at in range(0, count, 80):
@@ -45,7 +50,7 @@ def packed(count, position=lambda index: [0.0, 0.0]):
 def test_its_length_costs_the_answer_nothing(count):
     judge, _ = acceptance()
     message = packed(count)
-    assert judge.mistake(message, S) is None
+    assert why(judge, message, S) is None
     assert message.points.made <= 3
 
 
@@ -53,7 +58,7 @@ def test_its_length_costs_the_answer_nothing(count):
 def test_what_is_beyond_a_limit_is_found_among_many_and_only_its_piece_is_looked_through(wrong):
     judge, _ = acceptance()
     message = packed(500, lambda index: [0.0, 3.5 if index == wrong else 0.0])
-    assert judge.mistake(message, S) == f"point {wrong}: b at 3.5 is beyond its limits of -3 to 3; plan within them"
+    assert why(judge, message, S) == f"point {wrong}: b at 3.5 is beyond its limits of -3 to 3; plan within them"
     assert message.points.made <= 90
 
 
@@ -61,22 +66,22 @@ def test_limits_of_the_interfaces_count_beside_those_of_the_description():
     judge, commands = acceptance()
     commands[1].maximum = 1.0
     judge.take_limits()
-    assert "beyond its limits of -3 to 1" in judge.mistake(packed(2, lambda index: [0.0, 1.5 * index]), S)
+    assert "beyond its limits of -3 to 1" in why(judge, packed(2, lambda index: [0.0, 1.5 * index]), S)
 
 
 def test_joints_that_turn_without_end_have_no_limits():
     judge, _ = acceptance(kind="continuous")
     assert judge.continuous == [True, True]
-    assert judge.mistake(packed(2, lambda index: [0.0, 7.0 * index]), S) is None
+    assert why(judge, packed(2, lambda index: [0.0, 7.0 * index]), S) is None
 
 
 def test_what_the_object_behind_cannot_hold_is_named():
     judge, commands = acceptance()
     commands[0].lowest, commands[0].highest = -1.0, 1.0
-    text = judge.mistake(packed(3, lambda index: [-1.5 * (index == 1), 0.0]), S)
+    text = why(judge, packed(3, lambda index: [-1.5 * (index == 1), 0.0]), S)
     assert text == "it leads a to -1.5, and a/position holds -1 to 1; plan within that"
 
 
 def test_points_that_came_in_process_are_judged_too():
     judge, _ = acceptance()
-    assert "no joint of this controller" in judge.mistake(JointTrajectory(["a", "c"], [Point([0.0, 0.0])]), S)
+    assert "no joint of this controller" in why(judge, JointTrajectory(["a", "c"], [Point([0.0, 0.0])]), S)

@@ -18,6 +18,7 @@ from canopen_control.ros.interfaces import abi
         (abi.Hash, 33),
         (abi.MessageSupport, 48),
         (abi.ServiceSupport, 88),
+        (abi.ActionSupport, 64),
         (abi.FastCallbacks, 56),
         (abi.Member, 112),
         (abi.Members, 64),

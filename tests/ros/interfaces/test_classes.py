@@ -4,7 +4,7 @@ from array import array
 
 import pytest
 
-from canopen_control.ros.interfaces.classes import MadeMessage, message_class, service_class
+from canopen_control.ros.interfaces.classes import MadeMessage, action_class, message_class, service_class
 from canopen_control.ros.interfaces.type_description import Registry
 
 
@@ -111,3 +111,48 @@ def test_the_type_support_is_made_once_when_it_is_first_asked_for():
     assert type(service.Request)._TYPE_SUPPORT == "p/srv/S_Request"
     assert type(service.Request)._CONVERT_TO_PY == "to_py"
     assert asked == ["p/srv/S", "p/srv/S_Request", "p/srv/S_Response", "p/srv/S_Event"]
+
+
+def test_an_action_has_what_rclpy_asks_for_and_loads_the_supports_of_its_parts():
+    asked = []
+
+    class Supports:
+        def message(self, name):
+            return (None, None, None, None, name)
+
+        def service(self, name):
+            return name
+
+        def action(self, name, cancel, status):
+            asked.append((name, cancel, status))
+            return f"action {name}"
+
+    registry = Registry()
+    registry.add({"p/action/A": ["bool a", "---", "int32 OK=1", "---"], "action_msgs/msg/GoalStatusArray": ["bool a"]})
+    registry.add({"action_msgs/srv/CancelGoal": ["---"]})
+    classes = {}
+
+    def class_of(name):
+        if name not in classes:
+            classes[name] = message_class(registry.get(name), class_of, Supports)
+        return classes[name]
+
+    def service_of(name):
+        parts = {each: class_of(f"{name}_{each}") for each in ("Request", "Response")}
+        return classes.setdefault(name, service_class(name, parts, Supports))
+
+    service_of("action_msgs/srv/CancelGoal")
+    action = action_class("p/action/A", class_of, service_of, Supports)
+    parts = [class_of(f"p/action/A_{each}") for each in ("Goal", "Result", "Feedback")]
+    assert [action.Goal, action.Result, action.Feedback] == parts
+    assert action.Result.OK == 1
+    assert action.Impl.SendGoalService.Request is class_of("p/action/A_SendGoal_Request")
+    assert action.Impl.GetResultService.Response is class_of("p/action/A_GetResult_Response")
+    type(action).__import_type_support__()
+    assert asked == [("p/action/A", "action_msgs/srv/CancelGoal", "action_msgs/msg/GoalStatusArray")]
+    loaded = [action, action.Impl.SendGoalService, action.Impl.GetResultService, action.Impl.FeedbackMessage]
+    told = [type(each)._TYPE_SUPPORT for each in loaded]
+    assert told == [
+        "action p/action/A",
+        *(f"p/action/A_{each}" for each in ("SendGoal", "GetResult", "FeedbackMessage")),
+    ]

@@ -2,7 +2,16 @@ from __future__ import annotations
 
 import pytest
 
-from canopen_control.ros.interfaces.definition import DUMMY, Field, FieldType, Shape, Structure, parse, parts_of
+from canopen_control.ros.interfaces.definition import (
+    DUMMY,
+    Field,
+    FieldType,
+    Shape,
+    Structure,
+    owner_of,
+    parse,
+    parts_of,
+)
 
 
 def fields_of(*lines):
@@ -11,6 +20,14 @@ def fields_of(*lines):
 
 def test_a_name_has_three_parts():
     assert parts_of("std_msgs/msg/String") == ("std_msgs", "msg", "String")
+
+
+@pytest.mark.parametrize(
+    ("structure", "interface"),
+    [("p/msg/T", "p/msg/T"), ("p/srv/S_Request", "p/srv/S"), ("p/action/A_SendGoal_Event", "p/action/A")],
+)
+def test_a_structure_belongs_to_an_interface(structure, interface):
+    assert owner_of(structure) == interface
 
 
 @pytest.mark.parametrize(
@@ -59,3 +76,28 @@ def test_a_line_that_is_none_is_named(line):
 @pytest.mark.parametrize("type_id", [2, 17, 1, 1 + 48, 11 + 96, 17 + 144])
 def test_type_ids_go_both_ways(type_id):
     assert FieldType.of_id(type_id, 4, 0, "").type_id == type_id
+
+
+def test_an_action_is_three_messages_two_services_the_feedback_and_itself():
+    made = {each.name: each for each in parse("p/action/A", ["T a", "---", "int32 OK=1", "---", "uint8 b"])}
+    assert [name.partition("A")[2] for name in made] == [
+        "_Goal", "_Result", "_Feedback",
+        "_SendGoal_Request", "_SendGoal_Response", "_SendGoal_Event", "_SendGoal",
+        "_GetResult_Request", "_GetResult_Response", "_GetResult_Event", "_GetResult",
+        "_FeedbackMessage", "",
+    ]  # fmt: skip
+    assert made["p/action/A_Goal"].fields == (Field("a", FieldType(1, nested="p/msg/T")),)
+    assert made["p/action/A_Result"].constants == {"OK": 1}
+    told = {name: [each.type.nested or each.name for each in made[name].fields] for name in made}
+    uuid = "unique_identifier_msgs/msg/UUID"
+    assert told["p/action/A_SendGoal_Request"] == [uuid, "p/action/A_Goal"]
+    assert told["p/action/A_SendGoal_Response"] == ["accepted", "builtin_interfaces/msg/Time"]
+    assert told["p/action/A_GetResult_Response"] == ["status", "p/action/A_Result"]
+    assert told["p/action/A_FeedbackMessage"] == [uuid, "p/action/A_Feedback"]
+    assert told["p/action/A"][3:] == ["p/action/A_SendGoal", "p/action/A_GetResult", "p/action/A_FeedbackMessage"]
+
+
+@pytest.mark.parametrize(("name", "lines"), [("p/action/A", ["---"]), ("p/srv/S", []), ("p/srv/S", ["---", "---"])])
+def test_an_interface_with_too_few_or_too_many_parts_is_told(name, lines):
+    with pytest.raises(ValueError, match=f"{name}: it has {len(lines) + 1} parts"):
+        parse(name, lines)

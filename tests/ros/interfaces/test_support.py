@@ -195,7 +195,7 @@ if sys.argv[1] == "server":
     print("ready", flush=True)
     sys.stdin.readline()
     assert done.wait(20)
-    assert errors
+    assert not errors, errors
     assert [each.data for each in got] == [7], got
 else:
     client = node.create_client(COWrite, "sdo_write")

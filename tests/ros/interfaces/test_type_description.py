@@ -6,10 +6,14 @@ from pathlib import Path
 
 import pytest
 
+from canopen_control.ros.interfaces import _DEFINITIONS
+from canopen_control.ros.interfaces.definition import owner_of
 from canopen_control.ros.interfaces.type_description import Registry, hash_of, hash_text
 
 GOLDEN = json.loads((Path(__file__).parents[2] / "data/ros_interfaces.json").read_text())
 SHARE = Path(sys.prefix, "share")
+#: of all 36 interfaces of control_msgs jazzy, and of the parts of its services and actions, by ROS's own generator
+CONTROL_MSGS = json.loads((Path(__file__).parents[2] / "data/control_msgs_hashes.json").read_text())
 
 
 @pytest.fixture(scope="module")
@@ -23,6 +27,15 @@ def registry():
 @pytest.mark.parametrize("name", GOLDEN)
 def test_the_hash_is_the_published_one(registry, name):
     assert hash_text(registry.describe(name)) == GOLDEN[name]["type_hash"]
+
+
+@pytest.mark.ros
+def test_the_hashes_of_control_msgs_are_those_of_ross_own_generator():
+    registry = Registry([SHARE])
+    registry.add(_DEFINITIONS)
+    assert {name: hash_text(registry.describe(name)) for name in CONTROL_MSGS} == CONTROL_MSGS
+    assert len(CONTROL_MSGS) == 129
+    assert {owner_of(name) for name in CONTROL_MSGS} == {name for name in _DEFINITIONS if "control_msgs/" in name}
 
 
 @pytest.mark.ros
@@ -56,3 +69,13 @@ def test_the_hash_depends_on_every_name():
     assert hash_of(one) != hash_of(other)
     other["type_description"]["type_name"] = "p/msg/A"
     assert hash_of(one) != hash_of(other)
+
+
+def test_a_definition_is_read_when_it_is_asked_for_and_a_later_one_counts():
+    registry = Registry()
+    registry.add({"p/msg/A": ["no-field"], "p/srv/S": ["uint8 a", "---"]})
+    assert [each.name for each in registry.get("p/srv/S_Request").fields] == ["a"]
+    with pytest.raises(ValueError, match="cannot read the line"):
+        registry.get("p/msg/A")
+    registry.add({"p/srv/S": ["uint8 b", "---"]})
+    assert [each.name for each in registry.get("p/srv/S_Request").fields] == ["b"]

@@ -1,0 +1,171 @@
+"""A joint trajectory controller's topics beside its action: trajectories, its state, its speed; and a query.
+
+The law of the file (joint_trajectory_controller, Jazzy): `~/joint_trajectory` takes the place of what is followed, and
+a bad one is dropped with a sentence; `~/controller_state` comes with every update that the state stream carries;
+`~/query_state` tells what the trajectory says at a time; `~/speed_scaling_input` is there where positions alone are
+commanded. Ours: a trajectory from the topic ends with this bridge.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from trajectory_msgs.msg import JointTrajectory
+
+from canopen_control.ros.endpoint import COMMANDER, Endpoint, NewSamples
+from canopen_control.ros.interfaces import interface
+from canopen_control.ros.joint_states import time_message
+from canopen_control.ros.qos import KEPT_DEFAULT, SYSTEM_DEFAULT
+from canopen_control.ros.throttle import without_numbers
+from canopen_control.ros.trajectory_messages import fill_point, is_one_piece, pieces_of, seconds, stamp_of
+from canopen_control.ros.trajectory_sender import TrajectorySender
+from canopen_control.rpc.messages.samples import TrajectorySample
+from canopen_control.rpc.messages.trajectory import QueryTrajectory, ScaleTrajectory, SetTrajectory
+
+if TYPE_CHECKING:
+    from canopen_control.ros.endpoint import Reply, Ros, RosMessage
+    from canopen_control.rpc.messages.samples import TrajectoryPoint
+    from canopen_control.rpc.messages.state import ControllerReading, StateSample
+    from canopen_control.rpc.messages.trajectory import TrajectoryAt
+
+__all__ = ["SpeedScaling", "TrajectoryQuery", "TrajectoryState", "TrajectoryTopic"]
+
+
+class TrajectoryTopic(Endpoint):
+    """`~/joint_trajectory`: the newest counts, whatever came while one was on its way."""
+
+    def __init__(self, ros: Ros, controller: ControllerReading) -> None:
+        self._ros, self._controller, self._topic = ros, controller.name, f"{controller.name}/joint_trajectory"
+        self._sending: JointTrajectory | None = None
+        self._waiting: JointTrajectory | None = None
+        self._followed = TrajectorySender(ros.connect)
+        self._subscription = ros.subscribe(
+            JointTrajectory, self._topic, lambda message: ros.hand_over(lambda: self._take(message)), SYSTEM_DEFAULT
+        )
+
+    def close(self) -> None:
+        """Leave the topic; the trajectory that is followed ends."""
+        self._ros.unsubscribe(self._subscription)
+        self._waiting = None
+        self._followed.close()
+
+    def _take(self, message: JointTrajectory) -> None:
+        self._waiting = message
+        if self._sending is None:
+            self._send_next()
+
+    def _send_next(self) -> None:
+        message, self._waiting, self._sending = self._waiting, None, self._waiting
+        if message is None:
+            return
+        # of a long one a part may come to nothing, and that is not to end the one that is followed
+        sender = self._followed if is_one_piece(message) else TrajectorySender(self._ros.connect)
+        sender.send(pieces_of(message), partial(self._request, message), partial(self._on_answer, sender))
+
+    def _request(self, message: JointTrajectory, points: list[TrajectoryPoint]) -> SetTrajectory:
+        return SetTrajectory(
+            controller=self._controller,
+            joints=list(message.joint_names),
+            points=points,
+            stamp=stamp_of(message),
+            source=COMMANDER,
+        )
+
+    def _on_answer(self, sender: TrajectorySender, _done: object, error: str | None) -> None:
+        done_with = sender
+        if error is None:
+            done_with, self._followed = self._followed, sender
+        else:
+            self._ros.warn(f"{self._topic}: {without_numbers(error)}", f"{self._topic}: {error}")
+        if done_with is not self._followed:
+            done_with.close()
+        self._sending = None
+        self._send_next()
+
+
+class TrajectoryState(Endpoint):
+    """The publisher of `~/controller_state`; a message is made only where somebody listens."""
+
+    def __init__(self, ros: Ros, controller: ControllerReading) -> None:
+        self._ros, self._controller, self._samples = ros, controller.name, NewSamples(TrajectorySample)
+        self._message: Any = interface("control_msgs/msg/JointTrajectoryControllerState")()
+        self._publisher = ros.node.create_publisher(
+            type(self._message), f"{controller.name}/controller_state", SYSTEM_DEFAULT
+        )
+
+    def on_state(self, state: StateSample) -> None:
+        """Publish what is new."""
+        sample, message = self._samples.of(state).get(self._controller), self._message
+        if sample is None or not self._publisher.get_subscription_count():
+            return
+        message.header.stamp = time_message(sample.time)
+        message.joint_names = list(sample.joints)
+        fill_point(message.reference, sample.reference)
+        fill_point(message.feedback, sample.feedback)
+        fill_point(message.error, sample.error)
+        fill_point(message.output, sample.output)
+        message.speed_scaling_factor = sample.speed_scaling_factor
+        self._publisher.publish(message)
+
+    def close(self) -> None:
+        """Leave the topic."""
+        self._ros.node.destroy_publisher(self._publisher)
+
+
+class TrajectoryQuery(Endpoint):
+    """The service `~/query_state`."""
+
+    def __init__(self, ros: Ros, controller: ControllerReading) -> None:
+        self._ros, self._controller = ros, controller.name
+        kind: Any = interface("control_msgs/srv/QueryTrajectoryState")
+        self._service = ros.serve(kind, f"{controller.name}/query_state", self._answer)
+
+    def close(self) -> None:
+        """Leave the graph."""
+        self._ros.unserve(self._service)
+
+    def _answer(self, request: RosMessage, response: RosMessage, reply: Reply) -> None:
+        def fill(answer: TrajectoryAt | None, error: str | None) -> None:
+            response.message = str(error)
+            if answer is not None:
+                response.success, response.message = answer.known, answer.text
+                response.name, response.position = list(answer.joints), answer.point.positions
+                response.velocity, response.acceleration = answer.point.velocities, answer.point.accelerations
+            reply(response)
+
+        self._ros.ask(QueryTrajectory(controller=self._controller, time=seconds(request.time)), fill)
+
+
+class SpeedScaling(Endpoint):
+    """The subscription of `~/speed_scaling_input`, once it is known that positions alone are commanded."""
+
+    def __init__(self, ros: Ros, controller: ControllerReading) -> None:
+        self._ros, self._controller = ros, controller.name
+        self._topic = f"{controller.name}/speed_scaling_input"
+        self._message: Any = interface("control_msgs/msg/SpeedScalingFactor")
+        self._subscription: object = None
+        self.on_controller(controller)
+
+    def on_controller(self, controller: ControllerReading) -> None:
+        """Be there once it is configured with positions."""
+        if self._subscription is None and controller.interface == "position":
+            self._subscription = self._ros.subscribe(self._message, self._topic, self._on_message, KEPT_DEFAULT)
+
+    def close(self) -> None:
+        """Leave the topic."""
+        if self._subscription is not None:
+            self._ros.unsubscribe(self._subscription)
+
+    def _on_message(self, message: RosMessage) -> None:
+        factor = message.factor
+        if not 0.0 <= factor < math.inf:
+            self._ros.warn(self._topic, f"{self._topic}: {factor:g} is no factor of a speed; give 0 or more")
+            return
+        request = ScaleTrajectory(controller=self._controller, factor=factor)
+        self._ros.hand_over(lambda: self._ros.ask(request, self._on_answer))
+
+    def _on_answer(self, _done: object, error: str | None) -> None:
+        if error is not None:
+            self._ros.warn(self._topic, f"{self._topic}: {error}")

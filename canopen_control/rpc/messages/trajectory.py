@@ -1,0 +1,130 @@
+"""What a running robot may be asked about the trajectories of a joint trajectory controller.
+
+A goal has an end that is told; a connection has one at a time, the one that it sent last. A trajectory that was set has
+none. SI units; times of points are seconds from the trajectory's start, stamps Unix seconds.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Final, Generic, TypeVar
+
+import msgspec
+
+from canopen_control.rpc.messages.declare import Done, Request
+from canopen_control.rpc.messages.samples import TrajectoryPoint
+
+__all__ = [
+    "MAX_POINTS", "CancelTrajectory", "FollowTrajectory", "QueryTrajectory", "ScaleTrajectory", "SendTrajectory",
+    "SetTrajectory", "TrajectoryAt", "TrajectoryData", "TrajectoryEnd", "TrajectoryResult", "TrajectoryTolerance",
+    "TrajectoryVerdict",
+]  # fmt: skip
+
+A = TypeVar("A")
+MAX_POINTS: Final = 20_000  # of a trajectory
+
+
+class TrajectoryTolerance(msgspec.Struct, frozen=True, kw_only=True):
+    """The largest errors of a joint (control_msgs/JointTolerance): 0 is that of the parameters, -1 none."""
+
+    joint: str
+    position: float = 0.0
+    velocity: float = 0.0
+    acceleration: float = 0.0
+
+
+class TrajectoryVerdict(msgspec.Struct, frozen=True, kw_only=True):
+    """Whether a goal was accepted; if not, the code of FollowJointTrajectory and why.
+
+    `feedback_rate` in Hz and `outlives_client` are what the controller's parameters want of who passes the goal on: how
+    often the client is told where the joints are, and whether the goal goes on when he is gone.
+    """
+
+    accepted: bool
+    error_code: int = 0
+    text: str = ""
+    feedback_rate: float = 20.0
+    outlives_client: bool = False
+
+
+class TrajectoryResult(msgspec.Struct, frozen=True, kw_only=True):
+    """How a goal ended: "succeeded", "canceled" or "aborted", the code of FollowJointTrajectory, and why."""
+
+    state: str
+    error_code: int
+    text: str
+
+
+class TrajectoryAt(msgspec.Struct, frozen=True, kw_only=True):
+    """What a trajectory says at a time; where it says nothing, where the joints are, and why not."""
+
+    known: bool
+    text: str = ""
+    joints: list[str] = []
+    point: TrajectoryPoint = TrajectoryPoint()
+
+
+class _Trajectory(Request[A], Generic[A], frozen=True, kw_only=True):
+    controller: str
+    joints: list[str]
+    points: list[TrajectoryPoint]
+    stamp: float | None = None
+    source: str | None = None
+    dead_man: bool = True
+
+
+class _Goal(_Trajectory[A], Generic[A], frozen=True, kw_only=True):
+    path_tolerance: tuple[TrajectoryTolerance, ...] = ()
+    goal_tolerance: tuple[TrajectoryTolerance, ...] = ()
+    goal_time_tolerance: float = 0.0
+
+
+class FollowTrajectory(_Goal[TrajectoryResult], frozen=True, kw_only=True):
+    """A trajectory as a goal of a joint trajectory controller; answered when it has ended.
+
+    One value for each of `joints`, or none at all, in each list of a point; they come after those of `trajectory_data`.
+    `stamp` is when it begins, null at once.
+    With `dead_man` the joints brake as soon as this connection is gone.
+    """
+
+
+class SendTrajectory(_Goal[TrajectoryVerdict], frozen=True, kw_only=True):
+    """The same, answered at once, also where it is refused; `trajectory_end` tells of its end."""
+
+
+class SetTrajectory(_Trajectory[Done], frozen=True, kw_only=True):
+    """A trajectory that is no goal, as ROS publishes it; a goal that is under way is judged by it from then on."""
+
+
+class TrajectoryData(Request[Done], frozen=True, kw_only=True):
+    """The first points of the trajectory that this connection sends next, for one that no single request can carry."""
+
+    points: list[TrajectoryPoint]
+
+
+class TrajectoryEnd(Request[TrajectoryResult], frozen=True, kw_only=True):
+    """The end of the goal that this connection has sent last; answered when it has ended."""
+
+
+class CancelTrajectory(Request[Done], frozen=True, kw_only=True):
+    """End the goal that a controller executes, whoever sent it: the joints brake and are held.
+
+    `own` true: only if it is this connection's. `why` is put into its result.
+    """
+
+    controller: str
+    own: bool = False
+    why: str | None = None
+
+
+class QueryTrajectory(Request[TrajectoryAt], frozen=True, kw_only=True):
+    """What the trajectory that a controller follows says at a time, in Unix seconds."""
+
+    controller: str
+    time: float
+
+
+class ScaleTrajectory(Request[Done], frozen=True, kw_only=True):
+    """Let the time of a controller's trajectories run slower or faster: 1 is as planned, 0 stands still."""
+
+    controller: str
+    factor: Annotated[float, msgspec.Meta(ge=0)]
