@@ -28,6 +28,10 @@ BUS_YML: dict[str, dict[str, str]] = {
         "sync_period": "us between two SYNCs, the cycle of the robot; 0: no SYNC, the controller manager's update_rate",
         "sync_window": "us that the synchronous PDOs may take; `check` says where they take longer",
         "sync_overflow": "the SYNC carries a counter up to this; written to the nodes (0x1019) too; 0: none",
+        "sync_order": "`last`: SYNC follows the RPDOs of its cycle, and drives act on them at once; `first`: SYNC "
+        "begins the cycle, and its RPDOs have a whole period to arrive, which is when drives act on them. A cycle that "
+        "follows another's SYNC comes half a period after it, with `first` an eighth",
+        "sync_producer": "who sends SYNC: the master, or `other`, a node of the bus, whose SYNC the cycle follows",
         "heartbeat_multiplier": "as in `options`, for the nodes of this bus",
         "heartbeat_producer": "ms between two heartbeats of the master; 0: 100",
         "boot_time": "ms that required nodes may take until they run; 0: for ever",
@@ -64,6 +68,8 @@ BUS_YML: dict[str, dict[str, str]] = {
         "position_mode": "mode of operation for a position interface: 1 profile position, 7 interpolated, 8 cyclic",
         "velocity_mode": "for a velocity interface: 2 velocity, 3 profile velocity, 9 cyclic",
         "effort_mode": "for an effort interface: 4 profile torque, 10 cyclic",
+        "feed_forward": "what is mapped beside the target position: `velocity` 0x60B1, `effort` 0x60B2; sent where the "
+        "controller of a position in CSP commands it too",
         "torque_mode": "another word for `effort_mode`",
         **_UNITS,
         "channels": "the units of each axis of a device with several, in their order; what is absent is the node's",

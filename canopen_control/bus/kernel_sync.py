@@ -47,6 +47,9 @@ class BcmSocket(Protocol):
 class KernelSync:
     """The task for one interface; `frames` are sent in turn, one each period."""
 
+    sender = "the kernel"
+    mending = "it is set up again"
+
     def __init__(
         self, interface: str, frames: Sequence[CanFrame], make_socket: Callable[[], BcmSocket] | None = None
     ) -> None:

@@ -152,6 +152,8 @@ MOTION = frozenset(
         TARGET_TORQUE,
         VL_TARGET_VELOCITY,
         INTERPOLATION_DATA,
+        VELOCITY_OFFSET,
+        TORQUE_OFFSET,
     )
 )
 """What moves an axis."""

@@ -74,7 +74,8 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         print(json_text({plan.name: _document(plan) for _, plan in chosen}))
     else:
-        print("\n".join(line for _, plan in chosen for line in _lines(plan, plan.writes)))
+        sync = [f"bus {name}: {config.master.sync_words()}" for name, config in buses.items()]
+        print("\n".join([*sync, *(line for _, plan in chosen for line in _lines(plan, plan.writes))]))
     return 0
 
 

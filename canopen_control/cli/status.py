@@ -26,6 +26,8 @@ RATE = 5.0  # Hz of the live table
 PLAIN_RATE = 1.0  # Hz where it is printed line by line
 _COLUMNS = ("node", "NMT", "CiA 402", "joint", "target", "actual rad/s", "position rad", "age ms")
 
+_TRACKING = ("tracking error", "max", "RMS", "max since enable", "RMS since enable", "repeated", "skipped")
+
 _ENDS = ("stopping", "stopped")
 _NO_AXIS = AxisReading("-")
 #: of a target, by the mode of operation that takes it
@@ -53,7 +55,8 @@ def run(args: argparse.Namespace) -> int:
         print(json_text(status))
     else:
         current = {name: line.strip() for name, line in _errors(status).items()}
-        more = [*_boot(status, current), *tell_causes(status.events, current)]
+        sync = [f"bus {name}: {bus.sync}" for name, bus in status.buses.items() if bus.sync]
+        more = [*sync, *_boot(status, current), *tell_causes(status.events, current)]
         print("\n".join([*render(status), *([""] if more else []), *more]))
     return 0
 
@@ -69,7 +72,20 @@ def render(state: Snapshot) -> list[str]:
     for name, joint in () if state.nodes else state.joints.items():
         table.add(("no drive", "-", "-", name, *_numbers(joint), "-"))  # mock, or simulated
     held = [state.hint] if state.hint else []
-    return [f"{head}, active: {', '.join(state.active) or 'none'}", *held, *table.lines(), *_errors(state).values()]
+    active = ", ".join(state.active) or "none"
+    return [f"{head}, active: {active}", *held, *table.lines(), *_tracking(state), *_errors(state).values()]
+
+
+def _tracking(state: Snapshot) -> list[str]:
+    """Return how well the joints follow, as far as any has moved under command."""
+    table = Table(_TRACKING)
+    known = [(name, joint.tracking) for name, joint in state.joints.items() if joint.tracking is not None]
+    for name, each in known:
+        unit = "rad" if each.interface == "position" else "rad/s"
+        errors = each.error_max, each.error_rms, each.error_max_since_enable, each.error_rms_since_enable
+        numbers = [f"{error:.2g} {unit}" for error in errors]
+        table.add((name, *numbers, f"{each.repeated}", f"{each.skipped}"))
+    return table.lines() if known else []
 
 
 def _errors(state: Snapshot) -> dict[str, str]:

@@ -88,9 +88,12 @@ class Axis:
         self.error_code = self.input(objects.ERROR_CODE)
         self.digital_inputs = self.input(objects.DIGITAL_INPUTS)
         self.digital_outputs = self.output(objects.DIGITAL_OUTPUTS, 1)
+        self.velocity_offset = self.output(objects.VELOCITY_OFFSET)
+        self.torque_offset = self.output(objects.TORQUE_OFFSET)
 
         self._targets = [(index, sub, out) for index, sub in _TARGETS if (out := self.output(index, sub)) is not None]
-        for moving in (self.controlword, self.mode, *(out for _, _, out in self._targets)):
+        offsets = self.velocity_offset, self.torque_offset
+        for moving in (self.controlword, self.mode, *offsets, *(out for _, _, out in self._targets)):
             if moving is not None:
                 moving.drive()
 

@@ -15,22 +15,18 @@ from canopen_control.cia402.events import FaultEntered
 from canopen_control.cia402.modes import OperationMode, require_mode
 from canopen_control.cia402.setpoint import SetPointReached, SetPointTaken
 from canopen_control.cia402.state import POWERED_STATES, State
-from canopen_control.errors import DriveError, RobotConfigError
-from canopen_control.hardware.axis import Axis, configured_machine
-from canopen_control.hardware.axis_parameters import AxisParameters
-from canopen_control.hardware.axis_power import RISING, Action, AxisPower, AxisState, Trigger
+from canopen_control.errors import DriveError
+from canopen_control.hardware.axis_power import RISING, Action, AxisState, Trigger
 from canopen_control.hardware.axis_status import BLIND_STOP_NS, AxisStatus
-from canopen_control.hardware.feedback import Feedback
-from canopen_control.hardware.homing_run import HomingPhase, HomingRun, Reference
+from canopen_control.hardware.homing_run import HomingPhase, HomingRun
 from canopen_control.hardware.interfaces import POSITION
-from canopen_control.hardware.joint_events import FaultReason, JointEvent, StatusWatch, joint_event_of
-from canopen_control.hardware.joint_targets import DIGITAL_OUTPUTS, JointTargets, listed_modes
+from canopen_control.hardware.joint_events import JointEvent, StatusWatch, joint_event_of
+from canopen_control.hardware.joint_parts import JointParts
+from canopen_control.hardware.joint_targets import listed_modes
 from canopen_control.hardware.stop_group import Base, StopGroup
 from canopen_control.master.event_log import Level
 
 if TYPE_CHECKING:
-    from canopen_control.cia402.drive import DriveMachine
-    from canopen_control.cia402.units import Scale
     from canopen_control.master.cycle import ProcessImage
     from canopen_control.master.remote_node import RemoteNode
     from canopen_control.urdf.ros2_control import ControlJoint
@@ -63,7 +59,7 @@ _STALE: Final = Link.STALE
 _LIVE: Final = Link.LIVE
 
 
-class JointDrive:
+class JointDrive(JointParts):
     """A joint bound to one axis of one node; the interfaces are what controllers claim.
 
     `power` is where it is in its statechart. `resume` is set by a stop whose cause may be mended without a user: the
@@ -71,10 +67,7 @@ class JointDrive:
     """
 
     def __init__(self, description: ControlJoint, node: RemoteNode, image: ProcessImage, axis: int = 0) -> None:
-        self.joint, self.node = description.name, node
-        self.axis = Axis(description.name, node, image, axis)
-        self.machine: DriveMachine = configured_machine(node)
-        self.parameters = AxisParameters(self.axis, self._on_parameters)
+        super().__init__(description, node, image, axis)
         self.stop_group: StopGroup[JointDrive] = StopGroup()
         """As the description has it; `group` is with what a base puts together."""
         self.group = self.stop_group
@@ -83,101 +76,11 @@ class JointDrive:
         self.resume = False
         self.stopped_by = ""
         """What it was stopped by since it was last enabled, none of its user's."""
-        self.targets: JointTargets = JointTargets(description, self.axis, self.machine, self.parameters)
-        self.commands = self.targets.commands
-        self.reference = Reference(self.axis, self.machine, self.parameters)
-        self.feedback = Feedback(description, self.axis)
-        self.states = self.feedback.states
-        self.reason = FaultReason(self.axis, self._on_error_code)
-        self.power = AxisPower(
-            self.machine,
-            [each for name, each in self.commands.items() if name != DIGITAL_OUTPUTS],
-            holds_load=_holds_load(description),
-        )
         self._watch = StatusWatch(self.axis, node.config.motion.following_error_action)
         self._status = AxisStatus(self.axis, self.machine, holds_load=self.power.holds_load)
         self._evaluations = -1
         self._link: Link = _GONE
         self._now = 0
-        self._blind_stop_ns = BLIND_STOP_NS
-        self._events: list[JointEvent] = []
-
-    # ------------------------------------------------------------------------------------------- what is
-
-    @property
-    def scale(self) -> Scale:
-        """Device units and SI."""
-        return self.axis.scale
-
-    @property
-    def state(self) -> State | None:
-        """The CiA 402 state, None while the node is not there."""
-        return self.machine.state if self.node.ready and self.axis.statusword.fresh else None
-
-    @property
-    def statusword(self) -> int | None:
-        """The newest statusword, None before the first."""
-        if self.axis.statusword.pdo.overdue:
-            return self.machine.statusword
-        return self.axis.statusword.value if self.axis.statusword.fresh else None
-
-    @property
-    def claimed(self) -> str | None:
-        """The command interface that a controller drives."""
-        return self.targets.claimed
-
-    @property
-    def wanted(self) -> bool:
-        """Whether it is to follow commands."""
-        return self.power.wanted
-
-    @property
-    def following(self) -> bool:
-        """Whether targets are followed now; the command interfaces say the same as `enabled`."""
-        return self.power.following
-
-    @property
-    def enabled(self) -> bool:
-        """Whether the drive follows commands."""
-        return self.power.following and self.node.ready
-
-    @property
-    def homing(self) -> HomingRun | None:
-        """The homing under way."""
-        return self.reference.homing
-
-    @property
-    def homed(self) -> bool:
-        """Whether its zero was found by a homing, and not lost since."""
-        return self.reference.known
-
-    @property
-    def may_rise(self) -> bool:
-        """Whether nothing but its group keeps it from being enabled."""
-        machine = self.machine
-        return machine.enabled or (machine.waiting and self.parameters.loaded)
-
-    @property
-    def standing(self) -> bool:
-        """Whether the drive reports (nearly) no motion."""
-        return self.feedback.standing
-
-    def age_ns(self, now: int) -> int | None:
-        """How old the newest statusword is."""
-        return self.axis.statusword.age_ns(now)
-
-    def has_come_to_rest(self, now: int) -> bool:
-        """Whether a stop may end in disabling the drive."""
-        if not self.node.ready or self.machine.state is not State.OPERATION_ENABLED:
-            return True
-        if self.axis.is_stale:
-            return now - self.power.since > self._blind_stop_ns
-        return self.power.state is AxisState.SETTLING and self.feedback.standing
-
-    def events(self) -> list[JointEvent]:
-        """Return what happened since the last call."""
-        happened, self._events = self._events, []
-        return happened
 
     # ------------------------------------------------------------------------------------------- verbs
 
@@ -197,6 +100,8 @@ class JointDrive:
         """Ask the drive into OPERATION_ENABLED; it follows commands from there. DriveError in a fault."""
         self.require_enable()
         self.resume, self.stopped_by = False, ""
+        self.targets.feed_forward.zero()
+        self.tracking.begin()
         self._fire(Trigger.ENABLE)
         for pdo in self.node.sent:
             pdo.changed = True  # whatever stands in the drive, its targets are at rest before it is enabled
@@ -289,8 +194,11 @@ class JointDrive:
             self._step_homing(self.reference.homing, now)
         elif power.state is _FOLLOWING:
             targets.follow(now, period)
+            if (command := targets.tracked) is not None:
+                self.tracking.step(command.value, self._measured[command.interface].value)
         elif power.state is AxisState.READY and self.machine.may_move:
             self._fire(Trigger.MAY_MOVE)
+            self.tracking.restart()
             targets.follow(now, period)
         elif power.falling:
             self._brake(period)
@@ -307,6 +215,8 @@ class JointDrive:
             self._events.append(JointEvent("direction", text, stops=True))
         if self.enabled:
             self.targets.hold_others()
+        if (foreign := self.targets.feed_forward.refused()) is not None:
+            self._events.append(JointEvent("feed_forward", foreign))
         if (refused := self._watch.refuses(self.targets.claimed)) is not None:
             self._events.append(JointEvent("target_refused", refused))
 
@@ -396,14 +306,6 @@ class JointDrive:
         if self.axis.is_stale:
             self._events.append(JointEvent("feedback_stale", "its feedback is stale", Level.ERROR, stops=True))
 
-    def _on_error_code(self, text: str) -> None:
-        self._events.append(JointEvent("error_code", text, Level.INFO))
-
-    def _on_parameters(self) -> None:
-        self.feedback.refresh_scale()
-        self.targets.refresh()
-        self._events += [JointEvent("parameters", text) for text in self.parameters.failed]
-
     def _step_homing(self, run: HomingRun, now: int) -> None:
         """Advance a homing by one cycle: enable in mode HM when its method is known, go back when it is over."""
         if run.phase is HomingPhase.KNOWN:
@@ -450,11 +352,3 @@ class JointDrive:
                 JointEvent("set_point", event.text, Level.INFO if isinstance(event, _FINE) else Level.WARNING)
                 for event in self.targets.current.events()
             ]
-
-
-def _holds_load(description: ControlJoint) -> bool:
-    """Read whether a joint's load would fall if its drive had no power; RobotConfigError for what is no truth value."""
-    text = description.parameters.get("holds_load", "false").strip().lower()
-    if text not in ("true", "false"):
-        raise RobotConfigError(f"joint {description.name}: holds_load is {text!r}; it is true or false")
-    return text == "true"

@@ -2,9 +2,9 @@
 
 The law of this file: bus.yml decides the mode where it says something, else the best mode that the drive lists (0x6502)
 and whose target an RPDO carries, cyclic before profile; what cannot be is refused before anything is sent. One
-interface of motion at a time. A mode change of an enabled drive is preceded by a cycle in
-which every target is at rest, since the new mode acts upon its target at once; whatever is not followed is held at the
-actual position, without velocity and effort.
+interface of motion at a time, but for what feeds a position forward (`feed_forward`). A mode change of an enabled drive
+is preceded by a cycle in which every target is at rest, since the new mode acts upon its target at once; whatever is
+not followed is held at the actual position, without velocity and effort.
 """
 
 from __future__ import annotations
@@ -22,11 +22,13 @@ from canopen_control.cia402.modes import (
 )
 from canopen_control.cia402.units import INT32_MIN
 from canopen_control.errors import DriveError, RobotConfigError
+from canopen_control.hardware.feed_forward import FEED_FORWARD, FeedForward
 from canopen_control.hardware.interfaces import EFFORT, POSITION, VELOCITY, CommandInterface
 from canopen_control.hardware.mode_targets import make_target, target_address
+from canopen_control.hardware.tracking import Tracking
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Collection
 
     from canopen_control.cia402.drive import DriveMachine
     from canopen_control.hardware.axis import Axis
@@ -50,7 +52,8 @@ _SERVED: Final = {
 class JointTargets:
     """The command interfaces of a joint and what becomes of them; RobotConfigError for one that no RPDO serves.
 
-    `claimed` is the command interface that a controller drives, `mode` the mode last asked for, `current` its target.
+    `claimed` is the command interface that a controller drives, `mode` the mode last asked for, `current` its target;
+    `tracked` the command whose `tracking` is watched, None where none is.
     """
 
     def __init__(
@@ -65,6 +68,9 @@ class JointTargets:
         self.mode: OperationMode | None = None
         self.current: ModeTarget | None = None
         self.pending: OperationMode | None = None  # a mode that waits for a cycle at rest
+        self.feed_forward = FeedForward(axis, self.commands)
+        self.tracking = Tracking()
+        self.tracked: CommandInterface | None = None
         self._axis, self._machine, self._parameters = axis, machine, parameters
         self._outputs = self.commands.get(DIGITAL_OUTPUTS)
         if self._outputs is not None:
@@ -86,9 +92,35 @@ class JointTargets:
         target = make_target(mode, self._axis, self._machine)
         return None if target is None else target.interface
 
-    def claim(self, interface: str | None) -> None:
-        """Let a controller's interface drive the joint, or none; the mode follows."""
+    def primary(self, interfaces: Collection[str]) -> str:
+        """Return which of the interfaces that are claimed together drives the joint; DriveError where none could.
+
+        Beside a position in CSP there may be its velocity and effort, whose offsets RPDOs carry.
+        """
+        if len(interfaces) == 1:
+            return next(iter(interfaces))
+        node, names = self._axis.node, " and ".join(interfaces)
+        if POSITION not in interfaces:
+            raise DriveError(f"joint {self._axis.joint}: {names} cannot be commanded together")
+        if (mode := self.mode_for(POSITION)) is not OperationMode.CSP:
+            raise DriveError(
+                f"joint {self._axis.joint}: {names} can be commanded together in mode CSP alone, and position is "
+                f"commanded in {mode.name}; give {node.name} position_mode: 8 in bus.yml, or command the position alone"
+            )
+        for each in interfaces:
+            if each != POSITION and not self.feed_forward.carries(each):
+                index = objects.VELOCITY_OFFSET if each == VELOCITY else objects.TORQUE_OFFSET
+                raise DriveError(
+                    f"joint {self._axis.joint}: {names} can be commanded together where an RPDO carries "
+                    f"0x{self._axis.index(index):04X}; give {node.name} feed_forward: [{each}] in bus.yml, or command "
+                    "the position alone"
+                )
+        return POSITION
+
+    def claim(self, interface: str | None, beside: Collection[str] = ()) -> None:
+        """Let a controller's interface drive the joint, or none; the mode follows. `beside`: what feeds it forward."""
         self.claimed = interface
+        self.feed_forward.claim(beside)
         if interface is not None:
             self.set_mode(self.mode_for(interface))
         self.refresh()
@@ -107,6 +139,7 @@ class JointTargets:
         self.pending = None
         self._machine.set_mode(mode)
         self.current = make_target(mode, self._axis, self._machine)
+        self.feed_forward.zero()
         self.refresh()
         self._held = None
 
@@ -118,6 +151,7 @@ class JointTargets:
         if self._held is None:
             if self.current is not None:
                 self.current.hold()
+            self.feed_forward.zero()
             self._machine.mode_bits = 0
         self._held = raw
         self._axis.hold(raw)
@@ -138,6 +172,8 @@ class JointTargets:
         current, self._held = self.current, None
         if current is None:
             return True
+        if self.feed_forward.fed:
+            self.feed_forward.zero()
         stands = current.slow(period)
         self._machine.mode_bits = current.bits
         return stands
@@ -155,6 +191,8 @@ class JointTargets:
                 value = command.minimum
             elif value > command.maximum:
                 value = command.maximum
+            if self.feed_forward.fed and self.mode is OperationMode.CSP:
+                self.feed_forward.follow(command, period)
         current.follow(value, now, period)
         if current.bits or current.handshakes:
             self._machine.mode_bits = current.bits
@@ -177,14 +215,22 @@ class JointTargets:
         current, command = self.current, self._command
         if command is not None:
             command.lowest, command.highest, command.span = -math.inf, math.inf, None
+        self.feed_forward.refresh()
         fits = current is not None and current.interface == self.claimed
         self._command = command = self.commands[self.claimed] if fits and self.claimed is not None else None
+        self._track(command if current is not None and current.tracks else None)
         if current is None or command is None:
             return
         if command.interface == POSITION:
             command.span = current.span
         else:
             command.lowest, command.highest = current.span()
+
+    def _track(self, command: CommandInterface | None) -> None:
+        self.tracked = command
+        name = "" if command is None else command.interface
+        if name != self.tracking.interface:
+            self.tracking.compare(name, positions=name == POSITION)
 
 
 def listed_modes(axis: Axis, parameters: AxisParameters) -> tuple[OperationMode, ...]:
@@ -222,19 +268,29 @@ def choose_mode(axis: Axis, parameters: AxisParameters, interface: str) -> Opera
     return mode_for_interface(interface, listed)
 
 
-def require_targets(axis: Axis, interfaces: Iterable[str]) -> None:
+def require_targets(axis: Axis, interfaces: Collection[str]) -> None:
     """Raise RobotConfigError for a command interface that no RPDO could serve, whatever the drive lists."""
     for name in interfaces:
         if name == DIGITAL_OUTPUTS:
             if axis.digital_outputs is None:
                 raise _unmapped(axis, name, "0x60FE:01")
+        elif name in FEED_FORWARD and POSITION in interfaces and _feeds(axis, name):
+            continue
         elif name not in _SERVED:
             raise RobotConfigError(
                 f"joint {axis.joint}: no command interface {name!r}; there are: {', '.join((*MOTION, DIGITAL_OUTPUTS))}"
             )
         elif not any(_is_mapped(axis, mode) for mode in _SERVED[name]):
             index, _ = target_address(_SERVED[name][0]) or (0, 0)
-            raise _unmapped(axis, name, f"0x{axis.index(index):04X}")
+            what = f"0x{axis.index(index):04X}"
+            if name in FEED_FORWARD and POSITION in interfaces:
+                what += f", or beside its position give feed_forward: [{name}],"
+            raise _unmapped(axis, name, what)
+
+
+def _feeds(axis: Axis, interface: str) -> bool:
+    """Whether an RPDO carries the offset of a command interface that has no target of its own."""
+    return (axis.velocity_offset if interface == VELOCITY else axis.torque_offset) is not None
 
 
 def _is_mapped(axis: Axis, mode: int) -> bool:

@@ -38,12 +38,14 @@ _DEFAULT_STOP_S: Final = 0.5  # of a ramp where the drive tells no deceleration
 class ModeTarget:
     """The target of one mode: what the modes share, and their verbs.
 
-    `output` carries it, `bits` are the mode's bits of the controlword; `handshakes` says that it has events of its own.
+    `output` carries it, `bits` are the mode's bits of the controlword; `handshakes` says that it has events of its own,
+    `tracks` that the axis is to be where the target is, or as fast, in every cycle.
     """
 
     interface = ""
     bits = 0
     handshakes = False
+    tracks = False
 
     def __init__(self, axis: Axis, output: Output) -> None:
         self._axis, self.output = axis, output
@@ -111,6 +113,7 @@ class VelocityTarget(ModeTarget):
     """PV and VL, where the drive ramps; and, `ramped` by the master, CSV."""
 
     interface = VELOCITY
+    tracks = True
 
     def __init__(self, axis: Axis, output: Output, *, ramped: bool = False, words: bool = False, bits: int = 0) -> None:
         super().__init__(axis, output)
@@ -196,6 +199,7 @@ class PositionTarget(_PositionTarget):
     """CSP and IP: a target for every SYNC, in steps the drive can make; the master's ramp ends the motion."""
 
     interface = POSITION
+    tracks = True
 
     def __init__(self, axis: Axis, output: Output, *, bits: int = 0) -> None:
         super().__init__(axis, output)

@@ -82,36 +82,25 @@ class CanopenSystem(Lifecycle):
         self.stop(self._now)
 
     def prepare_command_mode_switch(self, start: Sequence[str], stop: Sequence[str]) -> None:
-        """Check the switch: one interface of motion per joint, a mode that its drive has."""
-        wanted: dict[str, str] = {}
-        for name in start:
-            joint, interface = self._find(name)
-            if interface == DIGITAL_OUTPUTS:
-                continue
-            if wanted.setdefault(joint.joint, name) != name:
-                raise ControlError(
-                    f"joint {joint.joint}: {wanted[joint.joint]} and {name} cannot be commanded together"
-                )
+        """Check the switch: one interface of motion per joint, or a position with feed-forward, in a mode it has."""
+        for joint, interfaces in self._moved(start).items():
             if joint.claimed is not None and f"{joint.joint}/{joint.claimed}" not in stop:
                 raise ControlError(
                     f"joint {joint.joint} is commanded by {joint.claimed}; deactivate that controller first"
                 )
-            joint.targets.mode_for(interface)
+            joint.targets.mode_for(joint.targets.primary(interfaces))
 
     def perform_command_mode_switch(self, start: Sequence[str], stop: Sequence[str]) -> None:
         """Stop what is released, set the mode of what is claimed and enable it; nothing here waits."""
-        starting = [found for name in start if (found := self._find(name))[1] != DIGITAL_OUTPUTS]
-        staying = {joint.joint for joint, _ in starting}
-        for name in stop:
-            joint, interface = self._find(name)
-            if interface == DIGITAL_OUTPUTS:
-                continue
+        starting = self._moved(start)
+        for joint in self._moved(stop):
             joint.targets.claim(None)
-            if joint.joint not in staying:
+            if joint not in starting:
                 joint.stop(self._now)
-        for joint, interface in starting:
-            joint.targets.claim(interface)
-        enable_together([joint for joint, _ in starting], self._now, self._report)  # the switch is decided
+        for joint, interfaces in starting.items():
+            primary = joint.targets.primary(interfaces)
+            joint.targets.claim(primary, [each for each in interfaces if each != primary])
+        enable_together(list(starting), self._now, self._report)  # the switch is decided
 
     def read(self, now: int, period: float) -> ReturnType:  # noqa: ARG002 - the verb of every component
         """Latch the newest process data."""
@@ -176,6 +165,21 @@ class CanopenSystem(Lifecycle):
         return all(
             not joint.node.ready or (joint.power.state in STOPPED and joint.machine.reached) for joint in self.joints
         )
+
+    def _moved(self, interfaces: Sequence[str]) -> dict[JointDrive, list[str]]:
+        """Return the joints that these interfaces move, and by which of theirs."""
+        found: dict[JointDrive, list[str]] = {}
+        for name in interfaces:
+            joint, interface = self._find(name)
+            if interface != DIGITAL_OUTPUTS:
+                found.setdefault(joint, []).append(interface)
+        return found
+
+    def skipped(self, edges: int) -> None:
+        """Take that so many edges of the grid were skipped before this cycle."""
+        for joint in self.joints:
+            if joint.power.following:
+                joint.tracking.skip(edges)
 
     def _find(self, interface: str) -> tuple[JointDrive, str]:
         if (joint := self._by_interface.get(interface)) is None:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from canopen_control.cia402.objects import AXES, INTERPOLATION_TIME_PERIOD, axis_index
 from canopen_control.errors import SdoAbort, SdoTimeout
 from canopen_control.master.boot_pdos import configure_pdo
 from canopen_control.master.compare import final_values, groups, matches, needed, reads_of
@@ -29,6 +30,7 @@ SAVE = b"save"
 STORE_NS = 20_000_000_000  # a node that writes its flash answers late
 _FIRST_OWN = 0x2000  # below it stand the objects of the network
 _ABORT_CONNECTION = 0x6007
+_INTERPOLATION = frozenset(axis_index(INTERPOLATION_TIME_PERIOD, axis) for axis in range(AXES))
 _SUPERVISION = frozenset((0x1016, 0x1017, 0x1029, _ABORT_CONNECTION))
 
 
@@ -118,7 +120,10 @@ def _differs(plan: NodePlan, write: PlannedWrite, after: bytes, transfers: BootT
     text = f"{_what(write)} holds 0x{after[::-1].hex()} after 0x{write.data[::-1].hex()} was written"
     if write.index < _FIRST_OWN or write.index == _ABORT_CONNECTION:
         raise boot_error(plan, "J", text)
-    transfers.warnings.append(f"{text}; the node limits or rounds it")
+    why = "; the node limits or rounds it"
+    if write.index in _INTERPOLATION:
+        why = "; the node rounds it: positions are interpolated over another time than SYNC's; take another sync_period"
+    transfers.warnings.append(text + why)
 
 
 def _what(write: PlannedWrite) -> str:

@@ -9,7 +9,7 @@ themselves, and what this package adds to them, are in `keys.py`.
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -58,7 +58,7 @@ _IGNORED_ID = 255  # a node that ros2_canopen's generator leaves out
 class BusConfig:
     """A bus: its master, its nodes by name, and for each node the dictionary and the plan.
 
-    `period_line` is where sync_period stands, 0 where it does not.
+    `period_line` is where sync_period stands, 0 where it does not; `sections` are the nodes in the file by name.
     """
 
     path: str
@@ -71,6 +71,11 @@ class BusConfig:
     notes: tuple[str, ...]
     eds_issues: dict[Path, list[Issue]]
     period_line: int = 0
+    sections: dict[str, Node] = field(default_factory=dict, repr=False)
+
+    def place(self, name: str, key: str) -> Node:
+        """Return where a dotted key of a node stands, such as `rpdo.1.mapping`, as near as the file has it."""
+        return _place(self.sections[name], key)
 
 
 def read_bus(path: str | Path, *, peer_merge: bool = False) -> BusConfig:
@@ -124,6 +129,7 @@ class _Reader:
             tuple(f"{self._path}: {key}: {why}" for key, why in sorted(self._unused.items())),
             self._sources.issues,
             self._period_line(),
+            {name: node for name, (_, node) in nodes.items()},
         )
 
     # ------------------------------------------------------------------------------------------- sections
@@ -208,7 +214,7 @@ class _Reader:
                 for layout in layouts:
                     whose = f"{kind.upper()} {layout.number} of {name}"
                     if (first := owner.setdefault(layout.cob_id, whose)) != whose:
-                        place = self._place(nodes[name][1], f"{kind}.{layout.number}.cob_id")
+                        place = _place(nodes[name][1], f"{kind}.{layout.number}.cob_id")
                         place.error(f"COB-ID 0x{layout.cob_id:03X} of {whose} is already that of {first}")
 
     # ------------------------------------------------------------------------------------------- one node's files
@@ -228,11 +234,11 @@ class _Reader:
         self, master: MasterConfig, config: NodeConfig, node: Node, od: ObjectDictionary, eds_path: Path
     ) -> NodePlan:
         def complain(key: str, text: str) -> None:
-            place = self._place(node, key)
+            place = _place(node, key)
             place.error(_named(config, place, text))
 
         def warn(key: str, text: str) -> None:
-            place = self._place(node, key)
+            place = _place(node, key)
             place.warning(_named(config, place, text))
 
         plan = make_plan(
@@ -268,19 +274,19 @@ class _Reader:
             place.error(f"{config.boot.configuration_file}: {error}")
         return ()
 
-    @staticmethod
-    def _place(node: Node, key: str) -> Node:
-        """Find the node of a dotted key such as `rpdo.1.mapping` or `sdo[3]`, as near as the file has it."""
-        place = node
-        for part in key.replace("[", ".").replace("]", "").split("."):
-            if part.isdigit() and (elements := place.elements()):
-                found: Node | None = elements[int(part)] if int(part) < len(elements) else None
-            else:
-                found = place.get(part)
-            if found is None:
-                break
-            place = found
-        return place
+
+def _place(node: Node, key: str) -> Node:
+    """Find the node of a dotted key such as `rpdo.1.mapping` or `sdo[3]`, as near as the file has it."""
+    place = node
+    for part in key.replace("[", ".").replace("]", "").split("."):
+        if part.isdigit() and (elements := place.elements()):
+            found: Node | None = elements[int(part)] if int(part) < len(elements) else None
+        else:
+            found = place.get(part)
+        if found is None:
+            break
+        place = found
+    return place
 
 
 def _named(config: NodeConfig, place: Node, text: str) -> str:

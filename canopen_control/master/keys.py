@@ -39,6 +39,7 @@ __all__ = [
 ]
 
 DEFAULT_HEARTBEAT_MS = 100  # where bus.yml asks for none: a dead partner is always noticed
+DEFAULT_BOOT_MS = 5000
 SCALES = ("scale_pos_to_dev", "scale_pos_from_dev", "scale_vel_to_dev", "scale_vel_from_dev")
 
 #: keys of ros2_canopen's `master` that have no effect here, and what takes their place
@@ -142,15 +143,29 @@ class MasterConfig:
     sync_period: int = setting(0, low=0, high=10_000_000)
     sync_window: int = setting(0, low=0, high=10_000_000)
     sync_overflow: int = setting(0, choices=(0, *range(2, 241)))
+    sync_order: Literal["first", "last"] = "last"
+    sync_producer: Literal["master", "other"] = "master"
     heartbeat_multiplier: float | None = setting(None, low=1.0, high=100.0)
     heartbeat_producer: int = setting(0, low=0, high=0xFFFF)
-    boot_time: int = setting(5000, low=0, high=3_600_000)
+    boot_time: int = setting(DEFAULT_BOOT_MS, low=0, high=3_600_000)
     boot_timeout: int | None = setting(None, low=1, high=600_000)
 
     @property
     def heartbeat_ms(self) -> int:
         """Period of the master's own heartbeat."""
         return self.heartbeat_producer or DEFAULT_HEARTBEAT_MS
+
+    def sync_words(self, *, by_kernel: bool = False) -> str:
+        """Say who sends SYNC, how often, and how it lies to the RPDOs of a cycle."""
+        if not self.sync_period:
+            return "no SYNC"
+        every = f"SYNC every {self.sync_period / 1000:g} ms"
+        first = self.sync_order == "first"
+        if by_kernel or self.sync_producer == "other":
+            who = "by the kernel" if by_kernel else "by another node"
+            return f"{every} {who}, the cycle follows {'an eighth of' if first else 'half'} a period after it"
+        where = "before" if first else "after"
+        return f"{every}, {where} the RPDOs of its cycle (sync_order: {self.sync_order})"
 
 
 @dataclass(frozen=True)
@@ -266,6 +281,7 @@ class MotionKeys:
     velocity_mode: int | None = setting(None, low=-128, high=127)
     effort_mode: int | None = setting(None, low=-128, high=127)
     torque_mode: int | None = setting(None, low=-128, high=127)  # what the other documentation calls effort_mode
+    feed_forward: list[Literal["velocity", "effort"]] = field(default_factory=list)
     homing_timeout_seconds: float = setting(10.0, low=0.001, high=3600.0)
     recovery: Literal["boot", "enable"] = "boot"
     following_error_action: Literal["stop", "warn", "ignore"] = "stop"

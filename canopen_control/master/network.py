@@ -136,17 +136,20 @@ class Network:
         return records
 
     def cycle(self, *, sync: bool) -> bytes:
-        """Return the records of one cycle: RPDOs that are due, then SYNC.
+        """Return the records of one cycle: RPDOs that are due, then SYNC unless somebody else sends it."""
+        return self.image.collect(self.sync_record() if sync else b"")
 
-        With a counter SYNC is made anew for each cycle, without one it is always the same record. One that somebody
-        else sends is not among them.
+    def sync_record(self) -> bytes:
+        """Return the record of the next SYNC, b"" where somebody else sends it.
+
+        With a counter it is made anew for each cycle, without one it is always the same.
         """
-        if not sync or self._sync_elsewhere:
-            return self.image.collect()
+        if self._sync_elsewhere:
+            return b""
         if self._sync_record:
-            return self.image.collect(self._sync_record)
+            return self._sync_record
         frame = self.sync.frame()
-        return self.image.collect(RECORD.pack(frame.can_id, len(frame.data), frame.data))
+        return RECORD.pack(frame.can_id, len(frame.data), frame.data)
 
     def synced(self, now: int) -> None:
         """Count what the SYNC before the one just sent was not answered; whoever sends it."""

@@ -18,6 +18,8 @@ from typing import TYPE_CHECKING
 from canopen_control.cia301.heartbeat import consumer_entry
 from canopen_control.cia402.objects import AXES, CONTROLWORD, STATUSWORD, axis_index
 from canopen_control.master.plan_builder import PdoLayout, PlanBuilder, PlannedWrite
+from canopen_control.master.plan_feed_forward import add_feed_forward
+from canopen_control.master.plan_interpolation import plan_interpolation
 from canopen_control.master.plan_pdos import is_pdo_record, plan_downloaded_pdos, plan_pdos
 
 if TYPE_CHECKING:
@@ -30,7 +32,7 @@ __all__ = ["CONSUMER", "Identity", "NodePlan", "PdoLayout", "PlanInput", "Planne
 
 CONSUMER, PRODUCER, GUARD_TIME, LIFE_TIME, ERROR_BEHAVIOUR = 0x1016, 0x1017, 0x100C, 0x100D, 0x1029
 TIME_COB_ID, SYNC_OVERFLOW = 0x1012, 0x1019
-ABORT_CONNECTION, INTERPOLATION = 0x6007, 0x60C2
+ABORT_CONNECTION = 0x6007
 STOPPED = 2  # 0x1029: to NMT stopped
 FAULT_REACTION = 1  # 0x6007: malfunction, then the fault reaction of 0x605E
 _MILLISECOND = 1_000_000
@@ -108,10 +110,11 @@ def make_plan(given: PlanInput) -> NodePlan:
     heartbeat_ms = _plan_error_control(builder, given.master)
     _plan_sync_counter(builder, given.master)
     _plan_downloads(builder)
+    add_feed_forward(builder, tuple(_axes(od)))
     for kind in ("rpdo", "tpdo"):
         plan_pdos(builder, kind)
     _plan_sdo_list(builder)
-    _plan_interpolation(builder, given.master.sync_period)
+    plan_interpolation(builder, tuple(_axes(od)), given.master.sync_period)
     return NodePlan(
         node.name,
         node.node_id,
@@ -268,70 +271,6 @@ def _plan_sdo_list(builder: PlanBuilder) -> None:
             )
         seen[address] = entry.value
         builder.write(*address, _signature(entry.value), f"sdo[{number}]")
-
-
-def _plan_interpolation(builder: PlanBuilder, sync_period_us: int) -> None:
-    """Interpolate over the SYNC period; where bus.yml says another time it is written, and warned of."""
-    if not sync_period_us:
-        return
-    for offset in _axes(builder.od):
-        index = INTERPOLATION + offset
-        if (index, 1) not in builder.od:
-            continue
-        if builder.asked_for(index):
-            _compare_interpolation(builder, index, sync_period_us)
-        else:
-            _add_interpolation(builder, index, sync_period_us)
-
-
-def _compare_interpolation(builder: PlanBuilder, index: int, sync_period_us: int) -> None:
-    asked = builder.asked_value(index, 1), builder.asked_value(index, 2)
-    if None not in asked and asked != _interpolation(sync_period_us):
-        number = next((n for n, entry in enumerate(builder.node.boot.sdo) if entry.index == index), 0)
-        builder.warn(
-            f"sdo[{number}]",
-            f"0x{index:04X} is {asked[0]} * 10^{asked[1]} s, SYNC comes every {sync_period_us / 1e6:g} s: "
-            "positions would be interpolated over the wrong time",
-        )
-
-
-def _add_interpolation(builder: PlanBuilder, index: int, sync_period_us: int) -> None:
-    """Add the SYNC period, in the drive's own unit where that cannot be written (it is `ro` in one EDS out of six)."""
-    value, exponent = _interpolation(sync_period_us)
-    reason = "interpolation over the SYNC period"
-    if not builder.can_write(index, 2):
-        fixed = builder.signed_default(index, 2)
-        fitting = None if fixed is None else _in_unit(sync_period_us, fixed)
-        if fitting is None:
-            unit = "an unknown unit" if fixed is None else f"10^{fixed} s"
-            builder.warn(
-                "dcf",
-                f"0x{index:04X}:02, the unit of the interpolation period, cannot be written, and {sync_period_us} us "
-                f"cannot be told in {unit}; done without ({reason})",
-            )
-            return
-        value = fitting
-    builder.write(index, 1, value, "dcf", reason, optional=True)
-    if builder.can_write(index, 1) and builder.can_write(index, 2):
-        builder.write(index, 2, exponent, "dcf", reason, optional=True)
-
-
-def _in_unit(period_us: int, exponent: int) -> int | None:
-    """Return a period as a whole number of 10^exponent seconds, None where it is none of one byte."""
-    if not -9 <= exponent <= 1:
-        return None
-    value, rest = divmod(period_us * 1000, 10 ** (exponent + 9))
-    return value if not rest and 0 < value <= 0xFF else None
-
-
-def _interpolation(period_us: int) -> tuple[int, int]:
-    """Return value and power of ten of a period in seconds, the value in one byte."""
-    value, exponent = period_us, -6
-    while value % 10 == 0 or value > 0xFF:
-        value, exponent = (value // 10 if value % 10 == 0 else round(value / 10)), exponent + 1
-        if exponent == -3 and value <= 0xFF:
-            break
-    return value, exponent
 
 
 def _signature(value: object) -> object:

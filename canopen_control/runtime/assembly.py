@@ -34,8 +34,8 @@ __all__ = ["Assembly"]
 class Assembly:
     """The parts by their names; `systems` are the components on buses. RobotConfigError for what cannot be built.
 
-    `report` takes the events of nodes and joints, `on_lost` the end of a bus, `lead` the SYNCs of the kernel where it
-    sends them.
+    `report` takes the events of nodes and joints, `on_lost` the end of a bus, `lead` the SYNCs that
+    somebody else sends.
     """
 
     setup: RobotSetup
@@ -82,6 +82,8 @@ class Assembly:
             )
             if setup.kernel_sync:  # all buses have one period, and one of them leads the cycle
                 bus.leave_sync_to_kernel(None if self.buses else self.lead)
+            elif config.master.sync_period and config.master.sync_producer == "other":
+                bus.follow_sync(None if self.buses else self.lead)
             self.buses[name] = bus
             self.nodes.update(bus.network.nodes)
             self.bus_by_node.update(dict.fromkeys(bus.network.nodes, bus))
@@ -93,5 +95,9 @@ class Assembly:
         except RobotConfigError as error:
             raise RobotConfigError(f"{self.setup.files.description}:{tag.place.line}: {error}") from error
         self.systems.append(system)
+        ratios = {each.joint: 1.0 / each.reduction for each in tag.transmissions}
+        for joint in system.joints:
+            late = self.bus_by_node[joint.node.name].sends_sync_first
+            joint.tracking.pace(self.setup.cycle_ns / 1e9, late=late, factor=ratios.get(joint.joint, 1.0))
         self.joints.update((joint.joint, joint) for joint in system.joints)
         self.registry.register(transmitted(system, tag))

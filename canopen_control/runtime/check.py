@@ -18,6 +18,7 @@ from canopen_control.master.budget import HIGH, budget_of
 from canopen_control.master.config import inspect_bus
 from canopen_control.runtime import check_rules
 from canopen_control.runtime.check_data import Finding, Severity, sorted_findings
+from canopen_control.runtime.check_timing import check_timing
 from canopen_control.runtime.core import RobotCore
 from canopen_control.runtime.setup import clashes_of, read_robot
 from canopen_control.urdf.description import read_description
@@ -99,6 +100,7 @@ class _Checker:
         for name, config in self._whole.items():
             self.budgets[name] = budget = budget_of(config, _period_ns(config, control))
             self.findings += _judged(config, budget, control)
+            self.findings += check_timing(config, control, description)
         if not any(finding.severity is Severity.ERROR for finding in self.findings):
             self._build()
 

@@ -259,10 +259,27 @@ def _update_rate(robot: CheckedRobot) -> Iterator[Finding]:
         text = f"update_rate {rate} Hz is more than the bus carries: the SYNC of {bus.path} comes at {cycle:g} Hz"
         fix = f"set update_rate: {cycle:g}, or sync_period: {1_000_000 // rate}"
         yield Finding(control.path, line, Severity.WARNING, text, fix)
+    elif line and sync and abs(1_000_000 / (rate * sync) - _whole(1_000_000 / (rate * sync))) > UNEVEN:
+        cycle, syncs = 1_000_000 / sync, _whole(1_000_000 / (rate * sync))
+        text = (
+            f"update_rate {rate} Hz and the SYNC of {bus.path} at {cycle:g} Hz are no whole multiples: controllers run "
+            f"with {'each SYNC' if syncs == 1 else f'one of {syncs} SYNCs'}, at {cycle / syncs:g} Hz"
+        )
+        fix = f"set update_rate: {cycle / syncs:g}, or sync_period: {1_000_000 / rate / syncs:g}"
+        yield Finding(control.path, line, Severity.WARNING, text, fix)
     elif line and 0 < rate * sync * 1.5 < 1_000_000:  # a rate that is nearer to the cycle's is the cycle's
         cycle = 1_000_000 / sync
         text = f"controllers run at {rate} Hz, though the SYNC of {bus.path} comes at {cycle:g} Hz"
         yield Finding(control.path, line, Severity.NOTE, text, f"set update_rate: {cycle:g} to have them in each cycle")
+
+
+UNEVEN: Final = 0.01
+"""SYNCs between two runs of the controllers that differ by less from a whole number are one."""
+
+
+def _whole(syncs: float) -> int:
+    """Return after how many SYNCs controllers run that want to after so many: the nearest, of two the fewer."""
+    return max(1, math.ceil(syncs - 0.5))
 
 
 def _publish_rates(robot: CheckedRobot) -> Iterator[Finding]:

@@ -1,8 +1,8 @@
 """The robot in its one thread: buses, hardware, controllers, and the cycle that runs through them.
 
-The law of this file: a cycle is read, update, write, on absolute deadlines, and no exception of a node, a controller or
-a client ends it. Nothing moves before a controller is active; whatever ends the robot (a user, a signal, the end of its
-time, a lost bus) ends it by the same stop: targets to zero, the drives' own ramps, disable, and only then the bus.
+The law of this file: no exception of a node, a controller or a client ends the cycle (`robot_cycle`). Nothing moves
+before a controller is active; whatever ends the robot (a user, a signal, the end of its time, a lost bus) ends it by
+the same stop: targets to zero, the drives' own ramps, disable, and only then the bus.
 """
 
 from __future__ import annotations
@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Final
 from canopen_control.controllers.manager import ControllerManager
 from canopen_control.errors import BusError, CanopenError
 from canopen_control.hardware.command_limits import CommandLimits
-from canopen_control.hardware.interfaces import ERROR
 from canopen_control.hardware.joint import Action
 from canopen_control.hardware.stop_group import regroup
 from canopen_control.master.event_log import Event, EventLog, Level
@@ -35,6 +34,7 @@ from canopen_control.runtime.readiness import (
     by_stop_group,
     cause,
     claimed_off,
+    cost_of_skipping,
     ending,
     hint,
     in_fault,
@@ -43,6 +43,7 @@ from canopen_control.runtime.readiness import (
     why_not_started,
 )
 from canopen_control.runtime.robot_bus import RobotBus
+from canopen_control.runtime.robot_cycle import RobotCycle
 from canopen_control.runtime.startup_controllers import prepare_controllers, require_active, switch_controllers
 from canopen_control.urdf.wheels import WheelGeometry
 
@@ -51,7 +52,6 @@ if TYPE_CHECKING:
 
     from canopen_control.controllers.trajectory.goal import Goal
     from canopen_control.controllers.trajectory.point import JointTrajectory
-    from canopen_control.hardware.interfaces import HardwareComponent
     from canopen_control.host.reactor import Reactor
     from canopen_control.master.remote_node import RemoteNode
     from canopen_control.runtime.setup import RobotSetup
@@ -74,14 +74,10 @@ class RobotState(enum.Enum):
     STOPPED = "stopped"
 
 
-_RUNNING: Final = RobotState.RUNNING  # for every cycle, see `hardware.interfaces.OK`
-
-
 class RobotCore:
     """Everything between the ports and the API; `failure` says why the run failed.
 
-    `on_running` and `on_stopped` are called once each, `on_event` with every event, `after_cycle` after every cycle;
-    `sent_at` is when the newest cycle's frames had left.
+    `on_running` and `on_stopped` are called once each, `on_event` with every event, `after_cycle` after every cycle.
     """
 
     def __init__(self, setup: RobotSetup, reactor: Reactor) -> None:
@@ -94,10 +90,9 @@ class RobotCore:
         self.after_cycle: list[Callable[[int], None]] = []
         self.wall_offset_ns = time.time_ns() - reactor.now()
         self.commander: str | None = None
-        self.sent_at = 0
         self.latch = StopLatch(self.report)
-        self.pacer = Pacer(reactor, setup.cycle_ns, self._step)
-        self._period = setup.cycle_ns / 1e9
+        self.pacer = Pacer(reactor, setup.cycle_ns)
+        self.pacer.phase.behind_ns = setup.phase_ns
         made = Assembly(setup, reactor, self.report, self._on_bus_lost, self.pacer.lead)
         self.registry, self.buses, self.nodes = made.registry, made.buses, made.nodes
         self.joints, self.systems, self._bus_by_node = made.joints, made.systems, made.bus_by_node
@@ -112,6 +107,8 @@ class RobotCore:
         self.manager.why_waiting = partial(refusal, self.joints)
         self.manager.explain = partial(cause, self.joints)
         self.manager.running.divide = partial(by_stop_group, self.joints)
+        self.cycle = RobotCycle(self.pacer, made, self.manager, reactor, self._advance, self._after)
+        self.pacer.on_edge = self.cycle.step
         self._phase = RobotState.STARTING
         self._activated = self._was_latched = False
         self._deadline = 0
@@ -181,7 +178,7 @@ class RobotCore:
             return
         now = self.reactor.now()
         self.report(Event(now, "stopping", "", f"stopping: {why}"))
-        self._phase = RobotState.STOPPING
+        self._phase, self.cycle.advance = RobotState.STOPPING, self._advance
         self._stopping_until = now + STOP_TIMEOUT_NS
         self.manager.running.forget(now, f"the robot is stopping ({why})")
         self._release_all(now)
@@ -303,47 +300,13 @@ class RobotCore:
 
     # ------------------------------------------------------------------------------------------- cycle
 
-    def _cycle(self, now: int) -> None:
-        """Do a cycle with all that has come; for those who do not leave the ports to the reactor."""
-        for bus in self.buses.values():
-            bus.receive()
-        self._step(now)
-
-    def _step(self, now: int) -> None:
-        """Do a cycle; the reactor serves the ports in every turn and before its timers, so all that came is read."""
-        period, components = self._period, self.registry.components
-        for component in components:
-            if component.read(now, period) is ERROR:
-                self._component_failed(component, "read", now)
-        if self._phase is not _RUNNING:
-            self._advance(now)
-        self.manager.update(now, period)
-        for component in components:
-            if component.write(now, period) is ERROR:
-                self._component_failed(component, "write", now)
-        for bus in self.buses.values():
-            bus.send_cycle(now)
-        self.sent_at = self.reactor.now()
-        self.manager.broadcast(now, period)
-        self._supervise(now)
-        self._after(now)
-
-    def _supervise(self, now: int) -> None:
-        """Let time pass for what acts in the next cycle: heartbeats, time-outs, what is looked at now and then."""
-        for bus in self.buses.values():
-            bus.tick(now)
-        for system in self.systems:
-            system.supervise(now)
-
-    def _component_failed(self, component: HardwareComponent, verb: str, now: int) -> None:
-        self.manager.deactivate_using(component, f"{component.name} reported an error on {verb}", now)
-
     def _after(self, now: int) -> None:
         """Tell what the cycle, whose frames are on their way, has brought."""
         if self._requests:
             self._requests = [request for request in self._requests if not request.settle(now)]
         if missed := self.pacer.newly_missed(now):
             text = f"a cycle was missed, {self.pacer.late_max / 1e6:.0f} ms late at worst; is the machine busy?"
+            text += cost_of_skipping(self.joints.values())
             self.report(Event(now, "cycle_missed", "", text, Level.WARNING, count=missed))
         for event in self.manager.events():
             self.report(Event(now, event.kind, "", event.text, _CONTROLLER_LEVELS.get(event.kind, Level.WARNING)))
@@ -369,7 +332,7 @@ class RobotCore:
             for system in self.systems if self._was_latched else ():
                 system.stop(now)  # a release enables nothing
         elif self._activated and (settled(self.nodes.values(), self.joints.values()) or now > self._deadline):
-            self._phase = RobotState.RUNNING
+            self._phase, self.cycle.advance = RobotState.RUNNING, None
             self.report(Event(now, "running", "", f"{self.setup.name} runs: {', '.join(self.setup.to_activate)}"))
             if self.on_running is not None:
                 self.on_running()

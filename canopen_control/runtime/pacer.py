@@ -2,13 +2,16 @@
 
 The law of this file: the n-th edge is start + n * period, whatever happened before it. A cycle that comes more than a
 period late skips the edges it missed, counts them, and goes on with the next one on the grid: SYNCs are never sent in
-a burst to catch up. Another clock of the same period may lead the grid; without its ticks it goes on by itself.
+a burst to catch up. Another clock of the same period may lead the grid (`sync_phase`); without its ticks it goes on by
+itself.
 """
 
 from __future__ import annotations
 
 from bisect import bisect_left
 from typing import TYPE_CHECKING
+
+from canopen_control.runtime.sync_phase import SyncPhase
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -21,19 +24,23 @@ LATE_EDGES_NS = tuple(1000 * us for us in (10, 20, 50, 100, 200, 500, 1000, 2000
 
 
 class Pacer:
-    """Calls `work(now)` on every edge; times in ns.
+    """Calls `on_edge(now)` on every edge; times in ns.
 
+    Meanwhile `edge` is the edge that the cycle is of, the newest one, and `skipped` how many before it were missed.
+    `phase` is where another clock's ticks want the edges, half a period after them unless it is told otherwise.
     `late_max` is the worst lateness, `work_max` what the longest cycle took, `work` what the newest one did.
     `late_counts[i]` counts the cycles that came at most `LATE_EDGES_NS[i]` late, and later than the edge before it; the
     last one counts the rest.
     """
 
-    def __init__(self, reactor: Reactor, period_ns: int, work: Callable[[int], None]) -> None:
+    def __init__(self, reactor: Reactor, period_ns: int, on_edge: Callable[[int], None] = lambda _now: None) -> None:
         self.period_ns = period_ns
         self.count = self.missed = 0
         self.late_max = self.work_max = self.work = 0
         self.late_counts = [0] * (len(LATE_EDGES_NS) + 1)
-        self._reactor, self._work = reactor, work
+        self.edge = self.skipped = 0
+        self.phase = SyncPhase(period_ns, period_ns // 2)
+        self.on_edge, self._reactor = on_edge, reactor
         self._edge = self._told = self._tell_at = 0
         self._timer: Timer | None = None
 
@@ -62,19 +69,12 @@ class Pacer:
             self._timer = None
 
     def lead(self, tick: int) -> None:
-        """Shift the grid to half a period after the ticks of another clock, of which one was seen at `tick`.
-
-        One may be seen late, never early: a shift to earlier is made at once, one to later only by an eighth, so that
-        the grid follows the earliest of many. A difference of a sixty-fourth stays.
-        """
+        """Keep the grid in phase with another clock, of which a tick was seen at `tick`."""
         if self._timer is None:
             return
-        half = self.period_ns // 2
-        shift = (tick + half - self._edge + half) % self.period_ns - half
-        if abs(shift) <= self.period_ns // 64:
-            return
-        self._timer.cancel()
-        self._arm(self._edge + (shift // 8 if 0 < shift < half // 2 else shift))
+        if shift := self.phase.heard(tick, self._edge):
+            self._timer.cancel()
+            self._arm(self._edge + shift)
 
     def _arm(self, edge: int) -> None:
         self._edge = edge
@@ -83,13 +83,14 @@ class Pacer:
     def _on_edge(self) -> None:
         now = self._reactor.now()
         late = now - self._edge
-        skipped = late // self.period_ns
+        self.skipped = skipped = late // self.period_ns
+        self.edge = edge = self._edge + skipped * self.period_ns
         self.missed += skipped
         self.count += 1
         self.late_max = max(self.late_max, late)
         self.late_counts[bisect_left(LATE_EDGES_NS, late)] += 1
-        self._arm(self._edge + (skipped + 1) * self.period_ns)  # armed first: work may stop the pacer, or fail
-        self._work(now)
+        self._arm(edge + self.period_ns + self.phase.step())  # armed first: work may stop the pacer, or fail
+        self.on_edge(now)
         self.work = work = self._reactor.now() - now
         if work > self.work_max:
             self.work_max = work

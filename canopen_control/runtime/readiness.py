@@ -160,3 +160,9 @@ def _remedy(joints: Sequence[JointDrive]) -> str:
         return f"wait for {_names(absent)}, {later}"
     faulty = any(joint.machine.fault for joint in joints)
     return f"{_RESET}, then {_ENABLE}" if faulty else _ENABLE
+
+
+def cost_of_skipping(joints: Iterable[JointDrive]) -> str:
+    """Say how many set-points axes have missed that moved, since they were enabled; "" where none did."""
+    missed = [f"{joint.joint} {joint.tracking.skipped}" for joint in joints if joint.tracking.skipped]
+    return f"; set-points that moving axes did not get since they were enabled: {', '.join(missed)}" if missed else ""

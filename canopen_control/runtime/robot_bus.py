@@ -12,8 +12,9 @@ from canopen_control.cia301.nmt import ERROR_CONTROL_COB_ID, NmtCommand, NmtStat
 from canopen_control.errors import BusError
 from canopen_control.frame import FRAME_BITS, RECORD_SIZE, frames_of
 from canopen_control.master.event_log import Event, Level
+from canopen_control.master.keys import DEFAULT_BOOT_MS
 from canopen_control.master.network import Network
-from canopen_control.runtime.followed_sync import FollowedSync
+from canopen_control.runtime.followed_sync import FollowedSync, SyncOfAnother
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -64,7 +65,9 @@ class RobotBus:
         self.booted_up: set[int] = set()  # node ids that sent their boot-up between `join` and `open`
         self._reactor, self._report, self._on_lost = reactor, report, on_lost
         self._synchronous = config.master.sync_period > 0
-        self._kernel_sync: FollowedSync | None = None
+        self._sync_with_rpdos = config.master.sync_order == "last"
+        self._followed: FollowedSync | None = None
+        self._by_kernel = False
         self._writing = False
         self._lost_frames = 0
         self._told_lost = -_WINDOW_NS
@@ -78,12 +81,32 @@ class RobotBus:
         self._window: tuple[int, int] | None = None  # since when, and the bits until then
         self._measure_at = 0
 
+    @property
+    def sends_sync_first(self) -> bool:
+        """Whether this master sends SYNC, before the RPDOs of the cycle."""
+        return self._synchronous and self._followed is None and not self._sync_with_rpdos
+
+    @property
+    def sync_words(self) -> str:
+        """Who sends SYNC, and when."""
+        return self.config.master.sync_words(by_kernel=self._by_kernel)
+
     def leave_sync_to_kernel(self, lead: Callable[[int], None] | None) -> None:
         """Let the kernel send SYNC, and call `lead(now)` for each; before `open`, on a SocketCAN interface only."""
         sync = self.network.sync
         task = KernelSync(parse_channel(self.channel).name, [sync.frame() for _ in range(max(1, sync.overflow))])
-        self._kernel_sync = FollowedSync(task, self.config.master.sync_period, lead, self._report)
-        self.network.hear_sync(self._kernel_sync.heard)
+        self._by_kernel = True
+        self._follow(FollowedSync(task, self.config.master.sync_period, lead, self._report))
+
+    def follow_sync(self, lead: Callable[[int], None] | None) -> None:
+        """Send no SYNC, since a node of the bus does, and call `lead(now)` for each; before `open`."""
+        master = self.config.master
+        patience_ns = (master.boot_time or DEFAULT_BOOT_MS) * 1_000_000
+        self._follow(FollowedSync(SyncOfAnother(), master.sync_period, lead, self._report, patience_ns))
+
+    def _follow(self, sync: FollowedSync) -> None:
+        self._followed = sync
+        self.network.hear_sync(sync.heard)
 
     def join(self) -> None:
         """Open the channel; raises BusError. What it carries is nobody's business before `open`."""
@@ -99,8 +122,8 @@ class RobotBus:
         self._pass_over()
         set_filter(self.port, self.network.identifiers)
         self.network.on_rerouted = self._hear
-        if self._kernel_sync is not None:
-            self._kernel_sync.start(self._reactor.now())
+        if self._followed is not None:
+            self._followed.start(self._reactor.now())
         self._looked_at = self._reactor.now()
         self._reactor.add_reader(self.port.fileno(), self.receive)
 
@@ -151,20 +174,30 @@ class RobotBus:
         port = self.port
         if port is None:
             return
-        if self._kernel_sync is not None:
-            self._kernel_sync.tick(now)
+        if self._followed is not None:
+            self._followed.tick(now)
         if now >= self._measure_at:
             self._measure(port.stats, now)
         if port.stats.lost != self._lost_frames:
             self._tell_lost(port.stats.lost, now)
 
+    def send_sync(self, now: int) -> None:
+        """Send SYNC by itself, at the begin of the cycle."""
+        self._send(self.network.sync_record())
+        self._sent_sync(now)
+
     def send_cycle(self, now: int) -> None:
-        """Send what waits, the RPDOs that are due, and SYNC."""
+        """Send what waits, the RPDOs that are due, and SYNC unless it went first."""
         network = self.network
-        records = network.cycle(sync=self._synchronous)
+        with_sync = self._synchronous and self._sync_with_rpdos
+        records = network.cycle(sync=with_sync)
         self._send(network.take() + records if network.outgoing else records)
-        port = self.port
-        if self._synchronous and port is not None and not port.stats.queued:  # else SYNC waits here as well
+        if with_sync or self._followed is not None:
+            self._sent_sync(now)
+
+    def _sent_sync(self, now: int) -> None:
+        network, port = self.network, self.port
+        if port is not None and not port.stats.queued:  # else SYNC waits here as well
             network.synced(now)
 
     def _catch_up(self) -> None:
@@ -190,8 +223,8 @@ class RobotBus:
 
     def close(self) -> None:
         """Leave the channel; a second call does nothing."""
-        if self._kernel_sync is not None:
-            self._kernel_sync.close()
+        if self._followed is not None:
+            self._followed.close()
         if self.port is not None:
             self._reactor.remove_reader(self.port.fileno())
             if self._writing:

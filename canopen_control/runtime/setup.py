@@ -59,6 +59,12 @@ class RobotSetup:
         return sync or 1_000_000_000 // self.controllers.update_rate
 
     @property
+    def phase_ns(self) -> int:
+        """How long after a SYNC that it follows the cycle comes: an eighth of a period, or half."""
+        first = bool(self.buses) and self.bus.master.sync_order == "first"
+        return self.cycle_ns // (8 if first else 2)
+
+    @property
     def update_rate(self) -> int:
         """How often controllers run at most, in Hz: the manager's update_rate, else the cycle's, which is the most."""
         cycle = max(1, round(1e9 / self.cycle_ns))

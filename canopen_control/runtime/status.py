@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from canopen_control.cia402.modes import mode_name
 from canopen_control.controllers.state_copy import finite
+from canopen_control.hardware.interfaces import POSITION
 from canopen_control.master.pdo_layout import layout_of
 from canopen_control.rpc.messages.layout import Layout
 from canopen_control.rpc.messages.robot import BusPlace, NodeIdentity, NodeListing, NodePlace
@@ -21,6 +22,7 @@ from canopen_control.rpc.messages.state import (
     SdoCounts,
     StateSample,
     Status,
+    TrackingReading,
 )
 from canopen_control.runtime.pacer import LATE_EDGES_NS
 
@@ -145,7 +147,7 @@ def _buses(robot: RobotCore) -> dict[str, BusTraffic]:
     for name, bus in robot.buses.items():
         stats = bus.port.stats if bus.port else None
         counts = (0, 0, 0) if stats is None else (stats.rx, stats.tx, stats.lost)
-        found[name] = BusTraffic(bus.channel, *counts, bus.network.unknown, bus.load)
+        found[name] = BusTraffic(bus.channel, *counts, bus.network.unknown, bus.load, bus.sync_words)
     return found
 
 
@@ -191,8 +193,8 @@ def _joints(robot: RobotCore) -> dict[str, JointReading]:
         joints.setdefault(state.joint, {})[state.interface] = finite(state.value)
     commands: dict[str, float | None] = {}
     for command in robot.registry.command_interfaces:
-        if command.owner is not None:
-            commands[command.joint] = finite(command.value)
+        if command.owner is not None and (command.interface == POSITION or command.joint not in commands):
+            commands[command.joint] = finite(command.value)  # of a position with feed-forward that
     return {
         name: JointReading(
             name,
@@ -201,9 +203,15 @@ def _joints(robot: RobotCore) -> dict[str, JointReading]:
             values.pop("effort", None),
             commands.get(name),
             values,
+            _tracking(robot.joints.get(name)),
         )
         for name, values in joints.items()
     }
+
+
+def _tracking(joint: JointDrive | None) -> TrackingReading | None:
+    figures = None if joint is None else joint.tracking.figures()
+    return None if joint is None or figures is None else TrackingReading(joint.tracking.interface, *figures)
 
 
 def _boot_steps(node: RemoteNode) -> list[BootStep]:

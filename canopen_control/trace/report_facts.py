@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, TypeAlias
 
 from canopen_control.rpc.messages.declare import Document
-from canopen_control.rpc.messages.state import BootStep, RobotEvent, SdoCounts
+from canopen_control.rpc.messages.state import BootStep, RobotEvent, SdoCounts, TrackingReading
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -37,7 +37,10 @@ class NodeFacts(Document, frozen=True):
 
 
 class JointFacts(Document, frozen=True):
-    """A joint over `time`: `quantity` is what its command means, `error` is command minus actual."""
+    """A joint over `time`: `quantity` is what its command means, `error` is command minus actual.
+
+    `tracking` is what the master has seen last of how well it follows, None where it was not commanded.
+    """
 
     quantity: str
     time: list[float]
@@ -47,6 +50,7 @@ class JointFacts(Document, frozen=True):
     position: Column
     velocity: Column
     effort: Column
+    tracking: TrackingReading | None = None
 
 
 class CycleFacts(Document, frozen=True, kw_only=True):

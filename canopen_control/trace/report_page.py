@@ -58,7 +58,7 @@ tr.error{background:var(--badbg)}tr.warning{background:var(--warnbg)}tr.here td{
 def page_of(facts: ReportFacts) -> str:
     """Return the page of `facts_of` a recording."""
     title = f"{facts.robot or 'CAN recording'}, {clock(facts.end, date=True)}"
-    sections = (_summary, _timeline, _joints, _events, _boot, _cycle, _buses, _last_words, _frames)
+    sections = (_summary, _timeline, _joints, _tracking, _events, _boot, _cycle, _buses, _last_words, _frames)
     body = "\n".join(part for section in sections for part in section(facts))
     return (
         '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
@@ -120,6 +120,23 @@ def _joints(facts: ReportFacts) -> Iterator[str]:
     if any(drawn):
         key = '<p class="key"><b style="color:var(--cmd)">command</b> and <b style="color:var(--act)">actual</b></p>'
         yield _section("Joints", key + "".join(drawn))
+
+
+def _tracking(facts: ReportFacts) -> Iterator[str]:
+    """Yield how well each joint followed its set-points, as the master saw it last."""
+    rows = []
+    for name, joint in facts.joints.items():
+        if (each := joint.tracking) is not None:
+            numbers = each.error_max, each.error_rms, each.error_max_since_enable, each.error_rms_since_enable
+            cells = [("", name), ("", each.interface), *(("n", f"{number:.2g}") for number in numbers)]
+            rows.append(("", [*cells, ("n", str(each.repeated)), ("n", str(each.skipped))]))
+    if rows:
+        yield _section("Tracking error, rad or rad/s, and set-points", _table(_TRACKING_HEADINGS, rows))
+
+
+_TRACKING_HEADINGS: Final = (
+    "joint", "follows", "max", "RMS", "max since enable", "RMS since enable", "repeated", "skipped",
+)  # fmt: skip
 
 
 def _events(facts: ReportFacts) -> Iterator[str]:

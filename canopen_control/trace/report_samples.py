@@ -70,11 +70,13 @@ def node_spans(states: Sequence[TimedSnapshot], begin: float) -> dict[str, NodeF
 def joints_of(states: Sequence[TimedSnapshot], begin: float) -> dict[str, JointFacts]:
     """Return how the joints followed; what a command means is by the drive's mode, velocity where nothing is known."""
     modes = _modes(states)
+    tracked = {name: joint.tracking for sample in states for name, joint in sample.joints.items() if joint.tracking}
     joints: dict[str, JointFacts] = {}
     for sample in states:
         for name, values in sample.joints.items():
             if name not in joints:
-                joints[name] = JointFacts(_QUANTITIES.get(modes.get(name, ""), "velocity"), *([] for _ in range(7)))
+                quantity = _QUANTITIES.get(modes.get(name, ""), "velocity")
+                joints[name] = JointFacts(quantity, [], [], [], [], [], [], [], tracked.get(name))
             joint = joints[name]
             actual, command = values.value(joint.quantity), values.command
             joint.time.append(round(sample.time - begin, 4))

@@ -23,7 +23,7 @@ def clock(unix_s: float, *, date: bool = False) -> str:
 
 def summary(facts: ReportFacts) -> list[str]:
     """Return the sentences: who and when, what went wrong first, what followed, how it ended, what is not known."""
-    return [*_who(facts), *_wrong(facts), *_reaction(facts), *_cycle(facts), *_gaps(facts)]
+    return [*_who(facts), *_wrong(facts), *_reaction(facts), *_cycle(facts), *_tracking(facts), *_gaps(facts)]
 
 
 def _who(facts: ReportFacts) -> Iterator[str]:
@@ -71,6 +71,22 @@ def _cycle(facts: ReportFacts) -> Iterator[str]:
         f"{cycle.count} cycles of {1e3 * cycle.period_s:g} ms{share}; "
         f"the latest of the run came {1e3 * cycle.late_max_s:.2f} ms late."
     )
+
+
+def _tracking(facts: ReportFacts) -> Iterator[str]:
+    """Say which joint followed worst of each kind, and which set-points were repeated or skipped."""
+    known = {name: joint.tracking for name, joint in facts.joints.items() if joint.tracking is not None}
+    for interface, unit in (("position", "rad"), ("velocity", "rad/s")):
+        errors = {name: each for name, each in known.items() if each.interface == interface}
+        if errors:
+            name = max(errors, key=lambda each: errors[each].error_max_since_enable)
+            worst, rms = errors[name].error_max_since_enable, errors[name].error_rms_since_enable
+            yield f"Furthest off its set-points, by {interface}, was {name}: {worst:.2g} {unit}, RMS {rms:.2g}."
+    odd = [
+        f"{name} {each.repeated} and {each.skipped}" for name, each in known.items() if each.repeated or each.skipped
+    ]
+    if odd:
+        yield f"Set-points that were repeated, and skipped, while a joint moved: {', '.join(odd)}."
 
 
 def _gaps(facts: ReportFacts) -> Iterator[str]:

@@ -17,7 +17,14 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
 
     from canopen_control.rpc.messages.drive import FaultListing
-    from canopen_control.rpc.messages.state import AxisReading, JointReading, NodeReading, RobotEvent, StateSample
+    from canopen_control.rpc.messages.state import (
+        AxisReading,
+        JointReading,
+        NodeReading,
+        RobotEvent,
+        StateSample,
+        TrackingReading,
+    )
 
 __all__ = [
     "BAD", "GOOD", "IDLE", "WARN", "AxisRow", "Banner", "active_faults", "axis_rows", "banner", "drive_table",
@@ -190,10 +197,23 @@ def joint_table(joints: Mapping[str, JointReading], linear: frozenset[str], comm
         command = f"{_number(joint.command)}<small>{escape(interface)}</small>" if joint.command is not None else "-"
         lines.append(
             f"<tr><td><b>{escape(name)}</b></td><td>{_number(joint.position)}<small>{unit}</small></td>"
-            f"<td>{_number(joint.velocity)}<small>{unit}/s</small></td><td>{_number(joint.effort)}</td><td>{command}</td></tr>"
+            f"<td>{_number(joint.velocity)}<small>{unit}/s</small></td><td>{_number(joint.effort)}</td><td>{command}</td>"
+            f"<td>{_tracking(joint.tracking, unit)}</td></tr>"
         )
-    titles = "<tr><th>joint</th><th>position</th><th>velocity</th><th>effort</th><th>command</th></tr>"
-    return f"<table class='cc-table cc-joints'>{titles}{''.join(lines)}</table>"
+    titles = "".join(f"<th>{each}</th>" for each in _JOINT_TITLES)
+    return f"<table class='cc-table cc-joints'><tr>{titles}</tr>{''.join(lines)}</table>"
+
+
+_JOINT_TITLES: Final = ("joint", "position", "velocity", "effort", "command", "tracking error")
+
+
+def _tracking(each: TrackingReading | None, unit: str) -> str:
+    """Return the largest error of the last seconds and its RMS, and what was repeated or skipped, as HTML."""
+    if each is None:
+        return "-"
+    per = "" if each.interface == "position" else "/s"
+    odd = [f"{count} {what}" for count, what in ((each.repeated, "repeated"), (each.skipped, "skipped")) if count]
+    return f"{each.error_max:.2g}<small>{unit}{per}, RMS {', '.join([f'{each.error_rms:.2g}', *odd])}</small>"
 
 
 def _number(value: float | None) -> str:

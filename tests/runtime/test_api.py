@@ -16,7 +16,8 @@ def test_the_server_says_who_it_is_first(client):
     assert hello["pid"] > 0
 
 
-def test_status_has_the_documented_shape(client):
+def test_status_has_the_documented_shape(robby, client):
+    robby.hold(0.0, 0.0, ms=200)
     status = client.ask("status")["result"]
     assert status["robot"] == "robby"
     assert status["state"] == "running"
@@ -26,7 +27,9 @@ def test_status_has_the_documented_shape(client):
     assert (node["bus"], node["node_id"], node["nmt_state"], node["error"]) == ("can", 3, "OPERATIONAL", None)
     assert set(node["axes"][0]) >= {"cia402_state", "statusword", "mode", "error"}
     assert node["axes"][0]["cia402_state"] == "OPERATION_ENABLED"
-    assert set(status["joints"]["left_wheel_joint"]) == {"name", "position", "velocity", "effort", "command", "others"}
+    joint = status["joints"]["left_wheel_joint"]
+    assert set(joint) == {"name", "position", "velocity", "effort", "command", "others", "tracking"}
+    assert set(joint["tracking"]) >= {"interface", "error_max", "error_rms", "repeated", "skipped"}
     assert status["joints"]["left_wheel_joint"]["effort"] is None
     assert status["controllers"][FORWARD] == "active"
     assert {step["step"] for step in status["boot"]} == {"reset", "identify", "configure", "heartbeat", "start"}

@@ -6,13 +6,15 @@ from support.robots import LEFT, MS, RIGHT, Bench
 from canopen_control.bus.channel import open_port
 from canopen_control.errors import BusError
 from canopen_control.frame import CanFrame, pack_records
-from canopen_control.runtime.followed_sync import FollowedSync
+from canopen_control.runtime.followed_sync import FollowedSync, SyncOfAnother
 
 PERIOD_NS = 20 * MS
 
 
 class Kernel:
     """Sends SYNC on a memory bus as the broadcast manager would, by the simulated clock; `refuses` is its answer."""
+
+    sender, mending = "the kernel", "it is set up again"
 
     def __init__(self, bench):
         self._reactor, self._port = bench.reactor, open_port(bench.channel, label="kernel")
@@ -119,6 +121,7 @@ def test_a_start_that_the_kernel_refuses_is_a_bus_error_and_leaves_nothing_open(
 def test_a_bus_that_leads_no_cycle_watches_its_sync_all_the_same():
     class Task:
         starts = closes = 0
+        sender, mending = "the kernel", "it is set up again"
 
         def start(self, period_us):
             self.starts += 1
@@ -136,3 +139,18 @@ def test_a_bus_that_leads_no_cycle_watches_its_sync_all_the_same():
     for now in range(3000 * MS, 4800 * MS, 20 * MS):
         sync.tick(now)
     assert (task.starts, task.closes, len(told)) == (5, 4, 1), "each half a second, and told once"
+
+
+def test_the_first_sync_of_a_node_that_has_to_boot_is_waited_for_and_its_absence_says_what_to_do():
+    told = []
+    sync = FollowedSync(SyncOfAnother(), 10_000, None, told.append, patience_ns=5000 * MS)
+    sync.start(0)
+    for now in range(0, 5000 * MS, 100 * MS):
+        sync.tick(now)
+    assert told == []
+    sync.tick(5300 * MS)
+    assert [event.text for event in told] == [
+        "no SYNC comes from a node of the bus (sync_producer: other); the cycle goes on by its own clock, and drives "
+        "that wait for SYNC stand; let a node produce it (0x1005)"
+    ]
+    sync.close()

@@ -114,7 +114,7 @@ def test_another_clock_leads_the_grid_to_half_a_period_after_its_ticks(make, pha
     assert min(after - before for before, after in itertools.pairwise(edges)) >= 9 * MS
 
 
-def test_a_tick_that_is_seen_late_hardly_shifts_the_grid_and_the_next_one_mends_it(make):
+def test_a_tick_that_is_seen_late_does_not_shift_the_grid(make):
     edges = []
     _, reactor, pacer = make(edges.append)
     pacer.start()
@@ -122,12 +122,29 @@ def test_a_tick_that_is_seen_late_hardly_shifts_the_grid_and_the_next_one_mends_
     pacer.lead(edges[-1] + 10 * MS)
     reactor.run_for(20 * MS)
     assert edges[1] - edges[0] == 20 * MS
-    pacer.lead(edges[-1] + 10 * MS + 4 * MS)  # four milliseconds late
-    reactor.run_for(20 * MS)
-    assert edges[-1] - edges[-2] == 20 * MS + 4 * MS // 8
-    pacer.lead(edges[-2] + 30 * MS)  # in time
-    reactor.run_for(20 * MS)
-    assert (edges[-1] - edges[0]) % (20 * MS) == 0
+    for late in (4, 0, 7, 0, 9.9):
+        pacer.lead(edges[-1] + 10 * MS + round(late * MS))
+        reactor.run_for(20 * MS)
+    assert {after - before for before, after in itertools.pairwise(edges)} == {20 * MS}
+
+
+def test_a_late_cycle_is_of_its_edge_and_after_skipped_ones_of_the_newest(make):
+    seen = []
+
+    def work(now):
+        seen.append((pacer.edge - 1000, pacer.skipped, now - pacer.edge))
+        if len(seen) in (1, 2):
+            clock.now_ns += (25 if len(seen) == 1 else 65) * MS
+
+    clock, reactor, pacer = make(work)
+    pacer.start()
+    reactor.run_for(200 * MS)
+    assert seen[:4] == [
+        (20 * MS, 0, 0),
+        (40 * MS, 0, 5 * MS),
+        (100 * MS, 2, 10 * MS),
+        (120 * MS, 0, 0),
+    ]
 
 
 def test_a_pacer_that_is_not_running_is_not_led(make):

@@ -61,7 +61,7 @@ def test_facts_are_printed_with_the_keys_that_scripts_know(lost_drive):
         "buses frames last_words gaps"
     )
     assert set(facts["joints"]["left_wheel_joint"]) == set(
-        "quantity time command actual error position velocity effort".split()  # noqa: SIM905 - one line
+        "quantity time command actual error position velocity effort tracking".split()  # noqa: SIM905 - one line
     )
     assert list(facts["nodes"]["left_drive"]["axes"]["left_wheel_joint"][0]) == ["from", "to", "state"]
     assert facts["buses"]["can"]["load"]["value"]

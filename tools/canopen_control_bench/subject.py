@@ -90,7 +90,7 @@ class Subject:
         turn = self._turn
         if turn is None:
             return
-        turn.work_ns.append(self.robot.sent_at - now)
+        turn.work_ns.append(self.robot.cycle.sent_at - now)
         turn.whole_ns.append(time.monotonic_ns() - now)
         late, self.robot.pacer.late_max = self.robot.pacer.late_max, 0
         turn.late_ns.append(late)
@@ -115,7 +115,7 @@ class Subject:
 
     def _cycle(self) -> None:
         self._edge = self.reactor.now()
-        self.robot._step(self._edge)  # noqa: SLF001 - the cycle itself is what is measured, without its clock
+        self.robot.cycle.step_now(self._edge)
 
     def _count_tpdos(self) -> int:
         return sum(pdo.count for node in self.robot.nodes.values() for pdo in node.received)

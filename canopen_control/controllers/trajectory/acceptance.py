@@ -8,9 +8,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from canopen_control.controllers.trajectory.goal import ResultCode
 from canopen_control.controllers.trajectory.validation import (
     JointLimits,
+    Refused,
     Rules,
     beyond,
     broken_rule,
@@ -55,8 +55,8 @@ class Acceptance:
             lower, upper = max(known.lower, command.minimum), min(known.upper, command.maximum)
             self.limits[joint] = JointLimits(lower, upper, known.velocity, known.continuous)
 
-    def refused(self, message: JointTrajectory, now: int, begin: Sequence[float]) -> tuple[str, ResultCode] | None:
-        """Say why a trajectory is refused, and its code; None if it is taken.
+    def mistake(self, message: JointTrajectory, now: int, begin: Sequence[float]) -> Refused | None:
+        """Say why a trajectory is refused, None if it is taken.
 
         `now` in ns; `begin` are the positions of the joints from which it would lead on.
         """
@@ -69,14 +69,14 @@ class Acceptance:
             self._group.has_effort,
         )
         if (refused := broken_rule(message, survey, rules, now)) is not None:
-            return refused.text, refused.rule.code
+            return refused
         here = dict(zip(given.joints, begin, strict=True))
-        text = (
+        unbearable = (
             beyond(message, survey, self.limits)
             or far_start(message, here, self.limits, given.allowed_start_tolerance)
             or self._misfit(message, survey)
         )
-        return None if text is None else (text, ResultCode.INVALID_GOAL)
+        return None if unbearable is None else Refused(None, unbearable)
 
     def _misfit(self, message: JointTrajectory, survey: Survey) -> str | None:
         """Say which position the object behind a command cannot hold, None if it holds all."""

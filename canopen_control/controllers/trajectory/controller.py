@@ -254,9 +254,9 @@ class JointTrajectoryController(Controller):
             raise self.refusal(f"is {self.state.value}; activate it before sending it trajectories")
         if self._waiting is not None:
             raise self.refusal(f"cannot move: {self._why(self._waiting)}, then send it again")
-        if (wrong := self._acceptance.refused(message, now, self._follower.where_it_begins(message.stamp))) is not None:
-            text, code = wrong
-            raise TrajectoryRefused(str(self.refusal(f"refuses the trajectory: {text}")), code)
+        begin = self._follower.where_it_begins(message.stamp)
+        if (wrong := self._acceptance.mistake(message, now, begin)) is not None:
+            raise TrajectoryRefused(str(self.refusal(f"refuses the trajectory: {wrong.text}")), wrong.code)
 
     def _queue(self, message: JointTrajectory, now: int) -> None:
         self._follower.follow(message)

@@ -62,10 +62,15 @@ _CODES: Final = {
 
 @dataclass(frozen=True)
 class Refused:
-    """Why a trajectory is refused: the rule, and the sentence."""
+    """Why a trajectory is refused: the rule of upstream, None where it is one of ours, and the sentence."""
 
-    rule: Rule
+    rule: Rule | None
     text: str
+
+    @property
+    def code(self) -> ResultCode:
+        """The code that a goal is refused with."""
+        return ResultCode.INVALID_GOAL if self.rule is None else self.rule.code
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from canopen_control.rpc.messages.samples import ControllerSample, Sample, Value
 
 __all__ = ["AxisReading", "BootStep", "BusTraffic", "ControllerReading", "CycleTimes", "EventDetails",
            "JointReading", "NodeReading", "RobotEvent", "SdoCounts", "Snapshot", "StateSample", "Status",
-           "TimedSnapshot"]  # fmt: skip
+           "TimedSnapshot", "TrackingReading"]  # fmt: skip
 
 S = TypeVar("S", bound=Sample)
 
@@ -56,11 +56,30 @@ class NodeReading(msgspec.Struct, frozen=True, kw_only=True, rename={"age": "age
     axes: tuple[AxisReading, ...] = ()
 
 
+class TrackingReading(msgspec.Struct, frozen=True):
+    """How well a joint follows what is commanded: errors in rad or rad/s (m, m/s), by the bus' own dead time put right.
+
+    `interface` is what is compared, "position" or "velocity"; `error_max` and `error_rms` are of the last `window_s`,
+    5 to 10 s. `repeated` counts positions that were sent again while the joint moved, `skipped` set-points that were
+    never sent; both since it was enabled, as the other two.
+    """
+
+    interface: str = ""
+    window_s: float = 0.0
+    error_max: float = 0.0
+    error_rms: float = 0.0
+    error_max_since_enable: float = 0.0
+    error_rms_since_enable: float = 0.0
+    repeated: Count = 0
+    skipped: Count = 0
+
+
 class JointReading(msgspec.Struct, frozen=True):
     """A joint: `position` in rad, `velocity` in rad/s, `effort` in Nm (m, m/s and N of a prismatic one).
 
     `command` is what its controller writes now, in the unit of the interface that it claims; `others` are the values of
-    its further state interfaces by their name. `name` is empty in a recording from before protocol 2.
+    its further state interfaces by their name. `name` is empty in a recording from before protocol 2. `tracking` is
+    None for a joint without a drive, or that has not moved since it was enabled.
     """
 
     name: str = ""
@@ -69,6 +88,7 @@ class JointReading(msgspec.Struct, frozen=True):
     effort: float | None = None
     command: float | None = None
     others: Values = {}
+    tracking: TrackingReading | None = None
 
     def value(self, interface: str) -> float | None:
         """Return the value of a state interface, None if there is none."""
@@ -171,7 +191,10 @@ class StateSample(TimedSnapshot, frozen=True, kw_only=True):
 
 
 class BusTraffic(msgspec.Struct, frozen=True):
-    """What a bus has carried: frames, of which `unknown` fit nobody, and its load from 0 to 1."""
+    """What a bus has carried: frames, of which `unknown` fit nobody, and its load from 0 to 1.
+
+    `sync` says in words who sends SYNC, how often, and whether before or after the RPDOs.
+    """
 
     channel: str = ""
     rx: int = 0
@@ -179,6 +202,7 @@ class BusTraffic(msgspec.Struct, frozen=True):
     lost: int = 0
     unknown: int = 0
     load: float | None = None
+    sync: str = ""
 
 
 class BootStep(msgspec.Struct, frozen=True):

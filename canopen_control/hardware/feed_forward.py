@@ -1,0 +1,109 @@
+"""Feed-forward of velocity (0x60B1) and torque (0x60B2) beside the positions of CSP (CiA 402-2).
+
+The law of this file: the offsets are what the controller of the position gives beside it, in the units of 0x60FF and
+0x6071, within the drive's limits; the drive adds them to its velocity and torque loop and never to the position. They
+are zero whenever they do not belong to a position that leads on: at rest, in a stop, in another mode, when another
+controller gives them, and when the positions stand for longer than three cycles and 50 ms, since a stream that broke
+would else push against the position loop.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Final
+
+from canopen_control.cia402.units import INT16_MAX, INT16_MIN, INT32_MAX, INT32_MIN, to_object
+from canopen_control.hardware.interfaces import EFFORT, POSITION, VELOCITY
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Mapping
+
+    from canopen_control.hardware.axis import Axis
+    from canopen_control.hardware.interfaces import CommandInterface
+
+__all__ = ["FEED_FORWARD", "FeedForward"]
+
+FEED_FORWARD: Final = (VELOCITY, EFFORT)
+"""The command interfaces that a position can have beside it."""
+_BROKEN_S: Final = 0.05
+_BROKEN_CYCLES: Final = 3.5
+
+
+class FeedForward:
+    """The offsets of one axis; `fed` says that a controller gives any."""
+
+    def __init__(self, axis: Axis, commands: Mapping[str, CommandInterface]) -> None:
+        self.fed = False
+        self._foreign, self._told = "", ""
+        self._axis, self._commands = axis, commands
+        self._outputs = {VELOCITY: axis.velocity_offset, EFFORT: axis.torque_offset}
+        self._velocity: CommandInterface | None = None
+        self._effort: CommandInterface | None = None
+        self._last = math.nan
+        self._standing_s = 0.0
+
+    def carries(self, interface: str) -> bool:
+        """Whether an RPDO carries the offset for a command interface."""
+        return self._outputs.get(interface) is not None
+
+    def claim(self, interfaces: Collection[str]) -> None:
+        """Take offsets from these command interfaces from now on."""
+        self._velocity = self._commands[VELOCITY] if VELOCITY in interfaces else None
+        self._effort = self._commands[EFFORT] if EFFORT in interfaces else None
+        self.fed = bool(interfaces)
+        self._foreign = self._told = ""
+        self.refresh()
+        self.zero()
+
+    def refresh(self) -> None:
+        """Say what the offsets can hold, after the scale has changed."""
+        scale = self._axis.scale
+        if self._velocity is not None:
+            _span(self._velocity, INT32_MAX / abs(scale.vel_to_dev))
+        if self._effort is not None:
+            _span(self._effort, INT16_MAX / abs(scale.eff_to_dev))
+
+    def refused(self) -> str | None:
+        """Say once which of them is not sent, since another controller gives it."""
+        if self._foreign == self._told:
+            return None
+        self._told = given = self._foreign
+        position, other = self._commands[POSITION].owner, self._commands[given].owner
+        return (
+            f"its {given} is commanded by {other} and its position by {position}: that is no feed-forward, and not "
+            f"sent; deactivate {other}"
+        )
+
+    def zero(self) -> None:
+        """Take the offsets away."""
+        self._last, self._standing_s = math.nan, 0.0
+        for output in self._outputs.values():
+            if output is not None:
+                output.set(0)
+
+    def follow(self, position: CommandInterface, period: float) -> None:
+        """Send what belongs to the position of this cycle; `period` in s."""
+        value = position.value
+        if value != self._last:
+            self._last, self._standing_s = value, 0.0
+        else:
+            self._standing_s += period
+        broken = value != value or self._standing_s > max(_BROKEN_S, _BROKEN_CYCLES * period)
+        axis = self._axis
+        velocity, effort = self._velocity, self._effort
+        if velocity is not None and axis.velocity_offset is not None:
+            raw = 0 if broken else self._raw(position, velocity, axis.scale.vel_to_dev, INT32_MIN, INT32_MAX)
+            axis.velocity_offset.set(axis.limits.of_velocity(raw))
+        if effort is not None and axis.torque_offset is not None:
+            raw = 0 if broken else self._raw(position, effort, axis.scale.eff_to_dev, INT16_MIN, INT16_MAX)
+            axis.torque_offset.set(axis.limits.of_torque(raw))
+
+    def _raw(self, position: CommandInterface, given: CommandInterface, factor: float, low: int, high: int) -> int:
+        if given.owner != position.owner:
+            self._foreign = given.interface
+            return 0
+        return to_object(given.value * factor, low, high) or 0
+
+
+def _span(command: CommandInterface, most: float) -> None:
+    command.lowest, command.highest, command.span = -most, most, None

@@ -1,0 +1,161 @@
+"""The classic mistakes of cyclic set-points: what makes an axis in CSP or CSV grind, vibrate or tick.
+
+The law of this file (CiA 402-2, CiA 301, 7.5.2.35): a drive in a cyclic mode takes one set-point with each SYNC and
+interpolates over the SYNC period. RPDOs that act on arrival hand the host's jitter to the motor, set-points that come
+for every other SYNC stop it in between, feedback that an inhibit time holds back is older than a period. 0x60C2 is
+judged with the plan (`master.plan_interpolation`), which writes it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+from canopen_control.cia402 import objects
+from canopen_control.cia402.modes import OperationMode, supported_modes
+from canopen_control.hardware.interfaces import POSITION, VELOCITY
+from canopen_control.runtime.check_data import Finding, Severity
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from canopen_control.controllers.controllers_file import ControllersFile
+    from canopen_control.master.config import BusConfig
+    from canopen_control.master.keys import NodeConfig
+    from canopen_control.master.plan_builder import PdoLayout
+    from canopen_control.urdf.description import Description
+    from canopen_control.urdf.ros2_control import ControlJoint
+    from canopen_control.yamlfile.node import Node
+
+__all__ = ["check_timing"]
+
+_ON_ARRIVAL: Final = (254, 255)
+_CYCLIC: Final = {
+    POSITION: (OperationMode.CSP, objects.TARGET_POSITION),
+    VELOCITY: (OperationMode.CSV, objects.TARGET_VELOCITY),
+}
+_FEEDBACK: Final = (
+    objects.STATUSWORD,
+    objects.POSITION_ACTUAL,
+    objects.VELOCITY_ACTUAL,
+    objects.TORQUE_ACTUAL,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class _CyclicAxis:
+    """A joint that is commanded in a cyclic synchronous mode, and the object of its set-points."""
+
+    joint: str
+    node: NodeConfig
+    mode: OperationMode
+    target: int
+
+
+def check_timing(
+    config: BusConfig, control: ControllersFile | None, description: Description | None
+) -> Iterator[Finding]:
+    """Yield what is wrong with the timing of the set-points on a bus."""
+    if not config.master.sync_period or description is None:
+        return
+    axes = [axis for tag in description.hardware for joint in tag.joints for axis in _axes(config, joint)]
+    yield from _repeated(config, control, axes)
+    yield from _on_arrival(config, axes)
+    yield from _held_back(config, axes)
+
+
+def _axes(config: BusConfig, joint: ControlJoint) -> Iterator[_CyclicAxis]:
+    node = _node_of(config, joint)
+    if node is None or node.name not in config.plans:
+        return
+    text = joint.parameters.get("axis", joint.parameters.get("channel", "0")).strip()
+    number = int(text) if text.isdigit() and int(text) < objects.AXES else 0
+    entry = config.dictionaries[node.name].get(objects.axis_index(objects.SUPPORTED_DRIVE_MODES, number), 0)
+    listed = supported_modes(entry.value) if entry is not None and isinstance(entry.value, int) else ()
+    wanted = {POSITION: node.motion.position_mode, VELOCITY: node.motion.velocity_mode}
+    for interface, (mode, target) in _CYCLIC.items():
+        chosen = wanted[interface]
+        if interface in joint.command_interfaces and (chosen == mode or (chosen is None and mode in listed)):
+            yield _CyclicAxis(joint.name, node, mode, objects.axis_index(target, number))
+
+
+def _node_of(config: BusConfig, joint: ControlJoint) -> NodeConfig | None:
+    name, node_id = joint.parameters.get("device_name"), joint.parameters.get("node_id", "").strip()
+    if name is not None:
+        return config.nodes.get(name)
+    return next((node for node in config.nodes.values() if str(node.node_id) == node_id), None)
+
+
+def _repeated(config: BusConfig, control: ControllersFile | None, axes: list[_CyclicAxis]) -> Iterator[Finding]:
+    """Hold how often controllers run against how often drives take their set-points."""
+    line = 0 if control is None else control.manager_lines.get("update_rate", 0)
+    joints = [axis.joint for axis in axes if axis.mode is OperationMode.CSP]
+    if control is None or not line or not joints:
+        return
+    cycle = 1_000_000 / config.master.sync_period
+    syncs = max(1, round(cycle / control.update_rate))
+    if syncs > 1:
+        text = (
+            f"controllers run at {control.update_rate} Hz, the SYNC of {config.path} comes at {cycle:g} Hz: each "
+            f"position of {', '.join(joints)} is sent {syncs} times, and in CSP the drive stops in between"
+        )
+        yield Finding(control.path, line, Severity.WARNING, text, f"set update_rate: {cycle:g}")
+
+
+def _on_arrival(config: BusConfig, axes: list[_CyclicAxis]) -> Iterator[Finding]:
+    """Look for set-points that act when they come instead of with SYNC."""
+    found = _Found(config, "rpdo.{}.transmission")
+    for axis in axes:
+        for layout in config.plans[axis.node.name].rpdos:
+            carries = any(mapped.index == axis.target for mapped in layout.objects)
+            if carries and layout.transmission_type in _ON_ARRIVAL:
+                text = (
+                    f"RPDO {layout.number} of {axis.node.name}{{more}} carries 0x{axis.target:04X}, the set-point of "
+                    f"{axis.joint} in {axis.mode.name}, with transmission {layout.transmission_type}: it acts when it "
+                    "arrives, and not with SYNC"
+                )
+                fix = f"set rpdo: {layout.number}: transmission: 1, or the motor has the computer's jitter"
+                found.add(axis.node, layout, text, fix)
+    yield from found.findings()
+
+
+def _held_back(config: BusConfig, axes: list[_CyclicAxis]) -> Iterator[Finding]:
+    """Look for feedback that comes by events, and more seldom than SYNC."""
+    found, period_us = _Found(config, "tpdo.{}.inhibit_time"), config.master.sync_period
+    for axis in axes:
+        node = axis.node
+        for layout in config.plans[node.name].tpdos:
+            feedback = any(objects.axis_of(mapped.index)[0] in _FEEDBACK for mapped in layout.objects)
+            if not feedback or layout.transmission_type not in _ON_ARRIVAL:
+                continue
+            given = node.boot.tpdo.get(layout.number)
+            entry = config.dictionaries[node.name].get(0x1800 + layout.number - 1, 3)
+            default = entry.value if entry is not None and isinstance(entry.value, int) else 0
+            inhibit = given.inhibit_time if given is not None and given.inhibit_time is not None else default
+            if inhibit * 100 > period_us:
+                text = (
+                    f"TPDO {layout.number} of {node.name}{{more}} comes every {inhibit / 10:g} ms at most (inhibit "
+                    f"time), SYNC every {period_us / 1000:g} ms: feedback is older than a period"
+                )
+                found.add(node, layout, text, f"set tpdo: {layout.number}: transmission: 1, or inhibit_time: 0")
+    yield from found.findings()
+
+
+class _Found:
+    """Mistakes by their places: one that `defaults` make for several nodes is told once; `{}` in the key is the PDO."""
+
+    def __init__(self, config: BusConfig, key: str) -> None:
+        self._config, self._key = config, key
+        self._by_place: dict[tuple[int, int], tuple[Node, str, str, set[str]]] = {}
+
+    def add(self, node: NodeConfig, layout: PdoLayout, text: str, fix: str) -> None:
+        """Take a mistake; `{more}` in the text are the other nodes."""
+        place = self._config.place(node.name, self._key.format(layout.number))
+        self._by_place.setdefault((place.line, place.column), (place, text, fix, set()))[3].add(node.name)
+
+    def findings(self) -> Iterator[Finding]:
+        """Yield one for each place."""
+        for place, text, fix, names in self._by_place.values():
+            more = f" and of {len(names) - 1} more" if len(names) > 1 else ""
+            told = text.replace("{more}", more)
+            yield Finding(place.path, place.line, Severity.WARNING, told, fix, column=place.column)

@@ -1,0 +1,95 @@
+"""One cycle of the robot: SYNC where it goes first, read, update, write, send, and what can wait until after that.
+
+The law of this file: controllers live on the grid. The time that they get is that of the edge, and the period is that
+of the grid, however late the process woke: a late cycle sends the set-point of its edge. After edges that were skipped
+they go on with the set-point of the newest one, but for `CAUGHT_UP` skipped edges at most: for the others their time
+stands, since a drive that has stopped meanwhile must not be told to make up for all of it in one period. What waits for
+frames or watches others goes by the clock.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+from canopen_control.hardware.interfaces import ERROR
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from canopen_control.controllers.manager import ControllerManager
+    from canopen_control.hardware.interfaces import HardwareComponent
+    from canopen_control.host.reactor import Reactor
+    from canopen_control.runtime.assembly import Assembly
+    from canopen_control.runtime.pacer import Pacer
+
+__all__ = ["CAUGHT_UP", "RobotCycle"]
+
+CAUGHT_UP: Final = 2  # skipped edges whose set-points are passed over
+
+
+class RobotCycle:
+    """The cycle of a robot at the edges of `pacer`; `sent_at` is when the newest cycle's frames had left.
+
+    `advance` takes the steps of starting and stopping, None while the robot runs; `after` comes last.
+    """
+
+    def __init__(
+        self,
+        pacer: Pacer,
+        made: Assembly,
+        manager: ControllerManager,
+        reactor: Reactor,
+        advance: Callable[[int], None],
+        after: Callable[[int], None],
+    ) -> None:
+        self.sent_at = 0
+        self.advance: Callable[[int], None] | None = advance
+        self._pacer, self._manager, self._reactor, self._after = pacer, manager, reactor, after
+        self._registry = made.registry
+        self._buses, self._systems = list(made.buses.values()), made.systems
+        self._sync_first = [bus for bus in self._buses if bus.sends_sync_first]
+        self._period = pacer.period_ns / 1e9
+
+    def step(self, now: int) -> None:
+        """Do a cycle; the reactor serves the ports in every turn and before its timers, so all that came is read."""
+        pacer, period, manager = self._pacer, self._period, self._manager
+        components = self._registry.components
+        for bus in self._sync_first:
+            bus.send_sync(now)
+        if pacer.skipped:
+            period *= 1 + min(pacer.skipped, CAUGHT_UP)
+            for system in self._systems:
+                system.skipped(pacer.skipped)
+        for component in components:
+            if component.read(now, period) is ERROR:
+                self._failed(component, "read", now)
+        if self.advance is not None:
+            self.advance(now)
+        edge = pacer.edge
+        manager.update(edge, period)
+        for component in components:
+            if component.write(now, period) is ERROR:
+                self._failed(component, "write", now)
+        for bus in self._buses:
+            bus.send_cycle(now)
+        self.sent_at = self._reactor.now()
+        manager.broadcast(edge, period)
+        self._supervise(now)
+        self._after(now)
+
+    def step_now(self, now: int) -> None:
+        """Do a cycle that is of no edge, for whoever does not leave them to the pacer; what has come is read first."""
+        for bus in self._buses:
+            bus.receive()
+        self._pacer.edge, self._pacer.skipped = now, 0
+        self.step(now)
+
+    def _supervise(self, now: int) -> None:
+        """Let time pass for what acts in the next cycle: heartbeats, time-outs, what is looked at now and then."""
+        for bus in self._buses:
+            bus.tick(now)
+        for system in self._systems:
+            system.supervise(now)
+
+    def _failed(self, component: HardwareComponent, verb: str, now: int) -> None:
+        self._manager.deactivate_using(component, f"{component.name} reported an error on {verb}", now)

@@ -1,0 +1,81 @@
+"""What `check` says of the timing of set-points: each classic mistake with its place and the way out."""
+
+import re
+
+import pytest
+from support.arm6 import copy_arm
+from support.robots import copy_robby
+
+from canopen_control.runtime.check import CheckOptions, check_robot
+from canopen_control.runtime.check_data import Severity
+from canopen_control.runtime.robot_files import find_robot
+
+RPDO_TYPE = "      transmission: 0x01          # all axes take their set-points at the same SYNC\n"
+TPDO_2 = '    2:\n      enabled: true\n      cob_id: "auto"\n      transmission: 0x01\n'
+
+
+def warnings(config):
+    report = check_robot(find_robot(str(config)), CheckOptions())
+    assert not report.count(Severity.ERROR), [str(each) for each in report.findings]
+    return [str(each) for each in report.findings if each.severity is Severity.WARNING]
+
+
+def arm(folder, **edits):
+    """Copy arm6 with `old: new` replaced in bus.yml or ros2_controllers.yaml."""
+    config = copy_arm(folder)
+    for name, (old, new) in edits.items():
+        path = config / {"bus": "bus.yml", "controllers": "ros2_controllers.yaml"}[name]
+        text = path.read_text()
+        assert old in text, old
+        path.write_text(text.replace(old, new))
+    return config
+
+
+def test_the_arm_as_it_is_has_none_of_these_mistakes(tmp_path):
+    assert warnings(copy_arm(tmp_path)) == []
+
+
+@pytest.mark.parametrize("kind", [254, 255])
+def test_set_points_that_act_on_arrival_are_told_where_the_type_stands(tmp_path, kind):
+    told = warnings(arm(tmp_path, bus=(RPDO_TYPE, f"      transmission: {kind}\n")))
+    assert len(told) == 1, "it stands once, in `defaults`"
+    assert re.match(
+        r".*bus\.yml:44:21: warning: RPDO 1 of joint_1_drive and of 5 more carries 0x607A, the set-point of joint_1 in "
+        rf"CSP, with transmission {kind}: it acts when it arrives, and not with SYNC; set rpdo: 1: transmission: 1, or"
+        r" the motor has the computer's jitter",
+        told[0],
+    ), told[0]
+
+
+def test_in_a_profile_mode_the_type_is_free(tmp_path):
+    config = copy_robby(tmp_path, bus={"transmission: 0x01": "transmission: 0xFF"})
+    assert not any("acts when it arrives" in each for each in warnings(config))
+
+
+def test_positions_that_are_sent_for_several_syncs_are_told(tmp_path):
+    told = warnings(arm(tmp_path, controllers=("update_rate: 50 ", "update_rate: 25 ")))
+    (text,) = [each for each in told if "is sent" in each]
+    assert "each position of joint_1, joint_2" in text
+    assert "is sent 2 times, and in CSP the drive stops in between; set update_rate: 50" in text
+    assert re.match(r".*ros2_controllers\.yaml:\d+: warning", text)
+
+
+def test_rates_that_are_no_whole_multiples_are_told_with_both_ways_out(tmp_path):
+    told = warnings(arm(tmp_path, controllers=("update_rate: 50 ", "update_rate: 20 ")))
+    (text,) = [each for each in told if "no whole multiples" in each]
+    assert "controllers run with one of 2 SYNCs, at 25 Hz; set update_rate: 25, or sync_period: 25000" in text
+
+
+def test_feedback_that_an_inhibit_time_holds_back_is_told_where_it_stands(tmp_path):
+    slow = TPDO_2.replace("0x01", "255") + "      inhibit_time: 300\n"
+    told = [each for each in warnings(arm(tmp_path, bus=(TPDO_2, slow))) if "inhibit" in each]
+    assert len(told) == 1, told
+    assert "bus.yml:35:21: warning: TPDO 2 of joint_1_drive and of 5 more comes every 30 ms at most" in told[0]
+    assert "feedback is older than a period; set tpdo: 2: transmission: 1, or inhibit_time: 0" in told[0]
+    quick = TPDO_2.replace("0x01", "255") + "      inhibit_time: 200\n"
+    assert not any("comes every" in each for each in warnings(arm(tmp_path / "2", bus=(TPDO_2, quick))))
+
+
+def test_an_interpolation_period_that_is_not_syncs_is_told_where_it_stands(tmp_path):
+    told = warnings(arm(tmp_path, bus=("sub_index: 1, value: 20} ", "sub_index: 1, value: 10} ")))
+    assert "bus.yml:20:7: warning: defaults.sdo[1]: 0x60C2 is 10 * 10^-3 s, SYNC comes every 0.02 s" in told[0]
