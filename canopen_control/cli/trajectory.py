@@ -11,6 +11,7 @@ Exit codes: 0 the end was reached; 1 it was refused or ended before; 2 wrong usa
 
 from __future__ import annotations
 
+import math
 import signal
 import sys
 import threading
@@ -125,19 +126,23 @@ def _record(args: argparse.Namespace) -> int:
     stopping = threading.Event()
     with RobotClient.connect(args.name) as robot:
         recording = TrajectoryRecording(_joints(robot, args), MAX_POINTS)
-        end = None if args.duration is None else time.monotonic() + args.duration
+        end = math.inf if args.duration is None else time.monotonic() + args.duration
+
+        def is_over() -> bool:
+            return stopping.is_set() or recording.is_full or time.monotonic() >= end
+
         with (
             on_signals(_ENDS, stopping.set),
             Progress(f"recording {', '.join(recording.joints)}, Ctrl-C ends it", "points") as progress,
         ):
             robot.ask(Subscribe(state_rate=args.rate))
-            while not (stopping.is_set() or recording.is_full or (end is not None and time.monotonic() >= end)):
+            while not is_over():
                 for message in robot.messages(_LOOK_S):
                     if isinstance(message, StateSample):
                         _add(recording, message)
-                    if stopping.is_set() or recording.is_full:
-                        break
                     progress.at(len(recording))
+                    if is_over():
+                        break
     points = recording.points()
     write_trajectory(args.output, recording.joints, points)
     full = f"; it ended with as many points as a trajectory may have, {MAX_POINTS}" if recording.is_full else ""
