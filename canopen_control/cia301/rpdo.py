@@ -65,6 +65,11 @@ class RpdoConsumer:
         self._adopt(parameters)
 
     @property
+    def holds(self) -> bool:
+        """Whether data wait for the next SYNC."""
+        return self._held is not None
+
+    @property
     def parameters(self) -> PdoParameters:
         """The communication record."""
         return self._parameters

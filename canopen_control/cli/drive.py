@@ -18,7 +18,11 @@ with two wheels on a floor, also with the drives in processes of their own:
            slip: 0.01, share: /tmp/robby.floor}
     seed: 1
 
-Exit codes: 0 after Ctrl-C or SIGTERM; 1 the bus is gone, or the node id is taken; 2 wrong usage, mistakes in files.
+--status asks drives that run instead: what they are doing, and how evenly the set-points of a cyclic mode come (missed
+and doubled ones, ripple, phase of RPDO against SYNC), with --json as JSON, one drive a line.
+
+Exit codes: 0 after Ctrl-C or SIGTERM; 1 the bus is gone, the node id is taken, or there is no drive to tell its status;
+2 wrong usage, mistakes in files.
 """
 
 from __future__ import annotations
@@ -27,16 +31,22 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from canopen_control.bus.channel import parse_channel
 from canopen_control.cli.support.arguments import whole
+from canopen_control.cli.support.drive_state import state_lines
+from canopen_control.cli.support.output import json_line
+from canopen_control.client.drive_client import DriveClient
 from canopen_control.data_files import data_path
 from canopen_control.errors import ConfigError
+from canopen_control.rpc.messages.drive import GetDriveState
 
 if TYPE_CHECKING:
     import argparse
 
 __all__ = ["EXAMPLE", "add_arguments", "parse_node_ids", "run"]
 
-EXAMPLE = "canopen-control drive --node-id 3 --eds TMCM-1270.eds --can local:robby --fault heartbeat_lost@5s"
+EXAMPLE = """canopen-control drive --node-id 3 --eds TMCM-1270.eds --can local:robby --fault heartbeat_lost@5s
+         canopen-control drive --node-id 3 --can local:robby --status"""
 
 _RANGE = re.compile(r"(\d+)(?:-(\d+))?")
 _LAST_NODE_ID = 127
@@ -52,7 +62,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="N[,N|-N]",
         help="1 to 127; several as 2,3 or 1-64, in one process; 255: none, LSS gives it one",
     )
-    parser.add_argument("--eds", required=True, metavar="FILE", help="a path, or the name of a bundled file")
+    parser.add_argument("--eds", metavar="FILE", help="a path, or the name of a bundled file; needed to run drives")
     parser.add_argument("--can", required=True, metavar="CHANNEL", help="local:NAME, vcan0, can0, ...")
     parser.add_argument(
         "--fault",
@@ -67,15 +77,33 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--store", metavar="FILE", help="keep what is stored with 0x1010 and LSS; made if it is not there"
     )
     parser.add_argument("--serial", type=whole, metavar="N", help="serial number 0x1018:04; default: the node id")
+    parser.add_argument("--status", action="store_true", help="tell what drives that run are doing, and end")
+    parser.add_argument("--json", action="store_true", help="with --status: print JSON")
 
 
 def run(args: argparse.Namespace) -> int:
     """Run the drives; 0 after SIGINT or SIGTERM, 1 when the bus is gone."""
+    if args.status:
+        return _tell_status(args)
+    if args.json:
+        raise ConfigError("--json is for drive --status; what happens to drives that run is told in lines")
+    if args.eds is None:
+        raise ConfigError("drive needs --eds FILE: which device it is; --status asks a drive that runs already")
     from canopen_control.virtual.launch import Options, run_drives
 
     files = {name: None if (text := getattr(args, name)) is None else Path(text) for name in _FILES}
     options = Options(faults=args.fault, serial=args.serial, **files)
     return run_drives(parse_node_ids(args.node_id), _eds(args.eds), args.can, options, _say)
+
+
+def _tell_status(args: argparse.Namespace) -> int:
+    """Print what running drives are doing."""
+    channel = str(parse_channel(args.can))
+    for node_id in parse_node_ids(args.node_id):
+        with DriveClient.connect(channel, node_id) as client:
+            state = client.ask(GetDriveState())
+        _say(json_line(state) if args.json else "\n".join(state_lines(state)))
+    return 0
 
 
 def parse_node_ids(text: str) -> list[int]:

@@ -72,6 +72,7 @@ class NodeControl:
         self._answer(messages.GetDriveState, self._state)
         self._answer(messages.SetInputs, self._set_inputs)
         self._answer(messages.SetPlant, self._set_plant)
+        self._answer(messages.RestartQuality, self._restart_quality)
         self._server.check()
 
     def close(self) -> None:
@@ -106,6 +107,10 @@ class NodeControl:
 
     def _state(self, _request: messages.GetDriveState) -> DriveState:
         return describe(self._node, None if self._world is None else self._world.describe())
+
+    def _restart_quality(self, request: messages.RestartQuality) -> Done:
+        self._axis(request.axis).meter.restart()
+        return Done()
 
     def _set_inputs(self, request: messages.SetInputs) -> Done:
         now = self._host.reactor.now()

@@ -1,12 +1,13 @@
 """The modes of operation whose set-points come in cycles, and the torque modes (CiA 402-2, 9 and 12 to 15).
 
-Set-points are user units, demands are the plant's counts. A set-point makes a new demand only where it, or a limit that
-matters to it, changed. A drive whose clock is not the master's looks at the set-point in its own rhythm instead of when
-it comes.
+Set-points are user units, demands are the plant's counts. A set-point makes a new demand where it, or a limit that
+matters to it, changed, and where it comes while the drive goes on without one. A drive whose clock is not the master's
+looks at the set-point in its own rhythm instead of when it comes, unless it follows the SYNC.
 
-An interpolated demand ends when the next set-point is due. A SYNC that is some microseconds late finds the motor at
-its end, standing, which says nothing of the motion: from the end on, the velocity is measured as an encoder does, as
-the way over the last interpolation time.
+A position is gone to with constant velocity within the interpolation time 0x60C2 from where the demand is; 0 takes it
+at once. An interpolated demand ends when the next set-point is due, or goes on for as long as the device model
+extrapolates. A SYNC that is some microseconds late finds the motor at its end, standing, which says nothing of the
+motion: from the end on, the velocity is measured as an encoder does, as the way over the last interpolation time.
 """
 
 from __future__ import annotations
@@ -14,21 +15,23 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from canopen_control.cia402 import objects as o
-from canopen_control.cia402.options import Reaction
-from canopen_control.virtual.mode_base import BIT_12, BIT_13, NEW_SET_POINT, REACHED, FollowingMode
+from canopen_control.virtual.mode_base import BIT_12, BIT_13, REACHED
+from canopen_control.virtual.set_point_stream import StreamMode
 from canopen_control.virtual.trajectory import INFINITE, linear_to, ramp_to
 
 if TYPE_CHECKING:
     from canopen_control.virtual.mode_base import Axis
     from canopen_control.virtual.trajectory import Trajectory
 
-__all__ = ["CyclicPosition", "CyclicVelocity", "InterpolatedPosition", "Torque"]
+__all__ = ["CyclicPosition", "CyclicVelocity", "Torque"]
 
 _MS = 1_000_000
 
 
-class CyclicPosition(FollowingMode):
+class CyclicPosition(StreamMode):
     """CSP: go to the target within 0x60C2, no ramp; bit 12 while it does, bit 13 on a following error."""
+
+    set_point = o.TARGET_POSITION
 
     def __init__(self, axis: Axis) -> None:
         self._demand: Trajectory | None = None
@@ -39,39 +42,87 @@ class CyclicPosition(FollowingMode):
         """Forget the last target; a look at the next one that is under way comes to nothing."""
         super().reset()
         self._in_use = False
+        self._unseen = 0  # set-points since the last look in the drive's own rhythm
 
     def start(self, now: int) -> None:
         """Go on to the target from the present motion."""
         self._in_use = True
         super().start(now)
 
+    def take(self, now: int) -> None:
+        """Take the set-point, from the present demand also where it is the one before."""
+        self._unseen += 1
+        if not self._drifts and self.cycles:
+            self._inputs = None
+        super().take(now)
+
+    def compared(self) -> float | None:
+        """Return the position."""
+        return self.target()
+
+    def missed(self) -> None:
+        """Count a SYNC without a set-point; in a rhythm of its own the drive finds out by itself."""
+        if not self._drifts:
+            super().missed()
+
     def update(self, now: int) -> None:
         """Take the target; what the drive cannot reach in time is a following error."""
-        if not self.clock.drift_ppm.value:
+        if not self._drifts:
             self._follow(now)
         elif "interpolate" not in self.mover.timers:
             self._look(now)
 
+    @property
+    def _drifts(self) -> bool:
+        """Whether the drive's rhythm is not the master's: its clock drifts, and it follows no SYNC."""
+        locked = self.model.follows_sync and self.clock.sync_ns is not None
+        return bool(self.clock.drift_ppm.value) and not locked
+
     def _look(self, now: int) -> None:
         """Look at the target in the rhythm of a clock that is not the master's."""
         ppm = self.clock.drift_ppm.value
-        if self.power.live and self._in_use and ppm:
+        if self.power.live and self._in_use and self._drifts:
             period = round(self.objects.interpolation_s * (1e9 - 1e3 * ppm)) or _MS
             self.mover.at("interpolate", now + period, self._look)
+            self._count_unseen()
             self._follow(now)
 
+    def _count_unseen(self) -> None:
+        """Count what the drift does: no set-point since the last look, or one that nobody looked at."""
+        unseen, self._unseen = self._unseen, 0
+        if unseen and self.cycles:
+            self._inputs = None
+        if self.streaming:
+            self.meter.missed += not unseen
+            self.meter.overwritten += max(0, unseen - 1)
+
     def _follow(self, now: int) -> None:
-        """Go to the target within the interpolation time."""
-        target = self.limits.position(self.units.zero + self.target() * self.units.position)
+        self.feed()
+        self.go(self.target(), now)
+
+    def go(self, place: float, now: int) -> None:
+        """Go to a place in user counts within the interpolation time, where it changed."""
+        target = self.limits.position(self.units.zero + place * self.units.position)
         if not self.changed(target):
             return
         position, seconds = self.mover.state(now)[0], self.objects.interpolation_s
         reach = self.model.max_velocity * seconds
         within = max(-reach, min(reach, target - position)) if seconds else target - position
-        demand = linear_to(now, position, position + within, seconds)
+        onward = self._onward(position + within, within / seconds) if seconds and self.streaming else 0.0
+        demand = linear_to(now, position, position + within, seconds, onward)
         self._demand = demand
+        self.meter.follow(self.mover.demand, now)
         self.mover.run(demand, now)
         self.limits.judge_following_error(target - position - within, now)
+
+    def _onward(self, place: float, velocity: float) -> float:
+        """Return for how many seconds the demand goes on beyond its set-point, at most to a limit."""
+        cycles = self.cycles
+        if not cycles or not velocity:
+            return 0.0
+        low, high = self.limits.bounds()
+        way = high - place if velocity > 0.0 else low - place
+        return max(0.0, min(cycles * self.objects.interpolation_s, way / velocity))
 
     def measured_velocity(self) -> float:
         """Return the plant's, and after the end of the way to a set-point the mean over the interpolation time."""
@@ -93,33 +144,10 @@ class CyclicPosition(FollowingMode):
         return (BIT_12 if self.power.live and not self.limits.active else 0) | (BIT_13 if self.limits.exceeded else 0)
 
 
-class InterpolatedPosition(CyclicPosition):
-    """IP: as CSP with the linear sub mode, from 0x60C1:1, while bit 4 is set."""
+class CyclicVelocity(StreamMode):
+    """CSV: take 0x60FF plus its offset at once, as far as 0x60C5 and 0x60C6 let it; without a new one it goes on."""
 
-    def update(self, now: int) -> None:
-        """Take the set-point while interpolation is enabled."""
-        if self.power.controlword & NEW_SET_POINT:
-            super().update(now)
-
-    def target(self) -> float:
-        """Return the data record."""
-        return float(self.objects.number(o.INTERPOLATION_DATA, 1))
-
-    def control(self, word: int, previous: int, now: int) -> None:
-        """Stop when interpolation is switched off."""
-        if previous & ~word & NEW_SET_POINT:
-            self._inputs = None
-            self.stop(now, Reaction.SLOW_DOWN_RAMP)
-
-    def bits(self) -> int:
-        """Return bit 12 while interpolation is active, bit 10 at the set-point."""
-        active = self.power.controlword & NEW_SET_POINT and self.power.live
-        reached = self.mover.demand.end_ns <= self.mover.time
-        return (BIT_12 if active else 0) | (REACHED if reached else 0)
-
-
-class CyclicVelocity(FollowingMode):
-    """CSV: take 0x60FF plus its offset at once, as far as 0x60C5 and 0x60C6 let it."""
+    set_point = o.TARGET_VELOCITY
 
     def update(self, now: int) -> None:
         """Take the target."""
@@ -127,6 +155,8 @@ class CyclicVelocity(FollowingMode):
         unit = self.units.acceleration
         up = self.objects.number(o.MAX_ACCELERATION) * unit or INFINITE
         down = self.objects.number(o.MAX_DECELERATION) * unit or INFINITE
+        self.mover.feed_forward(0.0, float(self.objects.number(o.TORQUE_OFFSET)))
+        self.meter.follow(self.mover.demand, now)
         if self.changed((target, up, down, *self.limits.bounds())):
             self.limits.lead(target, up, down, now)
 
@@ -135,7 +165,7 @@ class CyclicVelocity(FollowingMode):
         return BIT_12 if self.power.live and not self.limits.active else 0
 
 
-class Torque(FollowingMode):
+class Torque(StreamMode):
     """TQ and CST: 0x6071 within its limits, along 0x6087 in TQ, at once in CST.
 
     From a motion the motor keeps its velocity at first.
@@ -144,6 +174,12 @@ class Torque(FollowingMode):
     def __init__(self, axis: Axis, *, cyclic: bool = False) -> None:
         super().__init__(axis)
         self._cyclic = cyclic
+        self.set_point = o.TARGET_TORQUE if cyclic else 0
+
+    def start(self, now: int) -> None:
+        """Go on to the target; what TQ does is no stream and is not measured."""
+        self._begun = self._begun or not self._cyclic
+        super().start(now)
 
     def update(self, now: int) -> None:
         """Take target, limits and slope."""

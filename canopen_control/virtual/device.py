@@ -1,6 +1,6 @@
 """Makes virtual devices of EDS files: the node, and a drive on each axis that has a controlword.
 
-The dictionary alone decides. A known identity brings its device model, everything else is
+The dictionary alone decides. A known identity, or a known vendor, brings its device model, everything else is
 generic; a dictionary without CiA 402 objects makes a plain node.
 """
 
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from canopen_control.cia301.lss import UNCONFIGURED
 from canopen_control.errors import ConfigError
 from canopen_control.od.eds import read_eds
-from canopen_control.virtual.device_model import GENERIC, DeviceModel
+from canopen_control.virtual.device_model import GENERIC, DeviceModel, vendor_model
 from canopen_control.virtual.fault_switches import FaultSwitches
 from canopen_control.virtual.parameter_file import ParameterFile
 from canopen_control.virtual.plant import PlainWorld, World
@@ -32,7 +32,7 @@ __all__ = ["Devices", "device_model_of", "make_device", "make_devices"]
 
 def device_model_of(od: ObjectDictionary) -> DeviceModel:
     """Return what is known of the device, by its identity."""
-    return TMCM1270 if is_tmcm1270(od) else GENERIC
+    return TMCM1270 if is_tmcm1270(od) else vendor_model(od) or GENERIC
 
 
 def make_device(

@@ -161,6 +161,16 @@ def clock_off_by(ppm: float) -> Switch:
     return lambda node, on, _now: node.set_clock_drift(ppm if on else 0.0)
 
 
+def rpdos_late(delay_ns: int) -> Switch:
+    """Make a turn that lets every RPDO arrive late."""
+    return lambda node, on, _now: node.pdos.input.delay_ns.switch(on, delay_ns)
+
+
+def rpdos_lost(one_of: int) -> Switch:
+    """Make a turn that loses one RPDO of so many."""
+    return lambda node, on, _now: node.pdos.input.lost.switch(on, one_of)
+
+
 def wrong_entry(index: int, subindex: int, off: int) -> Switch:
     """Make a turn that shows another value of an identity object."""
 

@@ -1,21 +1,24 @@
 """What one model of drive does differently from another, as data.
 
 The profile's behaviour is the code's, a device's own way is a field here. `GENERIC` is a drive that takes whatever its
-EDS offers; devices we know have a file of their own that makes another instance.
+EDS offers; devices we know have a file of their own that makes another instance. `VENDOR_MODELS` are drives of which
+only their way with set-points is known, from the vendor's objects and public manuals.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Final
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
+    from canopen_control.od.model import ObjectDictionary
     from canopen_control.virtual.object_store import ObjectStore
 
-__all__ = ["GENERIC", "DeviceModel", "Limit"]
+__all__ = ["ELMO", "GENERIC", "MAXON", "VENDOR_MODELS", "DeviceModel", "Limit", "MissingSetPoint", "vendor_model"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,6 +28,19 @@ class Limit:
     code: int
     negative: bytes
     positive: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class MissingSetPoint:
+    """What a cyclic mode does when the next set-point does not come; without anything it stands at the last one.
+
+    It goes on with its velocity for `cycles` interpolation periods (0x60C2), those of `cycles_object` where the
+    dictionary has it; then it stands, or with a `fault` code that is its EMCY and fault.
+    """
+
+    cycles: int = 0
+    cycles_object: tuple[int, int] | None = None
+    fault: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,9 +70,32 @@ class DeviceModel:
     software_limit: Limit | None = None
     switch_limit: Limit | None = None
     switches_disabled: Callable[[ObjectStore], bool] = lambda _store: False
+    missing: MissingSetPoint = MissingSetPoint()
+    follows_sync: bool = False  # measures the SYNC, so that a clock that drifts does not matter in cyclic modes
     velocity_bits: Callable[[float], int] | None = None  # of the statusword, from the measured velocity
     identity: Mapping[tuple[int, int], int | str] = field(default_factory=dict)  # where the file gives no default
     display: Mapping[tuple[int, int], Callable[[ObjectStore], int]] = field(default_factory=dict)
 
 
 GENERIC = DeviceModel()
+
+INTERPOLATION_UNDERFLOW: Final = 0xFF02  # EMCY of Elmo
+_EXTRAPOLATION_CYCLES: Final = (0x2F75, 0)
+
+MAXON: Final = DeviceModel(missing=MissingSetPoint())
+"""EPOS4: stands at the end of the interpolation; 0x60C2 is 0 in its files, a set-point is taken at once."""
+
+ELMO: Final = DeviceModel(
+    missing=MissingSetPoint(cycles=1, cycles_object=_EXTRAPOLATION_CYCLES, fault=INTERPOLATION_UNDERFLOW)
+)
+"""Gold: goes on for as many periods as its object says, then it faults; the motor stops as 0x605E says."""
+
+VENDOR_MODELS: Final[Mapping[int, DeviceModel]] = MappingProxyType({0x9A: ELMO, 0xFB: MAXON})
+"""Vendor id (0x1018:01) to the model of that vendor's drives."""
+
+
+def vendor_model(od: ObjectDictionary) -> DeviceModel | None:
+    """Return the model of a dictionary's vendor, None where nothing is known of it."""
+    entry = od.get(0x1018, 1)
+    vendor = None if entry is None else entry.value
+    return VENDOR_MODELS.get(vendor) if isinstance(vendor, int) else None

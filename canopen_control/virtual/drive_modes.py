@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING
 
 from canopen_control.cia402 import objects as o
 from canopen_control.cia402.modes import OperationMode
-from canopen_control.virtual.cyclic_modes import CyclicPosition, CyclicVelocity, InterpolatedPosition, Torque
+from canopen_control.virtual.cyclic_modes import CyclicPosition, CyclicVelocity, Torque
 from canopen_control.virtual.fault_seam import Seam
 from canopen_control.virtual.homing_mode import Homing
+from canopen_control.virtual.interpolated_mode import InterpolatedPosition
 from canopen_control.virtual.mode_base import Mode
 from canopen_control.virtual.node_events import ModeChanged
 from canopen_control.virtual.profile_modes import ProfilePosition, ProfileVelocity, VelocityMode
@@ -72,6 +73,13 @@ class DriveModes:
         homing = self._all[OperationMode.HM]
         assert isinstance(homing, Homing)
         return homing
+
+    @property
+    def interpolated(self) -> InterpolatedPosition:
+        """The interpolated position mode."""
+        interpolated = self._all[OperationMode.IP]
+        assert isinstance(interpolated, InterpolatedPosition)
+        return interpolated
 
     def clear(self) -> None:
         """Have no mode: power-on."""

@@ -116,6 +116,8 @@ _ROWS = (
     Fault(43, "direction_inverted", "axis", "shows position and velocity with the wrong sign", "finds it in a jog test", switched=device.inverted),
     Fault(47, "clock_fast", "node", "has a clock that is 100 ppm fast: in CSP it sees a set-point twice now and then", "goes on; a repeated set-point is no fault", switched=device.clock_off_by(100.0)),
     Fault(47, "clock_slow", "node", "has a clock that is 100 ppm slow: in CSP it misses a set-point now and then", "goes on; a missed set-point is no fault", switched=device.clock_off_by(-100.0)),
+    Fault(0, "rpdo_late", "node", "hears its RPDOs 3 ms late", "goes on; what the drive tells of its set-points shows the phase", switched=device.rpdos_late(3_000_000)),
+    Fault(0, "rpdo_lost", "node", "does not hear one RPDO of a hundred", "goes on; what the drive tells of its set-points counts the missed ones", switched=device.rpdos_lost(100)),
     Fault(0, "warning", "axis", "sets the warning bit", "shows it, nothing stops", switched=device.warning),
     Fault(0, "following_error", "axis", "following error: FAULT 0x8611, whose cause lasts", "names it; a reset says that the cause is still present", switched=device.following_error),
 )  # fmt: skip

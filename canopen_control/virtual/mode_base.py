@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from canopen_control.virtual.mover import Mover
     from canopen_control.virtual.node_outbox import Clock, NodeOutbox
     from canopen_control.virtual.power_machine import PowerMachine
+    from canopen_control.virtual.set_point_meter import SetPointMeter
 
 __all__ = ["BIT_12", "BIT_13", "NEW_SET_POINT", "REACHED", "Axis", "FollowingMode", "Mode"]
 
@@ -37,15 +38,21 @@ class Axis:
     limits: AxisLimits
     outbox: NodeOutbox
     clock: Clock
+    meter: SetPointMeter
 
 
 class Mode:
-    """The base of all modes, and the mode without a motion: it stops and stands."""
+    """The base of all modes, and the mode without a motion: it stops and stands.
+
+    `set_point` is the object whose RPDOs are its set-points, 0: they do not come in a stream.
+    """
+
+    set_point = 0
 
     def __init__(self, axis: Axis) -> None:
         self.objects, self.units, self.model = axis.objects, axis.objects.units, axis.objects.model
         self.mover, self.power, self.limits = axis.mover, axis.power, axis.limits
-        self.outbox, self.clock = axis.outbox, axis.clock
+        self.outbox, self.clock, self.meter = axis.outbox, axis.clock, axis.meter
         self.reset()
 
     def reset(self) -> None:
@@ -67,6 +74,13 @@ class Mode:
 
     def update(self, now: int) -> None:
         """Take set-points that may have changed."""
+
+    def take(self, now: int) -> None:
+        """Take the set-point that an RPDO brought, also where it is the one before."""
+        self.update(now)
+
+    def missed(self) -> None:
+        """Note that a SYNC came without a set-point."""
 
     def control(self, word: int, previous: int, now: int) -> None:
         """Take the mode's own bits of the controlword."""

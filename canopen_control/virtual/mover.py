@@ -60,6 +60,7 @@ class Mover:
         self.torque: Trajectory | None = None  # set: the plant is pushed, not led
         self.powered = False
         self.now: int | None = None  # None: not started
+        self._fed = (0.0, 0.0)
         self.timers: dict[str, tuple[int, Callable[[int], None]]] = {}
 
     # -- timers
@@ -120,8 +121,8 @@ class Mover:
     def power(self, on: bool, now: int) -> None:
         """Switch the power stage; both ways the demand is where the plant is."""
         self._move(now)
-        self.cancel("arrive", "follow", "switch", "index", "interpolate", "following error")
-        self.powered, self.torque = on, None
+        self.cancel("arrive", "follow", "switch", "index", "interpolate", "set point", "following error")
+        self.powered, self.torque, self._fed = on, None, (0.0, 0.0)
         if not on:
             self.plant.release(now, now)
         self.demand = hold(now, self.plant.position)
@@ -145,6 +146,12 @@ class Mover:
         else:
             self.cancel("arrive")
             self.owner.arrived(now)
+
+    def feed_forward(self, velocity: float, torque: float) -> None:
+        """Give the plant's loops something beside the demand from now on, in counts/s and per mille."""
+        if (velocity, torque) != self._fed and self.powered:
+            self._fed = velocity, torque
+            self.plant.feed_forward(velocity, torque)
 
     def push(self, torque: Trajectory, now: int) -> None:
         """Apply a torque from now on, in per mille of the rated one; the end of its ramp is told."""

@@ -23,12 +23,16 @@ _MOST_WAITING = 1000  # events, and frames of injected faults
 
 
 class Clock:
-    """The time the node was brought to, in monotonic ns; seam `drift_ppm`: how much faster than the master's it is."""
+    """The time the node was brought to, and that of the last SYNC (None: none came), in monotonic ns.
 
-    __slots__ = ("drift_ppm", "now")
+    Seam `drift_ppm`: how much faster than the master's it is.
+    """
+
+    __slots__ = ("drift_ppm", "now", "sync_ns")
 
     def __init__(self) -> None:
         self.now = 0
+        self.sync_ns: int | None = None
         self.drift_ppm = Seam(0.0)
 
 

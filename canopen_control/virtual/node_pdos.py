@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Protocol
 from canopen_control.cia301.emcy_codes import ErrorRegister
 from canopen_control.cia301.pdo import (
     ACYCLIC_SYNCHRONOUS,
+    LAST_CYCLIC,
     PdoCodec,
     PdoParameters,
     is_event_driven,
@@ -26,6 +27,7 @@ from canopen_control.cia402 import objects as o
 from canopen_control.errors import LocalProtocolError
 from canopen_control.frame import EXTENDED_FLAG, REMOTE_FLAG
 from canopen_control.virtual.pdo_records import RPDO, TPDO, PdoRecords, mapping_of
+from canopen_control.virtual.rpdo_input import RpdoInput
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -38,6 +40,8 @@ if TYPE_CHECKING:
 
 __all__ = ["Axis", "ProcessData"]
 
+_SET_POINTS = frozenset((o.TARGET_POSITION, o.TARGET_VELOCITY, o.TARGET_TORQUE, o.INTERPOLATION_DATA))
+_CONTROLWORD, _SET_POINT = 1, 2  # what an RPDO brings an axis
 _NO_EVENTS = frozenset((o.STATUSWORD, o.MODES_OF_OPERATION_DISPLAY, o.ERROR_CODE))  # change without motion
 
 
@@ -47,8 +51,18 @@ class Axis(Protocol):
     def advance(self, now: int) -> None:
         """Bring the axis to `now`."""
 
-    def refresh(self, now: int, *, controlword: bool = False) -> None:
+    def refresh(self, now: int, *, controlword: bool = False, set_point: bool = False) -> None:
         """Act on objects that were written."""
+
+    @property
+    def set_point(self) -> int:
+        """The object whose RPDOs are set-points of the active mode, 0: none."""
+
+    def set_point_received(self, now: int, *, overwrites: bool) -> None:
+        """Note that an RPDO with a set-point arrived, and whether it replaces one that waits."""
+
+    def set_point_missed(self) -> None:
+        """Note that a SYNC came without a set-point."""
 
 
 class _Rpdo:
@@ -60,6 +74,8 @@ class _Rpdo:
         self.entries: tuple[Entry | None, ...] = ()  # None: a gap
         self.consumer = RpdoConsumer(PdoParameters(0, enabled=False), 0)
         self.wrong: set[RpdoEventKind] = set()  # of what came last
+        self.set_points: tuple[tuple[int, int], ...] = ()  # axis, and object of axis 0
+        self.cyclic = False  # expected at every SYNC
 
 
 class _Tpdo:
@@ -85,7 +101,7 @@ class _Tpdo:
 class ProcessData:
     """All PDOs of a node. `refused` counts values that an RPDO brought and the node did not take.
 
-    `rebuilt` is called when a record was written: identifiers may be others.
+    `rebuilt` is called when a record was written: identifiers may be others. `input` is what faults do to RPDOs.
     """
 
     def __init__(
@@ -102,6 +118,7 @@ class ProcessData:
         self._axes, self._tell_rebuilt = axes, rebuilt
         self.refused = 0
         self._refusing: set[int] = set()  # RPDOs
+        self.input = RpdoInput()
         self._records = PdoRecords(store, rtr_supported=model.rtr_supported)
         self.rpdos = {number: _Rpdo(number) for number in self._records.numbers(RPDO)}
         self.tpdos = {number: _Tpdo(number) for number in self._records.numbers(TPDO)}
@@ -135,7 +152,11 @@ class ProcessData:
         rpdo = self.rpdos[number]
         rpdo.codec, rpdo.entries = self._records.codec(mapping_of(RPDO + number))
         rpdo.consumer.window_ns = self._store.number(0x1007) * 1000
-        rpdo.consumer.configure(self._records.parameters(RPDO + number), rpdo.codec.length)
+        parameters = self._records.parameters(RPDO + number)
+        rpdo.consumer.configure(parameters, rpdo.codec.length)
+        addresses = (o.axis_of(entry.index) for entry in rpdo.entries if entry is not None and entry.index >= 0x6000)
+        rpdo.set_points = tuple((axis, base) for base, axis in addresses if base in _SET_POINTS and axis in self._axes)
+        rpdo.cyclic = ACYCLIC_SYNCHRONOUS < parameters.transmission_type <= LAST_CYCLIC
         self._judge(rpdo, set())
 
     def _make_tpdo(self, number: int, now: int) -> None:
@@ -184,14 +205,24 @@ class ProcessData:
         return found
 
     def _receiver(self, rpdo: _Rpdo) -> Callable[[CanFrame, int], None]:
+        consumer = rpdo.consumer
+
         def receive(frame: CanFrame, now: int) -> None:
-            rpdo.consumer.receive(frame, now)
+            waiting, before = consumer.holds, consumer.received
+            consumer.receive(frame, now)
+            if rpdo.set_points and consumer.received != before:
+                self._tell_set_points(rpdo, now, overwrites=waiting)
             self._serve(rpdo, now)
-            length_error = rpdo.consumer.length_error
+            length_error = consumer.length_error
             if length_error is not None or rpdo.wrong:
                 self._judge(rpdo, rpdo.wrong & {RpdoEventKind.TIMEOUT} | ({length_error} if length_error else set()))
 
-        return receive
+        return self.input.receiver(receive)
+
+    def _tell_set_points(self, rpdo: _Rpdo, now: int, *, overwrites: bool) -> None:
+        for axis, base in rpdo.set_points:
+            if self._axes[axis].set_point == base:
+                self._axes[axis].set_point_received(now, overwrites=overwrites)
 
     def _serve(self, rpdo: _Rpdo, now: int) -> None:
         for event in rpdo.consumer.events():
@@ -229,15 +260,17 @@ class ProcessData:
 
     def _act_on(self, taken: list[tuple[Entry, Value]], now: int) -> None:
         """Act on the values of one RPDO, which are all in place: each axis once, its controlword last."""
-        axes: dict[int, bool] = {}
+        axes: dict[int, int] = {}
         for entry, value in taken:
             base, axis = o.axis_of(entry.index)
             if axis in self._axes and base >= 0x6000:
-                axes[axis] = axes.get(axis, False) or base == o.CONTROLWORD
+                brings = _CONTROLWORD if base == o.CONTROLWORD else 0
+                brings |= _SET_POINT if base == self._axes[axis].set_point else 0
+                axes[axis] = axes.get(axis, 0) | brings
             else:
                 self._store.notify(entry, value)
-        for axis, controlword in axes.items():
-            self._axes[axis].refresh(now, controlword=controlword)
+        for axis, brings in axes.items():
+            self._axes[axis].refresh(now, controlword=bool(brings & _CONTROLWORD), set_point=bool(brings & _SET_POINT))
 
     def _tell_refusal(self, rpdo: _Rpdo, refused: bool) -> None:
         """Raise that a value was not taken, where the device says so, until it takes all of them."""
@@ -252,12 +285,21 @@ class ProcessData:
                 self._outbox.clear_error(error[0])
 
     def sync(self, counter: int | None, now: int) -> None:
-        """Take a SYNC."""
+        """Take a SYNC; a set-point that it should have made count and that is not there is missed."""
+        self._clock.sync_ns = now
         for tpdo in self.tpdos.values():
             tpdo.producer.sync(now, counter)
         for rpdo in self.rpdos.values():
-            rpdo.consumer.sync(now)
+            consumer = rpdo.consumer
+            if rpdo.cyclic and rpdo.set_points and consumer.running and not consumer.holds:
+                self._tell_missed(rpdo)
+            consumer.sync(now)
             self._serve(rpdo, now)
+
+    def _tell_missed(self, rpdo: _Rpdo) -> None:
+        for axis, base in rpdo.set_points:
+            if self._axes[axis].set_point == base:
+                self._axes[axis].set_point_missed()
 
     def send_changed(self, now: int) -> None:
         """Send the event-driven TPDOs whose values changed."""
@@ -267,7 +309,8 @@ class ProcessData:
                 tpdo.producer.changed(now)
 
     def tick(self, now: int) -> None:
-        """Serve event timers, inhibit times and deadlines."""
+        """Serve event timers, inhibit times and deadlines, and RPDOs that a fault delays."""
+        self.input.tick(now)
         for tpdo in self.tpdos.values():
             tpdo.producer.tick(now)
         for rpdo in self.rpdos.values():
@@ -278,6 +321,7 @@ class ProcessData:
         """Return when `tick` has something to do."""
         deadlines = [tpdo.producer.next_deadline() for tpdo in self._event_tpdos]
         deadlines += [rpdo.consumer.next_deadline() for rpdo in self.rpdos.values()]
+        deadlines.append(self.input.next_deadline())
         return min((deadline for deadline in deadlines if deadline is not None), default=None)
 
     def frames(self) -> list[CanFrame]:

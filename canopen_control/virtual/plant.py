@@ -36,7 +36,10 @@ class Plant(Protocol):
         """Move as the torque does, whose rate over time `torque` is, in per mille."""
 
     def release(self, start_ns: int, end_ns: int) -> None:
-        """Move without power."""
+        """Move without power; what was fed forward is forgotten."""
+
+    def feed_forward(self, velocity: float, torque: float) -> None:
+        """Take what the loops get beside the demand from now on: 0x60B1 in counts/s and 0x60B2 in per mille."""
 
 
 def _lag(velocity: float, piece: Piece, time_constant: float) -> tuple[float, float]:
@@ -86,12 +89,16 @@ class IdealPlant:
         """Stand still."""
         self.velocity = self.torque = 0.0
 
+    def feed_forward(self, velocity: float, torque: float) -> None:
+        """Do nothing: there is no error that it could lessen."""
+
 
 @dataclass(slots=True)
 class LagPlant:
     """A plant whose velocity follows the demand with a time constant, and decays with the coasting one without power.
 
-    The position error while moving is `time_constant` times the velocity, and nothing at rest.
+    The position error while moving is `time_constant` times the velocity, and nothing at rest: a proportional position
+    loop. A velocity that is fed forward goes past that loop, so that only the rest of the velocity has an error.
     """
 
     position: float = 0.0
@@ -101,6 +108,7 @@ class LagPlant:
     coast_time_constant: float = 0.1  # s
     rated_velocity: float = 50_000.0  # counts/s at rated torque
     stiff: bool = False
+    fed_velocity: float = 0.0  # counts/s, part of `velocity`
 
     def follow(self, demand: Trajectory, start_ns: int, end_ns: int) -> None:
         """Approach the demanded velocity, in closed form."""
@@ -118,7 +126,12 @@ class LagPlant:
         decay = math.exp(-(end_ns - start_ns) * 1e-9 / self.coast_time_constant)
         self.position += self.velocity * self.coast_time_constant * (1.0 - decay)
         self.velocity = 0.0 if abs(self.velocity) < 1e-3 else self.velocity * decay
-        self.torque = 0.0
+        self.torque = self.fed_velocity = 0.0
+
+    def feed_forward(self, velocity: float, torque: float) -> None:  # noqa: ARG002 # a torque does not lessen the lag
+        """Change the velocity at once by what is fed forward; the loop takes away what is too much."""
+        self.velocity += velocity - self.fed_velocity
+        self.fed_velocity = velocity
 
 
 @dataclass(slots=True)
@@ -128,7 +141,8 @@ class LoadedPlant:
     Torques are per mille of the rated one. The rated torque alone accelerates the unloaded motor by `acceleration`
     counts/s^2; a load of `inertia` divides that by 1 + inertia. `external` pulls in the positive direction (gravity on
     a vertical axis), `friction` against the motion. The position the encoder shows is the motor's: with a `backlash`
-    the load stays up to that many counts behind (`load_position`). `stalled` blocks the shaft.
+    the load stays up to that many counts behind (`load_position`). `stalled` blocks the shaft. The velocity loop gets
+    `velocity_feed_forward` of the demand's velocity beside the position loop, or instead what 0x60B1 feeds forward.
     """
 
     position: float = 0.0
@@ -143,18 +157,22 @@ class LoadedPlant:
     backlash: float = 0.0
     stalled: bool = False
     position_gain: float = 100.0  # 1/s
+    velocity_feed_forward: float = 1.0
     velocity_time_constant: float = 0.002  # s
     load_position: float = 0.0
     stiff: bool = False
+    fed_velocity: float = 0.0
+    fed_torque: float = 0.0
     _STEP_NS = 500_000
 
     def follow(self, demand: Trajectory, start_ns: int, end_ns: int) -> None:
         """Follow with the position loop on top of the velocity loop, as far as the torque limit lets it."""
         for clock in self._steps(start_ns, end_ns):
             position, velocity = demand.at(clock)
-            wanted = velocity + self.position_gain * (position - self.position)
+            known = self.fed_velocity or velocity * self.velocity_feed_forward
+            wanted = known + self.position_gain * (position - self.position)
             effort = (wanted - self.velocity) / self.velocity_time_constant + demand.acceleration_at(clock)
-            need = effort * self._mass() + self.viscosity * self.velocity - self.external
+            need = effort * self._mass() + self.viscosity * self.velocity - self.external + self.fed_torque
             need += math.copysign(self.friction, wanted) if wanted else 0.0
             self._step(max(-self.torque_limit, min(self.torque_limit, need)))
 
@@ -165,8 +183,13 @@ class LoadedPlant:
 
     def release(self, start_ns: int, end_ns: int) -> None:
         """Coast under load, friction and the external torque."""
+        self.feed_forward(0.0, 0.0)
         for _ in self._steps(start_ns, end_ns):
             self._step(0.0)
+
+    def feed_forward(self, velocity: float, torque: float) -> None:
+        """Take what is added to the velocity and the torque loop."""
+        self.fed_velocity, self.fed_torque = velocity, torque
 
     def _steps(self, start_ns: int, end_ns: int) -> range:
         """Return the ends of the steps within a time: a grid of its own, whoever looks when."""

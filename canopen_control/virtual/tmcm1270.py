@@ -3,10 +3,11 @@
 It does what its EDS and the public manuals of its family say, and nothing else. Positions are microsteps, velocities
 pps (microsteps per second), accelerations pps per second. Velocity, accelerations and the quick-stop ramp have no
 usable default: until they are written, nothing moves. In profile velocity 0x6083 decelerates too. Bits 5 and 9 of the
-controlword do nothing in profile position, where bit 12 shows a set-point under way. Bit 14 of the statusword is set
-while it moves, bit 15 is the direction. Homing method 35 needs no power. There is no 0x6007: what a lost heartbeat does
-is 0x1029:01, whose default goes to PRE-OPERATIONAL and lets the motor turn on; NMT STOPPED in operation is a fault. It
-answers no remote frames: bit 30 of its TPDOs' COB-IDs has to stay.
+controlword do nothing in profile position, where bit 12 shows a set-point under way. In CSP it goes to the target
+within 0x60C2 and stands there until the next one comes. Bit 14 of the statusword is set while it moves, bit 15 is the
+direction. Homing method 35 needs no power. There is no 0x6007: what a lost heartbeat does is 0x1029:01, whose default
+goes to PRE-OPERATIONAL and lets the motor turn on; NMT STOPPED in operation is a fault. It answers no remote frames:
+bit 30 of its TPDOs' COB-IDs has to stay.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from __future__ import annotations
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
-from canopen_control.virtual.device_model import DeviceModel, Limit
+from canopen_control.virtual.device_model import DeviceModel, Limit, MissingSetPoint
 
 if TYPE_CHECKING:
     from canopen_control.od.model import ObjectDictionary
@@ -59,6 +60,7 @@ TMCM1270 = DeviceModel(
     delays=MappingProxyType({4: _ENABLE_DELAY}),
     rtr_supported=False,
     communication_data=bytes.fromhex("00FF000000"),
+    missing=MissingSetPoint(),
     rpdo_error=(0x6320, bytes.fromhex("00FF000000")),
     software_limit=Limit(0xFF01, b"\x01", b"\x02"),
     switch_limit=Limit(0xFF01, b"\x04", b"\x03"),

@@ -220,8 +220,12 @@ def _peak(way: float, velocity: float, acceleration: float, deceleration: float,
     return max(velocity, end, math.sqrt(gain * energy))
 
 
-def linear_to(now: int, position: float, target: float, seconds: float) -> Trajectory:
-    """Go to `target` with constant velocity within `seconds`, then stand: the set-point of an interpolated mode."""
+def linear_to(now: int, position: float, target: float, seconds: float, onward: float = 0.0) -> Trajectory:
+    """Go to `target` with constant velocity within `seconds`, then stand: the set-point of an interpolated mode.
+
+    `onward` is for how many seconds more it goes on with that velocity: the extrapolation of a set-point that is late.
+    """
     if seconds <= 0.0:
         return hold(now, target)
-    return Trajectory(now, position, (Piece(seconds, (target - position) / seconds, 0.0),), 0.0, target)
+    velocity = (target - position) / seconds
+    return Trajectory(now, position, (Piece(seconds + onward, velocity, 0.0),), 0.0, target + velocity * onward)

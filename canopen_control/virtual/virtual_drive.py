@@ -26,6 +26,7 @@ from canopen_control.virtual.mode_base import Axis
 from canopen_control.virtual.mover import Mover
 from canopen_control.virtual.plant import IdealPlant, Plant
 from canopen_control.virtual.power_machine import PowerMachine
+from canopen_control.virtual.set_point_meter import SetPointMeter
 from canopen_control.virtual.touch_probes import TouchProbes
 
 if TYPE_CHECKING:
@@ -67,7 +68,8 @@ class VirtualDrive:
         self.mover = mover = Mover(IdealPlant() if plant is None else plant, self)
         self.power = PowerMachine(objects, mover, outbox, nmt, self)
         self.limits = AxisLimits(objects, mover, outbox, self.power)
-        parts = Axis(objects, mover, self.power, self.limits, outbox, clock)
+        self.meter = SetPointMeter()
+        parts = Axis(objects, mover, self.power, self.limits, outbox, clock, self.meter)
         self.modes = DriveModes(parts)
         self.readings = AxisReadings(parts, self.modes)
         self.probes = TouchProbes(objects, mover, outbox)
@@ -96,6 +98,7 @@ class VirtualDrive:
             position=self.readings.position(),
             velocity=self.readings.velocity(),
             plant=PlantState(plant.position, plant.velocity, plant.torque),
+            set_points=self.meter.tell(self.objects.units.velocity),
         )
 
     # -- objects
@@ -115,6 +118,7 @@ class VirtualDrive:
         store.on_write([index + shift for index in UNIT_OBJECTS], lambda _entry, _value: objects.units.update(objects))
         store.on_write([o.TOUCH_PROBE_FUNCTION + shift], lambda _entry, _value: self.probes.update(self._clock.now))
         store.on_write([controlword], lambda _entry, _value: self.refresh(self._clock.now, controlword=True))
+        store.on_write([o.INTERPOLATION_DATA + shift], self._record_written)
         mine = {entry.index for entry in store.od if 0x6000 <= entry.index - shift < 0x6800} - {controlword}
         store.on_write(mine, lambda _entry, _value: self.refresh(self._clock.now))
 
@@ -162,15 +166,42 @@ class VirtualDrive:
         power.enter(State.SWITCH_ON_DISABLED, now)
         self.modes.select(now)
 
-    def refresh(self, now: int, *, controlword: bool = False) -> None:
-        """Act on objects that were written: mode, then controlword, then set-points."""
+    def refresh(self, now: int, *, controlword: bool = False, set_point: bool = False) -> None:
+        """Act on objects that were written: mode, then controlword, then set-points.
+
+        `set_point`: an RPDO brought that of the active mode.
+        """
         self.mover.advance(now)
         if self.modes.number != self._values.get(self._mode_address, 0):
             self.modes.select(now)
         if controlword:
             self._control(now)
         if self.power.live:
-            self.modes.active.update(now)
+            mode = self.modes.active
+            mode.take(now) if set_point else mode.update(now)
+
+    @property
+    def set_point(self) -> int:
+        """The object whose RPDOs are set-points of the active mode, 0: none."""
+        return self.modes.active.set_point
+
+    def set_point_received(self, now: int, *, overwrites: bool) -> None:
+        """Note when an RPDO with a set-point arrived, and whether one is still waiting that it replaces."""
+        if self.power.live:
+            sync_ns = self._clock.sync_ns
+            if sync_ns is not None:
+                self.meter.received(now - sync_ns)
+            self.meter.overwritten += overwrites
+
+    def set_point_missed(self) -> None:
+        """Note that a SYNC came without a set-point."""
+        if self.power.live:
+            self.modes.active.missed()
+
+    def _record_written(self, entry: Entry, _value: Value) -> None:
+        interpolated = self.modes.interpolated
+        if self.modes.active is interpolated and entry.subindex == interpolated.buffer.last_subindex:
+            interpolated.record_written(self._clock.now)
 
     def _control(self, now: int) -> None:
         power, mode = self.power, self.modes.active

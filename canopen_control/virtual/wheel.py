@@ -98,6 +98,10 @@ class WheelPlant:
         quiet = self.stiff and not self.velocity
         self._move(self.inner.release, start_ns, end_ns, quiet=quiet)
 
+    def feed_forward(self, velocity: float, torque: float) -> None:
+        """Feed the inner plant's loops."""
+        self.inner.feed_forward(velocity, torque)
+
     def _move(self, move: Callable[[int, int], None], start_ns: int, end_ns: int, *, quiet: bool) -> None:
         clock = start_ns
         first = (start_ns // GRID_NS + 1) * GRID_NS

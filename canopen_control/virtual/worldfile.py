@@ -49,7 +49,9 @@ if TYPE_CHECKING:
 __all__ = ["OwnWorld", "WorldError", "WorldFile", "read_world"]
 
 _KINDS: dict[str, Callable[..., Plant]] = {"ideal": IdealPlant, "lag": LagPlant, "loaded": LoadedPlant}
-_STATE = frozenset(("position", "velocity", "torque", "stiff", "load_position"))  # no parameters
+_STATE = frozenset(
+    ("position", "velocity", "torque", "stiff", "load_position", "fed_velocity", "fed_torque")
+)  # no parameters
 
 
 class WorldError(ConfigError):
@@ -75,6 +77,7 @@ class AxisFile:
     stalled: bool | None = None
     position_gain: float | None = setting(None, low=0.0)
     velocity_time_constant: float | None = setting(None, low=1e-4)
+    velocity_feed_forward: float | None = setting(None, low=0.0)
     here: Node = position()  # noqa: RUF009 - makes a field
 
     def parameters(self) -> dict[str, float]:

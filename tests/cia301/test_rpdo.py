@@ -32,10 +32,13 @@ def test_an_event_driven_rpdo_is_applied_at_once(transmission_type):
 @pytest.mark.parametrize("transmission_type", [0, 1, 240])
 def test_a_synchronous_rpdo_is_held_until_the_next_sync_and_the_newest_counts(transmission_type):
     rpdo = running(transmission_type)
+    assert not rpdo.holds
     rpdo.receive(frame("203#010000"), 0)
     rpdo.receive(frame("203#020000"), 1)
     assert rpdo.events() == []
+    assert rpdo.holds
     rpdo.sync(2)
+    assert not rpdo.holds
     rpdo.sync(3)
     assert applied(rpdo) == ["020000"]
     assert rpdo.received == 2

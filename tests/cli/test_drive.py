@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import contextlib
+import json
 import signal
 import subprocess
 import sys
@@ -8,12 +9,16 @@ import sys
 import pytest
 from support.host import ROOT, use_private_folders
 from support.localbus import kill_hub, receive
+from support.onbus import TMCM as EDS
+from support.onbus import OnBus
 
 from canopen_control.bus.channel import open_port
-from canopen_control.cli.drive import parse_node_ids
+from canopen_control.cli.drive import parse_node_ids, run
+from canopen_control.cli.verbs import parser_of
 from canopen_control.errors import ConfigError
 from canopen_control.frame import CanFrame, pack_records
 from canopen_control.host.sockets import list_sockets
+from canopen_control.virtual.control import NodeControl
 
 pytestmark = pytest.mark.process
 
@@ -153,3 +158,25 @@ def test_mistakes_in_files_are_told_before_the_drive_runs(processes, tmp_path, o
     assert "wrong.yml" in err
     assert "Traceback" not in err
     assert "ready" not in out
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [((), "drive needs --eds FILE"), (("--eds", "TMCM-1270.eds", "--json"), "--json is for drive --status")],
+)
+def test_what_running_a_drive_needs_and_does_not_know_is_told(options, words):
+    with pytest.raises(ConfigError, match=words):
+        run(parser_of("drive").parse_args(["--node-id", "3", "--can", "local:x", *options]))
+
+
+def test_a_running_drive_tells_its_status(capsys):
+    with OnBus("memory:status", {3: EDS}) as drives:
+        control = drives.call(lambda: NodeControl(drives._host, drives.nodes[3]))
+        ask = ["--node-id", "3", "--can", "memory:status", "--status"]
+        assert run(parser_of("drive").parse_args(ask)) == 0
+        assert run(parser_of("drive").parse_args([*ask, "--json"])) == 0
+        drives.call(control.close)
+    first, second, document = capsys.readouterr().out.splitlines()
+    assert first.startswith("node 3, TMCM-1270: ")
+    assert second.startswith("  axis 0: SWITCH_ON_DISABLED")
+    assert json.loads(document)["axes"][0]["set_points"] is None

@@ -241,9 +241,19 @@ def test_row_47_syncs_are_on_an_exact_grid_and_a_set_point_more_or_less_is_no_fa
     assert len(sent) == 250
     assert {late - early for early, late in itertools.pairwise(sent)} == {CYCLE_MS * 1_000_000}
     for number in range(20):  # 100 ppm at 20 ms: a SYNC too many, or one too few, every 200 s; here every 100 ms
-        turning.bus.drop_next(1, lambda _label, frame: frame.can_id == 0x080)
+        syncs = itertools.count()
+        turning.bus.drop(lambda _label, frame, syncs=syncs: frame.can_id == 0x080 and next(syncs) == 0)
         turning.hold(10.0, 10.0, ms=100)
         assert number < 20
     assert turning.robot.state is RobotState.RUNNING
     assert turning.speed(RIGHT) == pytest.approx(SPEED, rel=0.01)
+    assert not [event for event in turning.events if event.level == 2], [event.text for event in turning.events]
+
+
+@pytest.mark.parametrize("fault", ["rpdo_late", "rpdo_lost"])
+def test_rpdos_that_come_late_or_get_lost_now_and_then_stop_nothing(turning, fault):
+    turning.switch(fault)
+    turning.hold(10.0, 10.0, ms=3000)
+    assert turning.robot.state is RobotState.RUNNING
+    assert abs(turning.speed(LEFT)) == pytest.approx(SPEED, rel=0.01)
     assert not [event for event in turning.events if event.level == 2], [event.text for event in turning.events]

@@ -39,6 +39,8 @@ from canopen_control.rpc.messages.hub import ClearFaults, GetHubStatus
 FORWARD, BASE = "robby_forward_controller", "robby_base_controller"
 #: Verbs that bring what they need, and so run where nothing else does.
 ALONE = ("run", "demo", "drive")
+#: But not with this: it asks what runs, and ends.
+ASKING = "--status"
 #: What does not end by itself, by its first words -> what it says when it works ("": it says nothing then).
 ENDLESS = {
     ("run",): r" runs: ",
@@ -61,6 +63,8 @@ TIMEOUT_S = 40.0
 
 def endless(words):
     """Return what an example says that has to be interrupted, None for one that ends by itself."""
+    if ASKING in words:
+        return None
     lasting = [float(words[at + 1]) for at, word in enumerate(words) if word in ("--duration", "--for")]
     if "--file" in words or any(seconds <= LONG_S for seconds in lasting):
         return None
@@ -239,9 +243,10 @@ def test_the_examples_of_ros_run(robby, bridge):
 
 
 ALL_OF_HELP = [words for examples in HELP.values() for words in examples]
-STARTING = [words for words in ALL_OF_HELP if words[0] in ALONE]
-STARTING += [words for words in PAGES if words[0] in ALONE and words not in STARTING]
+STARTING = [words for words in ALL_OF_HELP if words[0] in ALONE and ASKING not in words]
+STARTING += [words for words in PAGES if words[0] in ALONE and ASKING not in words and words not in STARTING]
 OTHERS = [words for words in PAGES if words[0] not in (*ALONE, "ros") and words not in ALL_OF_HELP]
+OTHERS += [words for words in ALL_OF_HELP if words[0] in ALONE and ASKING in words]
 
 
 def as_parameters(examples):

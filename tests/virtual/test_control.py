@@ -173,3 +173,13 @@ def test_events_are_pushed_and_notifications_are_not_answered(controlled):
     assert c.receive() == {"event": {"text": "NMT OPERATIONAL"}}
     c.send(method="fault", params={"name": "warning"})
     assert c.call("state")["faults"] == ["warning"]
+
+
+def test_the_quality_of_set_points_is_told_and_begun_anew(controlled):
+    c = controlled()
+    assert c.call("state")["axes"][0]["set_points"] is None
+    meter = c.node.drives[0].meter
+    meter.used, meter.missed = True, 3
+    assert c.call("state")["axes"][0]["set_points"] == {"missed": 3}
+    assert c.call("restart_quality", axis=0) == {}
+    assert c.call("state")["axes"][0]["set_points"] == {}

@@ -6,9 +6,11 @@ import struct
 
 import pytest
 from support.faulty import Faulty, bench, fault
+from support.setpoints import StreamBench
 from support.virtualbench import tmcm
 
 from canopen_control.cia301.nmt import NmtCommand
+from canopen_control.virtual.fault_switches import FaultSwitches
 
 
 @pytest.mark.parametrize(
@@ -235,3 +237,24 @@ def test_a_clamped_parameter():
     b.set("parameter_clamped", False)
     b.write(0x6083, 5000)
     assert b.number(0x6083) == 5000
+
+
+def streamed(name):
+    """A stream of a hundred and one set-points with a fault on, in simulated time."""
+    b = StreamBench()
+    FaultSwitches(b.node).set(fault(name), True, b.now)
+    b.ramp(102, settle=1)
+    return b
+
+
+def test_rpdos_that_come_late_show_their_phase_and_one_that_is_lost_is_missed():
+    late = streamed(fault("rpdo_late"))
+    late.on(0.003)  # the last one, 3 ms after the SYNC that was to make it count
+    assert (late.quality.phase_us.min, late.quality.phase_us.max) == pytest.approx((3000, 3000))
+    assert late.quality.velocity_ripple == pytest.approx(0, abs=1e-6)
+    lossy = streamed(fault("rpdo_lost"))
+    assert (lossy.quality.missed, lossy.quality.taken) == (1, 100)
+    for b, seam in ((late, late.node.pdos.input.delay_ns), (lossy, lossy.node.pdos.input.lost)):
+        for name in b.node.switches.active:
+            b.node.switches.set(name, False, b.now)
+        assert seam.value == 0

@@ -124,3 +124,39 @@ def test_a_plain_world_gives_every_axis_a_plant_of_its_own():
     assert first is not second
     assert (world.describe(), world.period_ns) == (WorldState(), None)
     world.close()
+
+
+def settled(plant, seconds=3):
+    """The error of a plant that follows 100 counts/s, once it has settled."""
+    demand = trajectory.cruise(0, 0.0, 100.0)
+    for step in range(seconds * 10):
+        plant.follow(demand, step * 100 * MS, (step + 1) * 100 * MS)
+    return demand.at(seconds * S)[0] - plant.position
+
+
+@pytest.mark.parametrize(("fed", "error"), [(0.0, 10.0), (60.0, 4.0), (100.0, 0.0), (150.0, -5.0)])
+def test_what_is_fed_forward_goes_past_the_position_loop_of_a_lagging_plant(fed, error):
+    plant = LagPlant(time_constant=0.1)
+    plant.feed_forward(fed, 0.0)
+    assert settled(plant) == pytest.approx(error, abs=0.01)
+    assert plant.velocity == pytest.approx(100.0)
+
+
+def test_a_loaded_plant_lags_by_what_nobody_feeds_forward():
+    parts = {"friction": 0.0, "viscosity": 0.0, "position_gain": 20.0}
+    blind, knowing = (LoadedPlant(velocity_feed_forward=share, **parts) for share in (0.0, 1.0))
+    assert settled(blind) == pytest.approx(100 / 20.0, rel=0.02)
+    assert settled(knowing) == pytest.approx(0.0, abs=0.1)
+    told = LoadedPlant(velocity_feed_forward=0.0, **parts)
+    told.feed_forward(100.0, 0.0)
+    assert settled(told) == pytest.approx(0.0, abs=0.1)
+
+
+@pytest.mark.parametrize("plant", [IdealPlant(), LagPlant(), LoadedPlant()])
+def test_without_power_nothing_is_fed_forward(plant):
+    plant.feed_forward(100.0, 50.0)
+    plant.release(0, 5 * S)
+    assert abs(plant.velocity) < 1.0
+    before = plant.velocity
+    plant.feed_forward(0.0, 0.0)
+    assert plant.velocity == before

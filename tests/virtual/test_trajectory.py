@@ -135,3 +135,11 @@ def test_an_end_velocity_is_reached_where_the_way_is_long_enough():
     assert short.final_velocity == pytest.approx((2 * 1000 * 10) ** 0.5)
     back = trajectory.move_to(0, 0.0, 100.0, -50.0, 500.0, 1000.0, 1000.0, end=200.0)
     assert back.final_velocity == -200.0
+
+
+def test_a_linear_move_goes_on_with_its_velocity_for_as_long_as_it_is_told():
+    demand = trajectory.linear_to(0, 100.0, 200.0, 0.01, 0.03)
+    assert [demand.at(round(ms * 1e6)) for ms in (5, 10, 40, 41, 400)] == [
+        pytest.approx(each) for each in ((150, 10_000), (200, 10_000), (500, 0), (500, 0), (500, 0))
+    ]
+    assert trajectory.linear_to(0, 100.0, 200.0, 0.0, 0.03).at(0) == (200.0, 0.0)

@@ -89,3 +89,9 @@ def test_slip_is_the_same_for_a_seed_however_it_is_looked_at():
         ways.append([way for _, way in floor.points])
     assert ways[0] == pytest.approx(ways[1])
     assert ways[0][-1] != pytest.approx(0.14, abs=1e-6)
+
+
+def test_what_is_fed_forward_reaches_the_motor():
+    moving, _floor = wheel(LagPlant())
+    moving.feed_forward(100.0, 0.0)
+    assert moving.velocity == moving.inner.velocity == 100.0

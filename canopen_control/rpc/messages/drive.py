@@ -13,8 +13,8 @@ import msgspec
 from canopen_control.rpc.messages.declare import Api, Done, Effect, Request
 
 __all__ = ["DRIVE", "ActiveFaults", "AxisState", "BasePose", "DriveEvent", "DriveHello", "DriveState", "FaultListing",
-           "GetDriveState", "ListFaults", "PlantState", "SetInputs", "SetPlant", "SwitchFault",
-           "WorldState"]  # fmt: skip
+           "GetDriveState", "ListFaults", "PlantState", "RestartQuality", "SetInputs", "SetPlant", "SetPointQuality",
+           "Spread", "SwitchFault", "WorldState"]  # fmt: skip
 
 Inputs = Annotated[int, msgspec.Meta(ge=0, le=0xFFFFFFFF)]
 
@@ -88,10 +88,42 @@ class PlantState(msgspec.Struct, frozen=True):
     torque: float = 0.0
 
 
+class Spread(msgspec.Struct, frozen=True):
+    """The least, the mean and the greatest of many values."""
+
+    min: float
+    mean: float
+    max: float
+
+
+class SetPointQuality(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """How evenly set-points of a cyclic mode came and moved an axis, since it was enabled in it or `restart_quality`.
+
+    `taken` set-points of RPDOs that counted; `missed`: periods in which none counted; `doubled`: set-points that
+    repeated the one before in the middle of a motion; `overwritten`: those that the next one replaced before they
+    counted. `velocity` is the demanded velocity while the axis moved and `acceleration` the standard deviation of its
+    change, by second differences of the demanded position every 0.5 ms, in the units of the drive and seconds.
+    `velocity_ripple` and `acceleration_ripple` are the standard deviations of the first and the second differences
+    relative to the mean magnitude of the first: 0 for even motion at constant velocity. `phase_us` is the time from a
+    SYNC to the arrival of the RPDO with the set-point. What never was is absent.
+    """
+
+    taken: int = 0
+    missed: int = 0
+    doubled: int = 0
+    overwritten: int = 0
+    velocity: Spread | None = None
+    velocity_ripple: float | None = None
+    acceleration: float | None = None
+    acceleration_ripple: float | None = None
+    phase_us: Spread | None = None
+
+
 class AxisState(msgspec.Struct, frozen=True, kw_only=True):
     """An axis: `state` is that of CiA 402, such as "OPERATION_ENABLED", `mode` such as "PV".
 
-    `statusword` is 0x6041, `controlword` 0x6040, `position` 0x6064 and `velocity` 0x606C in the units of the drive.
+    `statusword` is 0x6041, `controlword` 0x6040, `position` 0x6064 and `velocity` 0x606C in the units of the drive;
+    `set_points` is there once the axis was enabled in a cyclic mode (CSP, CSV, CST, interpolated position).
     """
 
     axis: int
@@ -102,6 +134,7 @@ class AxisState(msgspec.Struct, frozen=True, kw_only=True):
     position: int
     velocity: int
     plant: PlantState
+    set_points: SetPointQuality | None = None
 
 
 class BasePose(msgspec.Struct, frozen=True):
@@ -161,4 +194,11 @@ class SetPlant(Request[Done], frozen=True, kw_only=True):
     """
 
     numbers: dict[str, float | bool]
+    axis: int = 0
+
+
+@DRIVE.method("restart_quality", Effect.CHANGES)
+class RestartQuality(Request[Done], frozen=True, kw_only=True):
+    """Begin to count and measure the set-points of an axis anew."""
+
     axis: int = 0

@@ -1,7 +1,16 @@
 import msgspec
 import pytest
 
-from canopen_control.rpc.messages.drive import DRIVE, DriveState, SetInputs, SetPlant, SwitchFault, WorldState
+from canopen_control.rpc.messages.drive import (
+    DRIVE,
+    DriveState,
+    SetInputs,
+    SetPlant,
+    SetPointQuality,
+    Spread,
+    SwitchFault,
+    WorldState,
+)
 from canopen_control.rpc.wire import convert, plain
 
 
@@ -39,3 +48,10 @@ def test_a_world_is_told_only_where_there_is_one():
     state = DriveState(node_id=5, name="a", nmt_state="STOPPED", error_register=0, errors=[], faults=[], axes=())
     assert "world" not in plain(state)
     assert plain(WorldState()) == {}
+
+
+def test_of_the_quality_of_set_points_only_what_was_is_told():
+    assert plain(SetPointQuality(taken=2, phase_us=Spread(1.0, 2.0, 4.0))) == {
+        "taken": 2,
+        "phase_us": {"min": 1.0, "mean": 2.0, "max": 4.0},
+    }
