@@ -50,8 +50,8 @@ def test_waypoints_are_gone_to_one_after_the_other(arm, capsys):
 
 def test_what_the_joints_do_is_recorded_and_played_again(arm, wave, tmp_path, capsys):
     made, codes = str(tmp_path / "made.yaml"), []
-    record = ["trajectory", "record", "-o", made, "--duration", "1.9", "--rate", "50"]
-    mover = threading.Thread(target=lambda: codes.append(main(["trajectory", "play", wave(seconds=1.5)])))
+    record = ["trajectory", "record", "-o", made, "--duration", "2.4"]
+    mover = threading.Thread(target=lambda: codes.append(main(["trajectory", "play", wave(seconds=2.0)])))
     mover.start()
     codes.append(main(record))
     mover.join(5.0)

@@ -1,7 +1,7 @@
 """The trajectory that joints have gone, from samples of their positions: what `trajectory play` takes.
 
 The law of the file: it begins when a joint begins to move and ends when the last one has come to rest. Velocities are
-those of the neighbours, at rest at both ends, so that what is played is a smooth curve through what was seen.
+those between neighbours, at rest at both ends, so that what is played is a smooth curve through what was seen.
 """
 
 from __future__ import annotations
@@ -18,6 +18,9 @@ __all__ = ["STILL", "TrajectoryRecording"]
 
 STILL: Final = 0.002
 """A joint that has gone less than this from where it was is at rest, in rad or m."""
+
+_APART_S: Final = 0.045
+"""So far apart the jitter of two samples counts little in the velocity between them; less than the default period."""
 
 
 class TrajectoryRecording:
@@ -69,11 +72,14 @@ def _near(one: Sequence[float], other: Sequence[float]) -> bool:
 
 
 def _velocities(times: Sequence[float], positions: Sequence[Sequence[float]], index: int) -> list[float]:
-    """Return the velocities at a point: those from the one before it to the one after it, at rest at both ends."""
-    if index in (0, len(times) - 1):
+    """Return the velocities at a point: from one well before it to one well after it, at rest at both ends."""
+    last = len(times) - 1
+    if index in (0, last):
         return [0.0] * len(positions[index])
-    elapsed = times[index + 1] - times[index - 1]
-    return [
-        round((after - before) / elapsed, 6)
-        for before, after in zip(positions[index - 1], positions[index + 1], strict=True)
-    ]
+    before, after = index - 1, index + 1
+    while before > 0 and times[index] - times[before] < _APART_S:
+        before -= 1
+    while after < last and times[after] - times[index] < _APART_S:
+        after += 1
+    elapsed = times[after] - times[before]
+    return [round((b - a) / elapsed, 6) for a, b in zip(positions[before], positions[after], strict=True)]

@@ -15,6 +15,8 @@ from canopen_control.controllers.trajectory.packed import PackedPoints
 from canopen_control.controllers.trajectory.point import Arrangement, JointTrajectory, Point
 from canopen_control.controllers.trajectory.stop import Stop
 from canopen_control.hardware.interfaces import ACCELERATION, EFFORT, POSITION, VELOCITY
+from canopen_control.rpc.messages.samples import TrajectoryPoint, TrajectorySample
+from canopen_control.rpc.messages.trajectory import TrajectoryAt
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -211,6 +213,27 @@ class Follower:
             return False
         return not motion.is_over
 
+    def told(self, t: int, name: str) -> TrajectoryAt:
+        """Return what is said of `t`, in ns; where nothing is, where the joints of controller `name` are."""
+        point = Point()
+        known = self.query(t, point)
+        text = "" if known else f"{name} follows nothing at that time; this is where the joints are, or are to end"
+        return TrajectoryAt(known=known, text=text, joints=list(self._group.joints), point=_told(point))
+
+    def sample_of(self, time: float, executing: bool, factor: float) -> TrajectorySample:
+        """Return what the last cycle was, of `time` in Unix seconds."""
+        return TrajectorySample(
+            time=time,
+            joints=self._group.joints,
+            executing=executing,
+            holding=self.holding,
+            reference=_told(self.desired),
+            feedback=_told(self._group.actual),
+            error=_told(self._group.error),
+            output=_told(self.output),
+            speed_scaling_factor=factor,
+        )
+
     def _begin(self, motion: Motion, now: int) -> None:
         """Take where the joints are, or were to be, before the first point."""
         if self._params.from_desired and self._last.positions:
@@ -219,3 +242,13 @@ class Follower:
         else:
             motion.set_before(now, self._group.actual, self._group.wrap)
         self._time = now
+
+
+def _told(point: Point) -> TrajectoryPoint:
+    return TrajectoryPoint(
+        positions=list(point.positions),
+        velocities=list(point.velocities),
+        accelerations=list(point.accelerations),
+        effort=list(point.effort),
+        time_from_start=point.time / 1e9,
+    )

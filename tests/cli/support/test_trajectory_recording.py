@@ -28,6 +28,12 @@ def test_velocities_are_those_of_the_neighbours_and_it_rests_at_both_ends():
     assert [each.velocities[0] for each in points] == pytest.approx([0.0, 0.4 / 0.3, 0.4 / 0.3, 0.0], abs=1e-6)
 
 
+def test_jitter_of_close_samples_makes_no_jumps_of_the_velocity():
+    seen = [(0.01 * index + 0.008 * (index % 2), 0.01 * index) for index in range(100)]
+    velocities = [each.velocities[0] for each in recorded(*seen).points()][8:-8]
+    assert all(0.8 < each < 1.2 for each in velocities)
+
+
 def test_a_pause_on_the_way_is_kept():
     points = recorded((0.0, 0.0), (0.1, 0.1), (0.2, 0.1), (0.3, 0.1), (0.4, 0.2)).points()
     assert [each.positions[0] for each in points] == [0.0, 0.1, 0.1, 0.1, 0.2]
