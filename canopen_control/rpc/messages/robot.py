@@ -39,8 +39,8 @@ __all__ = [
     "NmtRequest", "NodeIdentity", "NodeListing", "NodePlace", "PdoWrite", "ProcessData", "QueryTrajectory",
     "ReadTouchProbe", "Release", "RobotHello", "RobotPush", "ScaleTrajectory", "SdoData", "SdoPiece", "SdoRead",
     "SdoWrite", "SendTrajectory", "SetFeedForward", "SetHardwareState", "SetOdometry", "SetTrajectory", "Shutdown",
-    "Stop", "Subscribe", "SwitchControllers", "Tell", "TouchProbe", "TrajectoryData", "TrajectoryEnd", "TrajectoryResult",
-    "TrajectoryTolerance", "TwistController", "UnloadController",
+    "Stop", "Subscribe", "SwitchControllers", "Tell", "TouchProbe", "TrajectoryData", "TrajectoryEnd",
+    "TrajectoryResult", "TrajectoryTolerance", "TwistController", "UnloadController",
 ]  # fmt: skip
 
 MAX_RATE: Final = 1000.0  # Hz, of the state stream
