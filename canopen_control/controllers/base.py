@@ -230,6 +230,11 @@ class Controller:
         del x, y, heading
         raise ControlError(f"{self.name} has no odometry; it is no base controller")
 
+    def set_feed_forward(self, enabled: bool) -> None:
+        """Let its references lead, or no more; ControlError if nothing of it leads."""
+        del enabled
+        raise ControlError(f"{self.name} has no feed-forward to switch; it is no PID controller")
+
     def set_command(self, values: Sequence[float], now: int, stamp: int | None = None) -> None:
         """Take a command; `stamp` is when it was made, `now` when it came, both in ns. ControlError if refused."""
         del values, now, stamp

@@ -85,6 +85,7 @@ class ApiServer:
         answers(messages.CommandController, self._command)
         answers(messages.TwistController, self._twist)
         answers(messages.SetOdometry, self._set_odometry)
+        answers(messages.SetFeedForward, self._set_feed_forward)
         answers(messages.Stop, self._stop)
         answers(messages.Release, self._release)
         answers(messages.Shutdown, self._shutdown)
@@ -195,6 +196,10 @@ class ApiServer:
     def _set_odometry(self, call: Call[messages.SetOdometry]) -> None:
         wanted = call.request
         self._robot.manager.get(wanted.controller).set_odometry(wanted.x, wanted.y, wanted.heading)
+        call.reply(Done())
+
+    def _set_feed_forward(self, call: Call[messages.SetFeedForward]) -> None:
+        self._robot.manager.get(call.request.controller).set_feed_forward(call.request.enabled)
         call.reply(Done())
 
     def _stop(self, call: Call[messages.Stop]) -> None:

@@ -17,6 +17,8 @@ def test_the_least_controller_claims_nothing_and_does_nothing():
     assert (idle.tells, idle.sample(0), idle.wheel_base()) == (None, None, None)
     with pytest.raises(ControlError, match="idle has no odometry; it is no base controller"):
         idle.set_odometry(0.0, 0.0, 0.0)
+    with pytest.raises(ControlError, match="idle has no feed-forward to switch; it is no PID controller"):
+        idle.set_feed_forward(True)
     idle.stamp = 250_000_000
     assert idle.published(1_000_000_000) == 1.25
     assert ALL_STATES == "*"

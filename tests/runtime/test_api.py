@@ -225,6 +225,8 @@ def test_a_base_is_driven_by_stamped_twists_and_put_somewhere_else():
     assert base.robot.manager.get("robby_base_controller").odometry.heading == 0.5
     refused = client.ask("set_odometry", controller="joint_state_broadcaster", **pose)["error"]
     assert "has no odometry" in refused["message"]
+    refused = client.ask("set_feed_forward", controller="robby_base_controller", enabled=True)["error"]
+    assert "has no feed-forward to switch" in refused["message"]
     client.close()
     base.api.close()
     base.close()

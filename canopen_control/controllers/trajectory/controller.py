@@ -117,9 +117,8 @@ class JointTrajectoryController(Controller):
 
     def on_deactivate(self, now: int) -> None:
         """Stop: the goal is aborted, positions stay as they are, all other targets become 0."""
-        self._end(
-            GoalState.ABORTED, ResultCode.INVALID_GOAL, f"{self.name} was deactivated; activate it and send again"
-        )
+        text = f"{self.name} was deactivated; activate it and send again"
+        self._end(GoalState.ABORTED, ResultCode.INVALID_GOAL, text)
         super().on_deactivate(now)
         self._follower.drop(holding=False)
 

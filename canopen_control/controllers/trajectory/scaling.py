@@ -16,7 +16,11 @@ __all__ = ["SpeedScaling"]
 
 
 class SpeedScaling:
-    """`factor` of the time of trajectories, 1 at their own speed; `allowed` where users may set it."""
+    """`factor` of the time of trajectories: 1 is their own speed, 0 lets it stand.
+
+    `allowed` says that users may set it: where positions alone are commanded, since the velocities of a trajectory that
+    runs slower would have to be scaled too.
+    """
 
     def __init__(self, factor: float = 1.0, *, allowed: bool = False) -> None:
         self.allowed = allowed

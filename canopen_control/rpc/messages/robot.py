@@ -56,9 +56,9 @@ __all__ = [
     "InterfaceReading", "ListControllerTypes", "ListControllers", "ListHardware", "LoadController", "MappedValue",
     "NmtRequest", "NodeIdentity", "NodeListing", "NodePlace", "PdoWrite", "ProcessData", "QueryTrajectory",
     "ReadTouchProbe", "Release", "RobotHello", "RobotPush", "ScaleTrajectory", "SdoData", "SdoPiece", "SdoRead",
-    "SdoWrite", "SendTrajectory", "SetHardwareState", "SetOdometry", "SetTrajectory", "Shutdown", "Stop", "Subscribe",
-    "SwitchControllers", "Tell", "TouchProbe", "TrajectoryData", "TrajectoryEnd", "TrajectoryResult",
-    "TrajectoryTolerance", "TwistController", "UnloadController",
+    "SdoWrite", "SendTrajectory", "SetFeedForward", "SetHardwareState", "SetOdometry", "SetTrajectory", "Shutdown",
+    "Stop", "Subscribe", "SwitchControllers", "Tell", "TouchProbe", "TrajectoryData", "TrajectoryEnd",
+    "TrajectoryResult", "TrajectoryTolerance", "TwistController", "UnloadController",
 ]  # fmt: skip
 
 MAX_RATE: Final = 1000.0  # Hz, of the state stream
@@ -184,6 +184,14 @@ class SetOdometry(Request[Done], frozen=True, kw_only=True):
     x: float
     y: float
     heading: float
+
+
+@ROBOT.method("set_feed_forward", Effect.CHANGES)
+class SetFeedForward(Request[Done], frozen=True, kw_only=True):
+    """Whether the references of a PID controller lead (`~/set_feedforward_control`)."""
+
+    controller: str
+    enabled: bool
 
 
 class AxisDone(msgspec.Struct, frozen=True, omit_defaults=True):

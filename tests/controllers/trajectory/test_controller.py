@@ -1,4 +1,6 @@
+import gc
 import math
+import sys
 
 import pytest
 from hypothesis import given
@@ -405,6 +407,27 @@ def test_a_hold_never_moves_whatever_the_joints_do(drift):
 
 
 PATHS = st.lists(st.tuples(st.integers(20, 200), st.floats(-1.0, 1.0)), min_size=1, max_size=5)
+
+
+@pytest.mark.parametrize("holds", [False, True])
+def test_its_cycles_leave_no_object_behind(holds):
+    arm = Arm(constraints={each: {"trajectory": 2000.0, "goal": 2000.0} for each in JOINTS})
+    if not holds:
+        arm.send((1000.0, 1.0))
+    arm.run(10)
+    update, now = arm.controller.update, arm.now
+    for cycle in range(300):
+        update(now + cycle * 10 * MS, 0.01)
+    gc.collect()
+    gc.disable()
+    try:
+        before, waiting = sys.getallocatedblocks(), gc.get_count()[0]
+        for cycle in range(300, 2300):
+            update(now + cycle * 10 * MS, 0.01)
+        assert sys.getallocatedblocks() - before < 20
+        assert gc.get_count()[0] - waiting < 10
+    finally:
+        gc.enable()
 
 
 @given(PATHS, st.integers(0, 100), PATHS, st.booleans())
