@@ -12,10 +12,10 @@ from __future__ import annotations
 import sys
 from typing import TYPE_CHECKING, Final
 
-from canopen_control.cli.support.trajectory_file import read_trajectory
 from canopen_control.client import RobotClient
+from canopen_control.client.trajectory_file import read_trajectory
 from canopen_control.errors import ConfigError
-from canopen_control.rpc.messages.robot import CancelTrajectory, FollowTrajectory, ListControllers, TrajectoryData
+from canopen_control.rpc.messages.robot import CancelTrajectory, FollowTrajectory, ListControllers
 
 if TYPE_CHECKING:
     import argparse
@@ -26,7 +26,6 @@ EXAMPLE = """canopen-control trajectory play wave.yaml
          canopen-control trajectory cancel --controller arm_controller"""
 
 _TYPE: Final = "joint_trajectory_controller/JointTrajectoryController"
-_PIECE: Final = 2000  # values in one request
 _PATIENCE_S: Final = 3600.0  # beyond its own time: it may be scaled, and wait for its goal without a limit
 
 
@@ -50,11 +49,8 @@ def run(args: argparse.Namespace) -> int:
     joints, points = read_trajectory(args.file)
     with RobotClient.connect(args.name) as robot:
         controller = _controller(robot, args.controller)
-        at_once = max(1, _PIECE // (4 * max(1, len(joints))))
-        while len(points) > at_once:
-            robot.ask(TrajectoryData(points=points[:at_once]))
-            points = points[at_once:]
-        wanted = FollowTrajectory(controller=controller, joints=joints, points=points, source="trajectory")
+        rest = robot.send_points(points)
+        wanted = FollowTrajectory(controller=controller, joints=joints, points=rest, source="trajectory")
         patience = points[-1].time_from_start + _PATIENCE_S if points else _PATIENCE_S
         result = robot.ask(wanted, patience)
     reached = result.state == "succeeded"

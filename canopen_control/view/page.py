@@ -20,6 +20,7 @@ from canopen_control.view.panels.power import PowerPanel
 from canopen_control.view.panels.read_only import DrivesPanel, EventsPanel, JointsPanel
 from canopen_control.view.panels.scene_and_plots import PlotsPanel, ScenePanel
 from canopen_control.view.panels.teleop_panel import TeleopPanel
+from canopen_control.view.panels.trajectory_panel import TrajectoryPanel
 from canopen_control.view.sampling import titles
 
 if TYPE_CHECKING:
@@ -47,6 +48,7 @@ class Place:
 PANELS: Final = (
     Place("banner", "side", "", BannerPanel),
     Place("drive", "side", "Drive: hold a button", TeleopPanel),
+    Place("trajectory", "side", "Trajectory", TrajectoryPanel),
     Place("power", "side", "Power", PowerPanel),
     Place("faults", "side", "", FaultPanel),
     Place("scene", "middle", "", ScenePanel),

@@ -1,4 +1,4 @@
-"""Files of trajectories, in the shape of trajectory_msgs/JointTrajectory: YAML or JSON."""
+"""Files of trajectories, in the shape of trajectory_msgs/JointTrajectory: YAML or JSON; for shell and page."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from typing import Any, Final
 from canopen_control.errors import ConfigError
 from canopen_control.rpc.messages.samples import TrajectoryPoint
 from canopen_control.yamlfile.convert import convert, setting
-from canopen_control.yamlfile.reader import tree
+from canopen_control.yamlfile.reader import read, read_text
 
-__all__ = ["read_trajectory"]
+__all__ = ["parse_trajectory", "read_trajectory"]
 
 _MOST: Final = 1e9  # no joint and no clock of ours goes there: what is beyond, or no number, is a slip of the pen
 
@@ -58,7 +58,12 @@ class _Goal:
 
 def read_trajectory(path: str) -> tuple[list[str], list[TrajectoryPoint]]:
     """Return the joints and the points of a file; ConfigError with every mistake and its line."""
-    node = tree(path, error=ConfigError)
+    return parse_trajectory(read_text(path, ConfigError), path)
+
+
+def parse_trajectory(text: str, path: str) -> tuple[list[str], list[TrajectoryPoint]]:
+    """Return the joints and the points of a file's text, which its mistakes call `path`."""
+    node = read(text, path, error=ConfigError)
     found = node.get("trajectory")
     given = convert(node, _Goal, None) if found is not None else convert(node, _File, None)
     node.problems.raise_if_any(ConfigError)
