@@ -131,7 +131,8 @@ class TrajectoryPanel:
         self._loaded = loaded
         self._told.show("")
         if loaded is not None:
-            self._slider.props(f"max={max(1, len(loaded.points) - 1)}")
+            self._slider.props["max"] = max(1, len(loaded.points) - 1)
+            self._slider.update()
             self._slider.value = 0
             self._show_point()
         self._feed_ghost()
