@@ -46,8 +46,6 @@ class LoadedTrajectory:
 
 def load(data: bytes, name: str) -> LoadedTrajectory:
     """Read a file that came from a browser; ConfigError with every mistake and its line."""
-    if len(data) > MOST_BYTES:
-        raise ConfigError(f"{name}: longer than {MOST_BYTES} bytes; play it with canopen-control trajectory play")
     try:
         text = data.decode("utf-8")
     except UnicodeDecodeError as error:
@@ -89,8 +87,8 @@ def preview_table(
     if not wanted:
         return "<p class='cc-note'>This point has no positions.</p>"
     lines = [
-        f"<tr><td><b>{escape(joint)}</b></td><td>{position:.3f}<small>{'m' if joint in linear else 'rad'}</small></td>"
-        f"<td>{_now(joint, now)}</td></tr>"
+        f"<tr><td><b>{escape(joint)}</b></td><td>{_number(position)}<small>{'m' if joint in linear else 'rad'}</small>"
+        f"</td><td>{_now(joint, now)}</td></tr>"
         for joint, position in wanted.items()
     ]
     titles = "<tr><th>joint</th><th>preview</th><th>now</th></tr>"
@@ -101,4 +99,8 @@ def _now(joint: str, now: Mapping[str, float | None]) -> str:
     if joint not in now:
         return "no joint of this robot"
     position = now[joint]
-    return "-" if position is None else f"{position:.3f}"
+    return "-" if position is None else _number(position)
+
+
+def _number(position: float) -> str:
+    return f"{round(position, 3) + 0.0:.3f}"

@@ -6,7 +6,6 @@ from canopen_control.errors import ConfigError
 from canopen_control.rpc.messages.samples import TrajectoryPoint, TrajectorySample
 from canopen_control.rpc.messages.state import ControllerReading
 from canopen_control.view.loaded_trajectory import (
-    MOST_BYTES,
     LoadedTrajectory,
     load,
     place_text,
@@ -44,7 +43,6 @@ def test_a_file_is_read_as_the_shell_reads_it():
         (file([]), "wave.json: it has no points"),
         (b"joint_names:\n- \xff", "wave.json:2: no UTF-8"),
         (b"\0", "wave.json:1:1"),
-        (b" " * (MOST_BYTES + 1), f"longer than {MOST_BYTES} bytes"),
     ],
 )
 def test_what_cannot_be_read_is_told_with_its_name(data, text):

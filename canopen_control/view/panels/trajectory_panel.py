@@ -21,7 +21,7 @@ from canopen_control.view.loaded_trajectory import (
     progress_of,
     trajectory_takers,
 )
-from canopen_control.view.panels.panel import Html, tell
+from canopen_control.view.panels.panel import Html
 from canopen_control.view.robot_connection import in_thread
 from canopen_control.view.scene_tree import angles_of
 from canopen_control.view.words import BAD, GOOD, sentence
@@ -35,6 +35,7 @@ if TYPE_CHECKING:
 
 __all__ = ["TrajectoryPanel"]
 
+_TOO_LONG: Final = f"{MOST_BYTES} bytes at most are read here; canopen-control trajectory play takes longer files"
 _LOOK: Final = "<p class='cc-note'>To play: <code>canopen-control view --teleop</code></p>"
 
 
@@ -58,7 +59,7 @@ class TrajectoryPanel:
             max_file_size=MOST_BYTES,
             auto_upload=True,
             on_upload=self._take,
-            on_rejected=_too_long,
+            on_rejected=lambda: self._told.show(sentence(f"Not loaded. {_TOO_LONG}", BAD)),
         )
         self._upload.props("flat bordered accept='.yaml,.yml,.json'").classes("cc-upload")
         self._choice = ui.select([], label="controller").props("dense").style("width: 100%")
@@ -115,13 +116,11 @@ class TrajectoryPanel:
         self._upload.reset()
         try:
             if event.file.size() > MOST_BYTES:
-                _too_long()
-                return
+                raise ConfigError(_TOO_LONG)
             data = await event.file.read()
             loaded = await in_thread(partial(load, data, event.file.name))
         except ConfigError as error:
-            with self._client:
-                tell("Not loaded", str(error))
+            self._told.show(sentence(f"Not loaded. {error}", BAD))
             return
         if self._playing is None:
             self._hold(loaded)
@@ -200,9 +199,3 @@ class TrajectoryPanel:
         self._told.show("")
         self._feed_ghost()
         self._arrange()
-
-
-def _too_long(_event: object = None) -> None:
-    tell(
-        "Not loaded", f"a file of {MOST_BYTES} bytes at most is read here; play it with canopen-control trajectory play"
-    )

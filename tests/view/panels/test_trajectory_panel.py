@@ -113,10 +113,13 @@ def test_a_preview_that_is_closed_is_drawn_no_more():
 def test_a_file_that_cannot_be_read_is_told(data, words):
     async def act(user, _panel, context):
         await upload(user, data)
-        await user.should_see(words)
-        return context.ghosts
+        await settle(lambda: words in html(user))
+        return html(user), context.ghosts
 
-    assert played(act) == []
+    text, ghosts = played(act)
+    assert "cc-bad'>Not loaded." in text
+    assert words in text
+    assert ghosts == []
 
 
 def test_it_is_played_while_the_page_says_that_it_is_there():
