@@ -190,7 +190,7 @@ class TrajectoryPanel:
         self._playing = None
         with self._client:
             self._begin_or_end()
-            self._told.show(sentence(f"{played.text[:1].upper()}{played.text[1:]}.", GOOD if played.reached else BAD))
+            self._told.show(sentence(played.text, GOOD if played.reached else BAD))
 
     def _begin_or_end(self) -> None:
         self._bar.value = 0.0

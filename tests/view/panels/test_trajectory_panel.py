@@ -148,7 +148,7 @@ def test_it_is_played_while_the_page_says_that_it_is_there():
     off, on, after, during, end, context = played(act)
     assert (off, on, after) == (False, True, False)
     assert "Playing: 1.5 of 2.0 s." in during
-    assert "cc-good'>The goal was reached." in end
+    assert "cc-good'>the goal was reached" in end
     assert (context.player.played, context.player.there) == ([("arm", "wave.json")], 1)
 
 
@@ -162,7 +162,7 @@ def test_what_is_refused_is_the_robots_sentence_and_stays():
         panel.show(context.content())
         return html(user)
 
-    assert "cc-bad'>Joint &lt;1&gt; is disabled." in played(act)
+    assert "cc-bad'>joint &lt;1&gt; is disabled" in played(act)
 
 
 def test_cancel_is_the_players():
