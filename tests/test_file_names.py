@@ -9,15 +9,12 @@ PACKAGE = ROOT / "canopen_control"
 #: files of these rooms have the name of what they are for, and may share it with whoever does the work
 NAMED_BY_A_RULE = {
     "cli": "a verb's file is the verb's name",
-    "rpc/messages": "NAME.py is what goes over the socket of NAME",
+    "rpc/messages": "NAME.py is what goes over the socket of NAME, or a part of that",
 }
 #: file -> why it may stand in several rooms
 SHARED = {
     "diff_drive.py": "the controller, and what ROS shows of it",
-    "goal.py": "of a drive in cia402, of a trajectory in its folder",
     "interfaces.py": "of the hardware, and those that a trajectory takes of them",
-    "joint.py": "of the hardware, and of a description",
-    "model.py": "of an object dictionary, and of a robot",
     "params.py": "of all controllers, and those of a trajectory in its folder",
 }
 
@@ -44,7 +41,14 @@ def test_a_verbs_file_is_the_verbs_name():
 
 
 def test_a_second_file_of_a_name_would_be_seen(tmp_path):
-    for name in ("bus/link.py", "urdf/link.py", "cli/link.py", "bus/__init__.py", "urdf/__init__.py", "rpc/hub.py"):
+    for name in (
+        "bus/link.py",
+        "urdf/link.py",
+        "cli/link.py",
+        "bus/__init__.py",
+        "urdf/__init__.py",
+        "rpc/hub.py",
+    ):
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).touch()
     assert shared_names(tmp_path) == {"link.py": ["bus", "urdf"]}

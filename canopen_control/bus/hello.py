@@ -1,8 +1,8 @@
 """How an opener and the hub of a ``local:`` bus greet each other: 64 bytes each way, then only records.
 
 The opener says who it is; the hub answers with its own process and the label it gave, made unique. A version that
-differs is refused with a sentence instead of garbage later. The hub's side is `Greeter`: who connects and says nothing
-keeps nobody waiting, and makes way for who comes.
+differs is refused with a sentence instead of garbage later. The hub's side is `HelloServer`: who connects and says
+nothing keeps nobody waiting, and makes way for who comes.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from canopen_control.host.reactor import Reactor
     from canopen_control.host.timer import Timer
 
-__all__ = ["HELLO_SIZE", "LABEL_SIZE", "MAGIC", "VERSION", "Greeter", "Hello", "pack_hello", "parse_hello"]
+__all__ = ["HELLO_SIZE", "LABEL_SIZE", "MAGIC", "VERSION", "Hello", "HelloServer", "pack_hello", "parse_hello"]
 
 MAGIC: Final = b"CANlocal"
 VERSION: Final = 1
@@ -71,7 +71,7 @@ class _Newcomer:
         self.data = b""
 
 
-class Greeter:
+class HelloServer:
     """Accepts who connects to `listener`, and hands those who greet to `admit(socket, hello)`; the rest is dropped."""
 
     def __init__(

@@ -19,7 +19,7 @@ import sys
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.bus.exchange import Exchange, Member
-from canopen_control.bus.hello import Greeter, Hello, pack_hello
+from canopen_control.bus.hello import Hello, HelloServer, pack_hello
 from canopen_control.errors import CanopenError, ConfigError
 from canopen_control.host.reactor import Reactor
 from canopen_control.host.sockets import close_listener, listen, lock, socket_path
@@ -58,7 +58,7 @@ class Hub:
         self._reactor = reactor
         self._started = reactor.now()
         self._path = socket_path("bus", name)
-        self._greeter = Greeter(reactor, listen(self._path), self._admit)
+        self._hello_server = HelloServer(reactor, listen(self._path), self._admit)
         self._ends: dict[int, _End] = {}  # by the member's number
         self._flush_planned = False
         self._timer: Timer | None = None
@@ -114,8 +114,8 @@ class Hub:
         """End, unless somebody is about to join: the lock is the one that openers hold while they start a hub."""
         try:
             with lock(self._path, 0):
-                self._greeter.accept()
-                if not self._greeter.busy and not self._ends:
+                self._hello_server.accept()
+                if not self._hello_server.busy and not self._ends:
                     self._end()
                     return
         except ConfigError:  # the folder is gone, or the lock is none: nobody finds this hub any more
@@ -132,7 +132,7 @@ class Hub:
 
     def close(self) -> None:
         """Leave nothing behind; a second call does nothing."""
-        self._greeter.close()
+        self._hello_server.close()
         if self._control is not None:
             self._control.close()
         elif self._asked.fileno() >= 0:

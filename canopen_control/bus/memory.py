@@ -14,7 +14,7 @@ from weakref import WeakValueDictionary
 from canopen_control.bus import error_frames
 from canopen_control.bus.error_events import note_errors
 from canopen_control.bus.port import BusEvent, BusEventKind, PortStats, Records, whole_records
-from canopen_control.bus.port_parts import EventLog, Wake
+from canopen_control.bus.port_parts import EventLog, WakeDescriptor
 from canopen_control.errors import BusClosed
 from canopen_control.frame import RECORD_SIZE, CanFrame, frames_of, pack_records
 
@@ -192,7 +192,7 @@ class MemoryPort:
         self._queue = bytearray()
         self._lost = 0
         self._events = EventLog()
-        self._wake: Wake | None = None
+        self._wake: WakeDescriptor | None = None
         self._gone = ""
 
     @property
@@ -204,7 +204,7 @@ class MemoryPort:
         """Return a descriptor, made at the first call, that is readable while something waits."""
         with self.bus.lock:
             if self._wake is None:
-                self._wake = Wake()
+                self._wake = WakeDescriptor()
                 if self._queue or self._gone:
                     self._wake.set()
             return self._wake.fileno()

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
     from canopen_control.bus.port import BusEventKind, Records
 
-__all__ = ["SEND_LIMIT", "EventLog", "SendQueue", "Wake"]
+__all__ = ["SEND_LIMIT", "EventLog", "SendQueue", "WakeDescriptor"]
 
 EVENT_LIMIT: Final = 1000
 SEND_LIMIT: Final = 4096
@@ -83,7 +83,7 @@ class SendQueue:
         return count
 
 
-class Wake:
+class WakeDescriptor:
     """A descriptor for ports that have none: `set` makes it readable, `clear` ends that. Any thread may."""
 
     def __init__(self) -> None:

@@ -17,7 +17,7 @@ import can
 from canopen_control.bus.error_events import note_errors
 from canopen_control.bus.error_frames import has_error_frames
 from canopen_control.bus.port import BusEvent, BusEventKind, PortStats, Records, whole_records
-from canopen_control.bus.port_parts import SEND_LIMIT, EventLog, SendQueue, Wake
+from canopen_control.bus.port_parts import SEND_LIMIT, EventLog, SendQueue, WakeDescriptor
 from canopen_control.errors import BusClosed, BusError, ConfigError, InterfaceNotFound
 from canopen_control.frame import ERROR_FLAG, EXTENDED_FLAG, RECORD, RECORD_SIZE, REMOTE_FLAG, CanFrame, frames_of
 
@@ -71,7 +71,7 @@ class PythonCanPort:
         self.wants_write = False  # the writer thread sees to what waits
         self._bus = bus
         self._lock = threading.Lock()  # guards all that follows
-        self._wake = Wake()
+        self._wake = WakeDescriptor()
         self._received = bytearray()
         self._events = EventLog()
         self._outgoing = SendQueue(SEND_LIMIT)

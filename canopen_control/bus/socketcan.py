@@ -254,7 +254,7 @@ class SocketCanPort:
         self._rebind_at = None if self._bind(self.channel) else self._now() + _REBIND_NS
 
     def _is_back(self, address: object) -> bool:
-        """Whether a frame, heard while all interfaces are, is of the one that was gone: then that is bound again."""
+        """Whether a frame came from our interface, which was removed before: it is there again, and is bound again."""
         if interface_of(address) != self.channel:
             return False
         self._rebind()

@@ -20,6 +20,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
+from canopen_control.cia402.drive_goal import DISABLED_STATES, FAULT_STATES, Goal, is_stopped
 from canopen_control.cia402.drive_steps import SETTLE, FaultReset, StepTimer
 from canopen_control.cia402.events import (
     ControlChanged,
@@ -30,7 +31,6 @@ from canopen_control.cia402.events import (
     StateChanged,
     StatuswordUndefined,
 )
-from canopen_control.cia402.goal import DISABLED_STATES, FAULT_STATES, Goal, is_stopped
 from canopen_control.cia402.intent import DriveIntent, Intent, IntentTrigger
 from canopen_control.cia402.mode_request import ModeRequest
 from canopen_control.cia402.state import (

@@ -11,8 +11,8 @@ from enum import Enum
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Final
 
+from canopen_control.cia402.drive_goal import FAULT_STATES, LADDER, Goal, state_of_goal
 from canopen_control.cia402.drive_steps import SETTLE, QuickStopExit, StepTimer, StopStage, transition_number
-from canopen_control.cia402.goal import FAULT_STATES, LADDER, Goal, state_of_goal
 from canopen_control.cia402.state import Command, State, next_command
 
 if TYPE_CHECKING:

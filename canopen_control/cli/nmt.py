@@ -89,29 +89,29 @@ def _on_bus(args: argparse.Namespace, bus: DirectBus, command: NmtCommand, node_
 
 
 def _through_robot(args: argparse.Namespace, target: RobotTarget, command: NmtCommand) -> int:
-    places = target.places if args.node == ALL else [target.place(args.node)]
-    if not places:
+    asked = target.nodes if args.node == ALL else [target.node(args.node)]
+    if not asked:
         raise ConfigError(f"robot {target.robot.robot} has no nodes: it runs on mock hardware, or simulated")
     begin = time.monotonic()
-    target.robot.ask(NmtRequest(command=args.command, node=ALL if args.node == ALL else str(places[0].node_id)))
+    target.robot.ask(NmtRequest(command=args.command, node=ALL if args.node == ALL else str(asked[0].node_id)))
     timeout = args.wait or _ROBOT_TIMEOUTS.get(command, TIMEOUT_S)
-    waiting, nodes = places, dict[str, NodeReading]()
+    waiting, nodes = asked, dict[str, NodeReading]()
     while waiting and time.monotonic() < begin + timeout:
         time.sleep(POLL_S)
         nodes = target.robot.ask(GetStatus()).nodes
         elapsed = time.monotonic() - begin
-        waiting = [place for place in waiting if not _shows(nodes[place.name], command, elapsed)]
+        waiting = [each for each in waiting if not _shows(nodes[each.name], command, elapsed)]
     outcomes = []
-    for place in places:
-        node = nodes[place.name]
-        confirmed = place not in waiting
+    for each in asked:
+        node = nodes[each.name]
+        confirmed = each not in waiting
         state = EXPECTED_STATE[command].name if confirmed else node.nmt_state
-        outcomes.append(Outcome(place.node_id, str(place), state, confirmed, node.error))
+        outcomes.append(Outcome(each.node_id, str(each), state, confirmed, node.error))
     return _tell(args, outcomes, timeout)
 
 
 def _tell(args: argparse.Namespace, outcomes: list[Outcome], timeout: float) -> int:
-    """Print what became of it; 1 if a node shows another state, or a robot's node none."""
+    """Print each node's state after the command; 1 if one shows another state, or a robot's node shows none."""
     if args.json:
         keys = ("node_id", "state", "confirmed", "error")
         print(json_text([{key: getattr(each, key) for key in keys} for each in outcomes]))

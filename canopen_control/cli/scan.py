@@ -220,10 +220,10 @@ def _survey_robot(robot: RobotTarget, timeout: float) -> ScanResult:
     expected = {node.node_id: ExpectedNode(node.name, plain(node.identity)) for node in listing}
     survey = ScanResult(bus.channel, {}, expected, bus.node_id or 0)
     states = robot.robot.ask(GetStatus()).nodes
-    for place in robot.places:
-        identity = _through_robot(robot, place.node_id)
+    for node in robot.nodes:
+        identity = _through_robot(robot, node.node_id)
         if identity is not None:
-            survey.found[place.node_id] = FoundNode(place.node_id, identity, states[place.name].nmt_state)
+            survey.found[node.node_id] = FoundNode(node.node_id, identity, states[node.name].nmt_state)
     if parse_channel(survey.channel).kind.shared:
         others = [node_id for node_id in range(1, MAX_NODE_ID + 1) if node_id not in (*expected, survey.master_id)]
         with DirectBus.open(survey.channel, label=LABEL, timeout_s=timeout, retries=0) as direct:
@@ -237,10 +237,10 @@ def _survey_robot(robot: RobotTarget, timeout: float) -> ScanResult:
 
 def _through_robot(robot: RobotTarget, node_id: int) -> NodeIdentity | None:
     """Ask a node of the robot; None if it does not answer."""
-    place, data = robot.place(str(node_id)), dict[tuple[int, int], object]()
+    node, data = robot.node(str(node_id)), dict[tuple[int, int], object]()
     for address in _OBJECTS:
         try:
-            data[address] = robot.read(place, *address)
+            data[address] = robot.read(node, *address)
         except RemoteError as error:
             if error.kind != "SdoAbort":
                 return None

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from contextlib import AbstractContextManager
 
-    from canopen_control.cli.support.target import Place, Target
+    from canopen_control.cli.support.target import Target, TargetNode
     from canopen_control.od.address import ObjectAddress
     from canopen_control.od.model import DataType, ObjectDictionary
 
@@ -88,12 +88,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run the verb."""
     with open_target(args) as target:
-        place = target.place(args.node)
-        od = place.dictionary()
+        node = target.node(args.node)
+        od = node.dictionary()
         address = find_object(args.object, od)
         if args.action == "read":
-            return _read(args, target, place, parts_of(address, od), od)
-        _ACTIONS[args.action](args, target, place, address)
+            return _read(args, target, node, parts_of(address, od), od)
+        _ACTIONS[args.action](args, target, node, address)
     return 0
 
 
@@ -104,23 +104,23 @@ def _type_of(args: argparse.Namespace, address: ObjectAddress) -> DataType | Non
 
 
 def _read(
-    args: argparse.Namespace, target: Target, place: Place, parts: list[ObjectAddress], od: ObjectDictionary | None
+    args: argparse.Namespace, target: Target, node: TargetNode, parts: list[ObjectAddress], od: ObjectDictionary | None
 ) -> int:
     """Read an object, or all subindices of one: what a node refuses of many is told, and the others are read."""
-    words = NodeWords(NodeDescription(place.name, place.node_id, od))
+    words = NodeWords(NodeDescription(node.name, node.node_id, od))
     documents = []
     for address in parts:
         try:
-            data = target.read(place, address.index, address.subindex)
+            data = target.read(node, address.index, address.subindex)
         except CanopenError as error:
             if len(parts) == 1 or not _is_abort(error):
                 raise
             print(f"canopen-control: {error}", file=sys.stderr)
             continue
-        data_type = _fitting(data, _type_of(args, address), place, address)
-        documents.append(_document(data, data_type, place, address))
+        data_type = _fitting(data, _type_of(args, address), node, address)
+        documents.append(_document(data, data_type, node, address))
         if not args.json:
-            print(f"{place}: {address.label}: {_in_words(data, data_type, address, words)}")
+            print(f"{node}: {address.label}: {_in_words(data, data_type, address, words)}")
     if args.json:
         print(json_text(documents if len(parts) > 1 else documents[0]))
     return 0 if documents else 1
@@ -142,23 +142,23 @@ def _in_words(data: bytes, data_type: DataType | None, address: ObjectAddress, w
     return f"{shown}: {meaning}" if meaning not in ("", str(value)) else shown
 
 
-def _fitting(data: bytes, data_type: DataType | None, place: Place, address: ObjectAddress) -> DataType | None:
+def _fitting(data: bytes, data_type: DataType | None, node: TargetNode, address: ObjectAddress) -> DataType | None:
     """Return the type, or None for data of another length: they are shown as they are, and the user is told."""
     if data_type is None:
         return None
     try:
         decode(data, data_type)
     except ValueError as error:
-        print(f"canopen-control: {place}: {address.label}: {error}; shown without a type", file=sys.stderr)
+        print(f"canopen-control: {node}: {address.label}: {error}; shown without a type", file=sys.stderr)
         return None
     return data_type
 
 
-def _document(data: bytes, data_type: DataType | None, place: Place, address: ObjectAddress) -> ObjectDocument:
+def _document(data: bytes, data_type: DataType | None, node: TargetNode, address: ObjectAddress) -> ObjectDocument:
     value = None if data_type is None else decode(data, data_type)
     return ObjectDocument(
-        node_id=place.node_id,
-        node=place.name or None,
+        node_id=node.node_id,
+        node=node.name or None,
         index=address.index,
         subindex=address.subindex,
         name=address.entry.name if address.entry is not None else None,
@@ -168,22 +168,22 @@ def _document(data: bytes, data_type: DataType | None, place: Place, address: Ob
     )
 
 
-def _write(args: argparse.Namespace, target: Target, place: Place, address: ObjectAddress) -> None:
+def _write(args: argparse.Namespace, target: Target, node: TargetNode, address: ObjectAddress) -> None:
     data_type = _type_of(args, address)
     if data_type is None:
-        known = "the EDS does not have it" if place.eds is not None else "there is no EDS"
+        known = "the EDS does not have it" if node.eds is not None else "there is no EDS"
         raise ConfigError(f"0x{address.index:04X}:{address.subindex:02X}: {known}: give its type, as in --type u32")
     data = parse_value(args.value, data_type)
-    target.write(place, address.index, address.subindex, data)
-    print(f"{place}: {address.label}: written {show(data, data_type)}")
+    target.write(node, address.index, address.subindex, data)
+    print(f"{node}: {address.label}: written {show(data, data_type)}")
 
 
-def _upload(args: argparse.Namespace, target: Target, place: Place, address: ObjectAddress) -> None:
+def _upload(args: argparse.Namespace, target: Target, node: TargetNode, address: ObjectAddress) -> None:
     path = None if args.file == STREAM else Path(args.file).expanduser()
     if path is not None and not path.parent.is_dir():
         raise ConfigError(f"no folder {path.parent} for {args.file}")
-    with _told(f"reading {place}: {address.label}", target, place):
-        data = target.read(place, address.index, address.subindex, block=True)
+    with _told(f"reading {node}: {address.label}", target, node):
+        data = target.read(node, address.index, address.subindex, block=True)
     if path is None:
         sys.stdout.buffer.write(data)
         sys.stdout.buffer.flush()
@@ -192,25 +192,25 @@ def _upload(args: argparse.Namespace, target: Target, place: Place, address: Obj
         path.write_bytes(data)
     except OSError as error:
         raise ConfigError(f"{args.file} cannot be written: {error.strerror}") from None
-    print(f"{place}: {address.label}: {len(data)} bytes to {args.file}")
+    print(f"{node}: {address.label}: {len(data)} bytes to {args.file}")
 
 
-def _download(args: argparse.Namespace, target: Target, place: Place, address: ObjectAddress) -> None:
+def _download(args: argparse.Namespace, target: Target, node: TargetNode, address: ObjectAddress) -> None:
     try:
         data = sys.stdin.buffer.read() if args.file == STREAM else Path(args.file).expanduser().read_bytes()
     except OSError as error:
         raise ConfigError(f"{args.file} cannot be read: {error.strerror}") from None
-    with _told(f"writing {place}: {address.label}", target, place):
-        target.write(place, address.index, address.subindex, data)
-    print(f"{place}: {address.label}: {len(data)} bytes from {args.file}")
+    with _told(f"writing {node}: {address.label}", target, node):
+        target.write(node, address.index, address.subindex, data)
+    print(f"{node}: {address.label}: {len(data)} bytes from {args.file}")
 
 
-def _told(what: str, target: Target, place: Place) -> AbstractContextManager[None]:
+def _told(what: str, target: Target, node: TargetNode) -> AbstractContextManager[None]:
     """Tell how far a transfer is, while it takes long."""
-    return watched(Progress(what, "bytes"), lambda: target.progress(place))
+    return watched(Progress(what, "bytes"), lambda: target.progress(node))
 
 
-_ACTIONS: dict[str, Callable[[argparse.Namespace, Target, Place, ObjectAddress], None]] = {
+_ACTIONS: dict[str, Callable[[argparse.Namespace, Target, TargetNode, ObjectAddress], None]] = {
     "write": _write,
     "upload": _upload,
     "download": _download,

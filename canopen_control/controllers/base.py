@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from canopen_control.hardware.interfaces import CommandInterface, StateInterface
     from canopen_control.rpc.messages.samples import ControllerSample, Sample
     from canopen_control.rpc.messages.trajectory import TrajectoryAt
-    from canopen_control.urdf.joint import Joint
+    from canopen_control.urdf.joint_element import Joint
 
 __all__ = [
     "ALL_STATES",

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
         HardwareComponent,
         InterfaceRegistry,
     )
-    from canopen_control.urdf.joint import Joint
+    from canopen_control.urdf.joint_element import Joint
 
 __all__ = ["ControllerEvent", "ControllerManager", "Switched"]
 

@@ -19,7 +19,7 @@ from canopen_control.hardware.interfaces import ACCELERATION, EFFORT, POSITION, 
 if TYPE_CHECKING:
     from canopen_control.hardware.interfaces import CommandInterface, InterfaceRegistry, StateInterface
     from canopen_control.urdf.description import Description
-    from canopen_control.urdf.joint import Limits
+    from canopen_control.urdf.joint_element import Limits
     from canopen_control.urdf.ros2_control import ControlJoint
 
 __all__ = ["CommandLimits"]

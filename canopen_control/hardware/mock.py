@@ -29,7 +29,7 @@ from canopen_control.hardware.lifecycle import Lifecycle
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from canopen_control.urdf.joint import Mimic
+    from canopen_control.urdf.joint_element import Mimic
     from canopen_control.urdf.ros2_control import ControlJoint, Ros2ControlSystem
 
 __all__ = ["PLUGINS", "GenericSystem"]

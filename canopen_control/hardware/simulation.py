@@ -30,7 +30,7 @@ from canopen_control.hardware.lifecycle import Lifecycle
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-    from canopen_control.urdf.joint import Joint, Limits
+    from canopen_control.urdf.joint_element import Joint, Limits
     from canopen_control.urdf.ros2_control import ControlJoint, Ros2ControlSystem
 
 __all__ = ["PLUGINS", "FirstOrderMotor", "Motor", "SimulatedSystem"]

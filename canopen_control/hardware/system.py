@@ -176,7 +176,7 @@ class CanopenSystem(Lifecycle):
         return found
 
     def skipped(self, edges: int) -> None:
-        """Take that so many edges of the grid were skipped before this cycle."""
+        """Take that drives found no new set-point at so many edges of the grid."""
         for joint in self.joints:
             if joint.power.following:
                 joint.tracking.skip(edges)

@@ -12,7 +12,7 @@ from typing import Final
 
 from canopen_control.host.environment import LIFELINE, READY
 
-__all__ = ["READY_WORD", "Pulse", "lifeline_fd", "report_failure", "report_ready"]
+__all__ = ["READY_WORD", "LivenessReport", "lifeline_fd", "report_failure", "report_ready"]
 
 READY_WORD: Final = b"ready"
 
@@ -59,7 +59,7 @@ def _report(line: bytes) -> None:
         os.close(fd)
 
 
-class Pulse:
+class LivenessReport:
     """What a child of `spawn` says of itself again and again: that it is ready, then that it is alive.
 
     In a process that nobody asked to report it says nothing.

@@ -78,7 +78,7 @@ class Connection:
         return self._socket.fileno()
 
     def expect_answer(self) -> None:
-        """Count a request that `answer` will answer: whoever waits for one does not make way."""
+        """Count a request that `answer` will answer: a client that waits for one is not closed for another."""
         self._unanswered += 1
 
     def answer(self, line: bytes) -> None:
@@ -323,7 +323,7 @@ class LineServer:
             self.reactor.add_reader(self._socket, self._on_readable)
 
     def _make_room(self) -> bool:
-        """Whether whoever is idle has made way."""
+        """Close the connection of an idle client, told why, so that another may come; False if none is idle."""
         now = self.reactor.now()
         candidates = [
             each for each in self._connections if each.eviction_order(now) is not None and not self.keeps(each)

@@ -170,7 +170,7 @@ class Reactor:
         self._watches[fd] = watch
 
     def _update(self, fd: int, event: int, watch: _Watch) -> None:
-        """Tell the selector; bears a descriptor that was closed without being removed, and its number used again."""
+        """Update what the selector waits for; a descriptor closed without being removed does no harm."""
         if not watch.events:
             del self._watches[fd]
             self._selector.unregister(fd)

@@ -115,7 +115,7 @@ class Child:
     def watch_ready(self, reactor: Reactor, on_ready: Callable[[], object]) -> None:
         """Call `on_ready()` on the loop, once, when it has said that it is ready, or cannot say so any more.
 
-        `heard_at` is when it has said so last: a child with a `Pulse` says it again and again.
+        `heard_at` is when it has said so last: a child with a `LivenessReport` says it again and again.
         """
         if self._readiness >= 0:
             self._on_ready = on_ready

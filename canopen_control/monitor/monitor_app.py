@@ -121,11 +121,11 @@ class MonitorApp(App[None]):
         self._drives.focus()
         loop, context = asyncio.get_running_loop(), contextvars.copy_context()
 
-        def on_news() -> None:
+        def on_sample() -> None:
             with contextlib.suppress(RuntimeError):  # the loop has ended
                 loop.call_soon_threadsafe(self.refresh_picture, context=context)
 
-        self.source.start(on_news)
+        self.source.start(on_sample)
         self.refresh_picture()
         self.set_interval(PERIOD_S, self._refresh_if_late)
 

@@ -45,8 +45,8 @@ class Source(Protocol):
         """Who is on the bus, for the filter's words."""
         ...
 
-    def start(self, on_news: Callable[[], None]) -> None:
-        """Begin; `on_news` is called, from any thread, when a new sample of the robot has come."""
+    def start(self, on_sample: Callable[[], None]) -> None:
+        """Begin; `on_sample` is called, from any thread, when a new sample of the robot has come."""
 
     def close(self) -> None:
         """End."""
@@ -91,9 +91,9 @@ class RobotSource:
         master = self._networks[0].master_node_id if self._networks else None
         return NetworkDescription(nodes=nodes, master_node_id=master)
 
-    def start(self, on_news: Callable[[], None] = lambda: None) -> None:
+    def start(self, on_sample: Callable[[], None] = lambda: None) -> None:
         """Look for the robot."""
-        self._link.on_sample = on_news
+        self._link.on_sample = on_sample
         self._link.start()
 
     def close(self) -> None:
@@ -163,7 +163,7 @@ class BusSource:
         self._tap = BusTap(network, self._take, owner=owner)
         self.taps = [self._tap]
 
-    def start(self, on_news: Callable[[], None] = lambda: None) -> None:
+    def start(self, on_sample: Callable[[], None] = lambda: None) -> None:
         """Do nothing: `tick` opens the bus, and its frames are all there is."""
 
     def listen(self, wanted: bool) -> None:

@@ -120,9 +120,9 @@ class EntryReader:
             reason = f"{written}={clip(text)} is no {data_type.name} ({problem}); the entry is left without"
             self.report.error(line, "value-form", reason)
             return None
-        if parsed.doubt is not None:
-            doubt = parsed.doubt
-            self.report.add(line, doubt.code, doubt.severity, f"{written}={clip(text)}: {doubt.text}")
+        if parsed.issue is not None:
+            issue = parsed.issue
+            self.report.add(line, issue.code, issue.severity, f"{written}={clip(text)}: {issue.text}")
         return parsed
 
     def _limits(self, section: Section, data_type: DataType) -> tuple[_Limit, _Limit]:

@@ -101,14 +101,14 @@ def optional_number(section: Section, key: str, report: Report) -> int | None:
 def _number(section: Section, key: str, report: Report, default: int | None = None) -> int | None:
     written, text, line = section.pairs[key]
     try:
-        number, _, doubt = parse_number(text)
+        number, _, issue = parse_number(text)
     except ValueError as problem:
         what = f"{clip(text)} is {problem}" if text else "is empty"
         instead = "absent" if default is None else default
         report.warning(line, "key-number", f"{clip(written)} {what}; taken as {instead}")
         return None
-    if doubt is not None:
-        report.add(line, doubt.code, doubt.severity, f"{clip(written)}={clip(text)}: {doubt.text}")
+    if issue is not None:
+        report.add(line, issue.code, issue.severity, f"{clip(written)}={clip(text)}: {issue.text}")
     return number
 
 

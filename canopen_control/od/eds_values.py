@@ -1,7 +1,7 @@
 """Numbers and values as EDS and DCF files write them (CiA 306-1, 4.4).
 
 Numbers are decimal, 0x hexadecimal, or octal after a leading 0; $NODEID may be added to one. What vendors write
-besides is understood where it can mean one thing only, and then is a doubt. An INTEGERn in hexadecimal is two's
+besides is understood where it can mean one thing only, and then is an issue. An INTEGERn in hexadecimal is two's
 complement of its type. A REAL is decimal, or the bits of IEEE 754 in hexadecimal.
 """
 
@@ -19,7 +19,7 @@ from canopen_control.od.model import DataType
 if TYPE_CHECKING:
     from canopen_control.od.model import Value
 
-__all__ = ["Doubt", "Number", "Parsed", "format_value", "parse_number", "parse_value", "real_bits"]
+__all__ = ["Number", "Parsed", "ValueIssue", "format_value", "parse_number", "parse_value", "real_bits"]
 
 _NUMBER = re.compile(r"([+-]?)(?:0[xX]([0-9A-Fa-f]+)|0([0-7]+)|([0-9]+))([uUlL]*)", re.ASCII)
 _DECIMAL = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]{1,4})?", re.ASCII)
@@ -30,7 +30,7 @@ _MAX_DIGITS = 64  # the widest number has 20 digits; more are no number but an a
 _RANGES = {t: (t.minimum, t.maximum, 1 << (t.bits or 0)) for t in DataType if t.is_integer}
 
 
-class Doubt(NamedTuple):
+class ValueIssue(NamedTuple):
     """What is odd about the form of a value that was understood all the same."""
 
     code: str
@@ -43,7 +43,7 @@ class Parsed(NamedTuple):
 
     value: Value
     relative: bool = False
-    doubt: Doubt | None = None
+    issue: ValueIssue | None = None
 
 
 class Number(NamedTuple):
@@ -51,15 +51,15 @@ class Number(NamedTuple):
 
     value: int
     is_hex: bool = False
-    doubt: Doubt | None = None
+    issue: ValueIssue | None = None
 
 
-_COMMENT = Doubt("number-comment", Severity.WARNING, "the comment after # is cut off; CiA 306 knows ; only")
-_SUFFIX = Doubt("number-suffix", Severity.WARNING, "the suffix is ignored")
-_WORD = Doubt("number-word", Severity.NOTE, "TRUE is taken as 1, FALSE as 0")
-_H = Doubt("number-suffix", Severity.WARNING, "the suffix h is taken as hexadecimal")
-_FRACTION = Doubt("number-fraction", Severity.WARNING, "the fraction of zero is ignored")
-_TWOS = Doubt("number-sign", Severity.WARNING, "taken as two's complement")
+_COMMENT = ValueIssue("number-comment", Severity.WARNING, "the comment after # is cut off; CiA 306 knows ; only")
+_SUFFIX = ValueIssue("number-suffix", Severity.WARNING, "the suffix is ignored")
+_WORD = ValueIssue("number-word", Severity.NOTE, "TRUE is taken as 1, FALSE as 0")
+_H = ValueIssue("number-suffix", Severity.WARNING, "the suffix h is taken as hexadecimal")
+_FRACTION = ValueIssue("number-fraction", Severity.WARNING, "the fraction of zero is ignored")
+_TWOS = ValueIssue("number-sign", Severity.WARNING, "taken as two's complement")
 
 
 def parse_number(text: str) -> Number:
@@ -80,7 +80,7 @@ def parse_value(text: str, data_type: DataType, node_id: int | None = None) -> P
     number = _parse(text)
     low, high, _ = _RANGES[data_type]
     if low <= number.value <= high:
-        return Parsed(number.value, False, number.doubt)
+        return Parsed(number.value, False, number.issue)
     return _fitted(number, data_type, False, text)
 
 
@@ -110,45 +110,45 @@ def _parse(text: str) -> Number:
 
 
 def _parse_any(text: str) -> Number:
-    doubt: Doubt | None = None
+    issue: ValueIssue | None = None
     for mark in ";#":
         if mark in text:
             text = text.partition(mark)[0]
-            doubt = _COMMENT if mark == "#" else doubt
+            issue = _COMMENT if mark == "#" else issue
     text = text.strip()
     if len(text) > _MAX_DIGITS:
         raise ValueError("no number")
     match = _NUMBER.fullmatch(text)
     if match is None:
-        return _odd_number(text, doubt)
+        return _odd_number(text, issue)
     sign, hexadecimal, octal, decimal, suffix = match.groups()
-    doubt = _SUFFIX if suffix else doubt
+    issue = _SUFFIX if suffix else issue
     if hexadecimal is not None:
         number = int(hexadecimal, 16)
     elif octal is not None:
         number = int(octal, 8)
-        doubt = doubt or _octal(text, number, int(octal))
+        issue = issue or _octal(text, number, int(octal))
     else:
         number = int(decimal)  # 08 and 09, which are no octal numbers, too
-    return Number(-number if sign == "-" else number, hexadecimal is not None, doubt)
+    return Number(-number if sign == "-" else number, hexadecimal is not None, issue)
 
 
 _parse_short = lru_cache(maxsize=1024)(_parse_any)
 
 
-def _octal(text: str, octal: int, decimal: int) -> Doubt | None:
+def _octal(text: str, octal: int, decimal: int) -> ValueIssue | None:
     if octal == decimal:
         return None
-    return Doubt("number-octal", Severity.NOTE, f"the leading 0 of {text} makes it octal: {octal}, not {decimal}")
+    return ValueIssue("number-octal", Severity.NOTE, f"the leading 0 of {text} makes it octal: {octal}, not {decimal}")
 
 
-def _odd_number(text: str, doubt: Doubt | None) -> Number:
+def _odd_number(text: str, issue: ValueIssue | None) -> Number:
     if (word := _WORDS.get(text.lower())) is not None:
-        return Number(word, doubt=doubt or _WORD)
+        return Number(word, issue=issue or _WORD)
     if (match := _HEX_SUFFIX.fullmatch(text)) is not None:
         return Number(int(match[1], 16), True, _H)
     if _DECIMAL.fullmatch(text) and float(text).is_integer():
-        return Number(int(float(text)), doubt=_FRACTION)
+        return Number(int(float(text)), issue=_FRACTION)
     raise ValueError("no number")
 
 
@@ -160,19 +160,19 @@ def _relative(text: str, node_id: int | None) -> Number:
     if len(names) != 1 or names[0].lower() != _NODE_ID:
         raise ValueError("no number and not $NODEID plus one")
     numbers = [_parse(part) for part in parts if "$" not in part]
-    doubt = next((number.doubt for number in numbers if number.doubt is not None), None)
-    return Number(sum(number.value for number in numbers) + (node_id or 0), True, doubt)
+    issue = next((number.issue for number in numbers if number.issue is not None), None)
+    return Number(sum(number.value for number in numbers) + (node_id or 0), True, issue)
 
 
 def _fitted(number: Number, data_type: DataType, relative: bool, text: str) -> Parsed:
-    value, is_hex, doubt = number
+    value, is_hex, issue = number
     low, high, span = _RANGES[data_type]
     if low <= value <= high:
-        return Parsed(value, relative, doubt)
+        return Parsed(value, relative, issue)
     if high < value < span:  # only signed types have this gap
-        return Parsed(value - span, relative, doubt or (None if is_hex else _TWOS))
+        return Parsed(value - span, relative, issue or (None if is_hex else _TWOS))
     if -span // 2 <= value < 0 and low == 0 and span > 2:
-        return Parsed(value + span, relative, doubt or _TWOS)
+        return Parsed(value + span, relative, issue or _TWOS)
     raise ValueError(f"{text[:_MAX_DIGITS]} does not fit {data_type.name}, which holds {low} to {high}")
 
 
@@ -185,7 +185,7 @@ def _real(text: str, data_type: DataType) -> Parsed:
     if not number.is_hex or not 0 <= number.value < 1 << (8 * layout.size):
         raise ValueError("neither a decimal number nor the bits of one in hexadecimal")
     bits: float = layout.unpack(number.value.to_bytes(layout.size, "little"))[0]
-    return Parsed(bits, False, number.doubt)
+    return Parsed(bits, False, number.issue)
 
 
 def _representable(value: float, data_type: DataType) -> float:
@@ -210,8 +210,8 @@ def _bytes(text: str, _data_type: DataType) -> Parsed:
     try:
         return Parsed(bytes.fromhex(digits))
     except ValueError:
-        doubt = Doubt("bytes-text", Severity.NOTE, "not in hexadecimal; the characters are taken as bytes")
-        return Parsed(_latin(text), False, doubt)
+        issue = ValueIssue("bytes-text", Severity.NOTE, "not in hexadecimal; the characters are taken as bytes")
+        return Parsed(_latin(text), False, issue)
 
 
 def _text(text: str, data_type: DataType) -> Parsed:

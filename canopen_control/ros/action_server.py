@@ -1,4 +1,4 @@
-"""An action server whose goals are judged by somebody else, later, and whose clients can be seen to go.
+"""An action server whose goals are judged by somebody else, later, and that says which client sent one.
 
 rclpy's own answers a goal when its callback returns, and waits for the end of one in a coroutine, in which its
 EventsExecutor spins without a pause. Here what comes is handed over, and what is to be answered is called in the
@@ -9,10 +9,11 @@ where rclpy's says that it knows no such goal.
 from __future__ import annotations
 
 import contextlib
-import ctypes
 import importlib
 from collections import OrderedDict
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
+
+from canopen_control.ros.participants import client_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
     from canopen_control.ros.endpoint import RosMessage
     from canopen_control.ros.rcl import Node
 
-__all__ = ["GoalRequest", "JudgedActionServer", "client_of", "clients_of"]
+__all__ = ["GoalRequest", "JudgedActionServer"]
 
 _rclpy = importlib.import_module("rclpy.action.server")
 _ActionServer: Any = _rclpy.ActionServer
@@ -28,8 +29,6 @@ _ACCEPTED: Final = 1  # action_msgs/msg/GoalStatus
 _ABORTED: Final = 6
 _KEPT: Final = 64
 """How many refusals are kept, for who asks."""
-_PREFIX: Final = 12
-"""The bytes of a DDS GUID that are its participant's: one for each process, mostly."""
 
 
 class GoalRequest(NamedTuple):
@@ -142,23 +141,3 @@ class JudgedActionServer(_ActionServer):  # type: ignore[misc] # rclpy's, withou
 def _is_executing(handle: RosMessage) -> None:
     """Do what a handle's `execute` does first: the state that clients see."""
     handle._update_state(_rclpy.GoalEvent.EXECUTE)  # noqa: SLF001 - else rclpy would wait for the end in a coroutine
-
-
-def client_of(header: RosMessage) -> bytes | None:
-    """Return the DDS participant that a request came from, None where that cannot be seen.
-
-    The header is C's rmw_request_id_t, 16 bytes of GUID and the number of the request, of which rclpy shows the number
-    alone: pybind11 keeps where it is behind the head of the Python object. The number tells whether that is so.
-    """
-    where = ctypes.c_size_t.from_address(id(header) + object.__basicsize__).value
-    if not where or where % 8:
-        return None
-    if ctypes.c_int64.from_address(where + 16).value != header.sequence_number:
-        return None
-    return ctypes.string_at(where, _PREFIX)
-
-
-def clients_of(node: Node, action: str) -> set[bytes]:
-    """Return the DDS participants that could send goals of an action now, by its full name."""
-    found = node.get_publishers_info_by_topic(f"rq{action}/_action/send_goalRequest", no_mangle=True)
-    return {bytes(each.endpoint_gid[:_PREFIX]) for each in found}

@@ -13,10 +13,11 @@ import math
 from functools import partial
 from typing import TYPE_CHECKING, Any, Final
 
-from canopen_control.ros.action_server import JudgedActionServer, clients_of
+from canopen_control.ros.action_server import JudgedActionServer
 from canopen_control.ros.endpoint import COMMANDER, Endpoint, NewSamples
 from canopen_control.ros.interfaces import interface
 from canopen_control.ros.joint_states import time_message
+from canopen_control.ros.participants import ActionClients
 from canopen_control.ros.throttle import without_numbers
 from canopen_control.ros.trajectory_messages import (
     fill_point,
@@ -54,19 +55,23 @@ _CLIENT_GONE: Final = "the action client that sent it is gone"
 class _Followed:
     """A goal that came from ROS: who sent it, the connection it lives by, and what the robot said when it took it."""
 
-    def __init__(self, request: GoalRequest, sender: TrajectorySender) -> None:
+    def __init__(self, request: GoalRequest, sender: TrajectorySender, clients: ActionClients) -> None:
         self.uuid, self.client, self.sender = request.uuid, request.client, sender
         self.verdict: TrajectoryVerdict | None = None
-        self.client_was_seen = False
         self.is_to_end = False
         self.cancelled = False
         self.told = -math.inf
+        self._clients = clients
+        self._was_present = False
+        self._ran_here = self.client is not None and clients.runs_here(self.client)
 
-    def is_alone(self, clients: set[bytes]) -> bool:
+    def is_alone(self, present: set[bytes]) -> bool:
         """Whether its client has been there and is no more; where it cannot be told from others, all of them."""
-        here = bool(clients) if self.client is None else self.client in clients
-        self.client_was_seen |= here
-        return self.client_was_seen and not here
+        if self._ran_here and self.client is not None and not self._clients.runs_here(self.client):
+            return True
+        here = bool(present) if self.client is None else self.client in present
+        self._was_present |= here
+        return self._was_present and not here
 
 
 class FollowJointTrajectory(Endpoint):
@@ -88,13 +93,13 @@ class FollowJointTrajectory(Endpoint):
             lambda uuid: ros.hand_over(lambda: self._cancel(uuid)),
             lambda uuid: ros.hand_over(lambda: self._give_up(uuid, _CLIENT_GONE)),
         )
-        self._full_name = ros.node.resolve_service_name(self._topic)
+        self._clients = ActionClients(ros.node, ros.node.resolve_service_name(self._topic))
 
     # ------------------------------------------------------------------------------------------------ goals that come
 
     def _begin(self, request: GoalRequest) -> None:
         """Have the robot judge a goal."""
-        followed = _Followed(request, TrajectorySender(self._ros.connect))
+        followed = _Followed(request, TrajectorySender(self._ros.connect), self._clients)
         self._goals[request.uuid] = followed
         try:
             refusal = goal_refusal(request.goal)
@@ -205,7 +210,7 @@ class FollowJointTrajectory(Endpoint):
     def _watch(self, followed: list[_Followed]) -> None:
         """End the goals whose client is gone."""
         watched = [each for each in followed if each.verdict is not None and not each.verdict.outlives_client]
-        clients = clients_of(self._ros.node, self._full_name) if watched else set()
+        present = self._clients.present() if watched else set()
         for each in watched:
-            if each.is_alone(clients):
+            if each.is_alone(present):
                 self._give_up(each.uuid, _CLIENT_GONE)

@@ -20,8 +20,8 @@ from canopen_control.ros.joint_states import time_message
 from canopen_control.ros.qos import TF, TF_STATIC
 from canopen_control.rpc.messages.samples import JointStatesSample, OdometrySample
 from canopen_control.urdf.geometry import Pose, from_yaw
-from canopen_control.urdf.joint import Joint, Transform
-from canopen_control.urdf.model import read_model
+from canopen_control.urdf.joint_element import Joint, Transform
+from canopen_control.urdf.robot_model import read_model
 
 if TYPE_CHECKING:
     from canopen_control.ros.endpoint import Ros

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from canopen_control.controllers.controllers_file import ControllerConfig
     from canopen_control.master.config import NodeConfig
     from canopen_control.runtime.check_data import CheckedRobot
-    from canopen_control.urdf.joint import Joint
+    from canopen_control.urdf.joint_element import Joint
     from canopen_control.urdf.wheels import WheelGeometry
 
 __all__ = ["WHEEL_RULES"]

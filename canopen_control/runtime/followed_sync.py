@@ -55,7 +55,8 @@ class SyncOfAnother:
 class FollowedSync:
     """The SYNC of one bus; `lead(now)` is called with every one that is heard, None for a bus that is not followed.
 
-    `patience_ns` is how much later the first one may come, which waits for the boot of a node that sends it.
+    `count` is how many were heard; `patience_ns` is how much later the first one may come, which waits for the boot of
+    a node that sends it.
     """
 
     def __init__(
@@ -68,6 +69,7 @@ class FollowedSync:
     ) -> None:
         self._task, self._period_us, self._lead, self._report = task, period_us, lead, report
         self._timeout = max(_MISSED * period_us * 1000, _RETRY_NS // 2)
+        self.count = 0
         self._deadline, self._patience = 0, patience_ns
         self._silent = False
 
@@ -78,6 +80,7 @@ class FollowedSync:
 
     def heard(self, now: int) -> None:
         """Take a SYNC that came over the bus."""
+        self.count += 1
         self._deadline = now + self._timeout
         self._silent = False
         if self._lead is not None:

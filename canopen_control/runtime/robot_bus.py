@@ -68,6 +68,7 @@ class RobotBus:
         self._sync_with_rpdos = config.master.sync_order == "last"
         self._followed: FollowedSync | None = None
         self._by_kernel = False
+        self._syncs = 0  # heard when the last cycle's RPDOs left
         self._writing = False
         self._lost_frames = 0
         self._told_lost = -_WINDOW_NS
@@ -85,6 +86,18 @@ class RobotBus:
     def sends_sync_first(self) -> bool:
         """Whether this master sends SYNC, before the RPDOs of the cycle."""
         return self._synchronous and self._followed is None and not self._sync_with_rpdos
+
+    @property
+    def follows_sync(self) -> bool:
+        """Whether somebody else sends SYNC."""
+        return self._followed is not None
+
+    def unserved_syncs(self) -> int:
+        """Return at how many SYNCs that somebody else sent since the last call no new RPDOs were there."""
+        if self._followed is None:
+            return 0
+        heard, self._syncs = self._followed.count - self._syncs, self._followed.count
+        return max(0, heard - 1)
 
     @property
     def sync_words(self) -> str:

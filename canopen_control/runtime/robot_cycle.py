@@ -3,7 +3,8 @@
 The law of this file: controllers live on the grid. The time that they get is that of the edge, and the period is that
 of the grid, however late the process woke: a late cycle sends the set-point of its edge. After edges that were skipped
 they go on with the set-point of the newest one, but for `CAUGHT_UP` skipped edges at most: for the others their time
-stands, since a drive that has stopped meanwhile must not be told to make up for all of it in one period. What waits for
+stands, since a drive that has stopped meanwhile must not be told to make up for all of it in one period. What is
+written is for one period all the same: no target moves by more than the drive's velocity makes of that. What waits for
 frames or watches others goes by the clock.
 """
 
@@ -48,27 +49,21 @@ class RobotCycle:
         self._registry = made.registry
         self._buses, self._systems = list(made.buses.values()), made.systems
         self._sync_first = [bus for bus in self._buses if bus.sends_sync_first]
+        self._following = [bus for bus in self._buses if bus.follows_sync]
         self._period = pacer.period_ns / 1e9
 
     def step(self, now: int) -> None:
         """Do a cycle; the reactor serves the ports in every turn and before its timers, so all that came is read."""
-        pacer, period, manager = self._pacer, self._period, self._manager
-        components = self._registry.components
-        for bus in self._sync_first:
-            bus.send_sync(now)
-        if pacer.skipped:
-            period *= 1 + min(pacer.skipped, CAUGHT_UP)
-            for system in self._systems:
-                system.skipped(pacer.skipped)
+        period = self._begin(now)
+        components, manager, edge = self._registry.components, self._manager, self._pacer.edge
         for component in components:
             if component.read(now, period) is ERROR:
                 self._failed(component, "read", now)
         if self.advance is not None:
             self.advance(now)
-        edge = pacer.edge
         manager.update(edge, period)
         for component in components:
-            if component.write(now, period) is ERROR:
+            if component.write(now, self._period) is ERROR:
                 self._failed(component, "write", now)
         for bus in self._buses:
             bus.send_cycle(now)
@@ -76,6 +71,17 @@ class RobotCycle:
         manager.broadcast(edge, period)
         self._supervise(now)
         self._after(now)
+
+    def _begin(self, now: int) -> float:
+        """Send SYNC where it goes first, and return the time on the grid since the last cycle in s."""
+        for bus in self._sync_first:
+            bus.send_sync(now)
+        skipped = self._pacer.skipped
+        if not skipped:
+            return self._period
+        if not self._following:
+            self._skipped(skipped)
+        return self._period * (1 + min(skipped, CAUGHT_UP))
 
     def step_now(self, now: int) -> None:
         """Do a cycle that is of no edge, for whoever does not leave them to the pacer; what has come is read first."""
@@ -90,6 +96,13 @@ class RobotCycle:
             bus.tick(now)
         for system in self._systems:
             system.supervise(now)
+        for bus in self._following:
+            if (edges := bus.unserved_syncs()) > 0:
+                self._skipped(edges)
+
+    def _skipped(self, edges: int) -> None:
+        for system in self._systems:
+            system.skipped(edges)
 
     def _failed(self, component: HardwareComponent, verb: str, now: int) -> None:
         self._manager.deactivate_using(component, f"{component.name} reported an error on {verb}", now)

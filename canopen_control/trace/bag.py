@@ -27,8 +27,8 @@ from canopen_control.ros.conversions import arrays_of, diagonal, positions_of, s
 from canopen_control.ros.diagnosis import diagnose
 from canopen_control.rpc.messages.samples import JointStatesSample, OdometrySample
 from canopen_control.urdf.geometry import Pose, from_yaw
-from canopen_control.urdf.joint import Transform
-from canopen_control.urdf.model import read_model
+from canopen_control.urdf.joint_element import Transform
+from canopen_control.urdf.robot_model import read_model
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

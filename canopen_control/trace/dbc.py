@@ -35,7 +35,7 @@ _HEARTBEAT_BITS = 7
 _MASTER = "master"
 
 
-class Part(NamedTuple):
+class WordField(NamedTuple):
     """Some bits of a word: name, first bit, number of bits."""
 
     name: str
@@ -43,23 +43,23 @@ class Part(NamedTuple):
     bits: int
 
 
-WORD_PARTS: Mapping[int, tuple[Part, ...]] = {
+WORD_PARTS: Mapping[int, tuple[WordField, ...]] = {
     objects.STATUSWORD: (
-        Part("state", 0, 7),  # bits 0 to 6: what the state is told by, and bit 4
-        Part("warning", 7, 1),
-        Part("bit8", 8, 1),
-        Part("remote", 9, 1),
-        Part("target_reached", 10, 1),
-        Part("internal_limit", 11, 1),
-        Part("mode_specific", 12, 2),
-        Part("manufacturer", 14, 2),
+        WordField("state", 0, 7),  # bits 0 to 6: what the state is told by, and bit 4
+        WordField("warning", 7, 1),
+        WordField("bit8", 8, 1),
+        WordField("remote", 9, 1),
+        WordField("target_reached", 10, 1),
+        WordField("internal_limit", 11, 1),
+        WordField("mode_specific", 12, 2),
+        WordField("manufacturer", 14, 2),
     ),
     objects.CONTROLWORD: (
-        Part("command", 0, 8),  # bits 0 to 7; 4 to 6 are the mode's
-        Part("halt", 8, 1),
-        Part("bit9", 9, 1),
-        Part("bit10", 10, 1),
-        Part("manufacturer", 11, 5),
+        WordField("command", 0, 8),  # bits 0 to 7; 4 to 6 are the mode's
+        WordField("halt", 8, 1),
+        WordField("bit9", 9, 1),
+        WordField("bit10", 10, 1),
+        WordField("manufacturer", 11, 5),
     ),
 }
 

@@ -25,7 +25,7 @@ from canopen_control.client.robot_client import RobotClient
 from canopen_control.errors import BusError, CanopenError
 from canopen_control.frame import RECORD_SIZE
 from canopen_control.host.files import state_dir
-from canopen_control.host.lifeline import Pulse, lifeline_fd
+from canopen_control.host.lifeline import LivenessReport, lifeline_fd
 from canopen_control.host.reactor import Reactor
 from canopen_control.rpc.messages.layout import Layout
 from canopen_control.rpc.messages.robot import GetLayout, GetStatus, Subscribe, Tell
@@ -83,7 +83,7 @@ class FlightRecorder:
         self._repeated: set[bytes] = set()
         self._writer: tuple[int, int] | None = None  # process id and pipe of the copy that writes
         self._finished = False
-        self._pulse = Pulse()
+        self._liveness = LivenessReport()
 
     def start(self) -> None:
         """Listen; a bus that cannot be listened to is left out and noted in the file."""
@@ -96,7 +96,7 @@ class FlightRecorder:
 
     def _beat(self) -> None:
         """Say that this process listens, to whoever started it."""
-        self._pulse.beat()
+        self._liveness.beat()
         self._reactor.call_later(_PULSE_NS, self._beat)
 
     # Listening -----------------------------------------------------------------------------------------------------

@@ -32,9 +32,8 @@ from canopen_control.bus.candump import interface_name, line_of, parse_line
 from canopen_control.errors import ConfigError
 from canopen_control.frame import CanFrame, frames_of
 from canopen_control.host.files import telling
-from canopen_control.rpc.messages.declare import Document
+from canopen_control.rpc.messages.declare import Count, Document, UnixTime
 from canopen_control.rpc.messages.layout import Layout
-from canopen_control.rpc.messages.quantities import Count, UnixTime
 from canopen_control.rpc.messages.state import RobotEvent, Status, TimedSnapshot
 from canopen_control.rpc.wire import decode, text_of
 
@@ -79,7 +78,7 @@ FlightFrame = tuple[int, str, CanFrame]  # Unix ns, name of the bus, frame
 NO_FAULT: Final = RobotEvent(time=0.0, kind="", node=None, level="info", text="nothing was reported to go wrong")
 
 
-class Misfit(ValueError):
+class FlightFileError(ValueError):
     """Something in a file that does not fit: a sentence with where it is."""
 
 
@@ -227,7 +226,7 @@ def _opened(path: Path, read: Callable[[zipfile.ZipFile, FlightMeta], T]) -> T:
             return read(archive, _parsed(_META, text, FlightMeta))
     except OSError as error:
         raise ConfigError(f"{path}: {error.strerror or error}") from error
-    except Misfit as error:
+    except FlightFileError as error:
         raise ConfigError(f"{path}: this is no flight recording, or it is damaged: {error}") from error
     except _UNREADABLE as error:
         raise ConfigError(f"{path}: this is no flight recording: {error}") from error
@@ -247,15 +246,15 @@ def _content(archive: zipfile.ZipFile, name: str) -> bytes:
     return bytes(content)
 
 
-def _too_large(name: str, limit: int) -> Misfit:
-    return Misfit(f"{name} is larger than {limit >> 20} MiB, which no recorder writes")
+def _too_large(name: str, limit: int) -> FlightFileError:
+    return FlightFileError(f"{name} is larger than {limit >> 20} MiB, which no recorder writes")
 
 
 def _parsed(where: str, text: bytes, kind: type[T]) -> T:
     try:
         found: T = decode(text, kind)
     except ValueError as error:
-        raise Misfit(f"{where}: {error}") from None
+        raise FlightFileError(f"{where}: {error}") from None
     return found
 
 

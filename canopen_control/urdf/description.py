@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 from canopen_control.errors import RobotConfigError
 from canopen_control.urdf.document import read_document
-from canopen_control.urdf.model import RobotModel, model_of
+from canopen_control.urdf.robot_model import RobotModel, model_of
 from canopen_control.urdf.ros2_control import Ros2ControlSystem, check_owners, read_system, system_of_ros1
 from canopen_control.urdf.transmission import read_transmissions
 from canopen_control.urdf.xacro_run import XacroRun
@@ -25,8 +25,8 @@ if TYPE_CHECKING:
     from types import TracebackType
 
     from canopen_control.urdf.document import Element
-    from canopen_control.urdf.joint import Joint
-    from canopen_control.urdf.link import Link
+    from canopen_control.urdf.joint_element import Joint
+    from canopen_control.urdf.link_element import Link
 
 __all__ = ["Description", "DescriptionReader", "GazeboPlugin", "parse_description", "read_description"]
 

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from canopen_control.urdf.document import Document, Element
-    from canopen_control.urdf.joint import Joint, Mimic
+    from canopen_control.urdf.joint_element import Joint, Mimic
     from canopen_control.urdf.transmission import Transmission
 
 __all__ = ["ControlJoint", "Ros2ControlSystem", "check_owners", "read_system", "system_of_ros1"]

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
     from canopen_control.urdf.document import Document, Element
-    from canopen_control.urdf.joint import Joint
+    from canopen_control.urdf.joint_element import Joint
 
 __all__ = ["HARDWARE_INTERFACES", "Transmission", "read_transmissions"]
 

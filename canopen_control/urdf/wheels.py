@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from canopen_control.urdf.geometry import Vector
-    from canopen_control.urdf.model import RobotModel
+    from canopen_control.urdf.robot_model import RobotModel
 
 __all__ = ["WheelGeometry"]
 

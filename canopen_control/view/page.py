@@ -30,14 +30,14 @@ if TYPE_CHECKING:
     from canopen_control.view.page_content import PageContent
     from canopen_control.view.panels.panel import Panel, PanelContext
 
-__all__ = ["PANELS", "Page", "Place", "build_waiting", "stop_html"]
+__all__ = ["PANELS", "Page", "PanelSlot", "build_waiting", "stop_html"]
 
 _ELEMENTS: Final = Path(__file__).parent / "elements"
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
-    """Where a panel stands: "side", "middle" or "right"; without a title it has no frame of its own."""
+class PanelSlot:
+    """A panel and where it stands: "side", "middle" or "right"; without a title it has no frame of its own."""
 
     key: str
     where: str
@@ -46,16 +46,16 @@ class Place:
 
 
 PANELS: Final = (
-    Place("banner", "side", "", BannerPanel),
-    Place("drive", "side", "Drive: hold a button", TeleopPanel),
-    Place("trajectory", "side", "Trajectory", TrajectoryPanel),
-    Place("power", "side", "Power", PowerPanel),
-    Place("faults", "side", "", FaultPanel),
-    Place("scene", "middle", "", ScenePanel),
-    Place("drives", "right", "Drives", DrivesPanel),
-    Place("joints", "right", "Joints", JointsPanel),
-    Place("plots", "right", "", PlotsPanel),
-    Place("events", "right", "Events, newest first", EventsPanel),
+    PanelSlot("banner", "side", "", BannerPanel),
+    PanelSlot("drive", "side", "Drive: hold a button", TeleopPanel),
+    PanelSlot("trajectory", "side", "Trajectory", TrajectoryPanel),
+    PanelSlot("power", "side", "Power", PowerPanel),
+    PanelSlot("faults", "side", "", FaultPanel),
+    PanelSlot("scene", "middle", "", ScenePanel),
+    PanelSlot("drives", "right", "Drives", DrivesPanel),
+    PanelSlot("joints", "right", "Joints", JointsPanel),
+    PanelSlot("plots", "right", "", PlotsPanel),
+    PanelSlot("events", "right", "Events, newest first", EventsPanel),
 )
 
 
@@ -89,16 +89,16 @@ class Page:
         with ui.element("main").classes("cc-page"):
             for where in ("side", "middle", "right"):
                 with ui.element("div").classes(f"cc-{where}"):
-                    self._panels += [self._place(place) for place in PANELS if place.where == where]
+                    self._panels += [self._make(slot) for slot in PANELS if slot.where == where]
         self._feed = Feed()
 
-    def _place(self, place: Place) -> Panel:
-        if place.where == "middle":
-            return place.make(self._context)
-        with ui.element("section").classes(f"cc-panel cc-p-{place.key}"):
-            if place.title:
-                ui.html(escape(place.title), sanitize=False, tag="h2")
-            return place.make(self._context)
+    def _make(self, slot: PanelSlot) -> Panel:
+        if slot.where == "middle":
+            return slot.make(self._context)
+        with ui.element("section").classes(f"cc-panel cc-p-{slot.key}"):
+            if slot.title:
+                ui.html(escape(slot.title), sanitize=False, tag="h2")
+            return slot.make(self._context)
 
     def show(self, content: PageContent) -> None:
         """Show what is known now; a few times a second."""

@@ -16,12 +16,12 @@ if TYPE_CHECKING:
     from canopen_control.view.fault_client import DriveFaults
     from canopen_control.view.words import Banner
 
-__all__ = ["EventLog", "PageContent"]
+__all__ = ["PageContent", "RecentEvents"]
 
 _EVENTS: Final = 100
 
 
-class EventLog:
+class RecentEvents:
     """The newest events; iterates oldest first."""
 
     def __init__(self, events: Iterable[RobotEvent] = ()) -> None:
@@ -52,7 +52,7 @@ class PageContent:
     """What is known now. `state` is the newest one; `lost` says why nobody knows whether it is still so, else empty."""
 
     state: StateSample
-    events: EventLog
+    events: RecentEvents
     controllers: tuple[ControllerReading, ...] = ()
     faults: DriveFaults | None = None
     lost: str = ""

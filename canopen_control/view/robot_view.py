@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, cast
 
 from canopen_control.errors import RobotConfigError
-from canopen_control.urdf.model import RobotModel, read_model
+from canopen_control.urdf.robot_model import RobotModel, read_model
 from canopen_control.view.fault_client import DriveFaults, FaultClient
 from canopen_control.view.history import History
-from canopen_control.view.page_content import EventLog, PageContent
+from canopen_control.view.page_content import PageContent, RecentEvents
 from canopen_control.view.robot_info import pose_of
 from canopen_control.view.sampling import Sampler, commanded_interfaces, names
 from canopen_control.view.scene_tree import SceneTree, Trail, angles_of
@@ -29,7 +29,7 @@ class RobotView:
 
     def __init__(self, info: RobotInfo, publish: Callable[[bytes, str], str]) -> None:
         self.info, self.state = info, info.state
-        self.events = EventLog(info.events)
+        self.events = RecentEvents(info.events)
         self.model = _drawable(info.urdf)
         self.linear = frozenset(joint.name for joint in self.model.joints.values() if joint.type == "prismatic")
         self.scene = SceneTree(self.model, info.path, publish)
@@ -43,7 +43,7 @@ class RobotView:
         """Go on with a robot that was started again; False if it is another one, for which this does not fit."""
         if info.shape != self.info.shape:
             return False
-        self.info, self.state, self.events = info, info.state, EventLog(info.events)
+        self.info, self.state, self.events = info, info.state, RecentEvents(info.events)
         return True
 
     def take(self, state: StateSample) -> SceneChange:

@@ -13,9 +13,9 @@ from canopen_control.view.meshes import find_mesh, read_mesh
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-    from canopen_control.urdf.joint import Joint
-    from canopen_control.urdf.link import Visual
-    from canopen_control.urdf.model import RobotModel
+    from canopen_control.urdf.joint_element import Joint
+    from canopen_control.urdf.link_element import Visual
+    from canopen_control.urdf.robot_model import RobotModel
     from canopen_control.view.robot_info import Pose
 
 __all__ = ["SceneDocument", "SceneTree", "Trail", "angles_of", "extent_of"]

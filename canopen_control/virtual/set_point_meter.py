@@ -47,8 +47,10 @@ class _Sums:
         self.total += value * times
         self.magnitudes += abs(value) * times
         self.squares += value * value * times
-        self.low = min(self.low, value)
-        self.high = max(self.high, value)
+        if value < self.low:
+            self.low = value
+        if value > self.high:
+            self.high = value
 
     @property
     def mean(self) -> float:
@@ -142,6 +144,12 @@ class SetPointMeter:
             grid = (now // GRID_NS + 1) * GRID_NS
         while grid <= now:
             self._look(demand.at(grid)[0])
+            end = demand.steady_until(grid)
+            points = ((now if end is None else min(end, now)) - grid) // GRID_NS
+            if points > 1:  # the way to the next point is that of all others
+                self._look(demand.at(grid + GRID_NS)[0])
+                self._go_on_evenly(demand.at(grid + points * GRID_NS)[0], points - 1)
+                grid += points * GRID_NS
             grid += GRID_NS
         self._grid = grid
 
@@ -161,6 +169,16 @@ class SetPointMeter:
             self._velocities.add(way)
         if self._points > 2 and (way or change):
             self._accelerations.add(change)
+
+    def _go_on_evenly(self, position: float, points: int) -> None:
+        """Take so many points up to a position, each with the way of the one before."""
+        self._position = position
+        self._points += points
+        if self._way == 0.0:
+            self._resting += points
+        else:
+            self._velocities.add(self._way, points)
+            self._accelerations.add(0.0, points)
 
     def _goes_on(self, way: float) -> None:
         """Count the standstill that was none, if there was one, and the way after it."""

@@ -77,6 +77,17 @@ class Trajectory:
             position += piece.distance(piece.seconds)
         return self.final_position, self.final_velocity
 
+    def steady_until(self, now: int) -> int | None:
+        """Return until when the velocity is what it is at `now`, None: for ever; `now` while it changes."""
+        if now >= self.end_ns:
+            return None
+        seconds = (now - self.start_ns) * _NS
+        for piece in self._pieces:
+            if seconds < piece.seconds:
+                return now if piece.acceleration else now + int((piece.seconds - seconds) / _NS)
+            seconds -= piece.seconds
+        return now
+
     def acceleration_at(self, now: int) -> float:
         """Return the acceleration just after `now`."""
         for piece in self.slices(now, now + 1):

@@ -1,4 +1,4 @@
-"""A YAML file as a tree of nodes: each place with its value, line, column and dotted way."""
+"""A YAML file as a tree of nodes: each place with its value, line, column and dotted path."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ class Node:
     """A place in a YAML file: its value, and where it stands.
 
     `kind` is "mapping", "sequence", "scalar" or "null"; `text` a scalar as it is written, `quoted` whether in quotes
-    or as a block; `where` the dotted way to it; `line` and `column` count from 1, line 0 stands in no file.
+    or as a block; `where` the dotted path to it; `line` and `column` count from 1, line 0 stands in no file.
     Reading a wrong kind gives nothing, never an exception: `items()` of a scalar is empty.
     """
 

@@ -25,7 +25,7 @@ LINE_END: Final = re.compile("\r\n|[\n\r\x85\u2028\u2029]")
 
 
 class Place(Protocol):
-    """Where in a file something stands: line and column from 1, and the dotted way to it."""
+    """Where in a file something stands: line and column from 1, and the dotted path to it."""
 
     line: int
     column: int
@@ -34,7 +34,7 @@ class Place(Protocol):
 
 @dataclass(frozen=True, slots=True, order=True)
 class Problem:
-    """One mistake: `where` is the dotted way through the file, `source` the line it stands on; lines count from 1."""
+    """One mistake: `where` is the dotted path through the file, `source` the line it stands on; lines count from 1."""
 
     line: int
     column: int

@@ -214,12 +214,12 @@ def test_out_of_descriptors_it_looks_again_later_instead_of_spinning(bench):
         accepted.append(bench.reactor.now())
         raise OSError(errno.EMFILE, "Too many open files")
 
-    listener = bench.hub._greeter._listener
-    bench.hub._greeter._listener = SimpleNamespace(accept=refuse, fileno=listener.fileno, close=listener.close)
+    listener = bench.hub._hello_server._listener
+    bench.hub._hello_server._listener = SimpleNamespace(accept=refuse, fileno=listener.fileno, close=listener.close)
     bench.connect()
     bench.reactor.run_for(120 * MS)
     assert 2 <= len(accepted) <= 4
-    bench.hub._greeter._listener = listener
+    bench.hub._hello_server._listener = listener
     bench.reactor.run_for(60 * MS)
     bench.join("late")
 

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from canopen_control.bus.port import BusEvent, BusEventKind
-from canopen_control.bus.port_parts import EVENT_LIMIT, EventLog, SendQueue, Wake
+from canopen_control.bus.port_parts import EVENT_LIMIT, EventLog, SendQueue, WakeDescriptor
 from canopen_control.frame import RECORD_SIZE, CanFrame, frames_of, pack_records
 
 
@@ -70,7 +70,7 @@ def readable(wake):
 
 
 def test_it_is_readable_from_set_to_clear():
-    wake = Wake()
+    wake = WakeDescriptor()
     assert not readable(wake)
     wake.set()
     wake.set()
@@ -81,7 +81,7 @@ def test_it_is_readable_from_set_to_clear():
 
 
 def test_many_sets_never_block_and_one_clear_ends_them():
-    wake = Wake()
+    wake = WakeDescriptor()
     for _ in range(100_000):
         wake.set()
     wake.clear()
@@ -90,7 +90,7 @@ def test_many_sets_never_block_and_one_clear_ends_them():
 
 
 def test_a_closed_one_ignores_everything():
-    wake = Wake()
+    wake = WakeDescriptor()
     wake.close()
     wake.set()
     wake.clear()

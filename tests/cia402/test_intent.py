@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from canopen_control.cia402.drive_goal import FAULT_STATES, Goal
 from canopen_control.cia402.drive_steps import StepTimer
-from canopen_control.cia402.goal import FAULT_STATES, Goal
 from canopen_control.cia402.intent import GOALS, SENT_FIRST, TABLE, DriveIntent, Intent, IntentTrigger
 from canopen_control.cia402.state import Command, State
 

@@ -110,3 +110,16 @@ def test_a_failed_boot_step_does_not_say_again_what_stands_above(monkeypatch, ca
     assert said.count("no answer") == 1
     assert "boot of gone: identify 500.0 ms failed; SDO: 0 read, 0 written, 0 failed\n" in said
     assert "boot of left_drive: identify 500.0 ms failed: another reason" in said
+
+
+def test_how_well_joints_follow_stands_below_those_that_have_moved():
+    tracking = {
+        "interface": "position", "window_s": 10.0, "error_max": 0.00123, "error_rms": 0.0004,
+        "error_max_since_enable": 0.02, "error_rms_since_enable": 0.001, "repeated": 2, "skipped": 1,
+    }  # fmt: skip
+    assert not any("tracking error" in line for line in render(sample_of(STATE)))
+    joint = {**STATE["joints"]["left_wheel_joint"], "tracking": tracking}
+    lines = render(sample_of({**STATE, "joints": {"left_wheel_joint": joint}}))
+    place = next(number for number, line in enumerate(lines) if line.startswith("tracking error"))
+    said = "left_wheel_joint 0.0012 rad 0.0004 rad 0.02 rad 0.001 rad 2 1"
+    assert lines[place + 1].split() == said.split()

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from canopen_control.cia402.drive import DriveMachine
-from canopen_control.cia402.goal import Goal
+from canopen_control.cia402.drive_goal import Goal
 from canopen_control.hardware.axis_power import (
     FALLING,
     LIMITS_NS,

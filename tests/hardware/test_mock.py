@@ -13,7 +13,7 @@ from canopen_control.hardware.interfaces import InterfaceRegistry, LifecycleStat
 from canopen_control.hardware.mock import PLUGINS, GenericSystem
 from canopen_control.urdf.declared_interface import InterfaceInfo
 from canopen_control.urdf.description import read_description
-from canopen_control.urdf.joint import Mimic
+from canopen_control.urdf.joint_element import Mimic
 from canopen_control.urdf.ros2_control import ControlJoint, Ros2ControlSystem
 
 CASES = vectors("mock_generic_system")

@@ -8,8 +8,8 @@ from canopen_control.hardware.transmitted_system import TransmittedSystem
 from canopen_control.urdf.declared_interface import InterfaceInfo
 from canopen_control.urdf.description import Description
 from canopen_control.urdf.document import Place
-from canopen_control.urdf.joint import Joint
-from canopen_control.urdf.model import RobotModel
+from canopen_control.urdf.joint_element import Joint
+from canopen_control.urdf.robot_model import RobotModel
 from canopen_control.urdf.ros2_control import ControlJoint, Ros2ControlSystem
 from canopen_control.urdf.transmission import Transmission
 

@@ -7,7 +7,7 @@ import pytest
 from support.host import open_descriptors
 
 from canopen_control.host.environment import LIFELINE, READY
-from canopen_control.host.lifeline import Pulse, lifeline_fd, report_failure, report_ready
+from canopen_control.host.lifeline import LivenessReport, lifeline_fd, report_failure, report_ready
 
 
 def test_a_process_without_a_lifeline_knows_it(monkeypatch, tmp_path):
@@ -68,7 +68,7 @@ def test_a_report_is_one_line_and_the_last_word(monkeypatch, report, line):
 def test_a_pulse_is_heard_again_and_again_and_never_waits(monkeypatch):
     ours, theirs = os.pipe()
     monkeypatch.setenv(READY, str(theirs))
-    pulse = Pulse()
+    pulse = LivenessReport()
     assert READY not in os.environ
     pulse.beat()
     pulse.beat()
@@ -83,5 +83,5 @@ def test_a_pulse_is_heard_again_and_again_and_never_waits(monkeypatch):
 def test_a_pulse_that_nobody_listens_to_does_nothing(monkeypatch):
     monkeypatch.delenv(READY, raising=False)
     before = open_descriptors()
-    Pulse().beat()
+    LivenessReport().beat()
     assert open_descriptors() == before

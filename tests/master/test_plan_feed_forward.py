@@ -43,6 +43,16 @@ def test_where_there_is_room_it_goes_behind_the_target_position(tmp_path):
     assert warnings == []
 
 
+def test_of_two_with_room_the_one_with_the_target_position_is_taken(tmp_path):
+    first = "    1: {transmission: 1, mapping: [{index: 0x6040}]}\n"
+    second = "    2: {transmission: 1, mapping: [{index: 0x607A}]}\n"
+    text = (data_path("config", "arm6") / "bus.yml").read_text()
+    begin = text.index("  rpdo:\n")
+    old = text[begin : text.index("    3: {enabled: false}\n", begin)]
+    found, _ = rpdos(tmp_path, "[velocity]", (old, "  rpdo:\n" + first + second))
+    assert found == {1: (1, [0x6040]), 2: (1, [0x607A, 0x60B1])}
+
+
 def test_what_bus_yml_maps_already_is_not_mapped_again(tmp_path):
     mapped = "    2: {transmission: 1, mapping: [{index: 0x60B1}]}\n"
     found, _ = rpdos(tmp_path, "[velocity]", ("  rpdo:\n", "  rpdo:\n" + mapped), (_DISABLED, ""))

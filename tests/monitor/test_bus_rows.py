@@ -7,8 +7,8 @@ from canopen_control.data_files import data_path
 from canopen_control.frame import CanFrame
 from canopen_control.monitor.bus_rows import BusTable, _Axis
 from canopen_control.monitor.monitor_content import Tone
-from canopen_control.trace.bare import network_of_eds
 from canopen_control.trace.decoder import Decoder
+from canopen_control.trace.eds_network import network_of_eds
 from canopen_control.trace.network_description import NetworkDescription
 
 MS = 1_000_000

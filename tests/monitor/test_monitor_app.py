@@ -40,8 +40,8 @@ class FakeSource:
         self.alarm, self.state = "", Cell("OPERATION ENABLED", Tone.GOOD)
         self.decoder, self.started, self.closed = Decoder(self.network), False, False
 
-    def start(self, on_news):
-        self.started, self.news = True, on_news
+    def start(self, on_sample):
+        self.started, self.news = True, on_sample
 
     def listen(self, wanted):
         self.listening = wanted

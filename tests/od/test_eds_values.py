@@ -51,7 +51,7 @@ def test_values_of_real_files(vector):
 def test_number_forms(text, number, code):
     parsed = parse_number(text)
     assert parsed.value == number
-    assert (parsed.doubt.code if parsed.doubt else None) == code
+    assert (parsed.issue.code if parsed.issue else None) == code
 
 
 @pytest.mark.parametrize(
@@ -101,7 +101,7 @@ def test_what_is_no_node_id(text):
 def test_two_s_complement_is_the_type_s(text, data_type, value, code):
     parsed = parse_value(text, data_type)
     assert parsed.value == value
-    assert (parsed.doubt.code if parsed.doubt else None) == code
+    assert (parsed.issue.code if parsed.issue else None) == code
 
 
 @pytest.mark.parametrize(
@@ -151,7 +151,7 @@ def test_octets_are_hexadecimal_and_else_characters():
     assert parse_value("0x0102", DataType.DOMAIN).value == b"\x01\x02"
     text = parse_value("hello", DataType.DOMAIN)
     assert text.value == b"hello"
-    assert (text.doubt.code, text.doubt.severity) == ("bytes-text", Severity.NOTE)
+    assert (text.issue.code, text.issue.severity) == ("bytes-text", Severity.NOTE)
 
 
 WIRE = {t: (t.bits + 7) // 8 for t in DataType if t.bits}
@@ -162,7 +162,7 @@ def test_every_value_that_is_written_is_read_again(number, data):
     data_type = DataType(number)
     value = decode(data.draw(st.binary(min_size=WIRE[data_type], max_size=WIRE[data_type])), data_type)
     parsed = parse_value(format_value(value, data_type), data_type)
-    assert parsed.doubt is None
+    assert parsed.issue is None
     if isinstance(value, float) and math.isnan(value):
         assert math.isnan(parsed.value)
     else:

@@ -21,12 +21,6 @@ ARM = {
     "tells": "trajectory", "is_broadcaster": False, "rejected": 0,
 }  # fmt: skip
 POINT = {"positions": [1.0, 2.0], "velocities": [0.0, 0.0], "time_from_start": {"sec": 1, "nanosec": 500_000_000}}
-SHORT_LEASE = """<?xml version="1.0" encoding="UTF-8"?>
-<dds xmlns="http://www.eprosima.com"><profiles><participant profile_name="short" is_default_profile="true"><rtps>
-<builtin><discovery_config><leaseDuration><sec>1</sec></leaseDuration>
-<leaseAnnouncement><sec>0</sec><nanosec>200000000</nanosec></leaseAnnouncement></discovery_config></builtin>
-</rtps></participant></profiles></dds>
-"""
 ENDED = {"state": "succeeded", "error_code": 0, "text": "the goal was reached"}
 
 
@@ -68,7 +62,7 @@ def accepted(robot, peer, name, data=None, action=ACTION):
     robot.told.clear()
     before = held(robot)
     peer.order("goal", action=action, of=KIND, data=data or goal(), name=name)
-    assert peer.message(name) == {"accepted": True}
+    assert peer.message(name, lambda message: "accepted" in message) == {"accepted": True}
     assert eventually(lambda: held(robot) == before + 1)
     return robot.commands("send_trajectory")[-1]
 
@@ -152,7 +146,7 @@ def test_what_the_robot_refuses_is_refused_and_its_result_says_why(robot, maker)
     [
         ("nan", goal([{**POINT, "positions": [0.0, math.nan]}]), 0, "point 0: the position of b is nan"),
         ("multi", goal(multi_dof_trajectory={"joint_names": ["a"], "points": [{}]}), 0, "multi_dof_trajectory"),
-        ("many", goal([{}]), 100_000, "it has 100000 points"),
+        ("many", goal([{}]), 20_001, "it has 20001 points"),
     ],
 )
 def test_what_cannot_even_be_sent_to_the_robot_is_refused_with_its_reason(robot, maker, name, data, points, why):
@@ -191,15 +185,11 @@ def test_a_newer_goal_goes_to_the_robot_at_once_and_the_one_before_ends_as_the_r
     assert result(maker, "new")[0] == SUCCEEDED
 
 
-def test_the_death_of_the_client_ends_its_goal_unless_that_is_to_go_on(arm, robot, tmp_path):
-    profile = tmp_path / "short.xml"
-    profile.write_text(SHORT_LEASE)
+def test_the_death_of_the_client_ends_its_goal_unless_that_is_to_go_on(arm, robot):
     robot.answers["send_trajectory"] = lambda goal: {"accepted": True, "outlives_client": goal["controller"] == "free"}
-    with ros.Peer(arm.domain, "--interfaces", FASTRTPS_DEFAULT_PROFILES_FILE=str(profile)) as mortal:
+    with ros.Peer(arm.domain, "--interfaces") as mortal:
         accepted(robot, mortal, "free", action="/free/follow_joint_trajectory")
         accepted(robot, mortal, "orphan")
-        robot.time += 0.3
-        mortal.order("graph")
         mortal.kill()
 
         def cancelled():

@@ -72,7 +72,7 @@ def test_500_points_of_six_joints_go_in_pieces_that_fit_into_requests():
     for piece in pieces:
         assert len(request_line(1, "trajectory_data", TrajectoryData(points=piece))) <= MAX_REQUEST
         assert sum(19 for _ in piece) + len(piece) < MAX_VALUES
-    assert len(pieces) < 10
+    assert len(pieces) < 15
 
 
 def test_a_trajectory_without_points_is_a_piece_without_any():

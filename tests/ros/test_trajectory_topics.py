@@ -1,121 +1,264 @@
+"""The topics with what ROS and the robot are to them; over DDS they are seen in tests/integration."""
+
 from __future__ import annotations
 
 import math
 
 import pytest
-from support.ros import eventually
+
+pytest.importorskip("trajectory_msgs")
+
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+from canopen_control.errors import RemoteError
+from canopen_control.ros import interfaces, trajectory_topics
+from canopen_control.ros.trajectory_topics import SpeedScaling, TrajectoryQuery, TrajectoryState, TrajectoryTopic
+from canopen_control.rpc.messages.declare import Done
+from canopen_control.rpc.messages.samples import TrajectoryPoint, TrajectorySample
+from canopen_control.rpc.messages.state import ControllerReading, StateSample
+from canopen_control.rpc.messages.trajectory import (
+    QueryTrajectory,
+    ScaleTrajectory,
+    SetTrajectory,
+    TrajectoryAt,
+    TrajectoryData,
+)
 
 pytestmark = pytest.mark.ros
-TRAJECTORY, STATE = "trajectory_msgs/msg/JointTrajectory", "control_msgs/msg/JointTrajectoryControllerState"
-SCALING, QUERY = "control_msgs/msg/SpeedScalingFactor", "control_msgs/srv/QueryTrajectoryState"
-ARM = {
-    "name": "arm", "type": "joint_trajectory_controller/JointTrajectoryController", "state": "active",
-    "joints": ["a", "b"], "interface": "position", "claimed_interfaces": ["a/position", "b/position"],
-    "tells": "trajectory", "is_broadcaster": False, "rejected": 0,
-}  # fmt: skip
-POINT = {"positions": [1.0, 2.0], "time_from_start": {"sec": 1, "nanosec": 0}}
+ARM = ControllerReading(name="arm", type="x/Y", state="active", interface="position", tells="trajectory")
 
 
-def trajectory(*points, **more):
-    return {"joint_names": ["a", "b"], "points": list(points), **more}
+class Client:
+    def __init__(self):
+        self.asked, self.closed = [], False
+
+    def ask(self, request, answer):
+        self.asked.append((request, answer))
+
+    def close(self):
+        self.closed = True
 
 
-@pytest.fixture(scope="module", autouse=True)
-def arms(stage):
-    """A controller of positions, and one of velocities, whose speed cannot be scaled."""
-    stage.robot.controllers += [dict(ARM), {**ARM, "name": "fast", "interface": "velocity"}]
-    return stage
+class Publisher:
+    def __init__(self, kind, topic, quality):
+        self.kind, self.topic, self.quality = kind, topic, quality
+        self.subscribers, self.told = 1, []
+
+    def get_subscription_count(self):
+        return self.subscribers
+
+    def publish(self, message):
+        self.told.append((message.header.stamp.sec, list(message.reference.positions), message.speed_scaling_factor))
+
+
+class Ros:
+    """What an endpoint is given, on one thread."""
+
+    def __init__(self):
+        self.node, self.asked, self.told, self.clients = self, [], [], []
+        self.subscriptions, self.services, self.publishers, self.left = {}, {}, [], []
+
+    def subscribe(self, kind, topic, callback, quality):
+        self.subscriptions[topic] = (kind, callback, quality)
+        return topic
+
+    def serve(self, kind, name, handler):
+        self.services[name] = (kind, handler)
+        return name
+
+    def create_publisher(self, *what):
+        self.publishers.append(Publisher(*what))
+        return self.publishers[-1]
+
+    def unsubscribe(self, which):
+        self.left.append(which)
+
+    unserve = destroy_publisher = unsubscribe
+
+    def hand_over(self, function):
+        function()
+
+    def connect(self):
+        self.clients.append(Client())
+        return self.clients[-1]
+
+    def ask(self, request, answer):
+        self.asked.append((request, answer))
+
+    def warn(self, _key, text):
+        self.told.append(text)
+
+    def publish(self, topic, message):
+        self.subscriptions[topic][1](message)
+
+
+FACTORY = interfaces._Factory()
+
+
+def interface(name):
+    """Return an interface without the self-test that loads ROS's libraries: nothing is sent."""
+    return FACTORY.service_of(name) if "/srv/" in name else FACTORY.class_of(name)
 
 
 @pytest.fixture
-def robot(fresh):
-    robot = fresh.robot
-    yield robot
-    robot.release()
+def ros(monkeypatch):
+    monkeypatch.setattr(trajectory_topics, "interface", interface)
+    return Ros()
 
 
-def publish(peer, topic, kind, data, until, qos="reliable"):
-    """Publish until it has come, since discovery takes its time."""
-    peer.order("publish", topic=topic, of=kind, data=data, qos=qos, rate=20)
-    assert eventually(until)
-    peer.order("silence", topic=topic)
-    peer.order("renew", topic=topic)
+def trajectory(*firsts, stamp=0):
+    message = JointTrajectory(joint_names=["a", "b"])
+    message.header.stamp.sec = stamp
+    message.points = [JointTrajectoryPoint(positions=[each, 0.0]) for each in firsts]
+    return message
 
 
-def test_a_trajectory_goes_to_the_robot_with_its_stamp(robot, maker):
-    data = trajectory(POINT, header={"stamp": {"sec": 12, "nanosec": 500_000_000}})
-    publish(maker, "/arm/joint_trajectory", TRAJECTORY, data, lambda: robot.commands("set_trajectory"))
-    assert robot.commands("set_trajectory")[0] == {
-        "controller": "arm", "joints": ["a", "b"], "stamp": 12.5, "source": "ros", "dead_man": True,
-        "points": [{"positions": [1.0, 2.0], "velocities": [], "accelerations": [], "effort": [],
-                    "time_from_start": 1.0}],
-    }  # fmt: skip
+class TestTrajectories:
+    TOPIC = "arm/joint_trajectory"
+
+    @pytest.fixture
+    def topic(self, ros):
+        return TrajectoryTopic(ros, ARM)
+
+    def sent(self, ros):
+        return [request for client in ros.clients for request, _ in client.asked]
+
+    def answer(self, client, result=None, error=None):
+        client.asked[-1][1](result, error)
+
+    def test_it_goes_to_the_robot_with_its_stamp_and_ends_with_its_connection(self, ros, topic):
+        ros.publish(self.TOPIC, trajectory(1.0, stamp=12))
+        point = TrajectoryPoint(positions=[1.0, 0.0])
+        assert self.sent(ros) == [
+            SetTrajectory(controller="arm", joints=["a", "b"], points=[point], stamp=12.0, source="ros")
+        ]
+        topic.close()
+        assert ros.clients[0].closed
+        assert ros.left == [self.TOPIC]
+
+    def test_of_those_that_come_while_one_is_on_its_way_the_newest_counts(self, ros, topic):
+        for first in (1.0, 2.0, 3.0):
+            ros.publish(self.TOPIC, trajectory(first))
+        assert len(self.sent(ros)) == 1
+        self.answer(ros.clients[0], Done())
+        assert [each.points[0].positions[0] for each in self.sent(ros)] == [1.0, 3.0]
+        self.answer(ros.clients[0], Done())
+        assert len(ros.clients) == 1
+        assert len(self.sent(ros)) == 2
+
+    def test_a_bad_one_is_told_and_what_is_followed_goes_on(self, ros, topic):
+        ros.publish(self.TOPIC, trajectory(1.0))
+        self.answer(ros.clients[0], Done())
+        ros.publish(self.TOPIC, trajectory(math.nan))
+        ros.publish(self.TOPIC, trajectory(2.0))
+        self.answer(ros.clients[0], None, "arm refuses the trajectory: it has no points")
+        assert ros.told == [
+            f"{self.TOPIC}: point 0: the position of a is nan; give finite numbers",
+            f"{self.TOPIC}: arm refuses the trajectory: it has no points",
+        ]
+        assert not ros.clients[0].closed
+
+    def test_a_long_one_has_a_connection_of_its_own_that_takes_over_when_it_is_taken(self, ros, topic):
+        ros.publish(self.TOPIC, trajectory(1.0))
+        self.answer(ros.clients[0], Done())
+        long = trajectory(*map(float, range(2000)))
+        ros.publish(self.TOPIC, long)
+        self.answer(ros.clients[1], None, "no more")
+        assert [each.closed for each in ros.clients] == [False, True]
+        ros.publish(self.TOPIC, long)
+        while isinstance(ros.clients[2].asked[-1][0], TrajectoryData):
+            self.answer(ros.clients[2], Done())
+        assert not ros.clients[0].closed
+        self.answer(ros.clients[2], Done())
+        assert [each.closed for each in ros.clients] == [True, True, False]
+
+    def test_a_robot_that_is_gone_is_told(self, ros):
+        def gone():
+            raise RemoteError("BusClosed", "robot fake is gone")
+
+        ros.connect = gone
+        TrajectoryTopic(ros, ARM)
+        ros.publish(self.TOPIC, trajectory(1.0))
+        assert ros.told == [f"{self.TOPIC}: robot fake is gone"]
 
 
-def test_of_those_that_come_while_one_is_on_its_way_the_newest_counts(robot, maker):
-    robot.holds = ("set_trajectory",)
-    publish(maker, "/arm/joint_trajectory", TRAJECTORY, trajectory(POINT), lambda: robot.commands("set_trajectory"))
-    for number in range(5):
-        data = trajectory({**POINT, "positions": [float(number), 0.0]})
-        publish(maker, "/arm/joint_trajectory", TRAJECTORY, data, lambda: True)
-    bad = trajectory({**POINT, "positions": [0.0, math.nan]})
-    publish(maker, "/arm/joint_trajectory", TRAJECTORY, bad, lambda: True)
-    seen = len(robot.commands("set_trajectory"))
-    robot.release()
-    data = trajectory({**POINT, "positions": [9.0, 0.0]})
-    publish(maker, "/arm/joint_trajectory", TRAJECTORY, data, lambda: len(robot.commands("set_trajectory")) > seen)
-    firsts = [each["points"][0]["positions"][0] for each in robot.commands("set_trajectory")]
-    assert firsts[0] == 1.0
-    assert firsts[-1] == 9.0
-    assert not any(each is None for each in firsts)
+class TestState:
+    @pytest.fixture
+    def sample(self):
+        point = TrajectoryPoint(positions=[0.1, 0.2])
+        return TrajectorySample(
+            time=1_700_000_000.5, joints=("a", "b"), executing=False, holding=True, reference=point, feedback=point,
+            error=point, output=point, speed_scaling_factor=0.5,
+        )  # fmt: skip
+
+    def test_it_is_published_once_for_each_sample_and_only_where_somebody_listens(self, ros, sample):
+        state = TrajectoryState(ros, ARM)
+        (publisher,) = ros.publishers
+        assert publisher.topic == "arm/controller_state"
+        publisher.subscribers = 0
+        state.on_state(StateSample(samples={"arm": sample}))
+        publisher.subscribers = 1
+        state.on_state(StateSample(samples={"arm": sample}))
+        assert publisher.told == []
+        for _ in range(2):
+            later = type(sample)(**{name: getattr(sample, name) for name in sample.__struct_fields__} | {"time": 2.0})
+            state.on_state(StateSample(samples={"arm": later}))
+        assert publisher.told == [(2, [0.1, 0.2], 0.5)]
+        state.close()
+        assert ros.left == [publisher]
 
 
-def test_its_state_is_published_once_for_each_sample(robot, maker):
-    maker.order("subscribe", topic="/arm/controller_state", of=STATE, qos="latched")
-    point = {"positions": [0.1, 0.2], "velocities": [0.3, 0.4], "time_from_start": -0.25}
-    sample = {
-        "kind": "trajectory", "time": 1_700_000_000.5, "joints": ["a", "b"], "executing": False, "holding": True,
-        "reference": point, "feedback": {"positions": [0.5, 0.6]}, "error": {"positions": [-0.4, -0.4]},
-        "output": point, "speed_scaling_factor": 0.5,
-    }  # fmt: skip
-    robot.samples = {"arm": sample}
+class TestQuery:
+    def ask(self, ros, sec, result, error=None):
+        kind, handler = ros.services["arm/query_state"]
+        request, response, replies = kind.Request(), kind.Response(), []
+        request.time.sec = sec
+        handler(request, response, replies.append)
+        asked, answer = ros.asked[-1]
+        assert asked == QueryTrajectory(controller="arm", time=float(sec))
+        answer(result, error)
+        assert replies == [response]
+        return response
 
-    def renewed():
-        robot.samples["arm"] = {**sample, "time": robot.samples["arm"]["time"] + 0.01}
-        return not maker._messages["/arm/controller_state"].empty()
+    def test_what_the_trajectory_says_is_the_response(self, ros):
+        TrajectoryQuery(ros, ARM)
+        point = TrajectoryPoint(positions=[0.1], velocities=[0.2], accelerations=[0.3])
+        told = self.ask(ros, 3, TrajectoryAt(known=True, joints=["a"], point=point))
+        assert (told.success, told.message, list(told.name)) == (True, "", ["a"])
+        assert (list(told.position), list(told.velocity), list(told.acceleration)) == ([0.1], [0.2], [0.3])
 
-    assert eventually(renewed)
-    state = maker.message("/arm/controller_state")
-    assert (state["header"]["stamp"]["sec"], state["joint_names"]) == (1_700_000_000, ["a", "b"])
-    assert state["reference"]["time_from_start"] == {"sec": -1, "nanosec": 750_000_000}
-    told = [state[each]["positions"] for each in ("reference", "feedback", "error", "output")]
-    assert told == [[0.1, 0.2], [0.5, 0.6], [-0.4, -0.4], [0.1, 0.2]]
-    assert (state["output"]["velocities"], state["speed_scaling_factor"]) == ([0.3, 0.4], 0.5)
-
-
-def test_what_it_says_at_a_time_can_be_asked_for(robot, maker):
-    point = {"positions": [0.1, 0.2], "velocities": [0.3, 0.4], "accelerations": [0.5, 0.6]}
-    robot.answers["query_trajectory"] = {"known": True, "joints": ["a", "b"], "point": point}
-    told = maker.call("/arm/query_state", QUERY, time={"sec": 3, "nanosec": 500_000_000})
-    assert told == {
-        "success": True, "message": "", "name": ["a", "b"], "position": [0.1, 0.2], "velocity": [0.3, 0.4],
-        "acceleration": [0.5, 0.6],
-    }  # fmt: skip
-    assert robot.commands("query_trajectory") == [{"controller": "arm", "time": 3.5}]
-    robot.refusals["query_trajectory"] = {"kind": "ControlError", "message": "arm is gone"}
-    assert maker.call("/arm/query_state", QUERY)["message"] == "arm is gone"
+    def test_why_there_is_nothing_is_its_message(self, ros):
+        query = TrajectoryQuery(ros, ARM)
+        told = self.ask(ros, 0, None, "arm follows no trajectories")
+        assert (told.success, told.message) == (False, "arm follows no trajectories")
+        told = self.ask(ros, 0, TrajectoryAt(known=False, text="arm is inactive; activate it first"))
+        assert (told.success, told.message, list(told.name)) == (False, "arm is inactive; activate it first", [])
+        query.close()
+        assert ros.left == ["arm/query_state"]
 
 
-def test_the_speed_is_scaled_where_that_can_be_and_by_what_is_a_factor(robot, maker):
-    topic = "/arm/speed_scaling_input"
-    publish(maker, topic, SCALING, {"factor": 0.5}, lambda: robot.commands("scale_trajectory"), "latched")
-    assert robot.commands("scale_trajectory")[0] == {"controller": "arm", "factor": 0.5}
-    seen = len(robot.commands("scale_trajectory"))
-    for bad in (-1.0, math.nan, math.inf):
-        maker.order("publish", topic=topic, of=SCALING, data={"factor": bad}, qos="latched")
-    publish(maker, topic, SCALING, {"factor": 2.0}, lambda: len(robot.commands("scale_trajectory")) > seen, "latched")
-    assert {each["factor"] for each in robot.commands("scale_trajectory")} == {0.5, 2.0}
-    told = maker.order("graph")["topics"]
-    assert topic in told
-    assert "/fast/speed_scaling_input" not in told
-    assert "/fast/joint_trajectory" in told
+class TestSpeed:
+    TOPIC = "arm/speed_scaling_input"
+
+    def test_a_factor_goes_to_the_robot_and_what_is_none_is_told(self, ros):
+        scaling = SpeedScaling(ros, ARM)
+        made = interface("control_msgs/msg/SpeedScalingFactor")
+        for factor in (0.5, -1.0, math.nan, math.inf):
+            ros.publish(self.TOPIC, made(factor=factor))
+        assert [request for request, _ in ros.asked] == [ScaleTrajectory(controller="arm", factor=0.5)]
+        assert [each.partition(": ")[2][:4] for each in ros.told] == ["-1 i", "nan ", "inf "]
+        ros.asked[0][1](None, "STOP is latched")
+        assert ros.told[-1] == f"{self.TOPIC}: STOP is latched"
+        scaling.close()
+        assert ros.left == [self.TOPIC]
+
+    def test_it_is_there_once_positions_alone_are_commanded_and_keeps_what_was_said_before(self, ros):
+        scaling = SpeedScaling(ros, ControllerReading(name="arm", type="x/Y", state="unconfigured"))
+        assert ros.subscriptions == {}
+        scaling.on_controller(
+            ControllerReading(name="arm", type="x/Y", state="inactive", interface="position, velocity")
+        )
+        assert ros.subscriptions == {}
+        scaling.on_controller(ARM)
+        scaling.on_controller(ARM)
+        assert ros.subscriptions[self.TOPIC][2].durability.name == "TRANSIENT_LOCAL"

@@ -70,9 +70,18 @@ def test_skipped_edges_are_caught_up_in_time_up_to_a_bound_and_told_with_what_th
     bench.start()
     bench.hold(5.0, 5.0, ms=500)
     seen = watch(bench)
+    (component,), written = bench.robot.registry.components, []
+    write = component.write
+
+    def watched(now, period):
+        written.append(period)
+        return write(now, period)
+
+    component.write = watched
     delay(bench, 0.0, 20.0 * edges + 1.0)
     bench.publish(5.0, 5.0)
     bench.run(1500)
+    assert set(written) == {0.02}, "no target moves by more than the drive can go in a period"
     longest = max(period for _, period, _ in seen)
     assert longest == pytest.approx(0.02 * (1 + min(edges, CAUGHT_UP)))
     assert max(later[0] - sooner[0] for sooner, later in itertools.pairwise(seen)) == (1 + edges) * PERIOD

@@ -211,7 +211,7 @@ def test_a_recorder_that_does_not_listen_in_time_is_a_warning_and_the_robot_begi
 
 
 BEATS = (
-    "import time; from canopen_control.host.lifeline import Pulse; pulse = Pulse()\n"
+    "import time; from canopen_control.host.lifeline import LivenessReport; pulse = LivenessReport()\n"
     "while True: pulse.beat(); time.sleep(0.05)"
 )
 

@@ -16,7 +16,7 @@ from canopen_control.controllers.trajectory.params import read_params
 from canopen_control.controllers.trajectory.tolerances import GoalTolerances, JointTolerance
 from canopen_control.errors import ControlError, RobotConfigError
 from canopen_control.hardware.interfaces import CommandInterface, StateInterface
-from canopen_control.urdf.joint import Joint, Limits
+from canopen_control.urdf.joint_element import Joint, Limits
 
 OURS = {"allowed_start_tolerance": 0.0}
 """What upstream does not judge."""

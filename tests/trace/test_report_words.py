@@ -2,7 +2,7 @@
 
 from msgspec.structs import replace
 
-from canopen_control.rpc.messages.state import RobotEvent
+from canopen_control.rpc.messages.state import RobotEvent, TrackingReading
 from canopen_control.trace.report_build import facts_of
 from canopen_control.trace.report_words import clock, summary
 
@@ -44,3 +44,15 @@ def test_hardware_that_is_made_up_is_called_that(calm_run):
     calm_run.states = [replace(sample, nodes={}) for sample in calm_run.states]
     calm_run.frames, calm_run.meta = [], replace(calm_run.meta, buses={})
     assert "no bus, made-up hardware: left_wheel_joint, right_wheel_joint" in facts_of(calm_run).summary[0]
+
+
+def test_the_joint_that_was_furthest_off_and_odd_set_points_are_told(calm_run):
+    facts = facts_of(calm_run)
+    assert any(line.startswith("Furthest off its set-points, by velocity, was ") for line in summary(facts))
+    first, second = list(facts.joints)[:2]
+    near = TrackingReading(interface="velocity", error_max_since_enable=0.1, error_rms_since_enable=0.01)
+    far = TrackingReading(interface="velocity", error_max_since_enable=0.5, error_rms_since_enable=0.02, skipped=3)
+    joints = {first: replace(facts.joints[first], tracking=near), second: replace(facts.joints[second], tracking=far)}
+    said = summary(replace(facts, joints=joints))
+    assert f"Furthest off its set-points, by velocity, was {second}: 0.5 rad/s, RMS 0.02." in said
+    assert f"Set-points that were repeated, and skipped, while a joint moved: {second} 0 and 3." in said

@@ -10,7 +10,7 @@ from support.arm import ARM
 from canopen_control.errors import RobotConfigError
 from canopen_control.urdf.description import parse_description, read_description
 from canopen_control.urdf.geometry import IDENTITY, from_rpy
-from canopen_control.urdf.joint import Limits, Mimic
+from canopen_control.urdf.joint_element import Limits, Mimic
 
 ROBBY = Path(__file__).parents[2] / "config" / "robby" / "robby.urdf.xacro"
 

@@ -1,7 +1,7 @@
 from support.arm import ARM
 
 from canopen_control.urdf.description import parse_description
-from canopen_control.urdf.joint import Mimic
+from canopen_control.urdf.joint_element import Mimic
 
 
 def test_the_ros2_control_tag_is_read_with_its_parameters():

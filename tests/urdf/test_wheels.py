@@ -4,7 +4,7 @@ import pytest
 
 from canopen_control.data_files import data_path
 from canopen_control.urdf.description import read_description
-from canopen_control.urdf.model import read_model
+from canopen_control.urdf.robot_model import read_model
 from canopen_control.urdf.wheels import WheelGeometry
 
 

@@ -1,7 +1,7 @@
 from support.pages import FakeContext, state
 from support.samples import event_of
 
-from canopen_control.view.page_content import EventLog
+from canopen_control.view.page_content import RecentEvents
 
 
 def test_the_banner_is_of_the_state_or_of_its_loss():
@@ -19,19 +19,19 @@ def event(**changed):
 
 
 def test_what_happened_stands_there_as_it_was_told():
-    log = EventLog([event(time=1.0), event(time=2.0)])
+    log = RecentEvents([event(time=1.0), event(time=2.0)])
     assert [(each.count, each.first, each.time) for each in log] == [(1, 1.0, 1.0), (1, 2.0, 2.0)]
 
 
 def test_other_texts_and_nodes_stand_for_themselves():
-    assert len(list(EventLog([event(text="a"), event(text="b"), event(text="b", node="left")]))) == 3
+    assert len(list(RecentEvents([event(text="a"), event(text="b"), event(text="b", node="left")]))) == 3
 
 
 def test_what_the_runtime_has_counted_takes_the_place_of_its_beginning():
-    log = EventLog([event(time=5.0), event(text="between"), event(since=5.0, count=40, time=8.0)])
+    log = RecentEvents([event(time=5.0), event(text="between"), event(since=5.0, count=40, time=8.0)])
     assert [(each.text, each.count) for each in log] == [("between", 1), ("it happened", 40)]
 
 
 def test_the_oldest_go():
-    log = EventLog(event(text=str(number)) for number in range(300))
+    log = RecentEvents(event(text=str(number)) for number in range(300))
     assert next(each.text for each in log) == "200"

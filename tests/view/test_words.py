@@ -158,3 +158,10 @@ def test_many_drives_take_a_line_each():
     few, many = (state(nodes={f"drive_{number}": NODE for number in range(count)}) for count in (3, 4))
     assert "cc-many" not in drive_table(axis_rows(few))
     assert "cc-many" in drive_table(axis_rows(many))
+
+
+def test_a_joint_tells_its_tracking_error_and_which_set_points_were_odd():
+    tracking = {"interface": "velocity", "error_max": 0.25, "error_rms": 0.0312, "skipped": 2}
+    html = joint_table(state(joints={"wheel": {"command": 1.0, "tracking": tracking}}).joints, frozenset(), {})
+    assert "0.25<small>rad/s, RMS 0.031, 2 skipped</small>" in html
+    assert "<th>tracking error</th>" in html

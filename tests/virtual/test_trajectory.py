@@ -143,3 +143,12 @@ def test_a_linear_move_goes_on_with_its_velocity_for_as_long_as_it_is_told():
         pytest.approx(each) for each in ((150, 10_000), (200, 10_000), (500, 0), (500, 0), (500, 0))
     ]
     assert trajectory.linear_to(0, 100.0, 200.0, 0.0, 0.03).at(0) == (200.0, 0.0)
+
+
+def test_how_long_a_velocity_lasts_is_known():
+    demand = trajectory.move_to(0, 0.0, 0.0, 100.0, 10.0, 10.0, 10.0)  # 1 s up, 9 s even, 1 s down
+    assert [demand.steady_until(round(s * 1e9)) for s in (0, 0.5)] == [0, 500_000_000]
+    assert demand.steady_until(2_000_000_000) == pytest.approx(10_000_000_000, abs=10)
+    assert demand.steady_until(10_500_000_000) == 10_500_000_000
+    assert demand.steady_until(demand.end_ns) is None
+    assert trajectory.hold(0, 5.0).steady_until(0) is None

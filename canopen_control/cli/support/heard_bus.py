@@ -16,7 +16,7 @@ from canopen_control.cli.support.target import find_eds, robot_on
 from canopen_control.client import RobotClient, find_robots
 from canopen_control.errors import ConfigError
 from canopen_control.rpc.messages.robot import GetLayout
-from canopen_control.trace.bare import network_of_eds
+from canopen_control.trace.eds_network import network_of_eds
 from canopen_control.trace.network_description import NetworkDescription, network_of_layout
 
 if TYPE_CHECKING:

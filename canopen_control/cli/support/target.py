@@ -28,9 +28,9 @@ if TYPE_CHECKING:
 __all__ = [
     "LABEL",
     "BusTarget",
-    "Place",
     "RobotTarget",
     "Target",
+    "TargetNode",
     "add_target_arguments",
     "find_eds",
     "open_target",
@@ -44,7 +44,7 @@ _BYTES_PER_S = 1_000  # of the slowest transfer worth waiting for
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class TargetNode:
     """A node: its id, the name and the EDS if known."""
 
     node_id: int
@@ -62,16 +62,16 @@ class Place:
 class Target(Protocol):
     """Whoever carries SDO transfers."""
 
-    def place(self, node: str) -> Place:
+    def node(self, word: str) -> TargetNode:
         """Return the node that is meant; ConfigError."""
 
-    def read(self, place: Place, index: int, subindex: int, *, block: bool = False) -> bytes:
+    def read(self, node: TargetNode, index: int, subindex: int, *, block: bool = False) -> bytes:
         """Upload an object; raises RemoteError or RemoteProtocolError."""
 
-    def write(self, place: Place, index: int, subindex: int, data: bytes) -> None:
+    def write(self, node: TargetNode, index: int, subindex: int, data: bytes) -> None:
         """Download an object; raises RemoteError or RemoteProtocolError."""
 
-    def progress(self, place: Place) -> tuple[int, int | None]:
+    def progress(self, node: TargetNode) -> tuple[int, int | None]:
         """Return how many bytes of the transfer under way are over, and of how many; from another thread."""
 
     def close(self) -> None:
@@ -149,38 +149,38 @@ class RobotTarget:
         self.robot.close()
 
     @property
-    def places(self) -> list[Place]:
+    def nodes(self) -> list[TargetNode]:
         """All nodes, by node id."""
         nodes = sorted(self.listing.nodes, key=lambda node: node.node_id)
-        return [Place(node.node_id, node.name, self._eds or Path(node.eds)) for node in nodes]
+        return [TargetNode(node.node_id, node.name, self._eds or Path(node.eds)) for node in nodes]
 
-    def place(self, node: str) -> Place:
+    def node(self, word: str) -> TargetNode:
         """Return the node of a name or a node id; ConfigError with those there are."""
-        for place in self.places:
-            if node in (place.name, str(place.node_id)):
-                return place
-        known = ", ".join(f"{place.node_id} {place.name}" for place in self.places) or "none (mock hardware)"
+        for node in self.nodes:
+            if word in (node.name, str(node.node_id)):
+                return node
+        known = ", ".join(f"{node.node_id} {node.name}" for node in self.nodes) or "none (mock hardware)"
         raise ConfigError(
-            f"robot {self.robot.robot} has no node {node!r}; its nodes: {known}; for others on its bus use --can"
+            f"robot {self.robot.robot} has no node {word!r}; its nodes: {known}; for others on its bus use --can"
         )
 
-    def read(self, place: Place, index: int, subindex: int, *, block: bool = False) -> bytes:
+    def read(self, node: TargetNode, index: int, subindex: int, *, block: bool = False) -> bytes:
         """Upload an object through the robot."""
-        request = SdoRead(node=str(place.node_id), index=index, subindex=subindex, block=block, timeout=self._timeout)
+        request = SdoRead(node=str(node.node_id), index=index, subindex=subindex, block=block, timeout=self._timeout)
         timeout = TIMEOUT_S + (MAX_OBJECT / _BYTES_PER_S if block else 0) + (self._timeout or 0)
         return self.robot.ask(request, timeout).data
 
-    def write(self, place: Place, index: int, subindex: int, data: bytes) -> None:
+    def write(self, node: TargetNode, index: int, subindex: int, data: bytes) -> None:
         """Download an object through the robot."""
         if len(data) > MAX_OBJECT:
             raise ConfigError(
                 f"{len(data)} bytes are more than the {MAX_OBJECT} a running robot passes on; "
                 "end it and write straight on the bus with --can"
             )
-        request = SdoWrite(node=str(place.node_id), index=index, subindex=subindex, data=data, timeout=self._timeout)
+        request = SdoWrite(node=str(node.node_id), index=index, subindex=subindex, data=data, timeout=self._timeout)
         self.robot.sdo_write(request, TIMEOUT_S + len(data) / _BYTES_PER_S + (self._timeout or 0))
 
-    def progress(self, place: Place) -> tuple[int, int | None]:  # noqa: ARG002 - as every target has it
+    def progress(self, node: TargetNode) -> tuple[int, int | None]:  # noqa: ARG002 - as every target has it
         """Return nothing: the robot does not tell how far a transfer is."""
         return 0, None
 
@@ -203,28 +203,28 @@ class BusTarget:
         """Leave the bus."""
         self.bus.close()
 
-    def place(self, node: str) -> Place:
+    def node(self, word: str) -> TargetNode:
         """Return the node of a node id; ConfigError, also for a node that a running robot has."""
-        node_id = parse_node_id(node)
+        node_id = parse_node_id(word)
         name, listing = self.owner or ("", NodeListing())
         if any(node_id == each.node_id for each in listing.nodes):
             raise ConfigError(
                 f"node {node_id} on {self.bus.port.channel} belongs to the running robot {name}, the one client of its "
                 f"SDO server; use --name {name} instead of --can"
             )
-        return Place(node_id, "", self._eds)
+        return TargetNode(node_id, "", self._eds)
 
-    def read(self, place: Place, index: int, subindex: int, *, block: bool = False) -> bytes:
+    def read(self, node: TargetNode, index: int, subindex: int, *, block: bool = False) -> bytes:
         """Upload an object."""
-        return self.bus.read(place.node_id, index, subindex, block=block)
+        return self.bus.read(node.node_id, index, subindex, block=block)
 
-    def write(self, place: Place, index: int, subindex: int, data: bytes) -> None:
+    def write(self, node: TargetNode, index: int, subindex: int, data: bytes) -> None:
         """Download an object."""
-        self.bus.write(place.node_id, index, subindex, data)
+        self.bus.write(node.node_id, index, subindex, data)
 
-    def progress(self, place: Place) -> tuple[int, int | None]:
+    def progress(self, node: TargetNode) -> tuple[int, int | None]:
         """Return how far the transfer under way is."""
-        return self.bus.client(place.node_id).progress
+        return self.bus.client(node.node_id).progress
 
 
 def parse_node_id(text: str) -> int:

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from canopen_control.controllers.trajectory.params import TrajectoryParams
     from canopen_control.controllers.trajectory.point import JointTrajectory
     from canopen_control.controllers.trajectory.survey import Survey
-    from canopen_control.urdf.joint import Joint
+    from canopen_control.urdf.joint_element import Joint
 
 __all__ = ["Acceptance"]
 

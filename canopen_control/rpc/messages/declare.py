@@ -9,22 +9,37 @@
 
 Server, clients, completion and the page of the protocol follow from these declarations. A field that a request does not
 declare is refused, one that an answer does not declare is skipped, so that an older client understands a newer server.
+A number outside the range of its type (`NodeId`, `Index`, ...) is refused where a message is decoded.
 """
 
 from __future__ import annotations
 
 import enum
-from typing import TYPE_CHECKING, Any, Final, Generic, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, Final, Generic, NamedTuple, TypeVar
 
 import msgspec
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Iterable, Mapping
 
-__all__ = ["PROTOCOL", "Api", "Document", "Done", "Effect", "Method", "Refusal", "Request"]
+__all__ = ["PROTOCOL", "Api", "BitRate", "Bits", "Count", "Document", "Done", "Effect", "Identifier", "Index", "Method",
+           "NodeId", "Refusal", "Request", "Subindex", "UnixTime"]  # fmt: skip
 
 PROTOCOL: Final = 2
 """The version of all sockets; it goes up when what one side says may be misunderstood by the other."""
+
+# numbers of messages, each with its range
+_LAST_COUNT: Final = (1 << 63) - 1
+_LAST_TIME: Final = 1e11  # the year 5138: a calendar has all before it
+
+Index = Annotated[int, msgspec.Meta(ge=0, le=0xFFFF)]
+Subindex = Annotated[int, msgspec.Meta(ge=0, le=0xFF)]
+NodeId = Annotated[int, msgspec.Meta(ge=1, le=127)]
+Identifier = Annotated[int, msgspec.Meta(ge=0, le=0xFFFFFFFF)]  # of a frame, with the flags of its kind
+Bits = Annotated[int, msgspec.Meta(ge=0, le=64)]
+BitRate = Annotated[int, msgspec.Meta(gt=0, le=_LAST_COUNT)]  # bit/s
+Count = Annotated[int, msgspec.Meta(ge=0, le=_LAST_COUNT)]
+UnixTime = Annotated[float, msgspec.Meta(ge=0, lt=_LAST_TIME)]  # seconds
 
 A = TypeVar("A")
 H = TypeVar("H")
@@ -93,6 +108,11 @@ class Api(Generic[H, P]):
             return request
 
         return declare
+
+    def declare(self, methods: Iterable[tuple[str, Effect, type[Request[Any]]]]) -> None:
+        """Declare methods whose requests stand in a file of their own: name, effect, request."""
+        for name, effect, request in methods:
+            self.method(name, effect)(request)
 
     def of(self, request: type[Request[Any]]) -> Method:
         """Return the method of a request."""

@@ -6,7 +6,7 @@ from typing import Literal
 
 import msgspec
 
-from canopen_control.rpc.messages.quantities import BitRate, Bits, Count, Identifier, Index, NodeId, Subindex
+from canopen_control.rpc.messages.declare import BitRate, Bits, Count, Identifier, Index, NodeId, Subindex
 
 __all__ = ["BusLayout", "Direction", "Layout", "MappedEntry", "NodeLayout", "PdoLayout"]
 

@@ -15,10 +15,28 @@ import msgspec
 
 from canopen_control.rpc.messages.declare import Api, Done, Effect, Request
 from canopen_control.rpc.messages.layout import Layout
-from canopen_control.rpc.messages.quantities import Index, Subindex
+from canopen_control.rpc.messages.nodes import (
+    MAX_OBJECT,
+    NODE_METHODS,
+    BusPlace,
+    GetNodes,
+    NmtRequest,
+    NodeIdentity,
+    NodeListing,
+    NodeName,
+    NodePlace,
+    PdoWrite,
+    ReadTouchProbe,
+    SdoData,
+    SdoPiece,
+    SdoRead,
+    SdoWrite,
+    TouchProbe,
+)
 from canopen_control.rpc.messages.state import ControllerReading, RobotEvent, StateSample, Status
 from canopen_control.rpc.messages.trajectory import (
     MAX_POINTS,
+    TRAJECTORY_METHODS,
     CancelTrajectory,
     FollowTrajectory,
     QueryTrajectory,
@@ -45,11 +63,8 @@ __all__ = [
 
 MAX_RATE: Final = 1000.0  # Hz, of the state stream
 STREAM_RATE: Final = 100.0  # Hz, the most that ROS and bags ask for by themselves
-MAX_OBJECT: Final = 400_000  # bytes of an object that an answer can carry; as many are taken in pieces
 
 Rate = Annotated[float, msgspec.Meta(gt=0, le=MAX_RATE)]
-Seconds = Annotated[float, msgspec.Meta(gt=0, le=60)]
-NodeName = str | int  # or its node id
 
 
 class RobotHello(msgspec.Struct, frozen=True):
@@ -135,17 +150,7 @@ class TwistController(Request[Done], frozen=True, kw_only=True):
     stamp: float | None = None
 
 
-for _name, _effect, _kind in (
-    ("follow_trajectory", Effect.MOVES, FollowTrajectory),
-    ("send_trajectory", Effect.MOVES, SendTrajectory),
-    ("set_trajectory", Effect.MOVES, SetTrajectory),
-    ("trajectory_data", Effect.CHANGES, TrajectoryData),
-    ("trajectory_end", Effect.READS, TrajectoryEnd),
-    ("cancel_trajectory", Effect.STOPS, CancelTrajectory),
-    ("query_trajectory", Effect.READS, QueryTrajectory),
-    ("scale_trajectory", Effect.MOVES, ScaleTrajectory),
-):
-    ROBOT.method(_name, _effect)(_kind)
+ROBOT.declare(TRAJECTORY_METHODS)
 
 
 @ROBOT.method("stop", Effect.STOPS)
@@ -199,24 +204,6 @@ class AxisRequest(Request[AxisDone], frozen=True, kw_only=True):
     joint: str | None = None
     method: int | None = None
     mode: str | None = None
-
-
-class TouchProbe(msgspec.Struct, frozen=True, omit_defaults=True):
-    """The touch probe objects of an axis (0x60B8 to 0x60BD) in device units; what the drive lacks is left out."""
-
-    function: int | None = None
-    status: int | None = None
-    probe_1_positive: int | None = None
-    probe_1_negative: int | None = None
-    probe_2_positive: int | None = None
-    probe_2_negative: int | None = None
-
-
-@ROBOT.method("touch_probe", Effect.READS)
-class ReadTouchProbe(Request[TouchProbe], frozen=True, kw_only=True):
-    """What the touch probes of a node caught."""
-
-    node: NodeName
 
 
 # -- controllers and hardware components
@@ -312,108 +299,12 @@ class SetHardwareState(Request[ComponentState], frozen=True, kw_only=True):
 
 # -- nodes and their objects
 
-
-class NodeIdentity(msgspec.Struct, frozen=True):
-    """What boot expects of 0x1000 and 0x1018; 0 where anything will do."""
-
-    device_type: int = 0
-    vendor_id: int = 0
-    product_code: int = 0
-    revision_number: int = 0
-    serial_number: int = 0
-    eds_revision: int = 0
-
-
-class NodePlace(msgspec.Struct, frozen=True, kw_only=True):
-    """A node: where it is, the path of its EDS, and what bus.yml says of it."""
-
-    name: str
-    node_id: int
-    bus: str = ""
-    eds: str = ""
-    identity: NodeIdentity = NodeIdentity()
-    driver: str | None = None
-    namespace: str = ""
-    remappings: dict[str, str] = {}
-    channel_names: list[str] | None = None
-    joints: list[str] = []
-
-
-class BusPlace(msgspec.Struct, frozen=True):
-    """A bus and the master's node id on it."""
-
-    channel: str
-    node_id: int | None = None
-
-
-class NodeListing(msgspec.Struct, frozen=True):
-    """All buses by name, and all nodes."""
-
-    buses: dict[str, BusPlace] = {}
-    nodes: list[NodePlace] = []
-
-
-@ROBOT.method("nodes", Effect.READS)
-class GetNodes(Request[NodeListing], frozen=True):
-    """Where each node is and which EDS describes it."""
+ROBOT.declare(NODE_METHODS)
 
 
 @ROBOT.method("layout", Effect.READS)
 class GetLayout(Request[Layout], frozen=True):
     """What the PDOs of each bus carry."""
-
-
-@ROBOT.method("nmt", Effect.MOVES)
-class NmtRequest(Request[Done], frozen=True, kw_only=True):
-    """`command`: start, stop, preop, reset-node, reset-comm; `node` may be "all"."""
-
-    command: str
-    node: NodeName
-
-
-class SdoData(msgspec.Struct, frozen=True):
-    """The bytes of an object."""
-
-    data: bytes
-
-
-@ROBOT.method("sdo_read", Effect.READS)
-class SdoRead(Request[SdoData], frozen=True, kw_only=True):
-    """Upload an object; `timeout` in seconds for each answer (null: the node's), `block` asks for block transfer."""
-
-    node: NodeName
-    index: Index
-    subindex: Subindex = 0
-    block: bool = False
-    timeout: Seconds | None = None
-
-
-@ROBOT.method("sdo_write", Effect.MOVES)
-class SdoWrite(Request[Done], frozen=True, kw_only=True):
-    """Download an object; what moves an axis is refused while a stop is latched."""
-
-    node: NodeName
-    index: Index
-    subindex: Subindex = 0
-    data: bytes
-    timeout: Seconds | None = None
-
-
-@ROBOT.method("sdo_data", Effect.CHANGES)
-class SdoPiece(Request[Done], frozen=True, kw_only=True):
-    """A piece of what this connection's next `sdo_write` writes before its own data: a request has 64 KiB at most."""
-
-    data: bytes
-
-
-@ROBOT.method("pdo_write", Effect.CHANGES)
-class PdoWrite(Request[Done], frozen=True, kw_only=True):
-    """Send an object in the RPDOs that map it, once, with the next cycle and the SYNC that follows; not what moves."""
-
-    node: NodeName
-    index: Index
-    subindex: Subindex = 0
-    data: bytes
 
 
 class Description(msgspec.Struct, frozen=True):

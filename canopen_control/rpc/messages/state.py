@@ -10,7 +10,7 @@ from typing import TypeVar
 
 import msgspec
 
-from canopen_control.rpc.messages.quantities import Count, NodeId, UnixTime
+from canopen_control.rpc.messages.declare import Count, NodeId, UnixTime
 from canopen_control.rpc.messages.samples import ControllerSample, Sample, Values
 
 __all__ = ["AxisReading", "BootStep", "BusTraffic", "ControllerReading", "CycleTimes", "EventDetails",

@@ -10,13 +10,13 @@ from typing import Annotated, Final, Generic, TypeVar
 
 import msgspec
 
-from canopen_control.rpc.messages.declare import Done, Request
+from canopen_control.rpc.messages.declare import Done, Effect, Request
 from canopen_control.rpc.messages.samples import TrajectoryPoint
 
 __all__ = [
-    "MAX_POINTS", "CancelTrajectory", "FollowTrajectory", "QueryTrajectory", "ScaleTrajectory", "SendTrajectory",
-    "SetTrajectory", "TrajectoryAt", "TrajectoryData", "TrajectoryEnd", "TrajectoryResult", "TrajectoryTolerance",
-    "TrajectoryVerdict",
+    "MAX_POINTS", "TRAJECTORY_METHODS", "CancelTrajectory", "FollowTrajectory", "QueryTrajectory", "ScaleTrajectory",
+    "SendTrajectory", "SetTrajectory", "TrajectoryAt", "TrajectoryData", "TrajectoryEnd", "TrajectoryResult",
+    "TrajectoryTolerance", "TrajectoryVerdict",
 ]  # fmt: skip
 
 A = TypeVar("A")
@@ -128,3 +128,15 @@ class ScaleTrajectory(Request[Done], frozen=True, kw_only=True):
 
     controller: str
     factor: Annotated[float, msgspec.Meta(ge=0)]
+
+
+TRAJECTORY_METHODS: Final = (
+    ("follow_trajectory", Effect.MOVES, FollowTrajectory),
+    ("send_trajectory", Effect.MOVES, SendTrajectory),
+    ("set_trajectory", Effect.MOVES, SetTrajectory),
+    ("trajectory_data", Effect.CHANGES, TrajectoryData),
+    ("trajectory_end", Effect.READS, TrajectoryEnd),
+    ("cancel_trajectory", Effect.STOPS, CancelTrajectory),
+    ("query_trajectory", Effect.READS, QueryTrajectory),
+    ("scale_trajectory", Effect.MOVES, ScaleTrajectory),
+)

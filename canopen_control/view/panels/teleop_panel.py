@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Final
 from nicegui import ui
 
 from canopen_control.rpc.messages.robot import SwitchControllers
-from canopen_control.urdf.joint import Limits
+from canopen_control.urdf.joint_element import Limits
 from canopen_control.view.dead_man import joint_motion, twist_motion
 from canopen_control.view.elements.nicegui_elements import HoldButton, HoldButtons
 from canopen_control.view.panels.panel import tell

@@ -55,7 +55,7 @@ class TrajectoryPanel:
     def _build(self) -> None:
         page = self._client.id
         self._upload = ui.upload(
-            label="YAML or JSON",
+            label="Choose a file: YAML or JSON",
             max_file_size=MOST_BYTES,
             auto_upload=True,
             on_upload=self._take,
@@ -71,13 +71,11 @@ class TrajectoryPanel:
                 self._time = ui.label()
             self._place, self._table = Html("cc-note"), Html()
             with ui.element("div").classes("cc-row cc-acts"):
-                self._play = ui.button("Play", color="green-8", on_click=self._play_it).props("unelevated dense")
+                self._play = ui.button("Play", color="green-8", on_click=self._play_it).props("unelevated")
                 self._cancel = ui.button(
                     "Cancel", color="blue-grey-8", on_click=lambda: self._context.player.cancel(page)
-                ).props("unelevated dense")
-                self._close = ui.button("Close preview", color="blue-grey-6", on_click=self._forget).props(
-                    "outline dense"
-                )
+                ).props("unelevated")
+                self._close = ui.button("Close preview", color="blue-grey-6", on_click=self._forget).props("outline")
             if not self._context.teleop:
                 ui.html(_LOOK, sanitize=False)
         self._bar = ui.linear_progress(0.0, show_value=False).props("instant-feedback")

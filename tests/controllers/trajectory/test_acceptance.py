@@ -8,7 +8,7 @@ from canopen_control.controllers.trajectory.params import TrajectoryParams
 from canopen_control.controllers.trajectory.point import JointTrajectory, Point
 from canopen_control.hardware.interfaces import CommandInterface, StateInterface
 from canopen_control.rpc.messages.samples import TrajectoryPoint
-from canopen_control.urdf.joint import Joint, Limits
+from canopen_control.urdf.joint_element import Joint, Limits
 
 S = 1_000_000_000
 JOINTS = ("a", "b")

@@ -13,7 +13,7 @@ from canopen_control.controllers.trajectory.point import JointTrajectory, Point
 from canopen_control.controllers.trajectory.tolerances import GoalTolerances
 from canopen_control.errors import ControlError
 from canopen_control.hardware.interfaces import InterfaceRegistry
-from canopen_control.urdf.joint import Joint, Limits
+from canopen_control.urdf.joint_element import Joint, Limits
 
 CASES = cases("jtc_scenarios")
 #: what upstream does there hurts; the tests below say what is done instead

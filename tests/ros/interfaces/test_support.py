@@ -172,56 +172,75 @@ except CanopenError as error:
     assert run_ros(code).startswith("no interfaces can be made for this ROS: ")
 
 
-def test_a_request_of_another_layout_from_another_process_is_dropped_and_the_next_one_served():
-    code = """
-import sys, threading
+STRANGERS = """
+import sys, threading, time
 from canopen_control.ros import interfaces, rcl
-from canopen_control.ros.endpoint import serve
-from canopen_control.ros.spinner import Spinner
 if sys.argv[1] == "stranger":
     interfaces._DEFINITIONS["canopen_interfaces/srv/COWrite"] = ["uint8 a", "---", "bool success"]
-interfaces.provide(["canopen_interfaces"])
+    interfaces._DEFINITIONS["control_msgs/action/FollowJointTrajectory"] = ["uint8 a", "---", "---"]
+interfaces.provide(["canopen_interfaces", "control_msgs"])
 from canopen_interfaces.srv import COWrite
+from control_msgs.action import FollowJointTrajectory as Follow
+from rclpy.action import ActionClient, ActionServer
 context, node = rcl.start(sys.argv[1], "", [])
-errors, got, done = [], [], threading.Event()
-spinner = Spinner(node, context, errors.append)
-spinner.start()
+executor = rcl.single_threaded_executor(context)
+executor.add_node(node)
+def spin_until(condition, seconds):
+    end = time.monotonic() + seconds
+    while not condition() and time.monotonic() < end:
+        executor.spin_once(timeout_sec=0.05)  # what a callback raises ends the process
+    return condition()
 if sys.argv[1] == "server":
-    def write(request, response, reply):
-        got.append(request)
-        reply(response)
-        done.set()
-    serve(node, COWrite, "sdo_write", write)
+    written, followed = [], []
+    def write(request, response):
+        written.append(request.data)
+        return response
+    def follow(handle):
+        followed.append(list(handle.request.trajectory.joint_names))
+        handle.succeed()
+        return Follow.Result()
+    node.create_service(COWrite, "sdo_write", write)
+    server = ActionServer(node, Follow, "follow", follow)
     print("ready", flush=True)
-    sys.stdin.readline()
-    assert done.wait(20)
-    assert not errors, errors
-    assert [each.data for each in got] == [7], got
+    assert spin_until(lambda: written and followed, 20)
+    spin_until(lambda: False, 0.2)
+    assert (written, followed) == ([7], [["a"]]), (written, followed)
+    server.destroy()
 else:
-    client = node.create_client(COWrite, "sdo_write")
-    assert client.wait_for_service(20)
-    request = COWrite.Request(a=1) if sys.argv[1] == "stranger" else COWrite.Request(index=0x6040, data=7)
-    future = client.call_async(request)
-    future.add_done_callback(lambda future: done.set())
-    assert done.wait(20) if sys.argv[1] == "friend" else not done.wait(0.5)
-spinner.stop(5)
+    friend = sys.argv[1] == "friend"
+    service, action = node.create_client(COWrite, "sdo_write"), ActionClient(node, Follow, "follow")
+    assert service.wait_for_service(20) and action.wait_for_server(20)
+    goal = Follow.Goal()
+    if friend:
+        goal.trajectory.joint_names = ["a"]
+    request = COWrite.Request(index=0x6040, data=7) if friend else COWrite.Request(a=1)
+    answers = [service.call_async(request), action.send_goal_async(goal)]
+    answered = spin_until(lambda: all(each.done() for each in answers), 20 if friend else 0.5)
+    assert answered == friend
+    action.destroy()
+executor.shutdown()
 context.shutdown()
 """
+
+
+def test_what_a_stranger_sends_of_another_layout_is_dropped_and_ends_nobody():
     with domain() as number:
         server = subprocess.Popen(
-            [sys.executable, "-c", code, "server"], env=ros_environment(number),
-            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+            [sys.executable, "-c", STRANGERS, "server"], env=ros_environment(number),
+            stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
         )  # fmt: skip
         try:
             assert server.stdout.readline() == "ready\n"
-            run_ros(code, number, ["stranger"])
-            run_ros(code, number, ["friend"])
-            _, complaints = server.communicate("\n", timeout=30)
+            run_ros(STRANGERS, number, ["stranger"])
+            run_ros(STRANGERS, number, ["friend"])
+            _, complaints = server.communicate(timeout=30)
         finally:
             server.kill()
             server.communicate()
         assert server.returncode == 0, complaints
-        assert "not the body of a canopen_interfaces/srv/COWrite_Request" in complaints
+        for name in ("canopen_interfaces/srv/COWrite_Request", "control_msgs/action/FollowJointTrajectory_SendGoal"):
+            assert f"{name}" in complaints
+        assert "dropped a message of another layout" in complaints
 
 
 BOTH_WAYS = """

@@ -2,7 +2,7 @@ import msgspec
 import pytest
 
 from canopen_control.rpc.messages.declare import Effect
-from canopen_control.rpc.messages.robot import ROBOT, CommandController, SdoRead, Subscribe
+from canopen_control.rpc.messages.robot import ROBOT, CommandController, Subscribe
 from canopen_control.rpc.wire import convert
 
 
@@ -26,16 +26,9 @@ def test_what_may_move_is_marked():
     [
         (Subscribe, {"state_rate": 0}),
         (Subscribe, {"state_rate": 1001}),
-        (SdoRead, {"node": "a", "index": 0x10000}),
-        (SdoRead, {"node": "a", "index": 0x1000, "subindex": 256}),
-        (SdoRead, {"node": "a", "index": 0x1000, "timeout": 61}),
         (CommandController, {"controller": "c", "values": [None]}),
     ],
 )
 def test_what_is_out_of_range_is_no_request(kind, params):
     with pytest.raises(ValueError, match=r"at `\$\."):
         convert(params, kind)
-
-
-def test_a_node_may_be_named_by_its_id():
-    assert convert({"node": 3, "index": 0x1000}, SdoRead).node == 3

@@ -5,8 +5,8 @@ import math
 import pytest
 
 from canopen_control.urdf.geometry import ORIGIN, Pose, from_yaw, rotate
-from canopen_control.urdf.joint import Joint, Mimic
-from canopen_control.urdf.model import read_model
+from canopen_control.urdf.joint_element import Joint, Mimic
+from canopen_control.urdf.robot_model import read_model
 
 URDF = """<robot name="r">
   <link name="a"/><link name="b"/><link name="c"/><link name="d"/><link name="e"/><link name="f"/>

@@ -3,7 +3,7 @@ import pytest
 from canopen_control.data_files import data_path
 from canopen_control.errors import RobotConfigError
 from canopen_control.urdf.description import read_description
-from canopen_control.urdf.model import read_model
+from canopen_control.urdf.robot_model import read_model
 
 ARM = """<robot name="arm"><link name="tip"/><link name="base"/><link name="slide"/>
 <joint name="second" type="continuous"><parent link="slide"/><child link="tip"/></joint>

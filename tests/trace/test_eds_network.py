@@ -4,7 +4,7 @@ import pytest
 
 from canopen_control.data_files import data_path
 from canopen_control.errors import ConfigError, EdsError
-from canopen_control.trace.bare import network_of_eds
+from canopen_control.trace.eds_network import network_of_eds
 
 EDS = data_path("eds", "TMCM-1270.eds")
 

@@ -1,8 +1,8 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from canopen_control.urdf.link import GREY
-from canopen_control.urdf.model import read_model
+from canopen_control.urdf.link_element import GREY
+from canopen_control.urdf.robot_model import read_model
 
 ARM = """<robot name="arm">
 <material name="red"><color rgba="1 0 0 0.5"/></material>

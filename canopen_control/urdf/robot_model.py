@@ -8,15 +8,15 @@ from typing import TYPE_CHECKING
 
 from canopen_control.errors import nearest
 from canopen_control.urdf.document import read_document
-from canopen_control.urdf.joint import read_joint
-from canopen_control.urdf.link import read_links
+from canopen_control.urdf.joint_element import read_joint
+from canopen_control.urdf.link_element import read_links
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
     from canopen_control.urdf.document import Document
-    from canopen_control.urdf.joint import Joint
-    from canopen_control.urdf.link import Link
+    from canopen_control.urdf.joint_element import Joint
+    from canopen_control.urdf.link_element import Link
 
 __all__ = ["RobotModel", "model_of", "read_model"]
 

@@ -1,0 +1,83 @@
+"""Which ROS programs are there, as DDS participants: who sent a request, and whether he lives.
+
+The law of the file (DDS, Fast DDS): the first twelve bytes of a GUID are its participant's, one for a process mostly.
+A participant that ends says so; one that was killed is missed when its lease is over, after 20 s by default. Fast DDS
+makes those bytes of its vendor, the host, and the process: so of one on this host it can be seen at once.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+if TYPE_CHECKING:
+    from canopen_control.ros.endpoint import RosMessage
+    from canopen_control.ros.rcl import Node
+
+__all__ = ["ActionClients", "client_of", "runs"]
+
+_PREFIX: Final = 12
+_VENDOR: Final = b"\x01\x0f"  # eProsima
+_PROCFS: Final = Path("/proc")
+_PIDS: Final = 1 << 22  # the most that Linux gives
+
+
+def client_of(header: RosMessage) -> bytes | None:
+    """Return the participant that a request came from, None where that cannot be seen.
+
+    The header is C's rmw_request_id_t, 16 bytes of GUID and the number of the request, of which rclpy shows the number
+    alone: pybind11 keeps where it is behind the head of the Python object. The number tells whether that is so.
+    """
+    where = ctypes.c_size_t.from_address(id(header) + object.__basicsize__).value
+    if not where or where % 8:
+        return None
+    if ctypes.c_int64.from_address(where + 16).value != header.sequence_number:
+        return None
+    return ctypes.string_at(where, _PREFIX)
+
+
+class ActionClients:
+    """The participants that could send goals of an action, by its full name, which this process serves."""
+
+    def __init__(self, node: Node, action: str) -> None:
+        self._node, self._action = node, action
+
+    def present(self) -> set[bytes]:
+        """Return those that DDS knows now."""
+        found = self._node.get_publishers_info_by_topic(f"rq{self._action}/_action/send_goalRequest", no_mangle=True)
+        return set(map(_participant, found))
+
+    def runs_here(self, participant: bytes) -> bool:
+        """Whether it is of a process that runs on this host; of another container's nothing is known, False."""
+        host = self._host()
+        return host is not None and participant[:4] == _VENDOR + host and runs(_process(participant))
+
+    def _host(self) -> bytes | None:
+        """Return what stands for this host in the bytes of a participant, by those of this process; None if not so."""
+        own = self._node.get_publishers_info_by_topic(f"rt{self._action}/_action/status", no_mangle=True)
+        for each in map(_participant, own):
+            if each[:2] == _VENDOR and _process(each) == os.getpid() % 65536:
+                return each[2:4]
+        return None
+
+
+def _participant(endpoint: RosMessage) -> bytes:
+    return bytes(endpoint.endpoint_gid[:_PREFIX])
+
+
+def _process(participant: bytes) -> int:
+    return int.from_bytes(participant[4:6], "little")
+
+
+def runs(lowest: int, procfs: Path = _PROCFS) -> bool:
+    """Whether a process runs whose number ends, in its lower 16 bits, like this; one that nobody has waited for not."""
+    for number in range(lowest, _PIDS, 65536):
+        try:
+            text = (procfs / str(number) / "stat").read_text()
+        except OSError:
+            continue
+        if text.rpartition(")")[2].split()[:1] != ["Z"]:
+            return True
+    return False

@@ -1,0 +1,179 @@
+"""arm6 as MoveIt has it: an action client in a process of its own, the bridge, the runtime, six virtual drives."""
+
+from __future__ import annotations
+
+import os
+import signal
+from types import SimpleNamespace
+
+import pytest
+from support import ros
+from support.arm6 import ENDS, JOINTS, copy_arm, planned
+from support.host import eventually
+from support.processes import Stage
+
+from canopen_control.client import RobotClient
+from canopen_control.rpc.messages.robot import GetStatus
+
+pytestmark = pytest.mark.ros
+ACTION, KIND = "/arm_controller/follow_joint_trajectory", "control_msgs/action/FollowJointTrajectory"
+SUCCEEDED, CANCELED, ABORTED = 4, 5, 6  # action_msgs/msg/GoalStatus
+
+
+@pytest.fixture(scope="module")
+def arm(tmp_path_factory):
+    """The arm with its bridge, and a client of the action; for all tests of this module."""
+    folder = tmp_path_factory.mktemp("arm")
+    folder.chmod(0o700)
+    with pytest.MonkeyPatch.context() as patch, ros.domain() as number:
+        patch.setenv("XDG_RUNTIME_DIR", str(folder))
+        patch.setenv("XDG_STATE_HOME", str(folder / "state"))
+        stage = Stage(folder, folder)
+        environment = {**ros.ros_environment(number), "_ROS_WHEELS_BOOTSTRAP_COMPLETE": "1"}
+        config = copy_arm(folder)
+        robot = stage.start("run", config, "--ros", "--name", "rosarm", "--can", "local:rosarm", **environment)
+        robot.until("rosarm runs")
+        with ros.Peer(number, "--interfaces") as peer, RobotClient.connect("rosarm") as client:
+            yield SimpleNamespace(peer=peer, robot=robot, client=client, stage=stage, domain=number)
+        stage.end()
+
+
+def joints(arm):
+    return arm.client.ask(GetStatus()).joints
+
+
+def positions(arm):
+    told = joints(arm)
+    return [told[each].position for each in JOINTS]
+
+
+def goal_to(arm, end, seconds=0.6, count=50, **more):
+    points = [
+        {
+            "positions": each.positions,
+            "velocities": each.velocities,
+            "accelerations": each.accelerations,
+            "time_from_start": {"sec": each.time // 10**9, "nanosec": each.time % 10**9},
+        }
+        for each in planned(positions(arm), end, seconds, count).points
+    ]
+    return {"trajectory": {"joint_names": JOINTS, "points": points}, **more}
+
+
+def near(factor):
+    """A place that no count of an encoder is."""
+    return [0.123456789 * factor * (1 if each > 0 else -1) for each in ENDS]
+
+
+def send(arm, name, data, peer=None):
+    peer = peer or arm.peer
+    peer.order("goal", action=ACTION, of=KIND, data=data, name=name)
+    return peer.message(name, lambda message: "accepted" in message)["accepted"]
+
+
+def result(arm, name):
+    told = arm.peer.message(name, lambda message: "status" in message)
+    return told["status"], told["error_code"], told["error_string"]
+
+
+def moving(arm, name, peer=None):
+    """Wait until it is on its way."""
+    (peer or arm.peer).message(name, lambda message: "feedback" in message)
+
+
+def at_rest(arm):
+    return eventually(lambda: all(abs(each.velocity) < 1e-3 for each in joints(arm).values()))
+
+
+def test_a_goal_of_500_points_is_followed_with_feedback_and_reached(arm):
+    assert send(arm, "reached", goal_to(arm, near(1), count=500))
+    moving(arm, "reached")
+    assert result(arm, "reached") == (SUCCEEDED, 0, "the goal was reached")
+    assert at_rest(arm)
+    assert positions(arm) == pytest.approx(near(1), abs=1e-3)
+
+
+def test_its_topics_and_its_query_are_there_over_dds(arm):
+    arm.peer.order("subscribe", topic="/arm_controller/controller_state", qos="latched",
+                   of="control_msgs/msg/JointTrajectoryControllerState")  # fmt: skip
+    state = arm.peer.message("/arm_controller/controller_state")
+    assert state["joint_names"] == JOINTS
+    assert state["feedback"]["positions"] == pytest.approx(positions(arm), abs=1e-3)
+    assert state["speed_scaling_factor"] == 1.0
+    arm.peer.order("unsubscribe", topic="/arm_controller/controller_state")
+    topic, kind = "/arm_controller/speed_scaling_input", "control_msgs/msg/SpeedScalingFactor"
+    assert eventually(lambda: arm.peer.order("publish", topic=topic, of=kind, data={"factor": 1.0}, qos="latched")
+                      ["subscribers"] == 1)  # fmt: skip
+    topic, kind = "/arm_controller/joint_trajectory", "trajectory_msgs/msg/JointTrajectory"
+    data = goal_to(arm, near(2), 0.3)["trajectory"]
+    assert eventually(lambda: arm.peer.order("publish", topic=topic, of=kind, data=data)["subscribers"] == 1)
+    assert eventually(lambda: positions(arm) == pytest.approx(near(2), abs=1e-3))
+    told = arm.peer.call("/arm_controller/query_state", "control_msgs/srv/QueryTrajectoryState")
+    assert (told["success"], told["name"]) == (False, JOINTS)
+
+
+def test_a_joint_off_its_path_or_its_goal_aborts_with_its_code(arm):
+    strict = [{"name": "joint_1", "position": 1e-9}]
+    assert send(arm, "path", goal_to(arm, near(2), path_tolerance=strict))
+    status, code, text = result(arm, "path")
+    assert (status, code) == (ABORTED, -4)
+    assert text.startswith("joint_1 is ")
+    assert at_rest(arm)
+    late = goal_to(arm, near(1), 0.4, goal_tolerance=strict, goal_time_tolerance={"sec": 0, "nanosec": 100_000_000})
+    assert send(arm, "late", late)
+    status, code, text = result(arm, "late")
+    assert (status, code) == (ABORTED, -5)
+    assert "off its goal 0.1 s after the end" in text
+
+
+def test_a_newer_goal_takes_its_place_and_is_cancelled_and_the_joints_rest(arm):
+    assert send(arm, "old", goal_to(arm, near(3), 1.5))
+    moving(arm, "old")
+    assert send(arm, "new", goal_to(arm, near(1), 1.5))
+    assert result(arm, "old") == (ABORTED, -1, "another goal has taken its place")
+    assert arm.peer.order("cancel", name="new")["goals"] == 1
+    assert result(arm, "new") == (CANCELED, 0, "the goal was cancelled")
+    assert at_rest(arm)
+
+
+def test_what_is_refused_names_its_rule_and_nothing_moves(arm):
+    where = positions(arm)
+    good = goal_to(arm, near(1))["trajectory"]
+    bad = {
+        "few": ({**good, "joint_names": JOINTS[:5]}, -2, "it names 5 of 6 joints"),
+        "strange": ({**good, "joint_names": [*JOINTS[:5], "joint_7"]}, -2, "'joint_7'"),
+        "past": ({**good, "header": {"stamp": {"sec": 5, "nanosec": 0}}}, -3, "it ended"),
+        "none": ({**good, "points": []}, -1, "it has no points"),
+        "falling": ({**good, "points": good["points"][::-1]}, -1, "let time_from_start increase"),
+        "sizes": ({**good, "points": [{"positions": [0.0]}]}, -1, "point 0 has 1 positions for 6 joints"),
+    }
+    for name, (trajectory, code, why) in bad.items():
+        assert not send(arm, name, {"trajectory": trajectory})
+        status, told, text = result(arm, name)
+        assert (status, told) == (ABORTED, code)
+        assert why in text
+    assert positions(arm) == pytest.approx(where, abs=1e-3)
+
+
+def events(arm):
+    return [each.text for each in arm.client.ask(GetStatus()).events]
+
+
+def test_the_death_of_the_client_and_of_the_bridge_stop_the_arm_on_its_way(arm):
+    end = near(4)
+    with ros.Peer(arm.domain, "--interfaces") as mortal:
+        assert send(arm, "orphan", goal_to(arm, end, 3.0), mortal)
+        moving(arm, "orphan", mortal)
+        mortal.kill()
+        why = "the goal was cancelled: the action client that sent it is gone"
+        assert eventually(lambda: any(why in each for each in events(arm)), 2.0)
+    assert at_rest(arm)
+    assert abs(positions(arm)[0] - end[0]) > 0.05
+    end = near(-4)
+    assert send(arm, "last", goal_to(arm, end, 3.0))
+    moving(arm, "last")
+    os.kill(arm.stage.pid_of("canopen_control.ros.bridge"), signal.SIGKILL)
+    assert eventually(lambda: any("ros is gone, and its command with it" in each for each in events(arm)), 2.0)
+    assert at_rest(arm)
+    assert abs(positions(arm)[0] - end[0]) > 0.05
+    assert arm.robot.running

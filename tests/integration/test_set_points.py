@@ -1,0 +1,61 @@
+"""What the drives of an arm tell of their set-points while it follows a trajectory, in simulated time."""
+
+import pytest
+from support.arm6 import ENDS, JOINTS, copy_arm, planned
+from support.robots import Bench
+
+from canopen_control.controllers.trajectory.goal import Goal, GoalState
+
+DRIVES = (2, 3, 4, 5, 6, 7)
+
+
+def followed(folder, change=lambda text: text, fault=None):
+    """Let an arm follow a trajectory; return what each drive tells of its set-points."""
+    config = copy_arm(folder)
+    bus = config / "bus.yml"
+    bus.write_text(change(bus.read_text()))
+    arm = Bench("setpoints", config=config, drives=DRIVES)
+    try:
+        arm.start()
+        arm.until(lambda: all(joint.enabled for joint in arm.robot.joints.values()))
+        arm.run(100)
+        for drive in arm.drives.values():
+            drive.drives[0].meter.restart()
+            if fault is not None:
+                drive.switches.set(fault, True, arm.reactor.now())
+        begin = [arm.robot.registry.state(f"{each}/position").value for each in JOINTS]
+        goal = Goal(planned(begin, ENDS))
+        arm.robot.manager.get("arm_controller").send_goal(goal, arm.reactor.now())
+        arm.until(lambda: goal.ended, 5000)
+        assert goal.state is GoalState.SUCCEEDED
+        return [arm.drives[node].drives[0].describe().set_points for node in DRIVES]
+    finally:
+        arm.close()
+
+
+@pytest.fixture(scope="module")
+def quiet(tmp_path_factory):
+    return followed(tmp_path_factory.mktemp("quiet"))
+
+
+def test_of_a_robot_in_time_no_set_point_is_missed_or_doubled(quiet):
+    for told in quiet:
+        assert told.taken >= 100  # two seconds of 20 ms
+        assert (told.missed, told.doubled, told.overwritten) == (0, 0, 0)
+        assert told.phase_us.min == pytest.approx(told.phase_us.max)
+        assert told.acceleration_ripple < 0.05
+
+
+def test_an_interpolation_time_that_was_left_at_a_tenth_grinds(quiet, tmp_path):
+    ground = followed(tmp_path, lambda text: text.replace("sub_index: 1, value: 20}", "sub_index: 1, value: 2}"))
+    for told, healthy in zip(ground, quiet, strict=True):
+        assert told.acceleration > 20 * healthy.acceleration
+        assert told.velocity_ripple > 2.9
+        assert (told.missed, told.doubled) == (0, 0)
+
+
+def test_lost_rpdos_are_missed_set_points(quiet, tmp_path):
+    lossy = followed(tmp_path, fault="rpdo_lost")
+    assert sum(told.missed for told in lossy) > 0
+    worst = max(told.acceleration / healthy.acceleration for told, healthy in zip(lossy, quiet, strict=True))
+    assert worst > 1.1
