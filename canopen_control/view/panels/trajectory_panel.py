@@ -59,7 +59,7 @@ class TrajectoryPanel:
             max_file_size=MOST_BYTES,
             auto_upload=True,
             on_upload=self._take,
-            on_rejected=lambda: self._told.show(sentence(f"Not loaded. {_TOO_LONG}", BAD)),
+            on_rejected=lambda: self._refuse(_TOO_LONG),
         )
         self._upload.props("flat bordered accept='.yaml,.yml,.json'").classes("cc-upload")
         self._choice = ui.select([], label="controller").props("dense").style("width: 100%")
@@ -118,10 +118,13 @@ class TrajectoryPanel:
             data = await event.file.read()
             loaded = await in_thread(partial(load, data, event.file.name))
         except ConfigError as error:
-            self._told.show(sentence(f"Not loaded. {error}", BAD))
+            self._refuse(str(error))
             return
         if self._playing is None:
             self._hold(loaded)
+
+    def _refuse(self, why: str) -> None:
+        self._told.show(sentence(f"Not loaded. {why}", BAD))
 
     def _hold(self, loaded: LoadedTrajectory | None) -> None:
         """Preview a trajectory, or nothing any more."""
