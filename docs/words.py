@@ -182,7 +182,7 @@ CONTROLLERS: dict[str, dict[str, str]] = {
         "interpolation_method": "splines, or none: each point is commanded until it is reached",
         "allow_nonzero_velocity_at_trajectory_end": "takes trajectories that do not end at rest",
         "cmd_timeout": "s after the end of a trajectory without another one until the joints are held; above goal_time",
-        "allow_trajectory_replacement": "has no effect: a new trajectory takes the place of the old one for all joints",
+        "allow_trajectory_replacement": "blends a new trajectory in at its start, for the joints that it names",
         "positions_upsampling.enable": "velocities of a spline for trajectories of positions alone",
         "positions_upsampling.policy_frequency": "Hz of points that come without times",
         "constraints.stopped_velocity_tolerance": "rad/s at the end, where velocity or effort is commanded",

@@ -1,41 +1,74 @@
-"""`trajectory`: play a trajectory of a file on a joint trajectory controller, or end the one that is under way.
+"""`trajectory`: play a trajectory on a joint trajectory controller, end the one under way, or record one.
 
 A file is YAML or JSON in the shape of trajectory_msgs/JointTrajectory: `joint_names`, and `points` with `positions`
 and, where they are planned, `velocities` and `accelerations`, each with its `time_from_start` in seconds or as `sec`
-and `nanosec`. When this ends before the trajectory does, by Ctrl-C or anything else, the joints brake and are held.
+and `nanosec`. Waypoints are positions of the controller's joints, each of which comes to rest. When this ends before
+the trajectory does, by Ctrl-C or anything else, the joints brake and are held. A recording is what the joints do while
+somebody else moves them, by hand or by a program.
 
 Exit codes: 0 the end was reached; 1 it was refused or ended before; 2 wrong usage, or no robot runs.
 """
 
 from __future__ import annotations
 
+import math
+import signal
 import sys
+import threading
+import time
 from typing import TYPE_CHECKING, Final
 
+from canopen_control.cli.support.arguments import number, seconds
+from canopen_control.cli.support.output import Progress
+from canopen_control.cli.support.trajectory_recording import TrajectoryRecording
 from canopen_control.client import RobotClient
-from canopen_control.client.trajectory_file import read_trajectory
+from canopen_control.client.trajectory_file import read_trajectory, read_waypoints, write_trajectory
 from canopen_control.errors import ConfigError
-from canopen_control.rpc.messages.robot import CancelTrajectory, FollowTrajectory, ListControllers
+from canopen_control.host.signals import on_signals
+from canopen_control.rpc.messages.robot import GetStatus, ListControllers, Subscribe
+from canopen_control.rpc.messages.samples import TrajectoryPoint
+from canopen_control.rpc.messages.state import StateSample
+from canopen_control.rpc.messages.trajectory import MAX_POINTS, CancelTrajectory, FollowTrajectory
 
 if TYPE_CHECKING:
     import argparse
 
+    from canopen_control.rpc.messages.state import ControllerReading
+
 __all__ = ["EXAMPLE", "add_arguments", "run"]
 
 EXAMPLE = """canopen-control trajectory play wave.yaml
+         canopen-control trajectory play --waypoints '0.4 -0.3 0.4 0.6 -0.2 0.7; 0 0 0 0 0 0' --step 1.5
+         canopen-control trajectory record -o wave.yaml --duration 10
          canopen-control trajectory cancel --controller arm_controller"""
 
 _TYPE: Final = "joint_trajectory_controller/JointTrajectoryController"
 _PATIENCE_S: Final = 3600.0  # beyond its own time: it may be scaled, and wait for its goal without a limit
+_LOOK_S: Final = 0.2  # how often a recording looks whether it is to end
+_ENDS: Final = (signal.SIGINT, signal.SIGTERM)
+
+_rate = number("rate in Hz above 0 and up to 200", lambda value: 0.0 < value <= 200.0)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
-    play = actions.add_parser("play", help="follow the trajectory of a file to its end")
-    play.add_argument("file", help="YAML or JSON, as trajectory_msgs/JointTrajectory has it")
+    play = actions.add_parser("play", help="follow the trajectory of a file, or waypoints, to the end")
+    play.add_argument("file", nargs="?", help="YAML or JSON, as trajectory_msgs/JointTrajectory has it")
+    play.add_argument(
+        "--waypoints", metavar="POSITIONS", help="rad or m of each joint of the controller, as in '0.4 -0.3; 0 0'"
+    )
+    play.add_argument("--step", type=seconds, default=2.0, metavar="S", help="from waypoint to waypoint (default: 2)")
+    play.add_argument(
+        "--approach", type=seconds, metavar="S", help="take so long to the first point, from where the joints are"
+    )
+    record = actions.add_parser("record", help="write what the joints do, as a file that play takes, until Ctrl-C")
+    record.add_argument("-o", "--output", required=True, metavar="FILE", help="the YAML file to write")
+    record.add_argument("--joints", metavar="NAMES", help="these, as in joint_1,joint_2 (default: the controller's)")
+    record.add_argument("--rate", type=_rate, default=20.0, metavar="HZ", help="points in a second (default: 20)")
+    record.add_argument("--duration", type=seconds, metavar="S", help="end after so many seconds")
     cancel = actions.add_parser("cancel", help="end the trajectory that is under way: the joints brake")
-    for each in (play, cancel):
+    for each in (play, record, cancel):
         each.add_argument("--controller", help="its name (default: the only one that is active)")
         each.add_argument("--name", help="the robot (default: the only one that runs)")
 
@@ -44,13 +77,24 @@ def run(args: argparse.Namespace) -> int:
     """Run the verb."""
     if args.action == "cancel":
         with RobotClient.connect(args.name) as robot:
-            robot.ask(CancelTrajectory(controller=_controller(robot, args.controller)))
+            robot.ask(CancelTrajectory(controller=_controller(robot, args.controller).name))
         return 0
-    joints, points = read_trajectory(args.file)
+    return _record(args) if args.action == "record" else _play(args)
+
+
+def _play(args: argparse.Namespace) -> int:
+    if (args.file is None) is (args.waypoints is None):
+        raise ConfigError("say what to play: a file, or --waypoints; as in: canopen-control trajectory play wave.yaml")
+    joints, points = read_trajectory(args.file) if args.file is not None else ([], [])
     with RobotClient.connect(args.name) as robot:
         controller = _controller(robot, args.controller)
+        if args.waypoints is not None:
+            joints = list(controller.joints)
+            points = read_waypoints(args.waypoints, len(joints), args.step)
+        if args.approach is not None:
+            points = _later(points, args.approach)
         rest = robot.send_points(points)
-        wanted = FollowTrajectory(controller=controller, joints=joints, points=rest, source="trajectory")
+        wanted = FollowTrajectory(controller=controller.name, joints=joints, points=rest, source="trajectory")
         patience = points[-1].time_from_start + _PATIENCE_S if points else _PATIENCE_S
         result = robot.ask(wanted, patience)
     reached = result.state == "succeeded"
@@ -58,12 +102,86 @@ def run(args: argparse.Namespace) -> int:
     return 0 if reached else 1
 
 
-def _controller(robot: RobotClient, name: str | None) -> str:
+def _later(points: list[TrajectoryPoint], by: float) -> list[TrajectoryPoint]:
+    """Return points whose first one is reached `by` s after the start, and the others after it as they were."""
+    shift = by - points[0].time_from_start if points else 0.0
+    return [
+        TrajectoryPoint(
+            positions=each.positions,
+            velocities=each.velocities,
+            accelerations=each.accelerations,
+            effort=each.effort,
+            time_from_start=each.time_from_start + shift,
+        )
+        for each in points
+    ]
+
+
+def _record(args: argparse.Namespace) -> int:
+    """Write what the joints do until a signal, the end of the time, or as many points as a trajectory may have."""
+    stopping = threading.Event()
+    with RobotClient.connect(args.name) as robot:
+        recording = TrajectoryRecording(_joints(robot, args), MAX_POINTS)
+        end = math.inf if args.duration is None else time.monotonic() + args.duration
+
+        def is_over() -> bool:
+            return stopping.is_set() or recording.is_full or time.monotonic() >= end
+
+        with (
+            on_signals(_ENDS, stopping.set),
+            Progress(f"recording {', '.join(recording.joints)}, Ctrl-C ends it", "points") as progress,
+        ):
+            robot.ask(Subscribe(state_rate=args.rate))
+            while not is_over():
+                for message in robot.messages(_LOOK_S):
+                    if isinstance(message, StateSample):
+                        _add(recording, message)
+                    progress.at(len(recording))
+                    if is_over():
+                        break
+    points = recording.points()
+    write_trajectory(args.output, recording.joints, points)
+    full = f"; it ended with as many points as a trajectory may have, {MAX_POINTS}" if recording.is_full else ""
+    print(f"{args.output}: {len(points)} points in {points[-1].time_from_start:.1f} s{full}")
+    return 0
+
+
+def _add(recording: TrajectoryRecording, sample: StateSample) -> None:
+    """Take a sample in which the place of every joint is known."""
+    found = [sample.joints[joint].position for joint in recording.joints if joint in sample.joints]
+    positions = [each for each in found if each is not None]
+    if len(positions) == len(recording.joints):
+        recording.add(sample.time if sample.sim_time is None else sample.sim_time, positions)
+
+
+def _joints(robot: RobotClient, args: argparse.Namespace) -> list[str]:
+    """Return the joints to record: those that are named, else the only trajectory controller's, else all."""
+    known = robot.ask(GetStatus()).joints
+    if args.joints is not None:
+        wanted = [each.strip() for each in args.joints.split(",") if each.strip()]
+        strange = [each for each in wanted if each not in known]
+        if strange or not wanted:
+            raise ConfigError(f"--joints {args.joints}: the joints of the robot are {', '.join(known)}; name some")
+        return wanted
+    found = [each for each in robot.ask(ListControllers()) if each.type == _TYPE]
+    named = [each for each in found if args.controller in (None, each.name)]
+    if args.controller is not None and not named:
+        raise ConfigError(f"no joint trajectory controller {args.controller!r} is loaded; give --joints")
+    return list(named[0].joints) if len(named) == 1 else list(known)
+
+
+def _controller(robot: RobotClient, name: str | None) -> ControllerReading:
     """Return the controller that is meant: `name`, or the only one of the type that is active; ConfigError else."""
+    known = robot.ask(ListControllers())
     if name is not None:
-        return name
-    found = [each.name for each in robot.ask(ListControllers()) if each.type == _TYPE and each.state == "active"]
+        meant = next((each for each in known if each.name == name), None)
+        if meant is None:
+            loaded = ", ".join(each.name for each in known)
+            raise ConfigError(f"no controller {name!r} is loaded; there are {loaded}")
+        return meant
+    found = [each for each in known if each.type == _TYPE and each.state == "active"]
     if len(found) != 1:
-        what = f"several are active: {', '.join(found)}" if found else "no joint trajectory controller is active"
+        names = ", ".join(each.name for each in found)
+        what = f"several are active: {names}" if found else "no joint trajectory controller is active"
         raise ConfigError(f"{what}; name one with --controller, see canopen-control controller list")
     return found[0]

@@ -1,16 +1,20 @@
-"""Files of trajectories, in the shape of trajectory_msgs/JointTrajectory: YAML or JSON; for shell and page."""
+"""Files of trajectories, in the shape of trajectory_msgs/JointTrajectory: YAML or JSON; and waypoints of a line."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Final
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
 
 from canopen_control.errors import ConfigError
 from canopen_control.rpc.messages.samples import TrajectoryPoint
 from canopen_control.yamlfile.convert import convert, setting
 from canopen_control.yamlfile.reader import read, read_text
 
-__all__ = ["parse_trajectory", "read_trajectory"]
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+__all__ = ["parse_trajectory", "read_trajectory", "read_waypoints", "write_trajectory"]
 
 _MOST: Final = 1e9  # no joint and no clock of ours goes there: what is beyond, or no number, is a slip of the pen
 
@@ -78,3 +82,38 @@ def parse_trajectory(text: str, path: str) -> tuple[list[str], list[TrajectoryPo
         )
         for each in file.points
     ]
+
+
+def write_trajectory(path: str, joints: Sequence[str], points: Iterable[TrajectoryPoint]) -> None:
+    """Write a file that `read_trajectory` reads, a point on each line; ConfigError where it cannot be written."""
+    lines = [f"joint_names: [{', '.join(joints)}]", "points:"]
+    for each in points:
+        values = {"positions": each.positions, "velocities": each.velocities, "accelerations": each.accelerations}
+        told = [f"{key}: [{', '.join(map(repr, numbers))}]" for key, numbers in values.items() if numbers]
+        lines.append(f"  - {{{', '.join([*told, f'time_from_start: {each.time_from_start!r}'])}}}")
+    try:
+        Path(path).write_text("\n".join(lines) + "\n", encoding="utf-8")
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be written: {error.strerror or error}; give another name") from error
+
+
+def read_waypoints(text: str, joints: int, step: float) -> list[TrajectoryPoint]:
+    """Return points at rest through positions, as in `0.4 -0.3; 0 0`, each `step` s after the one before it.
+
+    ConfigError for what is no position of each joint.
+    """
+    found = []
+    for index, part in enumerate(text.split(";"), 1):
+        words = part.replace(",", " ").split()
+        try:
+            positions = [float(word) for word in words]
+        except ValueError:
+            positions = []
+        if len(positions) != joints or not all(abs(each) <= _MOST for each in positions):
+            what = f"waypoint {index}, {part.strip()!r}, is not one position for each of the {joints} joints"
+            raise ConfigError(f"{what}; write it as in: --waypoints '{' '.join(['0.1'] * joints)}'")
+        rest = [0.0] * joints
+        found.append(
+            TrajectoryPoint(positions=positions, velocities=rest, accelerations=rest, time_from_start=index * step)
+        )
+    return found

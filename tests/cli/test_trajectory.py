@@ -7,6 +7,7 @@ from support.arm6 import ENDS, JOINTS, copy_arm, planned
 
 from canopen_control import Robot
 from canopen_control.cli.main import main
+from canopen_control.client.trajectory_file import read_trajectory
 
 
 @pytest.fixture
@@ -40,6 +41,45 @@ def test_a_file_is_played_to_its_end(arm, wave, capsys):
     assert main(["trajectory", "play", wave(count=200)]) == 0
     assert capsys.readouterr().out == "the goal was reached\n"
     assert positions(arm) == pytest.approx(ENDS, abs=1e-3)
+
+
+def test_waypoints_are_gone_to_one_after_the_other(arm, capsys):
+    assert main(["trajectory", "play", "--waypoints", "0.2 -0.1 0.2 0.3 -0.1 0.4; 0 0 0 0 0 0.1", "--step", "0.3"]) == 0
+    assert positions(arm) == pytest.approx([0.0] * 5 + [0.1], abs=1e-3)
+
+
+def test_what_the_joints_do_is_recorded_and_played_again(arm, wave, tmp_path, capsys):
+    made, codes = str(tmp_path / "made.yaml"), []
+    record = ["trajectory", "record", "-o", made, "--duration", "2.4"]
+    mover = threading.Thread(target=lambda: codes.append(main(["trajectory", "play", wave(seconds=2.0)])))
+    mover.start()
+    codes.append(main(record))
+    mover.join(5.0)
+    assert codes == [0, 0]
+    joints, points = read_trajectory(made)
+    assert joints == JOINTS
+    assert points[-1].positions == pytest.approx(ENDS, abs=5e-3)
+    assert points[-1].velocities == [0.0] * 6
+    assert main(["trajectory", "play", "--waypoints", "0 0 0 0 0 0", "--step", "1.5"]) == 0
+    assert main(["trajectory", "play", made, "--approach", "0.2"]) == 0
+    assert positions(arm) == pytest.approx(ENDS, abs=5e-3)
+
+
+@pytest.mark.parametrize(
+    ("words", "text"),
+    [
+        (["play"], "say what to play: a file, or --waypoints"),
+        (["play", "x.yaml", "--waypoints", "0"], "say what to play"),
+        (["play", "--waypoints", "0 0"], "'0 0', is not one position for each of the 6 joints"),
+        (["play", "--waypoints", "0", "--controller", "leg"], "no controller 'leg' is loaded"),
+        (["record", "-o", "x.yaml", "--duration", "0.1"], "no joint has moved meanwhile"),
+        (["record", "-o", "x.yaml", "--joints", "wrist"], "--joints wrist: the joints of the robot are joint_1, "),
+        (["record", "-o", "x.yaml", "--controller", "leg"], "no joint trajectory controller 'leg' is loaded"),
+    ],
+)
+def test_what_cannot_be_played_or_recorded_is_a_sentence(arm, words, text, capsys):
+    assert main(["trajectory", *words]) == 2
+    assert text in capsys.readouterr().err
 
 
 def test_another_shell_ends_it_and_the_first_one_says_so(arm, wave, capsys):

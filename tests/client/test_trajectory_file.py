@@ -1,9 +1,12 @@
 import json
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from canopen_control.client.trajectory_file import parse_trajectory, read_trajectory
+from canopen_control.client.trajectory_file import parse_trajectory, read_trajectory, read_waypoints, write_trajectory
 from canopen_control.errors import ConfigError
+from canopen_control.rpc.messages.samples import TrajectoryPoint
 
 WAVE = """\
 joint_names: [a, b]
@@ -68,3 +71,42 @@ def test_a_text_that_came_without_a_file_is_called_by_its_name():
     assert (joints, len(points)) == (["a", "b"], 2)
     with pytest.raises(ConfigError, match=r"sent\.yaml:1:1"):
         parse_trajectory("- 1", "sent.yaml")
+
+
+NUMBERS = st.floats(-1e6, 1e6)
+VECTORS = st.lists(NUMBERS, max_size=3)
+POINTS = st.lists(
+    st.builds(
+        TrajectoryPoint,
+        positions=VECTORS,
+        velocities=VECTORS,
+        accelerations=VECTORS,
+        time_from_start=st.floats(0.0, 1e3),
+    ),
+    max_size=5,
+)
+
+
+@given(POINTS)
+def test_what_is_written_is_read_as_it_was(tmp_path_factory, points):
+    path = str(tmp_path_factory.getbasetemp() / "written.yaml")
+    write_trajectory(path, ["a", "b"], points)
+    if points:
+        assert read_trajectory(path) == (["a", "b"], points)
+
+
+def test_a_file_that_cannot_be_written_is_named(tmp_path):
+    with pytest.raises(ConfigError, match="cannot be written: "):
+        write_trajectory(str(tmp_path / "no" / "wave.yaml"), ["a"], [])
+
+
+def test_waypoints_rest_at_each_and_come_a_step_apart():
+    points = read_waypoints("0.4, -0.3; 0 0", 2, 1.5)
+    assert [(each.positions, each.time_from_start) for each in points] == [([0.4, -0.3], 1.5), ([0.0, 0.0], 3.0)]
+    assert all(each.velocities == each.accelerations == [0.0, 0.0] for each in points)
+
+
+@pytest.mark.parametrize("text", ["", "0.1", "0.1 fast", "0.1 nan", "0.1 0.2;", "0.1 0.2; 1 2 3", "1e99 0"])
+def test_waypoints_that_are_none_are_told_with_an_example(text):
+    with pytest.raises(ConfigError, match=r"is not one position for each of the 2 joints; write it as in: .*0\.1 0\.1"):
+        read_waypoints(text, 2, 1.0)

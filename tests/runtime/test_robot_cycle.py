@@ -4,6 +4,7 @@ import itertools
 
 import pytest
 from support.robots import LEFT, MS, RIGHT, Bench, copy_robby
+from support.watching import Witness, watch
 
 from canopen_control.bus.channel import open_port
 from canopen_control.frame import CanFrame, pack_records
@@ -24,18 +25,6 @@ def benches():
     yield make
     for bench in made:
         bench.close()
-
-
-def watch(bench):
-    """Return a list that gets (time, period) of each update of the controllers, and when it really was."""
-    seen, update = [], bench.robot.manager.update
-
-    def watched(now, period):
-        seen.append((now, period, bench.reactor.now()))
-        return update(now, period)
-
-    bench.robot.manager.update = watched
-    return seen
 
 
 def delay(bench, *delays_ms):
@@ -70,14 +59,8 @@ def test_skipped_edges_are_caught_up_in_time_up_to_a_bound_and_told_with_what_th
     bench.start()
     bench.hold(5.0, 5.0, ms=500)
     seen = watch(bench)
-    (component,), written = bench.robot.registry.components, []
-    write = component.write
-
-    def watched(now, period):
-        written.append(period)
-        return write(now, period)
-
-    component.write = watched
+    written = []
+    bench.robot.registry.register(Witness(on_write=lambda _now, period: written.append(period)))
     delay(bench, 0.0, 20.0 * edges + 1.0)
     bench.publish(5.0, 5.0)
     bench.run(1500)
@@ -107,6 +90,10 @@ def frames_of(bench):
     return "".join(kinds.get(frame.can_id, "") for label, frame in bench.bus.history if label == "master")
 
 
+def syncs_of(bench):
+    return [frame for label, frame in bench.bus.history if label == "master" and frame.can_id == 0x80]
+
+
 def test_sync_last_is_the_default_and_goes_behind_the_rpdos_of_its_cycle(benches):
     bench = benches("order1")
     bench.start()
@@ -120,22 +107,16 @@ def test_sync_first_begins_the_cycle_and_its_rpdos_follow_at_once(benches, tmp_p
     bench = benches("order2", config=config)
     bench.start()
     order = []
-    send = bench.robot.buses["can"].send_sync
-    bench.robot.cycle._sync_first = []  # in its place, to see when it is called
+    count = bench.robot.pacer
 
-    class Watched:
-        def send_sync(self, now):
-            order.append("S")
-            send(now)
+    def on_read(_now, _period):
+        order.append(len(syncs_of(bench)) - count.count)
 
-    bench.robot.cycle._sync_first = [Watched()]
-    update = bench.robot.manager.update
-    bench.robot.manager.update = lambda now, period: (order.append("u"), update(now, period))[1]
+    bench.robot.registry.register(Witness(on_read=on_read))
     bench.hold(10.0, -10.0, ms=1000)
-    assert "".join(order).startswith("SuSuSu")
+    assert set(order) == {0}, "as many as cycles have begun, before anything is read"
     assert [bench.velocity(node) for node in (LEFT, RIGHT)] == pytest.approx([10.0, -10.0], rel=0.01)
-    syncs = [frame for label, frame in bench.bus.history if label == "master" and frame.can_id == 0x80]
-    assert len(syncs) == bench.robot.pacer.count
+    assert len(syncs_of(bench)) == bench.robot.pacer.count
     assert bench.texts("feedback_stale") == []
     assert bench.robot.buses["can"].sync_words.endswith("before the RPDOs of its cycle (sync_order: first)")
 

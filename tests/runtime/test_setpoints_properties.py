@@ -192,16 +192,23 @@ def test_behind_the_sync_of_a_node_at_200_ppm_a_late_host_loses_and_doubles_none
 
 def test_one_set_point_for_each_wake_up_is_what_makes_a_drive_vibrate(arms, calm, tmp_path):
     arm = arms("otherway", arm_at(tmp_path, 250), late=jitter(7))
-    manager = arm.bench.robot.manager
-    update, last = manager.update, []
+    robot = arm.bench.robot
+    (bus,), components, last = robot.buses.values(), robot.registry.components, [arm.bench.reactor.now()]
 
-    def by_wake_up(_edge, period):
-        now = arm.bench.reactor.now()
-        elapsed = (now - last[-1]) / 1e9 if last else period
+    def by_wake_up(now):
+        elapsed = (now - last[-1]) / 1e9
         last.append(now)
-        return update(now, elapsed)
+        for component in components:
+            component.read(now, elapsed)
+        robot.manager.update(now, elapsed)
+        for component in components:
+            component.write(now, elapsed)
+        bus.send_cycle(now)
+        bus.tick(now)
+        for hook in robot.after_cycle:
+            hook(now)
 
-    manager.update = by_wake_up
+    robot.pacer.on_edge = by_wake_up
     other = arm.play()
     for node in NODES:
         got = [points for (points,) in other[node]]

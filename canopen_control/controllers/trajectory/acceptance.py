@@ -20,7 +20,7 @@ from canopen_control.controllers.trajectory.validation import (
 from canopen_control.hardware.interfaces import POSITION
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     from canopen_control.controllers.trajectory.joint_group import JointGroup
     from canopen_control.controllers.trajectory.params import TrajectoryParams
@@ -55,8 +55,11 @@ class Acceptance:
             lower, upper = max(known.lower, command.minimum), min(known.upper, command.maximum)
             self.limits[joint] = JointLimits(lower, upper, known.velocity, known.continuous)
 
-    def mistake(self, message: JointTrajectory, now: int) -> Refused | None:
-        """Say why a trajectory is refused, None if it is taken; `now` in ns."""
+    def mistake(self, message: JointTrajectory, now: int, begin: Sequence[float]) -> Refused | None:
+        """Say why a trajectory is refused, None if it is taken.
+
+        `now` in ns; `begin` are the positions of the joints from which it would lead on.
+        """
         given, survey = self._params, survey_of(message)
         rules = Rules(
             given.joints,
@@ -67,7 +70,7 @@ class Acceptance:
         )
         if (refused := broken_rule(message, survey, rules, now)) is not None:
             return refused
-        here = dict(zip(given.joints, self._group.actual.positions, strict=True))
+        here = dict(zip(given.joints, begin, strict=True))
         unbearable = (
             beyond(message, survey, self.limits)
             or far_start(message, here, self.limits, given.allowed_start_tolerance)

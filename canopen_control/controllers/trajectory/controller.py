@@ -16,14 +16,15 @@ from canopen_control.controllers.trajectory.acceptance import Acceptance
 from canopen_control.controllers.trajectory.follower import Follower
 from canopen_control.controllers.trajectory.goal import Goal, GoalState, ResultCode
 from canopen_control.controllers.trajectory.joint_group import JointGroup
+from canopen_control.controllers.trajectory.judgement import Judgement
 from canopen_control.controllers.trajectory.params import TrajectoryParams, read_params
 from canopen_control.controllers.trajectory.point import JointTrajectory, Point
 from canopen_control.controllers.trajectory.scaling import SpeedScaling
-from canopen_control.controllers.trajectory.tolerances import SegmentTolerances, resolve, within
+from canopen_control.controllers.trajectory.tolerances import SegmentTolerances, resolve
 from canopen_control.controllers.trajectory.upsampling import fill_velocities, positions_alone, time_points
 from canopen_control.errors import RobotConfigError, TrajectoryRefused
 from canopen_control.hardware.interfaces import OK, POSITION, ReturnType
-from canopen_control.rpc.messages.samples import TrajectoryPoint, TrajectorySample
+from canopen_control.rpc.messages.samples import TrajectorySample
 from canopen_control.rpc.messages.trajectory import TrajectoryAt
 
 if TYPE_CHECKING:
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
 
     from canopen_control.controllers.params import Params
     from canopen_control.controllers.trajectory.followed import Motion
+    from canopen_control.controllers.trajectory.judgement import Verdict
     from canopen_control.hardware.interfaces import CommandInterface, StateInterface
     from canopen_control.rpc.messages.samples import Sample
 
@@ -57,6 +59,7 @@ class JointTrajectoryController(Controller):
         self._group = JointGroup((), (), (), ())
         self._follower = Follower(self.params, self._group, NS // 100)
         self._acceptance = Acceptance(self.params, self._group, {})
+        self._judgement = Judgement(self._group)
         self._changed: TrajectoryParams | None = None
         self._waiting: str | None = None
         self._timeout = 0.0
@@ -76,6 +79,7 @@ class JointTrajectoryController(Controller):
         self.joints, self.interface = given.commanded, ", ".join(given.command_interfaces)
         self._follower = Follower(given, group, NS // min(given.update_rate or self.cycle_rate, self.cycle_rate))
         self._acceptance = Acceptance(given, group, self.description)
+        self._judgement = Judgement(group)
         group.wrap[:] = self._acceptance.continuous
         self._default = self.tolerances = given.tolerances()
         positions = tuple(given.command_interfaces) == (POSITION,)
@@ -203,26 +207,13 @@ class JointTrajectoryController(Controller):
         """Return what the trajectory says at `t`, in ns; where it says nothing, where the joints are."""
         if self.state.value != "active":
             return TrajectoryAt(known=False, text=f"{self.name} is {self.state.value}; activate it first")
-        point = Point()
-        known = self.query(t, point)
-        text = "" if known else f"{self.name} follows nothing at that time; this is where the joints are, or are to end"
-        return TrajectoryAt(known=known, text=text, joints=list(self.params.joints), point=_told(point))
+        return self._follower.told(t, self.name)
 
     def sample(self, wall_offset_ns: int) -> TrajectorySample | None:
         """Return where the joints were to be and where they were, in the last cycle that moved or held them."""
         if not self.stamp:
             return None
-        return TrajectorySample(
-            time=self.published(wall_offset_ns),
-            joints=self.params.joints,
-            executing=self.goal is not None,
-            holding=self.holding,
-            reference=_told(self.desired),
-            feedback=_told(self.actual),
-            error=_told(self.error),
-            output=_told(self.output),
-            speed_scaling_factor=self.speed.factor,
-        )
+        return self._follower.sample_of(self.published(wall_offset_ns), self.goal is not None, self.speed.factor)
 
     @property
     def holding(self) -> bool:
@@ -254,7 +245,8 @@ class JointTrajectoryController(Controller):
             raise self.refusal(f"is {self.state.value}; activate it before sending it trajectories")
         if self._waiting is not None:
             raise self.refusal(f"cannot move: {self._why(self._waiting)}, then send it again")
-        if (wrong := self._acceptance.mistake(message, now)) is not None:
+        begin = self._follower.where_it_begins(message.stamp)
+        if (wrong := self._acceptance.mistake(message, now, begin)) is not None:
             raise TrajectoryRefused(str(self.refusal(f"refuses the trajectory: {wrong.text}")), wrong.code)
 
     def _queue(self, message: JointTrajectory, now: int) -> None:
@@ -288,43 +280,30 @@ class JointTrajectoryController(Controller):
 
     def _follow(self, motion: Motion, now: int, period: float) -> None:
         """Command what was worked out, unless a joint is off its path or late at its goal."""
-        group, tolerances, follower = self._group, self.tolerances, self._follower
+        group, follower, judgement = self._group, self._follower, self._judgement
         over, past = motion.is_over, follower.past
         if over and not follower.holding and 0.0 < self._timeout < past:
             text = f"no other trajectory came for {past:.2f} s after the end"
             self._end(GoalState.ABORTED, ResultCode.GOAL_TOLERANCE_VIOLATED, text)
             self._brake()
         group.compare(follower.desired)
-        left, outside = -1, -1
-        if not follower.holding:
-            for joint in range(len(group.joints)):
-                if (follower.fresh or not over) and not within(tolerances.path[joint], group.error, joint):
-                    left = joint
-                if over and not within(tolerances.goal[joint], group.error, joint):
-                    outside = joint
-        late = outside >= 0 and 0.0 < tolerances.goal_time < past
-        if left < 0 and not late:
+        judgement.look(self.tolerances, follower, over=over, past=past)
+        if not judgement.stops:
             follower.write(now, period)
-        self._judge(over, left, outside, late)
+        if not follower.holding:
+            self._take_verdict(judgement.verdict(self.tolerances))
 
-    def _judge(self, over: bool, left: int, outside: int, late: bool) -> None:
-        """End the goal, or the trajectory, by what was found: who left the path, who is outside at the end."""
-        if self.holding:
+    def _take_verdict(self, verdict: Verdict | None) -> None:
+        """End the goal, or the trajectory, by what was found."""
+        if verdict is None:
             return
-        joints = self._group.joints
-        if left >= 0:
-            off, allowed = self._group.error.positions[left], self.tolerances.path[left].position
-            text = f"{joints[left]} is {off:g} off its path, and {allowed:g} is its tolerance; see what holds it back"
-            self._end(GoalState.ABORTED, ResultCode.PATH_TOLERANCE_VIOLATED, text)
-            self._brake()
-        elif over and self.goal is not None and outside < 0:
-            self._end(GoalState.SUCCEEDED, ResultCode.SUCCESSFUL, "the goal was reached")
-            self._follower.hold_at_end()
-        elif late:
-            off, time = self._group.error.positions[outside], self.tolerances.goal_time
-            text = f"{joints[outside]} is {off:g} off its goal {time:g} s after the end; see what holds it back"
-            self._end(GoalState.ABORTED, ResultCode.GOAL_TOLERANCE_VIOLATED, text)
-            self._brake()
+        if verdict.state is GoalState.SUCCEEDED:
+            if self.goal is not None:
+                self._end(verdict.state, verdict.code, verdict.text)
+                self._follower.hold_at_end()
+            return
+        self._end(verdict.state, verdict.code, verdict.text)
+        self._brake()
 
     # ----------------------------------------------------------------------------------------------------- inside
 
@@ -370,13 +349,3 @@ class JointTrajectoryController(Controller):
         self.life.end()
         if state is not GoalState.SUCCEEDED:
             self.tell(f"goal_{state.value}", text)
-
-
-def _told(point: Point) -> TrajectoryPoint:
-    return TrajectoryPoint(
-        positions=list(point.positions),
-        velocities=list(point.velocities),
-        accelerations=list(point.accelerations),
-        effort=list(point.effort),
-        time_from_start=point.time / 1e9,
-    )

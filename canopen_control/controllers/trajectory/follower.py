@@ -8,12 +8,15 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
+from canopen_control.controllers.trajectory.blend import Blend
 from canopen_control.controllers.trajectory.followed import Motion, Trajectory
 from canopen_control.controllers.trajectory.joint_group import Loops
 from canopen_control.controllers.trajectory.packed import PackedPoints
 from canopen_control.controllers.trajectory.point import Arrangement, JointTrajectory, Point
 from canopen_control.controllers.trajectory.stop import Stop
 from canopen_control.hardware.interfaces import ACCELERATION, EFFORT, POSITION, VELOCITY
+from canopen_control.rpc.messages.samples import TrajectoryPoint, TrajectorySample
+from canopen_control.rpc.messages.trajectory import TrajectoryAt
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -44,7 +47,7 @@ class Follower:
         self._hold = JointTrajectory(params.joints, [Point()])
         self._stay = Point()
         self._hold.points = [self._stay]
-        self._time = self._last_time = 0
+        self._time = self._now = self._last_time = 0
         self._last = Point()
         looped = (group.has_velocity and not params.open_loop_control) or group.has_effort
         alone = len(params.command_interfaces) == 1
@@ -114,11 +117,11 @@ class Follower:
     # ----------------------------------------------------------------------------------------------------- cycle
 
     def take_queued(self) -> None:
-        """Begin what was queued; joints that it does not name stay."""
+        """Begin what was queued; joints that it does not name stay, or go on where it is blended in."""
         message, group = self._queued, self._group
         if message is self._taken:
             return
-        self._taken = message
+        follows, self._taken = self.follows, message
         if message is None or isinstance(message, Stop):
             self.motion = message
             return
@@ -126,7 +129,39 @@ class Follower:
         if message is not self._hold:
             group.read()
             arrangement = Arrangement(message.joint_names, group.joints, group.targets(), group.actual.positions)
-        self.motion = Trajectory(message, self._splines, arrangement)
+        made = Trajectory(message, self._splines, arrangement)
+        if follows is None or arrangement is None:
+            self.motion = made
+            return
+        begin = self._start_of(message.stamp)
+        made.start = begin
+        self.motion = blend = Blend(follows, group.wrap)
+        named = [index for index, joint in enumerate(group.joints) if joint in message.joint_names]
+        blend.take(made, max(begin, self._commanded_until), named)
+
+    @property
+    def follows(self) -> Motion | None:
+        """The trajectory that a new one would be blended into, None where it would take its place at once."""
+        taken, motion = self._taken, self.motion
+        if not (self._params.allow_trajectory_replacement and self._splines) or motion is None or motion.is_over:
+            return None
+        return motion if taken is not None and taken is not self._hold and not isinstance(taken, Stop) else None
+
+    def where_it_begins(self, stamp: int) -> Sequence[float]:
+        """Return the positions from which a trajectory with this stamp would lead on."""
+        follows, out = self.follows, Point()
+        if follows is not None and follows.query(max(self._start_of(stamp), self._commanded_until), out):
+            return out.positions
+        return self._group.actual.positions
+
+    def _start_of(self, stamp: int) -> int:
+        """Return when a trajectory with this stamp starts, in the time that passes as it is scaled."""
+        return self._commanded_until if stamp == 0 else self._time + stamp - self._now
+
+    @property
+    def _commanded_until(self) -> int:
+        """The time whose positions the drives have already: what takes over leads on from there."""
+        return self._time + self._period_ns
 
     def sample(self, now: int, period: float, scaling: float) -> bool:
         """Work out what is desired and what to command; False where nothing is to be commanded. Period in s."""
@@ -142,6 +177,7 @@ class Follower:
         self.desired.time = self._time - motion.start
         found = motion.sample(self._time + self._period_ns, self.output, ahead=True)
         self._group.actual.time = now - motion.start
+        self._now = now
         return found
 
     def write(self, now: int, period: float) -> None:
@@ -177,6 +213,27 @@ class Follower:
             return False
         return not motion.is_over
 
+    def told(self, t: int, name: str) -> TrajectoryAt:
+        """Return what is said of `t`, in ns; where nothing is, where the joints of controller `name` are."""
+        point = Point()
+        known = self.query(t, point)
+        text = "" if known else f"{name} follows nothing at that time; this is where the joints are, or are to end"
+        return TrajectoryAt(known=known, text=text, joints=list(self._group.joints), point=_told(point))
+
+    def sample_of(self, time: float, executing: bool, factor: float) -> TrajectorySample:
+        """Return what the last cycle was, of `time` in Unix seconds."""
+        return TrajectorySample(
+            time=time,
+            joints=self._group.joints,
+            executing=executing,
+            holding=self.holding,
+            reference=_told(self.desired),
+            feedback=_told(self._group.actual),
+            error=_told(self._group.error),
+            output=_told(self.output),
+            speed_scaling_factor=factor,
+        )
+
     def _begin(self, motion: Motion, now: int) -> None:
         """Take where the joints are, or were to be, before the first point."""
         if self._params.from_desired and self._last.positions:
@@ -185,3 +242,13 @@ class Follower:
         else:
             motion.set_before(now, self._group.actual, self._group.wrap)
         self._time = now
+
+
+def _told(point: Point) -> TrajectoryPoint:
+    return TrajectoryPoint(
+        positions=list(point.positions),
+        velocities=list(point.velocities),
+        accelerations=list(point.accelerations),
+        effort=list(point.effort),
+        time_from_start=point.time / 1e9,
+    )

@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, cast
+from typing import TYPE_CHECKING, Any, cast
 
 from canopen_control.controllers.params import CommonParams
 from canopen_control.controllers.pid import AntiWindup, Gains
@@ -81,11 +81,6 @@ class TrajectoryParams(CommonParams):
     `gains` and `constraints` are in the order of `joints`. With `continue_without_client` a goal goes on when the
     action client that has sent it is gone, as upstream's does.
     """
-
-    INEFFECTIVE: ClassVar[dict[str, str]] = {
-        **CommonParams.INEFFECTIVE,
-        "allow_trajectory_replacement": "a new trajectory takes the place of the one that runs, for all joints",
-    }
 
     joints: tuple[str, ...] = ()
     command_joints: tuple[str, ...] = ()

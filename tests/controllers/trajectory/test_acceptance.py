@@ -11,7 +11,7 @@ from canopen_control.rpc.messages.samples import TrajectoryPoint
 from canopen_control.urdf.joint_element import Joint, Limits
 
 S = 1_000_000_000
-JOINTS = ("a", "b")
+JOINTS, HERE = ("a", "b"), [0.0, 0.0]
 
 
 class Counted(PackedPoints):
@@ -46,7 +46,7 @@ def packed(count, position=lambda index: [0.0, 0.0]):
 def test_its_length_costs_the_answer_nothing(count):
     judge, _ = acceptance()
     message = packed(count)
-    assert judge.mistake(message, S) is None
+    assert judge.mistake(message, S, HERE) is None
     assert message.points.made <= 3
 
 
@@ -55,7 +55,8 @@ def test_what_is_beyond_a_limit_is_found_among_many_and_only_its_piece_is_looked
     judge, _ = acceptance()
     message = packed(500, lambda index: [0.0, 3.5 if index == wrong else 0.0])
     assert (
-        judge.mistake(message, S).text == f"point {wrong}: b at 3.5 is beyond its limits of -3 to 3; plan within them"
+        judge.mistake(message, S, HERE).text
+        == f"point {wrong}: b at 3.5 is beyond its limits of -3 to 3; plan within them"
     )
     assert message.points.made <= 90
 
@@ -64,29 +65,31 @@ def test_limits_of_the_interfaces_count_beside_those_of_the_description():
     judge, commands = acceptance()
     commands[1].maximum = 1.0
     judge.take_limits()
-    assert "beyond its limits of -3 to 1" in judge.mistake(packed(2, lambda index: [0.0, 1.5 * index]), S).text
+    assert "beyond its limits of -3 to 1" in judge.mistake(packed(2, lambda index: [0.0, 1.5 * index]), S, HERE).text
 
 
 def test_joints_that_turn_without_end_have_no_limits():
     judge, _ = acceptance(kind="continuous")
     assert judge.continuous == [True, True]
-    assert judge.mistake(packed(2, lambda index: [0.0, 7.0 * index]), S) is None
+    assert judge.mistake(packed(2, lambda index: [0.0, 7.0 * index]), S, HERE) is None
 
 
 def test_what_the_object_behind_cannot_hold_is_named():
     judge, commands = acceptance()
     commands[0].lowest, commands[0].highest = -1.0, 1.0
-    text = judge.mistake(packed(3, lambda index: [-1.5 * (index == 1), 0.0]), S).text
+    text = judge.mistake(packed(3, lambda index: [-1.5 * (index == 1), 0.0]), S, HERE).text
     assert text == "it leads a to -1.5, and a/position holds -1 to 1; plan within that"
 
 
 def test_points_that_came_in_process_are_judged_too():
     judge, _ = acceptance()
-    assert "no joint of this controller" in judge.mistake(JointTrajectory(["a", "c"], [Point([0.0, 0.0])]), S).text
+    assert (
+        "no joint of this controller" in judge.mistake(JointTrajectory(["a", "c"], [Point([0.0, 0.0])]), S, HERE).text
+    )
 
 
 def test_a_mistake_has_the_code_that_a_goal_is_refused_with():
     judge, _ = acceptance()
-    unknown = judge.mistake(JointTrajectory(["a", "c"], [Point([0.0, 0.0])]), S)
-    beyond = judge.mistake(packed(2, lambda index: [0.0, 9.0 * index]), S)
+    unknown = judge.mistake(JointTrajectory(["a", "c"], [Point([0.0, 0.0])]), S, HERE)
+    beyond = judge.mistake(packed(2, lambda index: [0.0, 9.0 * index]), S, HERE)
     assert (unknown.code, beyond.code) == (ResultCode.INVALID_JOINTS, ResultCode.INVALID_GOAL)

@@ -314,6 +314,85 @@ def test_any_time_of_the_trajectory_can_be_asked_for_and_changes_nothing(arm):
     assert arm.positions()[0] == pytest.approx(1.0)
 
 
+def blending(**params):
+    return Arm(allow_trajectory_replacement=True, allow_partial_joints_goal=True, **params)
+
+
+def test_a_trajectory_that_comes_ahead_of_its_time_leaves_the_one_that_runs_until_then():
+    arm = blending()
+    first = arm.send((2.0, 1.0))
+    arm.run(50)
+    made = [Point([0.2, 0.2], time=S)]
+    second = Goal(JointTrajectory(JOINTS, made, arm.now + S))
+    arm.controller.send_goal(second, arm.now)
+    assert (first.state, first.code) == (GoalState.ABORTED, ResultCode.INVALID_GOAL)
+    arm.run(99)
+    assert arm.positions() == pytest.approx([0.75] * 2, abs=0.01)
+    arm.run(102)
+    assert second.state is GoalState.SUCCEEDED
+    assert arm.positions() == pytest.approx([0.2] * 2)
+
+
+def test_without_it_the_trajectory_that_runs_ends_at_once():
+    arm = Arm()
+    arm.send((2.0, 1.0))
+    arm.run(50)
+    arm.controller.send_goal(Goal(JointTrajectory(JOINTS, [Point([0.2, 0.2], time=S)], arm.now + S)), arm.now)
+    arm.run(99)
+    assert max(arm.positions()) < 0.3
+
+
+def test_joints_that_a_new_trajectory_does_not_name_go_on():
+    arm = blending()
+    arm.send((1.0, 1.0))
+    arm.run(50)
+    goal = arm.send((0.2, 0.4), names=("b",))
+    arm.run(30)
+    assert arm.positions() == pytest.approx([0.8, 0.4], abs=0.015)
+    assert not goal.ended
+    arm.run(25)
+    assert goal.state is GoalState.SUCCEEDED
+    assert arm.positions() == pytest.approx([1.0, 0.4])
+
+
+def test_a_blend_keeps_time_where_speed_is_scaled():
+    arm = blending()
+    arm.controller.set_speed_scaling(0.5)
+    arm.send((1.0, 1.0))
+    arm.run(100)
+    arm.send((1.0, 0.0))
+    before = arm.positions()[0]
+    assert before == pytest.approx(0.5, abs=0.01)
+    for _ in range(250):
+        arm.run()
+        assert abs(arm.positions()[0] - before) < 0.006
+        before = arm.positions()[0]
+    assert arm.positions() == pytest.approx([0.0, 0.0])
+
+
+def test_a_new_trajectory_is_judged_by_where_it_takes_over():
+    arm = blending()
+    arm.send((4.0, 2.0))
+    arm.run(50)
+    with pytest.raises(ControlError, match="it begins with a at 0 "):
+        arm.controller.send_goal(Goal(JointTrajectory(JOINTS, [Point([0.0] * 2)], arm.now + 3 * S)), arm.now)
+    arm.controller.send_goal(Goal(JointTrajectory(JOINTS, [Point([1.7] * 2)], arm.now + 3 * S)), arm.now)
+
+
+def test_what_ends_a_trajectory_ends_those_that_wait_too():
+    arm = blending()
+    arm.send((2.0, 1.0))
+    arm.run(50)
+    goal = Goal(JointTrajectory(JOINTS, [Point([0.2, 0.2], time=S)], arm.now + S))
+    arm.controller.send_goal(goal, arm.now)
+    arm.run(20)
+    arm.controller.cancel(goal)
+    arm.run(2)
+    where = arm.positions()
+    arm.run(300)
+    assert arm.positions() == where
+
+
 @given(st.lists(st.floats(-0.09, 0.09), min_size=1, max_size=20))
 def test_a_hold_never_moves_whatever_the_joints_do(drift):
     arm = Arm()
@@ -328,9 +407,9 @@ def test_a_hold_never_moves_whatever_the_joints_do(drift):
 PATHS = st.lists(st.tuples(st.integers(20, 200), st.floats(-1.0, 1.0)), min_size=1, max_size=5)
 
 
-@given(PATHS, st.integers(0, 100), PATHS)
-def test_whatever_follows_whatever_the_commands_never_jump(first, cycles, second):
-    arm = Arm(limits=(-3.0, 3.0, math.inf))
+@given(PATHS, st.integers(0, 100), PATHS, st.booleans())
+def test_whatever_follows_whatever_the_commands_never_jump(first, cycles, second, blends):
+    arm = Arm(limits=(-3.0, 3.0, math.inf), allow_trajectory_replacement=blends)
     for path in (first, second):
         time, points = 0, []
         for ms, position in path:
