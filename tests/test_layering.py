@@ -58,7 +58,7 @@ MAY_IMPORT = {
         },
         STDLIB,
     ),
-    "client": ({"host", "rpc"}, STDLIB),
+    "client": ({"host", "rpc", "yamlfile"}, STDLIB),  # files of what is sent
     "robot": ({"client", "rpc", "runtime", "od"}, STDLIB),  # the library: a client, of a runtime that it starts too
     "ros": ({"client", "host", "rpc", "urdf"}, None),
     "trace": (

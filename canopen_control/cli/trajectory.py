@@ -20,15 +20,15 @@ from typing import TYPE_CHECKING, Final
 
 from canopen_control.cli.support.arguments import number, seconds
 from canopen_control.cli.support.output import Progress
-from canopen_control.cli.support.trajectory_file import read_trajectory, read_waypoints, write_trajectory
 from canopen_control.cli.support.trajectory_recording import TrajectoryRecording
 from canopen_control.client import RobotClient
+from canopen_control.client.trajectory_file import read_trajectory, read_waypoints, write_trajectory
 from canopen_control.errors import ConfigError
 from canopen_control.host.signals import on_signals
 from canopen_control.rpc.messages.robot import GetStatus, ListControllers, Subscribe
 from canopen_control.rpc.messages.samples import TrajectoryPoint
 from canopen_control.rpc.messages.state import StateSample
-from canopen_control.rpc.messages.trajectory import MAX_POINTS, CancelTrajectory, FollowTrajectory, TrajectoryData
+from canopen_control.rpc.messages.trajectory import MAX_POINTS, CancelTrajectory, FollowTrajectory
 
 if TYPE_CHECKING:
     import argparse
@@ -43,7 +43,6 @@ EXAMPLE = """canopen-control trajectory play wave.yaml
          canopen-control trajectory cancel --controller arm_controller"""
 
 _TYPE: Final = "joint_trajectory_controller/JointTrajectoryController"
-_PIECE: Final = 2000  # values in one request
 _PATIENCE_S: Final = 3600.0  # beyond its own time: it may be scaled, and wait for its goal without a limit
 _LOOK_S: Final = 0.2  # how often a recording looks whether it is to end
 _ENDS: Final = (signal.SIGINT, signal.SIGTERM)
@@ -94,11 +93,8 @@ def _play(args: argparse.Namespace) -> int:
             points = read_waypoints(args.waypoints, len(joints), args.step)
         if args.approach is not None:
             points = _later(points, args.approach)
-        at_once = max(1, _PIECE // (4 * max(1, len(joints))))
-        while len(points) > at_once:
-            robot.ask(TrajectoryData(points=points[:at_once]))
-            points = points[at_once:]
-        wanted = FollowTrajectory(controller=controller.name, joints=joints, points=points, source="trajectory")
+        rest = robot.send_points(points)
+        wanted = FollowTrajectory(controller=controller.name, joints=joints, points=rest, source="trajectory")
         patience = points[-1].time_from_start + _PATIENCE_S if points else _PATIENCE_S
         result = robot.ask(wanted, patience)
     reached = result.state == "succeeded"

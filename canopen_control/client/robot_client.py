@@ -8,14 +8,17 @@ from canopen_control.errors import ConfigError
 from canopen_control.host.lineclient import LineClient
 from canopen_control.host.sockets import check_name, list_sockets, socket_path
 from canopen_control.rpc.client import Client
-from canopen_control.rpc.messages.robot import ROBOT, RobotHello, RobotPush, SdoPiece, SdoWrite
+from canopen_control.rpc.messages.robot import ROBOT, RobotHello, RobotPush, SdoPiece, SdoWrite, TrajectoryData
 
 if TYPE_CHECKING:
     from typing import Self
 
+    from canopen_control.rpc.messages.samples import TrajectoryPoint
+
 __all__ = ["RobotClient", "find_robots", "select_robot"]
 
 _PIECE: Final = 24_000  # bytes of an object in one request
+_VALUES: Final = 2000  # of a trajectory in one request
 
 
 def find_robots() -> list[str]:
@@ -64,3 +67,12 @@ class RobotClient(Client[RobotHello, RobotPush]):
             timeout=request.timeout,
         )
         self.ask(last, timeout)
+
+    def send_points(self, points: list[TrajectoryPoint]) -> list[TrajectoryPoint]:
+        """Send the first points of a trajectory of any length; returns the last ones, for the request that sends it."""
+        width = max((len(each.positions) for each in points), default=0)
+        at_once = max(1, _VALUES // (4 * max(1, width)))
+        while len(points) > at_once:
+            self.ask(TrajectoryData(points=points[:at_once]))
+            points = points[at_once:]
+        return points

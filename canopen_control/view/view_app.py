@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from nicegui import ui
 
-from canopen_control.client import select_robot
+from canopen_control.client import RobotClient, select_robot
 from canopen_control.errors import CanopenError, RemoteError
 from canopen_control.host.spawn import lifeline_fd
 from canopen_control.rpc.messages.robot import Tell
@@ -30,6 +30,7 @@ from canopen_control.view.page import Page, build_waiting
 from canopen_control.view.page_server import PageServer, listen, silence
 from canopen_control.view.robot_connection import RobotConnection, in_thread
 from canopen_control.view.robot_view import RobotView
+from canopen_control.view.trajectory_player import TrajectoryPlayer
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine
@@ -68,6 +69,9 @@ class ViewApp:
         self._lost, self._heard, self._silent = f"robot {self.name} is not connected", 0.0, False
         self._pages: dict[str, Page] = {}
         self._dead_man = DeadMan(self._send)
+        self.player = TrajectoryPlayer(
+            lambda page: self.teleop and page in self._pages, partial(RobotClient.connect, self.name)
+        )
         self._letting_go: asyncio.TimerHandle | None = None
         self._tasks: set[asyncio.Task[Any]] = set()
         self._known: RobotView | None = None
@@ -95,6 +99,7 @@ class ViewApp:
             await self.server.serve(self._begin)
         finally:
             self._dead_man.let_go()
+            self.player.end()
             self._leave()
             for task in self._tasks:
                 task.cancel()
@@ -193,6 +198,7 @@ class ViewApp:
     def _page_closed(self, page: str) -> None:
         self._pages.pop(page, None)
         self._dead_man.leave(page)
+        self.player.leave(page)
         self._set_rate()
 
     def _set_rate(self) -> None:
@@ -213,6 +219,7 @@ class ViewApp:
             await asyncio.sleep(_TICK_S)
 
     def _tick(self) -> None:
+        self.player.tick()
         if self._known is None:
             return
         self._judge_silence()

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "BAD", "GOOD", "IDLE", "WARN", "AxisRow", "Banner", "active_faults", "axis_rows", "banner", "drive_table",
-    "event_log", "facts", "fault_text", "joint_table", "lost_banner",
+    "event_log", "facts", "fault_text", "joint_table", "lost_banner", "sentence",
 ]  # fmt: skip
 
 GOOD, IDLE, WARN, BAD = "good", "idle", "warn", "bad"
@@ -267,6 +267,11 @@ def active_faults(found: Mapping[str, Iterable[str]]) -> str:
 def chip(words: str, tone: str) -> str:
     """Return a word on a colour, as HTML."""
     return f"<span class='cc-chip cc-{tone}'>{escape(words)}</span>"
+
+
+def sentence(text: str, tone: str = IDLE) -> str:
+    """Return a line of text as HTML; nothing of an empty one."""
+    return f"<p class='cc-line cc-{tone}'>{escape(text)}</p>" if text else ""
 
 
 def _clock(seconds: float) -> str:

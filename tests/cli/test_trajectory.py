@@ -7,7 +7,7 @@ from support.arm6 import ENDS, JOINTS, copy_arm, planned
 
 from canopen_control import Robot
 from canopen_control.cli.main import main
-from canopen_control.cli.support.trajectory_file import read_trajectory
+from canopen_control.client.trajectory_file import read_trajectory
 
 
 @pytest.fixture

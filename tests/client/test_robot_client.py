@@ -24,6 +24,7 @@ from canopen_control.rpc.messages.robot import (
     Stop,
     Tell,
 )
+from canopen_control.rpc.messages.samples import TrajectoryPoint
 from canopen_control.rpc.messages.state import StateSample
 
 HELLO = {"hello": {"robot": "robby", "version": "0.1.0", "protocol": 2, "pid": 42}}
@@ -394,3 +395,13 @@ def test_a_long_object_goes_in_pieces(robot, client):
     assert [each["method"] for each in robot.seen] == ["sdo_data", "sdo_data", "sdo_write"]
     assert b"".join(b64decode(each["params"]["data"]) for each in robot.seen) == data
     assert (robot.seen[2]["params"]["index"], robot.seen[2]["params"]["timeout"]) == (0x2000, 2.0)
+
+
+def test_a_long_trajectory_goes_in_pieces(robot, client):
+    robot.answers["trajectory_data"] = lambda connection, request: {"result": {}}
+    points = [TrajectoryPoint(positions=[0.0] * 5, time_from_start=float(number)) for number in range(250)]
+    rest = client.send_points(points)
+    sent = [each["time_from_start"] for request in robot.seen for each in request["params"]["points"]]
+    assert [len(request["params"]["points"]) for request in robot.seen] == [100, 100]
+    assert sent + [each.time_from_start for each in rest] == [float(number) for number in range(250)]
+    assert client.send_points([]) == []

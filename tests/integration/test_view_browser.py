@@ -6,6 +6,7 @@ package) and by what three.js draws. Pictures of every test are kept in CANOPEN_
 
 import functools
 import http.server
+import json
 import math
 import os
 import signal
@@ -14,9 +15,13 @@ import time
 from pathlib import Path
 
 import pytest
+from support.arm6 import ENDS, JOINTS, copy_arm, planned
 from support.browser import BASE, LEFT_WHEEL, RIGHT_WHEEL, RobotPage, browser, without_webgl
 from support.host import eventually
 from support.listener import Witness
+
+from canopen_control.client import RobotClient, find_robots
+from canopen_control.rpc.messages.robot import GetStatus
 
 pytestmark = [pytest.mark.browser, pytest.mark.alone]  # software rendering takes a processor
 
@@ -367,3 +372,36 @@ def test_run_shows_the_page_and_a_dead_page_hurts_nobody(stage, chromium):
     assert "running" in status.out
     page.page.close()
     assert run.end(signal.SIGINT) == 0
+
+
+def test_a_trajectory_is_previewed_standing_then_played_until_the_page_is_closed(stage, chromium, keep, tmp_path):
+    points = [
+        {"positions": each.positions, "velocities": each.velocities, "time_from_start": each.time / 1e9}
+        for each in planned([0.0] * 6, ENDS, 20.0).points
+    ]
+    wave = tmp_path / "wave.json"
+    wave.write_text(json.dumps({"joint_names": JOINTS, "points": points}))
+    stage.start("run", str(copy_arm(tmp_path)), "--name", "varm", "--mock")
+    assert eventually(lambda: "varm" in find_robots(), 20)
+    view = stage.start("view", "--name", "varm", "--port", "0", "--teleop")
+    page = RobotPage(chromium, view.until("view: http").split()[-1]).open()
+    page.page.set_input_files("input[type=file]", wave)
+    page.page.get_by_text("point 1 of 50").wait_for()
+    page.page.locator(".cc-scrub .q-slider__track-container").focus()
+    page.page.keyboard.press("ArrowRight")
+    page.page.get_by_text("Preview, the robot does not move: point 2 of 50").wait_for(timeout=15_000)
+    with RobotClient.connect("varm") as robot:
+
+        def joints():
+            return robot.ask(GetStatus()).joints.values()
+
+        assert {each.position for each in joints()} == {0.0}
+        still = page.transform("link_3")
+        assert eventually(lambda: page.page.evaluate("window.ccScene.place('link_3', true)") is not None, 10)
+        assert page.page.evaluate("window.ccScene.place('link_3', true)") != still
+        keep(page, "trajectory_preview")
+        page.click("Play")
+        assert eventually(lambda: any(abs(each.position) > 0.01 for each in joints()), 10)
+        page.page.close()
+        assert eventually(lambda: all(abs(each.velocity) < 1e-6 for each in joints()), 3)
+        assert max(abs(each.position) for each in joints()) < 1.0

@@ -12,6 +12,7 @@ from canopen_control.rpc.messages.robot import BusPlace, Description, NodeListin
 from canopen_control.view.fault_client import DriveFaults
 from canopen_control.view.robot_info import read_robot_info
 from canopen_control.view.robot_view import RobotView
+from canopen_control.view.trajectory_player import TrajectoryPlayer
 
 URDF = """<robot name='pair'><link name='base'><visual><geometry><box size='0.4 0.3 0.1'/></geometry></visual></link>
 <link name='wheel'><visual><geometry><cylinder radius='0.1' length='0.04'/></geometry></visual></link>
@@ -72,6 +73,7 @@ class FakeContext:
         self.robot = robot(**status)
         self.robot.controllers = controllers_of(controllers)
         self.asked, self.held, self.let = [], [], 0
+        self.player = TrajectoryPlayer(lambda page: False, print)
 
     async def ask(self, request):
         self.asked.append(request)

@@ -11,14 +11,18 @@ import pytest
 
 pytest.importorskip("nicegui", reason="NiceGUI is not installed: pip install canopen-control[view]")
 
+from support.arm6 import ENDS, JOINTS, copy_arm, planned
 from support.host import eventually
 from support.mockrobot import running
 from support.pages import settle
 
+from canopen_control import Robot
 from canopen_control.errors import ConfigError, RemoteError
 from canopen_control.rpc.messages.robot import Release
+from canopen_control.rpc.messages.samples import TrajectoryPoint, TrajectorySample
 from canopen_control.view import view_app
 from canopen_control.view.dead_man import joint_motion
+from canopen_control.view.loaded_trajectory import LoadedTrajectory
 from canopen_control.view.robot_connection import RobotConnection
 from canopen_control.view.view_app import SEEN_HZ, UNSEEN_HZ, ViewApp
 
@@ -369,3 +373,96 @@ def test_what_nobody_has_met_is_no_robot(private_folders, play):
         await settle(turns=5)
 
     play(act)
+
+
+# -- trajectories
+
+
+@pytest.fixture
+def arm(private_folders, tmp_path):
+    robot = Robot.from_config(copy_arm(tmp_path), mock=True, name="mock")
+    robot.start()
+    yield robot
+    robot.shutdown()
+
+
+def wave(seconds, joints=JOINTS):
+    points = [
+        TrajectoryPoint(positions=each.positions, velocities=each.velocities, time_from_start=each.time / 1e9)
+        for each in planned([0.0] * 6, ENDS, seconds).points
+    ]
+    return LoadedTrajectory("wave", list(joints), points)
+
+
+def positions(robot):
+    joints = robot.status().joints
+    return [joints[each].position for each in JOINTS]
+
+
+async def begun(app, seconds=30.0):
+    """Begin to play on a page; returns what ends with it."""
+    await connected(app)
+    app._page_opened(Page())
+    playing = asyncio.ensure_future(app.player.play("page 1", "arm_controller", wave(seconds)))
+    await until(lambda: any(each.executing for each in app.robot.state.told(TrajectorySample).values()))
+    return playing
+
+
+def test_a_trajectory_is_played_to_its_end(arm, play):
+    async def act(app):
+        playing = await begun(app, 1.5)
+        await until(lambda: app.player.here("page 1") or playing.done())
+        return await playing
+
+    played = play(act)
+    assert (played.reached, played.text) == (True, "the goal was reached")
+    assert positions(arm) == pytest.approx(ENDS, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("end", "words"),
+    [
+        (lambda app: app._page_closed("page 1"), "the page that played it was closed"),
+        (lambda app: None, "the page that played it has fallen silent"),
+        (lambda app: app.player.cancel("page 1"), "cancelled"),
+        (lambda app: app.stop(), "stop"),
+    ],
+)
+def test_a_closed_and_a_silent_page_cancel_and_stop_end_what_is_played(arm, play, end, words):
+    async def act(app):
+        playing = await begun(app)
+        end(app)
+        return await asyncio.wait_for(playing, 5.0)
+
+    played = play(act)
+    assert not played.reached
+    assert words in played.text
+    assert positions(arm) != pytest.approx(ENDS, abs=0.1)
+    assert eventually(lambda: all(abs(each.velocity) < 1e-6 for each in arm.status().joints.values()))
+
+
+def test_what_the_robot_refuses_of_a_trajectory_is_its_sentence(arm, play):
+    async def act(app):
+        await connected(app)
+        app._page_opened(Page())
+        return await app.player.play("page 1", "arm_controller", wave(1.0, [*JOINTS[:5], "elbow"]))
+
+    assert "'elbow', no joint of this controller" in play(act).text
+
+
+def test_a_page_that_only_looks_plays_nothing(arm, play):
+    async def act(app):
+        await connected(app)
+        app._page_opened(Page())
+        return await app.player.play("page 1", "arm_controller", wave(1.0))
+
+    assert play(act, teleop=False).text == "this page may not move the robot"
+
+
+def test_the_end_of_the_view_ends_what_it_plays(arm, play):
+    async def act(app):
+        app.tasks = await begun(app)
+
+    play(act)
+    assert eventually(lambda: all(abs(each.velocity) < 1e-6 for each in arm.status().joints.values()))
+    assert positions(arm) != pytest.approx(ENDS, abs=0.1)

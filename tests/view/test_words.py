@@ -4,6 +4,7 @@ from support.samples import event_of
 
 from canopen_control.rpc.messages.drive import FaultListing
 from canopen_control.view.words import (
+    BAD,
     active_faults,
     axis_rows,
     banner,
@@ -13,6 +14,7 @@ from canopen_control.view.words import (
     fault_text,
     joint_table,
     lost_banner,
+    sentence,
 )
 
 
@@ -165,3 +167,8 @@ def test_a_joint_tells_its_tracking_error_and_which_set_points_were_odd():
     html = joint_table(state(joints={"wheel": {"command": 1.0, "tracking": tracking}}).joints, frozenset(), {})
     assert "0.25<small>rad/s, RMS 0.031, 2 skipped</small>" in html
     assert "<th>tracking error</th>" in html
+
+
+def test_a_line_of_text_is_escaped_and_an_empty_one_is_nothing():
+    assert sentence("<b>", BAD) == "<p class='cc-line cc-bad'>&lt;b&gt;</p>"
+    assert sentence("") == ""

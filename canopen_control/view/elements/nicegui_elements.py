@@ -10,6 +10,7 @@ import nicegui
 from nicegui.element import Element
 
 from canopen_control.view.dead_man import HOLD_HZ
+from canopen_control.view.trajectory_player import HERE_HZ
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -18,7 +19,8 @@ if TYPE_CHECKING:
     from canopen_control.view.sampling import Chart
     from canopen_control.view.scene_tree import SceneDocument
 
-__all__ = ["Feed", "FeedMessage", "HoldButton", "HoldButtons", "PlotRows", "RobotScene", "SceneChange", "StripCharts"]
+__all__ = ["Feed", "FeedMessage", "HoldButton", "HoldButtons", "PlotRows", "Presence", "RobotScene", "SceneChange",
+           "StripCharts"]  # fmt: skip
 
 
 class SceneChange(TypedDict, total=False):
@@ -37,11 +39,15 @@ class PlotRows(TypedDict, total=False):
 
 
 class FeedMessage(TypedDict, total=False):
-    """One message; a key that is not there has not changed. `trail` are points in m, `titles` those of charts."""
+    """One message; a key that is not there has not changed. `trail` are points in m, `titles` those of charts.
+
+    `ghost` is a place of the joints that is previewed, by their order in the tree, null for none.
+    """
 
     scene: SceneChange
     plots: PlotRows
     trail: list[tuple[float, float]]
+    ghost: list[float | None] | None
     titles: dict[str, str]
     lost: bool
     latched: bool
@@ -85,11 +91,27 @@ class HoldButtons(Element, component="hold_buttons.js"):
         self.on("release", lambda _event: let_go(), [])
 
 
+class Presence(Element, component="presence.js"):
+    """Nothing to see. While it is on, `here()` is called again and again as long as the page is there."""
+
+    def __init__(self, here: Callable[[], None]) -> None:
+        super().__init__()
+        self._props["on"] = False
+        self._props["period"] = round(1000 / HERE_HZ)
+        self.on("here", lambda _event: here(), [])
+
+    def switch(self, *, on: bool) -> None:
+        """Begin to say it, or end."""
+        if self._props["on"] is not on:
+            self._props["on"] = on
+            self.update()
+
+
 _THREE = Path(nicegui.__file__).parent / "elements" / "scene" / "dist"
 
 
 class RobotScene(Element, component="robot_scene.js", esm={"nicegui-scene": str(_THREE)}):
-    """Takes from the feed: `scene` {"pose", "angles", "tint"}, and `trail`, the way so far.
+    """Takes from the feed: `scene` {"pose", "angles", "tint"}, `trail`, the way so far, and `ghost`, a previewed place.
 
     Where the browser has no WebGL it says so in its place.
     """

@@ -1,6 +1,8 @@
 // three.js comes after the page is there: STOP and the state wait for no picture. Drawn is only what has changed, and
 // with fewer pixels where a processor has to draw it.
-const FAULT = 0xd62828, SLOW_MS = 45, LEAST_RATIO = 0.5, NONE = "This browser draws no 3D (no WebGL). Everything else on this page works.";
+const FAULT = 0xd62828, SLOW_MS = 45, LEAST_RATIO = 0.5;
+const GHOST = { color: 0x1d5fd1, transparent: true, opacity: 0.35, depthWrite: false };
+const NONE = "This browser draws no 3D (no WebGL). Everything else on this page works.";
 
 export default {
   template: `
@@ -16,6 +18,7 @@ export default {
     this.robot = JSON.parse(JSON.stringify(this.tree)); // plain, not watched by the toolkit
     this.listen("cc-scene", (event) => this.move(event.detail));
     this.listen("cc-trail", (event) => this.setTrail(event.detail));
+    this.listen("cc-ghost", (event) => this.setGhost(event.detail));
     let parts;
     try {
       parts = await import("nicegui-scene");
@@ -30,7 +33,7 @@ export default {
     this.seen.observe(this.$el);
     this.move(this.latest);
     if (this.trailPoints) this.drawTrail();
-    window.ccScene = { place: (name) => this.place(name) };
+    window.ccScene = { place: (name, ghost) => this.place(name, ghost) };
   },
   beforeUnmount() {
     for (const [name, handler] of this.handlers || []) window.removeEventListener(name, handler);
@@ -119,6 +122,7 @@ export default {
     },
     addJoint(THREE, joint) {
       const link = new THREE.Group();
+      link.name = joint.child;
       link.position.set(...joint.position);
       link.quaternion.copy(this.turn(joint.wxyz));
       (this.links.get(joint.parent) || this.base).add(link);
@@ -171,17 +175,35 @@ export default {
     move(news) {
       Object.assign(this.latest, news);
       if (!this.base) return;
-      if (news.angles) this.moveJoints(news.angles);
+      if (news.angles) this.moveJoints(news.angles, (name) => this.links.get(name));
       if (news.pose) this.moveBase(news.pose);
       if (news.tint) this.setTint(new Set(news.tint));
       this.wake();
     },
-    moveJoints(angles) {
+    setGhost(angles) {
+      // a previewed place: the robot once more, transparent, as it is drawn now
+      if (!this.base) return;
+      if (!angles && this.ghost) {
+        this.base.parent.remove(this.ghost);
+        this.ghost = null;
+      } else if (angles) {
+        if (!this.ghost) this.addGhost();
+        this.moveJoints(angles, (name) => this.ghost.getObjectByName(name));
+      }
+      this.wake();
+    },
+    addGhost() {
+      const material = new this.parts.THREE.MeshStandardMaterial(GHOST);
+      this.ghost = this.base.clone();
+      this.ghost.traverse((part) => part.isMesh && (part.material = material));
+      this.scene.add(this.ghost);
+    },
+    moveJoints(angles, linkOf) {
       const THREE = this.parts.THREE;
       this.robot.joints.forEach((joint, number) => {
         const angle = angles[number];
         if (angle === null || angle === undefined) return;
-        const link = this.links.get(joint.child);
+        const link = linkOf(joint.child);
         if (joint.kind === "prismatic") {
           link.position.copy(joint.rest.position).add(joint.way.clone().multiplyScalar(angle).applyQuaternion(joint.rest.turn));
         } else if (joint.kind !== "fixed") {
@@ -193,6 +215,10 @@ export default {
       const dx = x - this.base.position.x, dy = y - this.base.position.y;
       this.base.position.set(x, y, 0);
       this.base.rotation.z = heading;
+      if (this.ghost) {
+        this.ghost.position.copy(this.base.position);
+        this.ghost.rotation.z = heading;
+      }
       if (this.follow) this.shift(dx, dy);
       const section = 10 * this.cell;
       this.grid.position.set(Math.round(x / section) * section, Math.round(y / section) * section, 0);
@@ -244,8 +270,9 @@ export default {
       this.trail.geometry.dispose();
       this.trail.geometry = new THREE.BufferGeometry().setFromPoints(points);
     },
-    place(name) {
-      const object = name === "base" ? this.base : this.links?.get(name);
+    place(name, ghost = false) {
+      const drawn = ghost ? this.ghost?.getObjectByName(name) : this.links?.get(name);
+      const object = name === "base" ? this.base : drawn;
       if (!object) return null;
       object.updateWorldMatrix(true, false);
       return object.matrixWorld.elements.slice();

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from canopen_control.view.dead_man import Motion
     from canopen_control.view.page_content import PageContent
     from canopen_control.view.robot_view import RobotView
+    from canopen_control.view.trajectory_player import TrajectoryPlayer
 
 __all__ = ["Html", "Panel", "PanelContext", "tell"]
 
@@ -28,6 +29,11 @@ class PanelContext(Protocol):
     @property
     def robot(self) -> RobotView:
         """What is known of the robot."""
+        ...
+
+    @property
+    def player(self) -> TrajectoryPlayer:
+        """Who plays trajectories for all pages."""
         ...
 
     async def ask(self, request: Request[Any]) -> str | None:

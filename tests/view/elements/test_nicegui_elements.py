@@ -4,7 +4,14 @@ pytest.importorskip("nicegui", reason="NiceGUI is not installed: pip install can
 from support.pages import visited
 
 from canopen_control.view.elements import nicegui_elements
-from canopen_control.view.elements.nicegui_elements import Feed, HoldButton, HoldButtons, RobotScene, StripCharts
+from canopen_control.view.elements.nicegui_elements import (
+    Feed,
+    HoldButton,
+    HoldButtons,
+    Presence,
+    RobotScene,
+    StripCharts,
+)
 from canopen_control.view.sampling import charts, names
 
 
@@ -59,3 +66,16 @@ def test_every_line_is_a_row_that_is_sent():
 
     found, rows = visited(lambda: StripCharts(charts(["a"], ["can"]), names(["a"], ["can"]), 30.0), act)
     assert {line["row"] for chart in found for line in chart["lines"]} <= set(rows)
+
+
+def test_a_page_says_that_it_is_there_while_it_is_to():
+    told = []
+
+    async def act(user, presence):
+        user.find(kind=Presence).trigger("here")
+        before = presence.props["on"]
+        presence.switch(on=True)
+        return before, presence.props["on"]
+
+    assert visited(lambda: Presence(lambda: told.append("here")), act) == (False, True)
+    assert told == ["here"]

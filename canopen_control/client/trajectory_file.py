@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Any, Final
 from canopen_control.errors import ConfigError
 from canopen_control.rpc.messages.samples import TrajectoryPoint
 from canopen_control.yamlfile.convert import convert, setting
-from canopen_control.yamlfile.reader import tree
+from canopen_control.yamlfile.reader import read, read_text
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-__all__ = ["read_trajectory", "read_waypoints", "write_trajectory"]
+__all__ = ["parse_trajectory", "read_trajectory", "read_waypoints", "write_trajectory"]
 
 _MOST: Final = 1e9  # no joint and no clock of ours goes there: what is beyond, or no number, is a slip of the pen
 
@@ -62,7 +62,12 @@ class _Goal:
 
 def read_trajectory(path: str) -> tuple[list[str], list[TrajectoryPoint]]:
     """Return the joints and the points of a file; ConfigError with every mistake and its line."""
-    node = tree(path, error=ConfigError)
+    return parse_trajectory(read_text(path, ConfigError), path)
+
+
+def parse_trajectory(text: str, path: str) -> tuple[list[str], list[TrajectoryPoint]]:
+    """Return the joints and the points of a file's text, which its mistakes call `path`."""
+    node = read(text, path, error=ConfigError)
     found = node.get("trajectory")
     given = convert(node, _Goal, None) if found is not None else convert(node, _File, None)
     node.problems.raise_if_any(ConfigError)

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from canopen_control.cli.support.trajectory_file import read_trajectory, read_waypoints, write_trajectory
+from canopen_control.client.trajectory_file import parse_trajectory, read_trajectory, read_waypoints, write_trajectory
 from canopen_control.errors import ConfigError
 from canopen_control.rpc.messages.samples import TrajectoryPoint
 
@@ -64,6 +64,13 @@ def test_a_mistake_is_told_with_its_line(tmp_path, old, new, text):
 def test_a_file_that_is_not_there_is_named(tmp_path):
     with pytest.raises(ConfigError, match=r"none\.yaml"):
         read_trajectory(str(tmp_path / "none.yaml"))
+
+
+def test_a_text_that_came_without_a_file_is_called_by_its_name():
+    joints, points = parse_trajectory(WAVE, "wave.yaml")
+    assert (joints, len(points)) == (["a", "b"], 2)
+    with pytest.raises(ConfigError, match=r"sent\.yaml:1:1"):
+        parse_trajectory("- 1", "sent.yaml")
 
 
 NUMBERS = st.floats(-1e6, 1e6)

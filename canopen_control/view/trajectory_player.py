@@ -1,0 +1,153 @@
+"""Playing a trajectory for a page: who plays, on which connection, and what ends it. No toolkit.
+
+The law of this file: a trajectory lives as long as the page that plays it says again and again that it is there.
+Silence for `SILENT_S`, a closed page and a click on Cancel end it in a decelerated hold, told by the robot's own
+sentence; the end of this process ends it too, since the robot brakes when the connection is gone. One page plays at a
+time.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING, Final
+
+from canopen_control.errors import CanopenError, RemoteError
+from canopen_control.rpc.messages.robot import CancelTrajectory, SendTrajectory, TrajectoryEnd
+from canopen_control.view.dead_man import SOURCE
+from canopen_control.view.robot_connection import in_thread
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from canopen_control.client import RobotClient
+    from canopen_control.view.loaded_trajectory import LoadedTrajectory
+
+__all__ = ["HERE_HZ", "SILENT_S", "Played", "TrajectoryPlayer"]
+
+HERE_HZ: Final = 4.0
+SILENT_S: Final = 1.5  # a browser lets a page that is hidden speak once a second
+_TIMEOUT_S: Final = 5.0
+_PATIENCE_S: Final = 3600.0  # beyond its own time: it may be scaled, and wait for its goal without a limit
+_GONE: Final = "the page that played it was closed"
+_SILENT: Final = "the page that played it has fallen silent"
+
+
+@dataclass(frozen=True, slots=True)
+class Played:
+    """How it ended: whether its goal was reached, and the robot's sentence."""
+
+    reached: bool
+    text: str
+
+
+class TrajectoryPlayer:
+    """Plays for pages by name; `may_play` says which may, `connect` makes a connection, `clock` gives s."""
+
+    def __init__(
+        self,
+        may_play: Callable[[str], bool],
+        connect: Callable[[], RobotClient],
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._may_play, self._connect, self._clock = may_play, connect, clock
+        self._heard = 0.0
+        self._page: str | None = None
+        self._run: _Run | None = None
+
+    @property
+    def page(self) -> str | None:
+        """The page that plays, None if nobody does."""
+        return self._page
+
+    async def play(self, page: str, controller: str, trajectory: LoadedTrajectory) -> Played:
+        """Play to the end, whatever that is."""
+        if not self._may_play(page):
+            return Played(False, "this page may not move the robot")
+        if self._run is not None:
+            return Played(False, "a trajectory is played already, by this page or another one; it has to end first")
+        run = self._run = _Run(controller, trajectory)
+        self._page, self._heard = page, self._clock()
+        try:
+            return await in_thread(partial(run.play, self._connect))
+        finally:
+            self._page, self._run = None, None
+
+    def here(self, page: str) -> None:
+        """Take note that a page is there."""
+        if page == self._page:
+            self._heard = self._clock()
+
+    def tick(self) -> None:
+        """End what a page plays that has said nothing for too long."""
+        if self._run is not None and self._clock() - self._heard >= SILENT_S:
+            self._run.cancel(_SILENT)
+
+    def leave(self, page: str) -> None:
+        """End what a page plays, because it has been closed."""
+        self.cancel(page, _GONE)
+
+    def cancel(self, page: str, why: str | None = None) -> None:
+        """End what a page plays; what others play goes on."""
+        if self._run is not None and page == self._page:
+            self._run.cancel(why)
+
+    def end(self) -> None:
+        """End it without another word: the connection is what it lives by."""
+        if self._run is not None:
+            self._run.close()
+
+
+class _Run:
+    """One trajectory on a connection of its own: `play` waits on a thread, everything else is called meanwhile."""
+
+    def __init__(self, controller: str, trajectory: LoadedTrajectory) -> None:
+        self._controller, self._trajectory = controller, trajectory
+        self._client: RobotClient | None = None
+        self._sent = self._cancelled = False
+        self._why: str | None = None
+
+    def play(self, connect: Callable[[], RobotClient]) -> Played:
+        """Send it and wait for its end."""
+        try:
+            with connect() as self._client:
+                return self._follow(self._client)
+        except CanopenError as error:
+            return Played(False, str(error))
+
+    def cancel(self, why: str | None) -> None:
+        """End it: the joints brake. What has not been sent yet is not sent, a second call changes nothing."""
+        if self._cancelled:
+            return
+        self._cancelled, self._why = True, why
+        if self._sent:
+            self._tell()
+
+    def close(self) -> None:
+        """Hang up; the robot brakes."""
+        self._cancelled = True
+        if self._client is not None:
+            self._client.close()
+
+    def _follow(self, client: RobotClient) -> Played:
+        loaded = self._trajectory
+        rest = client.send_points(loaded.points)
+        if self._cancelled:
+            return Played(False, f"it was not sent: {self._why or 'cancelled'}")
+        wanted = SendTrajectory(controller=self._controller, joints=loaded.joints, points=rest, source=SOURCE)
+        verdict = client.ask(wanted)
+        if not verdict.accepted:
+            return Played(False, verdict.text)
+        self._sent = True
+        if self._cancelled:  # while it was accepted
+            self._tell()
+        result = client.ask(TrajectoryEnd(), loaded.duration + _PATIENCE_S)
+        return Played(result.state == "succeeded", result.text)
+
+    def _tell(self) -> None:
+        client = self._client
+        with contextlib.suppress(RemoteError):  # it is gone, and the joints brake
+            if client is not None:
+                client.notify(CancelTrajectory(controller=self._controller, own=True, why=self._why))

@@ -1,0 +1,227 @@
+import json
+
+import pytest
+
+pytest.importorskip("nicegui", reason="NiceGUI is not installed: pip install canopen-control[view]")
+
+import asyncio
+
+from nicegui import ui
+from nicegui.elements.upload_files import SmallFileUpload
+from support.pages import FORWARD, FakeContext, html, seen, settle, visited
+
+from canopen_control.rpc.messages.samples import TrajectoryPoint, TrajectorySample
+from canopen_control.view.elements.nicegui_elements import Feed, Presence
+from canopen_control.view.loaded_trajectory import MOST_BYTES
+from canopen_control.view.panels.trajectory_panel import TrajectoryPanel
+from canopen_control.view.trajectory_player import Played
+
+ARM = FORWARD | {"name": "arm", "topic": None, "tells": "trajectory", "joints": ["lift"]}
+ARM_2 = ARM | {"name": "arm_2"}
+WAVE = {"joint_names": ["lift"], "points": [{"positions": [0.1], "time_from_start": 0.5},
+                                            {"positions": [0.4], "time_from_start": 2.0}]}  # fmt: skip
+
+
+class Player:
+    """Ends when it is told to."""
+
+    def __init__(self):
+        self.played, self.cancelled, self.there = [], [], 0
+        self.ended = asyncio.Event()
+        self.result = Played(True, "the goal was reached")
+
+    async def play(self, page, controller, trajectory):
+        self.played.append((controller, trajectory.name))
+        await self.ended.wait()
+        return self.result
+
+    def cancel(self, page):
+        self.cancelled.append(page)
+
+    def here(self, page):
+        self.there += 1
+
+
+def played(act, controllers=(FORWARD, ARM), **how):
+    context = FakeContext(controllers=controllers, **how)
+    context.player = Player()
+    context.ghosts = []
+
+    def build():
+        with ui.element("section") as context.frame:
+            panel = TrajectoryPanel(context)
+        panel._feed.send = lambda data: context.ghosts.append(data["ghost"])
+        return panel
+
+    async def show(user, panel):
+        panel.show(context.content())
+        return await act(user, panel, context)
+
+    return visited(build, show)
+
+
+async def upload(user, data=None, name="wave.json"):
+    given = json.dumps(WAVE).encode() if data is None else data
+    await seen(ui.upload)[0].handle_uploads([SmallFileUpload(name, "", given)])
+    await settle(lambda: "Preview" in html(user), 100 if data is None else 20)
+
+
+def test_without_such_a_controller_the_panel_is_not_there():
+    async def act(_user, panel, context):
+        before = context.frame.visible
+        context.robot.controllers = ()
+        panel.show(context.content())
+        return before, context.frame.visible
+
+    assert played(act) == (True, False)
+    assert played(act, controllers=(FORWARD, ARM | {"state": "inactive"})) == (False, False)
+
+
+def test_a_file_is_previewed_and_nothing_is_asked_of_the_robot():
+    async def act(user, _panel, context):
+        await upload(user)
+        first = html(user)
+        assert seen(ui.slider)[0].props["max"] == 1
+        seen(ui.slider)[0].value = 1
+        return first, html(user), context
+
+    first, second, context = played(act)
+    assert "wave.json. Preview, the robot does not move: point 1 of 2, at 0.50 s." in first
+    assert "0.100<small>m</small></td><td>0.100" in first
+    assert "point 2 of 2, at 2.00 s" in second
+    assert "0.400<small>m</small></td><td>0.100" in second
+    assert context.ghosts == [[1.0, 0.1], [1.0, 0.4]]
+    assert (context.asked, context.player.played) == ([], [])
+
+
+def test_a_preview_that_is_closed_is_drawn_no_more():
+    async def act(user, _panel, context):
+        await upload(user)
+        user.find("Close preview").click()
+        await settle(lambda: context.ghosts[-1] is None)
+        return context.ghosts, seen(ui.slider)[0].parent_slot.parent.parent_slot.parent.visible
+
+    ghosts, visible = played(act)
+    assert ghosts[-1] is None
+    assert not visible
+
+
+@pytest.mark.parametrize(
+    ("data", "words"),
+    [(b"joint_name: [a]", "joint_name"), (b" " * (MOST_BYTES + 1), f"{MOST_BYTES} bytes at most")],
+)
+def test_a_file_that_cannot_be_read_is_told(data, words):
+    async def act(user, _panel, context):
+        await upload(user, data)
+        await settle(lambda: words in html(user))
+        return html(user), context.ghosts
+
+    text, ghosts = played(act)
+    assert "cc-bad'>Not loaded." in text
+    assert words in text
+    assert ghosts == []
+
+
+def test_it_is_played_while_the_page_says_that_it_is_there():
+    async def act(user, panel, context):
+        await upload(user)
+        presence = user.find(kind=Presence)
+        (element,) = presence.elements
+        off = element.props["on"]
+        user.find("Play").click()
+        await settle(lambda: context.player.played)
+        on = element.props["on"]
+        presence.trigger("here")
+        sample = TrajectorySample(
+            time=1.0, joints=("lift",), executing=True, holding=False, feedback=TrajectoryPoint(),
+            reference=TrajectoryPoint(time_from_start=1.5), error=TrajectoryPoint(), output=TrajectoryPoint(),
+        )  # fmt: skip
+        context.robot.state.samples["arm"] = sample
+        panel.show(context.content())
+        during = html(user)
+        assert not seen(ui.upload)
+        assert context.ghosts[-1] is None
+        context.player.ended.set()
+        await settle(lambda: "goal was reached" in html(user))
+        return off, on, element.props["on"], during, html(user), context
+
+    off, on, after, during, end, context = played(act)
+    assert (off, on, after) == (False, True, False)
+    assert "Playing: 1.5 of 2.0 s." in during
+    assert "cc-good'>the goal was reached" in end
+    assert (context.player.played, context.player.there) == ([("arm", "wave.json")], 1)
+
+
+def test_what_is_refused_is_the_robots_sentence_and_stays():
+    async def act(user, panel, context):
+        context.player.result = Played(False, "joint <1> is disabled")
+        context.player.ended.set()
+        await upload(user)
+        user.find("Play").click()
+        await settle(lambda: "disabled" in html(user))
+        panel.show(context.content())
+        return html(user)
+
+    assert "cc-bad'>joint &lt;1&gt; is disabled" in played(act)
+
+
+def test_cancel_is_the_players():
+    async def act(user, _panel, context):
+        await upload(user)
+        user.find("Play").click()
+        await settle(lambda: context.player.played)
+        user.find("Cancel").click()
+        await settle(lambda: context.player.cancelled)
+        context.player.ended.set()
+        return context.player.cancelled, user._client.id
+
+    cancelled, page = played(act)
+    assert cancelled == [page]
+
+
+def test_a_page_that_only_looks_previews_and_does_not_play():
+    async def act(user, _panel, _context):
+        await upload(user)
+        return [each.text for each in seen(ui.button)], html(user)
+
+    buttons, text = played(act, teleop=False)
+    assert "Play" not in buttons
+    assert "point 1 of 2" in text
+    assert "view --teleop" in text
+
+
+def test_of_several_controllers_one_is_chosen():
+    async def act(user, _panel, context):
+        (choice,) = seen(ui.select)
+        assert choice.options == ["arm", "arm_2"]
+        choice.value = "arm_2"
+        await upload(user)
+        context.player.ended.set()
+        user.find("Play").click()
+        await settle(lambda: context.player.played)
+        return context.player.played
+
+    assert played(act, controllers=(ARM, ARM_2)) == [("arm_2", "wave.json")]
+
+
+def test_the_end_of_the_controller_takes_the_panel_away_only_after_the_end_of_what_is_played():
+    async def act(user, panel, context):
+        await upload(user)
+        user.find("Play").click()
+        await settle(lambda: context.player.played)
+        context.robot.controllers = ()
+        panel.show(context.content())
+        during = context.frame.visible
+        context.player.ended.set()
+        await settle(lambda: "reached" in html(user))
+        panel.show(context.content())
+        return during, context.frame.visible
+
+    assert played(act) == (True, False)
+
+
+def test_the_ghost_goes_through_a_feed_of_its_own():
+    async def act(user, panel, _context):
+        return isinstance(panel._feed, Feed)
+
+    assert played(act)
