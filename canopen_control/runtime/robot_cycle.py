@@ -84,9 +84,7 @@ class RobotCycle:
         return self._period * (1 + min(skipped, CAUGHT_UP))
 
     def step_now(self, now: int) -> None:
-        """Do a cycle that is of no edge, for whoever does not leave them to the pacer; what has come is read first."""
-        for bus in self._buses:
-            bus.receive()
+        """Do a cycle that is of no edge, for whoever does not leave them to the pacer and has read what has come."""
         self._pacer.edge, self._pacer.skipped = now, 0
         self.step(now)
 

@@ -90,6 +90,8 @@ class RecordedFleet:
         feed.send(self._records[self.cycles % len(self._records)])
         clock.now_ns += STEP_NS
         begin = time.perf_counter_ns()
+        for bus in self.core.buses.values():
+            bus.receive()
         self.core.cycle.step_now(clock.now_ns)
         took = time.perf_counter_ns() - begin
         self.cycles += 1
