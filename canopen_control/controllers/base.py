@@ -240,6 +240,10 @@ class Controller:
         del values, now, stamp
         raise self.refusal("takes no commands; it only reads states")
 
+    def rests(self, values: Sequence[float]) -> bool:
+        """Whether a command of these values moves nothing, and may outlive who gave it."""
+        return not any(values) and all(each.interface in MOVING for each in self.commands)
+
     def send_goal(self, goal: Goal | JointTrajectory, now: int) -> None:
         """Execute a trajectory, `now` in ns; ControlError if it is refused."""
         del goal, now

@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Protocol
 
 from canopen_control.controllers.base import Controller, ControllerEvent, ControllerState, not_enabled
 from canopen_control.controllers.chain import joints_of
-from canopen_control.controllers.command_life import MOVING
 from canopen_control.controllers.params import Params
 from canopen_control.controllers.running import RunningControllers
 from canopen_control.controllers.switcher import Switched, Switcher
@@ -248,8 +247,7 @@ class ControllerManager:
         """
         controller = self.get(name)
         self._hand(controller, lambda: controller.set_command(values, now, stamp), source)
-        at_rest = not any(values) and all(each.interface in MOVING for each in controller.commands)
-        controller.life.source, controller.life.holder = source, None if at_rest else holder
+        controller.life.source, controller.life.holder = source, None if controller.rests(values) else holder
 
     def send_goal(
         self, name: str, goal: Goal | JointTrajectory, now: int, *, source: str = "", holder: object = None
@@ -318,6 +316,7 @@ class ControllerManager:
             claims=tuple(each.name for each in controller.commands),
             required_command_interfaces=tuple(controller.command_interface_names()) if configured else (),
             required_state_interfaces=tuple(controller.state_interface_names()) if configured else (),
+            reference_interfaces=tuple(each.name for each in controller.reference_interfaces()) if configured else (),
             topic=controller.topic,
             publishes=controller.publishes,
             frame_id=controller.frame_id,

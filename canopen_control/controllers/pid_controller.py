@@ -184,6 +184,10 @@ class PidController(Controller):
             reference.value = float(values[index]) if index < len(values) else math.nan
         self.life.give(now)
 
+    def rests(self, values: Sequence[float]) -> bool:
+        """Whether these are velocities or efforts of 0; a position of 0 is a place to go to."""
+        return self._references[0].interface in MOVING and super().rests(values)
+
     def set_feed_forward(self, enabled: bool) -> None:
         """Let references lead from the next cycle on, or no more (~/set_feedforward_control)."""
         self.feed_forward = enabled

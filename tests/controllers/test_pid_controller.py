@@ -84,6 +84,13 @@ def test_it_claims_reads_and_exports_as_upstream_does():
     assert names == ["pid/x/position", "pid/y/position", "pid/x/velocity", "pid/y/velocity"]
 
 
+def test_it_is_listed_with_what_another_controller_may_command_once_it_is_configured():
+    robot = Robot("effort", ("position", "velocity"), reference_and_state_dof_names=["x", "y"])
+    assert robot.manager.list()[0].reference_interfaces == tuple(each.name for each in robot.pid.reference_interfaces())
+    robot.pid.state = ControllerState.UNCONFIGURED
+    assert robot.manager.list()[0].reference_interfaces == ()
+
+
 def test_with_the_derivative_the_rate_of_the_error_is_not_guessed():
     robot = Robot("effort", ("position", "velocity"), {"d": 3.0}).start()
     robot.state("b/velocity").value = 0.5
@@ -153,6 +160,25 @@ def test_a_reference_that_is_none_is_refused(values):
     with pytest.raises(ControlError, match="wants"):
         robot.command(*values)
     assert robot.cycle() == [0.0, 0.0]
+
+
+def test_a_place_to_go_to_ends_with_who_gave_it_also_one_of_0():
+    robot = Robot("effort").start()
+    robot.cycle()
+    robot.state("a/position").value = 0.3
+    robot.manager.command("pid", [0.0, 0.0], robot.now, source="a test", holder=robot)
+    assert robot.cycle()[0] == pytest.approx(-0.6)
+    robot.manager.running.let_go(robot)
+    assert robot.cycle() == [0.0, 0.0]
+    assert [each.reference for each in robot.pid.sample(0).dofs] == [0.3, 0.0]
+
+
+def test_a_velocity_of_0_outlives_who_gave_it():
+    robot = Robot("effort", ("velocity",)).start()
+    robot.manager.command("pid", [0.0, 0.5], robot.now, source="a test", holder=robot)
+    assert robot.manager.running.holders == {robot}
+    robot.manager.command("pid", [0.0, 0.0], robot.now, source="a test", holder=robot)
+    assert robot.manager.running.holders == set()
 
 
 def test_it_commands_no_positions():
