@@ -181,6 +181,10 @@ class Controller:
         """Return what another controller may command instead of a topic (chaining); the same objects every time."""
         return ()
 
+    def exported_states(self) -> Sequence[StateInterface]:
+        """Return what other controllers may read of it, nan while it is not active; the same objects every time."""
+        return ()
+
     def on_activate(self, commands: list[CommandInterface], states: list[StateInterface], now: int) -> None:
         """Take the interfaces; `now` in ns. An override calls this first."""
         del now

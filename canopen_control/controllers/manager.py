@@ -134,7 +134,7 @@ class ControllerManager:
         if controller.update_rate > self.update_rate:
             rates = f"{controller.update_rate} Hz is above the controller_manager's {self.update_rate} Hz"
             self._tell("update_rate", name, f"{name}: its update_rate of {rates}; it runs at that")
-        self.registry.export(controller.reference_interfaces(), name)
+        self.registry.export(controller.reference_interfaces(), name, controller.exported_states())
         controller.state = ControllerState.INACTIVE
 
     def unload(self, name: str) -> None:
@@ -302,7 +302,7 @@ class ControllerManager:
         return self.explain(waiting)
 
     def _withdraw(self, controller: Controller) -> None:
-        self.registry.withdraw(controller.reference_interfaces())
+        self.registry.withdraw(controller.reference_interfaces(), controller.exported_states())
 
     def _info(self, controller: Controller) -> ControllerReading:
         configured = controller.state is not ControllerState.UNCONFIGURED
@@ -317,6 +317,7 @@ class ControllerManager:
             required_command_interfaces=tuple(controller.command_interface_names()) if configured else (),
             required_state_interfaces=tuple(controller.state_interface_names()) if configured else (),
             reference_interfaces=tuple(each.name for each in controller.reference_interfaces()) if configured else (),
+            exported_state_interfaces=tuple(each.name for each in controller.exported_states()) if configured else (),
             topic=controller.topic,
             publishes=controller.publishes,
             frame_id=controller.frame_id,

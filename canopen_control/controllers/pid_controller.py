@@ -19,7 +19,7 @@ from canopen_control.controllers.pid_params import PidParams, read_params
 from canopen_control.controllers.state_copy import finite
 from canopen_control.controllers.trajectory.point import shortest_angular_distance
 from canopen_control.errors import RobotConfigError
-from canopen_control.hardware.interfaces import OK, CommandInterface, ReturnType
+from canopen_control.hardware.interfaces import OK, CommandInterface, ReturnType, StateInterface
 from canopen_control.rpc.messages.samples import DofReading, PidSample
 
 if TYPE_CHECKING:
@@ -27,7 +27,6 @@ if TYPE_CHECKING:
 
     from canopen_control.controllers.params import Params
     from canopen_control.controllers.pid_params import DofGains
-    from canopen_control.hardware.interfaces import StateInterface
     from canopen_control.rpc.messages.samples import Sample
 
 __all__ = ["PidController"]
@@ -88,6 +87,7 @@ class PidController(Controller):
         self.params = PidParams()
         self.feed_forward = False
         self._references: list[CommandInterface] = []
+        self._exported: list[StateInterface] = []
         self._dofs: list[_Dof] = []
         self._follows: list[bool] = []
         self._period = 0.0
@@ -118,6 +118,7 @@ class PidController(Controller):
             for interface in given.reference_and_state_interfaces
             for dof in given.measured
         ]
+        self._exported = [StateInterface(each.joint, each.interface) for each in self._references]
         count = len(given.dof_names)
         self._follows = [False] * count
         self._dofs = [
@@ -136,9 +137,14 @@ class PidController(Controller):
         """Return what another controller may command: references, then their derivatives."""
         return self._references
 
+    def exported_states(self) -> Sequence[StateInterface]:
+        """Return what it measures, under the names of the references."""
+        return self._exported
+
     def on_activate(self, commands: list[CommandInterface], states: list[StateInterface], now: int) -> None:
         """Take the interfaces; the first reference is where the joints are, unless the parameters want none."""
         super().on_activate(commands, states, now)
+        self._export()
         count = len(self._dofs)
         for index, dof in enumerate(self._dofs):
             dof.command, dof.state = commands[index], states[index]
@@ -152,6 +158,8 @@ class PidController(Controller):
         super().on_deactivate(now)
         self.life.end()
         self._clear()
+        for each in self._exported:
+            each.value = math.nan
 
     def forget(self, now: int) -> None:
         """Have no reference before the next one; where the drives follow, the joints are held where they are."""
@@ -218,6 +226,7 @@ class PidController(Controller):
     def update(self, now: int, period: float) -> ReturnType:
         """Write the target of each degree of freedom; `period` in s."""
         self.stamp, self._period = now, period
+        self._export()
         if self.life.runs_out(now) and not self.chained:
             self._stop(now)
         dofs, follows = self._dofs, self._follows
@@ -229,6 +238,11 @@ class PidController(Controller):
             target = dof.step(period, self.feed_forward) if enabled else math.nan
             dof.command.value = target if math.isfinite(target) else 0.0
         return OK
+
+    def _export(self) -> None:
+        """Let others read what is measured."""
+        for index in range(len(self._exported)):
+            self._exported[index].value = self.states[index].value
 
     def _turn(self, index: int, enabled: bool) -> None:
         """Forget what was, now that a drive follows or follows no more; whoever commands it sees that too."""

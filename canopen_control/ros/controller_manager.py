@@ -104,6 +104,7 @@ class ControllerManagerServices(Endpoint):
                     is_chainable=bool(each.reference_interfaces),
                     is_chained=not commanded.isdisjoint(each.reference_interfaces),
                     reference_interfaces=_without_owner(each, each.reference_interfaces),
+                    exported_state_interfaces=_without_owner(each, each.exported_state_interfaces),
                     chain_connections=[
                         connection(name=below.name, reference_interfaces=_without_owner(below, names))
                         for below in answer

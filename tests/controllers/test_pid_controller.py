@@ -5,10 +5,10 @@ import sys
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from support.control import Hardware, S, add, manager
+from support.control import Hardware, S, add, manager, put
 
-from canopen_control.controllers.base import ControllerState
-from canopen_control.errors import ControlError, NotEnabled, RobotConfigError
+from canopen_control.controllers.base import Controller, ControllerState
+from canopen_control.errors import ControlError, NotEnabled, RobotConfigError, UnknownInterface
 
 MS = 1_000_000
 TYPE = "pid_controller/PidController"
@@ -184,6 +184,59 @@ def test_a_velocity_of_0_outlives_who_gave_it():
 def test_it_commands_no_positions():
     with pytest.raises(RobotConfigError, match="command_interface: position keeps its target"):
         Robot("position")
+
+
+class Reader(Controller):
+    """Reads what the PIDs export."""
+
+    names = ("pid/a/position", "pid/b/position", "pid/a/velocity")
+
+    def state_interface_names(self):
+        return list(self.names)
+
+    def on_activate(self, commands, states, now):
+        super().on_activate(commands, states, now)
+        self.first = [each.value for each in states]
+
+
+def read(robot):
+    """A controller beside the PIDs that reads what they export."""
+    robot.reader = put(robot.manager, Reader("reader"))
+    robot.state("a/position").value, robot.state("b/position").value = 0.5, 0.25
+    return robot
+
+
+def test_others_read_what_is_measured_under_the_names_of_the_references():
+    robot = read(Robot("effort", ("position", "velocity"))).start("reader", "pid")
+    assert robot.reader.first == [0.5, 0.25, 0.0], "the PIDs are started first"
+    robot.state("a/position").value, robot.state("a/velocity").value = 0.75, -1.0
+    robot.enable("b", False)
+    robot.cycle()
+    assert [each.value for each in robot.reader.states] == [0.75, 0.25, -1.0]
+    assert {*Reader.names} < {each.name for each in robot.pid.exported_states()}
+    assert robot.manager.list()[0].exported_state_interfaces[0] == "pid/a/position"
+
+
+def test_nobody_reads_of_it_while_it_is_not_active():
+    robot = read(Robot("effort", ("position", "velocity")))
+    told = "reader reads pid/a/position, whose controller would not be active; {} reader and pid together"
+    with pytest.raises(ControlError, match=told.format("activate")):
+        robot.start("reader")
+    states = robot.start("pid", "reader").reader.states
+    with pytest.raises(ControlError, match=told.format("deactivate")):
+        robot.manager.switch((), ["pid"])
+    robot.manager.switch((), ["reader", "pid"])
+    assert all(math.isnan(each.value) for each in states)
+    robot.manager.unload("pid")
+    with pytest.raises(UnknownInterface):
+        robot.start("reader")
+
+
+def test_what_it_exports_is_none_of_the_robots_own_states():
+    robot = Robot("effort")
+    assert {each.name for each in robot.manager.registry.state_interfaces}.isdisjoint(
+        each.name for each in robot.pid.exported_states()
+    )
 
 
 def chained(kind, interfaces, jtc_interfaces, **params):

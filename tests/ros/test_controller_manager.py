@@ -71,7 +71,8 @@ def test_list_controllers_shows_who_commands_whom(monkeypatch):
     robot = endpoints.Ros()
     controller_manager.ControllerManagerServices(robot)
     names = ("loops/left/position", "loops/right/position", "loops/left/velocity", "loops/right/velocity")
-    loops = ControllerReading(name="loops", type="x/Y", state="active", reference_interfaces=names)
+    loops = ControllerReading(name="loops", type="x/Y", state="active", reference_interfaces=names,
+                              exported_state_interfaces=names[:1])  # fmt: skip
     arm = ControllerReading(name="arm", type="x/Y", state="active", claims=("gripper/position", *names[:2]))
     kind, handler = robot.services["controller_manager/list_controllers"]
     response = kind.Response()
@@ -80,6 +81,7 @@ def test_list_controllers_shows_who_commands_whom(monkeypatch):
     below, above = response.controller
     assert (below.is_chainable, below.is_chained, above.is_chainable, above.is_chained) == (True, True, False, False)
     assert below.reference_interfaces == [each.removeprefix("loops/") for each in names]
+    assert below.exported_state_interfaces == ["left/position"]
     assert (below.chain_connections, above.reference_interfaces) == ([], [])
     (connection,) = above.chain_connections
     assert (connection.name, connection.reference_interfaces) == ("loops", ["left/position", "right/position"])
