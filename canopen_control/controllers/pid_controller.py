@@ -114,7 +114,7 @@ class PidController(Controller):
         if (text := endless("command_timeout", given.command_timeout, kind)) is not None:
             self.tell(ENDLESS, text)
         self._references = [
-            CommandInterface(f"{self.name}/{dof}", interface)
+            self._reference(dof, interface)
             for interface in given.reference_and_state_interfaces
             for dof in given.measured
         ]
@@ -124,6 +124,12 @@ class PidController(Controller):
         self._dofs = [
             _Dof(dof, given.gains[index], self._references[index::count]) for index, dof in enumerate(given.measured)
         ]
+
+    def _reference(self, dof: str, interface: str) -> CommandInterface:
+        """Return a reference interface with the limits of the joint."""
+        joint = self.description.get(dof)
+        low, high = (-math.inf, math.inf) if joint is None else joint.span(interface)
+        return CommandInterface(f"{self.name}/{dof}", interface, minimum=low, maximum=high)
 
     def command_interface_names(self) -> list[str]:
         """Return one interface of each degree of freedom."""
@@ -188,6 +194,10 @@ class PidController(Controller):
         if self.chained:
             owner = next(each.owner for each in self._references if each.owner is not None)
             raise self.refusal(f"is commanded by {owner}; deactivate that controller first")
+        for each, name, value in zip(self._references, names, values, strict=False):
+            if not each.minimum <= value <= each.maximum:
+                limits = f"{each.minimum:g} to {each.maximum:g}, the limits of the joint"
+                raise self.refusal(f"takes {limits}, for {name}, got {value:g}; nothing was applied")
         for index, reference in enumerate(self._references):
             reference.value = float(values[index]) if index < len(values) else math.nan
         self.life.give(now)

@@ -9,6 +9,7 @@ from support.control import Hardware, S, add, manager, put
 
 from canopen_control.controllers.base import Controller, ControllerState
 from canopen_control.errors import ControlError, NotEnabled, RobotConfigError, UnknownInterface
+from canopen_control.urdf.joint_element import Joint, Limits
 
 MS = 1_000_000
 TYPE = "pid_controller/PidController"
@@ -179,6 +180,18 @@ def test_a_velocity_of_0_outlives_who_gave_it():
     assert robot.manager.running.holders == {robot}
     robot.manager.command("pid", [0.0, 0.0], robot.now, source="a test", holder=robot)
     assert robot.manager.running.holders == set()
+
+
+def test_a_reference_beyond_the_limits_of_the_joint_is_refused_with_its_name():
+    robot = Robot("effort", ("position", "velocity"))
+    robot.pid.description = {"a": Joint("a", "revolute", "", "", limits=Limits(-0.5, 1.5, 2.0, 3.0))}
+    robot.manager.configure("pid")
+    robot.start().command(1.5, 9.0, -2.0, 9.0)
+    robot.cycle()
+    for values, told in (((1.6, 0.0), "-0.5 to 1.5, .* for a/position, got 1.6"), ((0.0, 0.0, 2.1, 0.0), "a/velocity")):
+        with pytest.raises(ControlError, match=told):
+            robot.command(*values)
+    assert [each.reference for each in robot.pid.sample(0).dofs] == [1.5, 9.0]
 
 
 def test_it_commands_no_positions():
