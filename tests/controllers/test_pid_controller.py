@@ -188,7 +188,12 @@ def test_a_reference_beyond_the_limits_of_the_joint_is_refused_with_its_name():
     robot.manager.configure("pid")
     robot.start().command(1.5, 9.0, -2.0, 9.0)
     robot.cycle()
-    for values, told in (((1.6, 0.0), "-0.5 to 1.5, .* for a/position, got 1.6"), ((0.0, 0.0, 2.1, 0.0), "a/velocity")):
+    for told, *values in (
+        ("-0.5 to 1.5, .* for a/position, got 1.6", 1.6, 0.0),
+        ("for a/position, got -0.6", -0.6, 0.0),
+        ("-2 to 2, .* for a/velocity, got 2.1", 0.0, 0.0, 2.1, 0.0),
+        ("for a/velocity, got -2.1", 0.0, 0.0, -2.1, 0.0),
+    ):
         with pytest.raises(ControlError, match=told):
             robot.command(*values)
     assert [each.reference for each in robot.pid.sample(0).dofs] == [1.5, 9.0]
