@@ -9,6 +9,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Final
 
+from mypy_extensions import mypyc_attr
+
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
@@ -50,6 +52,7 @@ class Point:
         return Point(self.positions, self.velocities, self.accelerations, self.effort, self.time)
 
 
+@mypyc_attr(allow_interpreted_subclasses=True)  # those of a message are packed, in a file that is not compiled
 class Points:
     """Points that are made when they are needed: each `[]` makes one; `times` are theirs from start in ns."""
 

@@ -5,6 +5,7 @@ from canopen_control.controllers.trajectory.joint_group import JointGroup
 from canopen_control.controllers.trajectory.judgement import Judgement
 from canopen_control.controllers.trajectory.tolerances import SegmentTolerances, StateTolerance
 
+pytestmark = pytest.mark.sources  # a stand-in takes the follower's place
 JOINTS = ("a", "b")
 TOLERANCES = SegmentTolerances(
     (StateTolerance(0.1), StateTolerance()), (StateTolerance(0.01), StateTolerance(0.01)), 0.5
