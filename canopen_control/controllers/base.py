@@ -181,6 +181,10 @@ class Controller:
         """Return what another controller may command instead of a topic (chaining); the same objects every time."""
         return ()
 
+    def exported_states(self) -> Sequence[StateInterface]:
+        """Return what other controllers may read of it, nan while it is not active; the same objects every time."""
+        return ()
+
     def on_activate(self, commands: list[CommandInterface], states: list[StateInterface], now: int) -> None:
         """Take the interfaces; `now` in ns. An override calls this first."""
         del now
@@ -239,6 +243,10 @@ class Controller:
         """Take a command; `stamp` is when it was made, `now` when it came, both in ns. ControlError if refused."""
         del values, now, stamp
         raise self.refusal("takes no commands; it only reads states")
+
+    def rests(self, values: Sequence[float]) -> bool:
+        """Whether a command of these values moves nothing, and may outlive who gave it."""
+        return not any(values) and all(each.interface in MOVING for each in self.commands)
 
     def send_goal(self, goal: Goal | JointTrajectory, now: int) -> None:
         """Execute a trajectory, `now` in ns; ControlError if it is refused."""

@@ -1,7 +1,7 @@
 """Who commands whom among controllers, and the order in which they must run.
 
 The law of the file: a controller that claims another's reference interface runs before it, so that a command passes the
-whole chain within one cycle; a chain stops as a whole.
+whole chain within one cycle; who reads what another exports starts after it, too; a chain stops as a whole.
 """
 
 from __future__ import annotations
@@ -23,6 +23,13 @@ def _followers(controller: Controller, among: Sequence[Controller]) -> list[Cont
     return [each for each in among if any(reference.name in wanted for reference in each.reference_interfaces())]
 
 
+def _below(controller: Controller, among: Sequence[Controller]) -> list[Controller]:
+    """Return whom a controller commands, and whose exported states it reads."""
+    read = set(controller.state_interface_names())
+    commanded = _followers(controller, among)
+    return [each for each in among if each in commanded or any(one.name in read for one in each.exported_states())]
+
+
 def joints_of(controller: Controller, among: Sequence[Controller]) -> list[str]:
     """Return the joints that a controller commands, itself or by way of those of `among` that it commands."""
     chain = [controller]
@@ -39,7 +46,7 @@ def in_order(controllers: Sequence[Controller]) -> list[Controller]:
 
     def add(controller: Controller, on_the_way: tuple[Controller, ...]) -> None:
         for each in controllers:
-            if each not in on_the_way and controller in _followers(each, controllers):
+            if each not in on_the_way and controller in _below(each, controllers):
                 add(each, (*on_the_way, controller))
         if controller not in done:
             done.append(controller)
@@ -74,8 +81,7 @@ def users_of(failed: Sequence[Controller], active: Sequence[Controller]) -> list
         further = [
             each
             for each in active
-            if each not in group
-            and any(each in _followers(one, active) or one in _followers(each, active) for one in group)
+            if each not in group and any(each in _below(one, active) or one in _below(each, active) for one in group)
         ]
         group += further
         grew = bool(further)

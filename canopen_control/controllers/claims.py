@@ -87,16 +87,22 @@ def _check_chains(
     leaving: list[Controller],
 ) -> None:
     stay = [each for each in controllers.values() if each.state is ControllerState.ACTIVE and each not in leaving]
-    available = {reference.name for each in [*stay, *entering] for reference in each.reference_interfaces()}
-    for controller in [*stay, *entering]:
+    then = [*stay, *entering]
+    available = {reference.name for each in then for reference in each.reference_interfaces()}
+    known = {state.name for each in then for state in each.exported_states()}
+    for controller in then:
+        verb = "deactivate" if controller in stay else "activate"
         for name in controller.command_interface_names():
             if registry.component_of(name) is None and name not in available:
-                exporter = name.partition("/")[0]
-                verb = "deactivate" if controller in stay else "activate"
-                with_it = f"{verb} {controller.name} and {exporter} together"
-                raise ControlError(
-                    f"{controller.name} commands {name}, whose controller would not be active; {with_it}"
-                )
+                raise _torn(controller.name, "commands", name, verb)
+        for name in controller.state_interface_names():
+            if registry.is_exported_state(name) and name not in known:
+                raise _torn(controller.name, "reads", name, verb)
+
+
+def _torn(controller: str, uses: str, name: str, verb: str) -> ControlError:
+    with_it = f"{verb} {controller} and {name.partition('/')[0]} together"
+    return ControlError(f"{controller} {uses} {name}, whose controller would not be active; {with_it}")
 
 
 def _check_claims(registry: InterfaceRegistry, entering: list[Controller], leaving: list[Controller]) -> None:

@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Protocol
 
 from canopen_control.controllers.base import Controller, ControllerEvent, ControllerState, not_enabled
 from canopen_control.controllers.chain import joints_of
-from canopen_control.controllers.command_life import MOVING
 from canopen_control.controllers.params import Params
 from canopen_control.controllers.running import RunningControllers
 from canopen_control.controllers.switcher import Switched, Switcher
@@ -135,7 +134,7 @@ class ControllerManager:
         if controller.update_rate > self.update_rate:
             rates = f"{controller.update_rate} Hz is above the controller_manager's {self.update_rate} Hz"
             self._tell("update_rate", name, f"{name}: its update_rate of {rates}; it runs at that")
-        self.registry.export(controller.reference_interfaces(), name)
+        self.registry.export(controller.reference_interfaces(), name, controller.exported_states())
         controller.state = ControllerState.INACTIVE
 
     def unload(self, name: str) -> None:
@@ -248,8 +247,7 @@ class ControllerManager:
         """
         controller = self.get(name)
         self._hand(controller, lambda: controller.set_command(values, now, stamp), source)
-        at_rest = not any(values) and all(each.interface in MOVING for each in controller.commands)
-        controller.life.source, controller.life.holder = source, None if at_rest else holder
+        controller.life.source, controller.life.holder = source, None if controller.rests(values) else holder
 
     def send_goal(
         self, name: str, goal: Goal | JointTrajectory, now: int, *, source: str = "", holder: object = None
@@ -304,7 +302,7 @@ class ControllerManager:
         return self.explain(waiting)
 
     def _withdraw(self, controller: Controller) -> None:
-        self.registry.withdraw(controller.reference_interfaces())
+        self.registry.withdraw(controller.reference_interfaces(), controller.exported_states())
 
     def _info(self, controller: Controller) -> ControllerReading:
         configured = controller.state is not ControllerState.UNCONFIGURED
@@ -318,6 +316,8 @@ class ControllerManager:
             claims=tuple(each.name for each in controller.commands),
             required_command_interfaces=tuple(controller.command_interface_names()) if configured else (),
             required_state_interfaces=tuple(controller.state_interface_names()) if configured else (),
+            reference_interfaces=tuple(each.name for each in controller.reference_interfaces()) if configured else (),
+            exported_state_interfaces=tuple(each.name for each in controller.exported_states()) if configured else (),
             topic=controller.topic,
             publishes=controller.publishes,
             frame_id=controller.frame_id,

@@ -19,7 +19,7 @@ from canopen_control.controllers.pid_params import PidParams, read_params
 from canopen_control.controllers.state_copy import finite
 from canopen_control.controllers.trajectory.point import shortest_angular_distance
 from canopen_control.errors import RobotConfigError
-from canopen_control.hardware.interfaces import OK, CommandInterface, ReturnType
+from canopen_control.hardware.interfaces import OK, CommandInterface, ReturnType, StateInterface
 from canopen_control.rpc.messages.samples import DofReading, PidSample
 
 if TYPE_CHECKING:
@@ -27,7 +27,6 @@ if TYPE_CHECKING:
 
     from canopen_control.controllers.params import Params
     from canopen_control.controllers.pid_params import DofGains
-    from canopen_control.hardware.interfaces import StateInterface
     from canopen_control.rpc.messages.samples import Sample
 
 __all__ = ["PidController"]
@@ -88,6 +87,7 @@ class PidController(Controller):
         self.params = PidParams()
         self.feed_forward = False
         self._references: list[CommandInterface] = []
+        self._exported: list[StateInterface] = []
         self._dofs: list[_Dof] = []
         self._follows: list[bool] = []
         self._period = 0.0
@@ -114,15 +114,22 @@ class PidController(Controller):
         if (text := endless("command_timeout", given.command_timeout, kind)) is not None:
             self.tell(ENDLESS, text)
         self._references = [
-            CommandInterface(f"{self.name}/{dof}", interface)
+            self._reference(dof, interface)
             for interface in given.reference_and_state_interfaces
             for dof in given.measured
         ]
+        self._exported = [StateInterface(each.joint, each.interface) for each in self._references]
         count = len(given.dof_names)
         self._follows = [False] * count
         self._dofs = [
             _Dof(dof, given.gains[index], self._references[index::count]) for index, dof in enumerate(given.measured)
         ]
+
+    def _reference(self, dof: str, interface: str) -> CommandInterface:
+        """Return a reference interface with the limits of the joint."""
+        joint = self.description.get(dof)
+        low, high = (-math.inf, math.inf) if joint is None else joint.span(interface)
+        return CommandInterface(f"{self.name}/{dof}", interface, minimum=low, maximum=high)
 
     def command_interface_names(self) -> list[str]:
         """Return one interface of each degree of freedom."""
@@ -136,9 +143,14 @@ class PidController(Controller):
         """Return what another controller may command: references, then their derivatives."""
         return self._references
 
+    def exported_states(self) -> Sequence[StateInterface]:
+        """Return what it measures, under the names of the references."""
+        return self._exported
+
     def on_activate(self, commands: list[CommandInterface], states: list[StateInterface], now: int) -> None:
         """Take the interfaces; the first reference is where the joints are, unless the parameters want none."""
         super().on_activate(commands, states, now)
+        self._export()
         count = len(self._dofs)
         for index, dof in enumerate(self._dofs):
             dof.command, dof.state = commands[index], states[index]
@@ -152,6 +164,8 @@ class PidController(Controller):
         super().on_deactivate(now)
         self.life.end()
         self._clear()
+        for each in self._exported:
+            each.value = math.nan
 
     def forget(self, now: int) -> None:
         """Have no reference before the next one; where the drives follow, the joints are held where they are."""
@@ -180,9 +194,17 @@ class PidController(Controller):
         if self.chained:
             owner = next(each.owner for each in self._references if each.owner is not None)
             raise self.refusal(f"is commanded by {owner}; deactivate that controller first")
+        for each, name, value in zip(self._references, names, values, strict=False):
+            if not each.minimum <= value <= each.maximum:
+                limits = f"{each.minimum:g} to {each.maximum:g}, the limits of the joint"
+                raise self.refusal(f"takes {limits}, for {name}, got {value:g}; nothing was applied")
         for index, reference in enumerate(self._references):
             reference.value = float(values[index]) if index < len(values) else math.nan
         self.life.give(now)
+
+    def rests(self, values: Sequence[float]) -> bool:
+        """Whether these are velocities or efforts of 0; a position of 0 is a place to go to."""
+        return self._references[0].interface in MOVING and super().rests(values)
 
     def set_feed_forward(self, enabled: bool) -> None:
         """Let references lead from the next cycle on, or no more (~/set_feedforward_control)."""
@@ -214,6 +236,7 @@ class PidController(Controller):
     def update(self, now: int, period: float) -> ReturnType:
         """Write the target of each degree of freedom; `period` in s."""
         self.stamp, self._period = now, period
+        self._export()
         if self.life.runs_out(now) and not self.chained:
             self._stop(now)
         dofs, follows = self._dofs, self._follows
@@ -225,6 +248,11 @@ class PidController(Controller):
             target = dof.step(period, self.feed_forward) if enabled else math.nan
             dof.command.value = target if math.isfinite(target) else 0.0
         return OK
+
+    def _export(self) -> None:
+        """Let others read what is measured."""
+        for index in range(len(self._exported)):
+            self._exported[index].value = self.states[index].value
 
     def _turn(self, index: int, enabled: bool) -> None:
         """Forget what was, now that a drive follows or follows no more; whoever commands it sees that too."""

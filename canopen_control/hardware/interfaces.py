@@ -195,6 +195,7 @@ class InterfaceRegistry:
     def __init__(self) -> None:
         self._states: dict[str, StateInterface] = {}
         self._commands: dict[str, CommandInterface] = {}
+        self._exported_states: dict[str, StateInterface] = {}
         self._components: dict[str, HardwareComponent] = {}
         self._in_order: tuple[HardwareComponent, ...] = ()
         self._exporters: dict[str, str] = {}
@@ -206,7 +207,7 @@ class InterfaceRegistry:
 
     @property
     def state_interfaces(self) -> tuple[StateInterface, ...]:
-        """All state interfaces, in the order they came."""
+        """All state interfaces of components, in the order they came."""
         return tuple(self._states.values())
 
     @property
@@ -227,19 +228,29 @@ class InterfaceRegistry:
         self._exporters.update({each.name: component.name for each in component.command_interfaces})
         self._exporters.update({each.name: component.name for each in component.state_interfaces})
 
-    def export(self, references: Sequence[CommandInterface], exporter: str) -> None:
-        """Add the reference interfaces of a chainable controller; they have no component."""
+    def export(
+        self, references: Sequence[CommandInterface], exporter: str, states: Sequence[StateInterface] = ()
+    ) -> None:
+        """Add the reference and state interfaces of a chainable controller; they have no component."""
         _refuse_doubles("command", exporter, references, self._commands)
+        _refuse_doubles("state", exporter, states, {**self._states, **self._exported_states})
         self._commands.update({each.name: each for each in references})
+        self._exported_states.update({each.name: each for each in states})
 
-    def withdraw(self, references: Sequence[CommandInterface]) -> None:
-        """Remove reference interfaces again."""
-        for each in references:
-            self._commands.pop(each.name, None)
+    def withdraw(self, references: Sequence[CommandInterface], states: Sequence[StateInterface] = ()) -> None:
+        """Remove the interfaces of a chainable controller again."""
+        for reference in references:
+            self._commands.pop(reference.name, None)
+        for state in states:
+            self._exported_states.pop(state.name, None)
+
+    def is_exported_state(self, name: str) -> bool:
+        """Whether a state interface is a controller's."""
+        return name in self._exported_states
 
     def state(self, name: str) -> StateInterface:
         """Return a state interface, or raise UnknownInterface with the names there are."""
-        return _found(name, self._states)
+        return _found(name, {**self._states, **self._exported_states})
 
     def command(self, name: str) -> CommandInterface:
         """Return a command interface, or raise UnknownInterface with the names there are."""

@@ -88,8 +88,10 @@ class ControllerManagerServices(Endpoint):
 
     def _list_controllers(self, _request: RosMessage, response: RosMessage, reply: Reply) -> None:
         make = interface("controller_manager_msgs/msg/ControllerState")
+        connection = interface("controller_manager_msgs/msg/ChainConnection")
 
         def fill(answer: tuple[ControllerReading, ...]) -> None:
+            commanded = {name for each in answer for name in each.claims}
             response.controller = [
                 make(
                     name=each.name,
@@ -99,6 +101,15 @@ class ControllerManagerServices(Endpoint):
                     claimed_interfaces=list(each.claims),
                     required_command_interfaces=list(each.required_command_interfaces),
                     required_state_interfaces=list(each.required_state_interfaces),
+                    is_chainable=bool(each.reference_interfaces),
+                    is_chained=not commanded.isdisjoint(each.reference_interfaces),
+                    reference_interfaces=_without_owner(each, each.reference_interfaces),
+                    exported_state_interfaces=_without_owner(each, each.exported_state_interfaces),
+                    chain_connections=[
+                        connection(name=below.name, reference_interfaces=_without_owner(below, names))
+                        for below in answer
+                        if (names := [name for name in each.claims if name in below.reference_interfaces])
+                    ],
                 )
                 for each in answer
             ]
@@ -219,3 +230,8 @@ class ControllerManagerServices(Endpoint):
 
 def _succeed(response: RosMessage) -> None:
     response.ok = True
+
+
+def _without_owner(controller: ControllerReading, names: Iterable[str]) -> list[str]:
+    """Return the names of a controller's interfaces without its own before them, as upstream lists them."""
+    return [each.removeprefix(f"{controller.name}/") for each in names]

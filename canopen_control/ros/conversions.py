@@ -23,6 +23,7 @@ __all__ = [
     "positions_of",
     "seconds_of",
     "stamp_of",
+    "unknown_as_nan",
     "wrong",
 ]
 
@@ -50,7 +51,7 @@ def joint_arrays(joints: Mapping[str, JointReading], names: Sequence[str] = ()) 
 
 def arrays_of(told: Mapping[str, Values], names: Sequence[str]) -> JointArrays:
     """Return values by joint and name as arrays, in the order of `names`."""
-    columns = [[_number(told[name].get(kind)) for name in names] for kind in ("position", "velocity", "effort")]
+    columns = [[unknown_as_nan(told[name].get(kind)) for name in names] for kind in ("position", "velocity", "effort")]
     return JointArrays(list(names), *columns)
 
 
@@ -89,5 +90,6 @@ def _shown(values: Sequence[float], most: int = 8) -> str:
     return f"[{', '.join(f'{value:g}' for value in values[:most])}{more}]"
 
 
-def _number(value: float | None) -> float:
+def unknown_as_nan(value: float | None) -> float:
+    """Return a value as ROS messages have it."""
     return math.nan if value is None else value

@@ -13,7 +13,8 @@ from canopen_control.ros.rcl import DurabilityPolicy, QoSProfile, ReliabilityPol
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-__all__ = ["EVENTS", "KEPT_DEFAULT", "LATCHED", "LATEST", "SYSTEM_DEFAULT", "TF", "TF_STATIC", "quality_of"]
+__all__ = ["EVENTS", "KEPT_DEFAULT", "LATCHED", "LATEST", "REFERENCE", "SYSTEM_DEFAULT", "TF", "TF_STATIC",
+           "quality_of"]  # fmt: skip
 
 SYSTEM_DEFAULT = qos_profile_system_default
 #: the same, and what was published before somebody subscribed: rclcpp::SystemDefaultsQoS().transient_local()
@@ -26,6 +27,8 @@ KEPT_DEFAULT = QoSProfile(
 LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 #: the newest alone: reliable, as joint_state_topic_hardware_interface publishes its commands
 LATEST = QoSProfile(depth=1)
+#: the newest alone, of whoever publishes: as chainable controllers take references
+REFERENCE = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT, durability=DurabilityPolicy.SYSTEM_DEFAULT)
 TF = QoSProfile(depth=100)
 TF_STATIC = LATCHED
 EVENTS = QoSProfile(depth=50)

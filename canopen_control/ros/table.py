@@ -13,6 +13,7 @@ from canopen_control.ros.follow_joint_trajectory import FollowJointTrajectory
 from canopen_control.ros.forward import ForwardCommands
 from canopen_control.ros.gpio_states import GpioStates
 from canopen_control.ros.joint_states import JointStates
+from canopen_control.ros.pid_topics import FeedForwardSwitch, PidReferences, PidState
 from canopen_control.ros.trajectory_topics import SpeedScaling, TrajectoryQuery, TrajectoryState, TrajectoryTopic
 
 if TYPE_CHECKING:
@@ -29,6 +30,7 @@ __all__ = ["endpoints_for"]
 BY_TOPIC: Final[dict[str | None, tuple[Factory, ...]]] = {
     "commands": (ForwardCommands,),
     "cmd_vel": (TwistCommands,),
+    "reference": (PidReferences,),
 }
 #: by the last word of each topic that it tells (`publishes` of the API)
 BY_PUBLISHED: Final[dict[str, Factory]] = {
@@ -40,6 +42,7 @@ BY_SAMPLE: Final[dict[str | None, tuple[Factory, ...]]] = {
     "odometry": (BaseOdometry,),
     "gpio": (GpioStates,),
     "trajectory": (FollowJointTrajectory, TrajectoryTopic, TrajectoryState, TrajectoryQuery, SpeedScaling),
+    "pid": (PidState, FeedForwardSwitch),
 }
 
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 from canopen_control.errors import nearest
+from canopen_control.urdf.declared_interface import EFFORT, POSITION, VELOCITY
 from canopen_control.urdf.document import NOWHERE, Place
 from canopen_control.urdf.geometry import ORIGIN, Pose, Vector, about, along, from_rpy
 
@@ -72,6 +73,14 @@ class Joint:
     def fixed(self) -> bool:
         """Whether it never moves."""
         return self.type == "fixed"
+
+    def span(self, interface: str) -> tuple[float, float]:
+        """Return the least and the greatest value of an interface by its limits, infinite where there are none."""
+        limits = self.limits
+        if interface == POSITION:
+            return (-math.inf, math.inf) if self.type == "continuous" else (limits.lower, limits.upper)
+        most = {VELOCITY: limits.velocity, EFFORT: limits.effort}.get(interface, math.inf)
+        return -most, most
 
     def position_in(self, positions: Mapping[str, float | None]) -> float:
         """Return where it is by the positions of joints, rad or m; a mimic joint by whom it mimics; nan if unknown."""

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 from canopen_control.controllers.base import Controller
 from canopen_control.controllers.chain import in_order, joints_of, users_of
-from canopen_control.hardware.interfaces import CommandInterface
+from canopen_control.hardware.interfaces import CommandInterface, StateInterface
 
 
 class Link(Controller):
@@ -34,6 +34,22 @@ def test_a_chain_stops_as_a_whole_and_others_go_on():
     assert names(users_of([middle], [bottom, middle, top, alone])) == ["top", "middle", "bottom"]
     assert names(users_of([alone], [bottom, middle, top, alone])) == ["alone"]
     assert users_of([alone], [bottom]) == []
+
+
+def test_who_reads_what_another_exports_is_chained_to_it_but_does_not_command_its_joints():
+    class Exporter(Link):
+        def exported_states(self) -> list[StateInterface]:
+            return [StateInterface(self.name, "position")]
+
+    class Reader(Link):
+        def state_interface_names(self) -> list[str]:
+            return ["base/position"]
+
+    base, reader, alone = Exporter("base", "wheel"), Reader("reader", "lamp"), Link("alone")
+    everybody = [base, reader, alone]
+    assert names(in_order(everybody)) == ["reader", "base", "alone"]
+    assert names(users_of([base], everybody)) == ["reader", "base"]
+    assert joints_of(reader, everybody) == ["lamp"]
 
 
 def test_the_joints_of_a_controller_are_found_through_those_it_commands():

@@ -178,6 +178,8 @@ def test_the_list_tells_what_a_client_shows(robot):
         "claimed_interfaces": ["l/velocity", "r/velocity"],
         "required_command_interfaces": ["l/velocity", "r/velocity"],
         "required_state_interfaces": [],
+        "reference_interfaces": [],
+        "exported_state_interfaces": [],
         "topic": "commands",
         "publishes": [],
         "frame_id": "",

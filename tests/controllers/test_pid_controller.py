@@ -5,10 +5,11 @@ import sys
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from support.control import Hardware, S, add, manager
+from support.control import Hardware, S, add, manager, put
 
-from canopen_control.controllers.base import ControllerState
-from canopen_control.errors import ControlError, NotEnabled, RobotConfigError
+from canopen_control.controllers.base import Controller, ControllerState
+from canopen_control.errors import ControlError, NotEnabled, RobotConfigError, UnknownInterface
+from canopen_control.urdf.joint_element import Joint, Limits
 
 MS = 1_000_000
 TYPE = "pid_controller/PidController"
@@ -84,6 +85,13 @@ def test_it_claims_reads_and_exports_as_upstream_does():
     assert names == ["pid/x/position", "pid/y/position", "pid/x/velocity", "pid/y/velocity"]
 
 
+def test_it_is_listed_with_what_another_controller_may_command_once_it_is_configured():
+    robot = Robot("effort", ("position", "velocity"), reference_and_state_dof_names=["x", "y"])
+    assert robot.manager.list()[0].reference_interfaces == tuple(each.name for each in robot.pid.reference_interfaces())
+    robot.pid.state = ControllerState.UNCONFIGURED
+    assert robot.manager.list()[0].reference_interfaces == ()
+
+
 def test_with_the_derivative_the_rate_of_the_error_is_not_guessed():
     robot = Robot("effort", ("position", "velocity"), {"d": 3.0}).start()
     robot.state("b/velocity").value = 0.5
@@ -155,9 +163,98 @@ def test_a_reference_that_is_none_is_refused(values):
     assert robot.cycle() == [0.0, 0.0]
 
 
+def test_a_place_to_go_to_ends_with_who_gave_it_also_one_of_0():
+    robot = Robot("effort").start()
+    robot.cycle()
+    robot.state("a/position").value = 0.3
+    robot.manager.command("pid", [0.0, 0.0], robot.now, source="a test", holder=robot)
+    assert robot.cycle()[0] == pytest.approx(-0.6)
+    robot.manager.running.let_go(robot)
+    assert robot.cycle() == [0.0, 0.0]
+    assert [each.reference for each in robot.pid.sample(0).dofs] == [0.3, 0.0]
+
+
+def test_a_velocity_of_0_outlives_who_gave_it():
+    robot = Robot("effort", ("velocity",)).start()
+    robot.manager.command("pid", [0.0, 0.5], robot.now, source="a test", holder=robot)
+    assert robot.manager.running.holders == {robot}
+    robot.manager.command("pid", [0.0, 0.0], robot.now, source="a test", holder=robot)
+    assert robot.manager.running.holders == set()
+
+
+def test_a_reference_beyond_the_limits_of_the_joint_is_refused_with_its_name():
+    robot = Robot("effort", ("position", "velocity"))
+    robot.pid.description = {"a": Joint("a", "revolute", "", "", limits=Limits(-0.5, 1.5, 2.0, 3.0))}
+    robot.manager.configure("pid")
+    robot.start().command(1.5, 9.0, -2.0, 9.0)
+    robot.cycle()
+    for told, *values in (
+        ("-0.5 to 1.5, .* for a/position, got 1.6", 1.6, 0.0),
+        ("for a/position, got -0.6", -0.6, 0.0),
+        ("-2 to 2, .* for a/velocity, got 2.1", 0.0, 0.0, 2.1, 0.0),
+        ("for a/velocity, got -2.1", 0.0, 0.0, -2.1, 0.0),
+    ):
+        with pytest.raises(ControlError, match=told):
+            robot.command(*values)
+    assert [each.reference for each in robot.pid.sample(0).dofs] == [1.5, 9.0]
+
+
 def test_it_commands_no_positions():
     with pytest.raises(RobotConfigError, match="command_interface: position keeps its target"):
         Robot("position")
+
+
+class Reader(Controller):
+    """Reads what the PIDs export."""
+
+    names = ("pid/a/position", "pid/b/position", "pid/a/velocity")
+
+    def state_interface_names(self):
+        return list(self.names)
+
+    def on_activate(self, commands, states, now):
+        super().on_activate(commands, states, now)
+        self.first = [each.value for each in states]
+
+
+def read(robot):
+    """A controller beside the PIDs that reads what they export."""
+    robot.reader = put(robot.manager, Reader("reader"))
+    robot.state("a/position").value, robot.state("b/position").value = 0.5, 0.25
+    return robot
+
+
+def test_others_read_what_is_measured_under_the_names_of_the_references():
+    robot = read(Robot("effort", ("position", "velocity"))).start("reader", "pid")
+    assert robot.reader.first == [0.5, 0.25, 0.0], "the PIDs are started first"
+    robot.state("a/position").value, robot.state("a/velocity").value = 0.75, -1.0
+    robot.enable("b", False)
+    robot.cycle()
+    assert [each.value for each in robot.reader.states] == [0.75, 0.25, -1.0]
+    assert {*Reader.names} < {each.name for each in robot.pid.exported_states()}
+    assert robot.manager.list()[0].exported_state_interfaces[0] == "pid/a/position"
+
+
+def test_nobody_reads_of_it_while_it_is_not_active():
+    robot = read(Robot("effort", ("position", "velocity")))
+    told = "reader reads pid/a/position, whose controller would not be active; {} reader and pid together"
+    with pytest.raises(ControlError, match=told.format("activate")):
+        robot.start("reader")
+    states = robot.start("pid", "reader").reader.states
+    with pytest.raises(ControlError, match=told.format("deactivate")):
+        robot.manager.switch((), ["pid"])
+    robot.manager.switch((), ["reader", "pid"])
+    assert all(math.isnan(each.value) for each in states)
+    robot.manager.unload("pid")
+    with pytest.raises(UnknownInterface):
+        robot.start("reader")
+
+
+def test_what_it_exports_is_none_of_the_robots_own_states():
+    robot = Robot("effort")
+    assert {each.name for each in robot.manager.registry.state_interfaces}.isdisjoint(
+        each.name for each in robot.pid.exported_states()
+    )
 
 
 def chained(kind, interfaces, jtc_interfaces, **params):

@@ -62,6 +62,21 @@ def test_names_are_unique_over_all_components(registry):
     assert len(registry.state_interfaces) == 1
 
 
+def test_states_of_a_controller_are_found_by_name_alone_and_can_be_withdrawn(registry):
+    state = StateInterface("base/x", "position")
+    registry.export([], "base", [state])
+    assert registry.state("base/x/position") is state
+    assert registry.is_exported_state("base/x/position")
+    assert not registry.is_exported_state("l/position")
+    assert state not in registry.state_interfaces
+    for taken in (state, StateInterface("l", "position")):
+        with pytest.raises(ControlError, match="exists already"):
+            registry.export([], "other", [taken])
+    registry.withdraw([], [state])
+    with pytest.raises(UnknownInterface):
+        registry.state("base/x/position")
+
+
 def test_references_of_a_controller_have_no_component_and_can_be_withdrawn(registry):
     reference = CommandInterface("base/linear", "velocity")
     registry.export([reference], "base")

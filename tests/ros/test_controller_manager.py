@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import pytest
-from support import ros
+from support import endpoints, ros
 from support.ros import Peer, bridge
+
+from canopen_control.ros import controller_manager
+from canopen_control.rpc.messages.state import ControllerReading
 
 pytestmark = pytest.mark.ros
 HARDWARE = [
@@ -61,6 +64,27 @@ def test_list_controllers_shows_type_state_and_claims(call):
         forward["claimed_interfaces"] == forward["required_command_interfaces"] == ["left/velocity", "right/velocity"]
     )
     assert listed["base"]["claimed_interfaces"] == []
+
+
+def test_list_controllers_shows_who_commands_whom(monkeypatch):
+    monkeypatch.setattr(controller_manager, "interface", endpoints.interface)
+    robot = endpoints.Ros()
+    controller_manager.ControllerManagerServices(robot)
+    names = ("loops/left/position", "loops/right/position", "loops/left/velocity", "loops/right/velocity")
+    loops = ControllerReading(name="loops", type="x/Y", state="active", reference_interfaces=names,
+                              exported_state_interfaces=names[:1])  # fmt: skip
+    arm = ControllerReading(name="arm", type="x/Y", state="active", claims=("gripper/position", *names[:2]))
+    kind, handler = robot.services["controller_manager/list_controllers"]
+    response = kind.Response()
+    handler(kind.Request(), response, lambda _response: None)
+    robot.asked[-1][1]((loops, arm), None)
+    below, above = response.controller
+    assert (below.is_chainable, below.is_chained, above.is_chainable, above.is_chained) == (True, True, False, False)
+    assert below.reference_interfaces == [each.removeprefix("loops/") for each in names]
+    assert below.exported_state_interfaces == ["left/position"]
+    assert (below.chain_connections, above.reference_interfaces) == ([], [])
+    (connection,) = above.chain_connections
+    assert (connection.name, connection.reference_interfaces) == ("loops", ["left/position", "right/position"])
 
 
 def test_the_spawners_sequence_loads_configures_and_switches_strictly(scene, call):

@@ -8,10 +8,11 @@ import pytest
 
 pytest.importorskip("trajectory_msgs")
 
+from support.endpoints import Ros, interface
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from canopen_control.errors import RemoteError
-from canopen_control.ros import interfaces, trajectory_topics
+from canopen_control.ros import trajectory_topics
 from canopen_control.ros.trajectory_topics import SpeedScaling, TrajectoryQuery, TrajectoryState, TrajectoryTopic
 from canopen_control.rpc.messages.declare import Done
 from canopen_control.rpc.messages.samples import TrajectoryPoint, TrajectorySample
@@ -26,78 +27,6 @@ from canopen_control.rpc.messages.trajectory import (
 
 pytestmark = pytest.mark.ros
 ARM = ControllerReading(name="arm", type="x/Y", state="active", interface="position", tells="trajectory")
-
-
-class Client:
-    def __init__(self):
-        self.asked, self.closed = [], False
-
-    def ask(self, request, answer):
-        self.asked.append((request, answer))
-
-    def close(self):
-        self.closed = True
-
-
-class Publisher:
-    def __init__(self, kind, topic, quality):
-        self.kind, self.topic, self.quality = kind, topic, quality
-        self.subscribers, self.told = 1, []
-
-    def get_subscription_count(self):
-        return self.subscribers
-
-    def publish(self, message):
-        self.told.append((message.header.stamp.sec, list(message.reference.positions), message.speed_scaling_factor))
-
-
-class Ros:
-    """What an endpoint is given, on one thread."""
-
-    def __init__(self):
-        self.node, self.asked, self.told, self.clients = self, [], [], []
-        self.subscriptions, self.services, self.publishers, self.left = {}, {}, [], []
-
-    def subscribe(self, kind, topic, callback, quality):
-        self.subscriptions[topic] = (kind, callback, quality)
-        return topic
-
-    def serve(self, kind, name, handler):
-        self.services[name] = (kind, handler)
-        return name
-
-    def create_publisher(self, *what):
-        self.publishers.append(Publisher(*what))
-        return self.publishers[-1]
-
-    def unsubscribe(self, which):
-        self.left.append(which)
-
-    unserve = destroy_publisher = unsubscribe
-
-    def hand_over(self, function):
-        function()
-
-    def connect(self):
-        self.clients.append(Client())
-        return self.clients[-1]
-
-    def ask(self, request, answer):
-        self.asked.append((request, answer))
-
-    def warn(self, _key, text):
-        self.told.append(text)
-
-    def publish(self, topic, message):
-        self.subscriptions[topic][1](message)
-
-
-FACTORY = interfaces._Factory()
-
-
-def interface(name):
-    """Return an interface without the self-test that loads ROS's libraries: nothing is sent."""
-    return FACTORY.service_of(name) if "/srv/" in name else FACTORY.class_of(name)
 
 
 @pytest.fixture
@@ -203,7 +132,12 @@ class TestState:
         for _ in range(2):
             later = type(sample)(**{name: getattr(sample, name) for name in sample.__struct_fields__} | {"time": 2.0})
             state.on_state(StateSample(samples={"arm": later}))
-        assert publisher.told == [(2, [0.1, 0.2], 0.5)]
+        (told,) = publisher.told
+        assert (told.header.stamp.sec, list(told.reference.positions), told.speed_scaling_factor) == (
+            2,
+            [0.1, 0.2],
+            0.5,
+        )
         state.close()
         assert ros.left == [publisher]
 

@@ -5,7 +5,7 @@ import math
 import pytest
 
 from canopen_control.urdf.geometry import ORIGIN, Pose, from_yaw, rotate
-from canopen_control.urdf.joint_element import Joint, Mimic
+from canopen_control.urdf.joint_element import Joint, Limits, Mimic
 from canopen_control.urdf.robot_model import read_model
 
 URDF = """<robot name="r">
@@ -59,6 +59,14 @@ def test_where_a_joint_is_nobody_knows_before_it_or_whom_it_mimics_has_a_positio
     assert follower.position_in({"l": 0.25, "f": 9.0}) == 0.5
     assert math.isnan(follower.position_in({"l": None}))
     assert math.isnan(Joint("l", "continuous", "a", "b").position_in({}))
+
+
+def test_limits_are_known_by_the_name_of_an_interface():
+    limits = Limits(-1.0, 2.0, 3.0, 4.0)
+    lift, wheel = (Joint("j", kind, "a", "b", limits=limits) for kind in ("prismatic", "continuous"))
+    spans = [lift.span(each) for each in ("position", "velocity", "effort", "acceleration")]
+    assert spans == [(-1.0, 2.0), (-3.0, 3.0), (-4.0, 4.0), (-math.inf, math.inf)]
+    assert (wheel.span("position"), wheel.span("velocity")) == ((-math.inf, math.inf), (-3.0, 3.0))
 
 
 def test_a_wheel_turns_and_a_slide_slides_whatever_the_length_of_the_axis():

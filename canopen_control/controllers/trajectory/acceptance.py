@@ -35,7 +35,7 @@ class Acceptance:
     """Judges trajectories for a group of joints; `limits` are those of the description and of the interfaces."""
 
     def __init__(self, params: TrajectoryParams, group: JointGroup, description: Mapping[str, Joint]) -> None:
-        self.limits = {each: _limits_of(description.get(each)) for each in params.joints}
+        self.limits = {each: _limits_of(_joint_of(each, description)) for each in params.joints}
         self._params, self._group = params, group
 
     @property
@@ -90,6 +90,11 @@ class Acceptance:
                 if (fits := command.misfit(value)) is not None:
                     return f"it leads {joint} to {value:g}, and {fits}; plan within that"
         return None
+
+
+def _joint_of(name: str, description: Mapping[str, Joint]) -> Joint | None:
+    """Return a joint of the description, also by the name that a controller exports it under: "loops/joint_1"."""
+    return description.get(name) or description.get(name.rpartition("/")[2])
 
 
 def _limits_of(joint: Joint | None) -> JointLimits:

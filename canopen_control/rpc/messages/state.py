@@ -231,7 +231,8 @@ class ControllerReading(msgspec.Struct, frozen=True, kw_only=True, rename={"clai
 
     `topic` is where its commands come, None if it takes none, `update_rate` in Hz. `tells` is the kind of its samples,
     None if it has none, `publish_rate` how often it has a new one, in Hz. `publishes` are its topics of joint states,
-    with `frame_id` in their headers.
+    with `frame_id` in their headers. `reference_interfaces` are what another controller may command of it,
+    `exported_state_interfaces` what it may read.
     """
 
     name: str
@@ -242,6 +243,8 @@ class ControllerReading(msgspec.Struct, frozen=True, kw_only=True, rename={"clai
     claims: tuple[str, ...] = ()
     required_command_interfaces: tuple[str, ...] = ()
     required_state_interfaces: tuple[str, ...] = ()
+    reference_interfaces: tuple[str, ...] = ()
+    exported_state_interfaces: tuple[str, ...] = ()
     topic: str | None = None
     publishes: tuple[str, ...] = ()
     frame_id: str = ""

@@ -68,6 +68,16 @@ def test_limits_of_the_interfaces_count_beside_those_of_the_description():
     assert "beyond its limits of -3 to 1" in judge.mistake(packed(2, lambda index: [0.0, 1.5 * index]), S, HERE).text
 
 
+def test_a_joint_has_its_limits_under_the_name_that_a_controller_exports_it_by():
+    names = ("loops/a", "b")
+    params = TrajectoryParams(joints=names, command_interfaces=("position",), state_interfaces=("position",))
+    joints = {each: Joint(each, "revolute", "", "", limits=Limits(-3.0, 3.0, 2.0)) for each in JOINTS}
+    made = Acceptance(params, JointGroup(names, names, ("position",), ("position",)), joints)
+    assert [(each.upper, each.velocity) for each in made.limits.values()] == [(3.0, 2.0), (3.0, 2.0)]
+    told = made.mistake(JointTrajectory(names, [Point([4.0, 0.0], time=S)]), 0, [3.5, 0.0])
+    assert "loops/a" in told.text
+
+
 def test_joints_that_turn_without_end_have_no_limits():
     judge, _ = acceptance(kind="continuous")
     assert judge.continuous == [True, True]

@@ -1,0 +1,158 @@
+"""The topics of a PID controller: `~/reference`, `~/controller_state`, and the service `~/set_feedforward_control`.
+
+The law of the file (pid_controller, Jazzy): a MultiDOFCommand is a reference for each degree of freedom, and with a
+second reference interface its derivative, by their names or, without names, in their order; `~/controller_state` comes
+with every update that the state stream carries; `~/measured_state` is not there, since states are those of the
+interfaces. While another controller commands the references, messages are refused by the robot. Ours: a message that
+is not whole and finite is dropped, and does not refresh the reference; a reference ends with this bridge.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+from canopen_control.ros.conversions import unknown_as_nan
+from canopen_control.ros.endpoint import COMMANDER, Endpoint, NewSamples
+from canopen_control.ros.interfaces import interface
+from canopen_control.ros.joint_states import time_message
+from canopen_control.ros.qos import REFERENCE, SYSTEM_DEFAULT
+from canopen_control.rpc.messages.robot import CommandController, SetFeedForward
+from canopen_control.rpc.messages.samples import PidSample
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from canopen_control.ros.endpoint import Reply, Ros, RosMessage
+    from canopen_control.rpc.messages.samples import DofReading
+    from canopen_control.rpc.messages.state import ControllerReading, StateSample
+
+__all__ = ["FeedForwardSwitch", "PidReferences", "PidState"]
+
+
+class PidReferences(Endpoint):
+    """The subscription of `~/reference`."""
+
+    def __init__(self, ros: Ros, controller: ControllerReading) -> None:
+        self._ros, self._controller, self._topic = ros, controller, f"{controller.name}/reference"
+        message: Any = interface("control_msgs/msg/MultiDOFCommand")
+        self._subscription = ros.subscribe(message, self._topic, self._on_message, REFERENCE)
+
+    def on_controller(self, controller: ControllerReading) -> None:
+        """Know whether it is active, and its degrees of freedom."""
+        self._controller = controller
+
+    def close(self) -> None:
+        """Leave the topic."""
+        self._ros.unsubscribe(self._subscription)
+
+    def _on_message(self, message: RosMessage) -> None:
+        try:
+            values = self._values_of(message)
+        except ValueError as error:
+            self._ros.warn(self._topic, f"{self._topic}: {error}; the message was dropped")
+            return
+        self._ros.command(
+            CommandController(controller=self._controller.name, values=values, source=COMMANDER, dead_man=True)
+        )
+
+    def _values_of(self, message: RosMessage) -> list[float]:
+        """Return the references, then their derivatives where it has some; ValueError with why there are none."""
+        controller = self._controller
+        if not controller.active:
+            raise ValueError(f"{controller.name} is {controller.state}; activate it before commanding it")
+        dofs = _dofs_of(controller)
+        order = _order(list(message.dof_names) or dofs, dofs)
+        values = _sorted("values", message.values, order, dofs)
+        # one that is nan throughout says nothing, as an empty one
+        if all(map(math.isnan, message.values_dot)):
+            return values
+        if len(controller.reference_interfaces) < 2 * len(dofs):
+            text = "values_dot is not used: there is one of reference_and_state_interfaces; give its derivative too"
+            self._ros.warn(f"{self._topic} values_dot", f"{self._topic}: {text}")
+            return values
+        return values + _sorted("values_dot", message.values_dot, order, dofs)
+
+
+class PidState(Endpoint):
+    """The publisher of `~/controller_state`; a message is made only where somebody listens."""
+
+    def __init__(self, ros: Ros, controller: ControllerReading) -> None:
+        self._ros, self._controller, self._samples = ros, controller.name, NewSamples(PidSample)
+        self._message: Any = interface("control_msgs/msg/MultiDOFStateStamped")()
+        self._dof: Any = interface("control_msgs/msg/SingleDOFState")
+        self._publisher = ros.node.create_publisher(
+            type(self._message), f"{controller.name}/controller_state", SYSTEM_DEFAULT
+        )
+
+    def on_state(self, state: StateSample) -> None:
+        """Publish what is new."""
+        sample, message = self._samples.of(state).get(self._controller), self._message
+        if sample is None or not self._publisher.get_subscription_count():
+            return
+        message.header.stamp = time_message(sample.time)
+        message.dof_states = [self._dof_message(each) for each in sample.dofs]
+        self._publisher.publish(message)
+
+    def close(self) -> None:
+        """Leave the topic."""
+        self._ros.node.destroy_publisher(self._publisher)
+
+    def _dof_message(self, dof: DofReading) -> RosMessage:
+        return self._dof(
+            name=dof.name,
+            reference=unknown_as_nan(dof.reference),
+            feedback=unknown_as_nan(dof.feedback),
+            feedback_dot=unknown_as_nan(dof.feedback_dot),
+            error=unknown_as_nan(dof.error),
+            error_dot=unknown_as_nan(dof.error_dot),
+            time_step=dof.time_step,
+            output=unknown_as_nan(dof.output),
+        )
+
+
+class FeedForwardSwitch(Endpoint):
+    """The service `~/set_feedforward_control`."""
+
+    def __init__(self, ros: Ros, controller: ControllerReading) -> None:
+        self._ros, self._controller = ros, controller.name
+        kind: Any = interface("std_srvs/srv/SetBool")
+        self._service = ros.serve(kind, f"{controller.name}/set_feedforward_control", self._answer)
+
+    def close(self) -> None:
+        """Leave the graph."""
+        self._ros.unserve(self._service)
+
+    def _answer(self, request: RosMessage, response: RosMessage, reply: Reply) -> None:
+        def fill(_done: object, error: str | None) -> None:
+            response.success, response.message = error is None, error or ""
+            reply(response)
+
+        self._ros.ask(SetFeedForward(controller=self._controller, enabled=request.data), fill)
+
+
+def _dofs_of(controller: ControllerReading) -> list[str]:
+    """Return the degrees of freedom by the names of their references, in the order of the parameters."""
+    firsts = controller.reference_interfaces[: controller.width]
+    return [each.removeprefix(f"{controller.name}/").rpartition("/")[0] for each in firsts]
+
+
+def _order(names: Sequence[str], dofs: Sequence[str]) -> list[int]:
+    """Return where in a message each degree of freedom is; ValueError if it does not name each once."""
+    if sorted(names) == sorted(dofs):
+        return [names.index(each) for each in dofs]
+    strange = next((each for each in names if each not in dofs), None)
+    if strange is not None:
+        raise ValueError(f"{strange!r} is none of {', '.join(dofs)}")
+    raise ValueError(f"it names {', '.join(names)}; name each of {', '.join(dofs)} once")
+
+
+def _sorted(field: str, values: Sequence[float], order: Sequence[int], dofs: Sequence[str]) -> list[float]:
+    """Return the values in the order of the degrees of freedom; ValueError if there is not a finite one for each."""
+    if len(values) != len(order):
+        raise ValueError(f"{field} has {len(values)} numbers for {', '.join(dofs)}; give {len(order)}")
+    found = [float(values[index]) for index in order]
+    for dof, value in zip(dofs, found, strict=True):
+        if not math.isfinite(value):
+            raise ValueError(f"{field} of {dof} is {value}; give finite numbers")
+    return found

@@ -1,0 +1,82 @@
+"""What an endpoint of the ROS room is given, on one thread and without ROS: it remembers what was asked and told."""
+
+from __future__ import annotations
+
+import copy
+
+from canopen_control.ros import interfaces
+
+
+class Client:
+    def __init__(self):
+        self.asked, self.closed = [], False
+
+    def ask(self, request, answer):
+        self.asked.append((request, answer))
+
+    def close(self):
+        self.closed = True
+
+
+class Publisher:
+    def __init__(self, kind, topic, quality):
+        self.kind, self.topic, self.quality = kind, topic, quality
+        self.subscribers, self.told = 1, []
+
+    def get_subscription_count(self):
+        return self.subscribers
+
+    def publish(self, message):
+        self.told.append(copy.deepcopy(message))
+
+
+class Ros:
+    """What an endpoint is given, on one thread."""
+
+    def __init__(self):
+        self.node, self.asked, self.told, self.clients, self.commanded = self, [], [], [], []
+        self.subscriptions, self.services, self.publishers, self.left = {}, {}, [], []
+
+    def subscribe(self, kind, topic, callback, quality):
+        self.subscriptions[topic] = (kind, callback, quality)
+        return topic
+
+    def serve(self, kind, name, handler):
+        self.services[name] = (kind, handler)
+        return name
+
+    def create_publisher(self, *what):
+        self.publishers.append(Publisher(*what))
+        return self.publishers[-1]
+
+    def unsubscribe(self, which):
+        self.left.append(which)
+
+    unserve = destroy_publisher = unsubscribe
+
+    def hand_over(self, function):
+        function()
+
+    def connect(self):
+        self.clients.append(Client())
+        return self.clients[-1]
+
+    def command(self, request):
+        self.commanded.append(request)
+
+    def ask(self, request, answer):
+        self.asked.append((request, answer))
+
+    def warn(self, _key, text):
+        self.told.append(text)
+
+    def publish(self, topic, message):
+        self.subscriptions[topic][1](message)
+
+
+FACTORY = interfaces._Factory()
+
+
+def interface(name):
+    """Return an interface without the self-test that loads ROS's libraries: nothing is sent."""
+    return FACTORY.service_of(name) if "/srv/" in name else FACTORY.class_of(name)
