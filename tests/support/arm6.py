@@ -1,40 +1,8 @@
-"""arm6 with a joint trajectory controller, and trajectories as planners make them."""
+"""arm6 with a joint trajectory controller, also above loops of velocity or effort; its files are those of the bench."""
 
-import shutil
+from canopen_control_bench.arm import ENDS, JOINTS, copy_arm, planned
 
-from canopen_control.controllers.trajectory.point import JointTrajectory, Point
-from canopen_control.data_files import data_path
-
-JOINTS = [f"joint_{index}" for index in range(1, 7)]
-ENDS = [0.8, -0.6, 0.9, 1.2, -0.5, 1.5]
-CONTROLLER = """
-    arm_controller:
-      type: joint_trajectory_controller/JointTrajectoryController
-
-arm_controller:
-  ros__parameters:
-    joints: [joint_1, joint_2, joint_3, joint_4, joint_5, joint_6]
-    command_interfaces: [position]
-    state_interfaces: [position, velocity]
-    constraints:
-      goal_time: 0.5
-      decelerate_on_cancel: true
-"""
-
-
-def copy_arm(folder):
-    """Copy arm6's files, with a trajectory controller in the place of the one that takes positions."""
-    target = folder / "arm6"
-    shutil.copytree(data_path("config", "arm6"), target)
-    path = target / "ros2_controllers.yaml"
-    text = path.read_text()
-    begin = text.index("    arm_position_controller:\n")
-    joints = "".join(
-        f"      {each}: {{trajectory: 0.1, goal: 0.005, max_deceleration_on_cancel: 4.0}}\n" for each in JOINTS
-    )
-    path.write_text(text[:begin].rstrip() + "\n" + CONTROLLER + joints)
-    return target
-
+__all__ = ["CYCLIC", "ENDS", "JOINTS", "LOOPS", "copy_arm", "copy_looped_arm", "planned"]
 
 LOOPS = """
     loops:
@@ -70,23 +38,3 @@ def copy_looped_arm(folder, kind, **gains):
         )
     )
     return target
-
-
-def planned(begin, end, seconds=2.0, count=50):
-    """A time-parametrised path with velocities and accelerations, at rest at both ends: a minimum-jerk profile."""
-    points = []
-    for index in range(count):
-        s = index / (count - 1)
-        rest = 10 * s**3 - 15 * s**4 + 6 * s**5
-        speed = (30 * s**2 - 60 * s**3 + 30 * s**4) / seconds
-        gain = (60 * s - 180 * s**2 + 120 * s**3) / seconds**2
-        ways = [b - a for a, b in zip(begin, end, strict=True)]
-        points.append(
-            Point(
-                [a + rest * way for a, way in zip(begin, ways, strict=True)],
-                [speed * way for way in ways],
-                [gain * way for way in ways],
-                time=round(s * seconds * 1e9),
-            )
-        )
-    return JointTrajectory(JOINTS, points)

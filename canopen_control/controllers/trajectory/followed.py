@@ -4,7 +4,8 @@ The law of the file (ros2_controllers jazzy, Trajectory): it starts at its stamp
 0; until the arrival at the first point it leads there from the point before it; what a point lacks is deduced from its
 derivatives and from then on stands in it; when it is over, its last point stays. Ours, and safer: a look into the
 future never moves the place that has been reached, and a time that lies before that place is found all the same.
-Points that come packed are made one by one, when the joints come to them.
+Points that come packed are made one by one, when the joints come to them. What a look ahead has found is not worked out
+again when its time has come, as it does in the next cycle.
 """
 
 from __future__ import annotations
@@ -97,10 +98,12 @@ class Trajectory(Motion):
         self._fitted = _NONE
         self._from, self._to = Point(), Point()
         self._end: Point | None = None
+        self._seen: Point | None = None  # by a look ahead, at that time
+        self._seen_at = 0
 
     def set_before(self, time: int, point: Point, wrap: Sequence[bool]) -> None:
         """Take where the joints are before the first point; only it is moved by whole turns, never the trajectory."""
-        self.before_time, self._fitted = time, _NONE
+        self.before_time, self._fitted, self._seen = time, _NONE, None
         before = self.before
         before.take(point)
         if not self.size:
@@ -144,14 +147,14 @@ class Trajectory(Motion):
         elapsed = t - self.start
         if elapsed < times[0]:
             self.first = self.following = 0
-            self._between(_BEFORE, t, out)
+            self._between(_BEFORE, t, out, ahead=ahead)
             return True
         index = self._segment_of(elapsed)
         if index < size - 1:
             if not ahead:
                 self.reached = index
             self.first, self.following = index, index + 1
-            self._between(index, t, out)
+            self._between(index, t, out, ahead=ahead)
             return True
         if not ahead:
             self.reached = size - 1
@@ -172,11 +175,15 @@ class Trajectory(Motion):
         """Write what is said of any time into `out`, see `Motion`."""
         reached, self.reached = self.reached, 0
         found = self.sampled and self.sample(t, out, ahead=True)
-        self.reached = reached
+        self.reached, self._seen = reached, None  # `out` is not the follower's
         return found
 
-    def _between(self, index: int, t: int, out: Point) -> None:
+    def _between(self, index: int, t: int, out: Point, *, ahead: bool) -> None:
         """Write what stands between a point and the next one."""
+        seen, self._seen = self._seen, None
+        if seen is not None and not ahead and t == self._seen_at and index == self._fitted:
+            out.take(seen)
+            return
         if index != self._fitted:
             self._fit(index)
         if not self.splines:
@@ -184,6 +191,8 @@ class Trajectory(Motion):
             return
         self._segment.evaluate(t, out)
         out.time = 0 if index == _BEFORE else self._to.time
+        if ahead:
+            self._seen, self._seen_at = out, t
 
     def _fit(self, index: int) -> None:
         """Make the way from a point to the next one."""

@@ -104,16 +104,15 @@ class JointGroup:
 
     def compare(self, wanted: Point) -> None:
         """Write into `error` by how much the joints are off, as far as it is commanded and measured."""
-        error, actual = self.error, self.actual
-        for i in range(len(self.joints)):
-            if i < len(wanted.positions):
-                if self.wrap[i]:
-                    error.positions[i] = shortest_angular_distance(actual.positions[i], wanted.positions[i])
-                else:
-                    error.positions[i] = wanted.positions[i] - actual.positions[i]
-            if self._velocity_counts and i < len(wanted.velocities):
+        error, actual, wrap, joints = self.error, self.actual, self.wrap, len(self.joints)
+        off, there, asked = error.positions, actual.positions, wanted.positions
+        for i in range(min(joints, len(asked))):
+            off[i] = shortest_angular_distance(there[i], asked[i]) if wrap[i] else asked[i] - there[i]
+        if self._velocity_counts:
+            for i in range(min(joints, len(wanted.velocities))):
                 error.velocities[i] = wanted.velocities[i] - actual.velocities[i]
-            if self._acceleration_counts and i < len(wanted.accelerations):
+        if self._acceleration_counts:
+            for i in range(min(joints, len(wanted.accelerations))):
                 error.accelerations[i] = wanted.accelerations[i] - actual.accelerations[i]
 
     def write(self, kind: str, values: Sequence[float]) -> None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any, Final, cast
 
 from canopen_control.controllers.params import CommonParams
 from canopen_control.controllers.pid import AntiWindup, Gains
@@ -26,7 +26,7 @@ from canopen_control.yamlfile.convert import derived, setting
 if TYPE_CHECKING:
     from canopen_control.controllers.params import Params
 
-__all__ = ["JointConstraints", "JointGains", "TrajectoryParams", "read_params"]
+__all__ = ["OLD_KEYS", "JointConstraints", "JointGains", "TrajectoryParams", "read_params"]
 
 
 @dataclass(frozen=True)
@@ -144,13 +144,22 @@ def read_params(params: Params, name: str) -> TrajectoryParams:
     """Return the parameters of controller `name`; raise RobotConfigError with what is wrong in them."""
     node = params.flat.get("joints")
     joints = tuple(dict.fromkeys(each.text for each in node.elements())) if node is not None else ()
-    found = params.read(_with_joints(joints))
+    old = OLD_KEYS | {f"gains.{joint}.{key}": "" for joint in joints for key in _OLD_GAINS}
+    found = params.read(_with_joints(joints), old)
     gains = tuple(getattr(found, f"gains_{index}") for index in range(len(joints)))
     constraints = tuple(getattr(found, f"constraints_{index}") for index in range(len(joints)))
     given = dataclasses.replace(found, gains=gains, constraints=constraints)
     if (mistake := given.mistake()) is not None:
         raise RobotConfigError(f"{name}: {mistake}")
     return given
+
+
+OLD_KEYS: Final[dict[str, str]] = dict.fromkeys(
+    ("state_publish_rate", "stop_trajectory_duration", "start_with_holding"), ""
+)
+"""Keys of noetic, foxy and humble: the state is told at the rate of who asks, and the joints are held in any case."""
+_OLD_GAINS: Final = ("angle_wraparound", "normalize_error")
+"""Of each joint: the description says which of them turn without end."""
 
 
 def _with_joints(joints: tuple[str, ...]) -> type[TrajectoryParams]:

@@ -20,6 +20,7 @@ class Segment:
     def __init__(self) -> None:
         self._begin, self._duration = 0, 0.0
         self._joints = self._degree = 0
+        self._has_effort = False
         self._start: list[float] = []
         self._slope: list[float] = []
         self._end: list[float] = []
@@ -39,7 +40,7 @@ class Segment:
         self._start[:] = a.positions
         self._end[:] = b.positions
         self._slope[:] = [(b.positions[i] - a.positions[i]) / time if time else 0.0 for i in range(joints)]
-        has_effort = bool(a.effort) and bool(b.effort)
+        has_effort = self._has_effort = bool(a.effort) and bool(b.effort) and (any(a.effort) or any(b.effort))
         self._effort[:] = a.effort if has_effort else [0.0] * joints
         rise = [(b.effort[i] - a.effort[i]) / time for i in range(joints)] if has_effort and time else [0.0] * joints
         self._effort_slope[:] = rise
@@ -64,8 +65,10 @@ class Segment:
             s, degree = 0.0, 1
         elif s > self._duration:
             s, degree = self._duration, 1
-        for i in range(joints):
-            out.effort[i] = self._effort[i] + s * self._effort_slope[i]
+        out.effort[:] = self._effort
+        if self._has_effort:
+            for i in range(joints):
+                out.effort[i] += s * self._effort_slope[i]
         if degree == 1:
             for i in range(joints):
                 out.positions[i] = self._start[i] + s * self._slope[i]
@@ -90,11 +93,13 @@ class Segment:
         s3 = s2 * s
         s4 = s3 * s
         s5 = s4 * s
-        for i in range(self._joints):
-            c1, c2, c3, c4, c5 = self._c1[i], self._c2[i], self._c3[i], self._c4[i], self._c5[i]
-            positions[i] = self._start[i] + s * c1 + s2 * c2 + s3 * c3 + s4 * c4 + s5 * c5
-            velocities[i] = c1 + 2.0 * s * c2 + 3.0 * s2 * c3 + 4.0 * s3 * c4 + 5.0 * s4 * c5
-            accelerations[i] = 2.0 * c2 + 6.0 * s * c3 + 12.0 * s2 * c4 + 20.0 * s3 * c5
+        v2, v3, v4, v5 = 2.0 * s, 3.0 * s2, 4.0 * s3, 5.0 * s4
+        a3, a4, a5 = 6.0 * s, 12.0 * s2, 20.0 * s3
+        coefficients = zip(self._start, self._c1, self._c2, self._c3, self._c4, self._c5, strict=True)
+        for i, (p0, c1, c2, c3, c4, c5) in enumerate(coefficients):
+            positions[i] = p0 + s * c1 + s2 * c2 + s3 * c3 + s4 * c4 + s5 * c5
+            velocities[i] = c1 + v2 * c2 + v3 * c3 + v4 * c4 + v5 * c5
+            accelerations[i] = 2.0 * c2 + a3 * c3 + a4 * c4 + a5 * c5
 
     def _fit_cubic(self, a: Point, b: Point, time: float) -> None:
         self._c1[:] = a.velocities

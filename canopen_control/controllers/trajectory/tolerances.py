@@ -57,13 +57,13 @@ class SegmentTolerances:
 
 def within(tolerance: StateTolerance, error: Point, joint: int) -> bool:
     """Whether the errors of a joint are within; an error of nan is, and so is one that nobody knows."""
-    velocity = error.velocities[joint] if joint < len(error.velocities) else 0.0
-    acceleration = error.accelerations[joint] if joint < len(error.accelerations) else 0.0
-    return not (
-        (tolerance.position > 0.0 and abs(error.positions[joint]) > tolerance.position)
-        or (tolerance.velocity > 0.0 and abs(velocity) > tolerance.velocity)
-        or (tolerance.acceleration > 0.0 and abs(acceleration) > tolerance.acceleration)
-    )
+    if tolerance.position > 0.0 and abs(error.positions[joint]) > tolerance.position:
+        return False
+    speeds = error.velocities
+    if tolerance.velocity > 0.0 and joint < len(speeds) and abs(speeds[joint]) > tolerance.velocity:
+        return False
+    changes = error.accelerations
+    return not (tolerance.acceleration > 0.0 and joint < len(changes) and abs(changes[joint]) > tolerance.acceleration)
 
 
 def resolve(

@@ -147,6 +147,32 @@ def test_looks_ahead_change_nothing_of_what_is_sampled(message, steps):
         assert found.positions == fresh.positions
 
 
+@given(messages(), st.lists(st.sampled_from(["cycle", "cycle", "half", "query", "back"]), max_size=40))
+def test_what_was_seen_ahead_is_what_its_cycle_then_samples(message, steps):
+    made, now, period, desired, output, fresh = followed(message), 10 * S, S // 4, Point(), Point(), Point()
+    for step in steps:
+        if step == "query":
+            asked = Point()
+            made.query(now + period, asked)
+            asked.positions[:] = [9.0, 9.0]
+        now += {"cycle": period, "half": period // 2, "back": 0, "query": period}[step]
+        for out, time, ahead in ((desired, now, False), (output, now + period, True)):
+            made.sample(time, out, ahead=ahead)
+            followed(message).sample(time, fresh)
+            assert (out.positions, out.velocities, out.time) == (fresh.positions, fresh.velocities, fresh.time)
+
+
+def test_a_cycle_takes_what_the_look_ahead_has_found():
+    made, seen, out = ramp((0.0, 0.0), (1.0, 1.0)), Point(), Point()
+    made.sample(10 * S, out)
+    made.sample(10 * S + S // 10, seen, ahead=True)
+    seen.positions[0] = 42.0
+    made.sample(10 * S + S // 10, out)
+    assert out.positions == [42.0], "it was not worked out again"
+    made.sample(10 * S + S // 10, out)
+    assert out.positions == [pytest.approx(0.1)], "it is taken once"
+
+
 @given(messages())
 def test_positions_are_continuous_in_time_and_meet_every_point(message):
     made, before, after = followed(message), Point(), Point()
