@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, cast
 
 from canopen_control.controllers.params import CommonParams
-from canopen_control.controllers.pid import AntiWindup, Gains
+from canopen_control.controllers.standard_params import LoopGains
 from canopen_control.errors import RobotConfigError
 from canopen_control.yamlfile.convert import derived, setting
 
@@ -19,45 +18,22 @@ __all__ = ["DofGains", "PidParams", "read_params"]
 
 
 @dataclass(frozen=True)
-class DofGains:
+class DofGains(LoopGains):
     """The gains of one degree of freedom; `antiwindup` is ROS 1's way of the strategy `legacy`, and deprecated."""
 
     INEFFECTIVE: ClassVar[dict[str, str]] = {"activate_state_publisher": "~/controller_state tells all of it"}
 
-    p: float = 0.0
-    i: float = 0.0
-    d: float = 0.0
-    u_clamp_max: float = math.inf
-    u_clamp_min: float = -math.inf
     antiwindup: bool = False
-    i_clamp_max: float = math.inf
-    i_clamp_min: float = -math.inf
-    antiwindup_strategy: str = setting("legacy", choices=tuple(each.value for each in AntiWindup))
-    tracking_time_constant: float = 0.0
     error_deadband: float = 1e-16
     feedforward_gain: float = 0.0
     angle_wraparound: bool = False
     save_i_term: bool = True
     activate_state_publisher: bool = False
 
-    def __post_init__(self) -> None:
-        self.pid()
-
-    def pid(self) -> Gains:
-        """Return what the loop is given; ValueError for limits that exclude each other."""
-        return Gains(
-            self.p,
-            self.i,
-            self.d,
-            self.i_clamp_max,
-            self.i_clamp_min,
-            self.u_clamp_max,
-            self.u_clamp_min,
-            AntiWindup(self.antiwindup_strategy),
-            self.tracking_time_constant,
-            self.error_deadband,
-            self.antiwindup,
-        )
+    @property
+    def clamps_integral(self) -> bool:
+        """As the key says."""
+        return self.antiwindup
 
 
 @dataclass(frozen=True)

@@ -1,18 +1,20 @@
-"""The parameters of the forward command controllers and of the joint state broadcaster, ROS 1's among them.
+"""The parameters of the forward command controllers, the joint state broadcaster, and of a loop of any controller.
 
 Keys, defaults and meaning are those of ros2_controllers.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Final
 
 from canopen_control.controllers.params import CommonParams
+from canopen_control.controllers.pid import AntiWindup, Gains
 from canopen_control.hardware.interfaces import EFFORT, POSITION, VELOCITY
 from canopen_control.yamlfile.convert import setting
 
-__all__ = ["RENAMES", "BroadcasterParams", "ForwardParams", "GroupParams", "MultiParams", "SingleParams"]
+__all__ = ["RENAMES", "BroadcasterParams", "ForwardParams", "GroupParams", "LoopGains", "MultiParams", "SingleParams"]
 
 _MAP: Final = "map_interface_to_joint_state."
 
@@ -63,6 +65,50 @@ class BroadcasterParams(CommonParams):
     use_urdf_to_filter: bool = True
     frame_id: str = "base_link"
     publish_dynamic_joint_states: bool = True
+
+
+@dataclass(frozen=True)
+class LoopGains:
+    """The gains of a PID loop, by the names of control_toolbox; ValueError for limits that exclude each other."""
+
+    p: float = 0.0
+    i: float = 0.0
+    d: float = 0.0
+    i_clamp_max: float = math.inf
+    i_clamp_min: float = -math.inf
+    u_clamp_max: float = math.inf
+    u_clamp_min: float = -math.inf
+    antiwindup_strategy: str = setting("legacy", choices=tuple(each.value for each in AntiWindup))
+    tracking_time_constant: float = 0.0
+    error_deadband: float = 0.0
+
+    def __post_init__(self) -> None:
+        self.pid()
+
+    @property
+    def integral_limits(self) -> tuple[float, float]:
+        """The most and the least of the integral."""
+        return self.i_clamp_max, self.i_clamp_min
+
+    @property
+    def clamps_integral(self) -> bool:
+        """Whether the integral itself is kept within them, as ROS 1 did."""
+        return False
+
+    def pid(self) -> Gains:
+        """Return what the loop is given."""
+        return Gains(
+            self.p,
+            self.i,
+            self.d,
+            *self.integral_limits,
+            self.u_clamp_max,
+            self.u_clamp_min,
+            AntiWindup(self.antiwindup_strategy),
+            self.tracking_time_constant,
+            self.error_deadband,
+            self.clamps_integral,
+        )
 
 
 RENAMES: Final = {"publish_rate": "update_rate"}

@@ -12,11 +12,11 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
+from canopen_control.ros.controller_state import ControllerState
 from canopen_control.ros.conversions import unknown_as_nan
-from canopen_control.ros.endpoint import COMMANDER, Endpoint, NewSamples
+from canopen_control.ros.endpoint import COMMANDER, Endpoint
 from canopen_control.ros.interfaces import interface
-from canopen_control.ros.joint_states import time_message
-from canopen_control.ros.qos import REFERENCE, SYSTEM_DEFAULT
+from canopen_control.ros.qos import REFERENCE
 from canopen_control.rpc.messages.robot import CommandController, SetFeedForward
 from canopen_control.rpc.messages.samples import PidSample
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from canopen_control.ros.endpoint import Reply, Ros, RosMessage
     from canopen_control.rpc.messages.samples import DofReading
-    from canopen_control.rpc.messages.state import ControllerReading, StateSample
+    from canopen_control.rpc.messages.state import ControllerReading
 
 __all__ = ["FeedForwardSwitch", "PidReferences", "PidState"]
 
@@ -74,29 +74,16 @@ class PidReferences(Endpoint):
         return values + _sorted("values_dot", message.values_dot, order, dofs)
 
 
-class PidState(Endpoint):
-    """The publisher of `~/controller_state`; a message is made only where somebody listens."""
+class PidState(ControllerState[PidSample]):
+    """The publisher of `~/controller_state`."""
 
     def __init__(self, ros: Ros, controller: ControllerReading) -> None:
-        self._ros, self._controller, self._samples = ros, controller.name, NewSamples(PidSample)
-        self._message: Any = interface("control_msgs/msg/MultiDOFStateStamped")()
+        super().__init__(ros, controller, PidSample, "control_msgs/msg/MultiDOFStateStamped")
         self._dof: Any = interface("control_msgs/msg/SingleDOFState")
-        self._publisher = ros.node.create_publisher(
-            type(self._message), f"{controller.name}/controller_state", SYSTEM_DEFAULT
-        )
 
-    def on_state(self, state: StateSample) -> None:
-        """Publish what is new."""
-        sample, message = self._samples.of(state).get(self._controller), self._message
-        if sample is None or not self._publisher.get_subscription_count():
-            return
-        message.header.stamp = time_message(sample.time)
+    def fill(self, message: RosMessage, sample: PidSample) -> None:
+        """Put each degree of freedom into the message."""
         message.dof_states = [self._dof_message(each) for each in sample.dofs]
-        self._publisher.publish(message)
-
-    def close(self) -> None:
-        """Leave the topic."""
-        self._ros.node.destroy_publisher(self._publisher)
 
     def _dof_message(self, dof: DofReading) -> RosMessage:
         return self._dof(

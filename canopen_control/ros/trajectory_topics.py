@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Any
 
 from trajectory_msgs.msg import JointTrajectory
 
-from canopen_control.ros.endpoint import COMMANDER, Endpoint, NewSamples
+from canopen_control.ros.controller_state import ControllerState
+from canopen_control.ros.endpoint import COMMANDER, Endpoint
 from canopen_control.ros.interfaces import interface
-from canopen_control.ros.joint_states import time_message
 from canopen_control.ros.qos import KEPT_DEFAULT, SYSTEM_DEFAULT
 from canopen_control.ros.throttle import without_numbers
 from canopen_control.ros.trajectory_messages import fill_point, is_one_piece, pieces_of, seconds, stamp_of
@@ -27,7 +27,7 @@ from canopen_control.rpc.messages.trajectory import QueryTrajectory, ScaleTrajec
 if TYPE_CHECKING:
     from canopen_control.ros.endpoint import Reply, Ros, RosMessage
     from canopen_control.rpc.messages.samples import TrajectoryPoint
-    from canopen_control.rpc.messages.state import ControllerReading, StateSample
+    from canopen_control.rpc.messages.state import ControllerReading
     from canopen_control.rpc.messages.trajectory import TrajectoryAt
 
 __all__ = ["SpeedScaling", "TrajectoryQuery", "TrajectoryState", "TrajectoryTopic"]
@@ -85,33 +85,20 @@ class TrajectoryTopic(Endpoint):
         self._send_next()
 
 
-class TrajectoryState(Endpoint):
-    """The publisher of `~/controller_state`; a message is made only where somebody listens."""
+class TrajectoryState(ControllerState[TrajectorySample]):
+    """The publisher of `~/controller_state`."""
 
     def __init__(self, ros: Ros, controller: ControllerReading) -> None:
-        self._ros, self._controller, self._samples = ros, controller.name, NewSamples(TrajectorySample)
-        self._message: Any = interface("control_msgs/msg/JointTrajectoryControllerState")()
-        self._publisher = ros.node.create_publisher(
-            type(self._message), f"{controller.name}/controller_state", SYSTEM_DEFAULT
-        )
+        super().__init__(ros, controller, TrajectorySample, "control_msgs/msg/JointTrajectoryControllerState")
 
-    def on_state(self, state: StateSample) -> None:
-        """Publish what is new."""
-        sample, message = self._samples.of(state).get(self._controller), self._message
-        if sample is None or not self._publisher.get_subscription_count():
-            return
-        message.header.stamp = time_message(sample.time)
+    def fill(self, message: RosMessage, sample: TrajectorySample) -> None:
+        """Put where the joints are to be and where they are into the message."""
         message.joint_names = list(sample.joints)
         fill_point(message.reference, sample.reference)
         fill_point(message.feedback, sample.feedback)
         fill_point(message.error, sample.error)
         fill_point(message.output, sample.output)
         message.speed_scaling_factor = sample.speed_scaling_factor
-        self._publisher.publish(message)
-
-    def close(self) -> None:
-        """Leave the topic."""
-        self._ros.node.destroy_publisher(self._publisher)
 
 
 class TrajectoryQuery(Endpoint):

@@ -5,7 +5,6 @@ import json
 import pytest
 from support.guest import plant_speed
 from support.host import eventually
-from support.processes import Stage
 
 from canopen_control.cli import preflight
 from canopen_control.cli.main import main
@@ -14,13 +13,6 @@ from canopen_control.cli.support.preflight_steps import Step
 pytestmark = pytest.mark.process
 
 NODES = (3, 2)
-
-
-@pytest.fixture
-def stage(private_folders):
-    stage = Stage(private_folders, private_folders)
-    yield stage
-    stage.end()
 
 
 @pytest.fixture

@@ -43,6 +43,28 @@ def send(arm, end, **how):
     return goal
 
 
+def fault_of_joint_3(arm):
+    drive = arm.drives[4]
+    drive.drives[0].fault(0x4310, arm.reactor.now())
+    arm.hosts[4].wake(drive)
+
+
+def holds_after_an_enable_and_follows_again(arm, within):
+    """Reset the fault, enable, and see that no joint moves by more than `within` rad before the next goal."""
+    answers = []
+    arm.robot.axis(Action.FAULT_RESET, "all", answers.append)
+    arm.until(lambda: answers)
+    arm.robot.axis(Action.ENABLE, "all", answers.append)
+    arm.until(lambda: len(answers) == 2, 10000)
+    assert answers == [None, None]
+    where = positions(arm)
+    arm.run(1000)
+    assert positions(arm) == pytest.approx(where, abs=within)
+    again = send(arm, ENDS)
+    arm.until(lambda: again.ended, 5000)
+    assert again.state is GoalState.SUCCEEDED
+
+
 def lag(begin, end, seconds=2.0):
     """How far each joint may be behind at its peak speed, 15/8 of the mean of a minimum-jerk profile: one SYNC.
 
@@ -99,9 +121,7 @@ def test_another_goal_on_the_way_is_followed_without_a_jump(arm):
 def test_a_drive_that_faults_ends_the_goal_with_its_joint_and_a_new_enable_moves_nothing(arm):
     goal = send(arm, ENDS)
     arm.run(1000)
-    drive = arm.drives[4]
-    drive.drives[0].fault(0x4310, arm.reactor.now())
-    arm.hosts[4].wake(drive)
+    fault_of_joint_3(arm)
     arm.until(lambda: goal.ended, 500)
     assert (goal.state, goal.code) == (GoalState.ABORTED, ResultCode.INVALID_GOAL)
     assert goal.text.startswith("joint_3 (joint_3_drive): in fault; canopen-control axis fault-reset all, then ")
@@ -109,18 +129,7 @@ def test_a_drive_that_faults_ends_the_goal_with_its_joint_and_a_new_enable_moves
     with pytest.raises(ControlError, match="joint_3_drive"):
         send(arm, ENDS)
     arm.run(2000)
-    answers = []
-    arm.robot.axis(Action.FAULT_RESET, "all", answers.append)
-    arm.until(lambda: answers)
-    arm.robot.axis(Action.ENABLE, "all", answers.append)
-    arm.until(lambda: len(answers) == 2, 10000)
-    assert answers == [None, None]
-    where = positions(arm)
-    arm.run(1000)
-    assert positions(arm) == pytest.approx(where, abs=1e-3)
-    again = send(arm, ENDS)
-    arm.until(lambda: again.ended, 5000)
-    assert again.state is GoalState.SUCCEEDED
+    holds_after_an_enable_and_follows_again(arm, 1e-3)
 
 
 def test_a_drive_that_is_lost_ends_the_goal_with_its_joint(arm):
@@ -205,22 +214,9 @@ def test_joints_that_take_velocities_or_efforts_follow_by_loops_below_the_trajec
 def test_a_fault_below_the_loops_ends_the_goal_and_an_enable_holds_the_joints_where_they_are(looped):
     goal = send(looped, ENDS)
     looped.run(1000)
-    drive = looped.drives[4]
-    drive.drives[0].fault(0x4310, looped.reactor.now())
-    looped.hosts[4].wake(drive)
+    fault_of_joint_3(looped)
     looped.until(lambda: goal.ended, 500)
     assert (goal.state, goal.code) == (GoalState.ABORTED, ResultCode.INVALID_GOAL)
     assert goal.text.startswith("joint_3 (joint_3_drive): in fault; ")
     looped.run(2000)
-    answers = []
-    looped.robot.axis(Action.FAULT_RESET, "all", answers.append)
-    looped.until(lambda: answers)
-    looped.robot.axis(Action.ENABLE, "all", answers.append)
-    looped.until(lambda: len(answers) == 2, 10000)
-    assert answers == [None, None]
-    where = positions(looped)
-    looped.run(1000)
-    assert positions(looped) == pytest.approx(where, abs=2e-3)
-    again = send(looped, ENDS)
-    looped.until(lambda: again.ended, 5000)
-    assert again.state is GoalState.SUCCEEDED
+    holds_after_an_enable_and_follows_again(looped, 2e-3)

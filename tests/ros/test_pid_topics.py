@@ -10,9 +10,8 @@ pytest.importorskip("std_msgs")
 
 from support.endpoints import Ros, interface
 
-from canopen_control.ros import pid_topics, table
+from canopen_control.ros import controller_state, pid_topics, table
 from canopen_control.ros.pid_topics import FeedForwardSwitch, PidReferences, PidState
-from canopen_control.ros.qos import SYSTEM_DEFAULT
 from canopen_control.rpc.messages.declare import Done
 from canopen_control.rpc.messages.robot import CommandController, SetFeedForward
 from canopen_control.rpc.messages.samples import DofReading, PidSample
@@ -34,7 +33,8 @@ def reading(*interfaces, state="active"):
 
 @pytest.fixture
 def ros(monkeypatch):
-    monkeypatch.setattr(pid_topics, "interface", interface)
+    for module in (pid_topics, controller_state):
+        monkeypatch.setattr(module, "interface", interface)
     return Ros()
 
 
@@ -117,21 +117,6 @@ class TestState:
         y = DofReading(name="left/y", reference=None, feedback=None, feedback_dot=None, error=None, error_dot=None,
                        time_step=0.01, output=0.0)  # fmt: skip
         return StateSample(samples={"pid": PidSample(time=time, dofs=[x, y])})
-
-    def test_each_sample_is_told_once_and_only_where_somebody_listens(self, ros):
-        state = PidState(ros, reading("position"))
-        (publisher,) = ros.publishers
-        assert (publisher.kind.__name__, publisher.topic) == ("MultiDOFStateStamped", "pid/controller_state")
-        assert publisher.quality is SYSTEM_DEFAULT
-        publisher.subscribers = 0
-        state.on_state(self.sample(1.0))
-        publisher.subscribers = 1
-        for time in (2.5, 2.5):
-            state.on_state(self.sample(time))
-        (told,) = publisher.told
-        assert (told.header.stamp.sec, told.header.stamp.nanosec) == (2, 500_000_000)
-        state.close()
-        assert ros.left == [publisher]
 
     def test_what_is_not_known_is_nan(self, ros):
         PidState(ros, reading("position")).on_state(self.sample(1.0))

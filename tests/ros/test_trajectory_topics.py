@@ -12,7 +12,7 @@ from support.endpoints import Ros, interface
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from canopen_control.errors import RemoteError
-from canopen_control.ros import trajectory_topics
+from canopen_control.ros import controller_state, trajectory_topics
 from canopen_control.ros.trajectory_topics import SpeedScaling, TrajectoryQuery, TrajectoryState, TrajectoryTopic
 from canopen_control.rpc.messages.declare import Done
 from canopen_control.rpc.messages.samples import TrajectoryPoint, TrajectorySample
@@ -31,7 +31,8 @@ ARM = ControllerReading(name="arm", type="x/Y", state="active", interface="posit
 
 @pytest.fixture
 def ros(monkeypatch):
-    monkeypatch.setattr(trajectory_topics, "interface", interface)
+    for module in (trajectory_topics, controller_state):
+        monkeypatch.setattr(module, "interface", interface)
     return Ros()
 
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final, cast
 
 from canopen_control.controllers.params import CommonParams
-from canopen_control.controllers.pid import AntiWindup, Gains
+from canopen_control.controllers.standard_params import LoopGains
 from canopen_control.controllers.trajectory.interfaces import (
     wrong_commands,
     wrong_joints,
@@ -30,39 +30,17 @@ __all__ = ["OLD_KEYS", "JointConstraints", "JointGains", "TrajectoryParams", "re
 
 
 @dataclass(frozen=True)
-class JointGains:
+class JointGains(LoopGains):
     """The gains of the loop over one joint, where velocity or effort alone is commanded; `i_clamp` is deprecated."""
 
-    p: float = 0.0
-    i: float = 0.0
-    d: float = 0.0
     ff_velocity_scale: float = 0.0
     i_clamp: float = math.inf
-    i_clamp_max: float = math.inf
-    i_clamp_min: float = -math.inf
-    u_clamp_max: float = math.inf
-    u_clamp_min: float = -math.inf
-    antiwindup_strategy: str = setting("legacy", choices=tuple(each.value for each in AntiWindup))
-    tracking_time_constant: float = 0.0
-    error_deadband: float = 0.0
 
-    def __post_init__(self) -> None:
-        self.pid()
-
-    def pid(self) -> Gains:
-        """Return what the loop is given; ValueError for limits that exclude each other."""
-        return Gains(
-            self.p,
-            self.i,
-            self.d,
-            self.i_clamp_max if math.isfinite(self.i_clamp_max) else abs(self.i_clamp),
-            self.i_clamp_min if math.isfinite(self.i_clamp_min) else -abs(self.i_clamp),
-            self.u_clamp_max,
-            self.u_clamp_min,
-            AntiWindup(self.antiwindup_strategy),
-            self.tracking_time_constant,
-            self.error_deadband,
-        )
+    @property
+    def integral_limits(self) -> tuple[float, float]:
+        """The most and the least of the integral; `i_clamp` stands for those that are not given."""
+        high, low, both = self.i_clamp_max, self.i_clamp_min, abs(self.i_clamp)
+        return high if math.isfinite(high) else both, low if math.isfinite(low) else -both
 
 
 @dataclass(frozen=True)

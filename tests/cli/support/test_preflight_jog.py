@@ -2,19 +2,11 @@
 
 import pytest
 from support.onbus import GENERIC, OnBus
-from support.processes import Stage
 from support.robots import copy_robby
 
 from canopen_control.cli.support.preflight_jog import Jog, jog_interfaces
 from canopen_control.runtime.robot_files import find_robot
 from canopen_control.runtime.setup import read_robot
-
-
-@pytest.fixture
-def stage(private_folders):
-    stage = Stage(private_folders, private_folders)
-    yield stage
-    stage.end()
 
 
 def results(found):

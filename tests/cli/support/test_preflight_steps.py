@@ -3,7 +3,6 @@
 import dataclasses
 
 import pytest
-from support.processes import Stage
 from support.robots import copy_robby
 
 from canopen_control.bus.can_interfaces import CanInterface
@@ -13,13 +12,6 @@ from canopen_control.runtime.robot_files import find_robot
 from canopen_control.runtime.setup import read_robot
 
 CAN0 = CanInterface("can0", "can", is_up=True, state="ERROR-ACTIVE", bitrate=1_000_000)
-
-
-@pytest.fixture
-def stage(private_folders):
-    stage = Stage(private_folders, private_folders)
-    yield stage
-    stage.end()
 
 
 def results(found):
