@@ -110,7 +110,8 @@ def parts_of(cls: type[Any]) -> list[type[Any]]:
 def own_entries(cls: type[Any]) -> Iterator[tuple[str, dataclasses.Field[Any]]]:
     """Yield every key that a dataclass itself is read from, with its field."""
     for field in dataclasses.fields(cls):
-        if not any(field.metadata.get(mark) for mark in ("part", "section", "derived", "here")):
+        marks = ("part", "derived", "here") if "dict" in str(field.type) else ("part", "section", "derived", "here")
+        if not any(field.metadata.get(mark) for mark in marks):
             yield field.metadata.get("key") or field.name, field
 
 
@@ -167,7 +168,14 @@ def bus_yml() -> str:
 
 def controllers() -> str:
     """Return the parameters of every controller."""
-    from canopen_control.controllers import broadcasters, diff_drive_params, pid_params, standard_params, types
+    from canopen_control.controllers import (
+        broadcasters,
+        diff_drive_params,
+        gpio_params,
+        pid_params,
+        standard_params,
+        types,
+    )
     from canopen_control.controllers.params import CommonParams
     from canopen_control.controllers.standard_params import BroadcasterParams
     from canopen_control.controllers.trajectory import params as trajectory
@@ -183,6 +191,7 @@ def controllers() -> str:
         ("Joint trajectories", trajectory.TrajectoryParams, "JointTrajectory"),
         ("PID", pid_params.PidParams, "/PidController"),
         ("Joint states", BroadcasterParams, "JointState(Broadcaster|Controller)"),
+        ("Outputs and inputs of `<gpio>` parts", gpio_params.GpioParams, "GpioCommand"),
         ("GPIO and diagnostics", broadcasters.StateParams, "(Gpio|Diagnostics)Broadcaster"),
     )
     text = ["# Controllers and their parameters\n", "Names, defaults and meaning are those of ros2_controllers.\n"]

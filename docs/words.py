@@ -249,6 +249,15 @@ CONTROLLERS: dict[str, dict[str, str]] = {
         "frame_id": "frame of the headers",
         "publish_dynamic_joint_states": "publishes every state interface on `dynamic_joint_states` too",
     },
+    "GpioParams": {
+        "gpios": "names of <gpio> parts of the description",
+        "command_interfaces": "`.GPIO.interfaces`: the command interfaces, its outputs; none: it only tells",
+        "state_interfaces": "`.GPIO.interfaces`: the state interfaces that are told; none: every one of that gpio",
+        "safe_values": "`.GPIO.INTERFACE`: where the output goes when commands end; absent: 0.0",
+        "kept_outputs": "`GPIO/INTERFACE`: outputs that stay as they are when commands end",
+        "command_timeout": "s after which a command ends; absent or 0: never (2 for interfaces named velocity, effort "
+        "or acceleration)",
+    },
     "StateParams": {
         "joints": "only these joints; empty: all",
         "interfaces": "only these interfaces; empty: all that the broadcaster is about",

@@ -244,6 +244,11 @@ class Controller:
         del values, now, stamp
         raise self.refusal("takes no commands; it only reads states")
 
+    def set_named(self, values: Mapping[str, float], now: int) -> None:
+        """Take values for some of its command interfaces, by their names, see `set_command`; the others stay."""
+        del values, now
+        raise self.refusal("takes no values by the names of its interfaces; give one for each, in their order")
+
     def rests(self, values: Sequence[float]) -> bool:
         """Whether a command of these values moves nothing, and may outlive who gave it."""
         return not any(values) and all(each.interface in MOVING for each in self.commands)
@@ -288,6 +293,12 @@ class Controller:
         for name, value in zip(names, values, strict=True):
             if not _finite(value):
                 raise self.refusal(f"wants finite numbers, got {value!r} for {name}; nothing was applied")
+
+    @property
+    def standing(self) -> str:
+        """Where what it moves is once its command has ended, as a clause."""
+        stands = all(each.interface in MOVING for each in self.commands)
+        return "its targets are 0" if stands else "what moves is stopped, positions are held where they are"
 
     def refuse_misfit(self, commands: Sequence[CommandInterface], value: float, now: int) -> None:
         """Refuse a value that an object behind these cannot hold; what was commanded before ends with that."""

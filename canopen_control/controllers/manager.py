@@ -10,6 +10,7 @@ forgotten when a drive is no longer enabled, so that the first motion after ever
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Protocol
 
 from canopen_control.controllers.base import Controller, ControllerEvent, ControllerState, not_enabled
@@ -23,7 +24,7 @@ from canopen_control.rpc.messages.samples import kind_of
 from canopen_control.rpc.messages.state import ControllerReading
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Sequence
 
     from canopen_control.controllers.base import Geometry
     from canopen_control.controllers.trajectory.goal import Goal
@@ -233,7 +234,7 @@ class ControllerManager:
     def command(
         self,
         name: str,
-        values: Sequence[float],
+        values: Sequence[float] | Mapping[str, float],
         now: int,
         stamp: int | None = None,
         *,
@@ -242,11 +243,16 @@ class ControllerManager:
     ) -> None:
         """Hand a command to a controller; raises ControlError if it is refused, NotEnabled for its drives. Times in ns.
 
-        `source` says who gives it; it ends with `holder`, see `let_go`, unless it is to stand still. A refusal is told
-        once, until one is taken.
+        `values` are all, or by the names of interfaces. `source` says who gives it; it ends with `holder`, see
+        `let_go`, unless it is to stand still. A refusal is told once, until one is taken.
         """
         controller = self.get(name)
-        self._hand(controller, lambda: controller.set_command(values, now, stamp), source)
+        if isinstance(values, Mapping):
+            named, values = values, list(values.values())
+            self._hand(controller, lambda: controller.set_named(named, now), source)
+        else:
+            given = values
+            self._hand(controller, lambda: controller.set_command(given, now, stamp), source)
         controller.life.source, controller.life.holder = source, None if controller.rests(values) else holder
 
     def send_goal(

@@ -32,6 +32,7 @@ TYPES: Final = {
     "diff_drive_controller/DiffDriveController": f"{_HERE}.diff_drive:DiffDriveController",
     "joint_trajectory_controller/JointTrajectoryController": f"{_HERE}.trajectory.controller:JointTrajectoryController",
     "pid_controller/PidController": f"{_HERE}.pid_controller:PidController",
+    "gpio_controllers/GpioCommandController": f"{_HERE}.gpio_command:GpioCommandController",
     "joint_state_broadcaster/JointStateBroadcaster": f"{_HERE}.joint_state:JointStateBroadcaster",
     "joint_state_controller/JointStateController": f"{_HERE}.joint_state:JointStateBroadcaster",
     "canopen_control/GpioBroadcaster": f"{_HERE}.broadcasters:GpioBroadcaster",

@@ -11,6 +11,7 @@ from canopen_control.ros.diff_drive import BaseOdometry, TwistCommands
 from canopen_control.ros.dynamic_joint_states import DynamicJointStates
 from canopen_control.ros.follow_joint_trajectory import FollowJointTrajectory
 from canopen_control.ros.forward import ForwardCommands
+from canopen_control.ros.gpio_commands import GpioCommands
 from canopen_control.ros.gpio_states import GpioStates
 from canopen_control.ros.joint_states import JointStates
 from canopen_control.ros.pid_topics import FeedForwardSwitch, PidReferences, PidState
@@ -31,6 +32,7 @@ BY_TOPIC: Final[dict[str | None, tuple[Factory, ...]]] = {
     "commands": (ForwardCommands,),
     "cmd_vel": (TwistCommands,),
     "reference": (PidReferences,),
+    "gpio_commands": (GpioCommands,),
 }
 #: by the last word of each topic that it tells (`publishes` of the API)
 BY_PUBLISHED: Final[dict[str, Factory]] = {

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 __all__ = ["ApiServer"]
 
 MAX_KIND, MAX_TEXT = 32, 500  # characters of what a client tells
-Commands = TypeVar("Commands", messages.CommandController, messages.TwistController)
+Commands = TypeVar("Commands", messages.CommandController, messages.CommandByName, messages.TwistController)
 
 
 class _Subscription:
@@ -83,6 +83,7 @@ class ApiServer:
         answers(messages.GetStatus, lambda call: call.reply(status_message(robot)))
         answers(messages.Subscribe, self._subscribe)
         answers(messages.CommandController, self._command)
+        answers(messages.CommandByName, self._command_by_name)
         answers(messages.TwistController, self._twist)
         answers(messages.SetOdometry, self._set_odometry)
         answers(messages.SetFeedForward, self._set_feed_forward)
@@ -171,6 +172,12 @@ class ApiServer:
     # ------------------------------------------------------------------------------------------- motion
 
     def _command(self, call: Call[messages.CommandController]) -> None:
+        wanted = call.request
+        source = wanted.source or call.who
+        self._robot.command(wanted.controller, wanted.values, source, holder=self._holder(call))
+        call.reply(Done())
+
+    def _command_by_name(self, call: Call[messages.CommandByName]) -> None:
         wanted = call.request
         source = wanted.source or call.who
         self._robot.command(wanted.controller, wanted.values, source, holder=self._holder(call))

@@ -48,7 +48,7 @@ from canopen_control.runtime.startup_controllers import prepare_controllers, req
 from canopen_control.urdf.wheels import WheelGeometry
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
+    from collections.abc import Callable, Iterable, Mapping, Sequence
 
     from canopen_control.controllers.trajectory.goal import Goal
     from canopen_control.controllers.trajectory.point import JointTrajectory
@@ -209,7 +209,7 @@ class RobotCore:
     def command(
         self,
         controller: str,
-        values: Sequence[float],
+        values: Sequence[float] | Mapping[str, float],
         source: str,
         stamp: float | None = None,
         *,

@@ -27,6 +27,7 @@ assert names(broadcaster, None, "c/joint_states", "c/dynamic_joint_states") == [
 assert names(broadcaster, None, "joint_states") == ["JointStates"]
 assert names(broadcaster, None) == []  # not configured yet
 assert names("gpio", None) == ["GpioStates"]
+assert names("gpio", "gpio_commands") == ["GpioCommands", "GpioStates"]
 assert names("diagnostics", None) == []
 assert names(None, "dance") == []
 """

@@ -22,12 +22,11 @@ from canopen_control.rpc.messages.robot import ListControllers
 
 if TYPE_CHECKING:
     import argparse
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator
 
-    from canopen_control.rpc.messages.robot import CommandController, TwistController
+    from canopen_control.rpc.messages.robot import CommandByName, CommandController, TwistController
 
-    Command = CommandController | TwistController
-    from collections.abc import Iterable
+    Command = CommandByName | CommandController | TwistController
 
     from canopen_control.rpc.messages.state import ControllerReading
 
@@ -50,8 +49,11 @@ def add_repeat_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--name", help="the robot (default: the only one that runs)")
 
 
-def send(args: argparse.Namespace, moving: Command, zeros: Command) -> int:
-    """Send `moving` once or at 10 Hz, and `zeros` at the end of it; RemoteError for what the robot refuses."""
+def send(args: argparse.Namespace, moving: Command, zeros: Command | None) -> int:
+    """Send `moving` once or at 10 Hz, and `zeros` at the end of it; RemoteError for what the robot refuses.
+
+    Without `zeros` it ends with the connection alone.
+    """
     stopped = threading.Event()
     with on_signals((signal.SIGTERM,), stopped.set), RobotClient.connect(args.name) as robot:
         _begin(robot, moving, stopped)
@@ -63,8 +65,9 @@ def send(args: argparse.Namespace, moving: Command, zeros: Command) -> int:
         except KeyboardInterrupt:
             pass  # the usual way to end it
         finally:
-            with _where_nothing_moves():
-                robot.ask(zeros)
+            if zeros is not None:
+                with _where_nothing_moves():
+                    robot.ask(zeros)
     return 0
 
 
@@ -103,13 +106,16 @@ def _repeat(robot: RobotClient, moving: Command, end: float | None, stopped: thr
                 raise
 
 
-def values_at_the_end(robot: str | None, controller: str, values: list[float]) -> list[float]:
+def values_at_the_end(robot: str | None, controller: str, values: list[float]) -> list[float] | None:
     """Return what ends a command: zeros, but positions as they are, which the joints hold once the connection is gone.
 
-    Where nothing is known of the controller, or it takes another number of values, these are zeros.
+    Where nothing is known of the controller, or it takes another number of values, these are zeros; None for outputs,
+    which have safe values of their own.
     """
     with RobotClient.connect(robot) as client:
         controllers = client.ask(ListControllers())
+    if any(each.name == controller and each.takes_outputs for each in controllers):
+        return None
     positions = positions_of(controllers, controller)
     if len(positions) != len(values):
         return [0.0] * len(values)

@@ -51,9 +51,10 @@ from canopen_control.rpc.messages.trajectory import (
 
 __all__ = [
     "MAX_OBJECT", "MAX_POINTS", "MAX_RATE", "ROBOT", "STREAM_RATE", "AxisDone", "AxisRequest", "BusPlace",
-    "CancelTrajectory", "CleanupController", "CommandController", "ComponentState", "ConfigureController",
-    "Description", "FollowTrajectory", "GetDescription", "GetLayout", "GetNodes", "GetStatus", "HardwareReading",
-    "InterfaceReading", "ListControllerTypes", "ListControllers", "ListHardware", "LoadController", "MappedValue",
+    "CancelTrajectory", "CleanupController", "CommandByName", "CommandController", "ComponentState",
+    "ConfigureController", "Description", "FollowTrajectory", "GetDescription", "GetLayout", "GetNodes", "GetStatus",
+    "HardwareReading", "InterfaceReading", "ListControllerTypes", "ListControllers", "ListHardware", "LoadController",
+    "MappedValue",
     "NmtRequest", "NodeIdentity", "NodeListing", "NodePlace", "PdoWrite", "ProcessData", "QueryTrajectory",
     "ReadTouchProbe", "Release", "RobotHello", "RobotPush", "ScaleTrajectory", "SdoData", "SdoPiece", "SdoRead",
     "SdoWrite", "SendTrajectory", "SetFeedForward", "SetHardwareState", "SetOdometry", "SetTrajectory", "Shutdown",
@@ -134,6 +135,19 @@ class CommandController(Request[Done], frozen=True, kw_only=True):
 
     controller: str
     values: list[float]
+    source: str | None = None
+    dead_man: bool = False
+
+
+@ROBOT.method("command_by_name", Effect.MOVES)
+class CommandByName(Request[Done], frozen=True, kw_only=True):
+    """Values for some of a controller's command interfaces, by their names such as "io/lamp"; the others stay.
+
+    A GPIO command controller takes them. They end with `dead_man` as a command does.
+    """
+
+    controller: str
+    values: dict[str, float]
     source: str | None = None
     dead_man: bool = False
 

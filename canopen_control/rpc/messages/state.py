@@ -260,6 +260,11 @@ class ControllerReading(msgspec.Struct, frozen=True, kw_only=True, rename={"clai
         return self.state == "active"
 
     @property
+    def takes_outputs(self) -> bool:
+        """Whether its commands are values of outputs by name, and move no joint."""
+        return self.topic == "gpio_commands"
+
+    @property
     def width(self) -> int:
         """How many values a command has, 0 where that is not known."""
         return len(self.required_command_interfaces or self.claims)

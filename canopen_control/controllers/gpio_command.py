@@ -1,0 +1,157 @@
+"""GpioCommandController: outputs of <gpio> parts commanded by name, their inputs and outputs told.
+
+The law of the file (gpio_controllers, Jazzy): a command names some of the command interfaces, the others stay as they
+are; what was commanded is written again in every update, and before the first command nothing is; without command
+interfaces it only tells. Ours, and safer: a command with an unknown name or a value that is not finite is refused
+whole. When commands end (a deactivation, a stop, a commander who is gone, `command_timeout`) each output goes to its
+safe value at once, but those that are to be kept stay; the next command begins from there.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, ClassVar
+
+from canopen_control.controllers.base import ALL_STATES, Controller, ControllerState
+from canopen_control.controllers.command_life import ENDLESS, endless, life_ns
+from canopen_control.controllers.gpio_params import GpioParams, read_params
+from canopen_control.controllers.state_copy import StateCopy
+from canopen_control.errors import ControlError, nearest
+from canopen_control.hardware.interfaces import OK, ReturnType
+from canopen_control.rpc.messages.samples import GpioSample
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from canopen_control.controllers.params import Params
+    from canopen_control.hardware.interfaces import CommandInterface, StateInterface
+    from canopen_control.rpc.messages.samples import Sample
+
+__all__ = ["GpioCommandController"]
+
+
+class GpioCommandController(Controller):
+    """Holds outputs at what was commanded last, and tells what inputs and outputs are."""
+
+    topic: ClassVar[str | None] = "gpio_commands"
+    tells: ClassVar[type[Sample] | None] = GpioSample
+
+    def __init__(self, name: str, type_name: str = "gpio_controllers/GpioCommandController") -> None:
+        super().__init__(name, type_name)
+        self.params = GpioParams()
+        self._names: list[str] = []
+        self._safe: list[float] = []
+        self._values: list[float] = []
+        self._copy = StateCopy({})
+
+    def on_configure(self, params: Params) -> None:
+        """Read the parameters; RobotConfigError with everything that is wrong in them."""
+        given = read_params(params, self.name, self.description_joints or ())
+        self.params, self.update_rate, self.joints = given, given.update_rate, given.gpios
+        self._names = given.outputs
+        self._safe = [given.safe_value(each) for each in self._names]
+        kinds = [each.rpartition("/")[2] for each in self._names]
+        self.life.limit_ns = life_ns(given.command_timeout, kinds)
+        if (text := endless("command_timeout", given.command_timeout, kinds)) is not None:
+            self.tell(ENDLESS, text)
+
+    def command_interface_names(self) -> list[str]:
+        """Return the outputs, in the order of the parameters."""
+        return list(self._names)
+
+    def state_interface_names(self) -> list[str]:
+        """Return the inputs that are named; where none of a gpio is, everything, to choose from at activation."""
+        return [ALL_STATES] if self.params.told_whole else self.params.inputs
+
+    def on_activate(self, commands: list[CommandInterface], states: list[StateInterface], now: int) -> None:
+        """Lay out what it tells; nothing is written before the first command."""
+        super().on_activate(commands, states, now)
+        wanted, whole = self.params.inputs, self.params.told_whole
+        found = {each.name: each for each in states if each.name in wanted or each.joint in whole}
+        if missing := [each for each in wanted if each not in found]:
+            raise ControlError(f"{self.name}: there is no state interface {missing[0]}{nearest(missing[0], found)}")
+        layout: dict[str, dict[str, StateInterface | None]] = {gpio: {} for gpio in self.params.gpios}
+        for each in found.values():
+            layout[each.joint][each.interface] = each
+        self._copy, self.stamp = StateCopy(layout), now
+        self._values = [math.nan] * len(commands)
+        self.life.end()
+
+    def on_deactivate(self, now: int) -> None:
+        """Let the outputs go to their safe values."""
+        self.forget(now)
+
+    def forget(self, now: int) -> None:
+        """End what was commanded: outputs go to their safe values, or are kept."""
+        del now
+        self.life.end(self.life.ended_by)
+        index = 0
+        for each in self.commands:
+            if not math.isnan(self._safe[index]):
+                each.value = self._safe[index]
+            self._values[index] = math.nan
+            index += 1  # noqa: SIM113 - enumerate makes a tuple per output in the cycle
+
+    def forget_some(self, commands: Sequence[CommandInterface], now: int) -> None:
+        """End what was commanded to all: its outputs have one commander."""
+        del commands
+        self.forget(now)
+
+    def set_command(self, values: Sequence[float], now: int, stamp: int | None = None) -> None:
+        """Take a value for every output, in the order of the parameters."""
+        del stamp
+        self._refuse_unless_active()
+        self.checked(values, self._names)
+        self.set_named(dict(zip(self._names, values, strict=True)), now)
+
+    def set_named(self, values: Mapping[str, float], now: int) -> None:
+        """Take values for some outputs, by "gpio/interface"; all of them, or none and ControlError."""
+        self._refuse_unless_active()
+        for name in values:
+            if name not in self._names:
+                raise self.refusal(f"applies nothing: it has no output {name!r}{nearest(name, self._names)}")
+        self.checked(list(values.values()), list(values))
+        places = [self._names.index(name) for name in values]
+        for index, value in zip(places, values.values(), strict=True):
+            fits = self.commands[index].misfit(value)
+            if fits is not None:
+                raise self.refusal(f"cannot set {value:g}: {fits}; nothing was applied")
+        for index, value in zip(places, values.values(), strict=True):
+            self._values[index] = float(value)
+        self.life.give(now)
+
+    def rests(self, values: Sequence[float]) -> bool:
+        """Whether every output is where it goes anyway when who commanded it is gone."""
+        del values
+        held = zip(self._values, self._safe, strict=True)
+        return all(math.isnan(value) or math.isnan(safe) or value == safe for value, safe in held)
+
+    @property
+    def standing(self) -> str:
+        """Where its outputs are once a command has ended."""
+        return "its outputs are at their safe values" + (", others are kept" if self.params.kept_outputs else "")
+
+    def update(self, now: int, period: float) -> ReturnType:
+        """Write what was commanded, and copy the states: a publication."""
+        del period
+        if self.life.runs_out(now):
+            self.tell("command_timeout", f"no command for {(now - self.life.given) / 1e9:.2f} s, {self.standing}")
+            self.forget(now)
+        index = 0
+        for each in self.commands:
+            if not math.isnan(self._values[index]):
+                each.value = self._values[index]
+            index += 1  # noqa: SIM113 - as above
+        self._copy.take()
+        self.stamp = now
+        return OK
+
+    def sample(self, wall_offset_ns: int) -> GpioSample:
+        """Return what inputs and outputs were at the last update."""
+        return GpioSample(time=self.published(wall_offset_ns), parts=self._copy.by_joint())
+
+    def _refuse_unless_active(self) -> None:
+        if self.state is not ControllerState.ACTIVE:
+            raise self.refusal(f"is {self.state.value}; activate it before commanding it")
+        if not self._names:
+            raise self.refusal("has no command_interfaces; it only tells")
