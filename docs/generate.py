@@ -67,6 +67,7 @@ _TYPES = {
     r"list\[int\]": "list of integers",
     r"list\[(\w+)\]": r"list of \1",
     r"dict\[int, int\]": "number: number",
+    r"dict\[str, (.+)\]": r"by name: \1",
     r"dict\[int, (\w+)\]": r"number: \1",
     r"\bSix\b": "six numbers",
     r"\bstr\b": "text",
@@ -170,6 +171,7 @@ def controllers() -> str:
     """Return the parameters of every controller."""
     from canopen_control.controllers import (
         broadcasters,
+        canopen_device,
         diff_drive_params,
         gpio_params,
         pid_params,
@@ -192,6 +194,7 @@ def controllers() -> str:
         ("PID", pid_params.PidParams, "/PidController"),
         ("Joint states", BroadcasterParams, "JointState(Broadcaster|Controller)"),
         ("Outputs and inputs of `<gpio>` parts", gpio_params.GpioParams, "GpioCommand"),
+        ("One node, as ros2_canopen shows it", canopen_device.DeviceParams, "canopen_ros2_controllers"),
         ("GPIO and diagnostics", broadcasters.StateParams, "(Gpio|Diagnostics)Broadcaster"),
     )
     text = ["# Controllers and their parameters\n", "Names, defaults and meaning are those of ros2_controllers.\n"]

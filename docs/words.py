@@ -258,6 +258,7 @@ CONTROLLERS: dict[str, dict[str, str]] = {
         "command_timeout": "s after which a command ends; absent or 0: never (2 for interfaces named velocity, effort "
         "or acceleration)",
     },
+    "DeviceParams": {"joint": "a joint that a node drives, or the name of a node that drives none"},
     "StateParams": {
         "joints": "only these joints; empty: all",
         "interfaces": "only these interfaces; empty: all that the broadcaster is about",

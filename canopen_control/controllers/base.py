@@ -131,6 +131,8 @@ class Controller:
     is_broadcaster: ClassVar[bool] = False
     is_base: ClassVar[bool] = False
     """Whether its joints move one base (a vehicle): they stop together, and no verb acts on one of them alone."""
+    moves_joints: ClassVar[bool] = True
+    """Whether it is one to move joints; one that is not, as a broadcaster, is started beside the one that is."""
     independent: ClassVar[bool] = False
     """Whether each of its interfaces has a value of its own: one stop group of them may go on without another."""
     topic: ClassVar[str | None] = None

@@ -33,6 +33,7 @@ __all__ = ["GpioCommandController"]
 class GpioCommandController(Controller):
     """Holds outputs at what was commanded last, and tells what inputs and outputs are."""
 
+    moves_joints: ClassVar[bool] = False
     topic: ClassVar[str | None] = "gpio_commands"
     tells: ClassVar[type[Sample] | None] = GpioSample
 

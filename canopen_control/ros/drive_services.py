@@ -42,9 +42,12 @@ def _axis(action: str, mode: str | None = None) -> Asking:
 
 
 #: service -> what it asks of the robot, by the node and the joint of one axis (None: all its axes)
-TRIGGERS: Final[dict[str, Asking]] = {
+NMT_TRIGGERS: Final[dict[str, Asking]] = {
     "nmt_reset_node": _nmt("reset-node"),
     "nmt_start_node": _nmt("start"),
+}
+TRIGGERS: Final[dict[str, Asking]] = {
+    **NMT_TRIGGERS,
     "init": _axis("enable"),
     "enable": _axis("enable"),
     "disable": _axis("disable"),
@@ -83,15 +86,16 @@ class Targets:
 
 
 class DriveServices(Endpoint):
-    """The services of one node."""
+    """The services of one node, or of its axis of one `joint`; without `targets` none of a drive."""
 
-    def __init__(self, ros: Ros, node: NodeView, targets: Targets) -> None:
-        self._ros, self._node, self._targets = ros, node, targets
+    def __init__(self, ros: Ros, node: NodeView, targets: Targets | None, joint: str | None = None) -> None:
+        self._ros, self._node, self._own = ros, node, joint
+        self._targets = Targets() if targets is None else targets
         self._state: StateSample | None = None
         trigger = interface("std_srvs/srv/Trigger")
         self._services = [
-            ros.serve(trigger, node.path(name), self._trigger(asking(node.name, None)))
-            for name, asking in TRIGGERS.items()
+            ros.serve(trigger, node.path(name), self._trigger(asking(node.name, joint)))
+            for name, asking in (NMT_TRIGGERS if targets is None else TRIGGERS).items()
         ]
         self._services += [
             ros.serve(trigger, node.path(name, channel), self._trigger(request))
@@ -103,6 +107,8 @@ class DriveServices(Endpoint):
             ros.serve(interface(kind), node.path(name), handler)
             for name, kind, handler in NodeSdo(ros, node.name).handlers()
         ]
+        if targets is None:
+            return
         target = interface("canopen_interfaces/srv/COTargetDouble")
         self._services += [
             ros.serve(target, node.path("target", channel), self._target(channel))
@@ -155,6 +161,8 @@ class DriveServices(Endpoint):
             self._ros.ask(command, answer)
 
     def _joint(self) -> str | None:
+        if self._own is not None:
+            return self._own
         node = None if self._state is None else self._state.nodes.get(self._node.name)
         return node.axes[0].joint if node is not None and len(node.axes) == 1 else None
 

@@ -43,7 +43,7 @@ class NodeView(NamedTuple):
     """A node of the bus; `remappings` are pairs of names that were made absolute.
 
     `rpdo` are the objects that its RPDOs map, with their bits, by index and subindex. `channels` is empty for a node
-    with one axis or none.
+    with one axis or none. `place` is what its services and topics are below where that is not its name.
     """
 
     name: str
@@ -53,10 +53,11 @@ class NodeView(NamedTuple):
     lifecycle: bool = False
     rpdo: Mapping[tuple[int, int], int] = MappingProxyType({})
     channels: tuple[Channel, ...] = ()
+    place: str = ""
 
     def path(self, what: str, channel: Channel | None = None) -> str:
         """Return the name of one of its services or topics, or of a channel's, remapped."""
-        below = ros_name(self.name) if channel is None else channel.name
+        below = (self.place or ros_name(self.name)) if channel is None else channel.name
         path = resolve(self.namespace, f"{below}/{what}".rstrip("/"))
         return dict(self.remappings).get(path, path)
 

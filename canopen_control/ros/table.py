@@ -1,4 +1,4 @@
-"""Which topics a controller has: by the kind of its commands, by the kind of its samples, by what it says to publish.
+"""Which topics a controller has: by the kind of its commands and of its samples, by what it publishes, by its type.
 
 A new kind of command or sample gets a line here and an `Endpoint` in a file of its own.
 """
@@ -14,6 +14,7 @@ from canopen_control.ros.forward import ForwardCommands
 from canopen_control.ros.gpio_commands import GpioCommands
 from canopen_control.ros.gpio_states import GpioStates
 from canopen_control.ros.joint_states import JointStates
+from canopen_control.ros.node_of_joint import DeviceNode, ProxyNode
 from canopen_control.ros.pid_topics import FeedForwardSwitch, PidReferences, PidState
 from canopen_control.ros.trajectory_topics import SpeedScaling, TrajectoryQuery, TrajectoryState, TrajectoryTopic
 
@@ -46,10 +47,16 @@ BY_SAMPLE: Final[dict[str | None, tuple[Factory, ...]]] = {
     "trajectory": (FollowJointTrajectory, TrajectoryTopic, TrajectoryState, TrajectoryQuery, SpeedScaling),
     "pid": (PidState, FeedForwardSwitch),
 }
+#: by its type: what tells nothing of itself, and shows a node
+BY_TYPE: Final[dict[str, tuple[Factory, ...]]] = {
+    "canopen_ros2_controllers/CanopenProxyController": (ProxyNode,),
+    "canopen_ros2_controllers/Cia402DeviceController": (DeviceNode,),
+}
 
 
 def endpoints_for(ros: Ros, controller: ControllerReading) -> list[Endpoint]:
     """Make the topics of one controller."""
     published = [make for kind, make in BY_PUBLISHED.items() if controller.published(kind) is not None]
-    factories = (*BY_TOPIC.get(controller.topic, ()), *BY_SAMPLE.get(controller.tells, ()), *published)
+    own = (*BY_TOPIC.get(controller.topic, ()), *BY_SAMPLE.get(controller.tells, ()))
+    factories = (*own, *published, *BY_TYPE.get(controller.type, ()))
     return [make(ros, controller) for make in factories]

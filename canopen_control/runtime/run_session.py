@@ -151,9 +151,10 @@ class Session:
     def _on_running(self) -> None:
         gc.freeze()  # what booting has made stays as well
         if self.options.motion:
-            still = {info.name for info in self.robot.manager.list() if info.is_broadcaster or info.takes_outputs}
-            forward = [name for name in self.setup.to_activate if name not in still]
-            self._motion = DemoMotion(self.robot, forward[0])
+            manager = self.robot.manager
+            started = [manager.get(name) for name in self.setup.to_activate]
+            moving = [each.name for each in started if each.moves_joints and not each.is_broadcaster]
+            self._motion = DemoMotion(self.robot, moving[0]) if moving else None
         if self.options.duration is not None:
             self.reactor.call_later(round(self.options.duration * 1e9), lambda: self.robot.shutdown("its time is over"))
 
