@@ -175,6 +175,7 @@ def controllers() -> str:
         diff_drive_params,
         gpio_params,
         pid_params,
+        sensor_params,
         standard_params,
         types,
     )
@@ -195,6 +196,9 @@ def controllers() -> str:
         ("Joint states", BroadcasterParams, "JointState(Broadcaster|Controller)"),
         ("Outputs and inputs of `<gpio>` parts", gpio_params.GpioParams, "GpioCommand"),
         ("One node, as ros2_canopen shows it", canopen_device.DeviceParams, "canopen_ros2_controllers"),
+        ("IMU", sensor_params.ImuParams, "IMUSensorBroadcaster"),
+        ("Range sensor", sensor_params.RangeParams, "RangeSensorBroadcaster"),
+        ("Force and torque", sensor_params.ForceTorqueParams, "ForceTorqueSensorBroadcaster"),
         ("GPIO and diagnostics", broadcasters.StateParams, "(Gpio|Diagnostics)Broadcaster"),
     )
     text = ["# Controllers and their parameters\n", "Names, defaults and meaning are those of ros2_controllers.\n"]

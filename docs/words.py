@@ -259,6 +259,27 @@ CONTROLLERS: dict[str, dict[str, str]] = {
         "or acceleration)",
     },
     "DeviceParams": {"joint": "a joint that a node drives, or the name of a node that drives none"},
+    "SensorParams": {
+        "sensor_name": "a <sensor> of the description, whose interfaces have the names of ros2_control",
+        "frame_id": "frame of the headers",
+    },
+    "ImuParams": {
+        "static_covariance_orientation": "nine numbers, row by row about x, y, z; all 0: not known",
+        "static_covariance_angular_velocity": "the same of the angular velocity; -1 first: it is not measured",
+        "static_covariance_linear_acceleration": "the same of the linear acceleration",
+    },
+    "RangeParams": {
+        "radiation_type": "0 ultrasound, 1 infrared",
+        "field_of_view": "rad, the arc for which the distance holds",
+        "min_range": "m, the least distance that is measured",
+        "max_range": "m, the largest",
+        "variance": "m^2; 0: not known",
+    },
+    "ForceTorqueParams": {
+        "interface_names": "`.force.x` to `.torque.z`: state interfaces by their full names, instead of `sensor_name`",
+        "offset": "`.force.x` to `.torque.z`: N or Nm that are added",
+        "multiplier": "`.force.x` to `.torque.z`: factor after that; absent: 1.0",
+    },
     "StateParams": {
         "joints": "only these joints; empty: all",
         "interfaces": "only these interfaces; empty: all that the broadcaster is about",

@@ -37,6 +37,11 @@ TYPES: Final = {
     "joint_state_controller/JointStateController": f"{_HERE}.joint_state:JointStateBroadcaster",
     "canopen_ros2_controllers/CanopenProxyController": f"{_HERE}.canopen_device:CanopenProxyController",
     "canopen_ros2_controllers/Cia402DeviceController": f"{_HERE}.canopen_device:Cia402DeviceController",
+    "imu_sensor_broadcaster/IMUSensorBroadcaster": f"{_HERE}.sensor_broadcasters:IMUSensorBroadcaster",
+    "range_sensor_broadcaster/RangeSensorBroadcaster": f"{_HERE}.sensor_broadcasters:RangeSensorBroadcaster",
+    "force_torque_sensor_broadcaster/ForceTorqueSensorBroadcaster": (
+        f"{_HERE}.sensor_broadcasters:ForceTorqueSensorBroadcaster"
+    ),
     "canopen_control/GpioBroadcaster": f"{_HERE}.broadcasters:GpioBroadcaster",
     "canopen_control/DiagnosticsBroadcaster": f"{_HERE}.broadcasters:DiagnosticsBroadcaster",
 }

@@ -16,6 +16,7 @@ from canopen_control.ros.gpio_states import GpioStates
 from canopen_control.ros.joint_states import JointStates
 from canopen_control.ros.node_of_joint import DeviceNode, ProxyNode
 from canopen_control.ros.pid_topics import FeedForwardSwitch, PidReferences, PidState
+from canopen_control.ros.sensor_topics import ImuTopic, RangeTopic, WrenchTopic
 from canopen_control.ros.trajectory_topics import SpeedScaling, TrajectoryQuery, TrajectoryState, TrajectoryTopic
 
 if TYPE_CHECKING:
@@ -46,6 +47,9 @@ BY_SAMPLE: Final[dict[str | None, tuple[Factory, ...]]] = {
     "gpio": (GpioStates,),
     "trajectory": (FollowJointTrajectory, TrajectoryTopic, TrajectoryState, TrajectoryQuery, SpeedScaling),
     "pid": (PidState, FeedForwardSwitch),
+    "imu": (ImuTopic,),
+    "range": (RangeTopic,),
+    "wrench": (WrenchTopic,),
 }
 #: by its type: what tells nothing of itself, and shows a node
 BY_TYPE: Final[dict[str, tuple[Factory, ...]]] = {

@@ -10,9 +10,9 @@ from typing import TypeAlias
 
 import msgspec
 
-__all__ = ["ControllerSample", "DiagnosticsSample", "DofReading", "GpioSample", "JointDiagnosis", "JointStatesSample",
-           "OdometrySample", "PidSample", "Sample", "TrajectoryPoint", "TrajectorySample", "Values",
-           "kind_of"]  # fmt: skip
+__all__ = ["ControllerSample", "DiagnosticsSample", "DofReading", "GpioSample", "ImuSample", "JointDiagnosis",
+           "JointStatesSample", "OdometrySample", "PidSample", "RangeSample", "Sample", "TrajectoryPoint",
+           "TrajectorySample", "Values", "WrenchSample", "kind_of"]  # fmt: skip
 
 Values: TypeAlias = dict[str, float | None]
 
@@ -122,8 +122,48 @@ class PidSample(Sample, frozen=True, kw_only=True, tag="pid"):
     dofs: list[DofReading]
 
 
+class ImuSample(Sample, frozen=True, kw_only=True, tag="imu"):
+    """What an IMU measures: `orientation` as (x, y, z, w), rad/s and m/s^2; covariances row by row about x, y, z."""
+
+    frame_id: str
+    orientation: tuple[float | None, ...]
+    angular_velocity: tuple[float | None, ...]
+    linear_acceleration: tuple[float | None, ...]
+    orientation_covariance: list[float] = []
+    angular_velocity_covariance: list[float] = []
+    linear_acceleration_covariance: list[float] = []
+
+
+class RangeSample(Sample, frozen=True, kw_only=True, tag="range"):
+    """A distance in m, and the sensor: `radiation_type` 0 ultrasound, 1 infrared, `field_of_view` in rad."""
+
+    frame_id: str
+    range: float | None
+    radiation_type: int = 0
+    field_of_view: float = 0.0
+    min_range: float = 0.0
+    max_range: float = 0.0
+    variance: float = 0.0
+
+
+class WrenchSample(Sample, frozen=True, kw_only=True, tag="wrench"):
+    """Forces in N along x, y, z and torques in Nm about them."""
+
+    frame_id: str
+    force: tuple[float | None, ...]
+    torque: tuple[float | None, ...]
+
+
 ControllerSample: TypeAlias = (
-    OdometrySample | JointStatesSample | GpioSample | DiagnosticsSample | TrajectorySample | PidSample
+    OdometrySample
+    | JointStatesSample
+    | GpioSample
+    | DiagnosticsSample
+    | TrajectorySample
+    | PidSample
+    | ImuSample
+    | RangeSample
+    | WrenchSample
 )
 """What a controller may tell."""
 

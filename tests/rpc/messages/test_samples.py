@@ -7,13 +7,16 @@ from canopen_control.rpc.messages.samples import (
     DiagnosticsSample,
     DofReading,
     GpioSample,
+    ImuSample,
     JointDiagnosis,
     JointStatesSample,
     OdometrySample,
     PidSample,
+    RangeSample,
     Sample,
     TrajectoryPoint,
     TrajectorySample,
+    WrenchSample,
     kind_of,
 )
 from canopen_control.rpc.messages.state import StateSample
@@ -33,6 +36,15 @@ SAMPLES = {
         error=TrajectoryPoint(positions=[0.1]),
         output=TrajectoryPoint(positions=[1.1]),
     ),
+    "imu": ImuSample(
+        time=7.0,
+        frame_id="imu_link",
+        orientation=(0.0, 0.0, 0.0, 1.0),
+        angular_velocity=(None, None, None),
+        linear_acceleration=(0.0, 0.0, 9.81),
+    ),
+    "sonar": RangeSample(time=8.0, frame_id="front", range=None, max_range=4.0),
+    "wrist": WrenchSample(time=9.0, frame_id="tool0", force=(1.0, None, 2.0), torque=(0.0, 0.0, 0.5)),
     "loops": PidSample(
         time=6.0,
         dofs=[
@@ -61,7 +73,9 @@ def test_samples_of_every_kind_cross_the_wire_as_what_they_are():
 
 def test_each_kind_has_a_word_of_its_own():
     kinds = [kind_of(each) for each in typing.get_args(ControllerSample)]
-    assert kinds == ["odometry", "joint_states", "gpio", "diagnostics", "trajectory", "pid"]
+    assert kinds == [
+        *("odometry", "joint_states", "gpio", "diagnostics", "trajectory", "pid", "imu", "range", "wrench"),
+    ]
     assert plain(SAMPLES["io"])["kind"] == "gpio"
 
 
