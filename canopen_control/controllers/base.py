@@ -27,6 +27,7 @@ from canopen_control.hardware.interfaces import OK, POSITION, ReturnType
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
+    from canopen_control.controllers.gripper_goal import GripperGoal
     from canopen_control.controllers.params import Params
     from canopen_control.controllers.trajectory.goal import Goal
     from canopen_control.controllers.trajectory.point import JointTrajectory
@@ -262,6 +263,14 @@ class Controller:
 
     def cancel_goal(self, why: str | None = None, only: Goal | None = None) -> None:
         """End the goal that is being executed, or `only` this one, if it is; `why` is told."""
+
+    def grip(self, goal: GripperGoal, now: int) -> None:
+        """Move a gripper to a position, `now` in ns; ControlError if it is refused."""
+        del goal, now
+        raise self.refusal("moves no gripper; it is no gripper action controller")
+
+    def cancel_grip(self, why: str | None = None, only: GripperGoal | None = None) -> None:
+        """End the goal of a gripper, or `only` this one; `why` is told."""
 
     def trajectory_at(self, t: int) -> TrajectoryAt:
         """Return what the trajectory that it follows says at `t`, in ns; ControlError if it follows none ever."""

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from canopen_control.controllers.base import Geometry
+    from canopen_control.controllers.gripper_goal import GripperGoal
     from canopen_control.controllers.trajectory.goal import Goal
     from canopen_control.controllers.trajectory.point import JointTrajectory
     from canopen_control.hardware.interfaces import (
@@ -261,6 +262,12 @@ class ControllerManager:
         """Hand a trajectory to a controller, see `command`; with its end the holder's hold on it ends."""
         controller = self.get(name)
         self._hand(controller, lambda: controller.send_goal(goal, now), source)
+        controller.life.source, controller.life.holder = source, holder
+
+    def grip(self, name: str, goal: GripperGoal, now: int, *, source: str = "", holder: object = None) -> None:
+        """Hand a goal to a gripper controller, see `send_goal`."""
+        controller = self.get(name)
+        self._hand(controller, lambda: controller.grip(goal, now), source)
         controller.life.source, controller.life.holder = source, holder
 
     def _hand(self, controller: Controller, take: Callable[[], None], source: str) -> None:

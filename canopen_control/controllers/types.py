@@ -37,6 +37,9 @@ TYPES: Final = {
     "joint_state_controller/JointStateController": f"{_HERE}.joint_state:JointStateBroadcaster",
     "canopen_ros2_controllers/CanopenProxyController": f"{_HERE}.canopen_device:CanopenProxyController",
     "canopen_ros2_controllers/Cia402DeviceController": f"{_HERE}.canopen_device:Cia402DeviceController",
+    "position_controllers/GripperActionController": f"{_HERE}.gripper:PositionGripperActionController",
+    "effort_controllers/GripperActionController": f"{_HERE}.gripper:EffortGripperActionController",
+    "parallel_gripper_action_controller/GripperActionController": f"{_HERE}.gripper:ParallelGripperActionController",
     "imu_sensor_broadcaster/IMUSensorBroadcaster": f"{_HERE}.sensor_broadcasters:IMUSensorBroadcaster",
     "range_sensor_broadcaster/RangeSensorBroadcaster": f"{_HERE}.sensor_broadcasters:RangeSensorBroadcaster",
     "force_torque_sensor_broadcaster/ForceTorqueSensorBroadcaster": (

@@ -13,6 +13,7 @@ from canopen_control.ros.follow_joint_trajectory import FollowJointTrajectory
 from canopen_control.ros.forward import ForwardCommands
 from canopen_control.ros.gpio_commands import GpioCommands
 from canopen_control.ros.gpio_states import GpioStates
+from canopen_control.ros.gripper_action import GripperAction, ParallelGripperAction
 from canopen_control.ros.joint_states import JointStates
 from canopen_control.ros.node_of_joint import DeviceNode, ProxyNode
 from canopen_control.ros.pid_topics import FeedForwardSwitch, PidReferences, PidState
@@ -51,8 +52,11 @@ BY_SAMPLE: Final[dict[str | None, tuple[Factory, ...]]] = {
     "range": (RangeTopic,),
     "wrench": (WrenchTopic,),
 }
-#: by its type: what tells nothing of itself, and shows a node
+#: by its type: which action, or whose node
 BY_TYPE: Final[dict[str, tuple[Factory, ...]]] = {
+    "position_controllers/GripperActionController": (GripperAction,),
+    "effort_controllers/GripperActionController": (GripperAction,),
+    "parallel_gripper_action_controller/GripperActionController": (ParallelGripperAction,),
     "canopen_ros2_controllers/CanopenProxyController": (ProxyNode,),
     "canopen_ros2_controllers/Cia402DeviceController": (DeviceNode,),
 }

@@ -15,6 +15,7 @@ from canopen_control.rpc.messages.declare import PROTOCOL, Done
 from canopen_control.rpc.messages.robot import ROBOT, AxisDone, RobotHello, TouchProbe
 from canopen_control.rpc.server import Server
 from canopen_control.runtime.api_control import answer_control
+from canopen_control.runtime.api_gripper import GripperMethods
 from canopen_control.runtime.api_objects import ObjectMethods
 from canopen_control.runtime.api_trajectories import TrajectoryMethods
 from canopen_control.runtime.process_data import ProcessDataFeed
@@ -74,6 +75,7 @@ class ApiServer:
         self._answer()
         answer_control(robot, self._server)
         self._trajectories = TrajectoryMethods(robot, self._server, self._keep)
+        self._grippers = GripperMethods(robot, self._server, self._keep)
         self._server.check()
         robot.after_cycle.append(self._after_cycle)
 
@@ -105,6 +107,7 @@ class ApiServer:
     def _on_close(self, connection: Connection) -> None:
         self._objects.forget(connection)
         self._trajectories.forget(connection)
+        self._grippers.forget(connection)
         self._robot.let_go(connection)
         subscription = self._subscriptions.pop(connection, None)
         if connection.reason == "slow" and subscription is not None:

@@ -14,6 +14,7 @@ from typing import Annotated, Final
 import msgspec
 
 from canopen_control.rpc.messages.declare import Api, Done, Effect, Request
+from canopen_control.rpc.messages.gripper import GRIPPER_METHODS
 from canopen_control.rpc.messages.layout import Layout
 from canopen_control.rpc.messages.nodes import (
     MAX_OBJECT,
@@ -165,6 +166,7 @@ class TwistController(Request[Done], frozen=True, kw_only=True):
 
 
 ROBOT.declare(TRAJECTORY_METHODS)
+ROBOT.declare(GRIPPER_METHODS)
 
 
 @ROBOT.method("stop", Effect.STOPS)

@@ -10,9 +10,9 @@ from typing import TypeAlias
 
 import msgspec
 
-__all__ = ["ControllerSample", "DiagnosticsSample", "DofReading", "GpioSample", "ImuSample", "JointDiagnosis",
-           "JointStatesSample", "OdometrySample", "PidSample", "RangeSample", "Sample", "TrajectoryPoint",
-           "TrajectorySample", "Values", "WrenchSample", "kind_of"]  # fmt: skip
+__all__ = ["ControllerSample", "DiagnosticsSample", "DofReading", "GpioSample", "GripperSample", "ImuSample",
+           "JointDiagnosis", "JointStatesSample", "OdometrySample", "PidSample", "RangeSample", "Sample",
+           "TrajectoryPoint", "TrajectorySample", "Values", "WrenchSample", "kind_of"]  # fmt: skip
 
 Values: TypeAlias = dict[str, float | None]
 
@@ -122,6 +122,19 @@ class PidSample(Sample, frozen=True, kw_only=True, tag="pid"):
     dofs: list[DofReading]
 
 
+class GripperSample(Sample, frozen=True, kw_only=True, tag="gripper"):
+    """Where a gripper is and was to be: rad or m, rad/s or m/s, Nm or N; `target` is None where it holds by itself."""
+
+    joint: str
+    position: float | None
+    velocity: float | None
+    effort: float | None
+    target: float | None
+    executing: bool
+    stalled: bool
+    reached_goal: bool
+
+
 class ImuSample(Sample, frozen=True, kw_only=True, tag="imu"):
     """What an IMU measures: `orientation` as (x, y, z, w), rad/s and m/s^2; covariances row by row about x, y, z."""
 
@@ -161,6 +174,7 @@ ControllerSample: TypeAlias = (
     | DiagnosticsSample
     | TrajectorySample
     | PidSample
+    | GripperSample
     | ImuSample
     | RangeSample
     | WrenchSample

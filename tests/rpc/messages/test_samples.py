@@ -7,6 +7,7 @@ from canopen_control.rpc.messages.samples import (
     DiagnosticsSample,
     DofReading,
     GpioSample,
+    GripperSample,
     ImuSample,
     JointDiagnosis,
     JointStatesSample,
@@ -35,6 +36,17 @@ SAMPLES = {
         feedback=TrajectoryPoint(positions=[0.9]),
         error=TrajectoryPoint(positions=[0.1]),
         output=TrajectoryPoint(positions=[1.1]),
+    ),
+    "gripper": GripperSample(
+        time=6.5,
+        joint="finger",
+        position=0.02,
+        velocity=0.0,
+        effort=None,
+        target=0.04,
+        executing=True,
+        stalled=False,
+        reached_goal=False,
     ),
     "imu": ImuSample(
         time=7.0,
@@ -74,7 +86,8 @@ def test_samples_of_every_kind_cross_the_wire_as_what_they_are():
 def test_each_kind_has_a_word_of_its_own():
     kinds = [kind_of(each) for each in typing.get_args(ControllerSample)]
     assert kinds == [
-        *("odometry", "joint_states", "gpio", "diagnostics", "trajectory", "pid", "imu", "range", "wrench"),
+        *("odometry", "joint_states", "gpio", "diagnostics", "trajectory", "pid", "gripper", "imu"),
+        *("range", "wrench"),
     ]
     assert plain(SAMPLES["io"])["kind"] == "gpio"
 
