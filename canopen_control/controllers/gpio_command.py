@@ -71,6 +71,12 @@ class GpioCommandController(Controller):
         found = {each.name: each for each in states if each.name in wanted or each.joint in whole}
         if missing := [each for each in wanted if each not in found]:
             raise ControlError(f"{self.name}: there is no state interface {missing[0]}{nearest(missing[0], found)}")
+        commanded = {each.joint for each in commands}
+        told = {each.joint for each in found.values()}
+        if strange := [gpio for gpio in whole if gpio not in commanded and gpio not in told]:
+            raise ControlError(
+                f"{self.name}: there is no <gpio> {strange[0]!r} with interfaces; remove it"
+            )
         layout: dict[str, dict[str, StateInterface | None]] = {gpio: {} for gpio in self.params.gpios}
         for each in found.values():
             layout[each.joint][each.interface] = each

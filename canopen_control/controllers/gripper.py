@@ -27,6 +27,8 @@ from canopen_control.hardware.interfaces import EFFORT, OK, POSITION, VELOCITY, 
 from canopen_control.rpc.messages.samples import GripperSample
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from canopen_control.controllers.params import Params
     from canopen_control.hardware.interfaces import CommandInterface, StateInterface
     from canopen_control.rpc.messages.samples import Sample
@@ -102,6 +104,11 @@ class PositionGripperActionController(Controller):
         self.goal, self._target, self._limits, self._way = goal, goal.position, (effort, velocity), Way.MOVING
         self._progress.begin(now)
         self.life.give(now)
+
+    def set_command(self, values: Sequence[float], now: int, stamp: int | None = None) -> None:
+        """Refuse numbers: it takes goals, which have an end."""
+        del values, now, stamp
+        raise self.refusal("takes goals and no numbers; send one to ~/gripper_cmd, or by canopen-control gripper")
 
     def cancel_grip(self, why: str | None = None, only: GripperGoal | None = None) -> None:
         """Cancel the goal under way, or `only` this one: the joint is held where it is."""

@@ -65,6 +65,8 @@ class DemoMotion:
     def _values(self) -> list[float]:
         """Return the commands of this step, none where there is nothing to play."""
         controller = self._robot.manager.get(self._controller)
+        if controller.topic is None:  # it takes goals
+            return []
         if controller.topic != "commands":
             return [each * _PHASES[self._step // _STEPS_EACH % len(_PHASES)] for each in _TWIST]
         names = controller.command_interface_names()

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 from canopen_control.cli.support.arguments import seconds
 from canopen_control.client import RobotClient
-from canopen_control.errors import RemoteError
+from canopen_control.errors import ConfigError, RemoteError
 from canopen_control.host.signals import on_signals
 from canopen_control.rpc.messages.robot import ListControllers
 
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
     from canopen_control.rpc.messages.state import ControllerReading
 
-__all__ = ["add_repeat_arguments", "positions_of", "send", "values_at_the_end"]
+__all__ = ["add_repeat_arguments", "positions_of", "send", "the_controller", "values_at_the_end"]
 
 PERIOD_S = 0.1
 ENABLING_S = 3.0  # for drives that are being enabled
@@ -126,3 +126,23 @@ def positions_of(controllers: Iterable[ControllerReading], name: str) -> list[bo
     """Return for each value of a controller's command whether it is a position; nothing for an unknown controller."""
     interfaces = [each for one in controllers if one.name == name for each in one.required_command_interfaces]
     return [interface.endswith("/position") for interface in interfaces]
+
+
+def the_controller(robot: RobotClient, name: str | None, tells: str, what: str) -> ControllerReading:
+    """Return the controller that is meant: `name`, or the only active one with such samples; ConfigError else.
+
+    `what` are its kind in words.
+    """
+    known = robot.ask(ListControllers())
+    if name is not None:
+        meant = next((each for each in known if each.name == name), None)
+        if meant is None:
+            loaded = ", ".join(each.name for each in known)
+            raise ConfigError(f"no controller {name!r} is loaded; there are {loaded}")
+        return meant
+    found = [each for each in known if each.tells == tells and each.active]
+    if len(found) != 1:
+        names = ", ".join(each.name for each in found)
+        problem = f"several are active: {names}" if found else f"no {what} is active"
+        raise ConfigError(f"{problem}; name one with --controller, see canopen-control controller list")
+    return found[0]
