@@ -170,6 +170,7 @@ def bus_yml() -> str:
 def controllers() -> str:
     """Return the parameters of every controller."""
     from canopen_control.controllers import (
+        battery_params,
         broadcasters,
         canopen_device,
         diff_drive_params,
@@ -203,6 +204,7 @@ def controllers() -> str:
         ("IMU", sensor_params.ImuParams, "IMUSensorBroadcaster"),
         ("Range sensor", sensor_params.RangeParams, "RangeSensorBroadcaster"),
         ("Force and torque", sensor_params.ForceTorqueParams, "ForceTorqueSensorBroadcaster"),
+        ("Batteries", battery_params.BatteryParams, "BatteryState"),
         ("GPIO and diagnostics", broadcasters.StateParams, "(Gpio|Diagnostics)Broadcaster"),
     )
     text = ["# Controllers and their parameters\n", "Names, defaults and meaning are those of ros2_controllers.\n"]
@@ -222,6 +224,8 @@ def controllers() -> str:
                 "### Each degree of freedom: `gains.DOF.KEY`\n",
                 _keys(pid_params.DofGains, CONTROLLERS["DofGains"], {}),
             ]
+        if cls is battery_params.BatteryParams:
+            text += ["### Each battery: `BATTERY.KEY`\n", _keys(battery_params.Battery, CONTROLLERS["Battery"], {})]
         if cls is trajectory.TrajectoryParams:
             for part, title in ((trajectory.JointGains, "gains"), (trajectory.JointConstraints, "constraints")):
                 text += [f"### Each joint: `{title}.JOINT.KEY`\n", _keys(part, CONTROLLERS[part.__name__], {})]

@@ -293,6 +293,24 @@ CONTROLLERS: dict[str, dict[str, str]] = {
         "offset": "`.force.x` to `.torque.z`: N or Nm that are added",
         "multiplier": "`.force.x` to `.torque.z`: factor after that; absent: 1.0",
     },
+    "BatteryParams": {
+        "batteries": "names of <sensor>, <gpio> or <joint> parts, each with `battery_voltage` at least",
+        "interfaces": "`.BATTERY.battery_temperature` and so on, true: that state interface is read too "
+        "(`battery_current`, `battery_charge`, `battery_percentage`, `battery_power_supply_status`, `..._health`, "
+        "`battery_present`)",
+        "sensor_name": "one battery alone, of which `voltage` is read (deprecated)",
+        "design_capacity": "Ah, of that one",
+        "power_supply_technology": "of that one",
+    },
+    "Battery": {
+        "minimum_voltage": "V of an empty battery, for the percentage of one that tells none",
+        "maximum_voltage": "V of a full one",
+        "capacity": "Ah, when it was full last",
+        "design_capacity": "Ah of a new battery",
+        "power_supply_technology": "its chemistry, a number of sensor_msgs/BatteryState",
+        "location": "where it is, such as a slot",
+        "serial_number": "its serial number",
+    },
     "StateParams": {
         "joints": "only these joints; empty: all",
         "interfaces": "only these interfaces; empty: all that the broadcaster is about",

@@ -74,9 +74,7 @@ class GpioCommandController(Controller):
         commanded = {each.joint for each in commands}
         told = {each.joint for each in found.values()}
         if strange := [gpio for gpio in whole if gpio not in commanded and gpio not in told]:
-            raise ControlError(
-                f"{self.name}: there is no <gpio> {strange[0]!r} with interfaces; remove it"
-            )
+            raise ControlError(f"{self.name}: there is no <gpio> {strange[0]!r} with interfaces; remove it")
         layout: dict[str, dict[str, StateInterface | None]] = {gpio: {} for gpio in self.params.gpios}
         for each in found.values():
             layout[each.joint][each.interface] = each

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from canopen_control.hardware.interfaces import CommandInterface, StateInterface
     from canopen_control.rpc.messages.samples import Sample
 
-__all__ = ["ForceTorqueSensorBroadcaster", "IMUSensorBroadcaster", "RangeSensorBroadcaster"]
+__all__ = ["ForceTorqueSensorBroadcaster", "IMUSensorBroadcaster", "RangeSensorBroadcaster", "SensorBroadcaster"]
 
 _IMU: Final = (
     *(f"orientation.{axis}" for axis in "xyzw"),
@@ -37,7 +37,7 @@ _IMU: Final = (
 )
 
 
-class _SensorBroadcaster(Controller):
+class SensorBroadcaster(Controller):
     """Copies state interfaces by their places; "" is one that is not there."""
 
     is_broadcaster: ClassVar[bool] = True
@@ -79,7 +79,7 @@ class _SensorBroadcaster(Controller):
         return tuple(finite(each) for each in self._values[first:last])
 
 
-class IMUSensorBroadcaster(_SensorBroadcaster):
+class IMUSensorBroadcaster(SensorBroadcaster):
     """Tells orientation, angular velocity and linear acceleration of an IMU."""
 
     tells: ClassVar[type[Sample] | None] = ImuSample
@@ -108,7 +108,7 @@ class IMUSensorBroadcaster(_SensorBroadcaster):
         )
 
 
-class RangeSensorBroadcaster(_SensorBroadcaster):
+class RangeSensorBroadcaster(SensorBroadcaster):
     """Tells the distance that one sensor measures."""
 
     tells: ClassVar[type[Sample] | None] = RangeSample
@@ -137,7 +137,7 @@ class RangeSensorBroadcaster(_SensorBroadcaster):
         )
 
 
-class ForceTorqueSensorBroadcaster(_SensorBroadcaster):
+class ForceTorqueSensorBroadcaster(SensorBroadcaster):
     """Tells forces and torques along and about three axes."""
 
     tells: ClassVar[type[Sample] | None] = WrenchSample

@@ -45,6 +45,7 @@ TYPES: Final = {
     "force_torque_sensor_broadcaster/ForceTorqueSensorBroadcaster": (
         f"{_HERE}.sensor_broadcasters:ForceTorqueSensorBroadcaster"
     ),
+    "battery_state_broadcaster/BatteryStateBroadcaster": f"{_HERE}.battery_broadcaster:BatteryStateBroadcaster",
     "canopen_control/GpioBroadcaster": f"{_HERE}.broadcasters:GpioBroadcaster",
     "canopen_control/DiagnosticsBroadcaster": f"{_HERE}.broadcasters:DiagnosticsBroadcaster",
 }

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
+from canopen_control.ros.battery_topics import BatteryTopics
 from canopen_control.ros.diff_drive import BaseOdometry, TwistCommands
 from canopen_control.ros.dynamic_joint_states import DynamicJointStates
 from canopen_control.ros.follow_joint_trajectory import FollowJointTrajectory
@@ -51,6 +52,7 @@ BY_SAMPLE: Final[dict[str | None, tuple[Factory, ...]]] = {
     "imu": (ImuTopic,),
     "range": (RangeTopic,),
     "wrench": (WrenchTopic,),
+    "batteries": (BatteryTopics,),
 }
 #: by its type: which action, or whose node
 BY_TYPE: Final[dict[str, tuple[Factory, ...]]] = {

@@ -10,9 +10,10 @@ from typing import TypeAlias
 
 import msgspec
 
-__all__ = ["ControllerSample", "DiagnosticsSample", "DofReading", "GpioSample", "GripperSample", "ImuSample",
-           "JointDiagnosis", "JointStatesSample", "OdometrySample", "PidSample", "RangeSample", "Sample",
-           "TrajectoryPoint", "TrajectorySample", "Values", "WrenchSample", "kind_of"]  # fmt: skip
+__all__ = ["BatteriesSample", "BatteryReading", "ControllerSample", "DiagnosticsSample", "DofReading", "GpioSample",
+           "GripperSample", "ImuSample", "JointDiagnosis", "JointStatesSample", "OdometrySample", "PidSample",
+           "RangeSample", "Sample", "TrajectoryPoint", "TrajectorySample", "Values", "WrenchSample",
+           "kind_of"]  # fmt: skip
 
 Values: TypeAlias = dict[str, float | None]
 
@@ -167,6 +168,35 @@ class WrenchSample(Sample, frozen=True, kw_only=True, tag="wrench"):
     torque: tuple[float | None, ...]
 
 
+class BatteryReading(msgspec.Struct, frozen=True, kw_only=True):
+    """What is known of a battery: V, degC, A (negative while it is discharged), Ah; `percentage` from 0 to 1.
+
+    The enums are those of sensor_msgs/BatteryState, 0 is unknown. `name` is empty for all of them as one.
+    """
+
+    name: str
+    voltage: float | None = None
+    temperature: float | None = None
+    current: float | None = None
+    charge: float | None = None
+    capacity: float | None = None
+    design_capacity: float | None = None
+    percentage: float | None = None
+    power_supply_status: int = 0
+    power_supply_health: int = 0
+    power_supply_technology: int = 0
+    present: bool = False
+    location: str = ""
+    serial_number: str = ""
+
+
+class BatteriesSample(Sample, frozen=True, kw_only=True, tag="batteries"):
+    """The batteries of a robot, and all of them as one."""
+
+    batteries: list[BatteryReading]
+    together: BatteryReading
+
+
 ControllerSample: TypeAlias = (
     OdometrySample
     | JointStatesSample
@@ -178,6 +208,7 @@ ControllerSample: TypeAlias = (
     | ImuSample
     | RangeSample
     | WrenchSample
+    | BatteriesSample
 )
 """What a controller may tell."""
 

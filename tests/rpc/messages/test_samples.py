@@ -3,6 +3,8 @@ import typing
 import pytest
 
 from canopen_control.rpc.messages.samples import (
+    BatteriesSample,
+    BatteryReading,
     ControllerSample,
     DiagnosticsSample,
     DofReading,
@@ -48,6 +50,11 @@ SAMPLES = {
         stalled=False,
         reached_goal=False,
     ),
+    "power": BatteriesSample(
+        time=6.75,
+        batteries=[BatteryReading(name="main", voltage=24.5, percentage=0.5, present=True)],
+        together=BatteryReading(name=""),
+    ),
     "imu": ImuSample(
         time=7.0,
         frame_id="imu_link",
@@ -87,7 +94,7 @@ def test_each_kind_has_a_word_of_its_own():
     kinds = [kind_of(each) for each in typing.get_args(ControllerSample)]
     assert kinds == [
         *("odometry", "joint_states", "gpio", "diagnostics", "trajectory", "pid", "gripper", "imu"),
-        *("range", "wrench"),
+        *("range", "wrench", "batteries"),
     ]
     assert plain(SAMPLES["io"])["kind"] == "gpio"
 
