@@ -26,7 +26,7 @@ class Sample(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", tag="n
 class OdometrySample(Sample, frozen=True, kw_only=True, tag="odometry"):
     """Where a base controller believes to be.
 
-    Metres, rad, seconds; each covariance by the six of its diagonal. `limited` is the twist after the limits where it
+    Metres, rad, seconds; `lateral` is to the left, as of a base that drives sideways; each covariance by the six of its diagonal. `limited` is the twist after the limits where it
     is published.
     """
 
@@ -34,6 +34,7 @@ class OdometrySample(Sample, frozen=True, kw_only=True, tag="odometry"):
     y: float
     heading: float
     linear: float = 0.0
+    lateral: float = 0.0
     angular: float = 0.0
     frame_id: str = "odom"
     child_frame_id: str = "base_link"
