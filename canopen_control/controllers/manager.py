@@ -319,6 +319,7 @@ class ControllerManager:
             reference_interfaces=tuple(each.name for each in controller.reference_interfaces()) if configured else (),
             exported_state_interfaces=tuple(each.name for each in controller.exported_states()) if configured else (),
             topic=controller.topic,
+            twist_axes=controller.twist_axes,
             publishes=controller.publishes,
             frame_id=controller.frame_id,
             tells=None if controller.tells is None else kind_of(controller.tells),

@@ -21,6 +21,7 @@ from canopen_control.controllers.base import Controller, ControllerState, zero_t
 from canopen_control.controllers.base_params import BaseParams
 from canopen_control.controllers.command_life import ENDLESS, endless
 from canopen_control.controllers.limiter import Limits, RateLimiter
+from canopen_control.controllers.odometry_publication import OdometryPublication
 from canopen_control.controllers.planar_pose import MIN_DT, PlanarPose
 from canopen_control.errors import ControlError, RobotConfigError
 from canopen_control.hardware.interfaces import ERROR, OK, POSITION, VELOCITY, CommandInterface, ReturnType
@@ -42,24 +43,14 @@ TOO_SHORT: Final = 0.0
 """What it returns for a step that is put off to the next one."""
 HOLONOMIC: Final = ("linear.x", "linear.y", "angular.z")
 """The axes of a base that drives sideways too."""
-_AT_ONCE: Final = -1  # before any cycle
 _NEVER: Final = -1
-
-
-class _Publication:
-    """What is published at one time: pose, velocity, and the twist after the limits."""
-
-    def __init__(self, axes: int) -> None:
-        self.x = self.y = self.heading = 0.0
-        self.linear = self.lateral = self.angular = 0.0
-        self.limited = [0.0] * axes
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class MobileBase(Controller):
     """Drives a vehicle by twists; `pose` is where it is, moved by what its wheels have done.
 
-    `publications` counts the times its odometry was due, last at `stamp` (ns). `wanted` is the twist of this cycle, nan
+    `publications` counts them, the last at `stamp` (ns). `wanted` is the twist of this cycle, nan
     before the first, `limited` what the limits have left of it, both in the order of `twist_axes`, in m/s and rad/s;
     `targets` are for its commands.
     """
@@ -81,15 +72,12 @@ class MobileBase(Controller):
         axes = len(self.twist_axes)
         self.wanted, self.limited = [math.nan] * axes, [0.0] * axes
         self.targets: list[float] = []
-        self.publications = 0
         self.braking = False
         self._previous, self._before = [0.0] * axes, [0.0] * axes
         self._limiters = [RateLimiter(Limits())] * axes
-        self._told = _Publication(axes)
+        self._publication = OdometryPublication(axes)
         self._references = tuple(CommandInterface(f"{name}/{each}", VELOCITY) for each in self.references)
         self._odometry_params = BaseParams()
-        self._publish_ns = 0
-        self._publish_at = _AT_ONCE
         self._followed = _NEVER
         self._once = self._fresh = False
         self._was_chained = self._writing = self._too_fast = False
@@ -118,8 +106,7 @@ class MobileBase(Controller):
         elif (text := endless(self.timeout_key, timeout, (VELOCITY,))) is not None:
             self.tell(ENDLESS, text)
         self.update_rate, self.publish_rate = given.update_rate, publish_rate
-        self._publish_ns = round(NS / publish_rate) if publish_rate else 0
-        self._publish_at = _AT_ONCE
+        self._publication.set_rate(publish_rate)
         self.targets = [0.0] * commands
 
     def work_out(self, twist: Sequence[float]) -> None:
@@ -154,13 +141,17 @@ class MobileBase(Controller):
 
     def states_known(self) -> bool:
         """Whether all feedback is a number."""
-        states = self.states
-        for index in range(len(states)):
-            if not math.isfinite(states[index].value):
-                return False
-        return True
+        total = 0.0
+        for each in self.states:
+            total += each.value
+        return math.isfinite(total)
 
     # ------------------------------------------------------------------------------------------------- what is told
+
+    @property
+    def publications(self) -> int:
+        """How often its odometry was due."""
+        return self._publication.count
 
     @property
     def chained(self) -> bool:
@@ -181,32 +172,11 @@ class MobileBase(Controller):
 
     def odometry_sample(self, wall_offset_ns: int, limited: bool = False) -> OdometrySample | None:
         """Return the odometry as it was published last, with the `limited` twist where that is published."""
-        if not self.publications:
-            return None
-        told, params = self._told, self._odometry_params
-        frame, child = self.frame_ids()
-        return OdometrySample(
-            time=self.published(wall_offset_ns),
-            x=told.x,
-            y=told.y,
-            heading=told.heading,
-            linear=told.linear,
-            lateral=told.lateral,
-            angular=told.angular,
-            frame_id=frame,
-            child_frame_id=child,
-            pose_covariance=list(params.pose_covariance_diagonal),
-            twist_covariance=list(params.twist_covariance_diagonal),
-            enable_odom_tf=params.enable_odom_tf,
-            limited=(told.limited[0], told.limited[-1]) if limited else None,
-        )
+        return self._publication.sample(self.published(wall_offset_ns), self._odometry_params, limited)
 
     def take_down(self) -> None:
         """Put down what is published, as it is now; an override calls this first."""
-        told, pose = self._told, self.pose
-        told.x, told.y, told.heading = pose.x, pose.y, pose.heading
-        told.linear, told.lateral, told.angular = self.velocities()
-        _copy(self.limited, told.limited)
+        self._publication.take(self.pose, self.velocities(), self.limited)
 
     # ----------------------------------------------------------------------------------------------------- lifecycle
 
@@ -355,14 +325,9 @@ class MobileBase(Controller):
         return OK
 
     def _publish(self, now: int) -> None:
-        """Count a publication that is due; the next one is so at a step of the period on a fixed grid, no burst."""
-        if now <= self._publish_at:
-            return
-        due, period = self._publish_at, self._publish_ns
-        self._publish_at = (now if due == _AT_ONCE else max(due, now - period)) + period
-        self.stamp = now
-        self.publications += 1
-        self.take_down()
+        if self._publication.is_due(now):
+            self.stamp = now
+            self.take_down()
 
     def _write(self) -> None:
         """Write the commands of the limited twist, all or, where one does not fit its drive, none."""
@@ -392,10 +357,7 @@ class MobileBase(Controller):
 
 
 def _known(values: list[float]) -> bool:
-    for index in range(len(values)):
-        if math.isnan(values[index]):
-            return False
-    return True
+    return not math.isnan(sum(values))
 
 
 def _fill(values: list[float], value: float) -> None:

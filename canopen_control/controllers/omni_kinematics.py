@@ -59,9 +59,7 @@ class OmniKinematics(PlanarPose):
             left -= self._cosines[index] * speed
             turn -= speed
         count = len(self.wheels)
-        return self.update_open_loop(
-            2.0 / count * forward, 2.0 / count * left, turn / (count * self._robot_radius), dt
-        )
+        return self.update_open_loop(2.0 / count * forward, 2.0 / count * left, turn / (count * self._robot_radius), dt)
 
     def update_open_loop(self, forward: float, left: float, angular: float, dt: float) -> bool:
         """Believe a command, in m/s and rad/s."""

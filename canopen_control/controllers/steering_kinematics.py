@@ -36,7 +36,12 @@ class SteeringKinematics(PlanarPose):
     steering_count: ClassVar[int] = 1
 
     def __init__(
-        self, radius: float, wheelbase: float, traction_track: float = 0.0, steering_track: float = 0.0, window: int = 10
+        self,
+        radius: float,
+        wheelbase: float,
+        traction_track: float = 0.0,
+        steering_track: float = 0.0,
+        window: int = 10,
     ) -> None:
         super().__init__()
         self.radius, self.wheelbase = radius, wheelbase
