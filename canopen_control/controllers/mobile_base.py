@@ -259,8 +259,8 @@ class MobileBase(Controller):
             return self._without_feedback()
         _copy(previous, before)
         _copy(limited, previous)
-        self._publish(now)
         self._write()
+        self._publish(now)
         return OK
 
     def _take_reference(self, now: int) -> None:
@@ -307,11 +307,11 @@ class MobileBase(Controller):
     def _rest(self, now: int) -> ReturnType:
         """Follow the wheels while there is no twist yet; feedback may not be there either."""
         _fill(self.limited, 0.0)
+        zero_targets(self.commands)
         if self.follow(now):
             self._publish(now)
         else:
             self.stop_following()
-        zero_targets(self.commands)
         return OK
 
     def _without_feedback(self) -> ReturnType:
