@@ -145,8 +145,8 @@ class SteeringKinematics(PlanarPose):
             self.traction[0] = self.traction[1] = speed
             return
         curve, half = quotient(self.wheelbase, math.tan(angle)), self.traction_track / 2.0
-        self.traction[0] = quotient(speed * (curve + half), curve)
-        self.traction[1] = quotient(speed * (curve - half), curve)
+        self.traction[0] = speed * quotient(curve + half, curve)
+        self.traction[1] = speed * quotient(curve - half, curve)
 
     def mean_speed(self, traction: Sequence[float], angle: float) -> float:
         """Return the speed between two traction wheels in a curve, in m/s."""
@@ -154,8 +154,8 @@ class SteeringKinematics(PlanarPose):
         curve, half = quotient(self.wheelbase, math.tan(angle)), self.traction_track / 2.0
         if math.isinf(curve):
             return self.radius * (right + left) * 0.5
-        outer = quotient(self.radius * right * curve, curve + half)
-        return (outer + quotient(self.radius * left * curve, curve - half)) * 0.5
+        middle = right * quotient(curve, curve + half) + left * quotient(curve, curve - half)
+        return self.radius * middle * 0.5
 
 
 class BicycleKinematics(SteeringKinematics):
