@@ -35,6 +35,7 @@ if TYPE_CHECKING:
 __all__ = ["ApiServer"]
 
 MAX_KIND, MAX_TEXT = 32, 500  # characters of what a client tells
+_PLANAR, _SIDEWAYS = ("linear.x", "angular.z"), "linear.y"
 Commands = TypeVar("Commands", messages.CommandController, messages.TwistController)
 
 
@@ -179,12 +180,23 @@ class ApiServer:
     def _twist(self, call: Call[messages.TwistController]) -> None:
         wanted = call.request
         name = wanted.controller
-        loaded = self._robot.manager.states
-        if name in loaded and self._robot.manager.get(name).topic != "cmd_vel":
-            raise ControlError(f"{name} takes no twist; it is no base controller, command it by values")
-        values, source = [wanted.linear, wanted.angular], wanted.source or call.who
+        values, source = self._twist_values(wanted), wanted.source or call.who
         self._robot.command(name, values, source, wanted.stamp, holder=self._holder(call))
         call.reply(Done())
+
+    def _twist_values(self, wanted: messages.TwistController) -> list[float]:
+        """Return a twist by the axes that the base has; ControlError for one that it cannot drive."""
+        name, manager = wanted.controller, self._robot.manager
+        axes: tuple[str, ...] = _PLANAR
+        if name in manager.states:
+            controller = manager.get(name)
+            if not controller.twist_axes and controller.topic != "cmd_vel":
+                raise ControlError(f"{name} takes no twist; it is no base controller, command it by values")
+            axes = controller.twist_axes or axes
+            if wanted.lateral and _SIDEWAYS not in axes:
+                raise ControlError(f"{name} cannot drive sideways; it takes {' and '.join(axes)}")
+        twist = {"linear.x": wanted.linear, _SIDEWAYS: wanted.lateral, "angular.z": wanted.angular}
+        return [twist[axis] for axis in axes]
 
     def _holder(self, call: Call[Commands]) -> Connection | None:
         """Return with whom a command ends: the connection it came on, where that was asked for."""

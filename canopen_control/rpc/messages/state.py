@@ -264,7 +264,12 @@ class ControllerReading(msgspec.Struct, frozen=True, kw_only=True, rename={"clai
     @property
     def is_base(self) -> bool:
         """Whether it is driven by twists."""
-        return bool(self.twist_axes)
+        return bool(self.twist_axes) or self.topic == "cmd_vel"
+
+    @property
+    def odometry_topic(self) -> str:
+        """The last word of the topic of a base's odometry, which goes with that of its twists."""
+        return "odometry" if self.topic == "reference" else "odom"
 
     @property
     def drives_sideways(self) -> bool:
