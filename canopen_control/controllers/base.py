@@ -45,6 +45,7 @@ __all__ = [
     "WheelBase",
     "is_moving",
     "not_enabled",
+    "twist_axes_of",
     "zero_targets",
 ]
 
@@ -118,6 +119,11 @@ class ControllerEvent:
     kind: str
     controller: str
     text: str
+
+
+def twist_axes_of(controller: Controller) -> tuple[str, ...]:
+    """Return the axes of a twist that a base takes, empty for what is no base; by its topic where it says none."""
+    return controller.twist_axes or (("linear.x", "angular.z") if controller.topic == "cmd_vel" else ())
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)

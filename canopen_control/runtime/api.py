@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from typing import TYPE_CHECKING, TypeVar
 
+from canopen_control.controllers.base import twist_axes_of
 from canopen_control.errors import ControlError, LocalProtocolError, UnknownName
 from canopen_control.hardware.joint import Action
 from canopen_control.host.lineserver import MAX_KEPT
@@ -189,10 +190,9 @@ class ApiServer:
         name, manager = wanted.controller, self._robot.manager
         axes: tuple[str, ...] = _PLANAR
         if name in manager.states:
-            controller = manager.get(name)
-            if not controller.twist_axes and controller.topic != "cmd_vel":
+            axes = twist_axes_of(manager.get(name))
+            if not axes:
                 raise ControlError(f"{name} takes no twist; it is no base controller, command it by values")
-            axes = controller.twist_axes or axes
             if wanted.lateral and _SIDEWAYS not in axes:
                 raise ControlError(f"{name} cannot drive sideways; it takes {' and '.join(axes)}")
         twist = {"linear.x": wanted.linear, _SIDEWAYS: wanted.lateral, "angular.z": wanted.angular}

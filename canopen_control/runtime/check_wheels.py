@@ -89,8 +89,9 @@ def _sizes(robot: CheckedRobot) -> Iterator[Finding]:
         return
     for name, base, config in _bases(robot):
         separation, radius = geometry.separation(base.left, base.right), geometry.radius((*base.left, *base.right))
-        yield from _size(name, config, "wheel_separation", base.separation, separation)
-        yield from _size(name, config, "wheel_radius", base.radius, radius)
+        if base.separation > 0.0:
+            yield from _size(name, config, base.separation_key, base.separation, separation)
+        yield from _size(name, config, base.radius_key, base.radius, radius)
 
 
 def _size(name: str, config: ControllerConfig, key: str, used: float, urdf: float | None) -> Iterator[Finding]:
