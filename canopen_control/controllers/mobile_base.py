@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from canopen_control.hardware.interfaces import StateInterface
     from canopen_control.rpc.messages.samples import Sample
 
-__all__ = ["BASELINE", "HOLONOMIC", "TOO_SHORT", "MobileBase"]
+__all__ = ["BASELINE", "HOLONOMIC", "ONE_UPDATE", "TOO_SHORT", "MobileBase"]
 
 NS: Final = 1_000_000_000
 BASELINE: Final = -1.0
@@ -43,6 +43,8 @@ TOO_SHORT: Final = 0.0
 """What it returns for a step that is put off to the next one."""
 HOLONOMIC: Final = ("linear.x", "linear.y", "angular.z")
 """The axes of a base that drives sideways too."""
+ONE_UPDATE: Final = "one_update"
+"""The kind of the event that tells of twists which count for a single update."""
 _NEVER: Final = -1
 
 
@@ -102,7 +104,7 @@ class MobileBase(Controller):
                 self.tell("parameter", f"{axis}.max_jerk: 0 keeps it from ever changing speed; remove it")
         self.life.limit_ns, self._once = round(timeout * NS), timeout == 0.0 and not self.zero_is_never
         if self._once:
-            self.tell("parameter", f"{self.timeout_key}: 0 lets a twist move it for one update; give a time in s")
+            self.tell(ONE_UPDATE, f"{self.timeout_key}: 0 lets a twist move it for one update; give a time in s")
         elif (text := endless(self.timeout_key, timeout, (VELOCITY,))) is not None:
             self.tell(ENDLESS, text)
         self.update_rate, self.publish_rate = given.update_rate, publish_rate
