@@ -159,8 +159,9 @@ def test_a_timeout_below_two_command_periods(name, tmp_path):
     old, new, key = TIMEOUTS[name]
     files = changed(tmp_path, name, controllers={old: new})
     base = BASES[name][0] if name in BASES else FIRST[name]
+    line = line_of(files, "controllers", f"{key}: 0.15")
     assert found(files) == [
-        f"ros2_controllers.yaml:{line_of(files, 'controllers', f'{key}: 0.15')}: warning: {base}: {key} 0.15 s is below two "
+        f"ros2_controllers.yaml:{line}: warning: {base}: {key} 0.15 s is below two "
         "command periods; the robot stutters; give 0.2 s or more: teleop and `twist` send every 0.1 s"
     ]
 
