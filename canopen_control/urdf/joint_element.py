@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from canopen_control.urdf.document import Document, Element
 
-__all__ = ["Joint", "Limits", "Mimic", "Transform", "read_joint"]
+__all__ = ["Joint", "Limits", "Mimic", "SoftLimits", "Transform", "read_joint"]
 
 _TYPES: Final = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
 _NEEDS_LIMITS: Final = ("revolute", "prismatic")
@@ -36,6 +36,16 @@ class Limits:
     upper: float = math.inf
     velocity: float = math.inf
     effort: float = math.inf
+
+
+@dataclass(frozen=True)
+class SoftLimits:
+    """A joint's <safety_controller>: soft ends in rad or m, 0 and 0 for none; gains in 1/s and Nm s/rad (N s/m)."""
+
+    lower: float = 0.0
+    upper: float = 0.0
+    k_position: float = 0.0
+    k_velocity: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -68,6 +78,7 @@ class Joint:
     limits: Limits = Limits()
     mimic: Mimic | None = None
     place: Place = NOWHERE
+    soft: SoftLimits | None = None
 
     @property
     def fixed(self) -> bool:
@@ -124,6 +135,7 @@ def read_joint(document: Document, element: Element) -> Joint:
         _limits(document, limit, kind),
         _mimic(document, element),
         element.place,
+        _soft_limits(document, element.child("safety_controller")),
     )
 
 
@@ -150,6 +162,13 @@ def _limits(document: Document, limit: Element | None, kind: str) -> Limits:
         document.number(limit, "velocity", math.inf),
         document.number(limit, "effort", math.inf),
     )
+
+
+def _soft_limits(document: Document, safety: Element | None) -> SoftLimits | None:
+    if safety is None:
+        return None
+    keys = ("soft_lower_limit", "soft_upper_limit", "k_position", "k_velocity")
+    return SoftLimits(*(document.number(safety, key, 0.0) for key in keys))
 
 
 def _mimic(document: Document, element: Element) -> Mimic | None:
