@@ -105,6 +105,7 @@ class JointTrajectoryController(Controller):
         self._default = given.tolerances()
         self._timeout = given.cmd_timeout if given.cmd_timeout > given.goal_time else 0.0
         self._acceptance.take_limits()
+        self._follower.limiter = self._acceptance.point_limiter()
         self.stamp, self.goal = 0, None
         self.life.end()
         group.actual = group.blank()
@@ -250,6 +251,7 @@ class JointTrajectoryController(Controller):
 
     def _queue(self, message: JointTrajectory, now: int) -> None:
         self._follower.follow(message)
+        self._follower.limited = None
         self.life.give(now)
 
     # ----------------------------------------------------------------------------------------------------- cycle
@@ -288,7 +290,10 @@ class JointTrajectoryController(Controller):
         group.compare(follower.desired)
         judgement.look(self.tolerances, follower, over=over, past=past)
         if not judgement.stops:
+            free = follower.limited is None
             follower.write(now, period)
+            if free and follower.limited is not None:
+                self.tell("limited", f"{follower.limited} is held back by its limits; plan slower, or see joint_limits")
         if not follower.holding:
             self._take_verdict(judgement.verdict(self.tolerances))
 
