@@ -27,11 +27,11 @@ from canopen_control.hardware.joint_limiter import (
     POS,
     QUANTITIES,
     VEL,
-    HardLimits,
     JointLimiter,
 )
 from canopen_control.hardware.soft_limiter import SoftLimiter
 from canopen_control.urdf.declared_interface import InterfaceInfo
+from canopen_control.urdf.joint_element import HardLimits
 
 if TYPE_CHECKING:
     from canopen_control.hardware.interfaces import CommandInterface, InterfaceRegistry, StateInterface

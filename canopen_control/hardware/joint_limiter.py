@@ -9,15 +9,17 @@ too fast further. What is nan is not given. All in SI units (rad or m).
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from mypy_extensions import mypyc_attr
 
 from canopen_control.errors import ControlError
 from canopen_control.urdf.declared_interface import ACCELERATION, EFFORT, POSITION, VELOCITY
 
-__all__ = ["ACC", "EFF", "JERK", "NOTHING", "POS", "QUANTITIES", "VEL", "HardLimits", "JointLimiter"]
+if TYPE_CHECKING:
+    from canopen_control.urdf.joint_element import HardLimits
+
+__all__ = ["ACC", "EFF", "JERK", "NOTHING", "POS", "QUANTITIES", "VEL", "JointLimiter"]
 
 POS: Final = 0
 VEL: Final = 1
@@ -30,24 +32,6 @@ NOTHING: Final = (math.nan,) * len(QUANTITIES)
 
 _FAR_OUT: Final = 0.0087  # rad or m: a joint that is this far outside of its range is an error
 NEAR: Final = 0.002  # rad or m: so far outside it may still move back
-
-
-@dataclass(frozen=True, slots=True)
-class HardLimits:
-    """The limits of a joint: rad, rad/s, Nm, rad/s2, rad/s3 (m, N); infinite where there is none."""
-
-    min_position: float = -math.inf
-    max_position: float = math.inf
-    max_velocity: float = math.inf
-    max_effort: float = math.inf
-    max_acceleration: float = math.inf
-    max_deceleration: float = math.inf
-    max_jerk: float = math.inf
-
-    @property
-    def has_ends(self) -> bool:
-        """Whether its positions are limited."""
-        return math.isfinite(self.min_position) or math.isfinite(self.max_position)
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)

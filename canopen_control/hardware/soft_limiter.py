@@ -11,10 +11,10 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Final
 
-from canopen_control.hardware.joint_limiter import EFF, NEAR, POS, VEL, HardLimits, JointLimiter
+from canopen_control.hardware.joint_limiter import EFF, NEAR, POS, VEL, JointLimiter
 
 if TYPE_CHECKING:
-    from canopen_control.urdf.joint_element import SoftLimits
+    from canopen_control.urdf.joint_element import HardLimits, SoftLimits
 
 __all__ = ["SoftLimiter"]
 

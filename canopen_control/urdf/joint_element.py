@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from canopen_control.urdf.document import Document, Element
 
-__all__ = ["Joint", "Limits", "Mimic", "SoftLimits", "Transform", "read_joint"]
+__all__ = ["HardLimits", "Joint", "Limits", "Mimic", "SoftLimits", "Transform", "read_joint"]
 
 _TYPES: Final = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
 _NEEDS_LIMITS: Final = ("revolute", "prismatic")
@@ -36,6 +36,24 @@ class Limits:
     upper: float = math.inf
     velocity: float = math.inf
     effort: float = math.inf
+
+
+@dataclass(frozen=True, slots=True)
+class HardLimits:
+    """What a joint may do, by all that limits it: rad, rad/s, Nm, rad/s2, rad/s3 (m, N); infinite for no limit."""
+
+    min_position: float = -math.inf
+    max_position: float = math.inf
+    max_velocity: float = math.inf
+    max_effort: float = math.inf
+    max_acceleration: float = math.inf
+    max_deceleration: float = math.inf
+    max_jerk: float = math.inf
+
+    @property
+    def has_ends(self) -> bool:
+        """Whether its positions are limited."""
+        return math.isfinite(self.min_position) or math.isfinite(self.max_position)
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.joint_limits import hard, limiter_cases, quantities, replay
 
-from canopen_control.hardware.joint_limiter import EFF, JERK, NOTHING, POS, VEL, HardLimits, JointLimiter
+from canopen_control.hardware.joint_limiter import EFF, JERK, NOTHING, POS, VEL, JointLimiter
+from canopen_control.urdf.joint_element import HardLimits
 
 CASES = limiter_cases("saturation")
 

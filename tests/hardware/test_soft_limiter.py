@@ -8,9 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.joint_limits import hard, limiter_cases, quantities, replay
 
-from canopen_control.hardware.joint_limiter import POS, VEL, HardLimits
+from canopen_control.hardware.joint_limiter import POS, VEL
 from canopen_control.hardware.soft_limiter import SoftLimiter
-from canopen_control.urdf.joint_element import SoftLimits
+from canopen_control.urdf.joint_element import HardLimits, SoftLimits
 
 CASES = limiter_cases("soft")
 KEYS = {"min_position": "lower", "max_position": "upper"}

@@ -6,7 +6,8 @@ from typing import Any
 
 from support.control import vectors
 
-from canopen_control.hardware.joint_limiter import NOTHING, QUANTITIES, HardLimits
+from canopen_control.hardware.joint_limiter import NOTHING, QUANTITIES
+from canopen_control.urdf.joint_element import HardLimits
 
 
 def limiter_cases(kind: str) -> list[Any]:

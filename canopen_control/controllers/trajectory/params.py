@@ -21,7 +21,7 @@ from canopen_control.controllers.trajectory.interfaces import (
 )
 from canopen_control.controllers.trajectory.tolerances import SegmentTolerances, StateTolerance
 from canopen_control.errors import RobotConfigError
-from canopen_control.hardware.joint_limiter import HardLimits
+from canopen_control.urdf.joint_element import HardLimits
 from canopen_control.yamlfile.convert import derived, setting
 
 if TYPE_CHECKING:

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from canopen_control.controllers.trajectory.point import Point
-    from canopen_control.hardware.joint_limiter import HardLimits
+    from canopen_control.urdf.joint_element import HardLimits
 
 __all__ = ["PointLimiter"]
 

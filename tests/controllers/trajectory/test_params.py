@@ -4,7 +4,7 @@ from canopen_control.controllers.params import Params
 from canopen_control.controllers.pid import AntiWindup
 from canopen_control.controllers.trajectory.params import POINT_LIMITER, JointConstraints, JointGains, read_params
 from canopen_control.errors import ConfigError, RobotConfigError
-from canopen_control.hardware.joint_limiter import HardLimits
+from canopen_control.urdf.joint_element import HardLimits
 
 LEAST = {"joints": ["a", "b"], "command_interfaces": ["position"], "state_interfaces": ["position", "velocity"]}
 

@@ -11,7 +11,7 @@ from support.trajectories import QUANTITIES, close, point
 
 from canopen_control.controllers.trajectory.point import Point
 from canopen_control.controllers.trajectory.point_limiter import PointLimiter
-from canopen_control.hardware.joint_limiter import HardLimits
+from canopen_control.urdf.joint_element import HardLimits
 
 CASES = vectors("joint_trajectory_point_limiter", "joint_limits.json")
 
