@@ -21,7 +21,7 @@ from canopen_control.controllers.trajectory.params import TrajectoryParams, read
 from canopen_control.controllers.trajectory.point import JointTrajectory, Point
 from canopen_control.controllers.trajectory.scaling import SpeedScaling
 from canopen_control.controllers.trajectory.tolerances import SegmentTolerances, resolve
-from canopen_control.controllers.trajectory.upsampling import fill_velocities, positions_alone, time_points
+from canopen_control.controllers.trajectory.upsampling import positions_alone, upsampled
 from canopen_control.errors import RobotConfigError, TrajectoryRefused
 from canopen_control.hardware.interfaces import OK, POSITION, ReturnType
 from canopen_control.rpc.messages.samples import TrajectorySample
@@ -149,13 +149,9 @@ class JointTrajectoryController(Controller):
         A goal that is being executed is judged by it from then on.
         """
         given = self.params
-        upsampled = given.upsampling and given.interpolation_method == "splines" and positions_alone(message)
-        if upsampled:
-            message.points = list(message.points)
-            time_points(message.points, given.policy_frequency)
+        if given.upsampling and given.interpolation_method == "splines" and positions_alone(message):
+            message.points = upsampled(message, given.policy_frequency) or message.points
         self._check(message, now)
-        if upsampled:
-            fill_velocities(list(message.points))
         self._queue(message, now)
 
     def send_goal(self, goal: Goal | JointTrajectory, now: int) -> None:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Final
 from canopen_control.controllers.trajectory.blend import Blend
 from canopen_control.controllers.trajectory.followed import Motion, Trajectory
 from canopen_control.controllers.trajectory.joint_group import Loops
-from canopen_control.controllers.trajectory.packed import PackedPoints
+from canopen_control.controllers.trajectory.packed import SurveyedPoints
 from canopen_control.controllers.trajectory.point import Arrangement, JointTrajectory, Point
 from canopen_control.controllers.trajectory.stop import Stop
 from canopen_control.hardware.interfaces import ACCELERATION, EFFORT, POSITION, VELOCITY
@@ -90,7 +90,7 @@ class Follower:
 
     def follow(self, message: JointTrajectory) -> None:
         """Begin with a trajectory in the next cycle."""
-        if isinstance(message.points, PackedPoints) and 0 in message.points.survey.sizes[0]:
+        if isinstance(message.points, SurveyedPoints) and 0 in message.points.survey.sizes[0]:
             message.points = list(message.points)  # what is deduced of a point has to stay with it
         self._queued, self.holding = message, False
 
