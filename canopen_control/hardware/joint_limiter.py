@@ -93,7 +93,7 @@ class JointLimiter:
     def _bound_position(self, actual: list[float], period: float) -> None:
         limits = self.limits
         low, high, here = limits.min_position, limits.max_position, actual[POS]
-        if low - here > _FAR_OUT or here - high > _FAR_OUT:
+        if here < low - _FAR_OUT or here > high + _FAR_OUT:
             raise ControlError(f"it is at {here:g}, outside of its range from {low:g} to {high:g}; check its limits")
         start = here if math.isnan(self.before[POS]) else self.before[POS]
         if math.isfinite(limits.max_velocity) and math.isfinite(start):

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import math
+import sys
 
 import pytest
 from hypothesis import given
@@ -218,3 +219,20 @@ def test_an_acceleration_is_limited_by_max_and_in_braking_by_min():
     bench.registry.state("j/velocity").value = 1.0
     assert bench.send("acceleration", 9.0) == 5.0
     assert bench.send("acceleration", -9.0) == -2.0
+
+
+def test_limiting_leaves_nothing_behind():
+    bench = Bench(POSITION + EFFORT + ACCELERATION, "revolute", SAFETY)
+    bench.at(0.5)
+    command = bench.registry.command("j/position")
+    command.owner = "c"
+
+    def run(cycles):
+        for cycle in range(cycles):
+            command.value = 0.5 + cycle % 7
+            bench.limits.enforce(0.01)
+
+    run(1000)
+    before = sys.getallocatedblocks()
+    run(1000)
+    assert sys.getallocatedblocks() - before < 10

@@ -80,7 +80,7 @@ class PointLimiter:
     def _clamp_position(self, joint: int, here: float, period: float) -> None:
         limits, wanted = self.limits[joint], self._positions[joint]
         position = min(max(wanted, limits.min_position), limits.max_position)
-        if position != wanted:
+        if position != wanted and limits.has_ends:
             self._positions[joint] = position
             self._note(joint)
         way = position - here
