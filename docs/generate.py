@@ -223,7 +223,11 @@ def controllers() -> str:
                 _keys(pid_params.DofGains, CONTROLLERS["DofGains"], {}),
             ]
         if cls is trajectory.TrajectoryParams:
-            for part, title in ((trajectory.JointGains, "gains"), (trajectory.JointConstraints, "constraints")):
+            for part, title in (
+                (trajectory.JointGains, "gains"),
+                (trajectory.JointConstraints, "constraints"),
+                (trajectory.LimitParams, "joint_limits"),
+            ):
                 text += [f"### Each joint: `{title}.JOINT.KEY`\n", _keys(part, CONTROLLERS[part.__name__], {})]
     return "\n".join(text)
 

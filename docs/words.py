@@ -31,7 +31,8 @@ BUS_YML: dict[str, dict[str, str]] = {
         "sync_order": "`last`: SYNC follows the RPDOs of its cycle, and drives act on them at once; `first`: SYNC "
         "begins the cycle, and its RPDOs have a whole period to arrive, which is when drives act on them. A cycle that "
         "follows another's SYNC comes half a period after it, with `first` an eighth",
-        "sync_producer": "who sends SYNC: the master, or `other`, a node of the bus, whose SYNC the cycle follows",
+        "sync_producer": "who sends SYNC: the `master`; the `kernel`, where the channel is a SocketCAN interface, else "
+        "the master; `other`, a node of the bus. The cycle follows the SYNC of others",
         "heartbeat_multiplier": "as in `options`, for the nodes of this bus",
         "heartbeat_producer": "ms between two heartbeats of the master; 0: 100",
         "boot_time": "ms that required nodes may take until they run; 0: for ever",
@@ -242,6 +243,7 @@ CONTROLLERS: dict[str, dict[str, str]] = {
         "constraints.decelerate_on_cancel": "brakes with `max_deceleration_on_cancel` where a trajectory is given up",
         "allowed_start_tolerance": "rad or m from a joint to the first point, beyond what it can go until then; 0: any",
         "continue_without_client": "a goal goes on when the action client that sent it is gone, as upstream's does",
+        "joint_limiter_type": "keeps each commanded point within the limits (rolling); empty: nothing does",
     },
     "JointGains": {
         "p": "proportional gain of the loop over a velocity or effort",
@@ -256,6 +258,17 @@ CONTROLLERS: dict[str, dict[str, str]] = {
         "antiwindup_strategy": "what the integral does at a limit of the output",
         "tracking_time_constant": "s of back_calculation; 0: from the gains",
         "error_deadband": "an error that is not integrated",
+    },
+    "LimitParams": {
+        "has_position_limits": "false: positions are not limited",
+        "min_position": "rad or m; nan: that of the description",
+        "max_position": "rad or m; nan: that of the description",
+        "has_velocity_limits": "false: velocities are not limited",
+        "max_velocity": "rad/s or m/s; nan: that of the description",
+        "has_acceleration_limits": "false: accelerations are not limited",
+        "max_acceleration": "rad/s² or m/s²; nan: none",
+        "has_deceleration_limits": "false: braking is limited as speeding up is",
+        "max_deceleration": "rad/s² or m/s², of braking; nan: as `max_acceleration`",
     },
     "JointConstraints": {
         "trajectory": "rad or m off the path that abort; 0: any",

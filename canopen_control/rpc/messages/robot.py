@@ -45,6 +45,7 @@ from canopen_control.rpc.messages.trajectory import (
     SetTrajectory,
     TrajectoryData,
     TrajectoryEnd,
+    TrajectoryHeartbeat,
     TrajectoryResult,
     TrajectoryTolerance,
 )
@@ -58,7 +59,7 @@ __all__ = [
     "ReadTouchProbe", "Release", "RobotHello", "RobotPush", "ScaleTrajectory", "SdoData", "SdoPiece", "SdoRead",
     "SdoWrite", "SendTrajectory", "SetFeedForward", "SetHardwareState", "SetOdometry", "SetTrajectory", "Shutdown",
     "Stop", "Subscribe", "SwitchControllers", "Tell", "TouchProbe", "TrajectoryData", "TrajectoryEnd",
-    "TrajectoryResult", "TrajectoryTolerance", "TwistController", "UnloadController",
+    "TrajectoryHeartbeat", "TrajectoryResult", "TrajectoryTolerance", "TwistController", "UnloadController",
 ]  # fmt: skip
 
 MAX_RATE: Final = 1000.0  # Hz, of the state stream
