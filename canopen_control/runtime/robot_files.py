@@ -16,7 +16,7 @@ from canopen_control.errors import RobotConfigError
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
-__all__ = ["MAIN_BUS", "RobotFiles", "find_buses", "find_robot"]
+__all__ = ["BUS", "CONTROLLERS", "MAIN_BUS", "RobotFiles", "find_buses", "find_robot"]
 
 MAIN_BUS = "can"  # the name of the bus of bus.yml; that of bus_NAME.yml is NAME
 BUS, CONTROLLERS = "bus.yml", "ros2_controllers.yaml"
