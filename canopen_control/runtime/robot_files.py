@@ -16,23 +16,32 @@ from canopen_control.errors import RobotConfigError
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
-__all__ = ["BUS", "CONTROLLERS", "MAIN_BUS", "RobotFiles", "find_buses", "find_robot"]
+__all__ = ["BUS", "CONTROLLERS", "MAIN_BUS", "RobotFiles", "find_buses", "find_robot", "xacro_arguments"]
 
 MAIN_BUS = "can"  # the name of the bus of bus.yml; that of bus_NAME.yml is NAME
 BUS, CONTROLLERS = "bus.yml", "ros2_controllers.yaml"
 _BUS_NAME = re.compile(r"[A-Za-z0-9_-]{1,32}")
+_ARGUMENT = re.compile(r"[A-Za-z_]\w*")
 _DESCRIPTIONS = ("*.urdf.xacro", "*.urdf")
 
 
 @dataclass(frozen=True, slots=True)
 class RobotFiles:
-    """The three files of a robot and its name; `bus` may be absent, `more_buses` are its bus_NAME.yml by NAME."""
+    """The three files of a robot and its name; `bus` may be absent, `more_buses` are its bus_NAME.yml by NAME.
+
+    `arguments` are those of its xacro.
+    """
 
     name: str
     bus: Path | None
     controllers: Path
     description: Path
     more_buses: dict[str, Path] = field(default_factory=dict)
+    arguments: dict[str, str] = field(default_factory=dict)
+
+    def mappings(self, *, mock: bool = False) -> dict[str, str]:
+        """Return xacro's arguments; of mock hardware the description is told, if it wants to know."""
+        return {"use_mock_hardware?": "true"} | self.arguments if mock else self.arguments
 
     @property
     def buses(self) -> dict[str, Path]:
@@ -41,9 +50,17 @@ class RobotFiles:
 
 
 def find_robot(
-    config: str | None, *, bus: str | None = None, controllers: str | None = None, description: str | None = None
+    config: str | None,
+    *,
+    bus: str | None = None,
+    controllers: str | None = None,
+    description: str | None = None,
+    arguments: Iterable[str] = (),
 ) -> RobotFiles:
-    """Find the files; those given one by one win over the folder's. RobotConfigError names all that is missing."""
+    """Find the files; those given one by one win over the folder's. RobotConfigError names all that is missing.
+
+    `arguments` are NAME:=VALUE, for xacro.
+    """
     if config == "" or (config is None and bus is None and controllers is None and description is None):
         names = ", ".join(data_names("config"))
         raise RobotConfigError(f"no robot given: name a folder or a bundled robot ({names}), or its three files")
@@ -58,7 +75,18 @@ def find_robot(
     if missing or (no_bus and (more or bus is not None)):
         raise RobotConfigError("; ".join(no_bus + missing))
     name = (folder or (described if no_bus else main).resolve().parent).resolve().name
-    return RobotFiles(_safe(name), None if no_bus else main, control, described, more)
+    return RobotFiles(_safe(name), None if no_bus else main, control, described, more, xacro_arguments(arguments))
+
+
+def xacro_arguments(words: Iterable[str]) -> dict[str, str]:
+    """Read NAME:=VALUE, the last of a name counts; RobotConfigError."""
+    found = {}
+    for word in words:
+        name, is_pair, value = word.partition(":=")
+        if not is_pair or not _ARGUMENT.fullmatch(name):
+            raise RobotConfigError(f"{word!r} is no argument of the description; those are NAME:=VALUE")
+        found[name] = value
+    return found
 
 
 def find_buses(config: str | None) -> dict[str, Path]:

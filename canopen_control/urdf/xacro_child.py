@@ -22,7 +22,7 @@ import sys
 
 TYPE_CHECKING = False  # the module typing takes longer to import than the rest of this
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Iterable, Iterator, Mapping
 
 __all__ = ["LARGEST", "REFUSED", "URDF", "find_package", "main"]
 
@@ -35,7 +35,7 @@ def main(arguments: list[str]) -> None:
     """Run xacro within limits.
 
     `arguments` are the folders to import from, one a line, the file, s of the processor, s, bytes of memory, and
-    KEY:=VALUE for each argument of the file.
+    KEY:=VALUE for each argument of the file; `KEY?:=VALUE` is one that the file need not have.
     """
     folders, path, processor_s, wall_s, memory, *mappings = arguments
     sys.path[:0] = folders.splitlines()
@@ -68,17 +68,50 @@ def _limit(processor_s: int, wall_s: int, memory: int) -> None:
             resource.setrlimit(what, (value, value))
 
 
-def _run(path: str, mappings: Mapping[str, str]) -> tuple[bytes, str]:
-    said = io.StringIO()
+class _Arguments(dict[str, str]):
+    """The arguments of a file as xacro keeps them; `asked` are those that the file declares or uses."""
+
+    def __init__(self, given: Mapping[str, str]) -> None:
+        super().__init__({name.removesuffix("?"): value for name, value in given.items()})
+        self._wanted = [name for name in given if not name.endswith("?")]
+        self.asked: dict[str, None] = {}
+
+    def __contains__(self, name: object) -> bool:
+        self.asked[str(name)] = None
+        return super().__contains__(name)
+
+    def __getitem__(self, name: str) -> str:
+        self.asked[name] = None
+        return super().__getitem__(name)
+
+    def unknown(self) -> str:
+        """Say which arguments nothing in the file asks for, "" where there is none; xacro itself says nothing."""
+        strange = [name for name in self._wanted if name not in self.asked]
+        return "; ".join(f"no argument {name!r}{_hint(name, self.asked)}" for name in strange)
+
+
+def _hint(name: str, known: Iterable[str]) -> str:
+    import difflib  # only a mistake needs it
+
+    near = difflib.get_close_matches(name, known, 1, 0.6)
+    names = ", ".join(known)
+    return f", did you mean {near[0]!r}?" if near else f"; it has {names}" if names else "; it has none"
+
+
+def _run(path: str, given: Mapping[str, str]) -> tuple[bytes, str]:
+    said, arguments = io.StringIO(), _Arguments(given)
     try:
         with contextlib.redirect_stderr(said):
             import xacro  # after the limits
 
             with _finding(path):
-                text = str(xacro.process_file(path, mappings=dict(mappings)).toprettyxml(indent="  "))
+                text = str(xacro.process_file(path, mappings=arguments).toprettyxml(indent="  "))
     except Exception as error:  # noqa: BLE001 - a xacro file runs its author's expressions: anything may come
         reason = next((words for kind, words in _TOO_MUCH.items() if _has_cause(error, kind)), "")
-        return REFUSED, f"{reason or str(error).strip() or type(error).__name__}{_where(said.getvalue())}"
+        text = f"{reason or str(error).strip() or type(error).__name__}{_where(said.getvalue())}"
+        return REFUSED, "; ".join(each for each in (text, arguments.unknown()) if each)
+    if strange := arguments.unknown():
+        return REFUSED, strange
     if len(text) > LARGEST:
         return REFUSED, f"its URDF has more than {LARGEST >> 20} MiB; a macro or an expression in it makes too much"
     return URDF, text

@@ -136,3 +136,13 @@ def test_bus_files_are_found_without_the_rest_of_a_robot(tmp_path):
         find_buses(str(robot(tmp_path / "none")))
     with pytest.raises(RobotConfigError, match="name a folder or a bundled robot"):
         find_buses(None)
+
+
+def test_arguments_of_the_description_are_pairs(tmp_path):
+    folder = robot(tmp_path / "r", "bus.yml", "ros2_controllers.yaml", "x.urdf.xacro")
+    files = find_robot(str(folder), arguments=["prefix:=a:=b", "side:=", "prefix:=c"])
+    assert files.arguments == {"prefix": "c", "side": ""}
+    assert files.mappings(mock=True) == {"use_mock_hardware?": "true", "prefix": "c", "side": ""}
+    for word in ("prefix=a", ":=a", "a b:=c", "x"):
+        with pytest.raises(RobotConfigError, match="is no argument of the description; those are NAME:=VALUE"):
+            find_robot(str(folder), arguments=[word])
