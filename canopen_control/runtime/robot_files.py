@@ -1,6 +1,7 @@
-"""Which files make a robot: a folder, a bundled name, or the three files one by one.
+"""Which files make a robot: a folder, a bundled name, a ROS package, or the three files one by one.
 
-A robot without drives on a bus, simulated or mocked, needs no bus.yml.
+A robot without drives on a bus, simulated or mocked, needs no bus.yml. In a ROS package the files lie in `config` or
+`config/x`, and the description in `urdf` or `urdf/x` beside that.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from typing import TYPE_CHECKING
 
 from canopen_control.data_files import data_names, data_path
 from canopen_control.errors import RobotConfigError
+from canopen_control.urdf.package_search import installed_packages
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -70,11 +72,12 @@ def find_robot(
     main = _one(bus, folder, BUS, "--bus", no_bus)
     control = _one(controllers, folder, CONTROLLERS, "--controllers", missing)
     described = _one(description, folder, _DESCRIPTIONS, "--description", missing)
-    more = _more_buses(folder, missing) if folder is not None and bus is None else {}
+    beside = folder if main == Path() else main.parent
+    more = _more_buses(beside, missing) if beside is not None and bus is None else {}
     missing += _irregular((main, control, described, *more.values()))
     if missing or (no_bus and (more or bus is not None)):
         raise RobotConfigError("; ".join(no_bus + missing))
-    name = (folder or (described if no_bus else main).resolve().parent).resolve().name
+    name = _name((folder or (described if no_bus else main).resolve().parent).resolve())
     return RobotFiles(_safe(name), None if no_bus else main, control, described, more, xacro_arguments(arguments))
 
 
@@ -96,7 +99,7 @@ def find_buses(config: str | None) -> dict[str, Path]:
     missing: list[str] = []
     folder = _folder(config)
     main = _one(None, folder, BUS, "--bus", missing)
-    more = _more_buses(folder, missing)
+    more = _more_buses(main.parent if main != Path() else folder, missing)
     missing += _irregular((main, *more.values()))
     if missing:
         raise RobotConfigError("; ".join(missing))
@@ -104,7 +107,7 @@ def find_buses(config: str | None) -> dict[str, Path]:
 
 
 def _folder(config: str) -> Path:
-    """Return the folder a user means: a path, else a bundled robot."""
+    """Return the folder a user means: a path, else a bundled robot, else a ROS package or a folder in it."""
     path = Path(config).expanduser()
     if path.is_dir():
         return path
@@ -113,8 +116,15 @@ def _folder(config: str) -> Path:
     bundled = data_path("config", config)
     if "/" not in config and bundled.is_dir():
         return bundled
+    package, _, rest = config.partition("/")
+    for found in installed_packages(package):
+        if (found / rest).is_dir():
+            return found / rest
     names = ", ".join(data_names("config"))
-    raise RobotConfigError(f"no robot {config!r}: neither a folder nor one of the bundled ones ({names})")
+    raise RobotConfigError(
+        f"no robot {config!r}: neither a folder nor one of the bundled ones ({names}) nor a ROS package that is "
+        "sourced or in ROS_PACKAGE_PATH"
+    )
 
 
 def _one(given: str | None, folder: Path | None, names: str | Sequence[str], option: str, missing: list[str]) -> Path:
@@ -127,14 +137,50 @@ def _one(given: str | None, folder: Path | None, names: str | Sequence[str], opt
         missing.append(f"give a robot folder or {option}")
         return Path()
     patterns = [names] if isinstance(names, str) else names
-    matches = sorted({path for pattern in patterns for path in folder.glob(pattern)})
-    if len(matches) == 1:
-        return matches[0]
     wanted = " or ".join(patterns)
-    missing.append(
-        f"{folder} has no {wanted}" if not matches else f"{folder} has several of {wanted}: name one with {option}"
-    )
+    for place in _places(folder, described=names is _DESCRIPTIONS):
+        matches = sorted({path for pattern in patterns for path in place.glob(pattern)})
+        if len(matches) == 1:
+            return matches[0]
+        if matches:
+            several = ", ".join(str(path.relative_to(place)) for path in matches)
+            missing.append(f"{place} has several of {wanted}: name one with {option} ({several})")
+            return Path()
+    missing.append(f"{folder} has no {wanted}{_elsewhere(folder, names)}")
     return Path()
+
+
+def _places(folder: Path, *, described: bool) -> list[Path]:
+    """Return where a file may lie, the first place with one counts: the folder, and as ROS packages are laid out."""
+    if not described:
+        return [folder, folder / "config"]
+    places = [folder, folder / "urdf"]
+    whole = folder.resolve()
+    if whole.parent.name == "config":
+        package = whole.parent.parent
+        places += [package / "urdf" / whole.name, package / "urdf"]
+    elif whole.name == "config":
+        places += [whole.parent / "urdf"]
+    return places
+
+
+def _elsewhere(folder: Path, names: str | Sequence[str]) -> str:
+    """Say where such files are instead: in folders of config, or of urdf, of which one is to be named."""
+    if names is _DESCRIPTIONS:
+        roots = [place for place in _places(folder, described=True) if place.name == "urdf"]
+        found = [path for root in roots for pattern in _DESCRIPTIONS for path in root.glob(f"*/{pattern}")]
+        return f"; name one with --description: {_listed(found)}" if found else ""
+    found = [path.parent for path in folder.glob(f"config/*/{names}")]
+    return f"; name a folder that has one: {_listed(found)}" if found else ""
+
+
+def _listed(paths: Sequence[Path]) -> str:
+    return ", ".join(str(path) for path in dict.fromkeys(sorted(paths)))
+
+
+def _name(folder: Path) -> str:
+    """Return a robot's name: that of its folder, or of the package whose `config` it is."""
+    return folder.parent.name if folder.name == "config" else folder.name
 
 
 def _irregular(paths: Iterable[Path]) -> Iterator[str]:

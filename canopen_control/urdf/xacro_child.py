@@ -2,10 +2,10 @@
 
 The law of the file: xacro evaluates its author's expressions, which may need for ever or all memory there is, so that
 limits are set before it begins and the kernel keeps them. The answer's first byte says what the rest is: `URDF` or
-`REFUSED`, a reason in UTF-8. `$(find package)` is answered by ament where that knows the package, and otherwise by the
-folder above the file that is or holds the package.
+`REFUSED`, a reason in UTF-8. `$(find package)` is answered by `package_search`.
 
-It runs as a file, without the package around it, and imports only what xacro does: it is on the way of every start.
+It runs as a file, without the package around it, and imports only what xacro does: it is on the way of every start;
+the search for packages only where a file asks for one.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ TYPE_CHECKING = False  # the module typing takes longer to import than the rest 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
 
-__all__ = ["LARGEST", "REFUSED", "URDF", "find_package", "main"]
+__all__ = ["LARGEST", "REFUSED", "URDF", "main"]
 
 URDF = b"U"
 REFUSED = b"R"
@@ -147,11 +147,13 @@ def _where(said: str) -> str:
 @contextlib.contextmanager
 def _finding(path: str) -> Iterator[None]:
     """Answer `$(find ...)` with `find_package` while xacro runs."""
-    from xacro import substitution_args
+    from xacro import substitution_args  # after the limits
 
     before = substitution_args._eval_find  # noqa: SLF001 - xacro has no other door for it
 
     def find(package: str) -> str:
+        from canopen_control.urdf.package_search import find_package  # most files ask for none
+
         return find_package(package, path)
 
     substitution_args._eval_find = find  # noqa: SLF001 - as above
@@ -161,32 +163,6 @@ def _finding(path: str) -> Iterator[None]:
     finally:
         substitution_args._eval_find = before  # noqa: SLF001 - as above
         substitution_args._eval_dict["find"] = before  # noqa: SLF001 - as above
-
-
-def find_package(package: str, path: str) -> str:
-    """Return the folder of a ROS package: ament's share folder, else one found around the file; LookupError."""
-    with contextlib.suppress(Exception):  # ament_index_python is absent, or does not know it: look around instead
-        from ament_index_python.packages import get_package_share_directory
-
-        return str(get_package_share_directory(package))
-    folder = os.path.dirname(os.path.realpath(path))
-    while True:
-        for candidate in (folder, os.path.join(folder, package)):
-            if _names(candidate, package) or (os.path.basename(candidate) == package and os.path.isdir(candidate)):
-                return candidate
-        if folder == os.path.dirname(folder):
-            break
-        folder = os.path.dirname(folder)
-    raise LookupError(f"package {package!r} of $(find {package}) is neither installed nor above {path}")
-
-
-def _names(folder: str, package: str) -> bool:
-    """Whether the manifest in a folder is that of a package."""
-    try:
-        with open(os.path.join(folder, "package.xml"), encoding="utf-8", errors="replace") as manifest:
-            return f"<name>{package}</name>" in manifest.read()
-    except OSError:
-        return False
 
 
 if __name__ == "__main__":

@@ -3,7 +3,7 @@ from __future__ import annotations
 import pytest
 from urdf.test_xacro_run import HEAD, run_xacro, write
 
-from canopen_control.urdf.xacro_child import URDF, _run, _where, find_package
+from canopen_control.urdf.xacro_child import URDF, _run, _where
 
 
 @pytest.mark.process
@@ -14,9 +14,6 @@ def test_find_looks_around_the_file_where_no_ros_knows_the_package(tmp_path):
     (package / "part.xacro").write_text(f'{HEAD}<link name="part"/></robot>', encoding="utf-8")
     path = write(package / "urdf", '<xacro:include filename="$(find my_description)/part.xacro"/>')
     assert '<link name="part"/>' in run_xacro(path, {})
-    assert find_package("my_robot", str(path)) == str(package)
-    with pytest.raises(LookupError, match=r"package 'other' of \$\(find other\) is neither installed nor above"):
-        find_package("other", str(path))
 
 
 def test_of_a_long_macro_stack_the_first_lines_are_told():
