@@ -65,7 +65,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     add_file_arguments(parser)
     add_kind_arguments(parser)
-    parser.add_argument("--launch", metavar="FILE", help="a ROS launch file in XML, to be held against the rest")
     parser.add_argument("--json", action="store_true", help="findings and budgets as JSON")
 
 

@@ -94,6 +94,11 @@ def add_file_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--controllers", metavar="FILE", help="ros2_controllers.yaml, instead of the folder's")
     parser.add_argument("--description", metavar="FILE", help="URDF or xacro, instead of the folder's")
     parser.add_argument(
+        "--launch",
+        metavar="FILE",
+        help="a ROS launch file, in XML or Python, read and not run: its arguments, and files that are nowhere else",
+    )
+    parser.add_argument(
         "--can",
         action="append",
         default=[],
@@ -116,6 +121,7 @@ def find_files(args: argparse.Namespace) -> RobotFiles:
         controllers=args.controllers,
         description=args.description,
         arguments=args.xacro,
+        launch=args.launch,
     )
 
 

@@ -58,27 +58,31 @@ def find_robot(
     controllers: str | None = None,
     description: str | None = None,
     arguments: Iterable[str] = (),
+    launch: str | None = None,
 ) -> RobotFiles:
     """Find the files; those given one by one win over the folder's. RobotConfigError names all that is missing.
 
-    `arguments` are NAME:=VALUE, for xacro.
+    `arguments` are NAME:=VALUE, for xacro. A ROS launch file gives xacro more of them, and files that are nowhere else.
     """
-    if config == "" or (config is None and bus is None and controllers is None and description is None):
+    if config == "" or (
+        config is None and bus is None and controllers is None and description is None and launch is None
+    ):
         names = ", ".join(data_names("config"))
         raise RobotConfigError(f"no robot given: name a folder or a bundled robot ({names}), or its three files")
     folder = _folder(config) if config is not None else None
+    words, launched, doubts = _launched(launch, xacro_arguments(arguments))
     no_bus: list[str] = []
     missing: list[str] = []
-    main = _one(bus, folder, BUS, "--bus", no_bus)
-    control = _one(controllers, folder, CONTROLLERS, "--controllers", missing)
-    described = _one(description, folder, _DESCRIPTIONS, "--description", missing)
+    main = _one(bus, folder, BUS, "--bus", no_bus, launched.get("bus"))
+    control = _one(controllers, folder, CONTROLLERS, "--controllers", missing, launched.get("controllers"))
+    described = _one(description, folder, _DESCRIPTIONS, "--description", missing, launched.get("description"))
     beside = folder if main == Path() else main.parent
     more = _more_buses(beside, missing) if beside is not None and bus is None else {}
     missing += _irregular((main, control, described, *more.values()))
     if missing or (no_bus and (more or bus is not None)):
-        raise RobotConfigError("; ".join(no_bus + missing))
+        raise RobotConfigError("; ".join([*no_bus, *missing, *doubts]))
     name = _name((folder or (described if no_bus else main).resolve().parent).resolve())
-    return RobotFiles(_safe(name), None if no_bus else main, control, described, more, xacro_arguments(arguments))
+    return RobotFiles(_safe(name), None if no_bus else main, control, described, more, words)
 
 
 def xacro_arguments(words: Iterable[str]) -> dict[str, str]:
@@ -127,7 +131,34 @@ def _folder(config: str) -> Path:
     )
 
 
-def _one(given: str | None, folder: Path | None, names: str | Sequence[str], option: str, missing: list[str]) -> Path:
+def _launched(launch: str | None, words: dict[str, str]) -> tuple[dict[str, str], dict[str, Path], tuple[str, ...]]:
+    """Return what a launch file makes of the arguments, its files, and why it may give less than it means."""
+    if launch is None:
+        return words, {}, ()
+    from canopen_control.runtime.launch_file import launched_robot  # most robots are run without
+
+    found = launched_robot(Path(launch).expanduser(), words)
+    return found.arguments, found.files, found.doubts
+
+
+def _one(
+    given: str | None,
+    folder: Path | None,
+    names: str | Sequence[str],
+    option: str,
+    missing: list[str],
+    launched: Path | None = None,
+) -> Path:
+    """Return a file: as given, else the folder's, else that of the launch file; or say that it is missing."""
+    known = len(missing)
+    found = _own(given, folder, names, option, missing)
+    if found == Path() and launched is not None and launched.is_file():
+        del missing[known:]
+        return launched
+    return found
+
+
+def _own(given: str | None, folder: Path | None, names: str | Sequence[str], option: str, missing: list[str]) -> Path:
     if given is not None:
         path = Path(given).expanduser()
         if not path.exists():
