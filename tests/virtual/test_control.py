@@ -143,7 +143,12 @@ def test_what_the_axes_do_together_is_told(controlled):
 @pytest.mark.parametrize(
     ("method", "params", "kind", "words"),
     [
-        ("nonsense", {}, "LocalProtocolError", "no method 'nonsense'; there are: faults, fault, state, inputs, plant"),
+        (
+            "nonsense",
+            {},
+            "LocalProtocolError",
+            "no method 'nonsense'; there are: faults, fault, state, inputs, signals",
+        ),
         ("fault", {}, "LocalProtocolError", "fault: Object missing required field `name`"),
         ("fault", {"name": "silent", "on": "yes"}, "LocalProtocolError", "Expected `bool`, got `str` - at `$.on`"),
         ("inputs", {"value": -1}, "LocalProtocolError", "`$.value`"),
