@@ -11,9 +11,11 @@ import math
 from typing import TYPE_CHECKING
 
 from canopen_control.errors import RobotConfigError, nearest
+from canopen_control.hardware.derived_signals import DERIVED, EncoderVelocity, TiltOrientation
 from canopen_control.hardware.device_inputs import InputSignal, NodeInputs
 from canopen_control.hardware.device_outputs import OutputSignal
 from canopen_control.hardware.interfaces import CommandInterface, StateInterface
+from canopen_control.profiles.device_type import Profile
 from canopen_control.profiles.profile_tables import object_signal
 
 if TYPE_CHECKING:
@@ -42,6 +44,14 @@ def signal_of(node: RemoteNode, name: str) -> Signal | None:
     return node.plan.signals.get(name) or object_signal(node.od, name)
 
 
+def _derived(node: RemoteNode, name: str) -> bool:
+    """Whether an interface is made of several values of the device; one of bus.yml with its name goes before it."""
+    plan = node.plan
+    if name in plan.signals or name not in DERIVED.get(plan.profile, ()):
+        return False
+    return {"lateral", "longitudinal"} <= plan.signals.keys() or "position" in plan.signals
+
+
 def part_problems(part: ControlJoint, node: RemoteNode) -> list[str]:
     """Return what is wrong with the interfaces of a part, a sentence each."""
     problems = []
@@ -49,6 +59,8 @@ def part_problems(part: ControlJoint, node: RemoteNode) -> list[str]:
     what = f"{node.plan.profile.words} {node.name}"
     for name in dict.fromkeys((*part.command_interfaces, *part.state_interfaces)):
         signal = signal_of(node, name)
+        if _derived(node, name) and name not in part.command_interfaces:
+            continue
         if signal is None:
             hint = nearest(name, node.plan.signals) or "; give it signals in bus.yml"
             problems.append(f"{part.name}: no signal {name!r} of {what}{hint}")
@@ -71,7 +83,7 @@ class DevicePart:
             CommandInterface(part.name, name, minimum=each.minimum, maximum=each.maximum)
             for name, each in part.command_interfaces.items()
         ]
-        self._inputs: list[InputSignal] = []
+        self._inputs: list[InputSignal | EncoderVelocity | TiltOrientation] = []
         self._held: list[_HeldOutput] = []
         keeps = part.parameters.get("on_release", "safe").strip() == "keep"
         self._outputs = {
@@ -82,6 +94,10 @@ class DevicePart:
         }
         for state in self.states:
             signal = signal_of(node, state.interface)
+            if _derived(node, state.interface):
+                made = EncoderVelocity if node.plan.profile is Profile.ENCODER else TiltOrientation
+                self._inputs.append(made(state, node.plan.signals, inputs))
+                continue
             output = None if signal is None else image.output(node.node_id, *signal.address)
             if signal is not None and signal.output and output is not None:
                 self._held.append(_HeldOutput(signal, state, output, node))

@@ -41,6 +41,8 @@ def measuring_signals(od: ObjectDictionary) -> Iterator[Signal]:
             status = (0x6150, subindex) if (0x6150, subindex) in od else None
             unit, scales = _unit(od, index or 0, subindex, 0x6131, 0x6132)
             yield Signal(f"ai{subindex - 1}", index or 0, subindex, unit=unit, status=status, scales=scales)
+            if status is not None:
+                yield Signal(f"status{subindex - 1}", *status)
     for subindex in od.subindices(0x7300):
         if 1 <= subindex < 0xFF:
             unit, scales = _unit(od, 0x7300, subindex, 0x6301, 0x6302)

@@ -6,9 +6,11 @@ node. Inputs are set in the units of their signals by name, such as `di3` or `po
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Protocol
+import importlib
+from typing import TYPE_CHECKING, Final, Protocol
 
 from canopen_control.profiles.device_type import Profile, profile_of
+from canopen_control.profiles.profile_tables import profile_signals
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping
@@ -61,8 +63,18 @@ class DeviceFunction(Protocol):
 def make_function(od: ObjectDictionary, store: ObjectStore, outbox: NodeOutbox, clock: Clock) -> DeviceFunction | None:
     """Return the function of a device by its dictionary; None: it has none that is known."""
     profile = profile_of(od)
-    if profile is Profile.IO:
-        from canopen_control.virtual.io_device import IoDevice  # a drive's process starts without it
+    kind = _KINDS.get(profile)
+    if kind is None:
+        return None
+    module = importlib.import_module(f"canopen_control.virtual.{kind[0]}")  # a drive's process starts without it
+    function: DeviceFunction = getattr(module, kind[1])(store, outbox, clock, profile_signals(od, profile).values())
+    return function
 
-        return IoDevice(store, outbox, clock)
-    return None
+
+_KINDS: Final = {
+    Profile.IO: ("io_device", "IoDevice"),
+    Profile.MEASURING: ("sensor_device", "MeasuringDevice"),
+    Profile.ENCODER: ("position_devices", "Encoder"),
+    Profile.INCLINOMETER: ("position_devices", "Inclinometer"),
+    Profile.BATTERY: ("sensor_device", "Battery"),
+}

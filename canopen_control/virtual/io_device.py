@@ -13,19 +13,19 @@ from typing import TYPE_CHECKING, Final
 
 from canopen_control.errors import ConfigError, nearest
 from canopen_control.profiles.error_modes import ERROR_OBJECTS
-from canopen_control.profiles.io_tables import AI_DELTA, AI_ENABLE, ANALOGUE_INPUTS, DIGITAL_INPUTS, io_signals
+from canopen_control.profiles.io_tables import AI_DELTA, AI_ENABLE, ANALOGUE_INPUTS, DIGITAL_INPUTS
 from canopen_control.rpc.messages.drive import SignalState
 from canopen_control.virtual.input_faults import InputFaults
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Mapping
+    from collections.abc import Collection, Iterable, Mapping
 
     from canopen_control.od.model import Address, Entry, Value
     from canopen_control.profiles.device_signal import Signal
     from canopen_control.virtual.node_outbox import Clock, NodeOutbox
     from canopen_control.virtual.object_store import ObjectStore
 
-__all__ = ["IoDevice"]
+__all__ = ["IoDevice", "take_error_values"]
 
 _IN_POLARITY, _OUT_POLARITY = 0x6002, 0x6202
 _DIGITAL_ENABLE, _ANY, _RISING, _FALLING = 0x6005, 0x6006, 0x6007, 0x6008
@@ -37,9 +37,9 @@ _CHANNELS = 32  # of one subindex of 0x6422
 class IoDevice:
     """The lines of one module; see `DeviceFunction`."""
 
-    def __init__(self, store: ObjectStore, outbox: NodeOutbox, clock: Clock) -> None:
+    def __init__(self, store: ObjectStore, outbox: NodeOutbox, clock: Clock, signals: Iterable[Signal]) -> None:
         self._store, self._outbox, self._clock = store, outbox, clock
-        self._signals = {signal.name: signal for signal in io_signals(store.od)}
+        self._signals = {signal.name: signal for signal in signals}
         self._set: dict[str, float] = {}  # what inputs are outside, by name
         self._reference: dict[Address, float] = {}  # an analogue input at its last event
         self._fired: set[Address] = set()
@@ -185,18 +185,7 @@ class IoDevice:
         self._fail(now)
 
     def _fail(self, _now: int) -> None:
-        """Put the outputs to their error values, where their error modes say so; others keep what they have."""
-        store = self._store
-        for address in {signal.address: None for signal in self._signals.values() if signal.output}:
-            mode_index, value_index = ERROR_OBJECTS[address[0]]
-            mode_at, value_at = (mode_index, address[1]), (value_index, address[1])
-            mode = store.number(*mode_at, 0)
-            value = self._number(value_at) if store.has(*value_at) else 0
-            present = self._number(address)
-            if address[0] in _DIGITAL_OUTPUTS:
-                store.set(*address, int(present) & ~mode | int(value) & mode)
-            elif mode:
-                store.set(*address, value)
+        take_error_values(self._store, [signal.address for signal in self._signals.values() if signal.output])
         self._outbox.values_changed()
 
     # -- life
@@ -219,3 +208,15 @@ class IoDevice:
 
 
 _DIGITAL_OUTPUTS: Final = frozenset((0x6200, 0x6300, 0x6320))
+
+
+def take_error_values(store: ObjectStore, outputs: Iterable[Address]) -> None:
+    """Put objects of outputs to their error values where their error modes say so; others keep what they have."""
+    for address in dict.fromkeys(outputs):
+        mode_index, value_index = ERROR_OBJECTS[address[0]]
+        mode = store.number(mode_index, address[1], 0)
+        value, present = store.values.get((value_index, address[1]), 0), store.values[address]
+        if address[0] in _DIGITAL_OUTPUTS and isinstance(present, int) and isinstance(value, int):
+            store.set(*address, present & ~mode | value & mode)
+        elif mode:
+            store.set(*address, value)

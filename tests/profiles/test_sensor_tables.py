@@ -29,7 +29,8 @@ def test_a_measured_value_has_digits_unit_and_status_of_its_channel():
         (0x6150, 1, T.UNSIGNED8),
         (0x7300, 1, T.INTEGER16),
     )
-    value, output = measuring_signals(od)
+    value, status, output = measuring_signals(od)
+    assert (status.name, status.address) == ("status0", (0x6150, 1))
     assert (value.name, value.unit, value.status) == ("ai0", "degC", (0x6150, 1))
     assert value.value(215, value.gain({(0x6132, 1): 1, (0x6131, 1): 0})) == pytest.approx(21.5)
     assert value.value(215, value.gain({(0x6132, 1): 2, (0x6131, 1): 0xFD260000})) == pytest.approx(0.00215)

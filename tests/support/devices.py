@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
-import yaml
-from support.robots import LEFT, RIGHT, Bench, copy_robby
+import json
 
-__all__ = ["IO", "DeviceBench", "with_device"]
+import yaml
+from support.robots import LEFT, RIGHT, Bench, copy_robby, dictionary_of
+from support.virtualbench import Bench as NodeBench
+
+from canopen_control.data_files import data_path
+from canopen_control.virtual.device import make_device
+
+__all__ = ["IO", "DeviceBench", "put", "virtual", "with_device"]
 
 IO = 5
 _ANCHOR = '    <xacro:drive side="right"/>\n'
@@ -37,7 +43,7 @@ def with_device(folder, eds, part, *, commands=(), keys=None, name="io", tag="gp
     description.write_text(text)
     control = config / "ros2_controllers.yaml"
     loaded = "    inputs:\n      type: canopen_control/GpioBroadcaster\n\n"
-    own = f"\ninputs:\n  ros__parameters:\n    joints: [{name}]\n    interfaces: [{', '.join(part)}]\n"
+    own = f"\ninputs:\n  ros__parameters:\n    joints: [{name}]\n    interfaces: {json.dumps(part)}\n"
     if commands:
         loaded += "    outputs:\n      type: forward_command_controller/MultiInterfaceForwardCommandController\n\n"
         own += OUTPUTS.format(name="outputs", part=name, interfaces=", ".join(commands))
@@ -70,3 +76,15 @@ class DeviceBench(Bench):
     def terminal(self, name):
         """What the virtual device has at a terminal, past the bus."""
         return next(each.value for each in self.device.function.describe() if each.name == name)
+
+
+def virtual(number):
+    """Return the bundled device of a profile on a bench of its own, booted."""
+    return NodeBench(make_device(dictionary_of(data_path("eds", f"generic_cia{number}.eds")), IO)).on(0.1)
+
+
+def put(bench, **values):
+    """Set inputs of a device on a bench, and return the frames it sends for that."""
+    bench.node.function.set_signals(values, bench.now)
+    bench.node.follow(bench.now)
+    return bench.collect()
