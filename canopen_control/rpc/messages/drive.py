@@ -45,8 +45,9 @@ DRIVE: Final[Api[DriveHello, DriveEvent]] = Api("drive", DriveHello, {"event": D
 class FaultListing(msgspec.Struct, frozen=True, kw_only=True):
     """A fault that can be switched on, and whether it is.
 
-    `row` is its number in the catalogue of real drives' behaviour (0: not in it), `acts` where it acts, "wire", "node"
-    or "axis", `does` what the drive does, `reaction` what a good master makes of it; `once`: it goes off by itself.
+    `row` is its number in the catalogue of real drives' behaviour (0: not in it), `acts` where it acts, "wire", "node",
+    "axis" or "input", `does` what the drive does, `reaction` what a good master makes of it; `once`: it goes off by
+    itself.
     """
 
     name: str
@@ -60,7 +61,7 @@ class FaultListing(msgspec.Struct, frozen=True, kw_only=True):
 
 @DRIVE.method("faults", Effect.READS)
 class ListFaults(Request[tuple[FaultListing, ...]], frozen=True):
-    """Every fault that the node can show."""
+    """Every fault that the node can show: those of inputs no drive, those of axes nothing else."""
 
 
 class ActiveFaults(msgspec.Struct, frozen=True):
