@@ -67,15 +67,20 @@ class Robot:
         name: str | None = None,
         mock: bool = False,
         drives: bool = True,
+        xacro: Mapping[str, str] | None = None,
     ) -> Robot:
-        """Read a robot's files; `can` as the `--can` option, `drives` False starts no virtual ones."""
+        """Read a robot's files; `can` as the `--can` option, `drives` False starts no virtual ones.
+
+        `xacro` are the arguments of its description.
+        """
         from canopen_control.runtime.background import BackgroundRobot
         from canopen_control.runtime.robot_files import find_robot
         from canopen_control.runtime.run_session import RunOptions
         from canopen_control.runtime.setup import read_robot
 
         channels = [can] if isinstance(can, str) else list(can)
-        setup = read_robot(find_robot(config), name=name, can=channels, controllers=controllers, mock=mock)
+        files = find_robot(config, arguments=[f"{key}:={value}" for key, value in (xacro or {}).items()])
+        setup = read_robot(files, name=name, can=channels, controllers=controllers, mock=mock)
         return cls(setup.name, BackgroundRobot(setup, RunOptions(drives=drives and not mock)))
 
     @classmethod
@@ -126,9 +131,13 @@ class Robot:
             return
         self._ask(messages.CommandController(controller=controller, values=list(values), source=_SOURCE))
 
-    def twist(self, controller: str, linear: float, angular: float) -> None:
-        """Command a base: m/s forward and rad/s to the left."""
-        self._ask(messages.TwistController(controller=controller, linear=linear, angular=angular, source=_SOURCE))
+    def twist(self, controller: str, linear: float, angular: float, lateral: float = 0.0) -> None:
+        """Command a base: m/s forward, rad/s to the left and, where it can drive sideways, m/s to the left."""
+        self._ask(
+            messages.TwistController(
+                controller=controller, linear=linear, lateral=lateral, angular=angular, source=_SOURCE
+            )
+        )
 
     def stop(self, *, latch: bool = False) -> None:
         """Ramp to zero and disable; returns when no drive moves under power any more.

@@ -82,6 +82,7 @@ _TYPES = {
 _PARTS = {
     "PdoConfig": "a [PDO](#one-pdo)",
     "SdoEntry": "[objects](#an-object-of-sdo)",
+    "SignalKeys": "[signals](#a-signal)",
     "PdoObject": "[objects](#a-mapped-object)",
     "AxisUnits": "[units](#the-units-of-one-axis)",
 }
@@ -148,6 +149,7 @@ def bus_yml() -> str:
         ("A mapped object", keys.PdoObject, {}),
         ("An object of `sdo`", keys.SdoEntry, {}),
         ("The units of one axis", keys.AxisUnits, {}),
+        ("A signal", keys.SignalKeys, {}),
     )
     text = [
         "# The keys of `bus.yml`\n",
@@ -176,11 +178,15 @@ def controllers() -> str:
         diff_drive_params,
         gpio_params,
         gripper_params,
+        mecanum_params,
+        omni_params,
         pid_params,
         sensor_params,
         standard_params,
+        steering_params,
         types,
     )
+    from canopen_control.controllers.base_params import AxisLimits
     from canopen_control.controllers.params import CommonParams
     from canopen_control.controllers.standard_params import BroadcasterParams
     from canopen_control.controllers.trajectory import params as trajectory
@@ -193,6 +199,11 @@ def controllers() -> str:
         ("Several interfaces of one joint", forward.MultiParams, "MultiInterface"),
         ("One joint, as in ROS 1", forward.SingleParams, "/Joint(Position|Velocity|Effort)Controller"),
         ("Diff drive", diff.DiffDriveParams, "DiffDrive"),
+        ("Bicycle steering", steering_params.BicycleParams, "BicycleSteering"),
+        ("Tricycle steering", steering_params.TricycleParams, "TricycleSteering"),
+        ("Ackermann steering", steering_params.AckermannParams, "AckermannSteering"),
+        ("Mecanum drive", mecanum_params.MecanumParams, "MecanumDrive"),
+        ("Omni wheel drive", omni_params.OmniParams, "OmniWheelDrive"),
         ("Joint trajectories", trajectory.TrajectoryParams, "JointTrajectory"),
         ("PID", pid_params.PidParams, "/PidController"),
         ("Joint states", BroadcasterParams, "JointState(Broadcaster|Controller)"),
@@ -217,7 +228,12 @@ def controllers() -> str:
         if cls is diff.DiffDriveParams:
             text += [
                 "### Limits: `linear.x.KEY` and `angular.z.KEY`\n",
-                _keys(diff.AxisLimits, CONTROLLERS["AxisLimits"], {}),
+                _keys(diff.SwitchedLimits, _parameters(diff.SwitchedLimits), {}),
+            ]
+        if cls is mecanum_params.MecanumParams:
+            text += [
+                "### Limits: `linear.x.KEY`, `linear.y.KEY` and `angular.z.KEY`\n",
+                _keys(AxisLimits, CONTROLLERS["AxisLimits"], {}),
             ]
         if cls is pid_params.PidParams:
             text += [
@@ -227,7 +243,11 @@ def controllers() -> str:
         if cls is battery_params.BatteryParams:
             text += ["### Each battery: `BATTERY.KEY`\n", _keys(battery_params.Battery, CONTROLLERS["Battery"], {})]
         if cls is trajectory.TrajectoryParams:
-            for part, title in ((trajectory.JointGains, "gains"), (trajectory.JointConstraints, "constraints")):
+            for part, title in (
+                (trajectory.JointGains, "gains"),
+                (trajectory.JointConstraints, "constraints"),
+                (trajectory.LimitParams, "joint_limits"),
+            ):
                 text += [f"### Each joint: `{title}.JOINT.KEY`\n", _keys(part, CONTROLLERS[part.__name__], {})]
     return "\n".join(text)
 

@@ -23,6 +23,7 @@ from canopen_control.ros.trajectory_messages import (
     stamp_of,
     tolerances_of,
 )
+from canopen_control.ros.trajectory_sender import HEARTBEAT_S
 from canopen_control.rpc.messages.samples import TrajectorySample
 from canopen_control.rpc.messages.trajectory import (
     CancelTrajectory,
@@ -76,6 +77,7 @@ class FollowJointTrajectory(ActionGoals[TrajectoryVerdict, TrajectoryResult]):
             goal_tolerance=tolerances_of(goal.goal_tolerance),
             goal_time_tolerance=seconds(goal.goal_time_tolerance),
             source=COMMANDER,
+            heartbeat=HEARTBEAT_S,
         )
 
     def refused(self, verdict: TrajectoryVerdict | None, text: str) -> RosMessage:

@@ -15,6 +15,7 @@ from canopen_control.ros.conversions import unknown_as_nan
 from canopen_control.ros.endpoint import COMMANDER, NewSamples
 from canopen_control.ros.interfaces import interface
 from canopen_control.ros.joint_states import time_message
+from canopen_control.ros.trajectory_sender import HEARTBEAT_S
 from canopen_control.rpc.messages.gripper import (
     CancelGripper,
     GripperEnd,
@@ -117,6 +118,7 @@ class GripperAction(ActionGoals[GripperVerdict, GripperResult]):
             max_effort=effort or None,
             max_velocity=velocity or None,
             source=COMMANDER,
+            heartbeat=HEARTBEAT_S,
         )
 
 

@@ -31,12 +31,19 @@ __all__ = ["GripperMethods"]
 
 
 class GripperMethods:
-    """Answers these methods on a server; `keep` refuses one more of those who hold a command."""
+    """Answers these methods on a server; `keep` refuses one more of those who hold a command.
+
+    `promise` takes the heartbeat that a connection promises, None for none.
+    """
 
     def __init__(
-        self, robot: RobotCore, server: Server[RobotHello, RobotPush], keep: Callable[[Connection], None]
+        self,
+        robot: RobotCore,
+        server: Server[RobotHello, RobotPush],
+        keep: Callable[[Connection], None],
+        promise: Callable[[Connection, float | None], None],
     ) -> None:
-        self._robot, self._keep = robot, keep
+        self._robot, self._keep, self._promise = robot, keep, promise
         self._sent: dict[Connection, tuple[GripperGoal, Sent]] = {}
         server.answers(MoveGripper, lambda call: self._give(call)[1].tell(call))
         server.answers(SendGripper, self._send)
@@ -66,6 +73,7 @@ class GripperMethods:
         if wanted.dead_man:
             self._keep(connection)
         robot.grip(wanted.controller, goal, wanted.source or call.who, holder=connection if wanted.dead_man else None)
+        self._promise(connection, wanted.heartbeat if wanted.dead_man else None)
         self._sent[connection] = goal, sent
         return goal, sent
 

@@ -72,7 +72,7 @@ def test_a_goal_is_sent_told_of_and_answered_with_its_result(robot, maker, which
         key: value
         for key, value in {
             "controller": which, "position": 0.04, "max_effort": 20.0, "max_velocity": velocity, "source": "ros",
-            "dead_man": True,
+            "dead_man": True, "heartbeat": 3.0,
         }.items()
         if value is not None
     }  # fmt: skip

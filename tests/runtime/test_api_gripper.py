@@ -85,6 +85,16 @@ def test_the_end_of_its_connection_ends_it_and_the_joint_is_held(arm, client):
     assert position(arm) == pytest.approx(where, abs=1e-3)
 
 
+def test_a_sender_that_falls_silent_is_gone_though_its_connection_stands(arm, client):
+    client.ask("send_gripper", controller=GRIPPER, position=6.0, heartbeat=0.5)
+    for _ in range(4):
+        arm.run(200)
+        client.ask("trajectory_heartbeat")
+    assert arm.texts("goal_aborted") == []
+    arm.run(700)
+    assert any("has said nothing for 0.5 s and is gone" in text for text in arm.texts("goal_aborted"))
+
+
 def test_another_client_can_cancel_it_and_own_cancels_only_ones_own(arm, client, other):
     client.ask("send_gripper", controller=GRIPPER, position=3.0)
     client.send(id=7, method="gripper_end", params={})

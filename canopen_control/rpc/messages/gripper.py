@@ -5,7 +5,7 @@ A goal has an end that is told; a connection has one at a time, the one that it 
 
 from __future__ import annotations
 
-from typing import Final, Generic, TypeVar
+from typing import Annotated, Final, Generic, TypeVar
 
 import msgspec
 
@@ -47,13 +47,15 @@ class _Goal(Request[A], Generic[A], frozen=True, kw_only=True):
     max_velocity: float | None = None
     source: str | None = None
     dead_man: bool = True
+    heartbeat: Annotated[float, msgspec.Meta(gt=0.0, le=3600.0)] | None = None
 
 
 class MoveGripper(_Goal[GripperResult], frozen=True, kw_only=True):
     """A position as a goal of a gripper action controller; answered when it has ended.
 
     `max_effort` and `max_velocity` null or 0 are the controller's. With `dead_man` the joint is held where it is as
-    soon as this connection is gone, unless the goal has succeeded.
+    soon as this connection is gone, unless the goal has succeeded; with `heartbeat` besides when it has sent no
+    `trajectory_heartbeat` for so many seconds.
     """
 
 
