@@ -133,6 +133,8 @@ class Controller:
     """Whether its joints move one base (a vehicle): they stop together, and no verb acts on one of them alone."""
     independent: ClassVar[bool] = False
     """Whether each of its interfaces has a value of its own: one stop group of them may go on without another."""
+    settable: ClassVar[tuple[str, ...]] = ()
+    """The parameters that `on_set` takes while it is configured: patterns of dotted names, `gains.*`."""
     topic: ClassVar[str | None] = None
     tells: ClassVar[type[Sample] | None] = None
 
@@ -168,6 +170,12 @@ class Controller:
     def on_configure(self, params: Params) -> None:
         """Read the parameters; raise ConfigError with every mistake in them."""
         self.update_rate = params.read(CommonParams).update_rate
+
+    def on_set(self, params: Params) -> None:
+        """Take `settable` parameters that have changed, in any state; raise ConfigError, and keep what was, if wrong.
+
+        An override reads all of them, as `on_configure` does, before it changes anything.
+        """
 
     def command_interface_names(self) -> list[str]:
         """Return what it claims when active, as "joint/interface"."""

@@ -22,7 +22,7 @@ from canopen_control.yamlfile.reader import tree
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-__all__ = ["ControllerConfig", "ControllersFile", "read_controllers"]
+__all__ = ["ControllerConfig", "ControllersFile", "from_file", "read_controllers"]
 
 PARAMETERS: Final = "ros__parameters"
 MANAGER: Final = "controller_manager"
@@ -248,7 +248,7 @@ def _controllers(
         block = blocks.get(name, _Block(each.key, like(each.further)))
         values = block.value.over(each.further).over(everywhere)
         for place, text in each.files:
-            values = _from_file(place, text, name).over(values)
+            values = from_file(place, text, name).over(values)
         found[name] = _config(name, each.type, each.key, values, block, each.fallbacks)
     for name, block in blocks.items():
         type_node = block.value.get("type")
@@ -270,7 +270,7 @@ def _check_fallbacks(declared: dict[str, _Declared], found: dict[str, Controller
                 each.key.error(f"fallback_controllers of {name}: no controller {fallback!r}{nearest(fallback, found)}")
 
 
-def _from_file(place: Node, text: str, name: str) -> Node:
+def from_file(place: Node, text: str, name: str) -> Node:
     """Return the parameters of a controller in a `params_file`, sought beside the file that names it."""
     path = Path(place.path).parent / Path(os.path.expandvars(text)).expanduser()
     blocks: dict[str, _Block] = {}

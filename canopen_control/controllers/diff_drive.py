@@ -71,6 +71,9 @@ class DiffDriveController(Controller):
     topic: ClassVar[str | None] = "cmd_vel"
     is_base: ClassVar[bool] = True
     tells: ClassVar[type[Sample] | None] = OdometrySample
+    settable: ClassVar[tuple[str, ...]] = (
+        "cmd_vel_timeout", "enable_odom_tf", "publish_limited_velocity", "linear.x.*", "angular.z.*",
+    )  # fmt: skip
 
     def __init__(self, name: str, type_name: str = "diff_drive_controller/DiffDriveController") -> None:
         super().__init__(name, type_name)
@@ -158,6 +161,14 @@ class DiffDriveController(Controller):
         self.update_rate, self.publish_rate = given.update_rate, given.publish_rate
         self.joints, self.interface = (*given.left, *given.right), VELOCITY
         self._publish_at = _AT_ONCE
+
+    def on_set(self, params: Params) -> None:
+        """Take other limits, another timeout, other things to publish, from the next update on."""
+        given = read_params(params, self.geometry)
+        linear = _limiter(self.name, "linear.x", given.linear.limits())
+        angular = _limiter(self.name, "angular.z", given.angular.limits())
+        self.params, self._linear_limiter, self._angular_limiter = given, linear, angular
+        self.life.limit_ns = round(given.cmd_vel_timeout * NS)
 
     def command_interface_names(self) -> list[str]:
         """Return the velocity of every wheel, the left ones first."""

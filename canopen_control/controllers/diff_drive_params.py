@@ -153,6 +153,7 @@ def read_params(
     problems = [text for wrong, text in _checks(given) if wrong]
     if problems:
         raise RobotConfigError("\n".join(f"{params.name}: {text}" for text in problems))
+    params.taken = given
     return given
 
 

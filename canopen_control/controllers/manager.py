@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Protocol
 
 from canopen_control.controllers.base import Controller, ControllerEvent, ControllerState, not_enabled
 from canopen_control.controllers.chain import joints_of
+from canopen_control.controllers.declared import checked, declared_by, given_in
 from canopen_control.controllers.params import Params
 from canopen_control.controllers.running import RunningControllers
 from canopen_control.controllers.switcher import Switched, Switcher
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
         HardwareComponent,
         InterfaceRegistry,
     )
+    from canopen_control.rpc.messages.parameters import ParameterReading, ParameterValue
     from canopen_control.urdf.joint_element import Joint
 
 __all__ = ["ControllerEvent", "ControllerManager", "Switched"]
@@ -43,6 +45,7 @@ Events = tuple[ControllerEvent, ...]
 Names = list[str]
 Running = tuple[Controller, ...]
 Bases = dict[str, tuple[str, ...]]
+Parameters = tuple["ParameterReading", ...]
 
 
 def _why_waiting(ends: Sequence[CommandInterface]) -> NotEnabled:
@@ -185,6 +188,25 @@ class ControllerManager:
         events = tuple(self._events)
         self._events.clear()
         return events
+
+    # -------------------------------------------------------------------------------------------------- parameters
+
+    def parameters(self, name: str) -> Parameters:
+        """Return the parameters of a controller; UnknownName. Before it is configured they are those of the file."""
+        controller, params = self.get(name), self._params[name]
+        return given_in(params) if params.taken is None else declared_by(params.taken, controller.settable)
+
+    def set_parameters(self, name: str, wanted: Sequence[ParameterValue]) -> None:
+        """Set parameters while a controller is configured: all or none. Raises ControlError, ConfigError, UnknownName.
+
+        They are its own until it is unloaded, also when it is configured again.
+        """
+        controller = self.get(name)
+        values = checked(name, self.parameters(name), wanted)
+        changed = self._params[name].changed(values)
+        controller.on_set(changed)
+        self._params[name] = changed
+        self._tell("parameter", name, f"{name}: " + ", ".join(f"{key} is {value}" for key, value in values.items()))
 
     # --------------------------------------------------------------------------------------------------- switching
 

@@ -33,6 +33,7 @@ from canopen_control.rpc.messages.nodes import (
     SdoWrite,
     TouchProbe,
 )
+from canopen_control.rpc.messages.parameters import PARAMETER_METHODS
 from canopen_control.rpc.messages.state import ControllerReading, RobotEvent, StateSample, Status
 from canopen_control.rpc.messages.trajectory import (
     MAX_POINTS,
@@ -264,6 +265,9 @@ class SwitchControllers(Request[Done], frozen=True, kw_only=True):
     activate: tuple[str, ...] = ()
     deactivate: tuple[str, ...] = ()
     strict: bool = True
+
+
+ROBOT.declare(PARAMETER_METHODS)
 
 
 class InterfaceReading(msgspec.Struct, frozen=True):
