@@ -33,19 +33,23 @@ _NO_METADATA: Final[Mapping[str, Any]] = types.MappingProxyType({})
 def declared_by(taken: object, settable: Iterable[str] = ()) -> tuple[ParameterReading, ...]:
     """Return the parameters of a dataclass that was read of them, sorted by name; `settable` are patterns of names."""
     patterns = tuple(settable)
-    rows = _rows(taken, "")
-    return tuple(
-        ParameterReading(
-            name=name,
-            kind=_kind(wanted, value),
-            value=told(value.value if isinstance(value, enum.Enum) else value),
-            read_only=not any(fnmatchcase(name, each) for each in patterns),
-            low=_bounds(metadata)[0],
-            high=_bounds(metadata)[1],
-            choices=tuple(map(str, metadata.get("choices") or ())),
-        )
-        for name, wanted, value, metadata in sorted(rows, key=lambda row: row[0])
-        if name not in _HIDDEN
+    rows = sorted(_rows(taken, ""), key=lambda row: row[0])
+    return tuple(_reading(*row, patterns) for row in rows if row[0] not in _HIDDEN)
+
+
+def _reading(
+    name: str, wanted: object, value: object, metadata: Mapping[str, Any], patterns: Iterable[str]
+) -> ParameterReading:
+    kind, (low, high) = _kind(wanted, value), metadata.get("range") or (None, None)
+    plain = value.value if isinstance(value, enum.Enum) else value
+    return ParameterReading(
+        name=name,
+        kind=kind,
+        value=told([plain] if kind.endswith("_array") and isinstance(plain, str) else plain),
+        read_only=not any(fnmatchcase(name, each) for each in patterns),
+        low=low,
+        high=high,
+        choices=tuple(map(str, metadata.get("choices") or ())),
     )
 
 
@@ -66,9 +70,8 @@ def checked(owner: str, known: Sequence[ParameterReading], wanted: Sequence[Para
     for each in wanted:
         row = rows.get(each.name)
         if row is None:
-            raise ControlError(
-                f"{owner}: parameter '{each.name}' cannot be set because it was not declared{nearest(each.name, rows)}"
-            )
+            hint = near if "mean" in (near := nearest(each.name, rows)) else ""
+            raise ControlError(f"{owner}: parameter '{each.name}' cannot be set because it was not declared{hint}")
         if row.read_only:
             raise ControlError(
                 f"{owner}: parameter '{each.name}' cannot be set because it is read-only; "
@@ -98,11 +101,6 @@ def _rows(taken: Any, prefix: str) -> Iterator[tuple[str, Any, Any, Mapping[str,
             yield from _rows(value, f"{prefix}{key_of(entry)}.")
         else:
             yield f"{prefix}{key_of(entry)}", hints[entry.name], value, metadata
-
-
-def _bounds(metadata: Mapping[str, Any]) -> tuple[float | None, float | None]:
-    low, high = metadata.get("range") or (None, None)
-    return low, high
 
 
 def _kind(wanted: Any, value: object) -> str:  # noqa: ANN401 - a type, of which there is no common one

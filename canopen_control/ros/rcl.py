@@ -17,6 +17,7 @@ __all__ = [
     "Node",
     "QoSProfile",
     "ReliabilityPolicy",
+    "further_node",
     "in_words",
     "make_executor",
     "qos_profile_system_default",
@@ -53,6 +54,23 @@ def start(name: str, namespace: str, arguments: list[str]) -> tuple[Context, Nod
     signals = importlib.import_module("rclpy.signals").SignalHandlerOptions
     rclpy.init(args=arguments, context=context, signal_handler_options=signals.NO)
     return context, rclpy.create_node(name, context=context, namespace=namespace)
+
+
+def further_node(name: str, context: Context, namespace: str) -> Node:
+    """Return another node of a context, without services of its own; whatever rclpy raises.
+
+    A name that is remapped for all nodes is the first one's; topics that are remapped are those of all.
+    """
+    rclpy = importlib.import_module("rclpy")
+    parameter = importlib.import_module("rclpy.parameter").Parameter
+    return rclpy.create_node(
+        name,
+        context=context,
+        namespace=namespace,
+        cli_args=["--ros-args", "-r", f"__node:={name}"],
+        start_parameter_services=False,
+        parameter_overrides=[parameter("start_type_description_service", value=False)],
+    )
 
 
 def make_executor(context: Context) -> Any:  # noqa: ANN401 - see above

@@ -54,6 +54,9 @@ class Ros:
 
     unserve = destroy_publisher = unsubscribe
 
+    def get_namespace(self):
+        return "/robot"
+
     def hand_over(self, function):
         function()
 
@@ -72,6 +75,20 @@ class Ros:
 
     def publish(self, topic, message):
         self.subscriptions[topic][1](message)
+
+    def call(self, service, *given, request=None, **fields):
+        """Call a service, answer what it asks of the robot, in order, with `given`: results, or texts of refusals."""
+        kind, handler = self.services[service]
+        replies, answers = [], iter(given)
+        handler(request or kind.Request(**fields), kind.Response(), replies.append)
+        asked = []
+        while self.asked:
+            wanted, answer = self.asked.pop(0)
+            asked.append(wanted)
+            found = next(answers)
+            answer(*((None, found) if isinstance(found, str) else (found, None)))
+        (response,) = replies
+        return response, asked
 
 
 FACTORY = interfaces._Factory()
