@@ -6,7 +6,6 @@ controller is configured, its class says (`settable`); all else is read-only, as
 
 from __future__ import annotations
 
-import dataclasses
 import enum
 import types
 import typing
@@ -15,13 +14,13 @@ from typing import TYPE_CHECKING, Any, Final
 
 from canopen_control.errors import ControlError, nearest
 from canopen_control.rpc.messages.parameters import ParameterReading, told
-from canopen_control.yamlfile.convert import field_types, key_of
+from canopen_control.yamlfile.convert import fields_of, key_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
 
     from canopen_control.controllers.params import Params
-    from canopen_control.rpc.messages.parameters import ParameterValue
+    from canopen_control.rpc.messages.parameters import ParameterValue, Told
 
 __all__ = ["checked", "declared_by", "given_in"]
 
@@ -63,10 +62,10 @@ def given_in(params: Params) -> tuple[ParameterReading, ...]:
     )
 
 
-def checked(owner: str, known: Sequence[ParameterReading], wanted: Sequence[ParameterValue]) -> dict[str, object]:
+def checked(owner: str, known: Sequence[ParameterReading], wanted: Sequence[ParameterValue]) -> dict[str, Told]:
     """Return what is to be set, by name; ControlError, in the words of rclcpp, for what cannot be."""
     rows = {each.name: each for each in known}
-    values: dict[str, object] = {}
+    values: dict[str, Told] = {}
     for each in wanted:
         row = rows.get(each.name)
         if row is None:
@@ -90,8 +89,7 @@ def checked(owner: str, known: Sequence[ParameterReading], wanted: Sequence[Para
 
 
 def _rows(taken: Any, prefix: str) -> Iterator[tuple[str, Any, Any, Mapping[str, Any]]]:  # noqa: ANN401 - a dataclass
-    hints = field_types(type(taken))
-    for entry in dataclasses.fields(taken):
+    for entry, wanted in fields_of(type(taken)):
         value, metadata = getattr(taken, entry.name), entry.metadata or _NO_METADATA
         if metadata.get("here") or metadata.get("derived"):
             continue
@@ -100,7 +98,7 @@ def _rows(taken: Any, prefix: str) -> Iterator[tuple[str, Any, Any, Mapping[str,
         elif metadata.get("section"):
             yield from _rows(value, f"{prefix}{key_of(entry)}.")
         else:
-            yield f"{prefix}{key_of(entry)}", hints[entry.name], value, metadata
+            yield f"{prefix}{key_of(entry)}", wanted, value, metadata
 
 
 def _kind(wanted: Any, value: object) -> str:  # noqa: ANN401 - a type, of which there is no common one

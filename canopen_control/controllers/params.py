@@ -20,6 +20,8 @@ from canopen_control.yamlfile.problems import Problems
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from canopen_control.rpc.messages.parameters import Told
+
 __all__ = ["CommonParams", "Params", "flattened", "like", "scalar_node", "tell_ineffective"]
 
 T = TypeVar("T")
@@ -57,7 +59,7 @@ class Params:
         self.taken = value
         return typing.cast("T", value)
 
-    def changed(self, values: Mapping[str, Any]) -> Params:
+    def changed(self, values: Mapping[str, Told]) -> Params:
         """Return these with other values by their dotted names; the file keeps its own."""
         made = Params.of(values, self.name)
         return Params(made.flat.over(self.flat), self.name)

@@ -62,6 +62,7 @@ def further_node(name: str, context: Context, namespace: str) -> Node:
     A name that is remapped for all nodes is the first one's; topics that are remapped are those of all.
     """
     rclpy = importlib.import_module("rclpy")
+    importlib.import_module("rclpy.validate_node_name").validate_node_name(name)  # the arguments below hold it
     parameter = importlib.import_module("rclpy.parameter").Parameter
     return rclpy.create_node(
         name,

@@ -29,7 +29,7 @@ from canopen_control.yamlfile.node import NOWHERE, Node
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping
 
-__all__ = ["INVALID", "convert", "derived", "field_types", "key_of", "keys_of", "part", "position", "setting"]
+__all__ = ["INVALID", "convert", "derived", "fields_of", "key_of", "keys_of", "part", "position", "setting"]
 
 _NUMBER: Final = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
 _Values: typing.TypeAlias = dict[str, Any]  # of a dataclass by field, converted
@@ -103,10 +103,10 @@ def _hints(cls: type[Any]) -> Mapping[str, Any]:
     return typing.get_type_hints(cls)
 
 
-def field_types(cls: type[Any]) -> Mapping[str, Any]:
-    """Return the types of a dataclass' fields by name."""
-    found: Mapping[str, Any] = _hints(cls)  # type: ignore[arg-type]  # as below
-    return found
+def fields_of(cls: type[Any]) -> list[tuple[dataclasses.Field[Any], Any]]:
+    """Return the fields of a dataclass, each with the type that it is read as."""
+    hints = _hints(cls)  # type: ignore[arg-type]  # as below
+    return [(entry, hints[entry.name]) for entry in dataclasses.fields(cls)]
 
 
 def key_of(entry: dataclasses.Field[Any]) -> str:
