@@ -52,9 +52,12 @@ def switch_controllers(
 ) -> None:
     """Switch, loading and configuring those that are not; `check` may refuse those that are to start.
 
-    Raises ControlError or ConfigError, and nothing is changed.
+    Names that nobody knows are left out unless it is `strict`. Raises ControlError or ConfigError, and nothing is
+    changed.
     """
     before = manager.states
+    if not strict:
+        activate = [name for name in activate if name in before or name in setup.controllers.controllers]
     try:
         for name in activate:
             if name not in before:

@@ -303,7 +303,7 @@ class ComponentState(msgspec.Struct, frozen=True):
 
 @ROBOT.method("set_hardware_state", Effect.CHANGES)
 class SetHardwareState(Request[ComponentState], frozen=True, kw_only=True):
-    """Set a component "inactive" or "active"; nothing moves by it."""
+    """Set a component "unconfigured", "inactive" or "active"; nothing moves by it."""
 
     component: str
     state: str
