@@ -206,7 +206,7 @@ class ControllerManager:
         changed = self._params[name].changed(values)
         controller.on_set(changed)
         self._params[name] = changed
-        self._tell("parameter", name, f"{name}: " + ", ".join(f"{key} is {value}" for key, value in values.items()))
+        self._tell("parameter_set", name, f"{name}: " + ", ".join(f"{key} is {value}" for key, value in values.items()))
 
     # --------------------------------------------------------------------------------------------------- switching
 

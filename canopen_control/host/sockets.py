@@ -36,6 +36,7 @@ __all__ = [
     "SocketInUse",
     "SocketKind",
     "check_name",
+    "claim",
     "close_listener",
     "connect",
     "drive_name",
@@ -222,6 +223,23 @@ def open_lock(path: Path) -> int:
     if not stat.S_ISREG(os.fstat(fd).st_mode):
         os.close(fd)
         raise ConfigError(f"{path} cannot be a lock: it is no file; remove it, and try again")
+    return fd
+
+
+def claim(path: Path) -> int:
+    """Hold a lock file as long as this process lives, with its id in it; SocketInUse with that of who holds it.
+
+    Closing the descriptor that is returned lets go of it.
+    """
+    fd = open_lock(path)
+    try:
+        fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        owner = os.read(fd, 16).decode(errors="replace").strip()
+        os.close(fd)
+        raise SocketInUse(path, int(owner) if owner.isdecimal() else 0) from None
+    os.truncate(fd, 0)
+    os.write(fd, f"{os.getpid()}\n".encode())
     return fd
 
 

@@ -12,6 +12,7 @@ from typing import Any
 __all__ = [
     "Context",
     "DurabilityPolicy",
+    "Duration",
     "ExternalShutdownException",
     "Future",
     "Node",
@@ -31,6 +32,7 @@ Context = Any
 _executors = importlib.import_module("rclpy.executors")
 _qos = importlib.import_module("rclpy.qos")
 
+Duration = importlib.import_module("rclpy.duration").Duration
 DurabilityPolicy = _qos.DurabilityPolicy
 ExternalShutdownException: type[Exception] = _executors.ExternalShutdownException
 Future = importlib.import_module("rclpy.task").Future

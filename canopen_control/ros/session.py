@@ -25,6 +25,7 @@ from canopen_control.ros.mailbox import Mailbox
 from canopen_control.ros.nodes import NodeView, nodes_of
 from canopen_control.ros.on_node import OnNode
 from canopen_control.ros.robot_description import RobotDescription
+from canopen_control.ros.rosout import Rosout
 from canopen_control.ros.shared_twist import SharedTwist
 from canopen_control.ros.sim_clock import SimClock
 from canopen_control.ros.spinner import Spinner
@@ -106,6 +107,7 @@ class Session:
             lambda: RobotDescription(ros, urdf),
             lambda: Diagnostics(ros),
             lambda: Events(ros),
+            lambda: Rosout(ros, nodes),
             lambda: SimClock(ros),
             lambda: ControllerManagerServices(self._nodes.of(MANAGER)),
             lambda: Activity(self._nodes.of(MANAGER)),

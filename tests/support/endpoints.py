@@ -57,6 +57,9 @@ class Ros:
     def get_namespace(self):
         return "/robot"
 
+    def get_name(self):
+        return "bridge"
+
     def hand_over(self, function):
         function()
 

@@ -128,8 +128,9 @@ class EventDetails(msgspec.Struct, frozen=True, omit_defaults=True):
 class RobotEvent(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Something happened: `time` in Unix seconds, `level` "info", "warning" or "error".
 
-    `node` is the name of the node it is about, None for the robot itself; `kind` one word for programs, `text` a
-    sentence for people, which says `count` and `since` too where it stands for several.
+    `node` is the name of the node it is about, None for the robot itself, `controller` that of the controller; `kind`
+    is one word for programs, `text` a sentence for people, which says `count` and `since` too where it stands for
+    several.
     """
 
     time: UnixTime
@@ -140,6 +141,7 @@ class RobotEvent(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     count: Count = 1
     since: UnixTime | None = None
     details: EventDetails | None = None
+    controller: str | None = None
 
     @property
     def first(self) -> float:
