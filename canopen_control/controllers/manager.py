@@ -224,6 +224,10 @@ class ControllerManager:
         """
         return self._switcher.switch(activate, deactivate, self.running.now if now is None else now, strict=strict)
 
+    def leave_out(self, names: Sequence[str]) -> None:
+        """Tell that a best-effort switch leaves out names that nobody knows."""
+        self._tell("left_out", "", f"a switch leaves out what nobody knows: {', '.join(names)}; see: controller list")
+
     def deactivate_using(self, component: HardwareComponent, reason: str, now: int | None = None) -> Names:
         """Deactivate whoever commands a component that failed, with those chained to them; return their names.
 

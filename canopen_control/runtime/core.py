@@ -396,9 +396,4 @@ class RobotCore:
             self.reactor.call_soon(self.on_stopped)
 
 
-_CONTROLLER_LEVELS = {
-    "activated": Level.INFO,
-    "deactivated": Level.INFO,
-    "parameter_set": Level.INFO,
-    "error": Level.ERROR,
-}
+_CONTROLLER_LEVELS = {"error": Level.ERROR, **dict.fromkeys(("activated", "deactivated", "parameter_set"), Level.INFO)}

@@ -52,12 +52,14 @@ def switch_controllers(
 ) -> None:
     """Switch, loading and configuring those that are not; `check` may refuse those that are to start.
 
-    Names that nobody knows are left out unless it is `strict`. Raises ControlError or ConfigError, and nothing is
-    changed.
+    Names that nobody knows are left out unless it is `strict`, and told. Raises ControlError or ConfigError, and
+    nothing is changed.
     """
     before = manager.states
-    if not strict:
-        activate = [name for name in activate if name in before or name in setup.controllers.controllers]
+    known = {*before, *setup.controllers.controllers}
+    if not strict and (unknown := [name for name in (*activate, *deactivate) if name not in known]):
+        manager.leave_out(unknown)
+        activate = [name for name in activate if name in known]
     try:
         for name in activate:
             if name not in before:

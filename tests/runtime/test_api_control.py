@@ -57,10 +57,12 @@ def test_what_cannot_be_done_is_refused_in_a_sentence(client, method, params, wo
     assert words in client.ask(method, **params)["error"]["message"]
 
 
-def test_best_effort_leaves_out_names_that_nobody_knows(client):
+def test_best_effort_leaves_out_names_that_nobody_knows_and_tells_them(robby, client):
     answer = client.ask("switch", activate=["nobody", BASE], deactivate=["nothing", FORWARD], strict=False)
     assert answer["result"] == {}
     assert (states(client)[BASE], states(client)[FORWARD]) == ("active", "inactive")
+    robby.run(50)
+    assert robby.texts("left_out") == ["a switch leaves out what nobody knows: nobody, nothing; see: controller list"]
     answer = client.ask("switch", activate=["nobody", FORWARD], deactivate=[BASE], strict=True)
     assert "no controller 'nobody'" in answer["error"]["message"]
     assert (states(client)[BASE], states(client)[FORWARD]) == ("active", "inactive"), "a strict one changes nothing"
