@@ -99,7 +99,8 @@ def test_a_spawner_with_a_file_of_parameters_brings_up_a_controller_that_turns_t
     scene.peer.order(
         "publish", topic="/wheels/commands", of="std_msgs/msg/Float64MultiArray", data={"data": [2.0, 2.0]}, rate=20
     )
-    assert ros.eventually(lambda: scene.drive.speed > 0)
+    assert ros.eventually(lambda: abs(scene.drive.speed) > 0.5)
+    scene.peer.order("silence", topic="/wheels/commands")
     back = {"activate_controllers": [FORWARD], "deactivate_controllers": ["wheels"], "strictness": 2}
     assert manager("switch_controller", "SwitchController", **back)["ok"]
     assert manager("unload_controller", "UnloadController", name="wheels")["ok"]
