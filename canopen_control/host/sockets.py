@@ -226,16 +226,16 @@ def open_lock(path: Path) -> int:
     return fd
 
 
-def claim(path: Path) -> int:
+def claim(path: Path, timeout: float = 0.0) -> int:
     """Hold a lock file as long as this process lives, with its id in it; SocketInUse with that of who holds it.
 
-    Closing the descriptor that is returned lets go of it.
+    Waits up to `timeout` seconds for him to end. Closing the descriptor that is returned lets go of it.
     """
     fd = open_lock(path)
     try:
-        fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        owner = os.read(fd, 16).decode(errors="replace").strip()
+        _flock(fd, path, time.monotonic() + timeout)
+    except CanopenError:
+        owner = os.pread(fd, 16, 0).decode(errors="replace").strip()
         os.close(fd)
         raise SocketInUse(path, int(owner) if owner.isdecimal() else 0) from None
     os.truncate(fd, 0)

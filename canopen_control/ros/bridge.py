@@ -37,6 +37,7 @@ _SIM_TIME: Final = (
     "/clock and all others have from this computer; start the others of a real, mocked or virtual robot without it"
 )
 _TIMEOUT_S: Final = 2.0  # for the robot to answer
+_ENDING_S: Final = 3.0  # a bridge ends within two seconds of its robot
 _RCLPY_END_S: Final = 1.5  # for rclpy to end
 
 
@@ -77,12 +78,15 @@ def _say(text: str) -> None:
     sys.stderr.flush()
 
 
-def _claim(robot: str) -> int:
-    """Let one bridge show a robot in a ROS domain: a second one would command it a second time."""
+def _claim(robot: str, timeout: float) -> int:
+    """Let one bridge show a robot in a ROS domain: a second one would command it a second time.
+
+    `timeout` in s is for one that is ending, of a run before.
+    """
     domain = os.environ.get("ROS_DOMAIN_ID", "") or "0"
     safe = domain if domain.isdecimal() else "x"
     try:
-        return claim(runtime_dir() / f"bridge-{robot}-{safe}.lock")
+        return claim(runtime_dir() / f"bridge-{robot}-{safe}.lock", timeout)
     except SocketInUse as error:
         raise CanopenError(
             f"{robot} has a ROS bridge in domain {domain}, process {error.pid or 'unknown'}; end that one first, "
@@ -95,9 +99,9 @@ class Bridge:
 
     def __init__(self, arguments: argparse.Namespace, ros_arguments: list[str]) -> None:
         self._name = select_robot(arguments.name)
-        self._claim = _claim(self._name)
         self._arguments = arguments
         self._lifeline = lifeline_fd()
+        self._claim = _claim(self._name, _ENDING_S if self._lifeline is not None else 0.0)
         self._session: Session | None = None
         self._reactor = Reactor()
         self._reactor.handle_signals({signal.SIGTERM: self._reactor.stop, signal.SIGINT: self._reactor.stop})

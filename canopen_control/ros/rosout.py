@@ -2,13 +2,13 @@
 
 The law of the file (rcl): the name of a message is its node's, `NAMESPACE.NODE`; the quality is that of every node's
 log. An event of a drive is its node's, of a controller that controller's, of the robot itself the bridge's. The robot
-tells what repeats itself once, and then in sum, so nothing is left out here. These do not appear on the bridge's
-standard error: the robot's own log has them.
+tells what repeats itself once, and then in sum; what only says again why the last one of the same node was is left out
+here, unless it is worse. Nothing of it appears on the bridge's standard error: the robot's own log has it.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 from canopen_control.ros.diagnostics import log_message
 from canopen_control.ros.endpoint import Endpoint
@@ -25,6 +25,16 @@ if TYPE_CHECKING:
 
 __all__ = ["Rosout"]
 
+_SAME_S: Final = 1.0  # within which an event follows from the one before
+
+
+class _Cause(NamedTuple):
+    """What was told last of a node: when, how bad, and the sentence without the node's name."""
+
+    time: float
+    level: int
+    text: str
+
 
 class Rosout(Endpoint):
     """The publisher; `nodes` are those of the bus, in their namespaces."""
@@ -35,6 +45,7 @@ class Rosout(Endpoint):
         self._of_nodes = {each.name: _logger(each.namespace, ros_name(each.name)) for each in nodes}
         self._own = _logger(self._namespace, str(ros.node.get_name()))
         self._publisher = ros.node.create_publisher(self._log, "/rosout", ROSOUT)
+        self._causes: dict[str, _Cause] = {}
 
     def on_event(self, event: RobotEvent) -> None:
         """Publish an event."""
@@ -45,7 +56,17 @@ class Rosout(Endpoint):
             message.name = self._of_nodes.get(event.node) or _logger(self._namespace, ros_name(event.node))
         else:
             message.name = self._own
-        self._publisher.publish(message)
+        if not self._says_again(event, message.name, int(message.level)):
+            self._publisher.publish(message)
+
+    def _says_again(self, event: RobotEvent, name: str, level: int) -> bool:
+        """Whether an event has nothing but the cause that was told: a node is lost, since its heartbeat is."""
+        last = self._causes.get(name)
+        same = last is not None and abs(event.time - last.time) <= _SAME_S and level <= last.level
+        if last is not None and same and event.kind != "stop" and event.text.endswith(last.text):
+            return True
+        self._causes[name] = _Cause(event.time, level, event.text.partition(": ")[2] or event.text)
+        return False
 
     def close(self) -> None:
         """Leave the topic."""

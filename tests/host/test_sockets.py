@@ -515,6 +515,15 @@ def test_one_process_at_a_time_has_a_claim_and_who_comes_second_learns_its_id(tm
     os.close(sockets.claim(path))
 
 
+def test_a_claim_waits_for_who_is_ending(tmp_path):
+    path = tmp_path / "bridge-robby-0.lock"
+    held = sockets.claim(path)
+    ending = threading.Timer(0.02, os.close, (held,))
+    ending.start()
+    os.close(sockets.claim(path, 10.0))
+    ending.join()
+
+
 def test_a_claim_whose_holder_is_not_known_has_the_number_0(tmp_path):
     path = tmp_path / "bridge-robby-0.lock"
     held = sockets.claim(path)

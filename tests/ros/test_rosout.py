@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import msgspec
 import pytest
 from support import endpoints
 
@@ -55,6 +56,32 @@ def test_it_has_its_level_time_and_text(robot, level, number):
     robot.endpoint.on_event(event("EMCY 0x8130", level))
     (told,) = robot.publishers[0].told
     assert (told.level, told.msg, told.function, told.stamp.sec) == (number, "EMCY 0x8130", "emcy", 12)
+
+
+LOST = "no heartbeat for 0.5 s; is it powered and connected?"
+
+
+@pytest.mark.parametrize(
+    ("then", "told"),
+    [
+        ({"text": f"node 3: lost: {LOST}"}, 1),
+        ({"text": f"node 3: lost: {LOST}", "level": "error", "time": 14.0}, 2),
+        ({"text": f"node 2: lost: {LOST}", "node": "arm_drive"}, 2),
+        ({"text": f"stopping both wheels: node 3: lost: {LOST}", "kind": "stop"}, 2),
+        ({"text": "node 3: lost: another reason"}, 2),
+    ],
+)
+def test_one_cause_is_told_once_but_a_stop_always(robot, then, told):
+    first = event(f"node 3 (left drive): {LOST}", node="left drive")
+    robot.endpoint.on_event(first)
+    robot.endpoint.on_event(msgspec.structs.replace(first, **then))
+    assert len(robot.publishers[0].told) == told
+
+
+def test_what_is_worse_is_told_although_the_cause_is_the_same(robot):
+    for level in ("warning", "error", "warning"):
+        robot.endpoint.on_event(event(f"node 3: {LOST}", level, node="left drive"))
+    assert [each.level for each in robot.publishers[0].told] == [30, 40]
 
 
 def test_its_quality_is_that_of_every_log_so_that_late_comers_have_it(robot):
