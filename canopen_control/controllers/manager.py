@@ -92,6 +92,7 @@ class ControllerManager:
         self._controllers: dict[str, Controller] = {}
         self._params: dict[str, Params] = {}
         self._fallbacks: dict[str, tuple[str, ...]] = {}
+        self._node_options: dict[str, tuple[str, ...]] = {}
         self._events: list[ControllerEvent] = []
         self.running = RunningControllers(update_rate, cycle or 1.0 / update_rate, self._events)
         self._switcher = Switcher(registry, self._controllers, self.running, self._events)
@@ -99,11 +100,17 @@ class ControllerManager:
     # ------------------------------------------------------------------------------------------------- lifecycle
 
     def load(
-        self, name: str, type_name: str, params: Params | None = None, fallbacks: Sequence[str] = ()
+        self,
+        name: str,
+        type_name: str,
+        params: Params | None = None,
+        fallbacks: Sequence[str] = (),
+        node_options: Sequence[str] = (),
     ) -> Controller:
         """Make a controller of a known type, UNCONFIGURED; `params` are kept for `configure`. Raises ControlError.
 
-        `fallbacks` are activated when its update fails; they must be configured by then.
+        `fallbacks` are activated when its update fails; they must be configured by then. `node_options` are the
+        arguments of its ROS node.
         """
         if name in self._controllers:
             raise ControlError(f"controller {name} is loaded already; unload it first")
@@ -113,7 +120,7 @@ class ControllerManager:
         controller.explain = self._explain
         self._events += controller.notices
         controller.notices = self._events
-        self._fallbacks[name] = tuple(fallbacks)
+        self._fallbacks[name], self._node_options[name] = tuple(fallbacks), tuple(node_options)
         self._controllers[name] = controller
         self._params[name] = params or Params.of({}, name)
         return controller
@@ -149,6 +156,7 @@ class ControllerManager:
         controller.state = ControllerState.FINALIZED
         del self._controllers[name], self._params[name]
         self._fallbacks.pop(name, None)
+        self._node_options.pop(name, None)
 
     def get(self, name: str) -> Controller:
         """Return a loaded controller, or raise UnknownName with the names there are."""
@@ -351,6 +359,7 @@ class ControllerManager:
             is_broadcaster=controller.is_broadcaster,
             rejected=controller.rejected,
             update_rate=rate,
+            node_options=self._node_options.get(controller.name, ()),
             publish_rate=0.0 if controller.tells is None else min(controller.publish_rate or rate, rate),
         )
 

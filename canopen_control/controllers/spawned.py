@@ -1,8 +1,9 @@
 """Controllers as a spawner gives them: type, files of parameters and fallbacks, set as parameters of the manager.
 
 The law of the file (spawner of ros2_control, Jazzy): before it loads a controller it sets `NAME.params_file`, a file or
-a list of them, `NAME.type` and `NAME.fallback_controllers`. What the files say wins over the robot's own file, the last
-file over those before it. A relative path begins at the folder of the robot's ros2_controllers.yaml.
+a list of them, `NAME.type`, `NAME.fallback_controllers` and, for --controller-ros-args, `NAME.node_options_args`. What
+the files say wins over the robot's own file, the last file over those before it. A relative path begins at the folder
+of the robot's ros2_controllers.yaml.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from __future__ import annotations
 import dataclasses
 from typing import TYPE_CHECKING, Final
 
-from canopen_control.controllers.controllers_file import ControllerConfig, from_file
+from canopen_control.controllers.controllers_file import ControllerConfig, from_file, node_options_mistake
 from canopen_control.controllers.params import Params, flattened
 from canopen_control.errors import ControlError, RobotConfigError, nearest
 from canopen_control.rpc.messages.parameters import MANAGER
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
 __all__ = ["Given", "Spawned"]
 
 _TEXTS: Final = ("string", "string_array")
-_KEYS: Final = {"type": ("string",), "params_file": _TEXTS, "fallback_controllers": _TEXTS}
+_KEYS: Final = {"type": ("string",), "params_file": _TEXTS, "fallback_controllers": _TEXTS, "node_options_args": _TEXTS}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -36,6 +37,7 @@ class Given:
     type: str = ""
     params_file: tuple[str, ...] = ()
     fallback_controllers: tuple[str, ...] = ()
+    node_options_args: tuple[str, ...] = ()
 
     def changed(self, key: str, texts: tuple[str, ...]) -> Given:
         """Return this with one of `_KEYS` set."""
@@ -43,6 +45,8 @@ class Given:
             return dataclasses.replace(self, type=texts[0])
         if key == "params_file":
             return dataclasses.replace(self, params_file=texts)
+        if key == "node_options_args":
+            return dataclasses.replace(self, node_options_args=texts)
         return dataclasses.replace(self, fallback_controllers=texts)
 
 
@@ -77,12 +81,15 @@ class Spawned:
                 raise ControlError(
                     f"fallback_controllers of {name}: no controller {fallback!r}{nearest(fallback, known)}"
                 )
+        if (mistake := node_options_mistake(given.node_options_args)) is not None:
+            raise ControlError(f"node_options_args of {name}: {mistake}")
         kind = values.get("type")
         return dataclasses.replace(
             before,
             type=given.type or (str(kind.value) if kind is not None else before.type),
             params=Params(values, name),
             fallbacks=given.fallback_controllers or before.fallbacks,
+            node_options=given.node_options_args or before.node_options,
         )
 
 

@@ -14,6 +14,8 @@ from canopen_control.ros.parameter_services import ParameterServices
 from canopen_control.ros.rcl import further_node
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from canopen_control.ros.on_node import Shared
     from canopen_control.ros.rcl import Context, Node
     from canopen_control.ros.spinner import Spinner
@@ -28,10 +30,10 @@ class ControllerNodes:
         self._shared, self._first, self._context, self._spinner = shared, first, context, spinner
         self._nodes: dict[str, tuple[OnNode, ParameterServices]] = {}
 
-    def of(self, name: str) -> OnNode:
+    def of(self, name: str, arguments: Sequence[str] = ()) -> OnNode:
         """Return what is on the node of this name, which is made when it is first asked for; whatever rclpy raises."""
         if name not in self._nodes:
-            node = further_node(name, self._context, str(self._first.get_namespace()))
+            node = further_node(name, self._context, str(self._first.get_namespace()), arguments)
             self._spinner.add(node)
             ros = OnNode(self._shared, node)
             self._nodes[name] = (ros, ParameterServices(ros, name))

@@ -7,7 +7,10 @@ by name here is Any everywhere.
 from __future__ import annotations
 
 import importlib
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
 __all__ = [
     "Context",
@@ -58,10 +61,11 @@ def start(name: str, namespace: str, arguments: list[str]) -> tuple[Context, Nod
     return context, rclpy.create_node(name, context=context, namespace=namespace)
 
 
-def further_node(name: str, context: Context, namespace: str) -> Node:
+def further_node(name: str, context: Context, namespace: str, arguments: Sequence[str] = ()) -> Node:
     """Return another node of a context, without services of its own; whatever rclpy raises.
 
-    A name that is remapped for all nodes is the first one's; topics that are remapped are those of all.
+    `arguments` are its own, after `--ros-args`, and win over those of all nodes. A name that is remapped for all nodes
+    is the first one's; topics that are remapped are those of all.
     """
     rclpy = importlib.import_module("rclpy")
     importlib.import_module("rclpy.validate_node_name").validate_node_name(name)  # the arguments below hold it
@@ -70,7 +74,7 @@ def further_node(name: str, context: Context, namespace: str) -> Node:
         name,
         context=context,
         namespace=namespace,
-        cli_args=["--ros-args", "-r", f"__node:={name}"],
+        cli_args=["--ros-args", "-r", f"__node:={name}", *(each for each in arguments if each != "--ros-args")],
         start_parameter_services=False,
         parameter_overrides=[parameter("start_type_description_service", value=False)],
     )

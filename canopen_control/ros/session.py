@@ -279,7 +279,7 @@ class Session:
 
     def _made(self, controller: ControllerReading) -> list[Endpoint]:
         try:
-            return endpoints_for(self._nodes.of(controller.name), controller)
+            return endpoints_for(self._nodes.of(controller.name, controller.node_options), controller)
         except Exception as error:  # noqa: BLE001 - a name of ros2_controllers.yaml that ROS refuses
             reason = str(error).partition("\n")[0].rstrip(":")
             self._warn(controller.name, f"{controller.name} has no topics, ROS refuses them: {reason}")

@@ -50,9 +50,9 @@ class ParameterMethods:
         """Yield what the manager's block says of each controller, or a spawner has set."""
         for name, config in self._robot.setup.controllers.controllers.items():
             yield ParameterReading(name=f"{name}.type", kind="string", value=config.type)
-            if config.fallbacks:
-                value = told(config.fallbacks)
-                yield ParameterReading(name=f"{name}.fallback_controllers", kind="string_array", value=value)
+            for key, texts in (("fallback_controllers", config.fallbacks), ("node_options_args", config.node_options)):
+                if texts:
+                    yield ParameterReading(name=f"{name}.{key}", kind="string_array", value=told(texts))
         for name, given in self._spawned.given.items():
             if given.params_file:
                 value = told(given.params_file)

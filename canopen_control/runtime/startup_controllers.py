@@ -34,7 +34,7 @@ def load_controller(setup: RobotSetup, manager: ControllerManager, name: str) ->
         known = setup.controllers.controllers
         raise UnknownName(f"no controller {name!r} in {setup.files.controllers}{nearest(name, known)}")
     loaded = manager.states
-    manager.load(name, config.type, config.params, config.fallbacks)
+    manager.load(name, config.type, config.params, config.fallbacks, config.node_options)
     manager.configure(name)
     for fallback in config.fallbacks:
         if fallback not in loaded and fallback not in setup.to_activate:

@@ -69,6 +69,11 @@ def test_files_win_over_the_robots_own_and_the_last_over_those_before(control, f
     assert control.controllers["forward"].params.flat.value["command_timeout"] == 0.25
 
 
+def test_remappings_are_the_nodes(control):
+    Spawned(control).set([texts("forward.node_options_args", "--ros-args", "-r", "~/commands:=/speeds")])
+    assert control.controllers["forward"].node_options == ("--ros-args", "-r", "~/commands:=/speeds")
+
+
 def test_fallbacks_are_controllers_that_are_known(control):
     spawned = Spawned(control)
     spawned.set([text("new.type", KIND), texts("new.fallback_controllers", "forward")])
@@ -87,7 +92,9 @@ def test_fallbacks_are_controllers_that_are_known(control):
             ControlError,
             "is of type string, setting it",
         ),
-        (texts("new.node_options_args", "-r", "a:=b"), ControlError, "of a controller there are: type, params_file"),
+        (texts("new.node_options_args", "-p", "a:=1"), ControlError, "'-p' is no remapping; give -r FROM:=TO here"),
+        (texts("new.node_options_args", "-r"), ControlError, "'' after -r is no remapping"),
+        (texts("new.colour", "red"), ControlError, "of a controller there are: type, params_file"),
     ],
 )
 def test_what_is_wrong_is_refused_and_changes_nothing(control, wanted, error, why):

@@ -76,7 +76,7 @@ def test_the_spawners_sequence_brings_another_controller_up_and_back(manager, st
 def test_a_spawner_with_a_file_of_parameters_brings_up_a_controller_that_turns_the_wheels(
     scene, call, manager, states, tmp_path
 ):
-    """What the spawner of Jazzy sends for `wheels --param-file wheels.yaml`, and `ros2 param set` after it."""
+    """What the spawner of Jazzy sends for --param-file and --controller-ros-args, and `ros2 param set` after it."""
 
     def put(node, name, **value):
         parameter = {"name": name, "value": value}
@@ -87,6 +87,8 @@ def test_a_spawner_with_a_file_of_parameters_brings_up_a_controller_that_turns_t
     path.write_text("wheels:\n  ros__parameters:\n    joints: [left_wheel_joint, right_wheel_joint]\n")
     file = put("controller_manager", "wheels.params_file", type=9, string_array_value=[str(path)])
     assert file == {"successful": True, "reason": ""}
+    options = ["-r", "~/commands:=/speeds"]
+    assert put("controller_manager", "wheels.node_options_args", type=9, string_array_value=options)["successful"]
     assert put("controller_manager", "wheels.type", type=4, string_value=kind)["successful"]
     assert manager("load_controller", "LoadController", name="wheels")["ok"]
     assert manager("configure_controller", "ConfigureController", name="wheels")["ok"]
@@ -97,10 +99,10 @@ def test_a_spawner_with_a_file_of_parameters_brings_up_a_controller_that_turns_t
     refused = put("wheels", "joints", type=9, string_array_value=["left_wheel_joint"])
     assert "'joints' cannot be set because it is read-only" in refused["reason"]
     scene.peer.order(
-        "publish", topic="/wheels/commands", of="std_msgs/msg/Float64MultiArray", data={"data": [2.0, 2.0]}, rate=20
+        "publish", topic="/speeds", of="std_msgs/msg/Float64MultiArray", data={"data": [2.0, 2.0]}, rate=20
     )
     assert ros.eventually(lambda: abs(scene.drive.speed) > 0.5)
-    scene.peer.order("silence", topic="/wheels/commands")
+    scene.peer.order("silence", topic="/speeds")
     back = {"activate_controllers": [FORWARD], "deactivate_controllers": ["wheels"], "strictness": 2}
     assert manager("switch_controller", "SwitchController", **back)["ok"]
     assert manager("unload_controller", "UnloadController", name="wheels")["ok"]

@@ -82,7 +82,12 @@ def test_a_spawners_file_makes_a_controller_that_moves(robby, client, tmp_path):
     assert put(client, "controller_manager", wheels__params_file=("string_array", [str(path)]))["result"] == {}
     assert put(client, "controller_manager", wheels__type=("string", KIND))["result"] == {}
     assert read(client, "controller_manager")["wheels.params_file"]["value"] == [str(path)]
+    options = ["-r", "~/commands:=/speeds"]
+    put(client, "controller_manager", wheels__node_options_args=("string_array", options))
+    assert read(client, "controller_manager")["wheels.node_options_args"]["value"] == options
     assert client.ask("load", controller="wheels")["result"] == {}
+    listed = {each["name"]: each for each in client.ask("controllers")["result"]}
+    assert (listed["wheels"]["node_options"], listed[FORWARD]["node_options"]) == (options, [])
     assert read(client, "wheels")["command_timeout"]["value"] == 0.5
     client.ask("switch", activate=["wheels"], deactivate=[FORWARD])
     assert "wheels" in robby.robot.manager.active

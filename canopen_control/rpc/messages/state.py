@@ -234,7 +234,7 @@ class ControllerReading(msgspec.Struct, frozen=True, kw_only=True, rename={"clai
     `topic` is where its commands come, None if it takes none, `update_rate` in Hz. `tells` is the kind of its samples,
     None if it has none, `publish_rate` how often it has a new one, in Hz. `publishes` are its topics of joint states,
     with `frame_id` in their headers. `reference_interfaces` are what another controller may command of it,
-    `exported_state_interfaces` what it may read.
+    `exported_state_interfaces` what it may read. `node_options` are arguments of its ROS node: `-r`, `FROM:=TO`.
     """
 
     name: str
@@ -255,6 +255,7 @@ class ControllerReading(msgspec.Struct, frozen=True, kw_only=True, rename={"clai
     rejected: int = 0
     update_rate: int = 0
     publish_rate: float = 0.0
+    node_options: tuple[str, ...] = ()
 
     @property
     def active(self) -> bool:
