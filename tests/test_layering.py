@@ -63,7 +63,19 @@ MAY_IMPORT = {
     "ros": ({"client", "host", "rpc", "urdf"}, None),
     "trace": (
         # what of ros is free of ROS: the numbers of its messages, for bags
-        {"client", "host", "rpc", "bus", "od", "cia301", "cia402", "urdf", "ros.conversions", "ros.diagnosis"},
+        {
+            "client",
+            "host",
+            "rpc",
+            "bus",
+            "od",
+            "cia301",
+            "cia402",
+            "urdf",
+            "ros.conversions",
+            "ros.diagnosis",
+            "ros.interfaces.definition",
+        },
         STDLIB | {"rosbags", "numpy", "cantools"},
     ),
     "monitor": ({"client", "host", "rpc", "bus", "od", "cia301", "cia402", "trace"}, STDLIB | {"textual", "rich"}),
