@@ -66,7 +66,7 @@ def made(ros, kind, joint):
 
 def call(ros, name, error=None, answer=None, **fields):
     """Call a service, and return what was asked of the robot and the response."""
-    kind, handler = ros.services[f"/io/{name}"]
+    kind, handler = ros.services[f"/robot/io/{name}"]
     replies = []
     handler(kind.Request(**fields), kind.Response(), replies.append)
     request, told = ros.asked.pop()
@@ -76,15 +76,15 @@ def call(ros, name, error=None, answer=None, **fields):
 
 def test_a_proxy_has_the_names_of_ros2_canopen_below_its_own_and_nothing_that_moves(ros):
     made(ros, "Proxy", "terminal")
-    services = {name.removeprefix("/io/") for name in ros.services}
+    services = {name.removeprefix("/robot/io/") for name in ros.services}
     assert services == {*THEIRS, "get_objects", "set_objects"}
-    assert {"/io/rpdo", "/io/nmt_state"} <= {each.topic for each in ros.publishers}
-    assert list(ros.subscriptions) == ["/io/tpdo"]
+    assert {"/robot/io/rpdo", "/robot/io/nmt_state"} <= {each.topic for each in ros.publishers}
+    assert list(ros.subscriptions) == ["/robot/io/tpdo"]
 
 
 def test_a_drive_has_its_states_and_modes_besides(ros):
     made(ros, "Device", "left")
-    services = {name.removeprefix("/io/") for name in ros.services}
+    services = {name.removeprefix("/robot/io/") for name in ros.services}
     assert services >= {*THEIRS, "init", "halt", "recover", "interpolated_position_mode", *MODES}
 
 
@@ -127,7 +127,7 @@ def test_an_object_is_read_where_upstream_always_fails(ros):
 
 def test_tpdo_goes_out_in_the_rpdo_that_maps_the_object(ros):
     made(ros, "Proxy", "terminal")
-    ros.publish("/io/tpdo", interface("canopen_interfaces/msg/COData")(index=0x6200, subindex=1, data=5))
+    ros.publish("/robot/io/tpdo", interface("canopen_interfaces/msg/COData")(index=0x6200, subindex=1, data=5))
     ((request, _),) = ros.asked
     assert request == PdoWrite(node="terminal", index=0x6200, subindex=1, data=b"\x05")
 
@@ -140,9 +140,9 @@ def test_states_and_process_data_of_its_node_are_published(ros):
     )
     endpoint.on_event(RobotEvent(time=1.0, kind="emcy", node="terminal", level="error", text="no power"))
     told = {each.topic: each.told for each in ros.publishers}
-    assert [each.data for each in told["/io/nmt_state"]] == ["START"]
-    assert [(each.index, each.subindex, each.data) for each in told["/io/rpdo"]] == [(0x6000, 1, 7)]
-    assert [each.status[0].message for each in told["/io/emcy"]] == ["no power"]
+    assert [each.data for each in told["/robot/io/nmt_state"]] == ["START"]
+    assert [(each.index, each.subindex, each.data) for each in told["/robot/io/rpdo"]] == [(0x6000, 1, 7)]
+    assert [each.status[0].message for each in told["/robot/io/emcy"]] == ["no power"]
 
 
 def test_a_joint_that_is_no_nodes_and_no_node_is_told(ros):
@@ -178,4 +178,4 @@ def test_one_that_was_unloaded_meanwhile_makes_nothing_and_one_that_leaves_leave
     assert ros.services == {}
     made(ros, "Proxy", "terminal").close()
     assert set(ros.services) <= set(ros.left)
-    assert "/io/tpdo" in ros.left
+    assert "/robot/io/tpdo" in ros.left

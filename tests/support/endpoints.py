@@ -52,9 +52,6 @@ class Ros:
         self.publishers.append(Publisher(*what))
         return self.publishers[-1]
 
-    def get_namespace(self):
-        return "/"
-
     def watch_process_data(self, watcher, wanted):
         self.watching = (watcher, wanted)
 
@@ -62,6 +59,12 @@ class Ros:
         self.left.append(which)
 
     unserve = destroy_publisher = unsubscribe
+
+    def get_namespace(self):
+        return "/robot"
+
+    def get_name(self):
+        return "bridge"
 
     def hand_over(self, function):
         function()
@@ -81,6 +84,20 @@ class Ros:
 
     def publish(self, topic, message):
         self.subscriptions[topic][1](message)
+
+    def call(self, service, *given, request=None, **fields):
+        """Call a service, answer what it asks of the robot, in order, with `given`: results, or texts of refusals."""
+        kind, handler = self.services[service]
+        replies, answers = [], iter(given)
+        handler(request or kind.Request(**fields), kind.Response(), replies.append)
+        asked = []
+        while self.asked:
+            wanted, answer = self.asked.pop(0)
+            asked.append(wanted)
+            found = next(answers)
+            answer(*((None, found) if isinstance(found, str) else (found, None)))
+        (response,) = replies
+        return response, asked
 
 
 FACTORY = interfaces._Factory()
