@@ -3,8 +3,9 @@
 The law of the file (gpio_controllers, Jazzy): a command names some of the command interfaces, the others stay as they
 are; what was commanded is written again in every update, and before the first command nothing is; without command
 interfaces it only tells. Ours, and safer: a command with an unknown name or a value that is not finite is refused
-whole. When commands end (a deactivation, a stop, a commander who is gone, `command_timeout`) each output goes to its
-safe value at once, but those that are to be kept stay; the next command begins from there.
+whole. When commands end (a deactivation, a stop, a commander who is gone, `command_timeout`) each output that was
+commanded goes to its safe value at once, which is the hardware's unless the parameters say another, but those that are
+to be kept stay; the next command begins from there. Outputs of a node that is lost end alone.
 """
 
 from __future__ import annotations
@@ -34,6 +35,7 @@ class GpioCommandController(Controller):
     """Holds outputs at what was commanded last, and tells what inputs and outputs are."""
 
     moves_joints: ClassVar[bool] = False
+    independent: ClassVar[bool] = True
     topic: ClassVar[str | None] = "gpio_commands"
     tells: ClassVar[type[Sample] | None] = GpioSample
 
@@ -50,7 +52,6 @@ class GpioCommandController(Controller):
         given = read_params(params, self.name, self.description_joints or ())
         self.params, self.update_rate, self.joints = given, given.update_rate, given.gpios
         self._names = given.outputs
-        self._safe = [given.safe_value(each) for each in self._names]
         kinds = [each.rpartition("/")[2] for each in self._names]
         self.life.limit_ns = life_ns(given.command_timeout, kinds)
         if (text := endless("command_timeout", given.command_timeout, kinds)) is not None:
@@ -80,27 +81,30 @@ class GpioCommandController(Controller):
             layout[each.joint][each.interface] = each
         self._copy, self.stamp = StateCopy(layout), now
         self._values = [math.nan] * len(commands)
+        self._safe = [self.params.safe_value(each.name, each.safe) for each in commands]
         self.life.end()
 
     def on_deactivate(self, now: int) -> None:
         """Let the outputs go to their safe values."""
+        for each, safe in zip(self.commands, self._safe, strict=True):
+            each.let_go_at = safe
         self.forget(now)
 
     def forget(self, now: int) -> None:
         """End what was commanded: outputs go to their safe values, or are kept."""
-        del now
         self.life.end(self.life.ended_by)
-        index = 0
-        for each in self.commands:
-            if not math.isnan(self._safe[index]):
-                each.value = self._safe[index]
-            self._values[index] = math.nan
-            index += 1  # noqa: SIM113 - enumerate makes a tuple per output in the cycle
+        self.forget_some(self.commands, now)
 
     def forget_some(self, commands: Sequence[CommandInterface], now: int) -> None:
-        """End what was commanded to all: its outputs have one commander."""
-        del commands
-        self.forget(now)
+        """End what was commanded to some; those that nobody has commanded are left as they are."""
+        del now
+        index = 0
+        for each in self.commands:
+            if each in commands and not math.isnan(self._values[index]):
+                if not math.isnan(self._safe[index]):
+                    each.value = self._safe[index]
+                self._values[index] = math.nan
+            index += 1  # noqa: SIM113 - enumerate makes a tuple per output in the cycle
 
     def set_command(self, values: Sequence[float], now: int, stamp: int | None = None) -> None:
         """Take a value for every output, in the order of the parameters."""
@@ -118,8 +122,10 @@ class GpioCommandController(Controller):
         self.checked(list(values.values()), list(values))
         places = [self._names.index(name) for name in values]
         for index, value in zip(places, values.values(), strict=True):
-            fits = self.commands[index].misfit(value)
-            if fits is not None:
+            output = self.commands[index]
+            if not output.enabled:
+                raise self.refusal(f"applies nothing: {output.name} follows no commands, since its node is not there")
+            if (fits := output.misfit(value)) is not None:
                 raise self.refusal(f"cannot set {value:g}: {fits}; nothing was applied")
         for index, value in zip(places, values.values(), strict=True):
             self._values[index] = float(value)

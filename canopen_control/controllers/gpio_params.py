@@ -51,9 +51,10 @@ class GpioParams(CommonParams):
         """The gpios of which every state interface is told, since none is named."""
         return [gpio for gpio in self.gpios if not self.state_interfaces.get(gpio + _LIST)]
 
-    def safe_value(self, output: str) -> float:
-        """Return where an output goes when commands end, nan for one that is kept."""
-        return math.nan if output in self.kept_outputs else self.safe_values.get(_dotted(output), 0.0)
+    def safe_value(self, output: str, hardware: float | None) -> float:
+        """Return where an output goes when commands end, nan for one that is kept; `hardware` is what that says."""
+        default = 0.0 if hardware is None else hardware
+        return math.nan if output in self.kept_outputs else self.safe_values.get(_dotted(output), default)
 
 
 def read_params(params: Params, name: str, joints: Sequence[str]) -> GpioParams:

@@ -73,6 +73,8 @@ class CommandInterface:
     hardware follows it now; hardware without drives always does. `set_aside`: a user has taken its axis out alone, and
     who is commanded together with it goes on, until it follows again. `lowest` to `highest` is what the object behind
     it can hold, which for a position depends on where the joint is: `span` returns it then.
+    `safe` is where an output goes that nobody commands any more, nan for one that stays as it is, None where the
+    hardware does not say; `let_go_at` is the same in the words of the controller that lets it go, None for none.
     """
 
     __slots__ = (
@@ -80,11 +82,13 @@ class CommandInterface:
         "highest",
         "interface",
         "joint",
+        "let_go_at",
         "lowest",
         "maximum",
         "minimum",
         "name",
         "owner",
+        "safe",
         "set_aside",
         "span",
         "value",
@@ -107,6 +111,8 @@ class CommandInterface:
         self.minimum, self.maximum = minimum, maximum
         self.lowest, self.highest = -math.inf, math.inf
         self.span: Callable[[], tuple[float, float]] | None = None
+        self.safe: float | None = None
+        self.let_go_at: float | None = None
 
     def misfit(self, value: float) -> str | None:
         """Return what fits where a value is none that the object behind can hold, else None."""

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 
 import pytest
 from hypothesis import given
@@ -8,6 +9,7 @@ from hypothesis import strategies as st
 from support.control import Hardware, S, add, manager
 
 from canopen_control.errors import ControlError, UnknownInterface
+from canopen_control.runtime.readiness import by_stop_group
 
 GPIO = "gpio_controllers/GpioCommandController"
 OUTPUTS = ("io/lamp", "io/horn", "valve/open")
@@ -133,6 +135,49 @@ def test_who_is_gone_is_told_with_where_the_outputs_are():
     )
 
 
+def test_the_safe_value_of_the_hardware_is_the_default_and_it_is_told_where_an_output_is_let_go():
+    hardware = Hardware(*OUTPUTS, states=STATES)
+    for each, safe in zip(hardware.command_interfaces, (1.0, math.nan, None), strict=True):
+        each.safe = safe
+    control = manager(hardware)
+    add(control, "outputs", GPIO, gpios=["io", "valve"], command_interfaces=BOTH)
+    control.switch(["outputs"], now=0)
+    control.command("outputs", [0.5, 0.5, 0.5], 0)
+    control.update(S, 0.01)
+    control.running.forget(S, "stop was commanded")
+    assert hardware.values() == [1.0, 0.5, 0.0]
+    assert [each.let_go_at for each in hardware.command_interfaces] == [None] * 3
+    control.switch((), ["outputs"], now=S)
+    assert same([each.let_go_at for each in hardware.command_interfaces], [1.0, math.nan, 0.0])
+
+
+def test_an_output_that_nobody_has_commanded_is_left_as_it_is():
+    hardware, control = robot()
+    control.command("outputs", {"io/horn": 1.0}, 0)
+    control.update(S, 0.01)
+    control.running.forget(S, "stop was commanded")
+    assert same(hardware.values(), [NAN, 0.0, NAN])
+
+
+def test_outputs_of_a_node_that_is_lost_end_alone():
+    hardware = Hardware(*OUTPUTS, states=STATES)
+    control = manager(hardware)
+    control.running.divide = partial(by_stop_group, {})
+    add(control, "outputs", GPIO, gpios=["io", "valve"], command_interfaces=BOTH)
+    control.switch(["outputs"], now=0)
+    control.command("outputs", [1.0, 1.0, 1.0], 0)
+    control.update(S, 0.01)
+    hardware.command_interfaces[2].enabled = False
+    control.update(2 * S, 0.01)
+    assert hardware.values() == [1.0, 1.0, 0.0]
+    with pytest.raises(ControlError, match="valve/open follows no commands, since its node is not there"):
+        control.command("outputs", {"io/lamp": 0.0, "valve/open": 1.0}, 2 * S)
+    control.command("outputs", {"io/lamp": 0.5}, 2 * S)
+    hardware.command_interfaces[2].enabled = True
+    control.update(3 * S, 0.01)
+    assert hardware.values() == [0.5, 1.0, 0.0]
+
+
 def test_a_command_that_is_safe_outlives_who_gave_it():
     _, control = robot(kept_outputs=["valve/open"])
     control.command("outputs", {"io/lamp": 0.0, "valve/open": 1.0}, 0, holder=control)
@@ -235,7 +280,7 @@ def test_outputs_are_what_was_commanded_last_since_the_last_stop_else_safe(steps
             wanted.update(step)
         elif step == "stop":
             control.running.forget(at, "stop")
-            wanted = dict.fromkeys(OUTPUTS, 0.0)
+            wanted = {name: value if math.isnan(value) else 0.0 for name, value in wanted.items()}
         elif step == "bad":
             with pytest.raises(ControlError):
                 control.command("outputs", {"io/lamp": 1.5, "io/horn": NAN}, at)

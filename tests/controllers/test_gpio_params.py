@@ -25,9 +25,11 @@ def test_outputs_and_inputs_are_in_the_order_of_the_parameters():
 
 def test_an_output_is_safe_at_zero_unless_another_value_is_written_or_it_is_kept():
     given = read(safe_values={"io": {"horn": 0.5}}, kept_outputs=["io/lamp"])
-    assert given.safe_value("io/horn") == 0.5
-    assert math.isnan(given.safe_value("io/lamp"))
-    assert read().safe_value("io/lamp") == 0.0
+    assert given.safe_value("io/horn", 1.0) == 0.5
+    assert math.isnan(given.safe_value("io/lamp", 1.0))
+    assert read().safe_value("io/lamp", None) == 0.0
+    assert read().safe_value("io/lamp", 1.0) == 1.0
+    assert math.isnan(read().safe_value("io/lamp", math.nan))
 
 
 @pytest.mark.parametrize(
