@@ -13,6 +13,7 @@ import math
 from typing import TYPE_CHECKING, ClassVar
 
 from canopen_control.controllers.base import Controller, ControllerState
+from canopen_control.controllers.command_life import GoalState
 from canopen_control.controllers.gripper_goal import GripperGoal, Progress, Way
 from canopen_control.controllers.gripper_params import (
     EffortGripperParams,
@@ -22,7 +23,6 @@ from canopen_control.controllers.gripper_params import (
 )
 from canopen_control.controllers.pid import Pid
 from canopen_control.controllers.state_copy import finite
-from canopen_control.controllers.trajectory.goal import GoalState
 from canopen_control.hardware.interfaces import EFFORT, OK, POSITION, VELOCITY, ReturnType
 from canopen_control.rpc.messages.samples import GripperSample
 

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Protocol
 from canopen_control.controllers.base import Controller, ControllerEvent, ControllerState, not_enabled, twist_axes_of
 from canopen_control.controllers.chain import joints_of
 from canopen_control.controllers.declared import checked, declared_by, given_in
+from canopen_control.controllers.gripper_goal import GripperGoal
 from canopen_control.controllers.params import Params
 from canopen_control.controllers.running import RunningControllers
 from canopen_control.controllers.switcher import Switched, Switcher
@@ -28,7 +29,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from canopen_control.controllers.base import Geometry
-    from canopen_control.controllers.gripper_goal import GripperGoal
     from canopen_control.controllers.trajectory.goal import Goal
     from canopen_control.controllers.trajectory.point import JointTrajectory
     from canopen_control.hardware.interfaces import (
@@ -38,6 +38,8 @@ if TYPE_CHECKING:
     )
     from canopen_control.rpc.messages.parameters import ParameterReading, ParameterValue
     from canopen_control.urdf.joint_element import Joint
+
+    AnyGoal = Goal | JointTrajectory | GripperGoal
 
 __all__ = ["ControllerEvent", "ControllerManager", "Switched"]
 
@@ -290,18 +292,18 @@ class ControllerManager:
             self._hand(controller, lambda: controller.set_command(given, now, stamp), source)
         controller.life.source, controller.life.holder = source, None if controller.rests(values) else holder
 
-    def send_goal(
-        self, name: str, goal: Goal | JointTrajectory, now: int, *, source: str = "", holder: object = None
-    ) -> None:
-        """Hand a trajectory to a controller, see `command`; with its end the holder's hold on it ends."""
-        controller = self.get(name)
-        self._hand(controller, lambda: controller.send_goal(goal, now), source)
-        controller.life.source, controller.life.holder = source, holder
+    def send_goal(self, name: str, goal: AnyGoal, now: int, *, source: str = "", holder: object = None) -> None:
+        """Hand a trajectory or a goal of a gripper to a controller, see `command`.
 
-    def grip(self, name: str, goal: GripperGoal, now: int, *, source: str = "", holder: object = None) -> None:
-        """Hand a goal to a gripper controller, see `send_goal`."""
+        With its end the holder's hold on it ends.
+        """
         controller = self.get(name)
-        self._hand(controller, lambda: controller.grip(goal, now), source)
+        if isinstance(goal, GripperGoal):
+            grip = goal
+            self._hand(controller, lambda: controller.grip(grip, now), source)
+        else:
+            trajectory = goal
+            self._hand(controller, lambda: controller.send_goal(trajectory, now), source)
         controller.life.source, controller.life.holder = source, holder
 
     def _hand(self, controller: Controller, take: Callable[[], None], source: str) -> None:

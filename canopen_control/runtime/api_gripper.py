@@ -72,7 +72,9 @@ class GripperMethods:
         sent = SentGoal(lambda: _result(goal))
         if wanted.dead_man:
             self._keep(connection)
-        robot.grip(wanted.controller, goal, wanted.source or call.who, holder=connection if wanted.dead_man else None)
+        robot.send_goal(
+            wanted.controller, goal, wanted.source or call.who, holder=connection if wanted.dead_man else None
+        )
         self._promise(connection, wanted.heartbeat if wanted.dead_man else None)
         self._sent[connection] = goal, sent
         return goal, sent

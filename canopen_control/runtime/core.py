@@ -50,9 +50,7 @@ from canopen_control.urdf.wheels import WheelGeometry
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
 
-    from canopen_control.controllers.gripper_goal import GripperGoal
-    from canopen_control.controllers.trajectory.goal import Goal
-    from canopen_control.controllers.trajectory.point import JointTrajectory
+    from canopen_control.controllers.manager import AnyGoal
     from canopen_control.host.reactor import Reactor
     from canopen_control.master.remote_node import RemoteNode
     from canopen_control.runtime.setup import RobotSetup
@@ -227,20 +225,12 @@ class RobotCore:
         self.manager.command(controller, values, self.reactor.now(), made, source=source, holder=holder)
         self.commander = source
 
-    def send_goal(self, controller: str, goal: Goal | JointTrajectory, source: str, *, holder: object = None) -> None:
-        """Hand a trajectory to a controller; with a `holder` it ends when `let_go` says that he is gone."""
-        self.latch.refuse("a trajectory to", controller)
-        if controller in self.setup.controllers.controllers:
-            require_active(self.setup, self.manager, controller)
-        self.manager.send_goal(controller, goal, self.reactor.now(), source=source, holder=holder)
-        self.commander = source
-
-    def grip(self, controller: str, goal: GripperGoal, source: str, *, holder: object = None) -> None:
-        """Hand a goal to a gripper controller; with a `holder` it ends when `let_go` says that he is gone."""
+    def send_goal(self, controller: str, goal: AnyGoal, source: str, *, holder: object = None) -> None:
+        """Hand a goal to a controller; with a `holder` it ends when `let_go` says that he is gone."""
         self.latch.refuse("a goal to", controller)
         if controller in self.setup.controllers.controllers:
             require_active(self.setup, self.manager, controller)
-        self.manager.grip(controller, goal, self.reactor.now(), source=source, holder=holder)
+        self.manager.send_goal(controller, goal, self.reactor.now(), source=source, holder=holder)
         self.commander = source
 
     def let_go(self, holder: object, why: str = "is gone") -> None:

@@ -39,7 +39,7 @@ class Gripper:
 
     def send(self, position, max_effort=None, max_velocity=None, **how):
         goal = GripperGoal(position, max_effort, max_velocity)
-        self.control.grip("gripper", goal, self.now, **how)
+        self.control.send_goal("gripper", goal, self.now, **how)
         return goal
 
     def step(self, position=None, velocity=0.0, *, count=1):
