@@ -195,7 +195,7 @@ class JointDrive(JointParts):
         elif power.state is _FOLLOWING:
             targets.follow(now, period)
             if (command := targets.tracked) is not None:
-                self.tracking.step(command.value, self._measured[command.interface].value)
+                self.tracking.step(command.value, self._measured[command.quantity].value)
         elif power.state is AxisState.READY and self.machine.may_move:
             self._fire(Trigger.MAY_MOVE)
             self.tracking.restart()
@@ -234,7 +234,8 @@ class JointDrive(JointParts):
         target, claimed = self.targets.current, self.targets.claimed
         if not self.wanted or target is None or claimed is None or not self._stops_at_limits:
             return False
-        return target.interface == claimed and target.pushes(self.commands[claimed].value)
+        command = self.commands[claimed]
+        return target.interface == command.quantity and target.pushes(command.value)
 
     def _fire(self, trigger: Trigger) -> bool:
         """Take a row of the chart; a new state is looked at by the group."""

@@ -17,6 +17,7 @@ from canopen_control.host.timer import ManualClock
 from canopen_control.master.budget import HIGH, budget_of
 from canopen_control.master.config import inspect_bus
 from canopen_control.runtime import check_rules
+from canopen_control.runtime.bus_alone import doubts_about
 from canopen_control.runtime.check_data import Finding, Severity, sorted_findings
 from canopen_control.runtime.check_timing import check_timing
 from canopen_control.runtime.core import RobotCore
@@ -88,7 +89,10 @@ class _Checker:
         for name, path in self._files.buses.items():
             self._read_bus(name, path)
         self.findings += [_placed(text, self._files.description) for text in clashes_of(self._whole)]
-        control, description = self._read_controllers(), self._read_description()
+        alone = self._files.bus_alone
+        control, description = (None, None) if alone else (self._read_controllers(), self._read_description())
+        for text in doubts_about(self._whole) if alone else ():
+            self.findings += check_rules.findings_of(text, str(self._files.bus), 0, Severity.WARNING)
         self.findings += check_rules.find(
             self._files,
             _one_bus(self._buses),

@@ -29,6 +29,7 @@ from canopen_control.runtime.axis_request import (
     whole_bases,
 )
 from canopen_control.runtime.latch import StopLatch
+from canopen_control.runtime.needed_nodes import NeededNodes
 from canopen_control.runtime.pacer import Pacer
 from canopen_control.runtime.readiness import (
     by_stop_group,
@@ -111,13 +112,13 @@ class RobotCore:
         self.pacer.on_edge = self.cycle.step
         self._phase = RobotState.STARTING
         self._activated = self._was_latched = False
-        self._deadline = 0
-        self._stopping_until = 0
+        self._deadline = self._stopping_until = 0
         self._requests: list[AxisRequest] = []
         if setup.controllers.manager.enforce_command_limits:
             self.manager.limiter = CommandLimits(setup.description, self.registry)
         prepare_controllers(setup, self.manager, self.registry)
         self.manager.on_switch(self._regroup)
+        self.needed = NeededNodes(self)
 
     # ------------------------------------------------------------------------------------------- life
 
@@ -241,7 +242,7 @@ class RobotCore:
     def switch(self, activate: Sequence[str], deactivate: Sequence[str], *, strict: bool) -> None:
         """Switch controllers, loading and configuring those that are not; ControlError, and nothing is changed."""
         switch_controllers(
-            self.setup, self.manager, activate, deactivate, strict=strict, check=self.latch.check_controllers
+            self.setup, self.manager, activate, deactivate, strict=strict, check=self.needed.check_controllers
         )
 
     def stop(self, done: Callable[[str | None], None], latched_by: str | None = None, by: str = "somebody") -> None:
@@ -277,6 +278,7 @@ class RobotCore:
         """
         now = self.reactor.now()
         self.latch.check_action(action)
+        self.needed.check_action(action)
         joints, together = whole_bases(axes_of(self.nodes, self.joints.values(), name, joint), action)
         extra_ns = begin_action(action, joints, self.systems, now, method=method, mode=mode)
         if action in ALONE:
@@ -333,7 +335,7 @@ class RobotCore:
                 system.stop(now)  # a release enables nothing
         elif self._activated and (settled(self.nodes.values(), self.joints.values()) or now > self._deadline):
             self._phase, self.cycle.advance = RobotState.RUNNING, None
-            self.report(Event(now, "running", "", f"{self.setup.name} runs: {', '.join(self.setup.to_activate)}"))
+            self.report(Event(now, "running", "", f"{self.setup.name} runs: {self.setup.runs}"))
             if self.on_running is not None:
                 self.on_running()
         elif missing and now > self._deadline:
@@ -348,7 +350,7 @@ class RobotCore:
         how = ending(self.joints.values())  # as they are now: the reset takes their statuswords away
         for bus in self.buses.values():
             bus.release_nodes()
-        self._end(f"has stopped, {how}")
+        self._end(f"has stopped, {how}" if how else "has stopped")
 
     def _end(self, how: str) -> None:
         self._tell(self.events.flush())

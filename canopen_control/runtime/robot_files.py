@@ -1,6 +1,7 @@
 """Which files make a robot: a folder, a bundled name, or the three files one by one.
 
-A robot without drives on a bus, simulated or mocked, needs no bus.yml.
+A robot without drives on a bus, simulated or mocked, needs no bus.yml. A bus without controllers needs nothing
+else: its folder has neither a ros2_controllers.yaml nor a description.
 """
 
 from __future__ import annotations
@@ -26,13 +27,21 @@ _DESCRIPTIONS = ("*.urdf.xacro", "*.urdf")
 
 @dataclass(frozen=True, slots=True)
 class RobotFiles:
-    """The three files of a robot and its name; `bus` may be absent, `more_buses` are its bus_NAME.yml by NAME."""
+    """The three files of a robot and its name; `bus` may be absent, `more_buses` are its bus_NAME.yml by NAME.
+
+    Of a bus without controllers the other two are its bus.yml, which is where their mistakes stand.
+    """
 
     name: str
     bus: Path | None
     controllers: Path
     description: Path
     more_buses: dict[str, Path] = field(default_factory=dict)
+
+    @property
+    def bus_alone(self) -> bool:
+        """Whether this is a bus without controllers, whose nodes are all that there is."""
+        return self.controllers == self.description == self.bus
 
     @property
     def buses(self) -> dict[str, Path]:
@@ -51,8 +60,9 @@ def find_robot(
     no_bus: list[str] = []
     missing: list[str] = []
     main = _one(bus, folder, BUS, "--bus", no_bus)
-    control = _one(controllers, folder, CONTROLLERS, "--controllers", missing)
-    described = _one(description, folder, _DESCRIPTIONS, "--description", missing)
+    alone = controllers is None and description is None and not no_bus and _is_alone(folder)
+    control = main if alone else _one(controllers, folder, CONTROLLERS, "--controllers", missing)
+    described = main if alone else _one(description, folder, _DESCRIPTIONS, "--description", missing)
     more = _more_buses(folder, missing) if folder is not None and bus is None else {}
     missing += _irregular((main, control, described, *more.values()))
     if missing or (no_bus and (more or bus is not None)):
@@ -107,6 +117,11 @@ def _one(given: str | None, folder: Path | None, names: str | Sequence[str], opt
         f"{folder} has no {wanted}" if not matches else f"{folder} has several of {wanted}: name one with {option}"
     )
     return Path()
+
+
+def _is_alone(folder: Path | None) -> bool:
+    """Whether nothing says what the nodes of a bus are for: the folder has no controllers, and no description."""
+    return folder is None or not any(next(folder.glob(each), None) for each in (CONTROLLERS, *_DESCRIPTIONS))
 
 
 def _irregular(paths: Iterable[Path]) -> Iterator[str]:

@@ -153,7 +153,7 @@ class Session:
         if self.options.motion:
             broadcasting = {info.name for info in self.robot.manager.list() if info.is_broadcaster}
             forward = [name for name in self.setup.to_activate if name not in broadcasting]
-            self._motion = DemoMotion(self.robot, forward[0])
+            self._motion = DemoMotion(self.robot, forward[0]) if forward else None
         if self.options.duration is not None:
             self.reactor.call_later(round(self.options.duration * 1e9), lambda: self.robot.shutdown("its time is over"))
 

@@ -15,6 +15,7 @@ from canopen_control.controllers.types import is_broadcaster
 from canopen_control.errors import RobotConfigError, nearest
 from canopen_control.hardware.plugins import Kind, kind_of
 from canopen_control.master.config import read_bus
+from canopen_control.runtime.bus_alone import controllers_of, description_of, doubts_about
 from canopen_control.runtime.robot_files import MAIN_BUS
 from canopen_control.urdf.description import DescriptionReader
 
@@ -53,6 +54,12 @@ class RobotSetup:
         return self.buses[BUS_NAME]
 
     @property
+    def runs(self) -> str:
+        """What runs once the robot does, in words: the controllers that it begins with, or the nodes of a bus alone."""
+        nodes = [name for bus in self.buses.values() for name in bus.nodes]
+        return ", ".join(nodes if self.files.bus_alone else self.to_activate)
+
+    @property
     def cycle_ns(self) -> int:
         """The period of the cycle: SYNC's, else that of the controllers."""
         sync = self.bus.master.sync_period * 1000 if self.buses else 0
@@ -89,16 +96,21 @@ def read_robot(
     ros2_controllers.yaml is an error; `peer_merge` lets `defaults` of bus.yml win over the nodes; `kernel_sync` leaves
     SYNC to the kernel.
     """
-    mappings = {"use_mock_hardware": "true"} if mock else None
-    with DescriptionReader(files.description, mappings=mappings) as reader:  # xacro runs while the rest is read
-        buses = {each: read_bus(path, peer_merge=peer_merge) for each, path in files.buses.items()}
-        if problems := clashes_of(buses):
-            raise RobotConfigError("\n".join(problems))
-        control = read_controllers(files.controllers, strict=strict)
-        description = reader.result()
+    name = name or files.name
+    if files.bus_alone:
+        if mock:
+            raise RobotConfigError(f"--mock: {files.bus} is a bus without controllers; leave the option away")
+        buses = _buses(files, peer_merge=peer_merge)
+        description = description_of(name, str(files.bus), buses)
+        control = controllers_of(str(files.bus), description)
+    else:
+        mappings = {"use_mock_hardware": "true"} if mock else None
+        with DescriptionReader(files.description, mappings=mappings) as reader:  # xacro runs while the rest is read
+            buses = _buses(files, peer_merge=peer_merge)
+            control = read_controllers(files.controllers, strict=strict)
+            description = reader.result()
     if not buses:
         _refuse_drives(files, description, mock=mock, real=real)
-    name = name or files.name
     channels = _channels(name, buses, can)
     if kernel_sync:
         _require_kernel_sync(buses, channels, mock=mock)
@@ -115,11 +127,20 @@ def read_robot(
             *(note for bus in buses.values() for note in bus.notes),
             *control.warnings,
             *description.notes,
+            *(doubts_about(buses) if files.bus_alone else ()),
             *(["SYNC is sent by the kernel, and the cycle follows it"] if kernel_sync else []),
         ),
         real,
         kernel_sync,
     )
+
+
+def _buses(files: RobotFiles, *, peer_merge: bool) -> dict[str, BusConfig]:
+    """Read all buses; what keeps them from being one robot is a RobotConfigError."""
+    buses = {each: read_bus(path, peer_merge=peer_merge) for each, path in files.buses.items()}
+    if problems := clashes_of(buses):
+        raise RobotConfigError("\n".join(problems))
+    return buses
 
 
 def clashes_of(buses: Mapping[str, BusConfig]) -> list[str]:
@@ -190,6 +211,8 @@ def _wanted(files: RobotFiles, control: ControllersFile, asked: Sequence[str]) -
     for name in asked:
         if name not in control.controllers:
             raise RobotConfigError(f"{files.controllers}: no controller {name!r}{nearest(name, control.controllers)}")
+    if files.bus_alone:
+        return tuple(control.controllers)
     broadcasters = [name for name, config in control.controllers.items() if is_broadcaster(config.type)]
     others = [name for name in control.controllers if name not in broadcasters]
     if not others and not asked:

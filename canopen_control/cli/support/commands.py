@@ -117,6 +117,9 @@ def values_at_the_end(robot: str | None, controller: str, values: list[float]) -
 
 
 def positions_of(controllers: Iterable[ControllerReading], name: str) -> list[bool]:
-    """Return for each value of a controller's command whether it is a position; nothing for an unknown controller."""
+    """Return for each value of a controller's command whether it is, or may be, a position; nothing for an unknown one.
+
+    What a target is depends on the mode that the drive is in then.
+    """
     interfaces = [each for one in controllers if one.name == name for each in one.required_command_interfaces]
-    return [interface.endswith("/position") for interface in interfaces]
+    return [interface.endswith(("/position", "/target")) for interface in interfaces]

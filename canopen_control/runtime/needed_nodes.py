@@ -1,0 +1,79 @@
+"""Nodes that move nothing and without which nothing may move: an I/O module that bus.yml calls required or mandatory.
+
+The law of this file: a drive that is lost stops its group by itself (`hardware.system`). Of the other nodes only one of
+which bus.yml says in so many words that the robot needs it (`required: true` or `mandatory: true`) stops axes when it
+is lost, all of them, and no axis is enabled before it is back. Any other is told, and the axes go on. What is back
+enables nothing: that is a user's word.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+from canopen_control.errors import ControlError
+from canopen_control.hardware.axis_power import Action
+from canopen_control.master.event_log import Event, Level
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from canopen_control.controllers.base import Controller
+    from canopen_control.master.remote_node import RemoteNode
+    from canopen_control.runtime.core import RobotCore
+
+__all__ = ["NeededNodes"]
+
+_RISING: Final = (Action.ENABLE, Action.HOME)
+
+
+class NeededNodes:
+    """Watches the nodes of a robot that it needs and that move none of its joints."""
+
+    def __init__(self, robot: RobotCore) -> None:
+        self._robot = robot
+        moving = {joint.node.name for joint in robot.joints.values()}
+        self._nodes = [each for name, each in robot.nodes.items() if name not in moving and each.config.boot.insists]
+        self._ready = dict.fromkeys(self._nodes, False)
+        if self._nodes:
+            robot.after_cycle.append(self._step)
+
+    def check_action(self, action: Action) -> None:
+        """Refuse what would move an axis while one of them is missing; ControlError."""
+        if action in _RISING:
+            self._require(f"axis {action.value}")
+
+    def check_controllers(self, controllers: Iterable[Controller]) -> None:
+        """Refuse to activate controllers that command something, for STOP too; ControlError."""
+        wanted = list(controllers)
+        self._robot.latch.check_controllers(wanted)
+        for each in wanted:
+            if each.command_interface_names():
+                self._require(f"activating {each.name}")
+
+    def _step(self, now: int) -> None:
+        """Stop all axes when one of them was lost; after every cycle."""
+        for node in self._nodes:
+            if node.ready is not self._ready[node]:
+                self._ready[node] = node.ready
+                if not node.ready:
+                    self._stop(node, now)
+
+    def _require(self, doing: str) -> None:
+        missing = [node for node in self._nodes if not node.ready]
+        if missing:
+            names = ", ".join(f"{each.who} ({each.error or 'it has not booted yet'})" for each in missing)
+            raise ControlError(f"{doing} is refused: bus.yml requires {names}; wait until it is back")
+
+    def _stop(self, node: RemoteNode, now: int) -> None:
+        robot = self._robot
+        moving = [joint for joint in robot.joints.values() if joint.wanted]
+        why = f"{node.who}, which bus.yml requires, was lost"
+        robot.manager.running.forget(now, why)
+        for system in robot.systems:
+            system.stop(now)
+        for joint in moving:
+            joint.stopped_by = f"stopped since {why}"
+        if moving:
+            names = ", ".join(joint.joint for joint in moving)
+            text = f"stopping {names}: {why}; to go on when it is back: canopen-control axis enable all"
+            robot.report(Event(now, "stop", node.name, text, Level.ERROR))
