@@ -2,9 +2,9 @@
 
 The law of the file (ros2_canopen's `target` service, made safe): what the number is follows the mode, which a user asks
 for by `axis mode` or the services of the node: a position, a velocity or an effort, in SI units. A position is a place
-to go to, and to stay at: it has no end, but ends with who gave it. A velocity or effort ends after `command_timeout` (s;
-absent 2 s, 0 never, see `command_life`). A target is forgotten with every change of the mode, since it would be another
-quantity then, and whenever the drive is no longer enabled; activating the controller enables nothing.
+to go to, and to stay at: it has no end, but ends with who gave it. A velocity or effort ends after `command_timeout`
+(s; absent 2 s, 0 never, see `command_life`). A target is forgotten with every change of the mode, since it would be
+another quantity then, and whenever the drive is no longer enabled; activating the controller enables nothing.
 """
 
 from __future__ import annotations
@@ -47,9 +47,8 @@ class TargetController(ForwardCommandController):
         """Take one finite number, if the drive is in a mode that takes one; `now` in ns starts the timeout anew."""
         if self.commands and self.commands[0].quantity == TARGET:
             joint = self.joints[0]
-            raise self.refusal(
-                f"has no target yet: {joint} is in no mode that takes one; ask for one: canopen-control axis mode {joint} PV"
-            )
+            how = f"canopen-control axis mode {joint} PV"
+            raise self.refusal(f"has no target yet: {joint} is in no mode that takes one; ask for one: {how}")
         super().set_command(values, now, stamp)
 
     def update(self, now: int, period: float) -> ReturnType:

@@ -77,8 +77,8 @@ class CommandInterface:
     `minimum` and `maximum` are the limits of the description, infinite where there are none. `enabled` says that the
     hardware follows it now; hardware without drives always does. `set_aside`: a user has taken its axis out alone, and
     who is commanded together with it goes on, until it follows again. `lowest` to `highest` is what the object behind
-    it can hold, which for a position depends on where the joint is: `span` returns it then. `quantity` is what it is that
-    is commanded: the interface's name, and of a TARGET what the present mode takes, TARGET while there is none.
+    it can hold, which for a position depends on where the joint is: `span` returns it then. `quantity` is what it is
+    that is commanded: the interface's name, and of a TARGET what the present mode takes, TARGET while there is none.
     """
 
     __slots__ = (

@@ -5,7 +5,7 @@ from __future__ import annotations
 import yaml
 from support.robots import copy_robby
 
-__all__ = ["IO", "with_io_module"]
+__all__ = ["IO", "io_eds", "with_io_module"]
 
 IO = 5
 _OBJECTS = {
@@ -28,7 +28,8 @@ def _outputs(index):
     return [{"index": index, "sub_index": subindex} for subindex in (1, 2)]
 
 
-def _eds():
+def io_eds():
+    """Return its EDS."""
     optional = [name for name in (*_OBJECTS, *_RECORDS) if name not in ("1000", "1001", "1018")]
     text = "[FileInfo]\nFileName=io.eds\n[DeviceInfo]\nNrOfRXPDO=2\nNrOfTXPDO=0\nGranularity=8\n"
     text += "[MandatoryObjects]\nSupportedObjects=3\n1=0x1000\n2=0x1001\n3=0x1018\n"
@@ -48,7 +49,7 @@ def _eds():
 def with_io_module(folder, transmission=255):
     """Copy robby with an I/O module as node 5 to `folder`; `transmission` is the type of its first RPDO."""
     config = copy_robby(folder)
-    (config / "io.eds").write_text(_eds())
+    (config / "io.eds").write_text(io_eds())
     path = config / "bus.yml"
     bus = yaml.safe_load(path.read_text())
     defaults = bus.pop("defaults")
