@@ -179,6 +179,7 @@ def controllers() -> str:
         ("Group controllers: the interface is the type's", forward.GroupParams, "JointGroup"),
         ("Several interfaces of one joint", forward.MultiParams, "MultiInterface"),
         ("One joint, as in ROS 1", forward.SingleParams, "/Joint(Position|Velocity|Effort)Controller"),
+        ("One drive in whatever mode it is", forward.SingleParams, "/TargetController"),
         ("Diff drive", diff.DiffDriveParams, "DiffDrive"),
         ("Joint trajectories", trajectory.TrajectoryParams, "JointTrajectory"),
         ("PID", pid_params.PidParams, "/PidController"),

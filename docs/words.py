@@ -84,6 +84,8 @@ BUS_YML: dict[str, dict[str, str]] = {
         "ignore_remote": "bit 9 (remote) of the statusword does not count, for drives that never set it",
         "transition_timeout_ms": "ms that the drive may take for a transition of CiA 402",
         "transition_timeouts_ms": "the same by the transition's number",
+        "driver": "what the node is on a bus without controllers: a drive where it says Cia402, a proxy where it says "
+        "anything else, by the EDS where it says nothing; Lifecycle: with lifecycle services in ROS",
         "namespace": "of its topics and services in ROS",
         "remappings": "of its topics and services in ROS",
         "channel_names": "names of the axes, for the services of each in ROS",

@@ -12,8 +12,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.controllers.controllers_file import ControllerConfig, ControllersFile
+from canopen_control.controllers.drive_target import TYPE
 from canopen_control.controllers.params import Params
-from canopen_control.controllers.target import TYPE
 from canopen_control.hardware.interfaces import EFFORT, POSITION, TARGET, VELOCITY
 from canopen_control.urdf.declared_interface import InterfaceInfo
 from canopen_control.urdf.description import Description

@@ -49,6 +49,7 @@ class CheckOptions:
     mock: bool = False
     real: bool = False
     peer_merge: bool = False
+    allow_unsupervised: bool = False
     launch: Path | None = None
 
 
@@ -110,7 +111,10 @@ class _Checker:
 
     def _read_bus(self, name: str, path: Path) -> None:
         try:
-            config, problems = inspect_bus(path, peer_merge=self._options.peer_merge)
+            options = self._options
+            config, problems = inspect_bus(
+                path, peer_merge=options.peer_merge, allow_unsupervised=options.allow_unsupervised
+            )
         except ConfigError as error:
             self.findings += check_rules.findings_of(str(error), str(path), 0, Severity.ERROR)
             return
@@ -151,6 +155,7 @@ class _Checker:
                 mock=options.mock,
                 real=options.real,
                 peer_merge=options.peer_merge,
+                allow_unsupervised=options.allow_unsupervised,
             )
             reactor = Reactor(ManualClock())
             try:

@@ -118,7 +118,8 @@ class RobotCore:
             self.manager.limiter = CommandLimits(setup.description, self.registry)
         prepare_controllers(setup, self.manager, self.registry)
         self.manager.on_switch(self._regroup)
-        self.needed = NeededNodes(self)
+        self.needed = NeededNodes(made, self.latch, self.manager.running.forget, self.report)
+        self.after_cycle.append(self.needed.step)
 
     # ------------------------------------------------------------------------------------------- life
 
@@ -277,7 +278,6 @@ class RobotCore:
         `method` is the homing method (None: what 0x6098 holds), `mode` the mode of operation by name or number.
         """
         now = self.reactor.now()
-        self.latch.check_action(action)
         self.needed.check_action(action)
         joints, together = whole_bases(axes_of(self.nodes, self.joints.values(), name, joint), action)
         extra_ns = begin_action(action, joints, self.systems, now, method=method, mode=mode)

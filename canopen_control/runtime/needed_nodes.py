@@ -15,11 +15,12 @@ from canopen_control.hardware.axis_power import Action
 from canopen_control.master.event_log import Event, Level
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Callable, Iterable
 
     from canopen_control.controllers.base import Controller
     from canopen_control.master.remote_node import RemoteNode
-    from canopen_control.runtime.core import RobotCore
+    from canopen_control.runtime.assembly import Assembly
+    from canopen_control.runtime.latch import StopLatch
 
 __all__ = ["NeededNodes"]
 
@@ -27,30 +28,38 @@ _RISING: Final = (Action.ENABLE, Action.HOME)
 
 
 class NeededNodes:
-    """Watches the nodes of a robot that it needs and that move none of its joints."""
+    """Watches the nodes of a robot that it needs and that move none of its joints, beside the `latch` of STOP.
 
-    def __init__(self, robot: RobotCore) -> None:
-        self._robot = robot
-        moving = {joint.node.name for joint in robot.joints.values()}
-        self._nodes = [each for name, each in robot.nodes.items() if name not in moving and each.config.boot.insists]
+    `forget(now, why)` has every controller forget its command.
+    """
+
+    def __init__(
+        self,
+        made: Assembly,
+        latch: StopLatch,
+        forget: Callable[[int, str], None],
+        report: Callable[[Event], None],
+    ) -> None:
+        self._made, self._latch, self._forget, self._report = made, latch, forget, report
+        moving = {joint.node.name for joint in made.joints.values()}
+        self._nodes = [each for name, each in made.nodes.items() if name not in moving and each.config.boot.insists]
         self._ready = dict.fromkeys(self._nodes, False)
-        if self._nodes:
-            robot.after_cycle.append(self._step)
 
     def check_action(self, action: Action) -> None:
-        """Refuse what would move an axis while one of them is missing; ControlError."""
+        """Refuse what would move an axis while one of them is missing, or STOP is latched; ControlError."""
+        self._latch.check_action(action)
         if action in _RISING:
             self._require(f"axis {action.value}")
 
     def check_controllers(self, controllers: Iterable[Controller]) -> None:
-        """Refuse to activate controllers that command something, for STOP too; ControlError."""
+        """Refuse to activate controllers that command something, likewise; ControlError."""
         wanted = list(controllers)
-        self._robot.latch.check_controllers(wanted)
+        self._latch.check_controllers(wanted)
         for each in wanted:
             if each.command_interface_names():
                 self._require(f"activating {each.name}")
 
-    def _step(self, now: int) -> None:
+    def step(self, now: int) -> None:
         """Stop all axes when one of them was lost; after every cycle."""
         for node in self._nodes:
             if node.ready is not self._ready[node]:
@@ -65,15 +74,14 @@ class NeededNodes:
             raise ControlError(f"{doing} is refused: bus.yml requires {names}; wait until it is back")
 
     def _stop(self, node: RemoteNode, now: int) -> None:
-        robot = self._robot
-        moving = [joint for joint in robot.joints.values() if joint.wanted]
+        moving = [joint for joint in self._made.joints.values() if joint.wanted]
         why = f"{node.who}, which bus.yml requires, was lost"
-        robot.manager.running.forget(now, why)
-        for system in robot.systems:
+        self._forget(now, why)
+        for system in self._made.systems:
             system.stop(now)
         for joint in moving:
             joint.stopped_by = f"stopped since {why}"
         if moving:
             names = ", ".join(joint.joint for joint in moving)
             text = f"stopping {names}: {why}; to go on when it is back: canopen-control axis enable all"
-            robot.report(Event(now, "stop", node.name, text, Level.ERROR))
+            self._report(Event(now, "stop", node.name, text, Level.ERROR))

@@ -88,25 +88,27 @@ def read_robot(
     real: bool = False,
     strict: bool = False,
     peer_merge: bool = False,
+    allow_unsupervised: bool = False,
     kernel_sync: bool = False,
 ) -> RobotSetup:
     """Read and check all three files; raises a ConfigError.
 
     `mock` and `real` overrule the hardware plugins of the description; with `strict`, what is suspicious in
-    ros2_controllers.yaml is an error; `peer_merge` lets `defaults` of bus.yml win over the nodes; `kernel_sync` leaves
-    SYNC to the kernel.
+    ros2_controllers.yaml is an error; `peer_merge` lets `defaults` of bus.yml win over the nodes;
+    `allow_unsupervised` accepts drives that nothing stops when the master dies; `kernel_sync` leaves SYNC to the
+    kernel.
     """
     name = name or files.name
     if files.bus_alone:
         if mock:
             raise RobotConfigError(f"--mock: {files.bus} is a bus without controllers; leave the option away")
-        buses = _buses(files, peer_merge=peer_merge)
+        buses = _buses(files, peer_merge, allow_unsupervised)
         description = description_of(name, str(files.bus), buses)
         control = controllers_of(str(files.bus), description)
     else:
         mappings = {"use_mock_hardware": "true"} if mock else None
         with DescriptionReader(files.description, mappings=mappings) as reader:  # xacro runs while the rest is read
-            buses = _buses(files, peer_merge=peer_merge)
+            buses = _buses(files, peer_merge, allow_unsupervised)
             control = read_controllers(files.controllers, strict=strict)
             description = reader.result()
     if not buses:
@@ -135,9 +137,12 @@ def read_robot(
     )
 
 
-def _buses(files: RobotFiles, *, peer_merge: bool) -> dict[str, BusConfig]:
+def _buses(files: RobotFiles, peer_merge: bool, allow_unsupervised: bool) -> dict[str, BusConfig]:
     """Read all buses; what keeps them from being one robot is a RobotConfigError."""
-    buses = {each: read_bus(path, peer_merge=peer_merge) for each, path in files.buses.items()}
+    buses = {
+        each: read_bus(path, peer_merge=peer_merge, allow_unsupervised=allow_unsupervised)
+        for each, path in files.buses.items()
+    }
     if problems := clashes_of(buses):
         raise RobotConfigError("\n".join(problems))
     return buses

@@ -141,5 +141,5 @@ def test_there_is_nothing_to_mock(tmp_path):
 def test_a_folder_with_half_of_a_robot_still_says_what_is_missing(tmp_path):
     config = write_io(tmp_path)
     (config / "ros2_controllers.yaml").write_text("controller_manager: {ros__parameters: {}}\n")
-    with pytest.raises(RobotConfigError, match="has no .*urdf"):
+    with pytest.raises(RobotConfigError, match=r"has no .*urdf"):
         find_robot(str(config))

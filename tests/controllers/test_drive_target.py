@@ -5,8 +5,8 @@ import math
 import pytest
 from support.busalone import AloneBench, write_drives
 
+from canopen_control.controllers.drive_target import TargetController
 from canopen_control.controllers.params import Params
-from canopen_control.controllers.target import TargetController
 from canopen_control.errors import ControlError, RobotConfigError
 from canopen_control.hardware.interfaces import TARGET, CommandInterface
 from canopen_control.hardware.joint import Action
