@@ -74,7 +74,7 @@ def axes_of(
 ) -> tuple[JointDrive, ...]:
     """Return the axes of a node or of "all" nodes, or the one of the joint `only`; raises ControlError, UnknownName."""
     found = tuple(joints)
-    if name == "all" and not found:
+    if name == "all" and nodes and not found:
         raise ControlError("no node drives a joint: there is no axis")
     if name != "all":
         node = find_node(nodes, name)
