@@ -19,7 +19,7 @@ from canopen_control.errors import DriveError
 from canopen_control.hardware.axis_power import RISING, Action, AxisState, Trigger
 from canopen_control.hardware.axis_status import BLIND_STOP_NS, AxisStatus
 from canopen_control.hardware.homing_run import HomingPhase, HomingRun
-from canopen_control.hardware.interfaces import POSITION
+from canopen_control.hardware.interfaces import POSITION, TARGET
 from canopen_control.hardware.joint_events import JointEvent, StatusWatch, joint_event_of
 from canopen_control.hardware.joint_parts import JointParts
 from canopen_control.hardware.joint_targets import listed_modes
@@ -189,6 +189,8 @@ class JointDrive(JointParts):
         targets, power = self.targets, self.power
         if targets.pending is not None:
             targets.change()
+            if targets.claimed == TARGET:
+                self._fire(Trigger.MUST_REST)  # seen by its controller, whose number was for the mode before
         elif self.reference.homing is not None:
             targets.hold()
             self._step_homing(self.reference.homing, now)

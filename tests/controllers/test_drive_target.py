@@ -76,6 +76,22 @@ def test_a_position_is_held_for_ever(drives):
     assert drives.texts("command_timeout") == []
 
 
+@pytest.mark.parametrize("ms", [0, 20])
+@pytest.mark.parametrize(("before", "after"), [("PV", "PP"), ("PP", "PV"), ("CSV", "CSP"), ("TQ", "PP")])
+def test_a_target_is_forgotten_with_its_mode_however_late_it_came(drives, before, after, ms):
+    drives.enable("drive_one")
+    drives.mode(before)
+    drives.target(2.0)
+    drives.run(ms)
+    drives.mode(after)
+    value = drives.joint(2).commands["target"].value
+    assert math.isnan(value) or (value == 0.0 and after == "PV")
+    drives.run(1000)
+    here = drives.at("position")
+    drives.run(1000)
+    assert drives.at("position") == pytest.approx(here, abs=0.01)
+
+
 def test_a_target_is_forgotten_with_the_mode_it_was_given_in(drives):
     drives.enable("drive_one")
     drives.mode("PV")

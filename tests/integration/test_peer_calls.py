@@ -51,11 +51,12 @@ def test_a_proxy_has_the_services_and_topics_of_a_proxy_and_no_others(proxies):
         assert f"/{node}/joint_states" not in graph["topics"]
 
 
-def test_its_lifecycle_is_brought_up_and_down_twice(proxies):
+@pytest.mark.parametrize("who", ["lifecycle_manager", "proxy_device_1"])
+def test_its_lifecycle_is_brought_up_and_down_twice(proxies, who):
     for _ in range(2):
         for label in ("configure", "activate", "deactivate", "cleanup"):
             change = {"transition": {"id": 0, "label": label}}
-            answer = proxies.call("/lifecycle_manager/change_state", "lifecycle_msgs/srv/ChangeState", **change)
+            answer = proxies.call(f"/{who}/change_state", "lifecycle_msgs/srv/ChangeState", **change)
             assert answer["success"], label
 
 

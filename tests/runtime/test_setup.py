@@ -111,3 +111,12 @@ def test_peer_merge_reaches_the_plan(tmp_path):
     files = find_robot(str(copy_robby(tmp_path, bus=changed)))
     assert read_robot(files).bus.nodes["left_drive"].supervision.heartbeat_producer == 50
     assert read_robot(files, peer_merge=True).bus.nodes["left_drive"].supervision.heartbeat_producer == 100
+
+
+def test_one_option_accepts_drives_that_nothing_would_stop(tmp_path):
+    files = find_robot(str(copy_robby(tmp_path, bus={"heartbeat_consumer: true": "heartbeat_consumer: false"})))
+    with pytest.raises(ConfigError, match="or --allow-unsupervised"):
+        read_robot(files)
+    setup = read_robot(files, allow_unsupervised=True)
+    assert all(node.supervision.allow_unsupervised for node in setup.bus.nodes.values())
+    assert any("nothing stops this drive when the master dies" in each for each in setup.notes)
