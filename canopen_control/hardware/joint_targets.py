@@ -36,7 +36,15 @@ if TYPE_CHECKING:
     from canopen_control.hardware.mode_targets import ModeTarget
     from canopen_control.urdf.ros2_control import ControlJoint
 
-__all__ = ["DIGITAL_OUTPUTS", "MOTION", "JointTargets", "choose_mode", "listed_modes", "require_targets"]
+__all__ = [
+    "DIGITAL_OUTPUTS",
+    "MOTION",
+    "JointTargets",
+    "choose_mode",
+    "listed_modes",
+    "require_targets",
+    "serving_objects",
+]
 
 UINT32_MAX: Final = (1 << 32) - 1
 DIGITAL_OUTPUTS: Final = "digital_outputs"
@@ -290,6 +298,11 @@ def choose_mode(axis: Axis, parameters: AxisParameters, interface: str) -> Opera
     for mode in candidates[:1]:
         _require_mapped(axis, mode)
     return mode_for_interface(POSITION if interface == TARGET else interface, listed)
+
+
+def serving_objects(interface: str) -> tuple[tuple[int, int], ...]:
+    """Return index and subindex, on axis 0, of the targets of all modes that serve a command interface."""
+    return tuple(address for mode in _SERVED[interface] if (address := target_address(mode)) is not None)
 
 
 def require_targets(axis: Axis, interfaces: Collection[str]) -> None:

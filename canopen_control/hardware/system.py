@@ -40,6 +40,7 @@ PLUGINS: Final[tuple[str, ...]] = (
     "canopen_ros2_control/CanopenSystem",
     "canopen_ros2_control/Cia402System",
     "canopen_ros2_control/RobotSystem",
+    "canopen_ros2_control/Cia402RobotSystem",
 )
 
 

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 __all__ = ["controllers_of", "description_of", "doubts_about"]
 
 _PLUGIN: Final = "canopen_control/CanopenSystem"
-_DRIVER: Final = "Cia402"
+_DRIVERS: Final = ("Cia402", "MotionController")
 _URDF: Final = '<robot name="{name}"><link name="base_link"/></robot>'
 
 
@@ -58,20 +58,25 @@ def doubts_about(buses: Mapping[str, BusConfig]) -> Iterator[str]:
     for bus in buses.values():
         for node in bus.nodes.values():
             place, driver, source = f"{bus.path}:{node.line}", node.ros.driver, bus.eds_paths[node.name].name
-            if _DRIVER in driver and not bus.plans[node.name].axes:
+            if _drives(driver) and not bus.plans[node.name].axes:
                 yield f"{place}: {node.name} has the driver {driver}, but {source} has no controlword: it is a proxy"
-            elif driver and _DRIVER not in driver and bus.plans[node.name].axes:
+            elif driver and not _drives(driver) and bus.plans[node.name].axes:
                 yield (
                     f"{place}: {node.name} is a CiA 402 drive by {source} and has the driver {driver}: it is a proxy, "
                     "and cannot be enabled; give it ros2_canopen::Cia402Driver to move it"
                 )
 
 
+def _drives(driver: str) -> bool:
+    """Whether a driver of ros2_canopen, of today or of before, is one of drives."""
+    return any(each in driver for each in _DRIVERS)
+
+
 def _joints(bus: BusConfig) -> Iterator[tuple[str, NodeConfig, int]]:
     """Yield the axes of the drives: the name of the joint, the node, the number of the axis."""
     for node in bus.nodes.values():
         axes = bus.plans[node.name].axes
-        if not axes or (node.ros.driver and _DRIVER not in node.ros.driver):
+        if not axes or (node.ros.driver and not _drives(node.ros.driver)):
             continue
         names = node.ros.channel_names or []
         for axis in range(len(axes)):

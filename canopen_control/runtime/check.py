@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 from canopen_control.controllers.controllers_file import read_controllers
 from canopen_control.errors import CanopenError, ConfigError
+from canopen_control.hardware.peer_interfaces import with_interfaces_of_plugins
 from canopen_control.host.reactor import Reactor
 from canopen_control.host.timer import ManualClock
 from canopen_control.master.budget import HIGH, budget_of
@@ -21,7 +22,7 @@ from canopen_control.runtime.bus_alone import doubts_about
 from canopen_control.runtime.check_data import Finding, Severity, sorted_findings
 from canopen_control.runtime.check_timing import check_timing
 from canopen_control.runtime.core import RobotCore
-from canopen_control.runtime.setup import clashes_of, read_robot
+from canopen_control.runtime.setup import clashes_of, plans_of, read_robot
 from canopen_control.urdf.description import read_description
 
 if TYPE_CHECKING:
@@ -139,7 +140,7 @@ class _Checker:
         path = self._files.description
         mappings = {"use_mock_hardware": "true"} if self._options.mock else None
         try:
-            return read_description(path, mappings=mappings)
+            return with_interfaces_of_plugins(read_description(path, mappings=mappings), plans_of(self._whole))
         except ConfigError as error:
             self.findings += check_rules.findings_of(str(error), str(path), 0, Severity.ERROR)
         return None

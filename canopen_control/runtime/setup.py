@@ -13,6 +13,7 @@ from canopen_control.bus.channel import ChannelKind, parse_channel
 from canopen_control.controllers.controllers_file import read_controllers
 from canopen_control.controllers.types import is_broadcaster
 from canopen_control.errors import RobotConfigError, nearest
+from canopen_control.hardware.peer_interfaces import with_interfaces_of_plugins
 from canopen_control.hardware.plugins import Kind, kind_of
 from canopen_control.master.config import read_bus
 from canopen_control.runtime.bus_alone import controllers_of, description_of, doubts_about
@@ -24,10 +25,11 @@ if TYPE_CHECKING:
 
     from canopen_control.controllers.controllers_file import ControllersFile
     from canopen_control.master.config import BusConfig
+    from canopen_control.master.plan import NodePlan
     from canopen_control.runtime.robot_files import RobotFiles
     from canopen_control.urdf.description import Description
 
-__all__ = ["BUS_NAME", "RobotSetup", "clashes_of", "read_robot"]
+__all__ = ["BUS_NAME", "RobotSetup", "clashes_of", "plans_of", "read_robot"]
 
 BUS_NAME = MAIN_BUS
 
@@ -110,7 +112,7 @@ def read_robot(
         with DescriptionReader(files.description, mappings=mappings) as reader:  # xacro runs while the rest is read
             buses = _buses(files, peer_merge, allow_unsupervised)
             control = read_controllers(files.controllers, strict=strict)
-            description = reader.result()
+            description = with_interfaces_of_plugins(reader.result(), plans_of(buses))
     if not buses:
         _refuse_drives(files, description, mock=mock, real=real)
     channels = _channels(name, buses, can)
@@ -146,6 +148,11 @@ def _buses(files: RobotFiles, peer_merge: bool, allow_unsupervised: bool) -> dic
     if problems := clashes_of(buses):
         raise RobotConfigError("\n".join(problems))
     return buses
+
+
+def plans_of(buses: Mapping[str, BusConfig]) -> list[NodePlan]:
+    """Return the plans of all nodes of a robot."""
+    return [plan for bus in buses.values() for plan in bus.plans.values()]
 
 
 def clashes_of(buses: Mapping[str, BusConfig]) -> list[str]:

@@ -143,3 +143,33 @@ def test_a_folder_with_half_of_a_robot_still_says_what_is_missing(tmp_path):
     (config / "ros2_controllers.yaml").write_text("controller_manager: {ros__parameters: {}}\n")
     with pytest.raises(RobotConfigError, match=r"has no .*urdf"):
         find_robot(str(config))
+
+
+def test_a_node_that_is_not_there_ends_the_start_with_its_name(tmp_path):
+    config = write_io(tmp_path)
+    bus = config / "bus.yml"
+    bus.write_text(bus.read_text().replace("{node_id: 1}", "{node_id: 1, boot_time: 500}"))
+    robot = AloneBench("absent", config=config, drives=())
+    robot.robot.start()
+    robot.until(lambda: robot.robot.state is RobotState.STOPPED)
+    assert "not one frame came from io_module" in robot.robot.failure
+    robot.close()
+
+
+def test_one_that_is_not_required_is_gone_on_without_and_joins_when_it_comes(bench, tmp_path):
+    config = write_io(tmp_path)
+    bus = config / "bus.yml"
+    bus.write_text(bus.read_text().replace("node_id: 5,", "node_id: 5, required: false,"))
+    robot = bench(config, ())
+    assert robot.robot.state is RobotState.RUNNING
+    robot.power_on(IO)
+    robot.until(lambda: robot.robot.nodes["io_module"].ready)
+
+
+def test_drivers_of_ros2_canopen_before_its_time_are_known(tmp_path):
+    config = write_drives(tmp_path)
+    bus = config / "bus.yml"
+    driver = "    driver: ros2_canopen::LifecycleMotionControllerDriver\n"
+    bus.write_text(bus.read_text().replace("  drive_one:\n", f"  drive_one:\n{driver}"))
+    setup = read_robot(find_robot(str(config)))
+    assert list(setup.controllers.controllers) == ["drive_one", "drive_two"]

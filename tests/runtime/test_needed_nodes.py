@@ -2,6 +2,7 @@
 
 import pytest
 from support.busalone import IO, AloneBench, write_drives
+from support.iomodule import with_io_module
 
 from canopen_control.errors import ControlError
 from canopen_control.hardware.joint import Action
@@ -80,3 +81,23 @@ def test_one_that_restarts_between_two_cycles_stops_them_too(bench):
     robot.told("restarted")
     robot.told("stop")
     robot.until(lambda: not robot.powered(2))
+
+
+def test_a_robot_with_drives_under_its_controllers_needs_its_io_module_likewise(tmp_path):
+    config = with_io_module(tmp_path)
+    bus = config / "bus.yml"
+    bus.write_text(bus.read_text().replace("    dcf: io.eds\n", "    dcf: io.eds\n    required: true\n"))
+    robot = AloneBench("mixed", config=config, drives=(2, 3, IO))
+    robot.start()
+    robot.hold(10.0, 10.0, ms=600)
+    robot.power_off(IO)
+    robot.told("stop")
+    robot.until(lambda: not robot.powered(2) and not robot.powered(3))
+    robot.power_on(IO)
+    robot.until(lambda: robot.robot.nodes["io_module"].ready)
+    robot.hold(10.0, 10.0, ms=300)
+    assert robot.velocity(3) == 0.0  # its return enables nothing
+    robot.enable()
+    robot.hold(10.0, 10.0, ms=600)
+    assert robot.velocity(3) > 5.0
+    robot.close()

@@ -9,10 +9,11 @@ from support.iomodule import eds_of
 
 from canopen_control.data_files import data_path
 
-__all__ = ["NAMES", "write_peer_files"]
+__all__ = ["NAMES", "ROBOTS", "write_peer_files"]
 
 _DATA = Path(__file__).parents[1] / "data" / "ros2_canopen"
 NAMES = sorted(path.stem for path in _DATA.glob("*.yml"))
+ROBOTS = sorted(path.parent.name for path in _DATA.glob("*/bus.yml"))  # those with controllers
 _U8, _U16, _U32, _I8, _I16, _I32 = 5, 6, 7, 2, 3, 4
 _OBJECTS = {
     "1000": ("Device type", _U32, "ro", "0", 0),
@@ -35,9 +36,12 @@ _RECORDS = {
 
 def write_peer_files(folder, name):
     """Write the files of one configuration below `folder`, and return where; its bus.yml is not edited."""
-    config = folder / name
-    config.mkdir()
-    shutil.copy(_DATA / f"{name}.yml", config / "bus.yml")
+    config, drive = folder / name, "generic_cia402.eds" if name in ROBOTS else "TMCM-1270.eds"
+    if name in ROBOTS:
+        shutil.copytree(_DATA / name, config)
+    else:
+        config.mkdir()
+        shutil.copy(_DATA / f"{name}.yml", config / "bus.yml")
     (config / "simple.eds").write_text(eds_of("simple.eds", _OBJECTS, _RECORDS))
-    shutil.copy(data_path("eds", "TMCM-1270.eds"), config / "cia402_slave.eds")
+    shutil.copy(data_path("eds", drive), config / "cia402_slave.eds")
     return config
