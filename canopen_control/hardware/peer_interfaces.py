@@ -1,8 +1,8 @@
 """Command interfaces that ros2_canopen's hardware plugins export although the description does not list them.
 
 The law of the file (canopen_ros2_control): Cia402System and RobotSystem make the interfaces of a joint by themselves,
-so that their descriptions often list none. A joint of such a tag without any command interface has position, velocity and
-effort here, as far as an RPDO of its node carries a target for them; one that lists some has those.
+so that their descriptions often list none. A joint of such a tag without any command interface has position, velocity
+and effort here, as far as an RPDO of its node carries a target for them; one that lists some has those.
 """
 
 from __future__ import annotations

@@ -11,9 +11,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
+from canopen_control.cia402.objects import CONTROLWORD, axis_of
 from canopen_control.controllers.controllers_file import ControllerConfig, ControllersFile
 from canopen_control.controllers.drive_target import TYPE
 from canopen_control.controllers.params import Params
+from canopen_control.errors import RobotConfigError
 from canopen_control.hardware.interfaces import EFFORT, POSITION, TARGET, VELOCITY
 from canopen_control.urdf.declared_interface import InterfaceInfo
 from canopen_control.urdf.description import Description
@@ -21,7 +23,7 @@ from canopen_control.urdf.robot_model import RobotModel
 from canopen_control.urdf.ros2_control import ControlJoint, Ros2ControlSystem
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Iterable, Iterator, Mapping
 
     from canopen_control.master.config import BusConfig, NodeConfig
 
@@ -33,8 +35,9 @@ _URDF: Final = '<robot name="{name}"><link name="base_link"/></robot>'
 
 
 def description_of(name: str, path: str, buses: Mapping[str, BusConfig]) -> Description:
-    """Return what a URDF would say: a robot without a shape, whose joints are the drives."""
+    """Return what a URDF would say: a robot without a shape, whose joints are the drives; RobotConfigError."""
     joints = tuple(joint for bus in buses.values() for joint in _joints(bus))
+    _refuse_doubles(path, joints)
     states = {each: InterfaceInfo(each) for each in (POSITION, VELOCITY, EFFORT)}
     parts = tuple(
         ControlJoint(
@@ -79,6 +82,18 @@ def _joints(bus: BusConfig) -> Iterator[tuple[str, NodeConfig, int]]:
         if not axes or (node.ros.driver and not _drives(node.ros.driver)):
             continue
         names = node.ros.channel_names or []
-        for axis in range(len(axes)):
+        for offset in axes:
+            _, axis = axis_of(CONTROLWORD + offset)
             own = names[axis] if axis < len(names) else f"{node.name}_{axis}"
             yield own if len(axes) > 1 else node.name, node, axis
+
+
+def _refuse_doubles(path: str, joints: Iterable[tuple[str, NodeConfig, int]]) -> None:
+    owners: dict[str, str] = {}
+    doubled = [
+        f"{path}:{node.line}: {node.name} has an axis {name!r}, which is one of {owners[name]} too; change channel_names"
+        for name, node, _ in joints
+        if name in owners or owners.setdefault(name, node.name) != node.name
+    ]
+    if doubled:
+        raise RobotConfigError("\n".join(doubled))

@@ -137,7 +137,9 @@ class RobotCore:
         """What keeps it from moving, and what to do next, in one sentence; None while it could move, starts or ends."""
         if self._phase is RobotState.STARTING:
             return self.latch.hint  # it goes on to run when that is released
-        return self.latch.hint or hint(claimed_off(self.joints.values())) if self._phase is RobotState.RUNNING else None
+        return (
+            self.needed.hint or hint(claimed_off(self.joints.values())) if self._phase is RobotState.RUNNING else None
+        )
 
     def join(self) -> None:
         """Open the buses, which starts those that a program serves; raises BusError. `start` begins."""

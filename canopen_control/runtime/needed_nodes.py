@@ -45,6 +45,12 @@ class NeededNodes:
         self._nodes = [each for name, each in made.nodes.items() if name not in moving and each.config.boot.insists]
         self._ready = dict.fromkeys(self._nodes, False)
 
+    @property
+    def hint(self) -> str | None:
+        """What keeps every axis from moving, STOP first; None where nothing does."""
+        missing = self._missing()
+        return self._latch.hint or (f"nothing moves while bus.yml requires {missing}: wait for it" if missing else None)
+
     def check_action(self, action: Action) -> None:
         """Refuse what would move an axis while one of them is missing, or STOP is latched; ControlError."""
         self._latch.check_action(action)
@@ -68,10 +74,13 @@ class NeededNodes:
                     self._stop(node, now)
 
     def _require(self, doing: str) -> None:
+        if missing := self._missing():
+            raise ControlError(f"{doing} is refused: bus.yml requires {missing}; wait until it is back")
+
+    def _missing(self) -> str:
+        """Return who is missing and why, "" where all are there."""
         missing = [node for node in self._nodes if not node.ready]
-        if missing:
-            names = ", ".join(f"{each.who} ({each.error or 'it has not booted yet'})" for each in missing)
-            raise ControlError(f"{doing} is refused: bus.yml requires {names}; wait until it is back")
+        return ", ".join(f"{each.who} ({each.error or 'it has not booted yet'})" for each in missing)
 
     def _stop(self, node: RemoteNode, now: int) -> None:
         moving = [joint for joint in self._made.joints.values() if joint.wanted]

@@ -173,3 +173,14 @@ def test_drivers_of_ros2_canopen_before_its_time_are_known(tmp_path):
     bus.write_text(bus.read_text().replace("  drive_one:\n", f"  drive_one:\n{driver}"))
     setup = read_robot(find_robot(str(config)))
     assert list(setup.controllers.controllers) == ["drive_one", "drive_two"]
+
+
+def test_two_axes_of_one_name_are_refused_with_their_node(tmp_path):
+    config = write_two_axis_drive(tmp_path)
+    bus = config / "bus.yml"
+    bus.write_text(bus.read_text().replace("{node_id: 2}", "{node_id: 2, channel_names: [arm, arm]}"))
+    with pytest.raises(
+        RobotConfigError, match=r"bus.yml:\d+: drive_one has an axis 'arm', which is one of drive_one too"
+    ):
+        read_robot(find_robot(str(config)))
+    assert len(errors(check(config))) == 1

@@ -62,6 +62,7 @@ def test_nothing_is_enabled_before_it_is_back_and_its_return_enables_nothing(ben
     for action in (Action.ENABLE, Action.HOME):
         with pytest.raises(ControlError, match=r"io_module.*wait until it is back"):
             robot.robot.axis(action, "all", print)
+    assert "nothing moves while bus.yml requires node 5 (io_module)" in robot.robot.hint
     assert robot.axis(Action.FAULT_RESET) is None  # what moves nothing stays possible
     robot.robot.switch((), ("drive_two",), strict=True)
     with pytest.raises(ControlError, match="activating drive_two is refused"):
