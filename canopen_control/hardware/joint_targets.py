@@ -302,7 +302,7 @@ def choose_mode(axis: Axis, parameters: AxisParameters, interface: str) -> Opera
 
 def serving_objects(interface: str) -> tuple[tuple[int, int], ...]:
     """Return index and subindex, on axis 0, of the targets of all modes that serve a command interface."""
-    return tuple(address for mode in _SERVED[interface] if (address := target_address(mode)) is not None)
+    return tuple(each for each in map(target_address, _SERVED[interface]) if each is not None)
 
 
 def require_targets(axis: Axis, interfaces: Collection[str]) -> None:

@@ -91,7 +91,8 @@ def _joints(bus: BusConfig) -> Iterator[tuple[str, NodeConfig, int]]:
 def _refuse_doubles(path: str, joints: Iterable[tuple[str, NodeConfig, int]]) -> None:
     owners: dict[str, str] = {}
     doubled = [
-        f"{path}:{node.line}: {node.name} has an axis {name!r}, which is one of {owners[name]} too; change channel_names"
+        f"{path}:{node.line}: {node.name} has an axis {name!r}, which is one of {owners[name]} too; "
+        "change channel_names"
         for name, node, _ in joints
         if name in owners or owners.setdefault(name, node.name) != node.name
     ]
