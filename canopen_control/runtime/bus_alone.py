@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
     from canopen_control.master.config import BusConfig, NodeConfig
 
-__all__ = ["controllers_of", "description_of", "doubts_about"]
+__all__ = ["controllers_of", "description_of", "doubts_about", "unmoved_drives"]
 
 _PLUGIN: Final = "canopen_control/CanopenSystem"
 _DRIVERS: Final = ("Cia402", "MotionController")
@@ -68,6 +68,17 @@ def doubts_about(buses: Mapping[str, BusConfig]) -> Iterator[str]:
                     f"{place}: {node.name} is a CiA 402 drive by {source} and has the driver {driver}: it is a proxy, "
                     "and cannot be enabled; give it ros2_canopen::Cia402Driver to move it"
                 )
+
+
+def unmoved_drives(buses: Mapping[str, BusConfig], description: Description) -> Iterator[str]:
+    """Yield which drives no joint of a description names, each with its place: they are proxies beside the others."""
+    joints = [joint.parameters for tag in description.hardware for joint in tag.joints]
+    named = {each for one in joints for each in (one.get("device_name"), one.get("node_id", "").strip())}
+    for bus in buses.values():
+        for node in bus.nodes.values():
+            if bus.plans[node.name].axes and not named & {node.name, str(node.node_id)}:
+                text = f"{node.name} is a CiA 402 drive and no joint of {description.path} names it"
+                yield f"{bus.path}:{node.line}: {text}: it is a proxy, and cannot be enabled"
 
 
 def _drives(driver: str) -> bool:

@@ -18,7 +18,7 @@ from canopen_control.host.timer import ManualClock
 from canopen_control.master.budget import HIGH, budget_of
 from canopen_control.master.config import inspect_bus
 from canopen_control.runtime import check_rules
-from canopen_control.runtime.bus_alone import doubts_about
+from canopen_control.runtime.bus_alone import doubts_about, unmoved_drives
 from canopen_control.runtime.check_data import Finding, Severity, sorted_findings
 from canopen_control.runtime.check_timing import check_timing
 from canopen_control.runtime.core import RobotCore
@@ -95,6 +95,8 @@ class _Checker:
         control, description = (None, None) if alone else (self._read_controllers(), self._read_description())
         for text in doubts_about(self._whole) if alone else ():
             self.findings += check_rules.findings_of(text, str(self._files.bus), 0, Severity.WARNING)
+        for text in () if description is None else unmoved_drives(self._whole, description):
+            self.findings += check_rules.findings_of(text, str(self._files.bus), 0, Severity.NOTE)
         self.findings += check_rules.find(
             self._files,
             _one_bus(self._buses),

@@ -2,6 +2,7 @@
 
 import pytest
 from support.busalone import IO, AloneBench, write_drives, write_io, write_two_axis_drive
+from support.generic import write_generic
 
 from canopen_control.errors import ConfigError, ControlError, RobotConfigError
 from canopen_control.hardware.joint import Action
@@ -129,6 +130,16 @@ def test_a_drive_that_no_pdo_commands_is_refused_with_what_to_map(tmp_path):
     bus.write_text(bus.read_text().replace("mapping: [{index: 0x6040}, {index: 0x6060}]", "mapping: []"))
     told = errors(check(config))
     assert any("0x6040" in each and "map it in bus.yml" in each for each in told)
+
+
+def test_a_drive_that_no_joint_of_a_robot_names_is_a_proxy_beside_the_others_and_told(tmp_path):
+    config = write_generic(tmp_path)
+    bus = config / "bus.yml"
+    bus.write_text(bus.read_text() + "  spare:\n    node_id: 9\n")
+    told = [each.text for each in check(config, controllers=["velocity"]).findings if "spare" in each.text]
+    assert any("no joint of" in each and "cannot be enabled" in each for each in told)
+    setup = read_robot(find_robot(str(config)), controllers=["velocity"])
+    assert "spare" not in [joint.name for tag in setup.description.hardware for joint in tag.joints]
 
 
 def test_there_is_nothing_to_mock(tmp_path):
