@@ -140,8 +140,8 @@ class _Checker:
 
     def _read_description(self) -> Description | None:
         path = self._files.description
-        mappings = {"use_mock_hardware": "true"} if self._options.mock else None
         try:
+            mappings = self._files.mappings(mock=self._options.mock)
             return with_interfaces_of_plugins(read_description(path, mappings=mappings), plans_of(self._whole))
         except ConfigError as error:
             self.findings += check_rules.findings_of(str(error), str(path), 0, Severity.ERROR)

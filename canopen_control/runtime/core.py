@@ -135,11 +135,9 @@ class RobotCore:
     @property
     def hint(self) -> str | None:
         """What keeps it from moving, and what to do next, in one sentence; None while it could move, starts or ends."""
-        if self._phase is RobotState.STARTING:
-            return self.latch.hint  # it goes on to run when that is released
-        return (
-            self.needed.hint or hint(claimed_off(self.joints.values())) if self._phase is RobotState.RUNNING else None
-        )
+        if self._phase is not RobotState.RUNNING:  # what starts goes on to run when STOP is released
+            return self.latch.hint if self._phase is RobotState.STARTING else None
+        return self.needed.hint or hint(claimed_off(self.joints.values()))
 
     def join(self) -> None:
         """Open the buses, which starts those that a program serves; raises BusError. `start` begins."""
@@ -238,9 +236,9 @@ class RobotCore:
         self.manager.send_goal(controller, goal, self.reactor.now(), source=source, holder=holder)
         self.commander = source
 
-    def let_go(self, holder: object) -> None:
-        """End what a commander has commanded who is gone, unless somebody else commands by now."""
-        self.manager.running.let_go(holder)
+    def let_go(self, holder: object, why: str = "is gone") -> None:
+        """End what a commander has commanded who is gone, or `why` he counts as that, unless somebody else commands."""
+        self.manager.running.let_go(holder, why)
 
     def switch(self, activate: Sequence[str], deactivate: Sequence[str], *, strict: bool) -> None:
         """Switch controllers, loading and configuring those that are not; ControlError, and nothing is changed."""

@@ -102,13 +102,12 @@ def read_robot(
     """
     name = name or files.name
     if files.bus_alone:
-        if mock:
-            raise RobotConfigError(f"--mock: {files.bus} is a bus without controllers; leave the option away")
+        _refuse_for_a_bus(files, mock=mock)
         buses = _buses(files, peer_merge, allow_unsupervised)
         description = description_of(name, str(files.bus), buses)
         control = controllers_of(str(files.bus), description)
     else:
-        mappings = {"use_mock_hardware": "true"} if mock else None
+        mappings = files.mappings(mock=mock)
         with DescriptionReader(files.description, mappings=mappings) as reader:  # xacro runs while the rest is read
             buses = _buses(files, peer_merge, allow_unsupervised)
             control = read_controllers(files.controllers, strict=strict)
@@ -137,6 +136,15 @@ def read_robot(
         real,
         kernel_sync,
     )
+
+
+def _refuse_for_a_bus(files: RobotFiles, *, mock: bool) -> None:
+    """Raise RobotConfigError for what has no meaning on a bus without controllers."""
+    if mock:
+        raise RobotConfigError(f"--mock: {files.bus} is a bus without controllers; leave the option away")
+    if files.arguments:
+        given = ", ".join(f"{name}:=" for name in files.arguments)
+        raise RobotConfigError(f"{given}: a bus without controllers has no description; leave the arguments away")
 
 
 def _buses(files: RobotFiles, peer_merge: bool, allow_unsupervised: bool) -> dict[str, BusConfig]:

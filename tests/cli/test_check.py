@@ -78,3 +78,15 @@ def test_one_option_accepts_drives_that_nothing_would_stop_and_tells_which(tmp_p
     assert main(["check", str(config), "--allow-unsupervised"]) == 0
     assert "--allow-unsupervised accepts" in capsys.readouterr().out
     assert main(["plan", str(config), "--allow-unsupervised"]) == 0
+
+
+def test_an_argument_that_the_description_does_not_have_is_an_error_with_the_nearest(capsys):
+    assert main(["check", "robby", "--strict", "use_mock_hardware:=true"]) == 0
+    assert main(["check", "robby", "use_mok_hardware:=true"]) == 2
+    said = capsys.readouterr().out
+    assert "robby.urdf.xacro: error: xacro: no argument 'use_mok_hardware', did you mean 'use_mock_hardware'?" in said
+
+
+def test_a_urdf_has_no_arguments(capsys):
+    assert main(["check", "arm6", "prefix:=a"]) == 2
+    assert "arm6.urdf: error: it is no xacro, so it has no arguments; leave prefix:= away" in capsys.readouterr().out
