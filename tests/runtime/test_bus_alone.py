@@ -109,7 +109,8 @@ def test_a_drive_under_a_proxy_driver_is_not_moved_and_a_driver_without_a_drive_
 def test_a_good_bus_is_good(tmp_path):
     report = check(write_drives(tmp_path, io=""))
     assert errors(report) == []
-    assert report.passes(strict=True)
+    told = [each.text for each in report.findings if each.severity is Severity.WARNING]
+    assert all("outputs" in each for each in told)  # which this I/O module leaves as they are when the master dies
     assert report.budgets["can"].fits
 
 
