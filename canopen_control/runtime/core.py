@@ -118,8 +118,7 @@ class RobotCore:
             self.manager.limiter = CommandLimits(setup.description, self.registry)
         prepare_controllers(setup, self.manager, self.registry)
         self.manager.on_switch(self._regroup)
-        self.needed = NeededNodes(made, self.latch, self.manager.running.forget, self.report)
-        self.after_cycle.append(self.needed.step)
+        self.needed = NeededNodes(made, self.latch, self.manager.running.forget, self.report, self.after_cycle)
 
     # ------------------------------------------------------------------------------------------- life
 
@@ -311,7 +310,8 @@ class RobotCore:
             text += cost_of_skipping(self.joints.values())
             self.report(Event(now, "cycle_missed", "", text, Level.WARNING, count=missed))
         for event in self.manager.events():
-            self.report(Event(now, event.kind, "", event.text, _CONTROLLER_LEVELS.get(event.kind, Level.WARNING)))
+            level = _CONTROLLER_LEVELS.get(event.kind, Level.WARNING)
+            self.report(Event(now, event.kind, "", event.text, level, controller=event.controller))
         if self.events.is_due(now):
             self._tell(self.events.tick(now))
         for hook in self.after_cycle:
@@ -397,4 +397,4 @@ class RobotCore:
             self.reactor.call_soon(self.on_stopped)
 
 
-_CONTROLLER_LEVELS = {"activated": Level.INFO, "deactivated": Level.INFO, "error": Level.ERROR}
+_CONTROLLER_LEVELS = {"error": Level.ERROR, **dict.fromkeys(("activated", "deactivated", "parameter_set"), Level.INFO)}

@@ -30,7 +30,7 @@ _RISING: Final = (Action.ENABLE, Action.HOME)
 class NeededNodes:
     """Watches the nodes of a robot that it needs and that move none of its joints, beside the `latch` of STOP.
 
-    `forget(now, why)` has every controller forget its command.
+    `forget(now, why)` has every controller forget its command; the hooks `after_cycle` get one more where it has nodes.
     """
 
     def __init__(
@@ -39,11 +39,14 @@ class NeededNodes:
         latch: StopLatch,
         forget: Callable[[int, str], None],
         report: Callable[[Event], None],
+        after_cycle: list[Callable[[int], None]],
     ) -> None:
         self._made, self._latch, self._forget, self._report = made, latch, forget, report
         moving = {joint.node.name for joint in made.joints.values()}
         self._nodes = [each for name, each in made.nodes.items() if name not in moving and each.config.boot.insists]
         self._ready = dict.fromkeys(self._nodes, False)
+        if self._nodes:
+            after_cycle.append(self.step)
 
     @property
     def hint(self) -> str | None:
