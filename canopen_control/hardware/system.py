@@ -14,7 +14,7 @@ from canopen_control.cia402.objects import AXES
 from canopen_control.errors import ControlError, RobotConfigError, UnknownInterface, nearest
 from canopen_control.hardware.axis_power import STOPPED
 from canopen_control.hardware.device_parts import DeviceParts
-from canopen_control.hardware.interfaces import OK, ReturnType
+from canopen_control.hardware.interfaces import OK, TARGET, ReturnType
 from canopen_control.hardware.joint import JointDrive
 from canopen_control.hardware.joint_targets import DIGITAL_OUTPUTS
 from canopen_control.hardware.lifecycle import Lifecycle
@@ -41,6 +41,7 @@ PLUGINS: Final[tuple[str, ...]] = (
     "canopen_ros2_control/CanopenSystem",
     "canopen_ros2_control/Cia402System",
     "canopen_ros2_control/RobotSystem",
+    "canopen_ros2_control/Cia402RobotSystem",
 )
 
 
@@ -93,10 +94,15 @@ class CanopenSystem(Lifecycle):
                 raise ControlError(
                     f"joint {joint.joint} is commanded by {joint.claimed}; deactivate that controller first"
                 )
-            joint.targets.mode_for(joint.targets.primary(interfaces))
+            primary = joint.targets.primary(interfaces)
+            if primary != TARGET:
+                joint.targets.mode_for(primary)
 
     def perform_command_mode_switch(self, start: Sequence[str], stop: Sequence[str]) -> None:
-        """Stop what is released, set the mode of what is claimed and enable it; nothing here waits."""
+        """Stop what is released, set the mode of what is claimed and enable it; nothing here waits.
+
+        What is claimed by its TARGET alone has the mode that a user asks for, and is enabled by a user's word.
+        """
         starting = self._moved(start)
         self.devices.release(stop)
         for joint in self._moved(stop):
@@ -106,7 +112,8 @@ class CanopenSystem(Lifecycle):
         for joint, interfaces in starting.items():
             primary = joint.targets.primary(interfaces)
             joint.targets.claim(primary, [each for each in interfaces if each != primary])
-        enable_together(list(starting), self._now, self._report)  # the switch is decided
+        rising = [joint for joint in starting if joint.claimed != TARGET]
+        enable_together(rising, self._now, self._report)  # the switch is decided
 
     def read(self, now: int, period: float) -> ReturnType:  # noqa: ARG002 - the verb of every component
         """Latch the newest process data."""

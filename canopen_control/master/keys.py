@@ -68,7 +68,6 @@ UNUSED_MASTER = {
 }
 #: the same for a node
 UNUSED_NODE = {
-    "driver": "every node is driven by this package",
     "package": "every node is driven by this package",
     "polling": "drives are read every SYNC",
     "period": "drives are read every SYNC",
@@ -235,6 +234,11 @@ class BootKeys:
     rpdo: dict[int, PdoConfig] = field(default_factory=dict)
     tpdo: dict[int, PdoConfig] = field(default_factory=dict)
     sdo: list[SdoEntry] = field(default_factory=list)
+
+    @property
+    def insists(self) -> bool:
+        """Whether the file says in so many words that nothing goes without the node."""
+        return bool(self.required or self.mandatory)
 
     def pdos(self, kind: str) -> dict[int, PdoConfig]:
         """Return the PDOs that bus.yml configures, by number; `kind` is "rpdo" or "tpdo"."""

@@ -1,6 +1,7 @@
 """Which files make a robot: a folder, a bundled name, a ROS package, or the three files one by one.
 
-A robot without drives on a bus, simulated or mocked, needs no bus.yml. In a ROS package the files lie in `config` or
+A robot without drives on a bus, simulated or mocked, needs no bus.yml. A bus without controllers needs nothing else:
+neither a ros2_controllers.yaml nor a description belongs to its folder. In a ROS package the files lie in `config` or
 `config/x`, and the description in `urdf` or `urdf/x` beside that.
 """
 
@@ -31,7 +32,8 @@ _DESCRIPTIONS = ("*.urdf.xacro", "*.urdf")
 class RobotFiles:
     """The three files of a robot and its name; `bus` may be absent, `more_buses` are its bus_NAME.yml by NAME.
 
-    `arguments` are those of its xacro.
+    `arguments` are those of its xacro. Of a bus without controllers the other two are its bus.yml, which is where their
+    mistakes stand.
     """
 
     name: str
@@ -44,6 +46,11 @@ class RobotFiles:
     def mappings(self, *, mock: bool = False) -> dict[str, str]:
         """Return xacro's arguments; of mock hardware the description is told, if it wants to know."""
         return {"use_mock_hardware?": "true"} | self.arguments if mock else self.arguments
+
+    @property
+    def bus_alone(self) -> bool:
+        """Whether this is a bus without controllers, whose nodes are all that there is."""
+        return self.controllers == self.description == self.bus
 
     @property
     def buses(self) -> dict[str, Path]:
@@ -74,8 +81,15 @@ def find_robot(
     no_bus: list[str] = []
     missing: list[str] = []
     main = _one(bus, folder, BUS, "--bus", no_bus, launched.get("bus"))
-    control = _one(controllers, folder, CONTROLLERS, "--controllers", missing, launched.get("controllers"))
-    described = _one(description, folder, _DESCRIPTIONS, "--description", missing, launched.get("description"))
+    alone = controllers is None and description is None and launch is None and not no_bus and _is_alone(folder)
+    control = (
+        main if alone else _one(controllers, folder, CONTROLLERS, "--controllers", missing, launched.get("controllers"))
+    )
+    described = (
+        main
+        if alone
+        else _one(description, folder, _DESCRIPTIONS, "--description", missing, launched.get("description"))
+    )
     beside = folder if main == Path() else main.parent
     more = _more_buses(beside, missing) if beside is not None and bus is None else {}
     missing += _irregular((main, control, described, *more.values()))
@@ -179,6 +193,21 @@ def _own(given: str | None, folder: Path | None, names: str | Sequence[str], opt
             return Path()
     missing.append(f"{folder} has no {wanted}{_elsewhere(folder, names)}")
     return Path()
+
+
+def _is_alone(folder: Path | None) -> bool:
+    """Whether nothing says what the nodes of a bus are for: no controllers and no description belong to its folder.
+
+    The description of the whole package is another robot's, where the folder is one of several in its `config`.
+    """
+    if folder is None:
+        return True
+    descriptions = _places(folder, described=True)
+    if folder.resolve().parent.name == "config":
+        descriptions = descriptions[:-1]
+    sought = [(place, CONTROLLERS) for place in _places(folder, described=False)]
+    sought += [(place, pattern) for place in descriptions for pattern in _DESCRIPTIONS]
+    return not any(next(place.glob(pattern), None) for place, pattern in sought)
 
 
 def _places(folder: Path, *, described: bool) -> list[Path]:
