@@ -45,6 +45,7 @@ __all__ = [
     "WheelBase",
     "is_moving",
     "not_enabled",
+    "twist_axes_of",
     "zero_targets",
 ]
 
@@ -68,7 +69,8 @@ class Geometry(Protocol):
 class WheelBase:
     """What a base controller assumes of the robot it drives, for `check`: wheels, sizes in m, frames.
 
-    `frozen` are the axes of a twist whose limits keep it from ever changing speed.
+    `frozen` are the axes of a twist whose limits keep it from ever changing speed. The keys are those under which its
+    parameters have the sizes; a separation of 0 is none that it knows.
     """
 
     left: tuple[str, ...]
@@ -79,6 +81,8 @@ class WheelBase:
     base_frame: str
     publishes_tf: bool = True
     frozen: tuple[str, ...] = ()
+    radius_key: str = "wheel_radius"
+    separation_key: str = "wheel_separation"
 
 
 class ControllerState(enum.Enum):
@@ -117,6 +121,11 @@ class ControllerEvent:
     text: str
 
 
+def twist_axes_of(controller: Controller) -> tuple[str, ...]:
+    """Return the axes of a twist that a base takes, empty for what is no base; by its topic where it says none."""
+    return controller.twist_axes or (("linear.x", "angular.z") if controller.topic == "cmd_vel" else ())
+
+
 @mypyc_attr(allow_interpreted_subclasses=True)
 class Controller:
     """A controller with no interfaces that does nothing; the hooks are what a real one overrides.
@@ -131,8 +140,12 @@ class Controller:
     is_broadcaster: ClassVar[bool] = False
     is_base: ClassVar[bool] = False
     """Whether its joints move one base (a vehicle): they stop together, and no verb acts on one of them alone."""
+    twist_axes: ClassVar[tuple[str, ...]] = ()
+    """The axes of the twists that a base takes, such as "linear.x"; empty if it takes values of joints."""
     independent: ClassVar[bool] = False
     """Whether each of its interfaces has a value of its own: one stop group of them may go on without another."""
+    settable: ClassVar[tuple[str, ...]] = ()
+    """The parameters that `on_set` takes while it is configured: patterns of dotted names, `gains.*`."""
     topic: ClassVar[str | None] = None
     tells: ClassVar[type[Sample] | None] = None
 
@@ -168,6 +181,12 @@ class Controller:
     def on_configure(self, params: Params) -> None:
         """Read the parameters; raise ConfigError with every mistake in them."""
         self.update_rate = params.read(CommonParams).update_rate
+
+    def on_set(self, params: Params) -> None:
+        """Take `settable` parameters that have changed, in any state; raise ConfigError, and keep what was, if wrong.
+
+        An override reads all of them, as `on_configure` does, before it changes anything.
+        """
 
     def command_interface_names(self) -> list[str]:
         """Return what it claims when active, as "joint/interface"."""

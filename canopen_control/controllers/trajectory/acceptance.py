@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Final
 
+from canopen_control.controllers.trajectory.point_limiter import PointLimiter
 from canopen_control.controllers.trajectory.validation import (
     JointLimits,
     Refused,
@@ -68,6 +69,13 @@ class Acceptance:
         return (
             None if lacks is None else f"decelerate_on_cancel has no effect, what is cancelled is held at once: {lacks}"
         )
+
+    def point_limiter(self) -> PointLimiter | None:
+        """Return what keeps each point within the limits, None where none is wanted."""
+        if not self._params.joint_limiter_type:
+            return None
+        pairs = zip(self.limits.values(), self._params.joint_limits, strict=True)
+        return PointLimiter([given.hard(known.lower, known.upper, known.velocity) for known, given in pairs])
 
     def take_limits(self) -> None:
         """Take the limits that the hardware interfaces know beside the description's."""
