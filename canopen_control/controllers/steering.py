@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, ClassVar
 from mypy_extensions import mypyc_attr
 
 from canopen_control.controllers.base import WheelBase
-from canopen_control.controllers.mobile_base import BASELINE, TOO_SHORT, MobileBase
+from canopen_control.controllers.mobile_base import MobileBase
 from canopen_control.controllers.state_copy import finite
 from canopen_control.controllers.steering_kinematics import SteeringKinematics
 from canopen_control.controllers.steering_params import (
@@ -75,7 +75,7 @@ class SteeringController(MobileBase):
         count = len(self.joints)
         self._traction, self._steering = [0.0] * self.kinematics.traction_count, [0.0] * self.kinematics.steering_count
         self._reading, self._driven = [0.0] * count, [0.0] * count
-        self.set_up(given, given.reference_timeout, count)
+        self.set_up(given, given.reference_timeout, count, open_loop=given.open_loop)
 
     def command_interface_names(self) -> list[str]:
         """Return the velocities of traction, then the positions of steering."""
@@ -104,27 +104,23 @@ class SteeringController(MobileBase):
         for index in range(wheels.steering_count):
             self.targets[count + index] = wheels.steering[index]
 
-    def follow(self, now: int) -> bool:
-        """Move the odometry; return False if a wheel's feedback is not known."""
-        wheels, given = self.kinematics, self.params
-        if not (given.open_loop or self.states_known()):
-            return False
-        dt = self.elapsed(now)
-        if dt == TOO_SHORT:
-            return True
-        if given.open_loop:
-            if dt != BASELINE:
-                wheels.update_open_loop(self.limited[0], self.limited[1], dt)
-            return True
+    def begin(self) -> None:
+        """Take the wheels as they stand."""
         self._read()
-        if dt == BASELINE:
-            wheels.begin(self._traction)
-            wheels.angle = wheels.measured_angle(self._steering)
-        elif given.position_feedback:
-            wheels.update_position(self._traction, self._steering, dt)
+        self.kinematics.begin(self._traction)
+        self.kinematics.angle = self.kinematics.measured_angle(self._steering)
+
+    def advance(self, dt: float) -> None:
+        """Follow the wheels."""
+        self._read()
+        if self.params.position_feedback:
+            self.kinematics.update_position(self._traction, self._steering, dt)
         else:
-            wheels.update_velocity(self._traction, self._steering, dt)
-        return True
+            self.kinematics.update_velocity(self._traction, self._steering, dt)
+
+    def believe(self, dt: float) -> None:
+        """Follow the twist."""
+        self.kinematics.update_open_loop(self.limited[0], self.limited[1], dt)
 
     def _read(self) -> None:
         count = self.kinematics.traction_count
