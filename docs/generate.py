@@ -81,6 +81,7 @@ _TYPES = {
 _PARTS = {
     "PdoConfig": "a [PDO](#one-pdo)",
     "SdoEntry": "[objects](#an-object-of-sdo)",
+    "SignalKeys": "[signals](#a-signal)",
     "PdoObject": "[objects](#a-mapped-object)",
     "AxisUnits": "[units](#the-units-of-one-axis)",
 }
@@ -146,6 +147,7 @@ def bus_yml() -> str:
         ("A mapped object", keys.PdoObject, {}),
         ("An object of `sdo`", keys.SdoEntry, {}),
         ("The units of one axis", keys.AxisUnits, {}),
+        ("A signal", keys.SignalKeys, {}),
     )
     text = [
         "# The keys of `bus.yml`\n",
@@ -223,7 +225,11 @@ def controllers() -> str:
                 _keys(pid_params.DofGains, CONTROLLERS["DofGains"], {}),
             ]
         if cls is trajectory.TrajectoryParams:
-            for part, title in ((trajectory.JointGains, "gains"), (trajectory.JointConstraints, "constraints")):
+            for part, title in (
+                (trajectory.JointGains, "gains"),
+                (trajectory.JointConstraints, "constraints"),
+                (trajectory.LimitParams, "joint_limits"),
+            ):
                 text += [f"### Each joint: `{title}.JOINT.KEY`\n", _keys(part, CONTROLLERS[part.__name__], {})]
     return "\n".join(text)
 

@@ -31,7 +31,8 @@ BUS_YML: dict[str, dict[str, str]] = {
         "sync_order": "`last`: SYNC follows the RPDOs of its cycle, and drives act on them at once; `first`: SYNC "
         "begins the cycle, and its RPDOs have a whole period to arrive, which is when drives act on them. A cycle that "
         "follows another's SYNC comes half a period after it, with `first` an eighth",
-        "sync_producer": "who sends SYNC: the master, or `other`, a node of the bus, whose SYNC the cycle follows",
+        "sync_producer": "who sends SYNC: the `master`; the `kernel`, where the channel is a SocketCAN interface, else "
+        "the master; `other`, a node of the bus. The cycle follows the SYNC of others",
         "heartbeat_multiplier": "as in `options`, for the nodes of this bus",
         "heartbeat_producer": "ms between two heartbeats of the master; 0: 100",
         "boot_time": "ms that required nodes may take until they run; 0: for ever",
@@ -84,6 +85,9 @@ BUS_YML: dict[str, dict[str, str]] = {
         "ignore_remote": "bit 9 (remote) of the statusword does not count, for drives that never set it",
         "transition_timeout_ms": "ms that the drive may take for a transition of CiA 402",
         "transition_timeouts_ms": "the same by the transition's number",
+        "profile": "the device profile (401 I/O, 402 drive, 404 measuring, 406 encoder, 410 inclinometer, 418 battery) "
+        "where its file says a wrong one; absent: a drive has 0x6040 and 0x6041, else 0x1000 says it, else the objects",
+        "signals": "signals of the device in units, beside and before those of its profile",
         "namespace": "of its topics and services in ROS",
         "remappings": "of its topics and services in ROS",
         "channel_names": "names of the axes, for the services of each in ROS",
@@ -105,6 +109,16 @@ BUS_YML: dict[str, dict[str, str]] = {
         "value": "a number, text, hex digits for bytes, or `save` and `load` for 0x1010 and 0x1011",
     },
     "The units of one axis": _UNITS,
+    "A signal": {
+        "name": "of the interface; a name of the profile (`di0`, `ai1`, `position`) changes that signal",
+        "object": 'its object, 0x6401 or "0x6401:01", or a bit of one, "0x6000:01.3"',
+        "type": "what the bits of the object are taken for, where its file says a wrong type",
+        "factor": "units per raw number; instead of what the device says of its scale",
+        "offset": "units that are added",
+        "unit": "the name of the unit, for people",
+        "invalid": "raw numbers that stand for no value, and are shown as nan",
+        "safe": "of an output: its value when the master is gone (0x6207 and its like), or `keep`; absent: 0",
+    },
 }
 
 _TIMEOUT = "s after which a command ends; absent: 2 for velocities and efforts, none for positions; 0: never"
@@ -113,7 +127,7 @@ CONTROLLERS: dict[str, dict[str, str]] = {
     "CommonParams": {
         "type": "the type of the controller; it may stand in the controller manager's block instead",
         "update_rate": "Hz; 0: the controller manager's",
-        "use_sim_time": "accepted, as every node of ROS has it",
+        "use_sim_time": "for simulated robots, which publish /clock; elsewhere it is told to have no effect",
         "is_async": "has no effect: all controllers run in the cycle",
         "thread_priority": "has no effect: `run --realtime` sets the priority of the cycle",
     },
@@ -242,6 +256,7 @@ CONTROLLERS: dict[str, dict[str, str]] = {
         "constraints.decelerate_on_cancel": "brakes with `max_deceleration_on_cancel` where a trajectory is given up",
         "allowed_start_tolerance": "rad or m from a joint to the first point, beyond what it can go until then; 0: any",
         "continue_without_client": "a goal goes on when the action client that sent it is gone, as upstream's does",
+        "joint_limiter_type": "keeps each commanded point within the limits (rolling); empty: nothing does",
     },
     "JointGains": {
         "p": "proportional gain of the loop over a velocity or effort",
@@ -256,6 +271,17 @@ CONTROLLERS: dict[str, dict[str, str]] = {
         "antiwindup_strategy": "what the integral does at a limit of the output",
         "tracking_time_constant": "s of back_calculation; 0: from the gains",
         "error_deadband": "an error that is not integrated",
+    },
+    "LimitParams": {
+        "has_position_limits": "false: positions are not limited",
+        "min_position": "rad or m; nan: that of the description",
+        "max_position": "rad or m; nan: that of the description",
+        "has_velocity_limits": "false: velocities are not limited",
+        "max_velocity": "rad/s or m/s; nan: that of the description",
+        "has_acceleration_limits": "false: accelerations are not limited",
+        "max_acceleration": "rad/s² or m/s²; nan: none",
+        "has_deceleration_limits": "false: braking is limited as speeding up is",
+        "max_deceleration": "rad/s² or m/s², of braking; nan: as `max_acceleration`",
     },
     "JointConstraints": {
         "trajectory": "rad or m off the path that abort; 0: any",

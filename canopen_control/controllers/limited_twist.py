@@ -29,12 +29,9 @@ class LimitedTwist:
         self._limiters = [_FREE] * count
 
     def set_limits(self, controller: str, limits: Sequence[AxisLimits]) -> None:
-        """Limit each axis from now on; RobotConfigError where a minimum is above its maximum."""
-        for index, (axis, each) in enumerate(zip(self._axes, limits, strict=True)):
-            try:
-                self._limiters[index] = RateLimiter(each.limits())
-            except ValueError as error:
-                raise RobotConfigError(f"{controller}: {axis}: {error}: a minimum is above its maximum") from error
+        """Limit each axis from now on; RobotConfigError, and nothing changed, where a minimum is above its maximum."""
+        axes = zip(self._axes, limits, strict=True)
+        self._limiters = [_limiter(controller, axis, each.limits()) for axis, each in axes]
 
     @property
     def known(self) -> bool:
@@ -63,6 +60,13 @@ class LimitedTwist:
         fill(self.wanted, math.nan)
         fill(self._previous, 0.0)
         fill(self._before, 0.0)
+
+
+def _limiter(controller: str, axis: str, limits: Limits) -> RateLimiter:
+    try:
+        return RateLimiter(limits)
+    except ValueError as error:
+        raise RobotConfigError(f"{controller}: {axis}: {error}: a minimum is above its maximum") from error
 
 
 def fill(values: list[float], value: float) -> None:

@@ -30,6 +30,9 @@ class MecanumDriveController(HolonomicBase):
     topic: ClassVar[str | None] = "reference"
     tells: ClassVar[type[Sample] | None] = MecanumSample
     timeout_key: ClassVar[str] = "reference_timeout"
+    settable: ClassVar[tuple[str, ...]] = (
+        "reference_timeout", "enable_odom_tf", "linear.x.*", "linear.y.*", "angular.z.*",
+    )  # fmt: skip
 
     def __init__(self, name: str, type_name: str = "mecanum_drive_controller/MecanumDriveController") -> None:
         self.kinematics = MecanumKinematics(1.0, 1.0)
@@ -55,6 +58,12 @@ class MecanumDriveController(HolonomicBase):
         self.move_by(self.kinematics)
         self.joints, self.interface = given.commanded, VELOCITY
         self.set_up(given, given.reference_timeout, len(self.joints), given.limits)
+
+    def on_set(self, params: Params) -> None:
+        """Take other limits and another timeout, from the next update on."""
+        given = read_params(params)
+        self.take(given, given.reference_timeout, given.limits)
+        self.params = given
 
     def state_interface_names(self) -> list[str]:
         """Return the velocity of every wheel, in the same order."""

@@ -92,11 +92,18 @@ class MobileBase(Controller):
         publish_rate: float = 0.0,
         open_loop: bool = False,
     ) -> None:
-        """Take what every base has of its parameters: `timeout` in s, how many `commands`, limits of each axis."""
+        """Take what every base has of its parameters: how many `commands`, and see `take`."""
         self._open_loop = open_loop
-        self._odometry_params = given
+        self.take(given, timeout, limits)
+        self.update_rate, self.publish_rate = given.update_rate, publish_rate
+        self._publication.set_rate(publish_rate)
+        self.targets = [0.0] * commands
+
+    def take(self, given: BaseParams, timeout: float, limits: Sequence[AxisLimits] = ()) -> None:
+        """Take what may change while it runs: `timeout` in s, limits of each axis, what odometry says."""
         if limits:
             self._twist.set_limits(self.name, limits)
+        self._odometry_params = given
         for axis, each in zip(self.twist_axes, limits, strict=False):
             if each.freezes:
                 self.tell("parameter", f"{axis}.max_jerk: 0 keeps it from ever changing speed; remove it")
@@ -105,9 +112,6 @@ class MobileBase(Controller):
             self.tell(ONE_UPDATE, f"{self.timeout_key}: 0 lets a twist move it for one update; give a time in s")
         elif (text := endless(self.timeout_key, timeout, (VELOCITY,))) is not None:
             self.tell(ENDLESS, text)
-        self.update_rate, self.publish_rate = given.update_rate, publish_rate
-        self._publication.set_rate(publish_rate)
-        self.targets = [0.0] * commands
 
     def work_out(self, twist: Sequence[float]) -> None:
         """Fill `targets`, one for each command, for a twist."""

@@ -7,7 +7,7 @@ odometry starts at the first sample, and feedback is waited for, see `mobile_bas
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 from canopen_control.controllers.base import WheelBase
 from canopen_control.controllers.holonomic_base import HolonomicBase
@@ -24,6 +24,8 @@ __all__ = ["OmniWheelDriveController"]
 
 class OmniWheelDriveController(HolonomicBase):
     """Drives a base on omni wheels; `kinematics` is where it is."""
+
+    settable: ClassVar[tuple[str, ...]] = ("cmd_vel_timeout", "enable_odom_tf", "publish_limited_velocity")
 
     def __init__(self, name: str, type_name: str = "omni_wheel_drive_controller/OmniWheelDriveController") -> None:
         self.kinematics = OmniKinematics(LEAST_WHEELS, 1.0, 1.0)
@@ -45,6 +47,12 @@ class OmniWheelDriveController(HolonomicBase):
         self.joints, self.interface = given.wheel_names, VELOCITY
         self._reading = [0.0] * count
         self.set_up(given, given.cmd_vel_timeout, count, open_loop=given.open_loop)
+
+    def on_set(self, params: Params) -> None:
+        """Take another timeout, other things to publish, from the next update on."""
+        given = read_params(params)
+        self.take(given, given.cmd_vel_timeout)
+        self.params = given
 
     def state_interface_names(self) -> list[str]:
         """Return position or velocity of every wheel; nothing if the loop is open."""

@@ -234,9 +234,9 @@ class RobotCore:
         self.manager.send_goal(controller, goal, self.reactor.now(), source=source, holder=holder)
         self.commander = source
 
-    def let_go(self, holder: object) -> None:
-        """End what a commander has commanded who is gone, unless somebody else commands by now."""
-        self.manager.running.let_go(holder)
+    def let_go(self, holder: object, why: str = "is gone") -> None:
+        """End what a commander has commanded who is gone, or `why` he counts as that, unless somebody else commands."""
+        self.manager.running.let_go(holder, why)
 
     def switch(self, activate: Sequence[str], deactivate: Sequence[str], *, strict: bool) -> None:
         """Switch controllers, loading and configuring those that are not; ControlError, and nothing is changed."""
@@ -309,7 +309,8 @@ class RobotCore:
             text += cost_of_skipping(self.joints.values())
             self.report(Event(now, "cycle_missed", "", text, Level.WARNING, count=missed))
         for event in self.manager.events():
-            self.report(Event(now, event.kind, "", event.text, _CONTROLLER_LEVELS.get(event.kind, Level.WARNING)))
+            level = _CONTROLLER_LEVELS.get(event.kind, Level.WARNING)
+            self.report(Event(now, event.kind, "", event.text, level, controller=event.controller))
         if self.events.is_due(now):
             self._tell(self.events.tick(now))
         for hook in self.after_cycle:
@@ -395,4 +396,4 @@ class RobotCore:
             self.reactor.call_soon(self.on_stopped)
 
 
-_CONTROLLER_LEVELS = {"activated": Level.INFO, "deactivated": Level.INFO, "error": Level.ERROR}
+_CONTROLLER_LEVELS = {"error": Level.ERROR, **dict.fromkeys(("activated", "deactivated", "parameter_set"), Level.INFO)}

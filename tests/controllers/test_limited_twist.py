@@ -35,6 +35,11 @@ def test_each_axis_goes_from_where_it_was_and_from_standstill_after_it_was_forgo
     assert twist.limited[0] == pytest.approx(0.1)
 
 
-def test_limits_that_exclude_each_other_are_told_with_controller_and_axis():
+def test_limits_that_exclude_each_other_are_told_with_controller_and_axis_and_change_nothing():
+    twist = LimitedTwist(AXES)
+    wrong = [AxisLimits(max_velocity=0.5), AxisLimits(max_velocity=1.0, min_velocity=2.0)]
     with pytest.raises(RobotConfigError, match=r"base: angular\.z: .*a minimum is above its maximum"):
-        LimitedTwist(AXES).set_limits("base", [AxisLimits(), AxisLimits(max_velocity=1.0, min_velocity=2.0)])
+        twist.set_limits("base", wrong)
+    fill(twist.wanted, 3.0)
+    twist.limit(0.1)
+    assert twist.limited == [3.0, 3.0]

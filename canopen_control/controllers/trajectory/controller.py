@@ -21,7 +21,7 @@ from canopen_control.controllers.trajectory.params import TrajectoryParams, read
 from canopen_control.controllers.trajectory.point import JointTrajectory, Point
 from canopen_control.controllers.trajectory.scaling import SpeedScaling
 from canopen_control.controllers.trajectory.tolerances import SegmentTolerances, resolve
-from canopen_control.controllers.trajectory.upsampling import fill_velocities, positions_alone, time_points
+from canopen_control.controllers.trajectory.upsampling import positions_alone, upsampled
 from canopen_control.errors import RobotConfigError, TrajectoryRefused
 from canopen_control.hardware.interfaces import OK, POSITION, ReturnType
 from canopen_control.rpc.messages.samples import TrajectorySample
@@ -49,6 +49,11 @@ class JointTrajectoryController(Controller):
     """
 
     tells: ClassVar[type[Sample] | None] = TrajectorySample
+    settable: ClassVar[tuple[str, ...]] = (
+        "gains.*", "constraints.stopped_velocity_tolerance", "constraints.goal_time", "constraints.*.trajectory",
+        "constraints.*.goal", "allow_partial_joints_goal", "allow_integration_in_goal_trajectories",
+        "allow_nonzero_velocity_at_trajectory_end",
+    )  # fmt: skip
 
     def __init__(self, name: str, type_name: str = "joint_trajectory_controller/JointTrajectoryController") -> None:
         super().__init__(name, type_name)
@@ -70,6 +75,7 @@ class JointTrajectoryController(Controller):
     def on_configure(self, params: Params) -> None:
         """Read the parameters, see `params`; what cannot be together is an error."""
         self.params = given = read_params(params, self.name)
+        self._changed = None
         self.update_rate = given.update_rate
         if self.cycle_rate <= 0:
             raise RobotConfigError(f"{self.name}: the update_rate is {self.cycle_rate} Hz; give one above 0")
@@ -84,6 +90,10 @@ class JointTrajectoryController(Controller):
         self._default = self.tolerances = given.tolerances()
         positions = tuple(given.command_interfaces) == (POSITION,)
         self.speed = SpeedScaling(given.initial_scaling_factor, allowed=positions)
+
+    def on_set(self, params: Params) -> None:
+        """Take other gains, and tolerances of trajectories to come, in the next cycle."""
+        self.change(read_params(params, self.name))
 
     def command_interface_names(self) -> list[str]:
         """Return those of each commanded joint, and that of the speed scaling."""
@@ -105,6 +115,7 @@ class JointTrajectoryController(Controller):
         self._default = given.tolerances()
         self._timeout = given.cmd_timeout if given.cmd_timeout > given.goal_time else 0.0
         self._acceptance.take_limits()
+        self._follower.limiter = self._acceptance.point_limiter()
         self.stamp, self.goal = 0, None
         self.life.end()
         group.actual = group.blank()
@@ -148,13 +159,9 @@ class JointTrajectoryController(Controller):
         A goal that is being executed is judged by it from then on.
         """
         given = self.params
-        upsampled = given.upsampling and given.interpolation_method == "splines" and positions_alone(message)
-        if upsampled:
-            message.points = list(message.points)
-            time_points(message.points, given.policy_frequency)
+        if given.upsampling and given.interpolation_method == "splines" and positions_alone(message):
+            message.points = upsampled(message, given.policy_frequency) or message.points
         self._check(message, now)
-        if upsampled:
-            fill_velocities(list(message.points))
         self._queue(message, now)
 
     def send_goal(self, goal: Goal | JointTrajectory, now: int) -> None:
@@ -250,6 +257,7 @@ class JointTrajectoryController(Controller):
 
     def _queue(self, message: JointTrajectory, now: int) -> None:
         self._follower.follow(message)
+        self._follower.limited = None
         self.life.give(now)
 
     # ----------------------------------------------------------------------------------------------------- cycle
@@ -288,7 +296,10 @@ class JointTrajectoryController(Controller):
         group.compare(follower.desired)
         judgement.look(self.tolerances, follower, over=over, past=past)
         if not judgement.stops:
+            free = follower.limited is None
             follower.write(now, period)
+            if free and follower.limited is not None:
+                self.tell("limited", f"{follower.limited} is held back by its limits; plan slower, or see joint_limits")
         if not follower.holding:
             self._take_verdict(judgement.verdict(self.tolerances))
 
