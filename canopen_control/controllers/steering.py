@@ -3,7 +3,8 @@
 The law of the file (ros2_controllers jazzy): odometry is followed and published in every update, commanded or not.
 Without a twist traction is 0 and the steered wheels stay as they are; a twist of zeros that is commanded steers them
 straight. In closed loop the wheels of a curve turn as the measured curve wants it. Ours: a `reference_timeout` of 0
-lets a twist move it for one update, and feedback is waited for, see `mobile_base`.
+lets a twist move it for one update, no wheel turns faster than the wanted curve needs, wherever the steering still is,
+and feedback is waited for, see `mobile_base`.
 """
 
 from __future__ import annotations
@@ -105,6 +106,7 @@ class SteeringController(MobileBase):
         """Share a twist out to traction and steering."""
         wheels, given = self.kinematics, self.params
         wheels.command(twist[0], twist[1], given.open_loop, given.reduce_wheel_speed_until_steering_reached)
+        wheels.bound(twist[0], twist[1])
         count = wheels.traction_count
         for index in range(count):
             self.targets[index] = wheels.traction[index]
