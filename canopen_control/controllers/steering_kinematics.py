@@ -139,6 +139,20 @@ class SteeringKinematics(PlanarPose):
         self.set_traction(speed, curve)
         self.set_steering(angle, curve)
 
+    def bound(self, linear: float, angular: float) -> None:
+        """Keep every traction wheel as slow as the wanted curve has its fastest one, in m/s and rad/s; after `command`.
+
+        With the steering across, wheels of the curve that is measured would turn without bounds.
+        """
+        most = (abs(linear) + self.traction_track / 2.0 * abs(angular)) / self.radius
+        fastest = 0.0
+        for index in range(self.traction_count):
+            fastest = max(fastest, abs(self.traction[index]))
+        if fastest <= most:
+            return
+        for index in range(self.traction_count):
+            self.traction[index] = self.traction[index] / fastest * most if math.isfinite(fastest) else 0.0
+
     def share(self, speed: float, angle: float) -> None:
         """Have the outer of two traction wheels turn faster than the inner one."""
         if abs(angle) < _STRAIGHT:

@@ -78,6 +78,20 @@ def test_the_first_position_is_where_it_starts_from_once_that_is_said():
     assert (base.x, base.y, base.linear) == (0.0, 0.0, 0.0)
 
 
+def test_bounded_wheels_keep_their_ratio():
+    base = TricycleKinematics(0.1, 1.2, 0.8)
+    base.update_velocity([0.0, 0.0], [1.4], 0.01)
+    base.command(0.5, 0.0, open_loop=False)
+    before = base.traction[0] / base.traction[1]
+    base.bound(0.5, 0.0)
+    assert max(map(abs, base.traction)) == pytest.approx(5.0)
+    assert base.traction[0] / base.traction[1] == pytest.approx(before)
+    base.command(0.5, 0.1, open_loop=True)
+    unbounded = list(base.traction)
+    base.bound(0.5, 0.1)
+    assert base.traction == pytest.approx(unbounded), "the wanted curve itself is not slowed down"
+
+
 def test_two_traction_wheels_stand_where_only_a_turn_is_wanted():
     base = TricycleKinematics(0.1, 1.2, 0.8)
     base.command(0.0, 1.0, open_loop=True)

@@ -6,6 +6,7 @@ import pytest
 from support.configs import ROBOTS, changed
 from support.robots import Bench
 
+from canopen_control.errors import ControlError
 from canopen_control.host.reactor import Reactor
 from canopen_control.host.timer import ManualClock
 from canopen_control.runtime.core import RobotCore, RobotState
@@ -140,6 +141,32 @@ def test_a_forklift_steers_with_its_rear_wheel_and_knows_where_it_is():
     assert steering == pytest.approx(math.atan(0.25 * 1.2 / 0.5), abs=1e-3), "the angle is held"
     assert stood.linear == 0.0
     assert math.hypot(stood.x, stood.y) > 2.0
+    bench.close()
+
+
+def test_a_forklift_whose_steering_is_lost_stands_and_goes_on_with_a_newer_twist_once_it_is_enabled():
+    base = "forklift_base_controller"
+    bench = Bench("lost", config="forklift", drives=(2, 3, 4))
+    bench.start()
+    for _ in range(20):
+        bench.robot.command(base, [0.5, 0.25], "test")
+        bench.run(100)
+    bench.power_off(4)
+    bench.run(3000)
+    assert bench.speed(2) == bench.speed(3) == 0
+    with pytest.raises(ControlError, match="steering"):
+        bench.robot.command(base, [0.5, 0.25], "test")
+    bench.power_on(4)
+    bench.run(3000)
+    for joint in bench.robot.joints.values():
+        joint.enable()
+    bench.run(1000)
+    assert bench.speed(2) == bench.speed(3) == 0, "nothing moves before a newer twist"
+    assert bench.robot.manager.states[base] == "active"
+    assert bench.drives[4].get(0x6064) == 0, "the drive, which began anew, is held where it is"
+    bench.robot.command(base, [0.5, 0.25], "test")
+    bench.run(300)
+    assert bench.speed(2) > 0
     bench.close()
 
 
