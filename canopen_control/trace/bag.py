@@ -172,11 +172,16 @@ class BagWriter:
         pose = ros.make("geometry_msgs/Pose", point, self._quaternion(from_yaw(sample.heading)))
         spread = ros.floats(diagonal(sample.pose_covariance))
         with_pose = ros.make("geometry_msgs/PoseWithCovariance", pose, spread)
-        twist, spread = ros.twist(sample.linear, sample.angular), ros.floats(diagonal(sample.twist_covariance))
+        twist, spread = (
+            ros.twist(sample.linear, sample.angular, sample.lateral),
+            ros.floats(diagonal(sample.twist_covariance)),
+        )
         with_twist = ros.make("geometry_msgs/TwistWithCovariance", twist, spread)
         header = ros.header(time, sample.frame_id)
         message = ros.make("nav_msgs/Odometry", header, sample.child_frame_id, with_pose, with_twist)
-        self._write(f"/{name}/odom", time, message)
+        controller = self._controllers.get(name)
+        topic = "odom" if controller is None else controller.odometry_topic
+        self._write(f"/{name}/{topic}", time, message)
         if sample.limited is not None:
             header = ros.header(time, sample.child_frame_id)
             stamped = ros.make("geometry_msgs/TwistStamped", header, ros.twist(*sample.limited))

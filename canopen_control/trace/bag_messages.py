@@ -59,9 +59,9 @@ class BagMessages:
         """Return a vector."""
         return self.make("geometry_msgs/Vector3", float(x), float(y), float(z))
 
-    def twist(self, linear: float, angular: float) -> Any:  # noqa: ANN401 - as above
+    def twist(self, linear: float, angular: float, lateral: float = 0.0) -> Any:  # noqa: ANN401 - as above
         """Return a twist of a base: m/s and rad/s."""
-        return self.make("geometry_msgs/Twist", self.vector(linear), self.vector(z=angular))
+        return self.make("geometry_msgs/Twist", self.vector(linear, lateral), self.vector(z=angular))
 
     def floats(self, values: Iterable[float]) -> Any:  # noqa: ANN401 - a numpy array
         """Return an array of numbers."""

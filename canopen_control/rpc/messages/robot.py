@@ -141,11 +141,15 @@ class CommandController(Request[Done], frozen=True, kw_only=True):
 
 @ROBOT.method("twist", Effect.MOVES)
 class TwistController(Request[Done], frozen=True, kw_only=True):
-    """The same as velocities of a base, m/s and rad/s; `stamp` is when it was made."""
+    """The same as velocities of a base: forward and, where it can, `lateral` to the left in m/s, `angular` in rad/s.
+
+    `stamp` is when it was made.
+    """
 
     controller: str
     linear: float
     angular: float
+    lateral: float = 0.0
     source: str | None = None
     dead_man: bool = False
     stamp: float | None = None
