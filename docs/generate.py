@@ -81,6 +81,7 @@ _TYPES = {
 _PARTS = {
     "PdoConfig": "a [PDO](#one-pdo)",
     "SdoEntry": "[objects](#an-object-of-sdo)",
+    "SignalKeys": "[signals](#a-signal)",
     "PdoObject": "[objects](#a-mapped-object)",
     "AxisUnits": "[units](#the-units-of-one-axis)",
 }
@@ -146,6 +147,7 @@ def bus_yml() -> str:
         ("A mapped object", keys.PdoObject, {}),
         ("An object of `sdo`", keys.SdoEntry, {}),
         ("The units of one axis", keys.AxisUnits, {}),
+        ("A signal", keys.SignalKeys, {}),
     )
     text = [
         "# The keys of `bus.yml`\n",

@@ -85,6 +85,9 @@ BUS_YML: dict[str, dict[str, str]] = {
         "ignore_remote": "bit 9 (remote) of the statusword does not count, for drives that never set it",
         "transition_timeout_ms": "ms that the drive may take for a transition of CiA 402",
         "transition_timeouts_ms": "the same by the transition's number",
+        "profile": "the device profile (401 I/O, 402 drive, 404 measuring, 406 encoder, 410 inclinometer, 418 battery) "
+        "where its file says a wrong one; absent: a drive has 0x6040 and 0x6041, else 0x1000 says it, else the objects",
+        "signals": "signals of the device in units, beside and before those of its profile",
         "namespace": "of its topics and services in ROS",
         "remappings": "of its topics and services in ROS",
         "channel_names": "names of the axes, for the services of each in ROS",
@@ -106,6 +109,16 @@ BUS_YML: dict[str, dict[str, str]] = {
         "value": "a number, text, hex digits for bytes, or `save` and `load` for 0x1010 and 0x1011",
     },
     "The units of one axis": _UNITS,
+    "A signal": {
+        "name": "of the interface; a name of the profile (`di0`, `ai1`, `position`) changes that signal",
+        "object": 'its object, 0x6401 or "0x6401:01", or a bit of one, "0x6000:01.3"',
+        "type": "what the bits of the object are taken for, where its file says a wrong type",
+        "factor": "units per raw number; instead of what the device says of its scale",
+        "offset": "units that are added",
+        "unit": "the name of the unit, for people",
+        "invalid": "raw numbers that stand for no value, and are shown as nan",
+        "safe": "of an output: its value when the master is gone (0x6207 and its like), or `keep`; absent: 0",
+    },
 }
 
 _TIMEOUT = "s after which a command ends; absent: 2 for velocities and efforts, none for positions; 0: never"

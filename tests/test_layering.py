@@ -32,11 +32,12 @@ MAY_IMPORT = {
     "od": (set(), PURE),
     "cia301": ({"od"}, PURE),
     "cia402": ({"od", "cia301"}, PURE),
+    "profiles": ({"od"}, PURE),
     "bus": ({"host", "rpc"}, STDLIB | {"can"}),
-    "master": ({"od", "cia301", "cia402", "bus", "yamlfile", "data_files"}, STDLIB),
-    "virtual": ({"od", "cia301", "cia402", "bus", "host", "rpc", "yamlfile"}, STDLIB | {"numpy"}),
+    "master": ({"od", "cia301", "cia402", "profiles", "bus", "yamlfile", "data_files"}, STDLIB),
+    "virtual": ({"od", "cia301", "cia402", "profiles", "bus", "host", "rpc", "yamlfile"}, STDLIB | {"numpy"}),
     "hardware": (
-        {"od", "cia301", "cia402", "master", "yamlfile", "urdf"},
+        {"od", "cia301", "cia402", "profiles", "master", "yamlfile", "urdf"},
         STDLIB | MARKS,
     ),
     "controllers": ({"cia301", "cia402", "hardware.interfaces", "urdf", "yamlfile"}, STDLIB | MARKS | {"numpy"}),
@@ -45,6 +46,7 @@ MAY_IMPORT = {
             "od",
             "cia301",
             "cia402",
+            "profiles",
             "bus",
             "host",
             "rpc",
@@ -58,6 +60,7 @@ MAY_IMPORT = {
         },
         STDLIB,
     ),
+    "scaffold": ({"od", "cia402", "controllers", "master", "runtime"}, STDLIB),
     "client": ({"host", "rpc", "yamlfile"}, STDLIB),  # files of what is sent
     "robot": ({"client", "rpc", "runtime", "od"}, STDLIB),  # the library: a client, of a runtime that it starts too
     "ros": ({"client", "host", "rpc", "urdf"}, None),

@@ -16,6 +16,7 @@ from typing import Any, Literal
 
 from canopen_control.frame import MAX_NODE_ID
 from canopen_control.od.model import BIT_RATES
+from canopen_control.profiles.device_signal import TYPES
 from canopen_control.yamlfile.convert import derived, part, setting
 
 __all__ = [
@@ -33,6 +34,7 @@ __all__ = [
     "PdoObject",
     "RosKeys",
     "SdoEntry",
+    "SignalKeys",
     "SupervisionKeys",
     "UnitKeys",
     "named_scale",
@@ -292,6 +294,24 @@ class MotionKeys:
 
 
 @dataclass(frozen=True)
+class SignalKeys:
+    """One signal of a device in units; what is None is that of the device's profile.
+
+    value = raw number * factor + offset; raw numbers in `invalid` are nan. `safe` is what an output is to be when the
+    master is gone.
+    """
+
+    name: str
+    object: int | str | None = None
+    type: str | None = setting(None, choices=tuple(TYPES))
+    factor: float | None = None
+    offset: float | None = None
+    unit: str | None = None
+    invalid: float | list[float] | None = None
+    safe: bool | int | float | Literal["keep"] | None = None
+
+
+@dataclass(frozen=True)
 class RosKeys:
     """What the ROS bridge calls the node and its axes."""
 
@@ -314,6 +334,8 @@ class NodeConfig:
     units: UnitKeys = part()  # noqa: RUF009 - makes a field
     motion: MotionKeys = part()  # noqa: RUF009 - makes a field
     ros: RosKeys = part()  # noqa: RUF009 - makes a field
+    profile: Literal[401, 402, 404, 406, 410, 418] | None = None
+    signals: list[SignalKeys] = field(default_factory=list)
     node_id: int = setting(0, low=1, high=MAX_NODE_ID)
     name: str = derived("")
     line: int = derived(0)

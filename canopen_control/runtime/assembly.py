@@ -104,7 +104,8 @@ class Assembly:
         try:
             system = CanopenSystem(tag, nodes, self.report, self._groups)
         except RobotConfigError as error:
-            raise RobotConfigError(f"{self.setup.files.description}:{tag.place.line}: {error}") from error
+            place = f"{self.setup.files.description}:{tag.place.line}"
+            raise RobotConfigError("\n".join(f"{place}: {each}" for each in str(error).splitlines())) from error
         self.systems.append(system)
         ratios = {each.joint: 1.0 / each.reduction for each in tag.transmissions}
         for joint in system.joints:

@@ -16,6 +16,7 @@ from canopen_control.controllers.command_life import DEFAULT_LIFE_S, ENDLESS
 from canopen_control.controllers.mobile_base import ONE_UPDATE
 from canopen_control.controllers.types import make_controller
 from canopen_control.errors import CanopenError, ConfigError, nearest
+from canopen_control.hardware.device_parts import device_of
 from canopen_control.hardware.plugins import KNOWN, Kind
 from canopen_control.rpc.messages.robot import STREAM_RATE
 from canopen_control.runtime.check_data import CheckedRobot, Finding, Severity
@@ -193,6 +194,12 @@ def _devices(robot: CheckedRobot) -> Iterator[Finding]:
             continue
         for joint in tag.joints:
             yield from _device(robot, tag, joint)
+        ids = {name: node.node_id for name, node in bus.nodes.items()}
+        for part in (*tag.sensors, *tag.gpios):
+            if device_of(part, ids) is None:
+                text = f"{part.name} of {tag.name} names no device of {bus.path}: it has no interfaces"
+                fix = 'add <param name="device_name">NODE</param>'
+                yield Finding(description.path, part.place.line, Severity.WARNING, text, fix)
 
 
 def _device(robot: CheckedRobot, tag: Ros2ControlSystem, joint: ControlJoint) -> Iterator[Finding]:

@@ -315,3 +315,12 @@ def readable(read, path):
         return read(path)
     except ConfigError:
         return None
+
+
+def test_a_gpio_that_names_no_device_is_told(tmp_path):
+    anchor = '    <xacro:drive side="right"/>'
+    part = f'{anchor}\n    <gpio name="lamps"><state_interface name="di0"/></gpio>'
+    files = changed(tmp_path, "robby", description={anchor: part})
+    (text,) = found(files)
+    assert "warning: lamps of robby names no device of" in text
+    assert text.endswith('it has no interfaces; add <param name="device_name">NODE</param>')
