@@ -75,7 +75,7 @@ def sync_hint(config: BusConfig, description: Description) -> str | None:
     named = ", ".join(joints[:3]) + (f" and {len(joints) - 3} more" if len(joints) > 3 else "")
     return (
         f"SYNC comes from this process, and {named} time their motion by it: what is late is heard; the kernel sends "
-        f"it evenly with sync_producer: kernel of `master` in {config.path}"
+        f"it evenly with `sync_producer: kernel` and `sync_order: first` of master in {config.path}"
     )
 
 

@@ -92,7 +92,7 @@ def test_who_runs_cyclic_drives_on_a_real_bus_learns_who_may_send_sync(tmp_path)
     config = copy_arm(tmp_path / "a")
     (hint,) = [each for each in read_arm(config, "can0") if "SYNC comes from" in each]
     assert hint.startswith("SYNC comes from this process, and joint_1, joint_2, joint_3 and 3 more time their motion")
-    assert "sync_producer: kernel of `master` in " in hint
+    assert "`sync_producer: kernel` and `sync_order: first` of master in " in hint
     assert not any("SYNC comes from" in each for each in read_arm(config, "vcan0"))
     kernel = arm(tmp_path / "b", bus=("sync_period: 20000", "sync_producer: kernel\n  sync_period: 20000"))
     assert not any("SYNC comes from" in each for each in read_arm(kernel, "can0"))
