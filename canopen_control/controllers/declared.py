@@ -29,11 +29,18 @@ _HIDDEN: Final = frozenset({"type"})  # the manager's parameter of a controller
 _NO_METADATA: Final[Mapping[str, Any]] = types.MappingProxyType({})
 
 
-def declared_by(taken: object, settable: Iterable[str] = ()) -> tuple[ParameterReading, ...]:
-    """Return the parameters of a dataclass that was read of them, sorted by name; `settable` are patterns of names."""
+def declared_by(taken: object, settable: Iterable[str] = (), **effective: Told) -> tuple[ParameterReading, ...]:
+    """Return the parameters of a dataclass that was read of them, sorted by name; `settable` are patterns of names.
+
+    `effective` are values that others have than what was read: the `update_rate` that a controller has of the manager.
+    """
     patterns = tuple(settable)
     rows = sorted(_rows(taken, ""), key=lambda row: row[0])
-    return tuple(_reading(*row, patterns) for row in rows if row[0] not in _HIDDEN)
+    return tuple(
+        _reading(name, wanted, effective.get(name, value), metadata, patterns)
+        for name, wanted, value, metadata in rows
+        if name not in _HIDDEN
+    )
 
 
 def _reading(
