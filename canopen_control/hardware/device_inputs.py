@@ -94,7 +94,7 @@ class NodeInputs:
         self.node, self._image = node, image
         self._inputs: dict[Address, RawInput] = {}
         self.boots = -1
-        self.ready = False
+        self.ready = self.lost = False  # lost: since somebody was told
 
     def of(self, address: Address) -> RawInput:
         """Return the raw input of an object of the dictionary."""
@@ -108,6 +108,7 @@ class NodeInputs:
     def read(self, now: int) -> None:
         """Look at all of them."""
         node = self.node
+        self.lost |= self.ready and not node.ready
         self.ready = node.ready
         if not node.ready:
             return
@@ -135,6 +136,8 @@ class InputSignal:
         self._raw = inputs.of(signal.address)
         self._status = None if signal.status is None else inputs.of(signal.status)
         self._boots = -1
+        self._type = None if signal.data_type is self._raw.data_type else signal.data_type
+        self._retyped: tuple[Value | None, Value] = (None, 0)
         self._gain = signal.gain({})
         self._range = 0
         self._first = self._turned = 0.0
@@ -151,8 +154,10 @@ class InputSignal:
         if self._boots != inputs.boots:
             self._renew()
         number = raw.value
-        if self.signal.data_type is not None:
-            number = retyped(number, raw.data_type, self.signal.data_type)
+        if self._type is not None:
+            if number != self._retyped[0]:
+                self._retyped = (number, retyped(number, raw.data_type, self._type))
+            number = self._retyped[1]
         if isinstance(number, int | float):
             self.state.value = self.signal.value(self._unwrapped(number), self._gain)
 

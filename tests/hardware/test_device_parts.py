@@ -1,10 +1,13 @@
 """<gpio> and <sensor> of the description as signals of virtual devices, on the memory bus."""
 
 import math
+import re
 
 import pytest
 from support.devices import IO, DeviceBench, with_device
+from support.robots import LEFT
 
+from canopen_control.data_files import data_path
 from canopen_control.errors import RobotConfigError
 from canopen_control.frame import rpdo_cob_id
 
@@ -76,6 +79,85 @@ def test_an_output_is_not_restored_when_its_node_restarts(io):
     assert io.state("io/do0") == 0.0
     command(io, 0.0, 1.0, 0.0)
     assert [io.terminal("do0"), io.terminal("do1")] == [0.0, 1.0]
+
+
+def test_a_device_that_disappears_is_told_with_what_is_void_and_stops_the_robot_that_needs_it(io):
+    io.start()
+    command(io, 1.0, 0.0, 2.0)
+    io.hold(5.0, 5.0, ms=300)
+    assert io.velocity(LEFT) == pytest.approx(5.0, abs=0.5)
+    io.power_off(IO)
+    io.run(1500)
+    (told,) = io.texts("device_lost")
+    assert told == (
+        "node 5 (io): lost: its inputs are unknown; of its outputs do0, do1, ao1 are void, "
+        "and not restored until commanded anew"
+    )
+    assert io.texts("stop")[0].startswith("stopping left_wheel_joint, right_wheel_joint: node 5 (io) is lost")
+    io.run(1500)
+    assert io.velocity(LEFT) == 0.0
+    assert not io.joint(LEFT).enabled
+
+
+def test_a_device_that_is_not_required_stops_nothing(tmp_path):
+    bench = DeviceBench("device-optional", with_device(tmp_path, EDS, STATES, keys={"required": False}))
+    try:
+        bench.start()
+        bench.hold(5.0, 5.0, ms=300)
+        bench.power_off(IO)
+        bench.hold(5.0, 5.0, ms=1500)
+        assert bench.velocity(LEFT) == pytest.approx(5.0, abs=0.5)
+        assert bench.texts("device_lost") == ["node 5 (io): lost: its inputs are unknown"]
+    finally:
+        bench.close()
+
+
+def test_the_end_of_the_robot_sends_safe_values_to_a_module_that_knows_no_error_modes(tmp_path):
+    text = data_path("eds", EDS).read_text()
+    for index in ("6206", "6207", "6443", "6444"):
+        text = text.replace(f"[{index}", f"[{int(index, 16) - 0x3000:04X}").replace(f"=0x{index}\n", "=0x3FFF\n")
+    config = with_device(tmp_path, "plain.eds", STATES, commands=COMMANDS)
+    (config / "plain.eds").write_text(text)
+    bench = DeviceBench("device-plain", config, controllers=("outputs",))  # no drive has to come to rest
+    try:
+        bench.start()
+        command(bench, 1.0, 1.0, 2.0)
+        bench.robot.shutdown("the test")
+        bench.run(300)
+        assert bench.robot.nodes["io"].sent[0].count == 2  # the command and the safe values
+        assert [bench.terminal(name) for name in COMMANDS] == [0.0] * 3
+    finally:
+        bench.close()
+
+
+def test_what_moves_an_axis_is_not_commanded_past_its_joint(tmp_path):
+    part = '<param name="device_name">left_drive</param><command_interface name="0x6040:00"/>'
+    with pytest.raises(RobotConfigError, match=r"'0x6040:00' of drive .* moves an axis; a joint commands it"):
+        DeviceBench("device-axis", with_device(tmp_path, EDS, (), parameters=part, name="io"))
+
+
+def test_a_joint_that_an_encoder_measures_stands_in_joint_states(tmp_path):
+    config = with_device(tmp_path, "generic_cia406.eds", ("position", "velocity"), name="encoder")
+    description = config / "robby.urdf.xacro"
+    text = re.sub(
+        r'<gpio name="encoder">(.*?)</gpio>', r'<joint name="arm_joint">NODE\1</joint>', description.read_text()
+    )
+    text = text.replace("NODE", '<param name="device_name">encoder</param>')
+    arm = '<link name="arm"/><joint name="arm_joint" type="continuous">'
+    arm += '<parent link="base_link"/><child link="arm"/></joint>'
+    description.write_text(text.replace("</robot>", f"{arm}</robot>"))
+    control = config / "ros2_controllers.yaml"
+    control.write_text(control.read_text().replace("joints: [encoder]", "joints: [arm_joint]"))
+    bench = DeviceBench("device-joint", config)
+    try:
+        bench.set(position=0.5)
+        bench.start()
+        bench.run(100)
+        sample = bench.robot.manager.running.samples(0)["joint_state_broadcaster"]
+        assert "arm_joint" in sample.names
+        assert sample.joints["arm_joint"]["position"] == pytest.approx(0.5, abs=1e-3)
+    finally:
+        bench.close()
 
 
 def test_outputs_take_their_error_values_when_the_master_dies(io):
