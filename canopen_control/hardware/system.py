@@ -213,20 +213,9 @@ class CanopenSystem(Lifecycle):
             self._stop_group(joint, now, event)
 
     def _devices_lost(self, now: int) -> None:
-        """Tell what is unknown now, and stop what moves where the robot needs the device."""
+        """Tell what is unknown now; whether axes stop is the robot's to decide, by what bus.yml requires."""
         for node, text in self.devices.take_lost():
             self._report(Event(now, "device_lost", node.name, f"{node.who}: {text}", Level.WARNING))
-            if not node.config.required:
-                continue
-            moving = [joint for group in self.groups for joint in group.stop(now)]
-            for joint in moving:
-                joint.stopped_by = f"stopped because {node.who} was lost"
-            if moving:
-                names = ", ".join(joint.joint for joint in moving)
-                text = (
-                    f"stopping {names}: {node.who} is lost, and is required; to go on: canopen-control axis enable all"
-                )
-                self._report(Event(now, "stop", node.name, text, Level.ERROR))
 
     def _stop_group(self, cause: JointDrive, now: int, event: JointEvent) -> None:
         resumable = event.kind == "node_lost" and cause.node.config.motion.recovery == "enable"

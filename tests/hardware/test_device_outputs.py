@@ -84,6 +84,11 @@ def test_released_it_takes_its_safe_value_unless_it_keeps_what_it_has():
     line.output.release()
     assert line.object.value == 4
     assert math.isnan(line.command.value)
+    for left, found in ((7.0, 12), (math.nan, 18)):  # where its controller has put it, and nothing said
+        line.sends(10.0)
+        line.command.value = left
+        line.output.release()
+        assert line.object.value == found
     keeping = Line(VALVE, T.INTEGER16, keeps=True)
     keeping.sends(10.0)
     keeping.output.release()
