@@ -24,7 +24,7 @@ from canopen_control.rpc.messages import robot as messages
 from canopen_control.rpc.messages.robot import MAX_OBJECT, SdoRead, SdoWrite
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
     from types import TracebackType
 
     from canopen_control.od.address import ObjectAddress
@@ -66,15 +66,20 @@ class Robot:
         name: str | None = None,
         mock: bool = False,
         drives: bool = True,
+        xacro: Mapping[str, str] | None = None,
     ) -> Robot:
-        """Read a robot's files; `can` as the `--can` option, `drives` False starts no virtual ones."""
+        """Read a robot's files; `can` as the `--can` option, `drives` False starts no virtual ones.
+
+        `xacro` are the arguments of its description.
+        """
         from canopen_control.runtime.background import BackgroundRobot
         from canopen_control.runtime.robot_files import find_robot
         from canopen_control.runtime.run_session import RunOptions
         from canopen_control.runtime.setup import read_robot
 
         channels = [can] if isinstance(can, str) else list(can)
-        setup = read_robot(find_robot(config), name=name, can=channels, controllers=controllers, mock=mock)
+        files = find_robot(config, arguments=[f"{key}:={value}" for key, value in (xacro or {}).items()])
+        setup = read_robot(files, name=name, can=channels, controllers=controllers, mock=mock)
         return cls(setup.name, BackgroundRobot(setup, RunOptions(drives=drives and not mock)))
 
     @classmethod
@@ -119,9 +124,13 @@ class Robot:
         """Command a controller, one value for each joint; a velocity or an effort ends after the command's life."""
         self._ask(messages.CommandController(controller=controller, values=list(values), source=_SOURCE))
 
-    def twist(self, controller: str, linear: float, angular: float) -> None:
-        """Command a base: m/s forward and rad/s to the left."""
-        self._ask(messages.TwistController(controller=controller, linear=linear, angular=angular, source=_SOURCE))
+    def twist(self, controller: str, linear: float, angular: float, lateral: float = 0.0) -> None:
+        """Command a base: m/s forward, rad/s to the left and, where it can drive sideways, m/s to the left."""
+        self._ask(
+            messages.TwistController(
+                controller=controller, linear=linear, lateral=lateral, angular=angular, source=_SOURCE
+            )
+        )
 
     def stop(self, *, latch: bool = False) -> None:
         """Ramp to zero and disable; returns when no drive moves under power any more.

@@ -60,12 +60,25 @@ MAY_IMPORT = {
         },
         STDLIB,
     ),
+    "scaffold": ({"od", "cia402", "controllers", "master", "runtime"}, STDLIB),
     "client": ({"host", "rpc", "yamlfile"}, STDLIB),  # files of what is sent
     "robot": ({"client", "rpc", "runtime", "od"}, STDLIB),  # the library: a client, of a runtime that it starts too
     "ros": ({"client", "host", "rpc", "urdf"}, None),
     "trace": (
         # what of ros is free of ROS: the numbers of its messages, for bags
-        {"client", "host", "rpc", "bus", "od", "cia301", "cia402", "urdf", "ros.conversions", "ros.diagnosis"},
+        {
+            "client",
+            "host",
+            "rpc",
+            "bus",
+            "od",
+            "cia301",
+            "cia402",
+            "urdf",
+            "ros.conversions",
+            "ros.diagnosis",
+            "ros.interfaces.definition",
+        },
         STDLIB | {"rosbags", "numpy", "cantools"},
     ),
     "monitor": ({"client", "host", "rpc", "bus", "od", "cia301", "cia402", "trace"}, STDLIB | {"textual", "rich"}),

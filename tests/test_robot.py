@@ -63,6 +63,11 @@ def test_a_script_commands_a_robot_on_virtual_drives():
     assert find_robots() == []
 
 
+def test_arguments_reach_the_description():
+    with pytest.raises(ConfigError, match="no argument 'use_mok'"):
+        Robot.from_config("robby", mock=True, xacro={"use_mok": "true"})
+
+
 def test_errors_come_to_the_caller_as_what_they_are():
     with Robot.from_config("robby", mock=True) as robot:
         with pytest.raises(UnknownName, match="no controller 'nobody'"):

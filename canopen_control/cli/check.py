@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from canopen_control.cli.run import add_file_arguments, add_kind_arguments
+from canopen_control.cli.run import add_file_arguments, add_kind_arguments, find_files
 from canopen_control.cli.support.output import json_text
 from canopen_control.rpc.messages.declare import Document
 
@@ -65,16 +65,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     add_file_arguments(parser)
     add_kind_arguments(parser)
-    parser.add_argument("--launch", metavar="FILE", help="a ROS launch file in XML, to be held against the rest")
     parser.add_argument("--json", action="store_true", help="findings and budgets as JSON")
 
 
 def run(args: argparse.Namespace) -> int:
     """Print what was found; 0 good, 2 for errors, with --strict for warnings too."""
     from canopen_control.runtime.check import CheckOptions, check_robot
-    from canopen_control.runtime.robot_files import find_robot
 
-    files = find_robot(args.config, bus=args.bus, controllers=args.controllers, description=args.description)
+    files = find_files(args)
     options = CheckOptions(
         controllers=args.controller,
         can=args.can,

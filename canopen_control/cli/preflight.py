@@ -16,7 +16,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from canopen_control.cli.run import add_file_arguments
+from canopen_control.cli.run import add_file_arguments, find_files
 from canopen_control.cli.support.arguments import number
 from canopen_control.cli.support.preflight_jog import Jog, jog_interfaces
 from canopen_control.cli.support.preflight_steps import Step, link_steps, node_steps
@@ -131,10 +131,9 @@ def run(args: argparse.Namespace) -> int:
 
 def _read_setup(args: argparse.Namespace) -> RobotSetup:
     """Read the files that the arguments name, for real drives; ConfigError."""
-    from canopen_control.runtime.robot_files import find_robot
     from canopen_control.runtime.setup import read_robot
 
-    files = find_robot(args.config, bus=args.bus, controllers=args.controllers, description=args.description)
+    files = find_files(args)
     if args.name is not None:
         check_name(args.name)
     return read_robot(files, name=args.name, can=args.can, real=True, strict=args.strict, peer_merge=args.peer_merge)

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from canopen_control.cli.support.output import Announcer
     from canopen_control.master.event_log import Event
     from canopen_control.runtime.clearance import SlowReason
+    from canopen_control.runtime.robot_files import RobotFiles
     from canopen_control.runtime.run_session import Session
     from canopen_control.runtime.setup import RobotSetup
 
@@ -25,6 +26,7 @@ __all__ = [
     "add_kind_arguments",
     "add_robot_arguments",
     "bridge_arguments",
+    "find_files",
     "run",
     "run_robot",
 ]
@@ -87,9 +89,15 @@ def add_robot_arguments(parser: argparse.ArgumentParser) -> None:
 def add_file_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what says which files a robot is described by, how they are read, and which buses they mean."""
     parser.add_argument("config", nargs="?", metavar="CONFIG", help="a robot folder, or the name of a bundled robot")
+    parser.add_argument("xacro", nargs="*", metavar="NAME:=VALUE", help="an argument of its xacro")
     parser.add_argument("--bus", metavar="FILE", help="bus.yml, instead of the folder's")
     parser.add_argument("--controllers", metavar="FILE", help="ros2_controllers.yaml, instead of the folder's")
     parser.add_argument("--description", metavar="FILE", help="URDF or xacro, instead of the folder's")
+    parser.add_argument(
+        "--launch",
+        metavar="FILE",
+        help="a ROS launch file, in XML or Python, read and not run: its arguments, and files that are nowhere else",
+    )
     parser.add_argument(
         "--can",
         action="append",
@@ -101,6 +109,20 @@ def add_file_arguments(parser: argparse.ArgumentParser) -> None:
         "--strict", action="store_true", help="repeated and unknown keys of ros2_controllers.yaml are errors"
     )
     parser.add_argument("--peer-merge", action="store_true", help="`defaults` of bus.yml win over the nodes' own keys")
+
+
+def find_files(args: argparse.Namespace) -> RobotFiles:
+    """Return the files that the arguments name; ConfigError."""
+    from canopen_control.runtime.robot_files import find_robot
+
+    return find_robot(
+        args.config,
+        bus=args.bus,
+        controllers=args.controllers,
+        description=args.description,
+        arguments=args.xacro,
+        launch=args.launch,
+    )
 
 
 def add_kind_arguments(parser: argparse.ArgumentParser) -> None:
@@ -199,12 +221,11 @@ def _slow_down(session: Session, unclear: SlowReason) -> None:
 def read_setup(args: argparse.Namespace) -> RobotSetup:
     """Read the files that the arguments name; raises ConfigError."""
     from canopen_control.host.sockets import check_name
-    from canopen_control.runtime.robot_files import find_robot
     from canopen_control.runtime.setup import read_robot
 
     if args.real and (args.mock or args.no_drives):
         raise ConfigError("--real goes with neither --mock nor --no-drives")
-    files = find_robot(args.config, bus=args.bus, controllers=args.controllers, description=args.description)
+    files = find_files(args)
     if args.name is not None:
         check_name(args.name)
     return read_robot(

@@ -40,9 +40,7 @@ if TYPE_CHECKING:
     import argparse
     from collections.abc import Iterable
 
-    from canopen_control.cli.support.identity import KnownEds
-
-__all__ = ["EXAMPLE", "add_arguments", "run"]
+__all__ = ["EXAMPLE", "FoundNode", "ScanResult", "add_arguments", "match_files", "run", "survey_channel"]
 
 EXAMPLE = """canopen-control scan --can can0 --config robby
          canopen-control scan --can can0 --eds-dir ~/eds
@@ -128,18 +126,10 @@ def run(args: argparse.Namespace) -> int:
     """Run the verb."""
     folders = [_folder(text) for text in args.eds_dir]
     expected = _expected_of(args.config) if args.config is not None else None
-    owner = robot_on(args.can) if args.can is not None else None
-    if args.can is not None and owner is None:
-        survey = _survey_bus(args.can, args.timeout)
-    else:
-        name = owner[0] if owner is not None else args.name
-        with RobotTarget(RobotClient.connect(name)) as robot:
-            survey = _survey_robot(robot, args.timeout)
+    survey = survey_channel(args.can, args.timeout, name=args.name)
     if expected is not None:
         survey.expected = expected
-    known, refused = read_known(_eds_files(folders))
-    survey.notes += refused
-    _compare(survey, known)
+    match_files(survey, _eds_files(folders))
     _report(survey, as_json=args.json)
     nodes = [found for node_id, found in survey.found.items() if node_id != survey.master_id]
     return 1 if not nodes or any(found.problems for found in nodes) else 0
@@ -180,6 +170,15 @@ def _expected_of(config: str) -> dict[int, ExpectedNode]:
 
 
 # --- what is there ---
+
+
+def survey_channel(channel: str | None, timeout: float, *, name: str | None = None) -> ScanResult:
+    """Ask who is on a channel; on that of a running robot, or without one, through the robot (`name`)."""
+    owner = robot_on(channel) if channel is not None else None
+    if channel is not None and owner is None:
+        return _survey_bus(channel, timeout)
+    with RobotTarget(RobotClient.connect(name if owner is None else owner[0])) as robot:
+        return _survey_robot(robot, timeout)
 
 
 def _survey_bus(channel: str, timeout: float) -> ScanResult:
@@ -250,7 +249,10 @@ def _through_robot(robot: RobotTarget, node_id: int) -> NodeIdentity | None:
 # --- the two against each other ---
 
 
-def _compare(survey: ScanResult, known: list[KnownEds]) -> None:
+def match_files(survey: ScanResult, files: Iterable[Path]) -> None:
+    """Find the EDS of each node among `files`, and hold it against the bus.yml; files that are none go to the notes."""
+    known, refused = read_known(files)
+    survey.notes += refused
     for found in survey.found.values():
         if found.identity is not None:
             eds, found.remark = match_eds(found.identity, known)

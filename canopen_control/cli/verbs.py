@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import argparse
 import importlib
+import re
+import sys
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
 __all__ = ["VERBS", "parser_of"]
+
+XACRO = "xacro"  # where a verb's arguments hold NAME:=VALUE
+_ARGUMENT = re.compile(r"[A-Za-z_]\w*:=")
 
 VERBS = {
     "run": "boot a robot and run its controllers",
@@ -31,6 +36,7 @@ VERBS = {
     "sdo": "read and write objects of a node, transfer files",
     "nmt": "start, stop or reset nodes",
     "preflight": "before the first run on real drives: look, jog slowly, try STOP",
+    "init": "a new robot from EDS files, or from who is on a bus",
     "scan": "who is on a bus, which EDS fits, what bus.yml expects",
     "lss": "give node ids and bit rates to nodes",
     "check": "everything wrong with a robot's files, and what its buses carry",
@@ -51,7 +57,7 @@ VERBS = {
 def parser_of(verb: str) -> argparse.ArgumentParser:
     """Return the parser of one of VERBS; its module is imported for that."""
     module = importlib.import_module(f"canopen_control.cli.{verb}")
-    parser = argparse.ArgumentParser(
+    parser = _VerbParser(
         prog=f"canopen-control {verb}",
         description=(module.__doc__ or "").strip(),
         epilog=f"example: {module.EXAMPLE}",
@@ -60,6 +66,27 @@ def parser_of(verb: str) -> argparse.ArgumentParser:
     module.add_arguments(parser)
     _give_examples(parser, module.EXAMPLE.splitlines())
     return parser
+
+
+class _VerbParser(argparse.ArgumentParser):
+    """The parser of a verb; NAME:=VALUE is for the description wherever it stands, where the verb takes that.
+
+    argparse itself takes words without an option in one place only, so that none could follow an option.
+    """
+
+    def parse_known_args(  # type: ignore[override]  # of its three signatures, the one that is called
+        self, args: Sequence[str] | None = None, namespace: argparse.Namespace | None = None
+    ) -> tuple[argparse.Namespace, list[str]]:
+        """Parse, and put such words under `xacro`; what follows --ros-args is ROS's."""
+        words = list(sys.argv[1:] if args is None else args)
+        if not any(action.dest == XACRO for action in self._actions):
+            return super().parse_known_args(words, namespace)
+        end = words.index("--ros-args") if "--ros-args" in words else len(words)
+        given = [word for word in words[:end] if _ARGUMENT.match(word)]
+        rest = [word for word in words[:end] if not _ARGUMENT.match(word)]
+        found, unknown = super().parse_known_args([*rest, *words[end:]], namespace)
+        setattr(found, XACRO, [*getattr(found, XACRO), *given])
+        return found, unknown
 
 
 def _give_examples(parser: argparse.ArgumentParser, examples: Sequence[str]) -> None:

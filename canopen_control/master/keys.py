@@ -146,7 +146,7 @@ class MasterConfig:
     sync_window: int = setting(0, low=0, high=10_000_000)
     sync_overflow: int = setting(0, choices=(0, *range(2, 241)))
     sync_order: Literal["first", "last"] = "last"
-    sync_producer: Literal["master", "other"] = "master"
+    sync_producer: Literal["master", "kernel", "other"] = "master"
     heartbeat_multiplier: float | None = setting(None, low=1.0, high=100.0)
     heartbeat_producer: int = setting(0, low=0, high=0xFFFF)
     boot_time: int = setting(DEFAULT_BOOT_MS, low=0, high=3_600_000)
@@ -157,8 +157,8 @@ class MasterConfig:
         """Period of the master's own heartbeat."""
         return self.heartbeat_producer or DEFAULT_HEARTBEAT_MS
 
-    def sync_words(self, *, by_kernel: bool = False) -> str:
-        """Say who sends SYNC, how often, and how it lies to the RPDOs of a cycle."""
+    def sync_words(self, *, by_kernel: bool | None = None) -> str:
+        """Say who sends SYNC, how often, and how it lies to the RPDOs of a cycle; None: which channel is not known."""
         if not self.sync_period:
             return "no SYNC"
         every = f"SYNC every {self.sync_period / 1000:g} ms"
@@ -167,7 +167,8 @@ class MasterConfig:
             who = "by the kernel" if by_kernel else "by another node"
             return f"{every} {who}, the cycle follows {'an eighth of' if first else 'half'} a period after it"
         where = "before" if first else "after"
-        return f"{every}, {where} the RPDOs of its cycle (sync_order: {self.sync_order})"
+        can = ", by the kernel on a SocketCAN interface" if self.sync_producer == "kernel" and by_kernel is None else ""
+        return f"{every}, {where} the RPDOs of its cycle (sync_order: {self.sync_order}){can}"
 
 
 @dataclass(frozen=True)

@@ -129,9 +129,8 @@ class _Checker:
 
     def _read_description(self) -> Description | None:
         path = self._files.description
-        mappings = {"use_mock_hardware": "true"} if self._options.mock else None
         try:
-            return read_description(path, mappings=mappings)
+            return read_description(path, mappings=self._files.mappings(mock=self._options.mock))
         except ConfigError as error:
             self.findings += check_rules.findings_of(str(error), str(path), 0, Severity.ERROR)
         return None

@@ -1,7 +1,8 @@
-"""The classic mistakes of launch files in XML (ROS 1, and ROS 2's own XML), held against the robot's files.
+"""The classic mistakes of launch files (in XML, of ROS 1 and 2, and in Python), held against the robot's files.
 
-The law of the file: nothing is launched, found or included; `$(arg NAME)` is its default, and what else is in `$(...)`
-is not judged. A launch file in Python is code and is not read.
+The law of the file: nothing is launched or included; `$(arg NAME)` is its default, and what else is in `$(...)` of XML
+is not judged. A launch file in Python is read by its syntax and never executed (`launch_python`); a name that it
+computes is told as one that is not known.
 """
 
 from __future__ import annotations
@@ -12,6 +13,8 @@ from typing import TYPE_CHECKING, Final
 
 from canopen_control.errors import RobotConfigError, nearest
 from canopen_control.runtime.check_data import Finding, Severity
+from canopen_control.runtime.launch_file import read_launch, words_of
+from canopen_control.runtime.launch_python import read_python
 from canopen_control.urdf.document import read_document
 
 if TYPE_CHECKING:
@@ -19,6 +22,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from canopen_control.runtime.check_data import CheckedRobot
+    from canopen_control.runtime.launch_file import LaunchFile
+    from canopen_control.runtime.launch_python import LaunchNode
     from canopen_control.urdf.document import Element
 
 __all__ = ["check_launch"]
@@ -36,6 +41,7 @@ _WITH_VALUE: Final = (
     "--controller-manager",
 )
 DESCRIPTION: Final = "robot_description"
+_FILES: Final = (".yaml", ".yml", ".urdf", ".xacro", ".eds")  # that nothing but their author makes
 
 
 @dataclass
@@ -61,8 +67,9 @@ def check_launch(path: Path, robot: CheckedRobot) -> list[Finding]:
     """Return what is wrong in a launch file; the namespaces it gives controllers go to `robot.launch_namespaces`."""
     launch = _Launch(str(path), robot)
     if path.suffix == ".py":
-        text = "a launch file in Python is code; only the XML of launch files is read"
-        return [Finding(launch.path, 0, Severity.NOTE, text)]
+        _check_python(launch, path)
+        launch.findings += _transmissions(launch)
+        return launch.findings
     try:
         root = read_document(path.read_text(encoding="utf-8"), launch.path).root
     except RobotConfigError as error:
@@ -88,6 +95,82 @@ def _walk(launch: _Launch, element: Element, namespace: str) -> None:
         elif child.tag == "param":
             _parameter(launch, child)
         _walk(launch, child, space)
+
+
+def _check_python(launch: _Launch, path: Path) -> None:
+    """Tell what a launch file in Python declares, starts and names, and what is wrong with it."""
+    try:
+        file = read_launch(path)
+        found = read_python(path.read_text(encoding="utf-8"), launch.path)
+    except RobotConfigError as error:
+        launch.findings += findings_at(error, launch.path)
+        return
+    if not found.generates:
+        text = "it has no function generate_launch_description, for which ros2 launch looks"
+        launch.findings.append(Finding(launch.path, 1, Severity.WARNING, text))
+    for name, default in found.arguments.items():
+        value = f"default {default!r}" if default is not None else "no default that is written there"
+        text = f"argument {name}: {value}"
+        launch.findings.append(Finding(launch.path, found.argument_lines[name], Severity.NOTE, text))
+    for node in found.nodes:
+        _python_node(launch, node)
+    for each in found.texts:
+        if each.text is not None:
+            _python_files(launch, file, each.text, each.line)
+    for line, what in dict.fromkeys(found.computed):
+        text = f"{what} is computed, and not known without running the file"
+        launch.findings.append(Finding(launch.path, line, Severity.NOTE, text, "give what it is with NAME:=VALUE"))
+
+
+def findings_at(error: RobotConfigError, path: str) -> list[Finding]:
+    """Return an error of a file as a finding at its line."""
+    found = re.fullmatch(r"(\d+): (.*)", str(error).removeprefix(f"{path}:").lstrip(), re.DOTALL)
+    line, text = (int(found[1]), found[2]) if found else (1, str(error).removeprefix(f"{path}: "))
+    return [Finding(path, line, Severity.ERROR, text)]
+
+
+def _python_node(launch: _Launch, node: LaunchNode) -> None:
+    if node.name and not _NODE_NAME.fullmatch(node.name) and "$(" not in node.name:
+        text = f"node name {node.name!r} is not legal: letters, digits and _ only"
+        launch.findings.append(Finding(launch.path, node.line, Severity.ERROR, text))
+    what = "/".join(each for each in (node.package, node.plugin or node.executable) if each) or "a node"
+    known = [each for each in node.arguments if each.text is not None]
+    if node.package == "controller_manager" and node.executable in SPAWNERS:
+        launch.spawns = True
+        words = " ".join(each.text for each in known if each.text)
+        names, namespace = _spawned(words, _joined("", node.namespace or ""))
+        for name in names:
+            _wanted(launch, name, namespace, node.line)
+        what = f"{what} of {', '.join(names) or 'controllers that are computed'}"
+    launch.findings.append(Finding(launch.path, node.line, Severity.NOTE, f"starts {what}"))
+
+
+def _python_files(launch: _Launch, file: LaunchFile, text: str, line: int) -> None:
+    """Look for the files of a text, where their package is there."""
+    for word in words_of(text):
+        if ":=" in word or not word.endswith(_FILES):
+            continue
+        absent = file.absent_packages(word)
+        for package in absent:
+            said = f"package {package!r} is neither around this file nor in ROS_PACKAGE_PATH nor sourced"
+            launch.findings.append(Finding(launch.path, line, Severity.NOTE, said))
+        name = None if absent else file.resolved(word)
+        if name is not None and not (file.path.parent / name).is_file():
+            said = f"there is no file {name}"
+            launch.findings.append(Finding(launch.path, line, Severity.WARNING, said))
+
+
+def _wanted(launch: _Launch, name: str, namespace: str, line: int) -> None:
+    """Hold the name of a controller that is to be spawned against those there are."""
+    control = launch.robot.control
+    if control is not None and name not in control.controllers:
+        text = (
+            f"the spawner is to load {name!r}, which {control.path} does not have{nearest(name, control.controllers)}"
+        )
+        fix = "use a name of the file, or add the controller to it"
+        launch.findings.append(Finding(launch.path, line, Severity.ERROR, text, fix))
+    if control is not None:
+        launch.robot.launch_namespaces[name] = namespace
 
 
 def _joined(namespace: str, more: str) -> str:
@@ -121,14 +204,9 @@ def _node(launch: _Launch, element: Element, namespace: str) -> None:
 
 
 def _spawner(launch: _Launch, element: Element, namespace: str) -> None:
-    control = launch.robot.control
     names, namespace = _spawned(launch.text(element, "args"), namespace)
-    for name in names if control is not None else ():
-        if control is not None and name not in control.controllers:
-            text = f"the spawner is to load {name!r}, which {control.path} does not have"
-            hint = nearest(name, control.controllers)
-            launch.add(element, Severity.ERROR, text + hint, "use a name of the file, or add the controller to it")
-        launch.robot.launch_namespaces[name] = namespace
+    for name in names:
+        _wanted(launch, name, namespace, element.place.line)
 
 
 def _spawned(arguments: str, namespace: str) -> tuple[list[str], str]:

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.controllers.command_life import DEFAULT_LIFE_S, ENDLESS
+from canopen_control.controllers.mobile_base import ONE_UPDATE
 from canopen_control.controllers.types import make_controller
 from canopen_control.errors import CanopenError, ConfigError, nearest
 from canopen_control.hardware.device_parts import device_of
@@ -309,7 +310,7 @@ def _publish_rates(robot: CheckedRobot) -> Iterator[Finding]:
 def _timeouts(robot: CheckedRobot) -> Iterator[Finding]:
     for name, controller in robot.configured.items():
         config = robot.config(name)
-        for key in ("cmd_vel_timeout", "command_timeout"):
+        for key in ("cmd_vel_timeout", "reference_timeout", "command_timeout"):
             timeout = getattr(getattr(controller, "params", None), key, None)
             given = config.params.flat.get(key)
             if timeout is None and given is not None and isinstance(given.value, int | float):
@@ -320,6 +321,10 @@ def _timeouts(robot: CheckedRobot) -> Iterator[Finding]:
                 yield Finding(config.path, config.params.line(key) or config.line, Severity.WARNING, text, fix)
 
         for notice in controller.notices:
+            if notice.kind == ONE_UPDATE:
+                line = config.params.line("reference_timeout") or config.params.line("cmd_vel_timeout") or config.line
+                fix = "the robot stutters unless twists come as often as it updates; 0.5 s is usual"
+                yield Finding(config.path, line, Severity.WARNING, notice.text, fix)
             if notice.kind == ENDLESS:
                 line = config.params.line("command_timeout") or config.params.line("cmd_vel_timeout") or config.line
                 fix = f"give the time after which silence is a stop, such as {DEFAULT_LIFE_S:g} s"

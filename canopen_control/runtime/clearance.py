@@ -1,8 +1,9 @@
 """Clearance of a robot for full speed on real drives: what a passed pre-flight leaves, and what a run makes of it.
 
-The law of this file: a pass is for one configuration (the bytes of all its files and of the EDS files they name) on
-these very drives (their serial numbers, 0x1018:04), and covers the joints that were turned. Any other file, drive or
-missing answer is no pass; then a real run is slow (`speed_cap`) and says why. A joint that was not turned stays slow.
+The law of this file: a pass is for one configuration (the bytes of all its files and of the EDS files they name, and
+xacro's arguments) on these very drives (their serial numbers, 0x1018:04), and covers the joints that were turned. Any
+other file, argument, drive or missing answer is no pass; then a real run is slow (`speed_cap`) and says why. A joint
+that was not turned stays slow.
 """
 
 from __future__ import annotations
@@ -72,6 +73,8 @@ def config_hash(setup: RobotSetup) -> str:
     for path in paths:
         content = path.read_bytes()
         digest.update(f"{path.name} {len(content)}\n".encode() + content)
+    for name, value in sorted(setup.files.arguments.items()):
+        digest.update(f"{name}:={value}\n".encode())
     return digest.hexdigest()
 
 

@@ -1,6 +1,7 @@
-"""Which files make a robot: a folder, a bundled name, or the three files one by one.
+"""Which files make a robot: a folder, a bundled name, a ROS package, or the three files one by one.
 
-A robot without drives on a bus, simulated or mocked, needs no bus.yml.
+A robot without drives on a bus, simulated or mocked, needs no bus.yml. In a ROS package the files lie in `config` or
+`config/x`, and the description in `urdf` or `urdf/x` beside that.
 """
 
 from __future__ import annotations
@@ -12,27 +13,37 @@ from typing import TYPE_CHECKING
 
 from canopen_control.data_files import data_names, data_path
 from canopen_control.errors import RobotConfigError
+from canopen_control.urdf.package_search import installed_packages
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
-__all__ = ["MAIN_BUS", "RobotFiles", "find_buses", "find_robot"]
+__all__ = ["BUS", "CONTROLLERS", "MAIN_BUS", "RobotFiles", "find_buses", "find_robot", "xacro_arguments"]
 
 MAIN_BUS = "can"  # the name of the bus of bus.yml; that of bus_NAME.yml is NAME
 BUS, CONTROLLERS = "bus.yml", "ros2_controllers.yaml"
 _BUS_NAME = re.compile(r"[A-Za-z0-9_-]{1,32}")
+_ARGUMENT = re.compile(r"[A-Za-z_]\w*")
 _DESCRIPTIONS = ("*.urdf.xacro", "*.urdf")
 
 
 @dataclass(frozen=True, slots=True)
 class RobotFiles:
-    """The three files of a robot and its name; `bus` may be absent, `more_buses` are its bus_NAME.yml by NAME."""
+    """The three files of a robot and its name; `bus` may be absent, `more_buses` are its bus_NAME.yml by NAME.
+
+    `arguments` are those of its xacro.
+    """
 
     name: str
     bus: Path | None
     controllers: Path
     description: Path
     more_buses: dict[str, Path] = field(default_factory=dict)
+    arguments: dict[str, str] = field(default_factory=dict)
+
+    def mappings(self, *, mock: bool = False) -> dict[str, str]:
+        """Return xacro's arguments; of mock hardware the description is told, if it wants to know."""
+        return {"use_mock_hardware?": "true"} | self.arguments if mock else self.arguments
 
     @property
     def buses(self) -> dict[str, Path]:
@@ -41,24 +52,48 @@ class RobotFiles:
 
 
 def find_robot(
-    config: str | None, *, bus: str | None = None, controllers: str | None = None, description: str | None = None
+    config: str | None,
+    *,
+    bus: str | None = None,
+    controllers: str | None = None,
+    description: str | None = None,
+    arguments: Iterable[str] = (),
+    launch: str | None = None,
 ) -> RobotFiles:
-    """Find the files; those given one by one win over the folder's. RobotConfigError names all that is missing."""
-    if config == "" or (config is None and bus is None and controllers is None and description is None):
+    """Find the files; those given one by one win over the folder's. RobotConfigError names all that is missing.
+
+    `arguments` are NAME:=VALUE, for xacro. A ROS launch file gives xacro more of them, and files that are nowhere else.
+    """
+    if config == "" or (
+        config is None and bus is None and controllers is None and description is None and launch is None
+    ):
         names = ", ".join(data_names("config"))
         raise RobotConfigError(f"no robot given: name a folder or a bundled robot ({names}), or its three files")
     folder = _folder(config) if config is not None else None
+    words, launched, doubts = _launched(launch, xacro_arguments(arguments))
     no_bus: list[str] = []
     missing: list[str] = []
-    main = _one(bus, folder, BUS, "--bus", no_bus)
-    control = _one(controllers, folder, CONTROLLERS, "--controllers", missing)
-    described = _one(description, folder, _DESCRIPTIONS, "--description", missing)
-    more = _more_buses(folder, missing) if folder is not None and bus is None else {}
+    main = _one(bus, folder, BUS, "--bus", no_bus, launched.get("bus"))
+    control = _one(controllers, folder, CONTROLLERS, "--controllers", missing, launched.get("controllers"))
+    described = _one(description, folder, _DESCRIPTIONS, "--description", missing, launched.get("description"))
+    beside = folder if main == Path() else main.parent
+    more = _more_buses(beside, missing) if beside is not None and bus is None else {}
     missing += _irregular((main, control, described, *more.values()))
     if missing or (no_bus and (more or bus is not None)):
-        raise RobotConfigError("; ".join(no_bus + missing))
-    name = (folder or (described if no_bus else main).resolve().parent).resolve().name
-    return RobotFiles(_safe(name), None if no_bus else main, control, described, more)
+        raise RobotConfigError("; ".join([*no_bus, *missing, *doubts]))
+    name = _name((folder or (described if no_bus else main).resolve().parent).resolve())
+    return RobotFiles(_safe(name), None if no_bus else main, control, described, more, words)
+
+
+def xacro_arguments(words: Iterable[str]) -> dict[str, str]:
+    """Read NAME:=VALUE, the last of a name counts; RobotConfigError."""
+    found = {}
+    for word in words:
+        name, is_pair, value = word.partition(":=")
+        if not is_pair or not _ARGUMENT.fullmatch(name):
+            raise RobotConfigError(f"{word!r} is no argument of the description; those are NAME:=VALUE")
+        found[name] = value
+    return found
 
 
 def find_buses(config: str | None) -> dict[str, Path]:
@@ -68,7 +103,7 @@ def find_buses(config: str | None) -> dict[str, Path]:
     missing: list[str] = []
     folder = _folder(config)
     main = _one(None, folder, BUS, "--bus", missing)
-    more = _more_buses(folder, missing)
+    more = _more_buses(main.parent if main != Path() else folder, missing)
     missing += _irregular((main, *more.values()))
     if missing:
         raise RobotConfigError("; ".join(missing))
@@ -76,7 +111,7 @@ def find_buses(config: str | None) -> dict[str, Path]:
 
 
 def _folder(config: str) -> Path:
-    """Return the folder a user means: a path, else a bundled robot."""
+    """Return the folder a user means: a path, else a bundled robot, else a ROS package or a folder in it."""
     path = Path(config).expanduser()
     if path.is_dir():
         return path
@@ -85,11 +120,45 @@ def _folder(config: str) -> Path:
     bundled = data_path("config", config)
     if "/" not in config and bundled.is_dir():
         return bundled
+    package, _, rest = config.partition("/")
+    for found in installed_packages(package):
+        if (found / rest).is_dir():
+            return found / rest
     names = ", ".join(data_names("config"))
-    raise RobotConfigError(f"no robot {config!r}: neither a folder nor one of the bundled ones ({names})")
+    raise RobotConfigError(
+        f"no robot {config!r}: neither a folder nor one of the bundled ones ({names}) nor a ROS package that is "
+        "sourced or in ROS_PACKAGE_PATH"
+    )
 
 
-def _one(given: str | None, folder: Path | None, names: str | Sequence[str], option: str, missing: list[str]) -> Path:
+def _launched(launch: str | None, words: dict[str, str]) -> tuple[dict[str, str], dict[str, Path], tuple[str, ...]]:
+    """Return what a launch file makes of the arguments, its files, and why it may give less than it means."""
+    if launch is None:
+        return words, {}, ()
+    from canopen_control.runtime.launch_file import launched_robot  # most robots are run without
+
+    found = launched_robot(Path(launch).expanduser(), words)
+    return found.arguments, found.files, found.doubts
+
+
+def _one(
+    given: str | None,
+    folder: Path | None,
+    names: str | Sequence[str],
+    option: str,
+    missing: list[str],
+    launched: Path | None = None,
+) -> Path:
+    """Return a file: as given, else the folder's, else that of the launch file; or say that it is missing."""
+    known = len(missing)
+    found = _own(given, folder, names, option, missing)
+    if found == Path() and launched is not None and launched.is_file():
+        del missing[known:]
+        return launched
+    return found
+
+
+def _own(given: str | None, folder: Path | None, names: str | Sequence[str], option: str, missing: list[str]) -> Path:
     if given is not None:
         path = Path(given).expanduser()
         if not path.exists():
@@ -99,14 +168,50 @@ def _one(given: str | None, folder: Path | None, names: str | Sequence[str], opt
         missing.append(f"give a robot folder or {option}")
         return Path()
     patterns = [names] if isinstance(names, str) else names
-    matches = sorted({path for pattern in patterns for path in folder.glob(pattern)})
-    if len(matches) == 1:
-        return matches[0]
     wanted = " or ".join(patterns)
-    missing.append(
-        f"{folder} has no {wanted}" if not matches else f"{folder} has several of {wanted}: name one with {option}"
-    )
+    for place in _places(folder, described=names is _DESCRIPTIONS):
+        matches = sorted({path for pattern in patterns for path in place.glob(pattern)})
+        if len(matches) == 1:
+            return matches[0]
+        if matches:
+            several = ", ".join(str(path.relative_to(place)) for path in matches)
+            missing.append(f"{place} has several of {wanted}: name one with {option} ({several})")
+            return Path()
+    missing.append(f"{folder} has no {wanted}{_elsewhere(folder, names)}")
     return Path()
+
+
+def _places(folder: Path, *, described: bool) -> list[Path]:
+    """Return where a file may lie, the first place with one counts: the folder, and as ROS packages are laid out."""
+    if not described:
+        return [folder, folder / "config"]
+    places = [folder, folder / "urdf"]
+    whole = folder.resolve()
+    if whole.parent.name == "config":
+        package = whole.parent.parent
+        places += [package / "urdf" / whole.name, package / "urdf"]
+    elif whole.name == "config":
+        places += [whole.parent / "urdf"]
+    return places
+
+
+def _elsewhere(folder: Path, names: str | Sequence[str]) -> str:
+    """Say where such files are instead: in folders of config, or of urdf, of which one is to be named."""
+    if names is _DESCRIPTIONS:
+        roots = [place for place in _places(folder, described=True) if place.name == "urdf"]
+        found = [path for root in roots for pattern in _DESCRIPTIONS for path in root.glob(f"*/{pattern}")]
+        return f"; name one with --description: {_listed(found)}" if found else ""
+    found = [path.parent for path in folder.glob(f"config/*/{names}")]
+    return f"; name a folder that has one: {_listed(found)}" if found else ""
+
+
+def _listed(paths: Sequence[Path]) -> str:
+    return ", ".join(str(path) for path in dict.fromkeys(sorted(paths)))
+
+
+def _name(folder: Path) -> str:
+    """Return a robot's name: that of its folder, or of the package whose `config` it is."""
+    return folder.parent.name if folder.name == "config" else folder.name
 
 
 def _irregular(paths: Iterable[Path]) -> Iterator[str]:

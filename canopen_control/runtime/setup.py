@@ -89,8 +89,9 @@ def read_robot(
     ros2_controllers.yaml is an error; `peer_merge` lets `defaults` of bus.yml win over the nodes; `kernel_sync` leaves
     SYNC to the kernel.
     """
-    mappings = {"use_mock_hardware": "true"} if mock else None
-    with DescriptionReader(files.description, mappings=mappings) as reader:  # xacro runs while the rest is read
+    with DescriptionReader(
+        files.description, mappings=files.mappings(mock=mock)
+    ) as reader:  # xacro runs while the rest is read
         buses = {each: read_bus(path, peer_merge=peer_merge) for each, path in files.buses.items()}
         if problems := clashes_of(buses):
             raise RobotConfigError("\n".join(problems))

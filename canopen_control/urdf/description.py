@@ -72,7 +72,10 @@ class Description:
 
 
 def read_description(path: str | os.PathLike[str], *, mappings: Mapping[str, str] | None = None) -> Description:
-    """Read a .urdf or .xacro file; `mappings` are xacro's arguments. RobotConfigError names every mistake."""
+    """Read a .urdf or .xacro file; `mappings` are xacro's arguments. RobotConfigError names every mistake.
+
+    A name that ends in `?` is an argument that the file need not have.
+    """
     with DescriptionReader(path, mappings=mappings) as reader:
         return reader.result()
 
@@ -91,6 +94,9 @@ class DescriptionReader:
             reason = error.strerror if isinstance(error, OSError) else error
             raise RobotConfigError(f"{path}: cannot be read: {reason}") from error
         is_xacro = file.suffix == ".xacro" or "xmlns:xacro" in self._source
+        given = [name for name in mappings or () if not name.endswith("?")]
+        if given and not is_xacro:
+            raise RobotConfigError(f"{path}: it is no xacro, so it has no arguments; leave {given[0]}:= away")
         self._xacro = XacroRun(file, mappings or {}) if is_xacro else None
 
     def __enter__(self) -> DescriptionReader:

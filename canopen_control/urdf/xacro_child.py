@@ -2,10 +2,10 @@
 
 The law of the file: xacro evaluates its author's expressions, which may need for ever or all memory there is, so that
 limits are set before it begins and the kernel keeps them. The answer's first byte says what the rest is: `URDF` or
-`REFUSED`, a reason in UTF-8. `$(find package)` is answered by ament where that knows the package, and otherwise by the
-folder above the file that is or holds the package.
+`REFUSED`, a reason in UTF-8. `$(find package)` is answered by `package_search`.
 
-It runs as a file, without the package around it, and imports only what xacro does: it is on the way of every start.
+It runs as a file, without the package around it, and imports only what xacro does: it is on the way of every start;
+the search for packages only where a file asks for one.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ import sys
 
 TYPE_CHECKING = False  # the module typing takes longer to import than the rest of this
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Iterable, Iterator, Mapping
 
-__all__ = ["LARGEST", "REFUSED", "URDF", "find_package", "main"]
+__all__ = ["LARGEST", "REFUSED", "URDF", "main"]
 
 URDF = b"U"
 REFUSED = b"R"
@@ -35,7 +35,7 @@ def main(arguments: list[str]) -> None:
     """Run xacro within limits.
 
     `arguments` are the folders to import from, one a line, the file, s of the processor, s, bytes of memory, and
-    KEY:=VALUE for each argument of the file.
+    KEY:=VALUE for each argument of the file; `KEY?:=VALUE` is one that the file need not have.
     """
     folders, path, processor_s, wall_s, memory, *mappings = arguments
     sys.path[:0] = folders.splitlines()
@@ -68,17 +68,50 @@ def _limit(processor_s: int, wall_s: int, memory: int) -> None:
             resource.setrlimit(what, (value, value))
 
 
-def _run(path: str, mappings: Mapping[str, str]) -> tuple[bytes, str]:
-    said = io.StringIO()
+class _Arguments(dict[str, str]):
+    """The arguments of a file as xacro keeps them; `asked` are those that the file declares or uses."""
+
+    def __init__(self, given: Mapping[str, str]) -> None:
+        super().__init__({name.removesuffix("?"): value for name, value in given.items()})
+        self._wanted = [name for name in given if not name.endswith("?")]
+        self.asked: dict[str, None] = {}
+
+    def __contains__(self, name: object) -> bool:
+        self.asked[str(name)] = None
+        return super().__contains__(name)
+
+    def __getitem__(self, name: str) -> str:
+        self.asked[name] = None
+        return super().__getitem__(name)
+
+    def unknown(self) -> str:
+        """Say which arguments nothing in the file asks for, "" where there is none; xacro itself says nothing."""
+        strange = [name for name in self._wanted if name not in self.asked]
+        return "; ".join(f"no argument {name!r}{_hint(name, self.asked)}" for name in strange)
+
+
+def _hint(name: str, known: Iterable[str]) -> str:
+    import difflib  # only a mistake needs it
+
+    near = difflib.get_close_matches(name, known, 1, 0.6)
+    names = ", ".join(known)
+    return f", did you mean {near[0]!r}?" if near else f"; it has {names}" if names else "; it has none"
+
+
+def _run(path: str, given: Mapping[str, str]) -> tuple[bytes, str]:
+    said, arguments = io.StringIO(), _Arguments(given)
     try:
         with contextlib.redirect_stderr(said):
             import xacro  # after the limits
 
             with _finding(path):
-                text = str(xacro.process_file(path, mappings=dict(mappings)).toprettyxml(indent="  "))
+                text = str(xacro.process_file(path, mappings=arguments).toprettyxml(indent="  "))
     except Exception as error:  # noqa: BLE001 - a xacro file runs its author's expressions: anything may come
         reason = next((words for kind, words in _TOO_MUCH.items() if _has_cause(error, kind)), "")
-        return REFUSED, f"{reason or str(error).strip() or type(error).__name__}{_where(said.getvalue())}"
+        text = f"{reason or str(error).strip() or type(error).__name__}{_where(said.getvalue())}"
+        return REFUSED, "; ".join(each for each in (text, arguments.unknown()) if each)
+    if strange := arguments.unknown():
+        return REFUSED, strange
     if len(text) > LARGEST:
         return REFUSED, f"its URDF has more than {LARGEST >> 20} MiB; a macro or an expression in it makes too much"
     return URDF, text
@@ -114,11 +147,13 @@ def _where(said: str) -> str:
 @contextlib.contextmanager
 def _finding(path: str) -> Iterator[None]:
     """Answer `$(find ...)` with `find_package` while xacro runs."""
-    from xacro import substitution_args
+    from xacro import substitution_args  # after the limits
 
     before = substitution_args._eval_find  # noqa: SLF001 - xacro has no other door for it
 
     def find(package: str) -> str:
+        from canopen_control.urdf.package_search import find_package  # most files ask for none
+
         return find_package(package, path)
 
     substitution_args._eval_find = find  # noqa: SLF001 - as above
@@ -128,32 +163,6 @@ def _finding(path: str) -> Iterator[None]:
     finally:
         substitution_args._eval_find = before  # noqa: SLF001 - as above
         substitution_args._eval_dict["find"] = before  # noqa: SLF001 - as above
-
-
-def find_package(package: str, path: str) -> str:
-    """Return the folder of a ROS package: ament's share folder, else one found around the file; LookupError."""
-    with contextlib.suppress(Exception):  # ament_index_python is absent, or does not know it: look around instead
-        from ament_index_python.packages import get_package_share_directory
-
-        return str(get_package_share_directory(package))
-    folder = os.path.dirname(os.path.realpath(path))
-    while True:
-        for candidate in (folder, os.path.join(folder, package)):
-            if _names(candidate, package) or (os.path.basename(candidate) == package and os.path.isdir(candidate)):
-                return candidate
-        if folder == os.path.dirname(folder):
-            break
-        folder = os.path.dirname(folder)
-    raise LookupError(f"package {package!r} of $(find {package}) is neither installed nor above {path}")
-
-
-def _names(folder: str, package: str) -> bool:
-    """Whether the manifest in a folder is that of a package."""
-    try:
-        with open(os.path.join(folder, "package.xml"), encoding="utf-8", errors="replace") as manifest:
-            return f"<name>{package}</name>" in manifest.read()
-    except OSError:
-        return False
 
 
 if __name__ == "__main__":

@@ -37,7 +37,10 @@ class XacroLimits:
 
 
 class XacroRun:
-    """One run of xacro over `path`, begun at once; `mappings` are its arguments. `close` ends it, wanted or not."""
+    """One run of xacro over `path`, begun at once; `close` ends it, wanted or not.
+
+    `mappings` are its arguments; one that it does not have is refused, unless its name ends in `?`.
+    """
 
     def __init__(self, path: Path, mappings: Mapping[str, str], limits: XacroLimits | None = None) -> None:
         self._path, self._limits = path, limits or XacroLimits()

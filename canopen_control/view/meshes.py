@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Final
 from urllib.parse import unquote, urlsplit
 
 from canopen_control.errors import ConfigError
+from canopen_control.urdf.package_search import package_folders
 from canopen_control.view.triangles import dae_triangles, obj_triangles
 
 if TYPE_CHECKING:
@@ -30,32 +31,22 @@ MAX_BYTES: Final = 50_000_000  # of a file; more stands still in a browser
 def find_mesh(uri: str, description: str, environment: Mapping[str, str] | None = None) -> Path:
     """Return the file of `package://NAME/...`, `file://...` or a path relative to the description; ConfigError if none.
 
-    A package is a folder NAME above the description, or in share/ of AMENT_PREFIX_PATH, or in ROS_PACKAGE_PATH.
+    A package is one above the description, in ROS_PACKAGE_PATH, or in share/ of AMENT_PREFIX_PATH.
     """
     parts = urlsplit(uri)
     if parts.scheme not in ("", "file", "package", "model"):
         raise ConfigError(f"mesh {uri}: only files of this computer are read, no {parts.scheme}://")
     path = unquote(parts.path)
     if parts.scheme in ("package", "model"):
-        found = _in_package(parts.netloc, path.lstrip("/"), Path(description), environment or os.environ)
-        if found is None:
+        folders = package_folders(parts.netloc, Path(description), os.environ if environment is None else environment)
+        found = (folder / path.lstrip("/") for folder in folders)
+        if (file := next((each for each in found if each.is_file()), None)) is None:
             raise ConfigError(f"mesh {uri}: no package {parts.netloc} with this file; is AMENT_PREFIX_PATH set?")
-        return found
+        return file
     file = Path(description).parent / path
     if not file.is_file():
         raise ConfigError(f"mesh {uri}: there is no file {file}")
     return file
-
-
-def _in_package(package: str, path: str, description: Path, environment: Mapping[str, str]) -> Path | None:
-    above = [parent if parent.name == package else parent / package for parent in description.parents]
-    ament = [Path(each) / "share" / package for each in _paths(environment, "AMENT_PREFIX_PATH")]
-    old = [Path(each) / package for each in _paths(environment, "ROS_PACKAGE_PATH")]
-    return next((folder / path for folder in (*above, *ament, *old) if (folder / path).is_file()), None)
-
-
-def _paths(environment: Mapping[str, str], key: str) -> list[str]:
-    return [each for each in environment.get(key, "").split(os.pathsep) if each]
 
 
 @dataclass(frozen=True, slots=True)

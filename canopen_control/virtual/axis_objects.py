@@ -2,9 +2,9 @@
 
 Without a feed constant (0x6092) the user's unit is the count; with it
 counts = user * encoder resolution (0x608F) * gear ratio (0x6091) / feed constant, as each of them is there. 0x6096 and
-0x6097 scale velocities and accelerations on top. Bits 7 and 6 of 0x607E turn positions and velocities round. A zero is
-taken for one: no object may divide by it. Positions inside are the plant's; the user's are smaller by `zero`, which
-homing moves.
+0x6097 scale velocities and accelerations on top, whose unit is rpm where 0x60A9 says so. Bits 7 and 6 of 0x607E turn
+positions and velocities round. A zero is taken for one: no object may divide by it. Positions inside are the plant's;
+the user's are smaller by `zero`, which homing moves.
 """
 
 from __future__ import annotations
@@ -27,7 +27,9 @@ UNIT_OBJECTS = (
     o.FEED_CONSTANT,
     o.VELOCITY_FACTOR,
     o.ACCELERATION_FACTOR,
+    o.SI_UNIT_VELOCITY,
 )
+_RPM = 0xB447  # bits 8 to 23 of an SI unit (CiA 303-2), its power of ten above them
 _TURN_POSITION, _TURN_VELOCITY = 1 << 7, 1 << 6
 
 
@@ -53,8 +55,9 @@ class AxisUnits:
         if objects.has(o.FEED_CONSTANT, 1):
             resolution, gear = objects.ratio(o.POSITION_ENCODER_RESOLUTION), objects.ratio(o.GEAR_RATIO)
             self.length = resolution * gear / objects.ratio(o.FEED_CONSTANT)
-        self.speed = self.length / objects.ratio(o.VELOCITY_FACTOR)
-        self.acceleration = self.length / objects.ratio(o.ACCELERATION_FACTOR)
+        per_second = objects.speed_unit or self.length
+        self.speed = per_second / objects.ratio(o.VELOCITY_FACTOR)
+        self.acceleration = per_second / objects.ratio(o.ACCELERATION_FACTOR)
         self.turn = -1.0 if polarity & _TURN_VELOCITY else 1.0
         self.position = -self.length if polarity & _TURN_POSITION else self.length
         self.velocity = self.turn * self.speed
@@ -111,6 +114,13 @@ class AxisObjects:
         """Counts per second at one revolution per minute."""
         counts = self.number(o.POSITION_ENCODER_RESOLUTION, 1) or self.model.counts_per_revolution
         return counts / max(1, self.number(o.POSITION_ENCODER_RESOLUTION, 2, 1)) / 60.0
+
+    @property
+    def speed_unit(self) -> float:
+        """Counts per second of the unit of velocities that 0x60A9 names, 0 where it names none but counts."""
+        unit = self.number(o.SI_UNIT_VELOCITY) & 0xFFFFFFFF
+        exponent = (unit >> 24 ^ 0x80) - 0x80
+        return self.counts_per_rpm * 10.0**exponent if unit >> 8 & 0xFFFF == _RPM else 0.0
 
     @property
     def interpolation_s(self) -> float:

@@ -70,3 +70,15 @@ def test_a_caret_stands_below_the_mistake(tmp_path, capsys):
 def test_without_a_robot_it_says_what_to_name(capsys):
     assert main(["check", "no-such-robot"]) == 2
     assert "neither a folder nor one of the bundled ones" in capsys.readouterr().err
+
+
+def test_an_argument_that_the_description_does_not_have_is_an_error_with_the_nearest(capsys):
+    assert main(["check", "robby", "--strict", "use_mock_hardware:=true"]) == 0
+    assert main(["check", "robby", "use_mok_hardware:=true"]) == 2
+    said = capsys.readouterr().out
+    assert "robby.urdf.xacro: error: xacro: no argument 'use_mok_hardware', did you mean 'use_mock_hardware'?" in said
+
+
+def test_a_urdf_has_no_arguments(capsys):
+    assert main(["check", "arm6", "prefix:=a"]) == 2
+    assert "arm6.urdf: error: it is no xacro, so it has no arguments; leave prefix:= away" in capsys.readouterr().out

@@ -29,3 +29,20 @@ def test_the_help_of_an_action_shows_the_examples_of_that_action(capsys):
     with pytest.raises(SystemExit):
         main(["ros", "service", "call", "--help"])
     assert "example: canopen-control ros service call" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("verb", ["run", "demo", "check", "preflight"])
+def test_arguments_of_a_description_stand_anywhere(verb):
+    words = ["--can", "local:x", "prefix:=a", "--strict", "side:=left right"]
+    args = parser_of(verb).parse_args(["robby", *words])
+    assert (args.config, args.xacro, args.strict) == ("robby", ["prefix:=a", "side:=left right"], True)
+
+
+def test_they_are_not_taken_for_the_robot_and_end_where_ros_begins():
+    args = parser_of("demo").parse_args(["prefix:=a", "--ros", "--ros-args", "-r", "a:=b"])
+    assert (args.config, args.xacro, args.ros_args) == ("robby", ["prefix:=a"], ["-r", "a:=b"])
+
+
+def test_a_verb_without_a_description_takes_none():
+    with pytest.raises(SystemExit):
+        parser_of("scan").parse_args(["a:=b"])

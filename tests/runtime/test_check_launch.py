@@ -4,6 +4,7 @@ import re
 
 import pytest
 from support.configs import changed, found
+from support.launch_files import LAUNCH, make_package
 
 from canopen_control.runtime.robot_files import find_robot
 
@@ -114,6 +115,58 @@ def test_ros_2s_xml_is_read_too(tmp_path):
 def test_what_is_no_xml_or_python_is_told(tmp_path):
     (text,) = told(tmp_path, "<launch>")
     assert re.match(r"base\.launch:1: error: .*no element found", text)
-    assert told(tmp_path, "import launch", name="base.launch.py") == []  # a note
+    (text,) = told(tmp_path, "import launch", name="base.launch.py")
+    assert text == (
+        "base.launch.py:1: warning: it has no function generate_launch_description, for which ros2 launch looks"
+    )
+    (text,) = told(tmp_path, "import launch\nx = (", name="base.launch.py")
+    assert text == "base.launch.py:2: error: no Python: '(' was never closed"
     (text,) = found(find_robot("robby"), launch=tmp_path / "none.launch")
     assert "cannot be read" in text
+
+
+# --- Python ---
+
+
+def of_python(folder, old="", new=""):
+    """Return what is told of a launch file in Python with something changed, notes included, without its path."""
+    assert old in LAUNCH
+    path = make_package(folder, LAUNCH.replace(old, new, 1))
+    package = path.parents[1]
+    described = str(package / "urdf" / "base" / "robby.urdf.xacro")
+    files = find_robot(str(package / "config" / "first"), launch=str(path), description=described)
+    here = f"{path}:"
+    return [each.removeprefix(here) for each in found(files, launch=path, notes=True) if each.startswith(here)]
+
+
+def test_what_a_file_in_python_declares_and_starts_is_told_in_notes(tmp_path):
+    texts = [re.sub(r"^\d+: note: ", "", each) for each in of_python(tmp_path)]
+    assert texts == [
+        "argument mock: default 'false'",
+        "argument channel: no default that is written there",
+        "starts controller_manager/ros2_control_node",
+        "starts controller_manager/spawner of joint_state_broadcaster",
+        "starts controller_manager/spawner of robby_forward_controller",
+        "starts rclcpp_components/component_container",
+        "starts usb_cam/usb_cam::UsbCamNode",
+        "an argument of a node is computed, and not known without running the file; give what it is with NAME:=VALUE",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        (
+            '"robby_forward_controller"',
+            '"robby_forwrd_controller"',
+            "error: the spawner is to load 'robby_forwrd_controller', which ",
+        ),
+        ('"first", f"', '"second", f"', "warning: there is no file "),
+        ("FindPackageShare(PACKAGE)", 'FindPackageShare("elsewhere")', "note: package 'elsewhere' is neither around"),
+        ('name="eyes"', 'name="two eyes"', "error: node name 'two eyes' is not legal"),
+        ('PACKAGE = "robby_bringup"', "PACKAGE = name()", "note: a command is computed, and not known without running"),
+    ],
+)
+def test_a_mistake_of_a_file_in_python_has_its_line(tmp_path, old, new, message):
+    (text,) = [each for each in of_python(tmp_path, old, new) if message in each]
+    assert re.match(r"\d+: ", text)

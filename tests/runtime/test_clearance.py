@@ -38,6 +38,13 @@ def test_the_hash_is_of_what_the_files_hold_and_not_of_where_they_are(tmp_path):
         assert config_hash(setup_of(there)) != before
 
 
+def test_the_arguments_of_the_description_count_too(tmp_path):
+    robby = str(copy_robby(tmp_path))
+    plain = read_robot(find_robot(robby), can=["memory:clearance"])
+    given = read_robot(find_robot(robby, arguments=["use_mock_hardware:=false"]), can=["memory:clearance"])
+    assert config_hash(given) != config_hash(plain)
+
+
 def test_the_eds_file_counts_too(tmp_path):
     robby = copy_robby(tmp_path)
     before = setup_of(robby)

@@ -136,3 +136,72 @@ def test_bus_files_are_found_without_the_rest_of_a_robot(tmp_path):
         find_buses(str(robot(tmp_path / "none")))
     with pytest.raises(RobotConfigError, match="name a folder or a bundled robot"):
         find_buses(None)
+
+
+def test_arguments_of_the_description_are_pairs(tmp_path):
+    folder = robot(tmp_path / "r", "bus.yml", "ros2_controllers.yaml", "x.urdf.xacro")
+    files = find_robot(str(folder), arguments=["prefix:=a:=b", "side:=", "prefix:=c"])
+    assert files.arguments == {"prefix": "c", "side": ""}
+    assert files.mappings(mock=True) == {"use_mock_hardware?": "true", "prefix": "c", "side": ""}
+    for word in ("prefix=a", ":=a", "a b:=c", "x"):
+        with pytest.raises(RobotConfigError, match="is no argument of the description; those are NAME:=VALUE"):
+            find_robot(str(folder), arguments=[word])
+
+
+# --- ROS packages ---
+
+
+@pytest.fixture
+def package(tmp_path):
+    """Return a package with config/ and urdf/."""
+    root = tmp_path / "ws" / "my_robot"
+    robot(tmp_path / "ws")
+    robot(root, "package.xml")
+    robot(root / "config", "bus.yml", "ros2_controllers.yaml", "bus_arm.yml")
+    robot(root / "urdf", "my_robot.urdf.xacro", "part.xacro")
+    return root
+
+
+@pytest.mark.parametrize("given", ["", "config"])
+def test_in_a_package_the_description_is_beside_config(package, given):
+    files = find_robot(str(package / given))
+    assert files.name == "my_robot"
+    assert files.bus == package / "config" / "bus.yml"
+    assert files.description.resolve() == package / "urdf" / "my_robot.urdf.xacro"
+    assert list(files.more_buses) == ["arm"]
+    assert list(find_buses(str(package / given))) == ["can", "arm"]
+
+
+def test_each_folder_of_config_is_a_robot_with_the_description_of_its_name(package):
+    robot(package / "config" / "lift", "bus.yml", "ros2_controllers.yaml")
+    robot(package / "urdf" / "lift", "any.urdf.xacro")
+    files = find_robot(str(package / "config" / "lift"))
+    assert (files.name, files.description) == ("lift", package / "urdf" / "lift" / "any.urdf.xacro")
+
+
+def test_what_lies_in_several_folders_is_named(package):
+    for name in ("a", "b"):
+        robot(package / "config" / name, "bus.yml")
+        robot(package / "urdf" / name, "x.urdf")
+    for path in (package / "config" / "bus.yml", package / "urdf" / "my_robot.urdf.xacro"):
+        path.unlink()
+    (package / "config" / "bus_arm.yml").unlink()
+    with pytest.raises(RobotConfigError, match=r"name one with --description: .*urdf/a/x\.urdf, .*urdf/b/x\.urdf"):
+        find_robot(str(package))
+    with pytest.raises(RobotConfigError, match=r"name a folder that has one: .*config/a, .*config/b"):
+        find_buses(str(package))
+
+
+def test_a_package_is_given_by_its_name_where_the_environment_knows_it(package, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("ROS_PACKAGE_PATH", str(tmp_path / "ws"))
+    assert find_robot("my_robot").bus == package / "config" / "bus.yml"
+    assert find_robot("my_robot/config").name == "my_robot"
+    with pytest.raises(RobotConfigError, match="nor a ROS package that is sourced or in ROS_PACKAGE_PATH"):
+        find_robot("their_robot")
+
+
+def test_several_descriptions_are_named(package):
+    robot(package / "urdf", "other.urdf.xacro")
+    with pytest.raises(RobotConfigError, match=r"--description \(my_robot\.urdf\.xacro, other\.urdf\.xacro\)"):
+        find_robot(str(package))

@@ -3,7 +3,7 @@ from __future__ import annotations
 import pytest
 from urdf.test_xacro_run import HEAD, run_xacro, write
 
-from canopen_control.urdf.xacro_child import _where, find_package
+from canopen_control.urdf.xacro_child import URDF, _run, _where
 
 
 @pytest.mark.process
@@ -14,9 +14,6 @@ def test_find_looks_around_the_file_where_no_ros_knows_the_package(tmp_path):
     (package / "part.xacro").write_text(f'{HEAD}<link name="part"/></robot>', encoding="utf-8")
     path = write(package / "urdf", '<xacro:include filename="$(find my_description)/part.xacro"/>')
     assert '<link name="part"/>' in run_xacro(path, {})
-    assert find_package("my_robot", str(path)) == str(package)
-    with pytest.raises(LookupError, match=r"package 'other' of \$\(find other\) is neither installed nor above"):
-        find_package("other", str(path))
 
 
 def test_of_a_long_macro_stack_the_first_lines_are_told():
@@ -25,3 +22,35 @@ def test_of_a_long_macro_stack_the_first_lines_are_told():
         " (when instantiating macro: m; in file: x)"
     )
     assert _where("line\n" * 900) == " (line; line; line; line; line; ...)"
+
+
+ARGUED = (
+    '<xacro:arg name="prefix" default="a"/><xacro:arg name="use_mock" default="false"/><link name="$(arg prefix)"/>'
+)
+
+
+def made(folder, given, text=ARGUED):
+    kind, answer = _run(str(write(folder, text)), given)
+    return kind == URDF, answer
+
+
+def test_an_argument_that_nothing_asks_for_is_refused_with_the_nearest(tmp_path):
+    assert made(tmp_path, {"prefx": "b"}) == (False, "no argument 'prefx', did you mean 'prefix'?")
+    assert made(tmp_path, {"colour": "b"}) == (False, "no argument 'colour'; it has prefix, use_mock")
+    assert made(tmp_path, {"colour": "b"}, '<link name="a"/>') == (False, "no argument 'colour'; it has none")
+
+
+def test_an_argument_with_a_question_mark_need_not_be_there(tmp_path):
+    assert made(tmp_path, {"colour?": "b"})[0]
+    assert '<link name="b"/>' in made(tmp_path, {"prefix?": "b"})[1]
+
+
+def test_an_argument_that_is_used_and_not_declared_is_one(tmp_path):
+    assert made(tmp_path, {"side": "left"}, '<link name="$(arg side)"/>')[0]
+
+
+def test_a_mistyped_argument_is_told_beside_the_one_that_is_missing(tmp_path):
+    good, said = made(tmp_path, {"sid": "left"}, '<link name="$(arg side)"/>')
+    assert not good
+    assert "side" in said
+    assert said.endswith("no argument 'sid', did you mean 'side'?")

@@ -109,3 +109,21 @@ def test_zeros_divide_nothing_and_without_a_feed_constant_a_unit_is_a_count():
     b.on(0.5)
     assert b.velocity == 500
     assert Bench(servo()).drive.objects.units.length == 1.0  # which has 0x608F alone
+
+
+@pytest.mark.parametrize(("unit", "of_one_rpm"), [(0x00B44700, 1.0), (0xFFB44700, 0.1), (0x00000000, 0.0)])
+def test_velocities_are_in_the_rpm_that_0x60a9_names(unit, of_one_rpm):
+    from support.virtualbench import servo_od  # the unit is no object of every servo
+
+    from canopen_control.od.model import DataType, Entry
+    from canopen_control.virtual.device import make_device
+
+    od = servo_od()
+    od.add(Entry(0x60A9, 0, "SI unit velocity", DataType.UNSIGNED32, "ro", default=unit))
+    b = Bench(make_device(od, 5))
+    b.enable(3)
+    b.write(0x60FF, 60)
+    b.on(0.5)
+    counts_per_s = 60 * of_one_rpm * 6000 / 60 if of_one_rpm else 60
+    assert b.drive.mover.plant.velocity == pytest.approx(counts_per_s)
+    assert b.velocity == 60

@@ -1,0 +1,194 @@
+"""`init`: the folder of a new robot, made of the EDS files of its drives, or of who is on a bus.
+
+It writes bus.yml, a URDF with <ros2_control> and ros2_controllers.yaml, commented, and copies the EDS. `check --strict`
+passes it, and `demo NAME` turns it at once on virtual drives. What the EDS does not tell is written as a guess and
+called one: counts per revolution, gear ratio, measures. Before real drives: `preflight`.
+
+Exit codes: 0 good, 2 wrong usage, a file that is none, or a robot that cannot be made of it.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from canopen_control.cli.support.arguments import timeout_seconds
+from canopen_control.cli.support.target import find_eds
+from canopen_control.data_files import data_names
+from canopen_control.errors import CanopenError, ConfigError
+from canopen_control.od.eds import read_eds
+from canopen_control.scaffold.bases import BASES
+
+if TYPE_CHECKING:
+    import argparse
+    from collections.abc import Sequence
+
+    from canopen_control.cli.scan import FoundNode
+    from canopen_control.scaffold.new_robot import Device, NewNode
+    from canopen_control.scaffold.robot_folder import Written
+
+__all__ = ["EXAMPLE", "add_arguments", "run"]
+
+EXAMPLE = """canopen-control init my_robot --eds generic_cia402.eds --node-id 2,3 --base diff
+         canopen-control init turntable --eds TMCM-1270.eds --node-id 5 --joint table_joint
+         canopen-control init found --can can0 --eds my_drive.eds"""
+
+_NODE_IDS = range(1, 128)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    parser.add_argument("robot", metavar="NAME", help="of the robot, and of its folder, which is made where you are")
+    parser.add_argument(
+        "--eds",
+        metavar="FILE",
+        action="append",
+        default=[],
+        help="EDS of the drive, a file or a bundled one (repeatable: the next --node-id is its)",
+    )
+    parser.add_argument(
+        "--node-id", metavar="N[,N..]", action="append", default=[], help="node ids of the devices with that EDS"
+    )
+    parser.add_argument(
+        "--can", metavar="CHANNEL", help="instead: who is on this bus, with the EDS that fits, given or bundled"
+    )
+    parser.add_argument(
+        "--joint", metavar="NAME", action="append", default=[], help="name of a joint, one for each drive in order"
+    )
+    parser.add_argument(
+        "--base", choices=list(BASES), default="none", help="what the drives move together (default: none)"
+    )
+    parser.add_argument(
+        "--allow-unsupervised",
+        action="store_true",
+        help="also drives that nothing would stop when this computer dies",
+    )
+    parser.add_argument("--force", action="store_true", help="write the files of a folder that is there anew")
+    parser.add_argument(
+        "--timeout", type=timeout_seconds, default=0.2, metavar="S", help="with --can: for each answer (default: 0.2)"
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the verb."""
+    from canopen_control.scaffold.new_robot import check_robot_name, plan_robot
+    from canopen_control.scaffold.robot_folder import refuse_existing, write_robot
+
+    check_robot_name(args.robot)
+    refuse_existing(Path() / args.robot, force=args.force)
+    devices = _from_files(args) if args.can is None else _from_bus(args)
+    robot = plan_robot(
+        args.robot, devices, joints=args.joint, base=args.base, allow_unsupervised=args.allow_unsupervised
+    )
+    print("\n".join(_lines(write_robot(robot, Path(), force=args.force))))
+    return 0
+
+
+def _from_files(args: argparse.Namespace) -> list[Device]:
+    """Return the devices of --eds and --node-id."""
+    if not args.eds or not args.node_id:
+        missing = "--eds FILE" if not args.eds else "--node-id N"
+        bundled = ", ".join(name for name in data_names("eds") if name.lower().endswith(".eds"))
+        raise ConfigError(
+            f"{missing} is missing; give both, or --can CHANNEL for who is there (bundled EDS: {bundled})"
+        )
+    if len(args.eds) not in (1, len(args.node_id)):
+        raise ConfigError(
+            f"{len(args.eds)} --eds and {len(args.node_id)} --node-id: give each EDS the node ids of its devices, "
+            "as in --eds A.eds --node-id 2,3 --eds B.eds --node-id 4"
+        )
+    files = args.eds * len(args.node_id) if len(args.eds) == 1 else args.eds
+    pairs = [(file, _ids(text)) for file, text in zip(files, args.node_id, strict=True)]
+    return [_device(find_eds(file), node_id) for file, ids in pairs for node_id in ids]
+
+
+def _ids(text: str) -> list[int]:
+    """Read `3` or `2,3`; ConfigError."""
+    ids = []
+    for word in text.split(","):
+        try:
+            node_id = int(word, 0)
+        except ValueError:
+            node_id = 0
+        if node_id not in _NODE_IDS:
+            raise ConfigError(f"--node-id {text}: {word.strip()!r} is no node id; they are 1 to 127, such as 2,3")
+        ids.append(node_id)
+    return ids
+
+
+def _device(path: Path, node_id: int, remark: str = "") -> Device:
+    from canopen_control.scaffold.new_robot import Device
+
+    return Device(node_id, path.resolve(), read_eds(path, node_id).od, remark)
+
+
+def _from_bus(args: argparse.Namespace) -> list[Device]:
+    """Return the devices on a bus whose EDS is given or bundled; the others are told, and left out."""
+    from canopen_control.cli.scan import match_files, survey_channel
+
+    if args.node_id:
+        raise ConfigError("--can finds the node ids itself; leave --node-id away")
+    files = [find_eds(name) for name in args.eds]
+    bundled = [find_eds(name) for name in data_names("eds") if name.lower().endswith(".eds")]
+    survey = survey_channel(args.can, args.timeout)
+    match_files(survey, [*bundled, *files])
+    nodes = [node for node_id, node in survey.found.items() if node_id != survey.master_id]
+    if not nodes:
+        raise CanopenError(f"nobody answers on {survey.channel}; is it powered, and the bit rate right?")
+    devices = []
+    for node in nodes:
+        if node.eds is None:
+            print(f"canopen-control: left out: {_unknown(node)}", file=sys.stderr)
+        else:
+            devices.append(_device(Path(node.eds), node.node_id, _who(node)))
+    if not devices:
+        raise ConfigError(f"no EDS fits anybody on {survey.channel}; give those of the makers: --eds FILE")
+    return devices
+
+
+def _who(node: FoundNode) -> str:
+    identity = node.identity
+    parts = [(identity.device_name if identity else "") or "", node.remark and f"its EDS is {node.remark}"]
+    if identity is not None and identity.serial_number:
+        parts.insert(1, f"serial number {identity.serial_number}")
+    return ", ".join(part for part in parts if part)
+
+
+def _unknown(node: FoundNode) -> str:
+    identity = node.identity
+    if identity is None:
+        return f"node {node.node_id} answers no SDO"
+    vendor, product = identity.vendor_id or 0, identity.product_code or 0
+    return f"node {node.node_id}, vendor 0x{vendor:08X}, product 0x{product:08X}: no EDS fits; add its file with --eds"
+
+
+def _lines(written: Written) -> list[str]:
+    robot = written.robot
+    lines = [f"{written.folder}/ is made: {', '.join(written.files)}"]
+    lines += [_node_line(node) for node in robot.nodes]
+    lines += [f"check warns: {text}" for text in written.warnings]
+    guessed = [node.name for node in robot.drives if node.drive is not None and not node.drive.told]
+    if guessed:
+        lines.append(f"counts_per_revolution in bus.yml is a guess for {_some(guessed)}: the EDS tells none")
+    name = robot.name
+    if not robot.drives:
+        return [*lines, "no drive is among them, so there are no joints and no controllers: a bus alone"]
+    return [*lines, f"turn it, on virtual drives: canopen-control demo {name}", _real_line(name)]
+
+
+def _real_line(name: str) -> str:
+    return f"real drives, after a look at bus.yml: canopen-control preflight {name} --can can0"
+
+
+def _node_line(node: NewNode) -> str:
+    if node.drive is None:
+        return f"  node {node.device.node_id} {node.name}: {node.device.eds.name}, no drive"
+    drive = node.drive
+    mode = f"{drive.interface} in {drive.mode.name}"
+    more = f", the first of its {drive.axes} axes" if drive.axes > 1 else ""
+    return f"  node {node.device.node_id} {node.name}: moves {node.joint}, {mode}{more}"
+
+
+def _some(names: Sequence[str]) -> str:
+    return ", ".join(names) if len(names) < 4 else f"{names[0]} and {len(names) - 1} more"

@@ -1,0 +1,275 @@
+"""Reads launch files in Python by their syntax, without running them (`ast`): arguments, nodes, files and plugin names.
+
+The law of this file: nothing is imported or executed. Texts are followed through constants, names that are assigned
+once, `+`, `/`, f-strings, os.path.join and the substitutions of launch; what comes out of anything else is computed,
+which is told with its line instead of guessed.
+"""
+
+from __future__ import annotations
+
+import ast
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Final
+
+from canopen_control.errors import RobotConfigError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+__all__ = ["LaunchNode", "LaunchText", "PythonLaunch", "read_python"]
+
+_SUFFIXES: Final = (".yaml", ".yml", ".urdf", ".xacro", ".eds", ".dcf", ".rviz", ".launch.py", ".launch.xml", ".launch")
+_NODES: Final = ("Node", "LifecycleNode", "ComposableNodeContainer")
+_PACKAGE_CALLS: Final = ("FindPackageShare", "FindPackage", "get_package_share_directory", "get_package_share_path")
+_THROUGH: Final = ("ParameterValue", "TextSubstitution", "str", "Path", "PythonLaunchDescriptionSource", "Command",
+                   "AnyLaunchDescriptionSource", "XMLLaunchDescriptionSource", "ParameterFile")  # fmt: skip
+_DEEPEST: Final = 40  # names that stand for names
+
+
+@dataclass(frozen=True, slots=True)
+class LaunchText:
+    """A text of a launch file and its line; None is one that is computed."""
+
+    text: str | None
+    line: int
+
+
+@dataclass(frozen=True, slots=True)
+class LaunchNode:
+    """A node that is started; `plugin` of a composable one. A name that is computed is None, one that is absent ""."""
+
+    package: str | None
+    executable: str | None
+    name: str | None
+    namespace: str | None
+    arguments: tuple[LaunchText, ...]
+    line: int
+    plugin: str | None = ""
+
+
+@dataclass(slots=True)
+class PythonLaunch:
+    """What a launch file in Python says; `generates` is whether it has generate_launch_description."""
+
+    arguments: dict[str, str | None] = field(default_factory=dict)
+    argument_lines: dict[str, int] = field(default_factory=dict)
+    nodes: list[LaunchNode] = field(default_factory=list)
+    found: list[LaunchText] = field(default_factory=list)
+    computed: list[tuple[int, str]] = field(default_factory=list)
+    generates: bool = False
+
+    @property
+    def texts(self) -> tuple[LaunchText, ...]:
+        """The files and commands."""
+        return tuple(self.found)
+
+
+def read_python(source: str, path: str) -> PythonLaunch:
+    """Read a launch file; RobotConfigError, with the line, for what is no Python."""
+    try:
+        tree = ast.parse(source)
+    except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
+        line = getattr(error, "lineno", None) or 1
+        raise RobotConfigError(f"{path}:{line}: no Python: {getattr(error, 'msg', None) or error}") from error
+    reader = _Reader(tree)
+    try:
+        reader.read()
+    except RecursionError as error:
+        raise RobotConfigError(f"{path}: its expressions nest too deep to be read") from error
+    return reader.launch
+
+
+class _Reader:
+    """One reading of one file."""
+
+    def __init__(self, tree: ast.Module) -> None:
+        self._tree, self._depth = tree, 0
+        self._names = _assigned_once(tree)
+        self.launch = PythonLaunch()
+
+    def read(self) -> None:
+        """Find everything that is declared, started and named."""
+        for node in ast.walk(self._tree):
+            if isinstance(node, ast.FunctionDef) and node.name == "generate_launch_description":
+                self.launch.generates = True
+            if isinstance(node, ast.Call):
+                name = _called(node)
+                if name == "DeclareLaunchArgument":
+                    self._argument(node)
+                elif name in _NODES or name == "ComposableNode":
+                    self._node(node)
+        self._files(self._tree)
+
+    def _argument(self, call: ast.Call) -> None:
+        where = call.args[0] if call.args else _keyword(call, "name")
+        name = None if where is None else self.text(where)
+        if name is None:
+            self.launch.computed.append((call.lineno, "the name of an argument"))
+            return
+        default = _keyword(call, "default_value")
+        value = None if default is None else self.text(default)
+        if default is not None and value is None:
+            self.launch.computed.append((call.lineno, f"the default of the argument {name!r}"))
+        self.launch.arguments[name] = value
+        self.launch.argument_lines[name] = call.lineno
+
+    def _node(self, call: ast.Call) -> None:
+        def one(key: str) -> str | None:
+            place = _keyword(call, key)
+            value = "" if place is None else self.text(place)
+            if value is None:
+                self.launch.computed.append((call.lineno, f"the {key} of a node"))
+            return value
+
+        given = self._list(_keyword(call, "arguments"))
+        words = tuple(LaunchText(self.text(each), each.lineno) for each in given)
+        self.launch.computed += [(each.line, "an argument of a node") for each in words if each.text is None]
+        self.launch.nodes.append(
+            LaunchNode(
+                one("package"), one("executable"), one("name"), one("namespace"), words, call.lineno, one("plugin")
+            )
+        )
+
+    def _list(self, node: ast.expr | None) -> list[ast.expr]:
+        """Return the elements of a list, its name followed; a sum of lists is one."""
+        if isinstance(node, ast.Name) and node.id in self._names:
+            return self._list(self._names[node.id])
+        if isinstance(node, ast.List | ast.Tuple):
+            return list(node.elts)
+        if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add):
+            return [*self._list(node.left), *self._list(node.right)]
+        return [] if node is None else [node]
+
+    def _files(self, node: ast.AST) -> None:
+        """Collect what names a file, whole paths only, and the commands."""
+        if isinstance(node, ast.expr) and not isinstance(node, ast.Name):
+            text = self.text(node)
+            if text is not None and (text.endswith(_SUFFIXES) or _is_command(node)):
+                self.launch.found.append(LaunchText(text, node.lineno))
+                return
+            if text is None and _is_command(node):
+                self.launch.computed.append((node.lineno, "a command"))
+        for child in ast.iter_child_nodes(node):
+            self._files(child)
+
+    # --- texts ---
+
+    def text(self, node: ast.expr) -> str | None:
+        """Return the text that an expression stands for, None for one that is computed."""
+        if self._depth > _DEEPEST:
+            return None
+        self._depth += 1
+        try:
+            return next((read(self, node) for kind, read in _TEXTS.items() if isinstance(node, kind)), None)
+        finally:
+            self._depth -= 1
+
+    def joined(self, nodes: list[ast.expr], between: str = "") -> str | None:
+        """Return texts one after the other."""
+        texts = [self.text(each) for each in nodes]
+        known = [each for each in texts if each is not None]
+        return between.join(known) if len(known) == len(texts) else None
+
+    def name(self, node: ast.expr) -> str | None:
+        """Return what a name stands for that is assigned once."""
+        value = self._names.get(node.id) if isinstance(node, ast.Name) else None
+        return None if value is None else self.text(value)
+
+    def call(self, node: ast.expr) -> str | None:
+        """Return what a substitution of launch, or a function of paths, makes."""
+        assert isinstance(node, ast.Call)
+        name = _called(node)
+        if name == "perform" and isinstance(node.func, ast.Attribute):  # in an OpaqueFunction
+            return self.text(node.func.value)
+        first = node.args[0] if node.args else next((each.value for each in node.keywords), None)
+        if name == "join" and node.args:
+            return self.joined(node.args, "/")
+        if first is None:
+            return None
+        if name == "PathJoinSubstitution":
+            return self.joined(self._list(first), "/")
+        inner = self.text(first)
+        if inner is None:
+            return None
+        if name == "LaunchConfiguration":
+            return f"$(var {inner})"
+        if name in _PACKAGE_CALLS:
+            return f"$(find {inner})"
+        if name == "FindExecutable":
+            return inner
+        return inner if name in _THROUGH else None
+
+
+def _constant(_reader: _Reader, node: ast.expr) -> str | None:
+    value = node.value if isinstance(node, ast.Constant) else None
+    if isinstance(value, bool):
+        return str(value).lower()
+    return str(value) if isinstance(value, str | int | float) else None
+
+
+def _formatted(reader: _Reader, node: ast.expr) -> str | None:
+    assert isinstance(node, ast.JoinedStr)
+    parts = [each.value if isinstance(each, ast.FormattedValue) else each for each in node.values]
+    return reader.joined(parts)
+
+
+def _sum(reader: _Reader, node: ast.expr) -> str | None:
+    assert isinstance(node, ast.BinOp)
+    between = "/" if isinstance(node.op, ast.Div) else "" if isinstance(node.op, ast.Add) else None
+    return None if between is None else reader.joined([node.left, node.right], between)
+
+
+def _listed(reader: _Reader, node: ast.expr) -> str | None:
+    assert isinstance(node, ast.List | ast.Tuple)
+    return reader.joined(node.elts) if node.elts else None
+
+
+_TEXTS: Final[dict[type[ast.expr] | tuple[type[ast.expr], ...], Callable[[_Reader, ast.expr], str | None]]] = {
+    ast.Constant: _constant,
+    ast.JoinedStr: _formatted,
+    ast.BinOp: _sum,
+    (ast.List, ast.Tuple): _listed,
+    ast.Name: _Reader.name,
+    ast.Call: _Reader.call,
+}
+"""Kind of expression to what makes its text."""
+
+
+def _assigned_once(tree: ast.Module) -> dict[str, ast.expr]:
+    """Return the names that have one value in the whole file, and their values."""
+    values, seen = dict[str, ast.expr](), dict[str, int]()
+    for name, value in _assignments(tree):
+        seen[name] = seen.get(name, 0) + 1
+        if value is not None:
+            values[name] = value
+    return {name: value for name, value in values.items() if seen[name] == 1}
+
+
+def _assignments(tree: ast.Module) -> Iterator[tuple[str, ast.expr | None]]:
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Assign) and len(node.targets) == 1 and isinstance(node.targets[0], ast.Name):
+            yield node.targets[0].id, node.value
+        elif isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
+            yield node.target.id, node.value
+        elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+            continue
+        elif isinstance(node, ast.AugAssign | ast.For) and isinstance(node.target, ast.Name):
+            yield node.target.id, None
+            yield node.target.id, None  # never a single value
+        elif isinstance(node, ast.arg):
+            yield node.arg, None
+            yield node.arg, None
+
+
+def _called(call: ast.Call) -> str:
+    """Return the last part of what is called: `Node` of `actions.Node`."""
+    func = call.func
+    return func.attr if isinstance(func, ast.Attribute) else func.id if isinstance(func, ast.Name) else ""
+
+
+def _keyword(call: ast.Call, name: str) -> ast.expr | None:
+    return next((each.value for each in call.keywords if each.arg == name), None)
+
+
+def _is_command(node: ast.expr) -> bool:
+    return isinstance(node, ast.Call) and _called(node) == "Command"

@@ -1,0 +1,1 @@
+"""Makes the folder of a new robot from EDS files: bus.yml, description, controllers."""

@@ -1,0 +1,87 @@
+"""The bases that `init` knows: which controller drives them, how many drives they have, what their joints are called.
+
+Drives are taken in the order of their joints: left before right, front before rear, traction before steering.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+from canopen_control.controllers.types import TYPES
+from canopen_control.scaffold.drive_choice import POSITION, VELOCITY
+
+__all__ = ["BASES", "Base"]
+
+
+@dataclass(frozen=True, slots=True)
+class Base:
+    """A kind of base; `shapes` are its joints by number of drives, none where any number will do.
+
+    The first `steering` joints from the end are positions. `type_name` is its controller's, "" for none.
+    """
+
+    name: str
+    type_name: str = ""
+    shapes: tuple[tuple[str, ...], ...] = ()
+    steering: int = 0
+    words: str = ""
+
+    def joints(self, drives: int) -> tuple[str, ...]:
+        """Return the usual names of the joints."""
+        for shape in self.shapes:
+            if len(shape) == drives:
+                return shape
+        return tuple(f"joint_{number}" for number in range(1, drives + 1))
+
+    def interfaces(self, drives: int, number: int) -> tuple[str, ...]:
+        """Return the command interfaces that joint `number`, from 0, may have, the best first."""
+        if not self.type_name:
+            return (VELOCITY, POSITION)
+        return (POSITION,) if number >= drives - self.steering else (VELOCITY,)
+
+    def mirrored(self, drives: int, number: int) -> bool:
+        """Whether joint `number` is a wheel on the left, whose motor faces that on the right."""
+        return bool(self.type_name) and number < drives - self.steering and number % 2 == 0
+
+    def problem(self, drives: int) -> str:
+        """Say why there can be no such base on so many drives, "" where it can."""
+        if self.type_name and self.type_name not in TYPES:
+            return f"--base {self.name}: this version has no {self.type_name}; leave --base away, or use diff"
+        if self.shapes and drives not in {len(shape) for shape in self.shapes}:
+            has = "no drive was" if not drives else "one was" if drives == 1 else f"{drives} were"
+            return f"--base {self.name} has {self.words}, {has} given; give as many node ids, or leave --base away"
+        return ""
+
+
+_DIFF: Final = (
+    ("left_wheel_joint", "right_wheel_joint"),
+    ("front_left_wheel_joint", "front_right_wheel_joint", "rear_left_wheel_joint", "rear_right_wheel_joint"),
+)
+
+BASES: Final = {
+    base.name: base
+    for base in (
+        Base("none"),
+        Base(
+            "diff",
+            "diff_drive_controller/DiffDriveController",
+            _DIFF,
+            words="two drives (left, right) or four (front left, front right, rear left, rear right)",
+        ),
+        Base(
+            "tricycle",
+            "tricycle_steering_controller/TricycleSteeringController",
+            (("left_wheel_joint", "right_wheel_joint", "steering_joint"),),
+            steering=1,
+            words="three drives (rear left, rear right, steering)",
+        ),
+        Base(
+            "mecanum",
+            "mecanum_drive_controller/MecanumDriveController",
+            _DIFF[1:],
+            words="four drives (front left, front right, rear left, rear right)",
+        ),
+    )
+}
+"""Kinds of bases by name."""

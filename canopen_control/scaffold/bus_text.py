@@ -1,0 +1,220 @@
+"""Writes the bus.yml of a new robot, with a comment on each key for who meets it for the first time.
+
+What all nodes have in common stands under `defaults` where they have one EDS; else each node has its own keys.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Final
+
+from canopen_control.cia402.modes import OperationMode
+from canopen_control.cia402.objects import (
+    ABORT_CONNECTION_OPTION,
+    PROFILE_ACCELERATION,
+    PROFILE_DECELERATION,
+    PROFILE_VELOCITY,
+    QUICK_STOP_DECELERATION,
+    object_name,
+)
+from canopen_control.od.limits import outside_limits
+from canopen_control.scaffold.drive_choice import POSITION
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from canopen_control.scaffold.drive_choice import DriveChoice
+    from canopen_control.scaffold.new_robot import NewNode, NewRobot
+    from canopen_control.scaffold.pdo_choice import PdoUse
+
+__all__ = ["bus_text", "remark"]
+
+_COLUMN: Final = 44
+_QUICK_STOP: Final = 3  # 0x6007
+_MODE_WORDS: Final = {
+    OperationMode.PV: "profile velocity: the drive ramps by itself (0x6083, 0x6084)",
+    OperationMode.CSV: "cyclic synchronous velocity: a velocity every SYNC, ramped by this computer",
+    OperationMode.VL: "velocity mode of frequency converters, revolutions per minute",
+    OperationMode.CSP: "cyclic synchronous position: a position every SYNC",
+    OperationMode.PP: "profile position: the drive goes there by itself (0x6081, 0x6083, 0x6084)",
+    OperationMode.IP: "interpolated position: a position every SYNC",
+}
+_RAMPED: Final = (OperationMode.PV, OperationMode.PP)
+_EVERY: Final = tuple(_MODE_WORDS)
+_RAMPS: Final = (
+    (PROFILE_VELOCITY, 2.0, "profile velocity", (OperationMode.PP,)),
+    (PROFILE_ACCELERATION, 20.0, "profile acceleration", _RAMPED),
+    (PROFILE_DECELERATION, 20.0, "profile deceleration", _EVERY),
+    (QUICK_STOP_DECELERATION, 40.0, "quick stop deceleration", _EVERY),
+)
+"""Object, value in rad/s or rad/s^2, words, modes that need it."""
+_TRANSMISSION: Final = {1: "with every SYNC", 255: "acts when it comes"}
+
+
+def bus_text(robot: NewRobot) -> str:
+    """Return the whole file."""
+    same = len({(node.device.eds, node.drive) for node in robot.nodes}) == 1
+    lines = [*_head(robot), ""]
+    if same:
+        lines += ["defaults:  # what all nodes have in common; a node's own key wins"]
+        lines += _indented(_node_keys(robot, robot.nodes[0]), 2)
+        lines.append("")
+    lines.append("nodes:")
+    for node in robot.nodes:
+        lines += [f"  {node.name}:", *_indented(list(_own_keys(node)), 4)]
+        if not same:
+            lines += _indented(_node_keys(robot, node), 4)
+    return "\n".join(lines) + "\n"
+
+
+def remark(text: str, words: str) -> str:
+    """Return a line with a comment at the common column."""
+    return f"{text:<{_COLUMN}} # {words}" if words else text
+
+
+def _head(robot: NewRobot) -> list[str]:
+    return [
+        f"# The CANopen bus of {robot.name}, in the format of ros2_canopen: who is on it, and what a boot writes.",
+        f"# What is wrong here: canopen-control check {robot.name}. And written: canopen-control plan {robot.name}.",
+        "",
+        "master:  # this computer",
+        remark(f"  node_id: {robot.master_id}", "its own, which no device may have"),
+        remark(
+            f"  baudrate: {robot.baudrate}", "kbit/s, as the devices are set; with real CAN the interface has it too"
+        ),
+        remark(f"  sync_period: {robot.sync_us}", "us: the cycle of the whole robot: feedback, controllers, commands"),
+        remark("  heartbeat_producer: 100", "ms: by this the devices notice when this computer dies"),
+    ]
+
+
+def _own_keys(node: NewNode) -> Iterator[str]:
+    yield remark(f"node_id: {node.device.node_id}", node.device.remark or "as the device is set")
+    if node.drive is not None and _by_scale(node.drive):
+        yield from _scales(node, node.drive)
+    elif node.drive is not None:
+        yield remark(f"reversed: {'true' if node.mirrored else 'false'}", "true for a motor that is mounted mirrored")
+
+
+def _node_keys(robot: NewRobot, node: NewNode) -> list[str]:
+    device = node.device.od.device
+    what = " ".join(each for each in (device.vendor_name, device.product_name) if each)
+    lines = [
+        remark(f"dcf: {_quoted(robot.eds_name(node))}", f"EDS beside this file{f': {what}' if what else ''}"),
+        remark("revision_number: 0", "any firmware revision will do"),
+        *_supervision(robot, node),
+    ]
+    if node.drive is None:
+        return [*lines, "# no drive: its PDOs stay as it has them, and no joint moves by it"]
+    return [*lines, *_motion(node.drive), *_writes(node, node.drive), *_pdos(node.drive)]
+
+
+def _supervision(robot: NewRobot, node: NewNode) -> list[str]:
+    watched, lines = node.supervision, list[str]()
+    if watched.producer:
+        lines.append(remark("heartbeat_producer: 100", "ms (0x1017): by this the master notices when the device dies"))
+    if watched.consumer:
+        lines.append(remark("heartbeat_consumer: true", "0x1016: the device watches the master ..."))
+    if watched.producer or watched.consumer:
+        lines.append(remark("heartbeat_multiplier: 5", "... and either side waits for five heartbeats"))
+    if watched.guarding:
+        lines.append(remark("guard_time: 100", "ms (0x100C): node guarding, where heartbeats are lacking"))
+        lines.append(remark("life_time_factor: 5", "0x100D: either side waits five guard times"))
+    if robot.allow_unsupervised and node.drive is not None and not watched.stops_alone:
+        lines.append(remark("allow_unsupervised: true", "NOTHING stops this drive when this computer dies"))
+    lines.append(remark("missed_syncs: 10", "feedback is stale after ten SYNCs; fewer where the computer is quick"))
+    return lines
+
+
+def _motion(drive: DriveChoice) -> list[str]:
+    lines = ["", remark(f"{drive.interface}_mode: {int(drive.mode)}", _MODE_WORDS[drive.mode])]
+    if _by_scale(drive):
+        return lines
+    return [
+        *lines,
+        remark(f"counts_per_revolution: {drive.counts:g}", _said(drive)),
+        remark("gear_ratio: 1.0", "turns of the motor for one of the joint"),
+        "# A drive that counts velocities in another unit than counts/s, such as rpm, needs four scales instead:",
+        "# scale_pos_to_dev and scale_pos_from_dev (counts per rad and back), scale_vel_to_dev, scale_vel_from_dev",
+    ]
+
+
+def _scales(node: NewNode, drive: DriveChoice) -> Iterator[str]:
+    """Yield the scales of a drive whose velocities are no counts per second."""
+    sign = -1.0 if node.mirrored else 1.0
+    position, velocity = sign * drive.counts / math.tau, sign * 60.0 / math.tau / drive.rpm
+    yield "# Multiply both ..._to_dev by the gear ratio, divide both ..._from_dev by it; all four are negative for a"
+    yield "# motor that is mounted mirrored."
+    yield remark(f"scale_pos_to_dev: {position!r}", f"for each rad: {_said(drive)} ({drive.counts:g})")
+    yield f"scale_pos_from_dev: {1 / position!r}"
+    yield remark(f"scale_vel_to_dev: {velocity!r}", f"for each rad/s: velocities are in {drive.rpm:g} rpm (0x60A9)")
+    yield f"scale_vel_from_dev: {1 / velocity!r}"
+
+
+def _said(drive: DriveChoice) -> str:
+    if drive.told:
+        return "position counts of one turn, by the defaults of the EDS; measure them"
+    return "A GUESS: position counts of one turn of the motor; the EDS tells none"
+
+
+def _writes(node: NewNode, drive: DriveChoice) -> list[str]:
+    """Return what a boot writes beside PDOs: the reaction to a lost master, and ramps that the EDS leaves open."""
+    lines = []
+    if _takes(node, ABORT_CONNECTION_OPTION, _QUICK_STOP):
+        lines.append(remark("  - {index: 0x6007, sub_index: 0, value: 3}", "when the master is lost: quick stop"))
+    unit = 60.0 / math.tau / drive.rpm if drive.rpm else drive.counts / math.tau
+    for index, value, words, modes in _RAMPS:
+        raw = round(value * unit)
+        if drive.mode in modes and not _told(node, index) and _takes(node, index, raw):
+            said = f"{words}: {value:g} {'rad/s' if index == PROFILE_VELOCITY else 'rad/s^2'}"
+            lines.append(remark(f"  - {{index: 0x{index:04X}, sub_index: 0, value: {raw}}}", said))
+    if len(lines) > 1:
+        lines.append("  # the EDS tells no ramps, without which a drive may not move; left out, its own hold")
+    return ["sdo:", *lines] if lines else []
+
+
+def _told(node: NewNode, index: int) -> bool:
+    entry = node.device.od.get(index, 0)
+    return entry is not None and bool(entry.value)
+
+
+def _takes(node: NewNode, index: int, value: int) -> bool:
+    entry = node.device.od.get(index, 0)
+    return entry is not None and entry.writable and not outside_limits(entry, value)
+
+
+def _pdos(drive: DriveChoice) -> list[str]:
+    lines = ["", "# Process data, sent every cycle. PDOs that are not listed are switched off."]
+    for key, words, uses in (("tpdo", "from the drive", drive.tpdos), ("rpdo", "to the drive", drive.rpdos)):
+        if any(use.own for use in uses):
+            numbers = ", ".join(str(use.number) for use in uses)
+            lines.append(f"# {key} {numbers}, {words}: nothing of them can be changed, they are used as they are")
+            continue
+        lines.append(f"{key}:  # {words}")
+        for use in uses:
+            lines += _indented(_pdo(use), 2)
+    return lines
+
+
+def _pdo(use: PdoUse) -> list[str]:
+    lines = [f"{use.number}:", "  enabled: true"]
+    if use.auto:
+        lines.append(remark("  cob_id: auto", "made of the node id"))
+    if use.transmission is not None:
+        lines.append(remark(f"  transmission: {use.transmission}", _TRANSMISSION[use.transmission]))
+    named = [(f"{{index: 0x{index:04X}, sub_index: {sub}}}", object_name(index) or "") for index, sub in use.objects]
+    if use.remaps:
+        return [*lines, "  mapping:", *(remark(f"    - {text}", words) for text, words in named)]
+    return [*lines, "  # the mapping is the device's own:", *(remark(f"  #   {text}", words) for text, words in named)]
+
+
+def _by_scale(drive: DriveChoice) -> bool:
+    """Whether positions and velocities need scales of their own."""
+    return drive.rpm > 0 and drive.mode is not OperationMode.VL and drive.interface != POSITION
+
+
+def _quoted(text: str) -> str:
+    return f'"{text}"' if any(letter in text for letter in " :#'{}[],&*!|>%@`") else text
+
+
+def _indented(lines: list[str], by: int) -> list[str]:
+    return [" " * by + line if line else "" for line in lines]

@@ -1,0 +1,104 @@
+"""Writes the ros2_controllers.yaml of a new robot: what commands the joints, commented.
+
+The first controller that is no broadcaster is the one that `run` and `demo` activate: that of the base, else the one
+for the joints of the better interface.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+from canopen_control.scaffold.bus_text import remark
+from canopen_control.scaffold.description_text import RADIUS, SEPARATION
+from canopen_control.scaffold.drive_choice import POSITION, VELOCITY
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from canopen_control.scaffold.new_robot import NewRobot
+
+__all__ = ["controllers_text"]
+
+BASE_CONTROLLER: Final = "base_controller"
+_TYPES: Final = {
+    VELOCITY: "velocity_controllers/JointGroupVelocityController",
+    POSITION: "position_controllers/JointGroupPositionController",
+}
+_UNITS: Final = {VELOCITY: "rad/s", POSITION: "rad"}
+
+
+def controllers_text(robot: NewRobot) -> str:
+    """Return the whole file."""
+    joints = {
+        interface: [node.joint for node in robot.drives if node.drive and node.drive.interface == interface]
+        for interface in _TYPES
+    }
+    groups = {interface: names for interface, names in joints.items() if names}
+    rate = round(1_000_000 / robot.sync_us)
+    lines = [
+        f"# The controllers of {robot.name}: the broadcaster and the first other one are activated;",
+        f"# another one by canopen-control run {robot.name} --controller NAME.",
+        "",
+        "controller_manager:",
+        "  ros__parameters:",
+        remark(f"    update_rate: {rate}", "Hz: the SYNC period of bus.yml"),
+    ]
+    if POSITION in groups:
+        lines.append(remark("    enforce_command_limits: true", "positions change as fast as the URDF allows, at most"))
+    if any(node.drive.feedback for node in robot.drives if node.drive):
+        lines += ["", "    joint_state_broadcaster:", "      type: joint_state_broadcaster/JointStateBroadcaster"]
+    if robot.base.type_name:
+        lines += ["", f"    {BASE_CONTROLLER}:", f"      type: {robot.base.type_name}"]
+    for interface in groups:
+        lines += ["", f"    {interface}_controller:", f"      type: {_TYPES[interface]}"]
+    if robot.base.type_name:
+        lines += ["", f"{BASE_CONTROLLER}:", "  ros__parameters:"]
+        lines += [f"    {line}" if line else "" for line in _PARAMETERS[robot.base.name](robot)]
+    for interface, names in groups.items():
+        lines += ["", f"{interface}_controller:", "  ros__parameters:"]
+        lines.append(
+            remark(f"    joints: [{', '.join(names)}]", f"a command has a value for each, in {_UNITS[interface]}")
+        )
+        if interface == VELOCITY:
+            lines.append(remark("    command_timeout: 1.0", "s without a command, then the motors stop"))
+    return "\n".join(lines) + "\n"
+
+
+def _diff(robot: NewRobot) -> list[str]:
+    joints = [node.joint for node in robot.drives]
+    feedback = {name for node in robot.drives if node.drive for name in node.drive.feedback}
+    return [
+        f"left_wheel_names: [{', '.join(joints[0::2])}]",
+        f"right_wheel_names: [{', '.join(joints[1::2])}]",
+        "",
+        remark(f"wheel_separation: {SEPARATION}", "m, between the middles of the wheels; measure it"),
+        remark(f"wheel_radius: {RADIUS}", "m; measure it"),
+        "",
+        *_odometry(feedback),
+        "",
+        remark("linear.x.max_velocity: 0.5", "m/s"),
+        "linear.x.min_velocity: -0.5",
+        remark("linear.x.max_acceleration: 0.5", "m/s^2"),
+        "linear.x.max_deceleration: -0.5",
+        remark("angular.z.max_velocity: 1.0", "rad/s"),
+        "angular.z.min_velocity: -1.0",
+        remark("angular.z.max_acceleration: 1.0", "rad/s^2"),
+        "angular.z.max_deceleration: -1.0",
+    ]
+
+
+def _odometry(feedback: set[str]) -> list[str]:
+    """Return what says where odometry comes from: positions, else velocities, else commands."""
+    source = POSITION if POSITION in feedback else VELOCITY if VELOCITY in feedback else "the commands"
+    return [
+        "odom_frame_id: odom",
+        remark("base_frame_id: base_footprint", "the root of the URDF"),
+        "enable_odom_tf: true",
+        remark(f"open_loop: {'false' if feedback else 'true'}", f"odometry of {source}"),
+        f"position_feedback: {'true' if POSITION in feedback else 'false'}",
+        remark("cmd_vel_timeout: 0.5", "s without a command, then the base stops"),
+    ]
+
+
+_PARAMETERS: Final[dict[str, Callable[[NewRobot], list[str]]]] = {"diff": _diff}
+"""What makes the parameters of a base's controller, by the base's name."""

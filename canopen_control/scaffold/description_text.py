@@ -1,0 +1,111 @@
+"""Writes the URDF of a new robot: links and joints to look at, and the <ros2_control> tag that ties joints to drives.
+
+A base has wheels on the ground; joints without a base are discs in a row, each turning about y. All turn without end:
+a joint with an end is `revolute`, with its limits, once they are known.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+from xml.sax.saxutils import quoteattr
+
+from canopen_control.scaffold.drive_choice import POSITION, VELOCITY
+
+if TYPE_CHECKING:
+    from canopen_control.scaffold.new_robot import NewNode, NewRobot
+
+__all__ = ["RADIUS", "SEPARATION", "WHEELBASE", "description_text"]
+
+RADIUS: Final = 0.05  # m, of a wheel
+SEPARATION: Final = 0.3  # m, between left and right
+WHEELBASE: Final = 0.3  # m, between front and rear
+_WIDTH: Final = 0.02
+_FASTEST: Final = {VELOCITY: 30.0, POSITION: 1.0}  # rad/s
+
+
+def description_text(robot: NewRobot) -> str:
+    """Return the whole file."""
+    lines = [
+        '<?xml version="1.0"?>',
+        f"<!-- {robot.name}: what the robot looks like, in m and rad; at the end which drive of bus.yml moves which",
+        "     joint. All measures are examples; put in those of your robot. -->",
+        f"<robot name={quoteattr(robot.name)}>",
+        *(_chassis() if robot.base.type_name else ['  <link name="base_link"/>', ""]),
+    ]
+    for number, node in enumerate(robot.drives):
+        lines += _joint(robot, number, node)
+    lines += [
+        f'  <ros2_control name={quoteattr(robot.name)} type="system">',
+        "    <hardware>",
+        "      <!-- the drives of bus.yml, virtual or real -->",
+        "      <plugin>canopen_ros2_control/RobotSystem</plugin>",
+        "    </hardware>",
+    ]
+    for node in robot.drives:
+        lines += _control(node)
+    return "\n".join([*lines, "  </ros2_control>", "</robot>"]) + "\n"
+
+
+def _chassis() -> list[str]:
+    return [
+        "  <!-- on the ground; odometry moves it -->",
+        '  <link name="base_footprint"/>',
+        '  <joint name="base_joint" type="fixed">',
+        '    <parent link="base_footprint"/>',
+        '    <child link="base_link"/>',
+        f'    <origin xyz="0 0 {RADIUS}"/>',
+        "  </joint>",
+        '  <link name="base_link">',
+        "    <visual>",
+        '      <origin xyz="0 0 0.03"/>',
+        f'      <geometry><box size="{WHEELBASE + 0.1:g} {SEPARATION - 0.04:g} 0.05"/></geometry>',
+        "    </visual>",
+        "  </link>",
+        "",
+    ]
+
+
+def _joint(robot: NewRobot, number: int, node: NewNode) -> list[str]:
+    assert node.drive is not None  # a node with a joint
+    link, size = f"{node.joint.removesuffix('_joint')}_link", f'radius="{RADIUS}" length="{_WIDTH}"'
+    x, y, z = _place(robot, number)
+    return [
+        f'  <joint name="{node.joint}" type="continuous">',
+        '    <parent link="base_link"/>',
+        f'    <child link="{link}"/>',
+        f'    <origin xyz="{x:g} {y:g} {z:g}"/>',
+        '    <axis xyz="0 1 0"/>',
+        f'    <limit effort="10" velocity="{_FASTEST[node.drive.interface]:g}"/>  <!-- N m, rad/s -->',
+        "  </joint>",
+        f'  <link name="{link}">',
+        "    <visual>",
+        '      <origin rpy="1.5707963 0 0"/>',
+        f"      <geometry><cylinder {size}/></geometry>",
+        "    </visual>",
+        "    <visual>  <!-- a mark, to see it turn -->",
+        f'      <origin xyz="{RADIUS / 2:g} {_WIDTH / 2:g} 0"/>',
+        f'      <geometry><box size="{RADIUS * 0.8:g} 0.004 0.008"/></geometry>',
+        "    </visual>",
+        "  </link>",
+        "",
+    ]
+
+
+def _place(robot: NewRobot, number: int) -> tuple[float, float, float]:
+    """Return where on base_link a joint is: left and right in turn, the front pair first; or in a row."""
+    if not robot.base.type_name:
+        return 0.0, 0.1 * number, RADIUS
+    pairs = len(robot.drives) // 2
+    side = SEPARATION / 2 if number % 2 == 0 else -SEPARATION / 2
+    return (0.0 if pairs == 1 else WHEELBASE / 2 if number < 2 else -WHEELBASE / 2), side, 0.0
+
+
+def _control(node: NewNode) -> list[str]:
+    assert node.drive is not None  # a node with a joint
+    return [
+        f'    <joint name="{node.joint}">',
+        f'      <param name="device_name">{node.name}</param>  <!-- a node of bus.yml -->',
+        f'      <command_interface name="{node.drive.interface}"/>',
+        *(f'      <state_interface name="{name}"/>' for name in node.drive.feedback),
+        "    </joint>",
+    ]

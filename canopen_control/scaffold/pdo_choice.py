@@ -1,0 +1,196 @@
+"""Chooses the PDOs of a new bus.yml: which of a device's PDOs carry the objects that a drive needs.
+
+A mapping that can be written is filled in the order in which objects are wanted, up to the slots and the 64 bits of the
+PDO. Where the mapping is fixed (its entries are const or ro, or the EDS says Granularity=0), the fewest PDOs that
+carry what is needed are taken as they are, and never two with one object: a second controlword would be a second
+steering wheel (CiA 301, 7.5.2.35 to 7.5.2.38; CiA 306-1).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from canopen_control.od.limits import outside_limits
+from canopen_control.od.pdos import MAX_BITS, pdos_of
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from canopen_control.od.model import Address, ObjectDictionary
+    from canopen_control.od.pdos import Pdo
+
+__all__ = ["PdoUse", "PdoWish", "choose_pdos"]
+
+_PREDEFINED = 4  # PDOs of each direction with a COB-ID in the predefined connection set
+
+
+@dataclass(frozen=True, slots=True)
+class PdoWish:
+    """What PDOs of one direction are to carry; `transmission` is the type wanted, as far as the device takes it."""
+
+    is_rpdo: bool
+    needed: tuple[Address, ...]
+    useful: tuple[Address, ...] = ()
+    transmission: int = 1
+
+
+@dataclass(frozen=True, slots=True)
+class PdoUse:
+    """A PDO to be used: `remaps` whether its mapping is to be written, `auto` whether its COB-ID can be.
+
+    `transmission` None: as the device has it. `own`: nothing of it can be changed, and bus.yml is not to list it.
+    """
+
+    number: int
+    objects: tuple[Address, ...]
+    remaps: bool
+    auto: bool
+    transmission: int | None
+    own: bool = False
+
+
+def choose_pdos(od: ObjectDictionary, wish: PdoWish) -> tuple[tuple[PdoUse, ...], tuple[Address, ...]]:
+    """Return the PDOs to use, by number, and what is needed and cannot be carried."""
+    pdos = [pdo for pdo in pdos_of(od) if pdo.is_rpdo == wish.is_rpdo and (pdo.communication, 1) in od]
+    needed = [each for each in wish.needed if _mappable(od, each, wish)]
+    useful = [each for each in wish.useful if _mappable(od, each, wish)]
+    fixed = [pdo for pdo in pdos if _usable(od, pdo, wish)]
+    uses = _chosen(od, pdos, fixed, wish, (needed, useful))
+    if any(not od[pdo.communication, 1].writable for pdo, _, _ in uses):
+        live = [(pdo, _ordered(pdo), False) for pdo in fixed if pdo.enabled]
+        own = tuple(PdoUse(pdo.number, objects, False, False, None, own=True) for pdo, objects, _ in live)
+        return own, _missing(live, wish.needed)
+    return _result(od, uses, wish), _missing(uses, wish.needed)
+
+
+_Use = tuple["Pdo", "tuple[Address, ...]", bool]
+
+
+def _chosen(
+    od: ObjectDictionary,
+    pdos: Sequence[Pdo],
+    fixed: Sequence[Pdo],
+    wish: PdoWish,
+    wanted: tuple[list[Address], list[Address]],
+) -> list[_Use]:
+    """Choose as they are where the mapping cannot be changed, else fill them, else both."""
+    needed, useful = wanted
+    uses = _covering(fixed, needed, useful, doubling=not wish.is_rpdo)
+    if not od.device.granularity and not _missing(uses, needed):
+        return uses
+    packed = _packed(od, [pdo for pdo in pdos if _slots(od, pdo)], [*needed, *useful])
+    if not packed:
+        return uses
+    rest = [each for each in needed if each not in _carried(packed)]
+    taken = {pdo.number for pdo, _, _ in packed}
+    return [*packed, *_covering([pdo for pdo in fixed if pdo.number not in taken], rest, ())]
+
+
+def _packed(od: ObjectDictionary, pdos: Iterable[Pdo], wanted: Sequence[Address]) -> list[_Use]:
+    """Fill PDOs whose mapping can be written, one after the other."""
+    rest, uses = list(wanted), list[_Use]()
+    for pdo in pdos:
+        taken, bits = list[tuple[int, int]](), 0
+        for address in list(rest):
+            width = od[address].data_type.bits or MAX_BITS
+            if len(taken) < _slots(od, pdo) and bits + width <= MAX_BITS:
+                taken.append(address)
+                rest.remove(address)
+                bits += width
+        if taken:
+            uses.append((pdo, tuple(taken), True))
+    return uses
+
+
+def _covering(
+    pdos: Sequence[Pdo], needed: Iterable[Address], useful: Iterable[Address], *, doubling: bool = False
+) -> list[_Use]:
+    """Choose the PDOs that carry most of what is needed, as they are, then those with something useful.
+
+    Of the latter only those that carry nothing again, unless `doubling` does no harm: it does in an RPDO.
+    """
+    uses, rest = list[_Use](), set(needed)
+    left = list(pdos)
+    while rest and left:
+        best = max(left, key=lambda pdo: (len(rest & _objects(pdo)), -pdo.number))
+        if not rest & _objects(best):
+            break
+        left.remove(best)
+        rest -= _objects(best)
+        uses.append((best, _ordered(best), False))
+    for pdo in left:
+        carried = _carried(uses)
+        if _objects(pdo) & (set(useful) - carried) and (doubling or not _objects(pdo) & carried):
+            uses.append((pdo, _ordered(pdo), False))
+    return uses
+
+
+def _result(od: ObjectDictionary, uses: Sequence[_Use], wish: PdoWish) -> tuple[PdoUse, ...]:
+    return tuple(
+        PdoUse(pdo.number, objects, remaps, _auto(od, pdo), _transmission(od, pdo, wish))
+        for pdo, objects, remaps in sorted(uses, key=lambda use: use[0].number)
+    )
+
+
+def _missing(uses: Sequence[_Use], needed: Iterable[Address]) -> tuple[Address, ...]:
+    return tuple(each for each in needed if each not in _carried(uses))
+
+
+def _carried(uses: Sequence[_Use]) -> set[Address]:
+    return {address for _, objects, _ in uses for address in objects}
+
+
+def _ordered(pdo: Pdo) -> tuple[Address, ...]:
+    return tuple((mapped.index, mapped.subindex) for mapped in pdo.mapped)
+
+
+def _objects(pdo: Pdo) -> set[Address]:
+    return set(_ordered(pdo))
+
+
+def _mappable(od: ObjectDictionary, address: Address, wish: PdoWish) -> bool:
+    entry = od.get(*address)
+    if entry is None or entry.data_type.bits is None or entry.data_type.bits % 8:
+        return False
+    return entry.rpdo_mappable if wish.is_rpdo else entry.tpdo_mappable
+
+
+def _usable(od: ObjectDictionary, pdo: Pdo, wish: PdoWish) -> bool:
+    """Whether a PDO can be taken as the device has it: everything in it is there, may be, and fits."""
+    return (
+        bool(pdo.mapped)
+        and (pdo.enabled or od[pdo.communication, 1].writable)
+        and pdo.bits <= MAX_BITS
+        and (pdo.count is None or pdo.count == len(pdo.mapped))
+        and all(
+            mapped.index in od.dummy_usage if mapped.is_dummy else _mappable(od, (mapped.index, mapped.subindex), wish)
+            for mapped in pdo.mapped
+        )
+    )
+
+
+def _slots(od: ObjectDictionary, pdo: Pdo) -> int:
+    """Return how many objects can be mapped by SDO, 0 for a mapping that is fixed."""
+    count = od.get(pdo.mapping, 0)
+    if count is None or not count.writable or not od[pdo.communication, 1].writable:
+        return 0
+    slots = 0
+    while (entry := od.get(pdo.mapping, slots + 1)) is not None and entry.writable:
+        slots += 1
+    return min(slots, int(count.high)) if count.high is not None and 0 < count.high <= MAX_BITS else slots
+
+
+def _auto(od: ObjectDictionary, pdo: Pdo) -> bool:
+    """Whether the predefined COB-ID can be given; a PDO above 4 keeps what it has."""
+    entry = od[pdo.communication, 1]
+    if pdo.number > _PREDEFINED:
+        return not (pdo.cob_id or 0) & 0x7FF
+    return (entry.writable and entry.low is None and entry.high is None) or not (pdo.cob_id or 0) & 0x7FF
+
+
+def _transmission(od: ObjectDictionary, pdo: Pdo, wish: PdoWish) -> int | None:
+    entry = od.get(pdo.communication, 2)
+    if entry is None or not entry.writable or outside_limits(entry, wish.transmission):
+        return None
+    return wish.transmission

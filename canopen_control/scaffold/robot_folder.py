@@ -1,0 +1,129 @@
+"""Makes the folder of a new robot: its files are written aside, checked as `check --strict` does, then put in place.
+
+The law of this file: a folder that is there is not touched unless that is asked for, and then nothing but the files
+that are made anew; a robot in which the check finds an error is not written at all.
+"""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from canopen_control.errors import CanopenError, RobotConfigError
+from canopen_control.master.budget import HIGH
+from canopen_control.master.config import inspect_bus
+from canopen_control.runtime.check import CheckOptions, check_robot
+from canopen_control.runtime.check_data import Severity
+from canopen_control.runtime.robot_files import BUS, CONTROLLERS, find_robot
+from canopen_control.scaffold.bus_text import bus_text
+from canopen_control.scaffold.controllers_text import controllers_text
+from canopen_control.scaffold.description_text import description_text
+
+if TYPE_CHECKING:
+    from canopen_control.runtime.check import CheckReport
+    from canopen_control.scaffold.new_robot import NewRobot
+
+__all__ = ["Written", "refuse_existing", "write_robot"]
+
+_PERIODS_US: Final = (20_000, 50_000, 100_000, 200_000)
+"""SYNC periods, the shortest that the bus can carry is taken."""
+
+
+@dataclass(frozen=True, slots=True)
+class Written:
+    """What was written: the robot as it is, its files, and the warnings that `check` gives."""
+
+    robot: NewRobot
+    folder: Path
+    files: tuple[str, ...]
+    warnings: tuple[str, ...]
+
+
+def write_robot(robot: NewRobot, parent: Path, *, force: bool = False) -> Written:
+    """Write the folder of a robot into `parent`; RobotConfigError where it is there, or cannot be made."""
+    folder = parent / robot.name
+    refuse_existing(folder, force=force)
+    robot = _with_distinct_files(robot)
+    with tempfile.TemporaryDirectory(prefix="canopen-control-") as aside:
+        made = Path(aside) / robot.name
+        robot, warnings = _make_checked(robot, made)
+        names = tuple(sorted(path.name for path in made.iterdir()))
+        try:
+            folder.mkdir(exist_ok=True)
+            for name in names:
+                shutil.copyfile(made / name, folder / name)
+        except OSError as error:
+            raise RobotConfigError(f"{folder} cannot be written: {error.strerror}") from error
+    return Written(robot, folder, names, warnings)
+
+
+def refuse_existing(folder: Path, *, force: bool) -> None:
+    """Raise RobotConfigError for a folder that may not be written to."""
+    if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
+        raise RobotConfigError(f"{folder} is there and is no folder; choose another name")
+    if folder.exists() and not force:
+        raise RobotConfigError(f"{folder} is there already; choose another name, or write its files anew with --force")
+
+
+def _with_distinct_files(robot: NewRobot) -> NewRobot:
+    """Rename the copies of EDS files of one name: they are to lie in one folder."""
+    names: dict[Path, str] = {}
+    for node in robot.nodes:
+        path, name = node.device.eds, node.device.eds.name
+        number = 2
+        while path not in names and name in names.values():
+            name, number = f"{path.stem}_{number}{path.suffix}", number + 1
+        names.setdefault(path, name)
+    return replace(robot, eds_names=names)
+
+
+def _make_checked(robot: NewRobot, folder: Path) -> tuple[NewRobot, tuple[str, ...]]:
+    """Make the files with the shortest SYNC period that the bus carries; return the robot and what `check` warns of."""
+    errors, warnings = list[str](), tuple[str, ...]()
+    for period in _PERIODS_US:
+        robot = replace(robot, sync_us=period)
+        _make(robot, folder)
+        errors, warnings, loaded = _judge(robot, folder)
+        if not loaded:
+            break
+    if errors:
+        found = "\n".join(errors)
+        raise RobotConfigError(
+            f"this EDS needs a bus.yml written by hand; what was made of it would not pass:\n{found}"
+        )
+    return robot, warnings
+
+
+def _make(robot: NewRobot, folder: Path) -> None:
+    folder.mkdir(exist_ok=True)
+    texts = {BUS: bus_text(robot)}
+    if robot.drives:
+        texts[CONTROLLERS] = controllers_text(robot)
+        texts[f"{robot.name}.urdf"] = description_text(robot)
+    for name, text in texts.items():
+        (folder / name).write_text(text, encoding="utf-8")
+    for path, name in robot.eds_names.items():
+        try:
+            shutil.copyfile(path, folder / name)
+        except OSError as error:
+            raise RobotConfigError(f"{path} cannot be copied: {error.strerror}") from error
+
+
+def _judge(robot: NewRobot, folder: Path) -> tuple[list[str], tuple[str, ...], bool]:
+    """Return errors, warnings, and whether the bus is loaded too high."""
+    if not robot.drives:
+        try:
+            _, problems = inspect_bus(folder / BUS)
+        except CanopenError as error:
+            return [str(error)], (), False
+        return [each.message for each in problems.errors], tuple(each.message for each in problems.warnings), False
+    report: CheckReport = check_robot(find_robot(str(folder)), CheckOptions())
+    texts = {
+        severity: [each.text for each in report.findings if each.severity is severity]
+        for severity in (Severity.ERROR, Severity.WARNING)
+    }
+    loaded = any(not budget.fits or budget.load > HIGH for budget in report.budgets.values())
+    return texts[Severity.ERROR], tuple(texts[Severity.WARNING]), loaded

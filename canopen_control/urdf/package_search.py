@@ -1,0 +1,103 @@
+"""Finds ROS packages by name: around a file, in ROS_PACKAGE_PATH, and where ament has installed them.
+
+A package is a folder of its name, or one whose package.xml has it. The nearest to the file goes first, so that the
+sources that somebody edits win over an older copy that is installed. ROS_PACKAGE_PATH is searched in depth, as rospack
+does, down to the first package.xml; AMENT_PREFIX_PATH has its packages in share/.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
+__all__ = ["find_package", "installed_packages", "package_folders"]
+
+_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_.-]*")
+_NEAR = 3  # folders above a file whose other folders are looked into for a package.xml of the name
+_DEPTH = 5  # of a path of ROS_PACKAGE_PATH
+_MOST = 5_000  # folders that are looked into in one of its paths
+
+
+def find_package(package: str, beside: str, environment: Mapping[str, str] | None = None) -> str:
+    """Return the folder of a package; LookupError says where it was sought. `beside` is the file that names it."""
+    for folder in package_folders(package, Path(beside), environment):
+        return str(folder)
+    raise LookupError(
+        f"package {package!r} of $(find {package}) is neither installed nor above {beside}; add the folder that holds "
+        "it to ROS_PACKAGE_PATH, or source its workspace"
+    )
+
+
+def package_folders(package: str, beside: Path, environment: Mapping[str, str] | None = None) -> Iterator[Path]:
+    """Yield the folders that are the package, the one to be taken first."""
+    if _NAME.fullmatch(package):
+        yield from _around(package, Path(os.path.realpath(beside)))
+    yield from installed_packages(package, environment)
+
+
+def installed_packages(package: str, environment: Mapping[str, str] | None = None) -> Iterator[Path]:
+    """Yield the folders of the package that the environment knows."""
+    if not _NAME.fullmatch(package):
+        return
+    given = os.environ if environment is None else environment
+    for text in _paths(given, "ROS_PACKAGE_PATH"):
+        yield from _below(package, Path(text), _DEPTH)
+    for text in _paths(given, "AMENT_PREFIX_PATH"):
+        folder = Path(text) / "share" / package
+        if folder.is_dir():
+            yield folder
+    if environment is None:
+        with contextlib.suppress(Exception):  # ament_index_python is absent, or does not know it
+            from ament_index_python.packages import get_package_share_directory
+
+            yield Path(get_package_share_directory(package))
+
+
+def _around(package: str, file: Path) -> Iterator[Path]:
+    """Yield what is above a file, or beside what is above it."""
+    for distance, folder in enumerate(file.parents):
+        for candidate in (folder, folder / package):
+            if _names(candidate, package) or (candidate.name == package and candidate.is_dir()):
+                yield candidate
+        if 0 < distance <= _NEAR:
+            yield from (each for each in _folders(folder) if each.name != package and _names(each, package))
+
+
+def _below(package: str, folder: Path, depth: int) -> Iterator[Path]:
+    """Yield the packages of that name in a folder, none of those inside another package."""
+    left, level = _MOST, [folder]
+    for _ in range(depth):
+        deeper = list[Path]()
+        for each in level[:left]:
+            if (each / "package.xml").is_file():
+                if _names(each, package) or each.name == package:
+                    yield each
+            else:
+                deeper += _folders(each)
+        left -= len(level)
+        level = deeper
+
+
+def _folders(folder: Path) -> list[Path]:
+    try:
+        return sorted(each for each in folder.iterdir() if not each.name.startswith(".") and each.is_dir())
+    except OSError:
+        return []
+
+
+def _names(folder: Path, package: str) -> bool:
+    """Whether the manifest in a folder is that of a package."""
+    try:
+        return f"<name>{package}</name>" in (folder / "package.xml").read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        return False
+
+
+def _paths(environment: Mapping[str, str], key: str) -> list[str]:
+    return [each for each in environment.get(key, "").split(os.pathsep) if each]

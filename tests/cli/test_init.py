@@ -1,0 +1,181 @@
+"""The verb init: what it makes and says, and how it answers what cannot be."""
+
+import shlex
+from pathlib import Path
+
+import pytest
+from support.drive_shapes import shape, write_shape
+from support.eds import DEVIATIONS
+
+from canopen_control.cli import init, scan
+from canopen_control.cli.main import main
+from canopen_control.cli.scan import FoundNode, ScanResult
+from canopen_control.cli.support.identity import NodeIdentity
+from canopen_control.data_files import data_path
+
+TMCM = ["--eds", "TMCM-1270.eds"]
+MALFORMED = DEVIATIONS.parent / "malformed"
+
+
+@pytest.fixture(autouse=True)
+def here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def refused(capsys, *words):
+    """Return the sentence of a refusal, after which nothing is there."""
+    before = sorted(Path().iterdir())
+    assert main(["init", *words]) == 2
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert sorted(Path().iterdir()) == before
+    return said.err.removeprefix("canopen-control: ").strip()
+
+
+def test_a_robot_is_made_and_the_next_commands_are_named(capsys):
+    assert main(["init", "turntable", *TMCM, "--node-id", "5", "--joint", "table_joint"]) == 0
+    assert capsys.readouterr().out.splitlines() == [
+        "turntable/ is made: TMCM-1270.eds, bus.yml, ros2_controllers.yaml, turntable.urdf",
+        "  node 5 table_drive: moves table_joint, velocity in PV",
+        "counts_per_revolution in bus.yml is a guess for table_drive: the EDS tells none",
+        "turn it, on virtual drives: canopen-control demo turntable",
+        "real drives, after a look at bus.yml: canopen-control preflight turntable --can can0",
+    ]
+    assert main(["check", "turntable", "--strict"]) == 0
+
+
+@pytest.mark.parametrize("line", [line.strip() for line in init.EXAMPLE.splitlines() if "--can" not in line])
+def test_the_examples_of_the_help_run(line, capsys):
+    words = shlex.split(line)[1:]
+    assert main(words) == 0
+    assert main(["check", words[1], "--strict"]) == 0
+
+
+def test_each_eds_has_the_node_ids_at_its_place():
+    ids = ["--eds", "generic_cia402.eds", "--node-id", "2,3", *TMCM, "--node-id", "0x10"]
+    assert main(["init", "mixed", *ids]) == 0
+    text = Path("mixed/bus.yml").read_text()
+    assert text.count("dcf: generic_cia402.eds") == 2
+    assert text.count("dcf: TMCM-1270.eds") == 1
+    assert "node_id: 16 " in text
+
+
+def test_an_io_module_alone_is_a_bus_without_joints(here, capsys):
+    module = write_shape(here, shape(drop=(0x6040, 0x6041), pdos=[(False, 0, 0x180, [0x60FD0020])]), "module.eds")
+    assert main(["init", "lamps", "--eds", str(module), "--node-id", "7"]) == 0
+    assert sorted(path.name for path in Path("lamps").iterdir()) == ["bus.yml", "module.eds"]
+    assert "no drive is among them, so there are no joints and no controllers" in capsys.readouterr().out
+
+
+BAD = {
+    "an id that is none": ([*TMCM, "--node-id", "0"], "--node-id 0: '0' is no node id; they are 1 to 127"),
+    "an id above 127": ([*TMCM, "--node-id", "2,128"], "'128' is no node id"),
+    "no number": ([*TMCM, "--node-id", "two"], "'two' is no node id"),
+    "an id twice": ([*TMCM, "--node-id", "3,3"], "node id 3 is given twice"),
+    "more joints than drives": ([*TMCM, "--node-id", "3", "--joint", "a", "--joint", "b"], "2 joints for 1 drive;"),
+    "a base with one drive": ([*TMCM, "--node-id", "3", "--base", "diff"], "--base diff has two drives"),
+    "no node id": ([*TMCM], "--node-id N is missing"),
+    "no EDS": (["--node-id", "3"], "--eds FILE is missing; give both, or --can CHANNEL"),
+    "a file that is not there": (["--eds", "gone.eds", "--node-id", "3"], "no EDS file gone.eds"),
+    "two files and one list of ids": ([*TMCM, "--eds", "generic_cia402.eds", "--node-id", "3"], "2 --eds and 1 --node"),
+    "ids and a bus": (["--can", "local:x", "--node-id", "3"], "--can finds the node ids itself"),
+    "a channel that is none": (["--can", "nonsense:x"], "nonsense"),
+}
+
+
+@pytest.mark.parametrize("what", BAD)
+def test_what_cannot_be_is_one_sentence_and_no_folder(what, capsys):
+    words, said = BAD[what]
+    told = refused(capsys, "fresh", *words)
+    assert said in told
+    assert "\n" not in told
+
+
+@pytest.mark.parametrize("name", ["my robot", "a/b", "..", "-", ""])
+def test_a_name_that_is_none_is_refused(name, capsys):
+    assert "is no name for a robot" in refused(capsys, *TMCM, "--node-id", "3", "--", name)
+
+
+@pytest.mark.parametrize("path", sorted(MALFORMED.glob("4[1-4]*.eds")), ids=lambda path: path.stem)
+def test_a_file_that_is_no_eds_says_so(path, capsys):
+    assert str(path) in refused(capsys, "fresh", "--eds", str(path), "--node-id", "3")
+
+
+def test_a_folder_that_is_there_is_kept(capsys):
+    Path("fresh").mkdir()
+    Path("fresh/bus.yml").write_text("mine")
+    assert "--force" in refused(capsys, "fresh", *TMCM, "--node-id", "3")
+    assert main(["init", "fresh", *TMCM, "--node-id", "3", "--force"]) == 0
+    assert Path("fresh/bus.yml").read_text() != "mine"
+
+
+# --- from a bus ---
+
+
+def found(monkeypatch, *nodes):
+    """Let a scan find these nodes."""
+    survey = ScanResult("local:x", {node.node_id: node for node in nodes})
+    monkeypatch.setattr(scan, "survey_channel", lambda _channel, _timeout: survey)
+
+
+def who(product, vendor=0x286, **more):
+    return NodeIdentity(device_type=0x192, vendor_id=vendor, product_code=product, **more)
+
+
+def test_who_is_on_the_bus_gets_the_eds_that_fits(monkeypatch, capsys):
+    found(
+        monkeypatch,
+        FoundNode(2, who(0x4F6, revision_number=1, serial_number=77, device_name="TMCM-1270")),
+        FoundNode(9, who(0x123)),
+        FoundNode(10),
+    )
+    assert main(["init", "found", "--can", "local:x"]) == 0
+    said = capsys.readouterr()
+    assert "node 9, vendor 0x00000286, product 0x00000123: no EDS fits; add its file with --eds" in said.err
+    assert "node 10 answers no SDO" in said.err
+    text = Path("found/bus.yml").read_text()
+    assert "node_id: 2 " in text
+    assert "# TMCM-1270, serial number 77, its EDS is for revision 0x" in text
+    assert main(["check", "found", "--strict"]) == 0
+
+
+def test_a_file_that_is_given_is_matched_too(here, monkeypatch):
+    own = write_shape(here, shape(), "own.eds")  # vendor 0x99, product 0x1234
+    found(monkeypatch, FoundNode(4, who(0x1234, vendor=0x99)))
+    assert main(["init", "found", "--can", "local:x", "--eds", str(own)]) == 0
+    assert Path("found/own.eds").read_bytes() == own.read_bytes()
+
+
+def test_a_bus_where_nobody_is_makes_nothing(monkeypatch, capsys):
+    found(monkeypatch)
+    assert main(["init", "found", "--can", "local:x"]) == 1
+    assert "nobody answers on local:x" in capsys.readouterr().err
+    assert not Path("found").exists()
+
+
+def test_a_bus_whose_nodes_nobody_knows_makes_nothing(monkeypatch, capsys):
+    found(monkeypatch, FoundNode(9, who(0x123)))
+    assert main(["init", "found", "--can", "local:x"]) == 2
+    assert "no EDS fits anybody on local:x; give those of the makers: --eds FILE" in capsys.readouterr().err
+
+
+@pytest.mark.process
+def test_two_commands_from_an_eds_to_a_motor_that_turns(stage):
+    eds = data_path("eds", "generic_cia402.eds")
+    made = stage.call("init", "fresh", "--eds", eds, "--node-id", "4")
+    assert made.wait() == 0, made
+    played = stage.call("demo", "fresh", "--duration", "4.5")
+    assert played.wait() == 0, played
+    assert "10.000 rad/s" in played.out
+    row = [line.split() for line in played.out.splitlines() if line.startswith("joint_1_drive")]
+    assert any(float(words[-2]) > 1.0 for words in row), played
+
+
+@pytest.mark.process
+def test_a_robot_is_made_of_the_drives_on_a_bus(stage):
+    stage.drive("initbus", 6)
+    made = stage.call("init", "found", "--can", "local:initbus")
+    assert made.wait() == 0, made
+    assert "node 6 joint_1_drive: moves joint_1, velocity in PV" in made.out
+    assert stage.call("check", "found", "--strict").wait() == 0

@@ -1,0 +1,107 @@
+"""What a robot takes from a launch file: xacro's arguments, and files that are nowhere else."""
+
+import pytest
+from support.launch_files import LAUNCH, make_package
+
+from canopen_control.errors import RobotConfigError
+from canopen_control.runtime.launch_file import launched_robot, read_launch, words_of
+from canopen_control.runtime.robot_files import find_robot
+from canopen_control.runtime.setup import read_robot
+
+XML = """\
+<launch>
+  <arg name="mock" default="false"/>
+  <arg name="model" default="robby"/>
+  <param name="robot_description"
+         value="$(command 'xacro $(find-pkg-share robby_bringup)/urdf/base/$(var model).urdf.xacro use_mock_hardware:=$(var mock)')"/>
+</launch>
+"""  # noqa: E501 - as long as such lines are
+
+
+def test_python_gives_arguments_and_files_of_the_package_around_it(tmp_path):
+    path = make_package(tmp_path)
+    found = launched_robot(path, {})
+    assert found.arguments == {"use_mock_hardware?": "false"}
+    assert found.doubts == ()
+    assert found.files == {
+        "description": tmp_path / "robby_bringup/urdf/base/robby.urdf.xacro",
+        "controllers": tmp_path / "robby_bringup/config/first/ros2_controllers.yaml",
+    }
+
+
+def test_so_does_xml(tmp_path):
+    path = make_package(tmp_path).with_name("robby.launch.xml")
+    path.write_text(XML)
+    found = launched_robot(path, {"mock": "true"})
+    assert found.arguments == {"use_mock_hardware?": "true"}
+    assert found.files["description"].is_file()
+
+
+def test_xml_of_ros_1_gives_them_too(tmp_path):
+    path = make_package(tmp_path).with_name("robby.launch")
+    command = "$(find xacro)/xacro $(find robby_bringup)/urdf/base/robby.urdf.xacro use_mock_hardware:=$(arg mock)"
+    path.write_text(
+        f'<launch><arg name="mock" default="x"/><param name="robot_description" command="{command}"/></launch>'
+    )
+    assert launched_robot(path, {}).arguments == {"use_mock_hardware?": "x"}
+
+
+def test_what_the_user_gives_is_for_the_launch_file_where_it_has_that_else_for_xacro(tmp_path):
+    path = make_package(tmp_path)
+    assert launched_robot(path, {"mock": "true"}).arguments == {"use_mock_hardware?": "true"}
+    assert launched_robot(path, {"use_mock_hardware": "true"}).arguments["use_mock_hardware"] == "true"
+
+
+def test_an_argument_without_a_value_is_left_to_xacro(tmp_path):
+    path = make_package(
+        tmp_path, LAUNCH.replace('"use_mock_hardware:=", mock', '"a:=", LaunchConfiguration("channel")')
+    )
+    assert launched_robot(path, {}).arguments == {}
+    assert launched_robot(path, {"channel": "can0"}).arguments == {"a?": "can0"}
+
+
+def test_a_robot_is_read_with_what_its_launch_file_gives(tmp_path):
+    path = make_package(tmp_path)
+    first = str(path.parents[1] / "config" / "first")
+    with pytest.raises(RobotConfigError, match="--description"):
+        find_robot(first)
+    files = find_robot(first, launch=str(path), arguments=["mock:=true"])
+    assert files.description.name == "robby.urdf.xacro"
+    assert read_robot(files).description.hardware[0].plugin == "mock_components/GenericSystem"
+    drives = find_robot(first, launch=str(path))
+    assert read_robot(drives).description.hardware[0].plugin == "canopen_ros2_control/RobotSystem"
+
+
+def test_a_launch_file_alone_may_name_everything_but_the_bus(tmp_path):
+    path = make_package(tmp_path)
+    files = find_robot(None, launch=str(path), bus=str(path.parents[1] / "config/first/bus.yml"))
+    assert files.controllers.name == "ros2_controllers.yaml"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "why"),
+    [
+        ('PACKAGE = "robby_bringup"', "PACKAGE = name()", r"robby\.launch\.py:\d+: a command is computed"),
+        ("FindPackageShare(PACKAGE)", 'FindPackageShare("far")', "package 'far' is nowhere to be found"),
+    ],
+)
+def test_why_a_launch_file_gives_no_description_is_told(tmp_path, old, new, why):
+    path = make_package(tmp_path, LAUNCH.replace(old, new, 1))
+    with pytest.raises(RobotConfigError, match=rf"no \*\.urdf\.xacro .*{why}"):
+        find_robot(str(path.parents[1] / "config" / "first"), launch=str(path))
+
+
+def test_one_that_cannot_be_read_is_a_sentence(tmp_path):
+    with pytest.raises(RobotConfigError, match=r"none\.launch\.py: cannot be read: No such file"):
+        read_launch(tmp_path / "none.launch.py")
+    broken = tmp_path / "x.launch"
+    broken.write_text("<launch>")
+    with pytest.raises(RobotConfigError, match=r"x\.launch:"):
+        read_launch(broken)
+
+
+def test_a_command_is_split_as_a_shell_does_with_its_substitutions_whole():
+    assert words_of("$(find-exec xacro) $(find-pkg-share a)/b.xacro n:='left right' c:=$(var d)") == [
+        "xacro", "$(find-pkg-share a)/b.xacro", "n:=left right", "c:=$(var d)"
+    ]  # fmt: skip
+    assert words_of("a 'b") == ["a", "'b"]

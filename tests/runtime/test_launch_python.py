@@ -1,0 +1,113 @@
+"""Launch files in Python, read by their syntax: what they declare, start and name, and what they compute."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from support.launch_files import LAUNCH
+
+from canopen_control.errors import RobotConfigError
+from canopen_control.runtime.launch_python import read_python
+
+
+def texts(source):
+    return [each.text for each in read_python(source, "x.launch.py").texts]
+
+
+def arguments(source):
+    return read_python(source, "x.launch.py").arguments
+
+
+def computed(source):
+    return read_python(source, "x.launch.py").computed
+
+
+def test_arguments_have_their_defaults_and_lines():
+    found = read_python(LAUNCH, "x.launch.py")
+    assert found.generates
+    assert found.arguments == {"mock": "false", "channel": None}
+    assert LAUNCH.splitlines()[found.argument_lines["mock"] - 1].strip().startswith('DeclareLaunchArgument("mock"')
+
+
+def test_a_command_is_one_text_with_packages_and_arguments_left_in():
+    assert texts(LAUNCH) == [
+        "xacro $(find robby_bringup)/urdf/base/robby.urdf.xacro use_mock_hardware:=$(var mock)",
+        "$(find robby_bringup)/config/first/ros2_controllers.yaml",
+    ]
+
+
+def test_nodes_have_package_executable_plugin_and_arguments():
+    nodes = read_python(LAUNCH, "x.launch.py").nodes
+    assert [(each.package, each.plugin or each.executable) for each in nodes] == [
+        ("controller_manager", "ros2_control_node"),
+        ("controller_manager", "spawner"),
+        ("controller_manager", "spawner"),
+        ("rclcpp_components", "component_container"),
+        ("usb_cam", "usb_cam::UsbCamNode"),
+    ]
+    assert [each.text for each in nodes[1].arguments] == [
+        "joint_state_broadcaster",
+        "--controller-manager",
+        "/controller_manager",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("expression", "text"),
+    [
+        ('"a" + "/b.yaml"', "a/b.yaml"),
+        ('Path("a") / "b.yaml"', "a/b.yaml"),
+        ('f"{WHERE}/b.yaml"', "here/b.yaml"),
+        ('os.path.join(WHERE, "b.yaml")', "here/b.yaml"),
+        ('PathJoinSubstitution([FindPackageShare(package="p"), "b.yaml"])', "$(find p)/b.yaml"),
+        ('[LaunchConfiguration("where"), "/b.yaml"]', "$(var where)/b.yaml"),
+        ('ParameterValue("b.yaml", value_type=str)', "b.yaml"),
+        ('LaunchConfiguration("where").perform(context) + "/b.yaml"', "$(var where)/b.yaml"),
+    ],
+)
+def test_a_text_is_followed_through_what_launch_files_write(expression, text):
+    assert texts(f'WHERE = "here"\nx({expression})\n') == [text]
+
+
+@pytest.mark.parametrize(
+    "expression", ['glob("*.yaml")[0]', 'open("x").read() + ".yaml"', 'TWICE + "/b.yaml"', 'given + "/b.yaml"']
+)
+def test_what_is_computed_is_no_text(expression):
+    source = f'TWICE = "a"\nTWICE = "b"\ndef f(given):\n    x({expression})\n'
+    assert not any(text in ("a/b.yaml", "b/b.yaml") for text in texts(source))
+    assert all(text in ("*.yaml", ".yaml", "/b.yaml") for text in texts(source))
+
+
+def test_names_that_are_computed_are_told_with_their_lines():
+    assert computed("DeclareLaunchArgument(name())\n") == [(1, "the name of an argument")]
+    assert computed('DeclareLaunchArgument("a", default_value=f())\n') == [(1, "the default of the argument 'a'")]
+    assert computed("Node(package=f(),\n     arguments=[g()])\n") == [
+        (2, "an argument of a node"),
+        (1, "the package of a node"),
+    ]
+    assert computed('Command(["xacro ", f()])\n') == [(1, "a command")]
+
+
+def test_names_that_stand_for_each_other_end():
+    assert texts('A = B\nB = A\nx(A + ".yaml")\n') == [".yaml"]
+
+
+@pytest.mark.parametrize(("source", "line"), [("def f(:\n", 1), ("x = 1\n  y = 2\n", 2), ("a\0b", 1)])
+def test_what_is_no_python_says_where(source, line):
+    with pytest.raises(RobotConfigError, match=rf"x\.launch\.py:{line}: no Python: "):
+        read_python(source, "x.launch.py")
+
+
+def test_nothing_in_a_file_is_run(tmp_path):
+    gone = tmp_path / "gone"
+    read_python(f"import os\nos.mkdir({str(gone)!r})\nopen({str(gone)!r}, 'w')\n", "x.launch.py")
+    assert not gone.exists()
+
+
+@given(st.lists(st.sampled_from([*LAUNCH.splitlines(keepends=True), "(\n", "x = [\n", "]\n", '"""\n']), max_size=30))
+def test_whatever_the_file_it_is_read_or_refused_in_a_sentence(lines):
+    refusal = "x.launch.py:"
+    try:
+        read_python("".join(lines), "x.launch.py")
+    except RobotConfigError as error:
+        refusal = str(error)
+    assert refusal.startswith("x.launch.py:")

@@ -1,0 +1,36 @@
+"""The URDF of a new robot: a tree of links, and the tag that ties joints to nodes of bus.yml."""
+
+from pathlib import Path
+
+from support.drive_shapes import modes, shape
+
+from canopen_control.scaffold.description_text import RADIUS, SEPARATION, WHEELBASE, description_text
+from canopen_control.scaffold.new_robot import Device, plan_robot
+from canopen_control.urdf.description import parse_description
+
+
+def described(*ods, **how):
+    devices = [Device(number, Path("d.eds"), od) for number, od in enumerate(ods, 2)]
+    return parse_description(description_text(plan_robot("r", devices, **how)))
+
+
+def test_each_joint_names_its_node_and_what_it_has():
+    joint = described(shape(drop=(0x60FF, 0x606C), **modes(0x81))).hardware[0].joints[0]
+    assert joint.parameters == {"device_name": "joint_1_drive"}
+    assert (list(joint.command_interfaces), list(joint.state_interfaces)) == (["position"], ["position"])
+
+
+def test_joints_turn_without_end_and_have_a_limit_of_speed():
+    for joint in described(shape(), shape()).joints.values():
+        assert joint.type == "continuous"
+        assert joint.limits.velocity == 30.0
+
+
+def test_the_wheels_of_a_base_stand_where_the_controllers_file_says():
+    places = {
+        name: tuple(joint.origin.position) for name, joint in described(*[shape()] * 4, base="diff").joints.items()
+    }
+    x, y = WHEELBASE / 2, SEPARATION / 2
+    assert places["front_left_wheel_joint"] == (x, y, 0.0)
+    assert places["rear_right_wheel_joint"] == (-x, -y, 0.0)
+    assert places["base_joint"] == (0.0, 0.0, RADIUS)

@@ -1,0 +1,82 @@
+"""What a new robot is made of, and all that can be wrong with how it is asked for."""
+
+from pathlib import Path
+
+import pytest
+from support.drive_shapes import shape
+
+from canopen_control.errors import RobotConfigError
+from canopen_control.scaffold.new_robot import Device, plan_robot
+
+
+def device(node_id, **how):
+    return Device(node_id, Path("drive.eds"), shape(**how))
+
+
+def module(node_id):
+    return Device(node_id, Path("module.eds"), shape(drop=(0x6040, 0x6041)))
+
+
+@pytest.mark.parametrize(
+    ("name", "better"),
+    [
+        ("my robot", "my_robot"),
+        ("../robot", "robot"),
+        ("/tmp/a-b", "a_b"),
+        ("9lives", "my_robot"),
+        ("", "my_robot"),
+        ("r" * 33, "r" * 32),
+    ],
+)
+def test_a_name_that_cannot_be_one_comes_with_one_that_can(name, better):
+    with pytest.raises(RobotConfigError, match=f"no name for a robot.*call it '{better}'"):
+        plan_robot(name, [device(2)])
+
+
+def test_names_follow_the_joints_and_joints_may_be_named_in_part():
+    robot = plan_robot("arm", [device(2), device(3)], joints=["shoulder_joint"])
+    assert [(node.name, node.joint) for node in robot.nodes] == [
+        ("shoulder_drive", "shoulder_joint"),
+        ("joint_2_drive", "joint_2"),
+    ]
+
+
+def test_everything_wrong_is_said_at_once():
+    with pytest.raises(RobotConfigError) as refused:
+        plan_robot("arm", [device(2), device(2)], joints=["a", "b", "b", "c d"], base="tricycle")
+    said = str(refused.value)
+    for part in (
+        "node id 2 is given twice",
+        "--joint c d: a joint's name",
+        "--joint b is given twice",
+        "4 joints for 2 drives; give a node id for each, or fewer --joint",
+        "--base tricycle",
+    ):
+        assert part in said
+
+
+def test_a_device_that_is_no_drive_has_no_joint():
+    robot = plan_robot("cell", [module(4), device(5)])
+    assert [(node.name, node.joint) for node in robot.nodes] == [("device_4", ""), ("joint_1_drive", "joint_1")]
+    with pytest.raises(RobotConfigError, match=r"1 joints for 0 drives \(1 of the 1 nodes are no drives\)"):
+        plan_robot("cell", [module(4)], joints=["lamp"])
+
+
+def test_the_master_takes_an_id_that_is_free():
+    assert plan_robot("r", [device(2)]).master_id == 1
+    assert plan_robot("r", [device(1)]).master_id == 127
+    assert plan_robot("r", [module(1), module(127)]).master_id == 126
+    with pytest.raises(RobotConfigError, match="all 127 node ids are taken"):
+        plan_robot("r", [module(node_id) for node_id in range(1, 128)])
+
+
+def test_the_bit_rate_is_the_highest_that_all_have():
+    both = [device(2, device={"bit_rates": frozenset((125_000, 250_000, 500_000))}),
+            device(3, device={"bit_rates": frozenset((250_000, 125_000))})]  # fmt: skip
+    assert plan_robot("r", both).baudrate == 250
+    assert plan_robot("r", [device(2)]).baudrate == 1000
+
+
+def test_a_drive_that_can_neither_says_what_it_has():
+    with pytest.raises(RobotConfigError, match=r"drive\.eds: its modes are TQ .*write its bus\.yml by hand"):
+        plan_robot("r", [device(2, s6502_00={"default": 0x08})])

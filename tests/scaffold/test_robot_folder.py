@@ -1,0 +1,145 @@
+"""From an EDS, as vendors write theirs, to a robot that passes `check --strict`, boots, is enabled and turns."""
+
+import math
+
+import pytest
+from support.drive_shapes import NODE, SHAPES, UNWATCHED, write_shape
+from support.eds import DEVIATIONS
+from support.robots import Bench
+
+from canopen_control.cia402.state import State
+from canopen_control.data_files import data_path
+from canopen_control.errors import RobotConfigError
+from canopen_control.od.eds import read_eds
+from canopen_control.runtime.check import CheckOptions, check_robot
+from canopen_control.runtime.robot_files import find_robot
+from canopen_control.scaffold.new_robot import Device, plan_robot
+from canopen_control.scaffold.robot_folder import write_robot
+
+
+def new_robot(folder, *files, node_ids=(NODE,), name="fresh", force=False, **how):
+    """Make a robot of EDS files, each for the node id at its place."""
+    files = files * len(node_ids) if len(files) == 1 else files
+    devices = [Device(node_id, path, read_eds(path, node_id).od) for path, node_id in zip(files, node_ids, strict=True)]
+    return write_robot(plan_robot(name, devices, **how), folder, force=force)
+
+
+def turned(folder, controller, node_id=NODE, *, seconds=1.0):
+    """Boot a robot in simulated time and command 1 (rad/s or rad); return the joint and how far it turned by itself."""
+    bench = Bench(f"scaffold_{folder.name}_{node_id}", config=str(folder), drives=(node_id,), controllers=[controller])
+    try:
+        bench.start()
+        joint = bench.joint(node_id)
+        plant = bench.drives[node_id].drives[0].mover.plant
+        began = plant.position
+        for _ in range(round(seconds * 10)):
+            bench.robot.command(controller, [1.0], "test")
+            bench.run(100)
+        assert joint.state is State.OPERATION_ENABLED, bench.events[-3:]
+        return joint.axis.scale.pos_to_dev, plant.position - began
+    finally:
+        bench.close()
+
+
+@pytest.mark.parametrize("what", SHAPES)
+def test_a_drive_as_vendors_describe_theirs_is_enabled_and_turns(tmp_path, what):
+    make, interface, mode = SHAPES[what]
+    written = new_robot(tmp_path, write_shape(tmp_path, make()))
+    drive = written.robot.drives[0].drive
+    assert (drive.interface, drive.mode.name) == (interface, mode)
+    report = check_robot(find_robot(str(written.folder)), CheckOptions())
+    assert report.passes(strict=True), report.findings
+    counts, turn = turned(written.folder, f"{interface}_controller")
+    assert math.copysign(1, turn) == 1
+    if mode != "VL":  # revolutions per minute, whatever the scale
+        assert 0.3 < turn / counts < 1.1
+
+
+@pytest.mark.parametrize("path", sorted(DEVIATIONS.glob("*.eds"))[:11], ids=lambda path: path.stem)
+def test_an_eds_that_deviates_from_the_profile_boots_too(tmp_path, path):
+    written = new_robot(tmp_path, path, allow_unsupervised=True)
+    counts, turn = turned(written.folder, "velocity_controller")
+    assert turn / counts > 0.3
+    assert all("0x1017 is not in" in text for text in written.warnings)  # as is the case, and nothing else
+
+
+def test_pdos_that_are_off_and_cannot_be_put_on_are_no_way_to_a_drive(tmp_path):
+    path = next(DEVIATIONS.glob("12_*.eds"))
+    with pytest.raises(
+        RobotConfigError, match=r"no RPDO can carry the controlword \(0x6040\) and a target of velocity"
+    ):
+        new_robot(tmp_path, path, allow_unsupervised=True)
+    assert not (tmp_path / "fresh").exists()
+
+
+@pytest.mark.parametrize("what", UNWATCHED)
+def test_a_drive_that_nothing_stops_needs_a_word(tmp_path, what):
+    path = write_shape(tmp_path, UNWATCHED[what]())
+    with pytest.raises(RobotConfigError, match=r"nothing stops node 5 when this computer dies.*--allow-unsupervised"):
+        new_robot(tmp_path, path)
+    written = new_robot(tmp_path, path, allow_unsupervised=True)
+    assert "allow_unsupervised: true" in (written.folder / "bus.yml").read_text()
+
+
+def test_a_base_of_two_drives_passes_strictly_and_drives_forward(tmp_path):
+    eds = data_path("eds", "generic_cia402.eds")
+    written = new_robot(tmp_path, eds, node_ids=(2, 3), base="diff")
+    assert written.warnings == ()
+    bench = Bench("scaffold_base", config=str(written.folder), drives=(2, 3))
+    try:
+        bench.start()
+        for _ in range(20):
+            bench.robot.command("base_controller", [0.2, 0.0], "test")
+            bench.run(100)
+        odometry = bench.robot.manager.get("base_controller").odometry
+        left, right = (bench.drives[node_id].drives[0].mover.plant.position for node_id in (2, 3))
+    finally:
+        bench.close()
+    assert 0.25 < odometry.x < 0.45
+    assert odometry.y == pytest.approx(0.0, abs=0.01)
+    assert left < 0 < right  # the left motor is mounted mirrored
+
+
+def test_two_files_of_one_name_get_two_names(tmp_path):
+    other = tmp_path / "other"
+    other.mkdir()
+    files = [write_shape(tmp_path, SHAPES["every mode"][0]()), write_shape(other, SHAPES["three slots"][0]())]
+    written = new_robot(tmp_path, *files, node_ids=(4, 5))
+    assert {"drive.eds", "drive_2.eds"} < set(written.files)
+    text = (written.folder / "bus.yml").read_text()
+    assert "dcf: drive.eds" in text
+    assert "dcf: drive_2.eds" in text
+
+
+def test_a_folder_that_is_there_stays_as_it_is_unless_that_is_asked_for(tmp_path):
+    eds = data_path("eds", "generic_cia402.eds")
+    folder = tmp_path / "fresh"
+    folder.mkdir()
+    (folder / "bus.yml").write_text("mine")
+    with pytest.raises(RobotConfigError, match=r"is there already; choose another name, or .* --force"):
+        new_robot(tmp_path, eds)
+    assert (folder / "bus.yml").read_text() == "mine"
+    (folder / "notes.txt").write_text("mine too")
+    new_robot(tmp_path, eds, force=True)
+    assert "sync_period" in (folder / "bus.yml").read_text()
+    assert (folder / "notes.txt").read_text() == "mine too"
+
+
+@pytest.mark.parametrize("kind", ["file", "link"])
+def test_what_is_no_folder_is_never_written_over(tmp_path, kind):
+    place = tmp_path / "fresh"
+    if kind == "file":
+        place.write_text("mine")
+    else:
+        place.symlink_to(tmp_path)
+    with pytest.raises(RobotConfigError, match="is there and is no folder"):
+        new_robot(tmp_path, data_path("eds", "generic_cia402.eds"), force=True)
+
+
+def test_many_drives_on_a_slow_bus_get_a_sync_period_that_it_carries(tmp_path):
+    od = SHAPES["every mode"][0]()
+    object.__setattr__(od.device, "bit_rates", frozenset((50_000,)))
+    written = new_robot(tmp_path, write_shape(tmp_path, od), node_ids=tuple(range(2, 8)))
+    assert written.robot.baudrate == 50
+    assert written.robot.sync_us > 20_000
+    assert check_robot(find_robot(str(written.folder)), CheckOptions()).passes(strict=True)
