@@ -202,20 +202,22 @@ class DeviceParts:
         return any(pdo.changed and pdo.enabled for each in self._nodes.values() for pdo in each.node.sent)
 
     @property
-    def lost(self) -> bool:
-        """Whether `take_lost` has something to tell."""
-        return any(each.lost for each in self._nodes.values())
+    def has_news(self) -> bool:
+        """Whether `take_news` has something to tell."""
+        return any(each.lost or each.jumps for each in self._nodes.values())
 
-    def take_lost(self) -> list[tuple[RemoteNode, str]]:
-        """Return the nodes that were lost since the last call, and what that means, in words."""
+    def take_news(self) -> list[tuple[RemoteNode, str, str]]:
+        """Return node, kind and sentence of what happened since the last call: a node was lost, an input jumped."""
         found = []
         for inputs in self._nodes.values():
+            jumps, inputs.jumps = inputs.jumps, []
+            found += [(inputs.node, "input_jumped", text) for text in jumps]
             if inputs.lost:
                 inputs.lost = False
                 outputs = [name for part in self._parts if part.node is inputs.node for name in part.commanded]
                 which = "those commanded are" if len(outputs) > _FEW else f"{', '.join(outputs)} {_is(outputs)}"
                 held = f"; of its outputs {which} void, and not restored until commanded anew" if outputs else ""
-                found.append((inputs.node, f"lost: its inputs are unknown{held}"))
+                found.append((inputs.node, "device_lost", f"lost: its inputs are unknown{held}"))
         return found
 
     @property

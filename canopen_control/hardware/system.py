@@ -116,8 +116,8 @@ class CanopenSystem(Lifecycle):
         for joint in self.joints:
             joint.read(now)
         self.devices.read(now)
-        if self.devices.lost:
-            self._devices_lost(now)
+        if self.devices.has_news:
+            self._tell_of_devices(now)
         return OK
 
     def write(self, now: int, period: float) -> ReturnType:
@@ -212,10 +212,10 @@ class CanopenSystem(Lifecycle):
         if event.stops:
             self._stop_group(joint, now, event)
 
-    def _devices_lost(self, now: int) -> None:
+    def _tell_of_devices(self, now: int) -> None:
         """Tell what is unknown now; whether axes stop is the robot's to decide, by what bus.yml requires."""
-        for node, text in self.devices.take_lost():
-            self._report(Event(now, "device_lost", node.name, f"{node.who}: {text}", Level.WARNING))
+        for node, kind, text in self.devices.take_news():
+            self._report(Event(now, kind, node.name, f"{node.who}: {text}", Level.WARNING))
 
     def _stop_group(self, cause: JointDrive, now: int, event: JointEvent) -> None:
         resumable = event.kind == "node_lost" and cause.node.config.motion.recovery == "enable"
