@@ -1,10 +1,9 @@
 """<gpio> and <sensor> of the description as signals of virtual devices, on the memory bus."""
 
 import math
-import re
 
 import pytest
-from support.devices import IO, DeviceBench, with_device
+from support.devices import IO, DeviceBench, with_device, with_measured_joint
 
 from canopen_control.data_files import data_path
 from canopen_control.errors import RobotConfigError
@@ -116,18 +115,7 @@ def test_what_moves_an_axis_is_not_commanded_past_its_joint(tmp_path):
 
 
 def test_a_joint_that_an_encoder_measures_stands_in_joint_states(tmp_path):
-    config = with_device(tmp_path, "generic_cia406.eds", ("position", "velocity"), name="encoder")
-    description = config / "robby.urdf.xacro"
-    text = re.sub(
-        r'<gpio name="encoder">(.*?)</gpio>', r'<joint name="arm_joint">NODE\1</joint>', description.read_text()
-    )
-    text = text.replace("NODE", '<param name="device_name">encoder</param>')
-    arm = '<link name="arm"/><joint name="arm_joint" type="continuous">'
-    arm += '<parent link="base_link"/><child link="arm"/></joint>'
-    description.write_text(text.replace("</robot>", f"{arm}</robot>"))
-    control = config / "ros2_controllers.yaml"
-    control.write_text(control.read_text().replace("joints: [encoder]", "joints: [arm_joint]"))
-    bench = DeviceBench("device-joint", config)
+    bench = DeviceBench("device-joint", with_measured_joint(tmp_path))
     try:
         bench.set(position=0.5)
         bench.start()
