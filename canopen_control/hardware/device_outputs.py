@@ -2,8 +2,8 @@
 
 An output is never restored: when its node was lost or has restarted, what stands commanded counts no more, and the
 output stays as the device has it (its error value, its default) until another value is commanded. It is sent when it is
-commanded first and when it changes. Released by its controller it rests where that has put it, else at its safe value,
-unless it is to keep what it has.
+commanded first and when it changes. Released by its controller it takes its safe value, unless it is to keep what it
+has.
 """
 
 from __future__ import annotations
@@ -69,16 +69,12 @@ class OutputSignal:
             self._send(value, always=first)
 
     def release(self) -> None:
-        """Be commanded by nobody any more: rest where the controller has put it on leaving, else at the safe value.
-
-        A controller that leaves no command (nan) wants it to stay, as the part does that keeps its outputs.
-        """
-        left, self.command.value = self.command.value, math.nan
+        """Take the safe value, being commanded by nobody any more."""
+        self.command.value = math.nan
         commanded, self._commanded = self._commanded, math.nan
-        safe = self.signal.safe if left == commanded else left
-        if math.isnan(commanded) or self._keeps or not self._node.ready or safe is None or math.isnan(safe):
-            return
-        self._send(safe, always=False)
+        safe = self.signal.safe
+        if not math.isnan(commanded) and safe is not None and not self._keeps and self._node.ready:
+            self._send(safe, always=False)
 
     def _away(self, value: float) -> None:
         """Void what is commanded while the node is not there; take how it is scaled when it is back."""

