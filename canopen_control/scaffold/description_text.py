@@ -74,7 +74,7 @@ def _joint(robot: NewRobot, number: int, node: NewNode) -> list[str]:
         '    <parent link="base_link"/>',
         f'    <child link="{link}"/>',
         f'    <origin xyz="{x:g} {y:g} {z:g}"/>',
-        '    <axis xyz="0 1 0"/>',
+        f'    <axis xyz="{"0 0 1" if robot.base.steers(len(robot.drives), number) else "0 1 0"}"/>',
         f'    <limit effort="10" velocity="{_FASTEST[node.drive.interface]:g}"/>  <!-- N m, rad/s -->',
         "  </joint>",
         f'  <link name="{link}">',
@@ -92,9 +92,14 @@ def _joint(robot: NewRobot, number: int, node: NewNode) -> list[str]:
 
 
 def _place(robot: NewRobot, number: int) -> tuple[float, float, float]:
-    """Return where on base_link a joint is: left and right in turn, the front pair first; or in a row."""
+    """Return where on base_link a joint is: left and right in turn, the front pair first; or in a row.
+
+    A steered wheel is in front of the one pair.
+    """
     if not robot.base.type_name:
         return 0.0, 0.1 * number, RADIUS
+    if robot.base.steers(len(robot.drives), number):
+        return WHEELBASE, 0.0, 0.0
     pairs = len(robot.drives) // 2
     side = SEPARATION / 2 if number % 2 == 0 else -SEPARATION / 2
     return (0.0 if pairs == 1 else WHEELBASE / 2 if number < 2 else -WHEELBASE / 2), side, 0.0

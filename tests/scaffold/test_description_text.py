@@ -4,6 +4,7 @@ from pathlib import Path
 
 from support.drive_shapes import modes, shape
 
+from canopen_control.scaffold import bases
 from canopen_control.scaffold.description_text import RADIUS, SEPARATION, WHEELBASE, description_text
 from canopen_control.scaffold.new_robot import Device, plan_robot
 from canopen_control.urdf.description import parse_description
@@ -34,3 +35,9 @@ def test_the_wheels_of_a_base_stand_where_the_controllers_file_says():
     assert places["front_left_wheel_joint"] == (x, y, 0.0)
     assert places["rear_right_wheel_joint"] == (-x, -y, 0.0)
     assert places["base_joint"] == (0.0, 0.0, RADIUS)
+
+
+def test_a_steered_wheel_is_in_front_and_turns_about_the_vertical(monkeypatch):
+    monkeypatch.setattr(bases, "TYPES", {base.type_name for base in bases.BASES.values()})
+    steering = described(*[shape()] * 3, base="tricycle").joints["steering_joint"]
+    assert (tuple(steering.origin.position), tuple(steering.axis)) == ((WHEELBASE, 0.0, 0.0), (0.0, 0.0, 1.0))
