@@ -124,9 +124,13 @@ class Robot:
         """Command a controller, one value for each joint; a velocity or an effort ends after the command's life."""
         self._ask(messages.CommandController(controller=controller, values=list(values), source=_SOURCE))
 
-    def twist(self, controller: str, linear: float, angular: float) -> None:
-        """Command a base: m/s forward and rad/s to the left."""
-        self._ask(messages.TwistController(controller=controller, linear=linear, angular=angular, source=_SOURCE))
+    def twist(self, controller: str, linear: float, angular: float, lateral: float = 0.0) -> None:
+        """Command a base: m/s forward, rad/s to the left and, where it can drive sideways, m/s to the left."""
+        self._ask(
+            messages.TwistController(
+                controller=controller, linear=linear, lateral=lateral, angular=angular, source=_SOURCE
+            )
+        )
 
     def stop(self, *, latch: bool = False) -> None:
         """Ramp to zero and disable; returns when no drive moves under power any more.

@@ -81,6 +81,7 @@ _TYPES = {
 _PARTS = {
     "PdoConfig": "a [PDO](#one-pdo)",
     "SdoEntry": "[objects](#an-object-of-sdo)",
+    "SignalKeys": "[signals](#a-signal)",
     "PdoObject": "[objects](#a-mapped-object)",
     "AxisUnits": "[units](#the-units-of-one-axis)",
 }
@@ -146,6 +147,7 @@ def bus_yml() -> str:
         ("A mapped object", keys.PdoObject, {}),
         ("An object of `sdo`", keys.SdoEntry, {}),
         ("The units of one axis", keys.AxisUnits, {}),
+        ("A signal", keys.SignalKeys, {}),
     )
     text = [
         "# The keys of `bus.yml`\n",
@@ -167,7 +169,17 @@ def bus_yml() -> str:
 
 def controllers() -> str:
     """Return the parameters of every controller."""
-    from canopen_control.controllers import broadcasters, diff_drive_params, pid_params, standard_params, types
+    from canopen_control.controllers import (
+        broadcasters,
+        diff_drive_params,
+        mecanum_params,
+        omni_params,
+        pid_params,
+        standard_params,
+        steering_params,
+        types,
+    )
+    from canopen_control.controllers.base_params import AxisLimits
     from canopen_control.controllers.params import CommonParams
     from canopen_control.controllers.standard_params import BroadcasterParams
     from canopen_control.controllers.trajectory import params as trajectory
@@ -180,6 +192,11 @@ def controllers() -> str:
         ("Several interfaces of one joint", forward.MultiParams, "MultiInterface"),
         ("One joint, as in ROS 1", forward.SingleParams, "/Joint(Position|Velocity|Effort)Controller"),
         ("Diff drive", diff.DiffDriveParams, "DiffDrive"),
+        ("Bicycle steering", steering_params.BicycleParams, "BicycleSteering"),
+        ("Tricycle steering", steering_params.TricycleParams, "TricycleSteering"),
+        ("Ackermann steering", steering_params.AckermannParams, "AckermannSteering"),
+        ("Mecanum drive", mecanum_params.MecanumParams, "MecanumDrive"),
+        ("Omni wheel drive", omni_params.OmniParams, "OmniWheelDrive"),
         ("Joint trajectories", trajectory.TrajectoryParams, "JointTrajectory"),
         ("PID", pid_params.PidParams, "/PidController"),
         ("Joint states", BroadcasterParams, "JointState(Broadcaster|Controller)"),
@@ -195,7 +212,12 @@ def controllers() -> str:
         if cls is diff.DiffDriveParams:
             text += [
                 "### Limits: `linear.x.KEY` and `angular.z.KEY`\n",
-                _keys(diff.AxisLimits, CONTROLLERS["AxisLimits"], {}),
+                _keys(diff.SwitchedLimits, _parameters(diff.SwitchedLimits), {}),
+            ]
+        if cls is mecanum_params.MecanumParams:
+            text += [
+                "### Limits: `linear.x.KEY`, `linear.y.KEY` and `angular.z.KEY`\n",
+                _keys(AxisLimits, CONTROLLERS["AxisLimits"], {}),
             ]
         if cls is pid_params.PidParams:
             text += [
@@ -203,7 +225,11 @@ def controllers() -> str:
                 _keys(pid_params.DofGains, CONTROLLERS["DofGains"], {}),
             ]
         if cls is trajectory.TrajectoryParams:
-            for part, title in ((trajectory.JointGains, "gains"), (trajectory.JointConstraints, "constraints")):
+            for part, title in (
+                (trajectory.JointGains, "gains"),
+                (trajectory.JointConstraints, "constraints"),
+                (trajectory.LimitParams, "joint_limits"),
+            ):
                 text += [f"### Each joint: `{title}.JOINT.KEY`\n", _keys(part, CONTROLLERS[part.__name__], {})]
     return "\n".join(text)
 

@@ -13,7 +13,6 @@ NAMED_BY_A_RULE = {
 }
 #: file -> why it may stand in several rooms
 SHARED = {
-    "diff_drive.py": "the controller, and what ROS shows of it",
     "interfaces.py": "of the hardware, and those that a trajectory takes of them",
     "params.py": "of all controllers, and those of a trajectory in its folder",
 }

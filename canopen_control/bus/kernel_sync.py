@@ -57,6 +57,15 @@ class KernelSync:
         self._make_socket = make_socket or _bcm_socket
         self._socket: BcmSocket | None = None
 
+    def why_not(self) -> str | None:
+        """Return why the kernel cannot send on this interface, None where it can; sends nothing."""
+        try:
+            self._connected()
+        except OSError as error:
+            return str(_explained(self.interface, error))
+        self.close()
+        return None
+
     def start(self, period_us: int) -> None:
         """Send from now on every `period_us`, the first frame at once; again: with another period. Raise BusError."""
         can_id, count = self.frames[0].can_id, len(self.frames)
@@ -94,6 +103,6 @@ def _bcm_socket() -> BcmSocket:
 
 def _explained(interface: str, error: OSError) -> BusError:
     if error.errno in (errno.EPROTONOSUPPORT, errno.EAFNOSUPPORT):
-        hint = "type: sudo modprobe can-bcm, or leave --kernel-sync away"
+        hint = "type: sudo modprobe can-bcm, or let this program send it"
         return BusError(f"bus {interface}: this kernel has no broadcast manager that could send SYNC; {hint}")
     return BusError(f"bus {interface}: the kernel does not send SYNC: {error.strerror or error}")

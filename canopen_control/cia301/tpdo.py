@@ -64,12 +64,19 @@ class TpdoProducer:
         if self.running:
             self.start(now)
 
-    def start(self, now: int) -> None:
-        """Begin: the node became OPERATIONAL, or the PDO valid. Event-driven ones show their first values."""
+    def start(self, now: int, *, shows: bool = True) -> None:
+        """Begin: the node became OPERATIONAL, or the PDO valid. Event-driven ones show their first values.
+
+        With `shows` False they do not, as those of a profile that is to be asked for events first.
+        """
         self._clear()
         self.running = True
-        if self._valid and is_event_driven(self._parameters.transmission_type):
+        if not self._valid or not is_event_driven(self._parameters.transmission_type):
+            return
+        if shows:
             self._send(now)
+        elif self._parameters.event_ns:
+            self._event_at = now + self._parameters.event_ns
 
     def stop(self) -> None:
         """End: the node left OPERATIONAL. No-op when stopped."""

@@ -19,7 +19,8 @@ with two wheels on a floor, also with the drives in processes of their own:
     seed: 1
 
 --status asks drives that run instead: what they are doing, and how evenly the set-points of a cyclic mode come (missed
-and doubled ones, ripple, phase of RPDO against SYNC), with --json as JSON, one drive a line.
+and doubled ones, ripple, phase of RPDO against SYNC), with --json as JSON, one drive a line. Devices that are no drives
+run by the same verb, which is called `device` too.
 
 Exit codes: 0 after Ctrl-C or SIGTERM; 1 the bus is gone, the node id is taken, or there is no drive to tell its status;
 2 wrong usage, mistakes in files.

@@ -1,13 +1,15 @@
-"""`fault`: break a running virtual drive, and mend it again.
+"""`fault`: break a running virtual drive or device, and mend it again; set the inputs of a device.
 
 `fault list` explains every fault and what a good master makes of it. `fault NODE NAME on|off` switches one,
-`fault NODE` tells which are on. NODE is a node or a joint of a running robot by its name; or a node id, with --can
-CHANNEL where no robot runs. It speaks to the drive's own control socket: no master is needed, and the bus may be
-broken. What breaks the wire itself is `bus fault`.
+`fault NODE` tells which are on. `fault NODE SIGNAL=VALUE[,SIGNAL=VALUE]` sets inputs of a virtual device that is no
+drive, in their units: `di0=1`, `position=3.14`. NODE is a node or a joint of a running robot by its name; or a node id,
+with --can CHANNEL where no robot runs. It speaks to the drive's own control socket: no master is needed, and the bus
+may be broken. What breaks the wire itself is `bus fault`.
 """
 
 from __future__ import annotations
 
+import math
 import textwrap
 from typing import TYPE_CHECKING
 
@@ -17,7 +19,7 @@ from canopen_control.cli.support.output import json_text
 from canopen_control.client.drive_client import DriveClient
 from canopen_control.errors import ConfigError, RemoteError
 from canopen_control.host.sockets import drive_name, list_sockets
-from canopen_control.rpc.messages.drive import ListFaults, SwitchFault
+from canopen_control.rpc.messages.drive import ListFaults, SetSignals, SwitchFault
 from canopen_control.virtual.fault_table import FAULTS, find_fault
 
 if TYPE_CHECKING:
@@ -28,6 +30,7 @@ __all__ = ["EXAMPLE", "add_arguments", "run"]
 EXAMPLE = """canopen-control fault list
          canopen-control fault left_drive heartbeat_lost on
          canopen-control fault left_drive heartbeat_lost off
+         canopen-control fault io_module di0=1,ai0=16384
          canopen-control fault 3 --can local:robby"""
 
 _WIDTH = 110
@@ -40,10 +43,11 @@ _BUS_FAULTS = (
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     parser.usage = (
-        "canopen-control fault list [--json]\n       canopen-control fault NODE [NAME on|off] [--can CHANNEL]"
+        "canopen-control fault list [--json]\n       canopen-control fault NODE [NAME on|off] [--can CHANNEL]\n"
+        "       canopen-control fault NODE SIGNAL=VALUE[,SIGNAL=VALUE] [--can CHANNEL]"
     )
     parser.add_argument("what", metavar="list|NODE", help="list: explain all faults; else a node, a joint or a node id")
-    parser.add_argument("name", nargs="?", metavar="NAME", help="of the fault; without: which are on")
+    parser.add_argument("name", nargs="?", metavar="NAME", help="of the fault, or SIGNAL=VALUE; without: which are on")
     parser.add_argument("state", nargs="?", choices=["on", "off"], help="default: on")
     parser.add_argument("--can", metavar="CHANNEL", help="the bus of the drive (default: that of the running robot)")
     parser.add_argument("--json", action="store_true", help="print JSON")
@@ -57,6 +61,8 @@ def run(args: argparse.Namespace) -> int:
     with _connect(channel, node_id) as client:
         if args.name is None:
             return _tell(args, [fault.name for fault in client.ask(ListFaults()) if fault.on], node_id)
+        if "=" in args.name:
+            return _set(args, client, node_id)
         _check(args.name)
         active = client.ask(SwitchFault(name=args.name, on=args.state != "off")).active
         return _tell(args, active, node_id)
@@ -116,6 +122,33 @@ def _node_id(text: str, there: str) -> int:
     if not 1 <= node_id <= 127:
         raise ConfigError(f"{text!r} is no node id: 1 to 127, or list")
     return node_id
+
+
+def _set(args: argparse.Namespace, client: DriveClient, node_id: int) -> int:
+    """Set inputs, and tell what they are."""
+    if args.state is not None:
+        raise ConfigError(f"{args.name} {args.state}: a signal is set with SIGNAL=VALUE alone")
+    values = _values(args.name)
+    client.ask(SetSignals(values=values))
+    if args.json:
+        print(json_text({"node_id": node_id, "signals": values}, indent=None))
+    else:
+        print(f"node {node_id}: {', '.join(f'{name} is {value:g}' for name, value in values.items())}")
+    return 0
+
+
+def _values(text: str) -> dict[str, float]:
+    """Return the values of ``di0=1,ai0=2.5``; ConfigError with what to write instead."""
+    values = {}
+    for each in text.split(","):
+        name, _, number = each.partition("=")
+        try:
+            values[name.strip()] = float(number)
+        except ValueError:
+            values[name.strip()] = math.nan
+        if not name.strip() or not math.isfinite(values[name.strip()]):
+            raise ConfigError(f"{each!r}: write SIGNAL=NUMBER, as in di0=1,ai0=16384")
+    return values
 
 
 def _check(name: str) -> None:

@@ -1,9 +1,10 @@
 """`teleop`: drive a base by keyboard, with the keys of teleop_twist_keyboard.
 
 It commands the active base controller of a running robot; where none is active, a velocity controller of two wheels,
-in rad/s of the wheels. With --topic it publishes to a ROS topic instead. It stops when no key comes: --release seconds
-after a held key was let go, --tap seconds after a key that was only tapped (a terminal cannot tell sooner), and at once
-with space, k or any other key, when the terminal loses the focus, and at its end. No emergency stop (ISO 13850).
+in rad/s of the wheels. Where the base can, keys with shift drive it sideways. With --topic it publishes to a ROS topic
+instead. It stops when no key comes: --release seconds after a held key was let go, --tap seconds after a key that was
+only tapped (a terminal cannot tell sooner), and at once with space, k or any other key, when the terminal loses the
+focus, and at its end. No emergency stop (ISO 13850).
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from typing import TYPE_CHECKING, Final, Protocol
 from canopen_control.cli.support.arguments import number, seconds
 from canopen_control.cli.support.keyboard import Keyboard
 from canopen_control.client import RobotClient
-from canopen_control.client.teleop_keys import HELP, KeyDecoder, Teleop, Velocities
+from canopen_control.client.teleop_keys import HELP, SIDEWAYS_HELP, KeyDecoder, Teleop, Velocities
 from canopen_control.errors import ConfigError, RemoteError
 from canopen_control.rpc.messages.robot import CommandController, GetStatus, ListControllers, Subscribe, TwistController
 from canopen_control.rpc.messages.state import RobotEvent
@@ -38,15 +39,15 @@ PERIOD_S: Final = 0.1
 ZEROS: Final = 3  # are sent when a motion ends: one may be lost on a ROS topic
 TIMEOUT_S: Final = 1.0  # of one command; a robot that takes longer is told to the user
 ZERO: Final = Velocities()
-BASE: Final = "cmd_vel"  # the topic of a base controller
 _BASE_SPEEDS: Final = (0.5, 1.0)  # m/s and rad/s
 _WHEEL_SPEEDS: Final = (5.0, 5.0)  # rad/s of the wheels
 
 
 class Target(Protocol):
-    """Whoever takes velocities; `title` says who, `units` are those of linear and angular."""
+    """Whoever takes velocities, `sideways` too if it can; `title` says who, `units` are those of linear and angular."""
 
     title: str
+    sideways: bool
     units: tuple[str, str]
     speeds: tuple[float, float]
 
@@ -90,7 +91,9 @@ def run(args: argparse.Namespace) -> int:
         target: Target = RobotTarget(args) if args.topic is None else RosTarget(args, stack)
         stack.callback(target.close)
         speed, turn = target.speeds
-        teleop = Teleop(args.speed or speed, args.turn or turn, first=args.tap, repeat=args.release)
+        teleop = Teleop(
+            args.speed or speed, args.turn or turn, first=args.tap, repeat=args.release, sideways=target.sideways
+        )
         screen = Screen(target)
         try:
             _drive(keyboard, teleop, target, screen)
@@ -168,14 +171,18 @@ class Screen:
 
     def __init__(self, target: Target) -> None:
         self._before, self._after = ("\r", "\x1b[K") if sys.stdout.isatty() else ("", "\n")
-        self._units = target.units
+        self._units, self._sideways = target.units, target.sideways
         self._shown = ""
-        print(f"teleop of {target.title}\n{HELP}", flush=True)
+        keys = f"{HELP}\n{SIDEWAYS_HELP}" if target.sideways else HELP
+        print(f"teleop of {target.title}\n{keys}", flush=True)
 
     def show(self, teleop: Teleop, refusal: str) -> None:
         """Show what is commanded."""
         velocities = teleop.velocities
-        values = zip(("linear", "angular"), (velocities.linear, velocities.angular), self._units, strict=True)
+        linear, angular = self._units
+        values = [("linear", velocities.linear, linear), ("angular", velocities.angular, angular)]
+        if self._sideways:
+            values.insert(1, ("to the left", velocities.lateral, linear))
         words = ", ".join(f"{name} {value + 0.0:.2f} {unit}" for name, value, unit in values)
         note = refusal or teleop.note
         line = f"{words} (speeds {teleop.speed:.2f} and {teleop.turn:.2f}){f': {note}' if note else ''}"
@@ -202,7 +209,7 @@ class RobotTarget:
         try:
             controllers = self._robot.ask(ListControllers())
             chosen = choose(controllers, args.controller)
-            self._name, self._is_base = chosen.name, chosen.topic == BASE
+            self._name, self._is_base, self.sideways = chosen.name, chosen.is_base, chosen.drives_sideways
             self._signs = (1, 1) if self._is_base else sides(chosen.joints)
             self._robot.ask(Subscribe(events=True))
             hint = self._robot.ask(GetStatus()).hint
@@ -222,7 +229,12 @@ class RobotTarget:
         # dead_man: if this process is killed, the robot stops as soon as the connection is gone
         if self._is_base:
             request = TwistController(
-                controller=self._name, linear=linear, angular=angular, source=_SOURCE, dead_man=True
+                controller=self._name,
+                linear=linear,
+                lateral=velocities.lateral,
+                angular=angular,
+                source=_SOURCE,
+                dead_man=True,
             )
         else:
             values = [linear + sign * angular for sign in self._signs]
@@ -248,7 +260,7 @@ def choose(controllers: Sequence[ControllerReading], wanted: str | None) -> Cont
             raise ConfigError(f"no controller {wanted!r}; there are: {_names(controllers)}")
         return _usable(found[0])
     active = [each for each in controllers if each.active and each.topic is not None]
-    bases = [each for each in active if each.topic == BASE]
+    bases = [each for each in active if each.is_base]
     candidates = bases or active
     if len(candidates) > 1:
         raise ConfigError(f"several controllers are active: {_names(candidates)}; choose one with --controller")
@@ -264,7 +276,7 @@ def _usable(controller: ControllerReading) -> ControllerReading:
     name, joints = controller.name, controller.joints
     if not controller.active:
         raise ConfigError(f"{name} is {controller.state}; activate it: canopen-control controller activate {name}")
-    if controller.topic == BASE or (controller.interface == "velocity" and len(joints) == len(_LEFT_RIGHT)):
+    if controller.is_base or (controller.interface == "velocity" and len(joints) == len(_LEFT_RIGHT)):
         return controller
     what = controller.interface or "several interfaces"
     raise ConfigError(
@@ -292,6 +304,7 @@ class RosTarget:
 
     units = ("m/s", "rad/s")
     speeds = _BASE_SPEEDS
+    sideways = True  # whether its subscriber can is not known; teleop_twist_keyboard sends it too
 
     def __init__(self, args: argparse.Namespace, stack: contextlib.ExitStack) -> None:
         from canopen_control.ros.graph import open_graph
@@ -306,7 +319,8 @@ class RosTarget:
 
     def send(self, velocities: Velocities) -> None:
         """Publish the velocities."""
-        twist: dict[str, object] = {"linear": {"x": velocities.linear}, "angular": {"z": velocities.angular}}
+        linear = {"x": velocities.linear, "y": velocities.lateral}
+        twist: dict[str, object] = {"linear": linear, "angular": {"z": velocities.angular}}
         self._publication.fill(self._stamp(twist) if self._stamped else twist)
         self._publication.publish()
         self._graph.spin(0.0)

@@ -3,8 +3,8 @@
 A file is YAML or JSON in the shape of trajectory_msgs/JointTrajectory: `joint_names`, and `points` with `positions`
 and, where they are planned, `velocities` and `accelerations`, each with its `time_from_start` in seconds or as `sec`
 and `nanosec`. Waypoints are positions of the controller's joints, each of which comes to rest. When this ends before
-the trajectory does, by Ctrl-C or anything else, the joints brake and are held. A recording is what the joints do while
-somebody else moves them, by hand or by a program.
+the trajectory does, by Ctrl-C or anything else, or is stopped (Ctrl-Z), the joints brake and are held. A recording is
+what the joints do while somebody else moves them, by hand or by a program.
 
 Exit codes: 0 the end was reached; 1 it was refused or ended before; 2 wrong usage, or no robot runs.
 """
@@ -22,6 +22,7 @@ from canopen_control.cli.support.arguments import number, seconds
 from canopen_control.cli.support.output import Progress
 from canopen_control.cli.support.trajectory_recording import TrajectoryRecording
 from canopen_control.client import RobotClient
+from canopen_control.client.robot_client import HEARTBEAT_S
 from canopen_control.client.trajectory_file import read_trajectory, read_waypoints, write_trajectory
 from canopen_control.errors import ConfigError
 from canopen_control.host.signals import on_signals
@@ -94,9 +95,12 @@ def _play(args: argparse.Namespace) -> int:
         if args.approach is not None:
             points = _later(points, args.approach)
         rest = robot.send_points(points)
-        wanted = FollowTrajectory(controller=controller.name, joints=joints, points=rest, source="trajectory")
+        wanted = FollowTrajectory(
+            controller=controller.name, joints=joints, points=rest, source="trajectory", heartbeat=HEARTBEAT_S
+        )
         patience = points[-1].time_from_start + _PATIENCE_S if points else _PATIENCE_S
-        result = robot.ask(wanted, patience)
+        with robot.heartbeats():
+            result = robot.ask(wanted, patience)
     reached = result.state == "succeeded"
     print(result.text, file=sys.stdout if reached else sys.stderr)
     return 0 if reached else 1

@@ -14,7 +14,8 @@ if TYPE_CHECKING:
 __all__ = ["add_arguments", "run"]
 
 EXAMPLE = """canopen-control controller switch --activate robby_base_controller --deactivate robby_forward_controller
-         canopen-control twist robby_base_controller 0.2 0.5 --for 3"""
+         canopen-control twist robby_base_controller 0.2 0.5 --for 3
+         canopen-control twist mecanum_base_controller 0 0 --lateral 0.2 --for 3"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -22,6 +23,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("controller", help="its name in ros2_controllers.yaml")
     parser.add_argument("linear", type=finite, help="forward, m/s")
     parser.add_argument("angular", type=finite, help="to the left, rad/s")
+    parser.add_argument(
+        "--lateral", type=finite, default=0.0, metavar="V", help="to the left, m/s, where the base can (default: 0)"
+    )
     add_repeat_arguments(parser)
 
 
@@ -29,7 +33,14 @@ def run(args: argparse.Namespace) -> int:
     """Run the verb."""
     dead_man = not args.once  # it ends as soon as the connection is gone
     moving, zeros = (
-        TwistController(controller=args.controller, linear=ahead, angular=around, source="twist", dead_man=dead_man)
-        for ahead, around in ((args.linear, args.angular), (0.0, 0.0))
+        TwistController(
+            controller=args.controller,
+            linear=ahead,
+            lateral=aside,
+            angular=around,
+            source="twist",
+            dead_man=dead_man,
+        )
+        for ahead, aside, around in ((args.linear, args.lateral, args.angular), (0.0, 0.0, 0.0))
     )
     return send(args, moving, zeros)

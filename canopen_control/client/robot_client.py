@@ -2,20 +2,35 @@
 
 from __future__ import annotations
 
+import contextlib
+import threading
 from typing import TYPE_CHECKING, Final
 
-from canopen_control.errors import ConfigError
+from canopen_control.errors import ConfigError, RemoteError
 from canopen_control.host.lineclient import LineClient
 from canopen_control.host.sockets import check_name, list_sockets, socket_path
 from canopen_control.rpc.client import Client
-from canopen_control.rpc.messages.robot import ROBOT, RobotHello, RobotPush, SdoPiece, SdoWrite, TrajectoryData
+from canopen_control.rpc.messages.robot import (
+    ROBOT,
+    RobotHello,
+    RobotPush,
+    SdoPiece,
+    SdoWrite,
+    TrajectoryData,
+    TrajectoryHeartbeat,
+)
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
     from typing import Self
 
     from canopen_control.rpc.messages.samples import TrajectoryPoint
 
-__all__ = ["RobotClient", "find_robots", "select_robot"]
+__all__ = ["HEARTBEAT_S", "RobotClient", "find_robots", "select_robot"]
+
+HEARTBEAT_S: Final = 2.0
+"""What who plays a trajectory promises as its `heartbeat`: silent for longer he is gone, and the joints brake."""
+_BEATS: Final = 4  # within that time
 
 _PIECE: Final = 24_000  # bytes of an object in one request
 _VALUES: Final = 2000  # of a trajectory in one request
@@ -67,6 +82,24 @@ class RobotClient(Client[RobotHello, RobotPush]):
             timeout=request.timeout,
         )
         self.ask(last, timeout)
+
+    @contextlib.contextmanager
+    def heartbeats(self) -> Iterator[None]:
+        """Say again and again, on a thread, that this process is at work: for a trajectory sent with `HEARTBEAT_S`."""
+        over = threading.Event()
+
+        def beat() -> None:
+            with contextlib.suppress(RemoteError):  # the robot is gone, which who waits for the end is told
+                while not over.wait(HEARTBEAT_S / _BEATS):
+                    self.notify(TrajectoryHeartbeat())
+
+        thread = threading.Thread(target=beat, name="heartbeats", daemon=True)
+        thread.start()
+        try:
+            yield
+        finally:
+            over.set()
+            thread.join(HEARTBEAT_S)
 
     def send_points(self, points: list[TrajectoryPoint]) -> list[TrajectoryPoint]:
         """Send the first points of a trajectory of any length; returns the last ones, for the request that sends it."""

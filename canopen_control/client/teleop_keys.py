@@ -13,13 +13,18 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Final
 
-__all__ = ["HELP", "MOTIONS", "SPEEDS", "KeyDecoder", "Teleop", "Velocities"]
+__all__ = ["HELP", "MOTIONS", "SIDEWAYS", "SIDEWAYS_HELP", "SPEEDS", "KeyDecoder", "Teleop", "Velocities"]
 
 HELP: Final = """\
    u    i    o        forward, in curves      q/z  both speeds up/down by 10 %
    j    k    l        turn, k or space stops  w/x  only linear up/down
    m    ,    .        backward                e/c  only angular up/down
 hold a key to move; anything else stops; Ctrl-C ends"""
+
+SIDEWAYS_HELP: Final = """\
+   U    I    O        with shift: sideways (J, L) and diagonally
+   J         L        at the linear speed, without turning
+   M    <    >"""
 
 #: key -> (linear, angular), as factors of the speeds
 MOTIONS: Final[dict[str, tuple[int, int]]] = {
@@ -36,6 +41,17 @@ MOTIONS: Final[dict[str, tuple[int, int]]] = {
     "left": (0, 1),
     "right": (0, -1),
 }
+#: key -> (forward, to the left), as factors of the linear speed, for a base that drives sideways
+SIDEWAYS: Final[dict[str, tuple[int, int]]] = {
+    "U": (1, 1),
+    "I": (1, 0),
+    "O": (1, -1),
+    "J": (0, 1),
+    "L": (0, -1),
+    "M": (-1, 1),
+    "<": (-1, 0),
+    ">": (-1, -1),
+}
 #: key -> factors of (linear, angular) speed
 SPEEDS: Final[dict[str, tuple[float, float]]] = {
     "q": (1.1, 1.1),
@@ -45,7 +61,7 @@ SPEEDS: Final[dict[str, tuple[float, float]]] = {
     "e": (1.0, 1.1),
     "c": (1.0, 0.9),
 }
-_SIDEWAYS: Final = frozenset("OIJLU<>Mtb")  # motions of a holonomic base, or up and down
+_UP_AND_DOWN: Final = frozenset("tb")
 _QUIT: Final = ("ctrl-c", "ctrl-d")
 _LEAST, _MOST = 1e-3, 1e3  # of a speed, so that no number of key presses makes it useless
 
@@ -116,15 +132,16 @@ class KeyDecoder:
 
 @dataclass(frozen=True, slots=True)
 class Velocities:
-    """What is commanded: `linear` and `angular` in the units of the speeds, usually m/s and rad/s."""
+    """What is commanded: `linear`, `angular` and, to the left, `lateral` in the units of the speeds: m/s and rad/s."""
 
     linear: float = 0.0
     angular: float = 0.0
+    lateral: float = 0.0
 
     @property
     def moving(self) -> bool:
         """Whether anything is to move."""
-        return bool(self.linear or self.angular)
+        return bool(self.linear or self.angular or self.lateral)
 
 
 class _Hold(Enum):
@@ -137,13 +154,24 @@ class Teleop:
     """Who presses keys and who moves; `velocities` holds from now until `next_deadline`.
 
     `speed` and `turn` are the linear and angular speed, `first` and `repeat` the dead-man's times in seconds. `ended`
-    says that the user wants to leave, `note` is a sentence about the last key or "".
+    says that the user wants to leave, `note` is a sentence about the last key or "". `sideways`: the base can drive so.
     """
 
-    def __init__(self, speed: float = 0.5, turn: float = 1.0, *, first: float = 0.7, repeat: float = 0.25) -> None:
+    def __init__(
+        self,
+        speed: float = 0.5,
+        turn: float = 1.0,
+        *,
+        first: float = 0.7,
+        repeat: float = 0.25,
+        sideways: bool = False,
+    ) -> None:
         self.speed, self.turn = speed, turn
         self.ended = False
         self.note = ""
+        self._motions = {key: (linear, 0, angular) for key, (linear, angular) in MOTIONS.items()}
+        if sideways:
+            self._motions |= {key: (linear, lateral, 0) for key, (linear, lateral) in SIDEWAYS.items()}
         self._first_ns, self._repeat_ns = round(first * 1e9), round(repeat * 1e9)
         self._hold, self._key, self._deadline = _Hold.RELEASED, "", 0
 
@@ -152,14 +180,14 @@ class Teleop:
         """Return what is to move now; zeros when no key is held."""
         if self._hold is _Hold.RELEASED:
             return Velocities()
-        linear, angular = MOTIONS[self._key]
-        return Velocities(linear * self.speed, angular * self.turn)
+        linear, lateral, angular = self._motions[self._key]
+        return Velocities(linear * self.speed, angular * self.turn, lateral * self.speed)
 
     def key(self, name: str, now: int) -> None:
         """Take a key of `KeyDecoder`."""
         self.tick(now)
         self.note = ""
-        if name in MOTIONS:
+        if name in self._motions:
             self._move(name, now)
         elif name in SPEEDS:
             self._change_speed(*SPEEDS[name])
@@ -194,6 +222,6 @@ class Teleop:
 
 
 def _note_of(name: str) -> str:
-    if name in _SIDEWAYS:
+    if name in _UP_AND_DOWN or name in SIDEWAYS:
         return f"{name}: sideways, up and down are no motions of this base; without shift it drives"
     return "the terminal has lost the focus: stopped" if name == "focus-out" else ""

@@ -45,6 +45,7 @@ __all__ = [
     "WheelBase",
     "is_moving",
     "not_enabled",
+    "twist_axes_of",
     "zero_targets",
 ]
 
@@ -68,7 +69,8 @@ class Geometry(Protocol):
 class WheelBase:
     """What a base controller assumes of the robot it drives, for `check`: wheels, sizes in m, frames.
 
-    `frozen` are the axes of a twist whose limits keep it from ever changing speed.
+    `frozen` are the axes of a twist whose limits keep it from ever changing speed. The keys are those under which its
+    parameters have the sizes; a separation of 0 is none that it knows.
     """
 
     left: tuple[str, ...]
@@ -79,6 +81,8 @@ class WheelBase:
     base_frame: str
     publishes_tf: bool = True
     frozen: tuple[str, ...] = ()
+    radius_key: str = "wheel_radius"
+    separation_key: str = "wheel_separation"
 
 
 class ControllerState(enum.Enum):
@@ -117,6 +121,11 @@ class ControllerEvent:
     text: str
 
 
+def twist_axes_of(controller: Controller) -> tuple[str, ...]:
+    """Return the axes of a twist that a base takes, empty for what is no base; by its topic where it says none."""
+    return controller.twist_axes or (("linear.x", "angular.z") if controller.topic == "cmd_vel" else ())
+
+
 @mypyc_attr(allow_interpreted_subclasses=True)
 class Controller:
     """A controller with no interfaces that does nothing; the hooks are what a real one overrides.
@@ -131,6 +140,8 @@ class Controller:
     is_broadcaster: ClassVar[bool] = False
     is_base: ClassVar[bool] = False
     """Whether its joints move one base (a vehicle): they stop together, and no verb acts on one of them alone."""
+    twist_axes: ClassVar[tuple[str, ...]] = ()
+    """The axes of the twists that a base takes, such as "linear.x"; empty if it takes values of joints."""
     independent: ClassVar[bool] = False
     """Whether each of its interfaces has a value of its own: one stop group of them may go on without another."""
     topic: ClassVar[str | None] = None

@@ -12,56 +12,52 @@ import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
-from canopen_control.controllers.limiter import Limits
-from canopen_control.controllers.params import CommonParams
-from canopen_control.errors import RobotConfigError
+from canopen_control.controllers.base_params import AxisLimits, PrefixedParams, refuse, tf_prefix
 from canopen_control.yamlfile.convert import setting
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from canopen_control.controllers.base import Geometry
+    from canopen_control.controllers.limiter import Limits
     from canopen_control.controllers.params import Params
 
-__all__ = ["AxisLimits", "DiffDriveParams", "read_params", "tf_prefix"]
+__all__ = ["DiffDriveParams", "SwitchedLimits", "read_params", "tf_prefix"]
 
 NAN: Final = math.nan
-Six = tuple[float, float, float, float, float, float]
 
 
 @dataclass(frozen=True)
-class AxisLimits:
+class SwitchedLimits(AxisLimits):
     """The limits of `linear.x` or `angular.z`; nan is none, and so is a group whose `has_` is false."""
 
     has_velocity_limits: bool = True
     has_acceleration_limits: bool = True
     has_jerk_limits: bool = True
-    max_velocity: float = setting(NAN, low=0.0, nan=True)
-    min_velocity: float = setting(NAN, high=0.0, nan=True)
-    max_acceleration: float = setting(NAN, low=0.0, nan=True)
-    max_deceleration: float = setting(NAN, high=0.0, nan=True)
-    max_acceleration_reverse: float = setting(NAN, high=0.0, nan=True)
-    max_deceleration_reverse: float = setting(NAN, low=0.0, nan=True)
-    max_jerk: float = setting(NAN, low=0.0, nan=True)
-    min_jerk: float = setting(NAN, high=0.0, nan=True)
+
+    @property
+    def freezes(self) -> bool:
+        """Whether the limit of jerk counts and keeps the axis from ever changing its speed."""
+        return self.has_jerk_limits and super().freezes
 
     def limits(self) -> Limits:
         """Return what the limiter is given."""
-        velocity, acceleration, jerk = self.has_velocity_limits, self.has_acceleration_limits, self.has_jerk_limits
-        return Limits(
-            self.min_velocity if velocity else NAN,
-            self.max_velocity if velocity else NAN,
-            self.max_acceleration_reverse if acceleration else NAN,
-            self.max_acceleration if acceleration else NAN,
-            self.max_deceleration if acceleration else NAN,
-            self.max_deceleration_reverse if acceleration else NAN,
-            self.min_jerk if jerk else NAN,
-            self.max_jerk if jerk else NAN,
-        )
+        found = super().limits()
+        if not self.has_velocity_limits:
+            found = replace(found, min_velocity=NAN, max_velocity=NAN)
+        if not self.has_acceleration_limits:
+            found = replace(
+                found,
+                max_acceleration_reverse=NAN,
+                max_acceleration=NAN,
+                max_deceleration=NAN,
+                max_deceleration_reverse=NAN,
+            )
+        return found if self.has_jerk_limits else replace(found, min_jerk=NAN, max_jerk=NAN)
 
 
 @dataclass(frozen=True)
-class DiffDriveParams(CommonParams):
+class DiffDriveParams(PrefixedParams):
     """Parameters of diff_drive_controller/DiffDriveController: m, s, Hz, rad."""
 
     left_wheel_names: tuple[str, ...] | str = ()
@@ -72,21 +68,14 @@ class DiffDriveParams(CommonParams):
     left_wheel_radius_multiplier: float = 1.0
     right_wheel_radius_multiplier: float = 1.0
     wheel_radius_multiplier: float = NAN
-    tf_frame_prefix_enable: bool = True
-    tf_frame_prefix: str = ""
-    odom_frame_id: str = "odom"
-    base_frame_id: str = "base_link"
-    pose_covariance_diagonal: Six = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    twist_covariance_diagonal: Six = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     open_loop: bool = False
     position_feedback: bool = True
-    enable_odom_tf: bool = True
     cmd_vel_timeout: float = setting(0.5, low=0.0, high=1e9)
     publish_limited_velocity: bool = False
     velocity_rolling_window_size: int = setting(10, low=1, high=100_000)
     publish_rate: float = setting(50.0, low=1e-3)
-    linear: AxisLimits = setting(AxisLimits(), key="linear.x", section=True)  # noqa: RUF009 - it is a field
-    angular: AxisLimits = setting(AxisLimits(), key="angular.z", section=True)  # noqa: RUF009 - it is a field
+    linear: SwitchedLimits = setting(SwitchedLimits(), key="linear.x", section=True)  # noqa: RUF009 - it is a field
+    angular: SwitchedLimits = setting(SwitchedLimits(), key="angular.z", section=True)  # noqa: RUF009 - it is a field
 
     @property
     def left(self) -> tuple[str, ...]:
@@ -117,7 +106,7 @@ class DiffDriveParams(CommonParams):
     def frozen(self) -> tuple[str, ...]:
         """The axes that a jerk limit of 0 keeps from ever changing their speed."""
         axes = {"linear.x": self.linear, "angular.z": self.angular}
-        return tuple(name for name, each in axes.items() if each.has_jerk_limits and each.max_jerk == 0.0)
+        return tuple(name for name, each in axes.items() if each.freezes)
 
 
 RENAMES: Final = {
@@ -150,9 +139,7 @@ def read_params(
     if not math.isnan(given.wheel_radius_multiplier):  # noetic: it overrides the sides' own
         both = given.wheel_radius_multiplier
         given = replace(given, left_wheel_radius_multiplier=both, right_wheel_radius_multiplier=both)
-    problems = [text for wrong, text in _checks(given) if wrong]
-    if problems:
-        raise RobotConfigError("\n".join(f"{params.name}: {text}" for text in problems))
+    refuse(params.name, _checks(given))
     return given
 
 
@@ -187,13 +174,3 @@ def _checks(given: DiffDriveParams) -> list[tuple[bool, str]]:
             "a multiplier of wheel_separation or wheel_radius is not above 0",
         ),
     ]
-
-
-def tf_prefix(prefix: str, namespace: str, *, enable: bool = True) -> str:
-    """Return what stands before the frame names: the prefix, else the namespace; `~` in a prefix is the namespace."""
-    if not enable:
-        return ""
-    text = prefix.replace("~", namespace, 1) if prefix else namespace
-    if not text.endswith("/"):
-        text += "/"
-    return text.removeprefix("/")

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Protocol
 
-from canopen_control.controllers.base import Controller, ControllerEvent, ControllerState, not_enabled
+from canopen_control.controllers.base import Controller, ControllerEvent, ControllerState, not_enabled, twist_axes_of
 from canopen_control.controllers.chain import joints_of
 from canopen_control.controllers.params import Params
 from canopen_control.controllers.running import RunningControllers
@@ -319,6 +319,7 @@ class ControllerManager:
             reference_interfaces=tuple(each.name for each in controller.reference_interfaces()) if configured else (),
             exported_state_interfaces=tuple(each.name for each in controller.exported_states()) if configured else (),
             topic=controller.topic,
+            twist_axes=twist_axes_of(controller),
             publishes=controller.publishes,
             frame_id=controller.frame_id,
             tells=None if controller.tells is None else kind_of(controller.tells),

@@ -1,63 +1,32 @@
 """Where a differential drive robot is, from what its wheels did.
 
-The law of the file (ros2_controllers jazzy): a step is the exact arc of the two wheels' ways, for less than 1e-6 rad
-the second order Runge-Kutta formula; the heading is never wrapped; `linear` and `angular` are means over the last
-steps. Ours: the first sample after `stop` is the baseline, so that neither the wheels' angle at start nor the time
-before it moves the robot (upstream jumps by both).
+The law of the file (ros2_controllers jazzy): a step is the exact arc of the two wheels' ways (`planar_pose`), and one
+shorter than `MIN_DT` is put off to the next; `linear` and `angular` are means over the last steps. Ours: the first
+sample after `stop` is the baseline, so that neither the wheels' angle at start nor the time before it moves the robot
+(upstream jumps by both).
 """
 
 from __future__ import annotations
 
-import math
 from typing import Final
+
+from canopen_control.controllers.planar_pose import MIN_DT, PlanarPose, RollingMean
 
 __all__ = ["Odometry"]
 
-MIN_DT: Final = 1e-4
-"""Steps shorter than this, in s, are put off to the next one: a velocity over them would be noise."""
-STRAIGHT: Final = 1e-6
-"""Below this turn, in rad, the arc's radius is numerically infinite."""
 NS: Final = 1_000_000_000
 
 
-class _Window:
-    """The last values, fewer until it is full; every step adds one, and their mean is made for who asks."""
-
-    __slots__ = ("_at", "_count", "_size", "_values")
-
-    def __init__(self, size: int) -> None:
-        self._values, self._size = [0.0] * size, size
-        self._at = self._count = 0
-
-    def clear(self) -> None:
-        """Forget everything."""
-        self._at = self._count = 0
-
-    def add(self, value: float) -> None:
-        """Add a value, instead of the oldest where it is full."""
-        at = self._at
-        self._values[at] = value
-        at += 1
-        if at > self._count:
-            self._count = at
-        self._at = 0 if at == self._size else at
-
-    @property
-    def mean(self) -> float:
-        """The mean of the values, 0 without any."""
-        return sum(self._values[: self._count]) / self._count if self._count else 0.0
-
-
-class Odometry:
+class Odometry(PlanarPose):
     """The pose `x`, `y` (m), `heading` (rad), and `linear` (m/s), `angular` (rad/s).
 
     `separation` and the radii, in m, are those after their multipliers; `window` is how many steps are averaged.
     """
 
     def __init__(self, separation: float, left_radius: float, right_radius: float, window: int = 10) -> None:
+        super().__init__()
         self._separation, self._left_radius, self._right_radius = separation, left_radius, right_radius
-        self._linear, self._angular = _Window(window), _Window(window)
-        self.x = self.y = self.heading = 0.0
+        self._linear, self._angular = RollingMean(window), RollingMean(window)
         self.started = False
         self._time = 0
         self._left = self._right = 0.0
@@ -83,7 +52,7 @@ class Odometry:
 
     def set_pose(self, x: float, y: float, heading: float) -> None:
         """Be somewhere else, in m and rad; the averages start anew."""
-        self.x, self.y, self.heading = x, y, heading
+        super().set_pose(x, y, heading)
         self._linear.clear()
         self._angular.clear()
 
@@ -120,25 +89,13 @@ class Odometry:
         for window, value in ((self._linear, linear), (self._angular, angular)):
             window.clear()
             window.add(value)
-        self._integrate(linear * dt, angular * dt)
+        self.drive(linear * dt, angular * dt)
         return True
 
     def _step(self, left: float, right: float, dt: float, now: int) -> bool:
         linear, angular = (left + right) * 0.5, (right - left) / self._separation
-        self._integrate(linear, angular)
+        self.drive(linear, angular)
         self._time = now
         self._linear.add(linear / dt)
         self._angular.add(angular / dt)
         return True
-
-    def _integrate(self, linear: float, angular: float) -> None:
-        if abs(angular) < STRAIGHT:
-            direction = self.heading + angular * 0.5
-            self.x += linear * math.cos(direction)
-            self.y += linear * math.sin(direction)
-            self.heading += angular
-            return
-        before, radius = self.heading, linear / angular
-        self.heading += angular
-        self.x += radius * (math.sin(self.heading) - math.sin(before))
-        self.y -= radius * (math.cos(self.heading) - math.cos(before))

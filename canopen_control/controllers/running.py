@@ -139,17 +139,20 @@ class RunningControllers:
         """Return the place of a controller, None if it is not active."""
         return next((slot for slot in self._order if slot.controller is controller), None)
 
-    def let_go(self, holder: object) -> None:
-        """End the commands that a commander gave who is gone, unless somebody else has commanded since."""
+    def let_go(self, holder: object, why: str = "is gone") -> None:
+        """End the commands that a commander gave who is gone, unless somebody else has commanded since.
+
+        `why` says of him what makes him count as gone.
+        """
         for slot in self._commanding:
             controller = slot.controller
             if controller.life.holder is holder:
                 source, moving = controller.life.source, is_moving(controller.commands)
-                self._forget(slot, self.now, why=f"{source} is gone")
+                self._forget(slot, self.now, why=f"{source} {why}")
                 if moving:
                     stands = all(each.interface in MOVING for each in controller.commands)
                     now = "its targets are 0" if stands else "what moves is stopped, positions are held where they are"
-                    text = f"{controller.name}: {source} is gone, and its command with it; {now}"
+                    text = f"{controller.name}: {source} {why}, and its command with it; {now}"
                     self._events.append(ControllerEvent("commander_gone", controller.name, text))
 
     def set_aside(self, joints: Iterable[str], now: int) -> None:

@@ -1,4 +1,4 @@
-"""CanopenSystem: the hardware component that stands for the CANopen drives of one <ros2_control> tag.
+"""CanopenSystem: the hardware component that stands for the CANopen drives and devices of one <ros2_control> tag.
 
 The law of this file: a drive is enabled when a controller claims one of its joint's command interfaces, and by a
 user's word; nothing else enables it, except `recovery: enable` of bus.yml for a node that was lost and is back. When
@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Final
 from canopen_control.cia402.objects import AXES
 from canopen_control.errors import ControlError, RobotConfigError, UnknownInterface, nearest
 from canopen_control.hardware.axis_power import STOPPED
+from canopen_control.hardware.device_parts import DeviceParts
 from canopen_control.hardware.interfaces import OK, ReturnType
 from canopen_control.hardware.joint import JointDrive
 from canopen_control.hardware.joint_targets import DIGITAL_OUTPUTS
@@ -63,12 +64,15 @@ class CanopenSystem(Lifecycle):
         _group(description, self.joints, {} if groups is None else groups)
         self.groups: list[StopGroup[JointDrive]] = []
         self.regroup()
+        self.devices = DeviceParts((*description.sensors, *description.gpios), nodes)
         self._by_interface = {interface.name: joint for joint in self.joints for interface in joint.commands.values()}
         self.state_interfaces: Sequence[StateInterface] = [
-            interface for joint in self.joints for interface in joint.states.values()
+            *(interface for joint in self.joints for interface in joint.states.values()),
+            *self.devices.states,
         ]
         self.command_interfaces: Sequence[CommandInterface] = [
-            interface for joint in self.joints for interface in joint.commands.values()
+            *(interface for joint in self.joints for interface in joint.commands.values()),
+            *self.devices.commands,
         ]
         self._report = report
         self._recovery = Recovery(self.joints, report)
@@ -80,6 +84,7 @@ class CanopenSystem(Lifecycle):
 
     def _rest(self) -> None:
         self.stop(self._now)
+        self.devices.release(self.devices.command_names)
 
     def prepare_command_mode_switch(self, start: Sequence[str], stop: Sequence[str]) -> None:
         """Check the switch: one interface of motion per joint, or a position with feed-forward, in a mode it has."""
@@ -93,6 +98,7 @@ class CanopenSystem(Lifecycle):
     def perform_command_mode_switch(self, start: Sequence[str], stop: Sequence[str]) -> None:
         """Stop what is released, set the mode of what is claimed and enable it; nothing here waits."""
         starting = self._moved(start)
+        self.devices.release(stop)
         for joint in self._moved(stop):
             joint.targets.claim(None)
             if joint not in starting:
@@ -107,6 +113,7 @@ class CanopenSystem(Lifecycle):
         self._now = now
         for joint in self.joints:
             joint.read(now)
+        self.devices.read(now)
         return OK
 
     def write(self, now: int, period: float) -> ReturnType:
@@ -120,6 +127,7 @@ class CanopenSystem(Lifecycle):
                     self._tell(joint, event, now)
         for joint in self.joints:
             joint.write(now, period)
+        self.devices.write()
         return OK
 
     def supervise(self, now: int) -> None:
@@ -130,6 +138,7 @@ class CanopenSystem(Lifecycle):
         self._recovery.step(now)
         for joint in self.joints:
             joint.supervise()
+        self.devices.poll(now)
 
     def prepare_enable(self, joints: Sequence[JointDrive]) -> None:
         """Give drives that are to be enabled a mode; ControlError or DriveError where one of them cannot be."""
@@ -170,6 +179,8 @@ class CanopenSystem(Lifecycle):
         """Return the joints that these interfaces move, and by which of theirs."""
         found: dict[JointDrive, list[str]] = {}
         for name in interfaces:
+            if name in self.devices.command_names:
+                continue
             joint, interface = self._find(name)
             if interface != DIGITAL_OUTPUTS:
                 found.setdefault(joint, []).append(interface)
@@ -183,7 +194,7 @@ class CanopenSystem(Lifecycle):
 
     def _find(self, interface: str) -> tuple[JointDrive, str]:
         if (joint := self._by_interface.get(interface)) is None:
-            raise UnknownInterface(interface, tuple(self._by_interface))
+            raise UnknownInterface(interface, (*self._by_interface, *self.devices.command_names))
         return joint, interface.rpartition("/")[2]
 
     def _tell(self, joint: JointDrive, event: JointEvent, now: int) -> None:

@@ -17,7 +17,7 @@ from canopen_control.cia301.nmt import NmtCommand, NmtState
 from canopen_control.cia402.objects import CONTROLWORD, STATUSWORD, SUPPORTED_DRIVE_MODES, TARGET_VELOCITY
 from canopen_control.errors import SdoAbort, SdoLengthError, SdoTimeout
 from canopen_control.master.boot_config import RESTORE, STORE_NS, compare_only, configure, store
-from canopen_control.master.boot_pdos import read_outputs
+from canopen_control.master.boot_pdos import read_outputs, read_signals
 from canopen_control.master.requests import (
     LETTERS,
     AwaitBootUp,
@@ -110,6 +110,7 @@ def boot(plan: NodePlan, *, reset: bool) -> Generator[Request, Answer, BootResul
     else:
         yield from _configure(plan, transfers)
     yield from read_outputs(plan, transfers)
+    yield from read_signals(plan, transfers)
     if not running:
         yield from _start(plan)
     warnings = tuple(transfers.warnings)

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from canopen_control.master.plan_builder import PlannedWrite
     from canopen_control.od.model import Value
 
-__all__ = ["configure_pdo", "read_outputs", "value_of"]
+__all__ = ["configure_pdo", "read_outputs", "read_signals", "value_of"]
 
 Held = dict[tuple[int, int], bytes | None]
 _UNSIGNED = {kind.bits: kind for kind in DataType if kind.name.startswith("UNSIGNED")}
@@ -216,13 +216,35 @@ def read_outputs(plan: NodePlan, transfers: BootTransfers) -> Generator[Request,
     if wanted:
         yield Step("outputs")
     for address, each in wanted.items():
-        try:
-            data = yield from transfers.try_read(*address)
-        except SdoTimeout as error:
-            where = f"0x{address[0]:04X}:{address[1]:02X}"
-            raise boot_error(plan, "J", f"reading {where}, which an RPDO carries: {reason_of(error)}") from error
-        value = None if data is None else value_of(each, data)
+        value = yield from _read_value(plan, each, "which an RPDO carries", transfers)
         transfers.presets[address] = 0 if value is None else value
+
+
+def read_signals(plan: NodePlan, transfers: BootTransfers) -> Generator[Request, Answer, None]:
+    """Read what the inputs of a device begin with and how it scales them, into `transfers.presets`.
+
+    An input that is sent when it changes may not change for hours. What the node does not show is left out.
+    """
+    wanted = [each for each in plan.reads if _address(each) not in transfers.presets]
+    if wanted:
+        yield Step("inputs")
+    for each in wanted:
+        value = yield from _read_value(plan, each, "a signal", transfers)
+        if value is not None:
+            transfers.presets[_address(each)] = value
+
+
+def _read_value(
+    plan: NodePlan, mapped: MappedObject, what: str, transfers: BootTransfers
+) -> Generator[Request, Answer, Value | None]:
+    """Read one object, None where the node does not show it; BootError J for a silent node."""
+    index, subindex = _address(mapped)
+    try:
+        data = yield from transfers.try_read(index, subindex)
+    except SdoTimeout as error:
+        where = f"0x{index:04X}:{subindex:02X}"
+        raise boot_error(plan, "J", f"reading {where}, {what}: {reason_of(error)}") from error
+    return None if data is None else value_of(mapped, data)
 
 
 def value_of(mapped: MappedObject, data: bytes) -> Value | None:

@@ -33,9 +33,11 @@ class ReceivedPdo:
     `values` are the raw numbers in mapping order; before the first frame they are zeros and `stamp` is -1. `every` is
     in how many SYNCs it is sent, 0 for one that comes by events. While `expected` its absence is counted in `silent`,
     from `since` on, by `supervision.PdoWatch`, which sets `overdue` when `allowed_silence` SYNCs went by.
+    `age_limit_ns` is after which age the values of one with an event timer are none, 0: without end.
     """
 
     __slots__ = (
+        "age_limit_ns",
         "allowed_silence",
         "checked",
         "cob_id",
@@ -65,6 +67,7 @@ class ReceivedPdo:
         )
         self.length = self.codec.length
         self.every = transmission_type if transmission_type in CYCLIC_SYNCHRONOUS else 0
+        self.age_limit_ns = 0
         self.allow(MISSED_SYNCS)
         self.expected = self.overdue = False
         self.told_lengths = 0  # a bit for each wrong length that was told

@@ -16,6 +16,7 @@ from typing import Any, Literal
 
 from canopen_control.frame import MAX_NODE_ID
 from canopen_control.od.model import BIT_RATES
+from canopen_control.profiles.device_signal import TYPES
 from canopen_control.yamlfile.convert import derived, part, setting
 
 __all__ = [
@@ -33,6 +34,7 @@ __all__ = [
     "PdoObject",
     "RosKeys",
     "SdoEntry",
+    "SignalKeys",
     "SupervisionKeys",
     "UnitKeys",
     "named_scale",
@@ -144,7 +146,7 @@ class MasterConfig:
     sync_window: int = setting(0, low=0, high=10_000_000)
     sync_overflow: int = setting(0, choices=(0, *range(2, 241)))
     sync_order: Literal["first", "last"] = "last"
-    sync_producer: Literal["master", "other"] = "master"
+    sync_producer: Literal["master", "kernel", "other"] = "master"
     heartbeat_multiplier: float | None = setting(None, low=1.0, high=100.0)
     heartbeat_producer: int = setting(0, low=0, high=0xFFFF)
     boot_time: int = setting(DEFAULT_BOOT_MS, low=0, high=3_600_000)
@@ -155,8 +157,8 @@ class MasterConfig:
         """Period of the master's own heartbeat."""
         return self.heartbeat_producer or DEFAULT_HEARTBEAT_MS
 
-    def sync_words(self, *, by_kernel: bool = False) -> str:
-        """Say who sends SYNC, how often, and how it lies to the RPDOs of a cycle."""
+    def sync_words(self, *, by_kernel: bool | None = None) -> str:
+        """Say who sends SYNC, how often, and how it lies to the RPDOs of a cycle; None: which channel is not known."""
         if not self.sync_period:
             return "no SYNC"
         every = f"SYNC every {self.sync_period / 1000:g} ms"
@@ -165,7 +167,8 @@ class MasterConfig:
             who = "by the kernel" if by_kernel else "by another node"
             return f"{every} {who}, the cycle follows {'an eighth of' if first else 'half'} a period after it"
         where = "before" if first else "after"
-        return f"{every}, {where} the RPDOs of its cycle (sync_order: {self.sync_order})"
+        can = ", by the kernel on a SocketCAN interface" if self.sync_producer == "kernel" and by_kernel is None else ""
+        return f"{every}, {where} the RPDOs of its cycle (sync_order: {self.sync_order}){can}"
 
 
 @dataclass(frozen=True)
@@ -291,6 +294,24 @@ class MotionKeys:
 
 
 @dataclass(frozen=True)
+class SignalKeys:
+    """One signal of a device in units; what is None is that of the device's profile.
+
+    value = raw number * factor + offset; raw numbers in `invalid` are nan. `safe` is what an output is to be when the
+    master is gone.
+    """
+
+    name: str
+    object: int | str | None = None
+    type: str | None = setting(None, choices=tuple(TYPES))
+    factor: float | None = None
+    offset: float | None = None
+    unit: str | None = None
+    invalid: float | list[float] | None = None
+    safe: bool | int | float | Literal["keep"] | None = None
+
+
+@dataclass(frozen=True)
 class RosKeys:
     """What the ROS bridge calls the node and its axes."""
 
@@ -313,6 +334,8 @@ class NodeConfig:
     units: UnitKeys = part()  # noqa: RUF009 - makes a field
     motion: MotionKeys = part()  # noqa: RUF009 - makes a field
     ros: RosKeys = part()  # noqa: RUF009 - makes a field
+    profile: Literal[401, 402, 404, 406, 410, 418] | None = None
+    signals: list[SignalKeys] = field(default_factory=list)
     node_id: int = setting(0, low=1, high=MAX_NODE_ID)
     name: str = derived("")
     line: int = derived(0)

@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 __all__ = ["Network"]
 
 REFRESH_NS = 100_000_000  # an unchanged RPDO is repeated this often
+TIMERS_MISSED = 3  # after so many event timers without its TPDO what it carries is stale
 
 
 class Network:
@@ -206,6 +207,7 @@ class Network:
         for layout in node.plan.tpdos:
             pdo = self.image.add_tpdo(node.node_id, layout.cob_id, layout.objects, layout.transmission_type)
             pdo.allow(node.config.supervision.missed_syncs)
+            pdo.age_limit_ns = 0 if pdo.every else TIMERS_MISSED * layout.event_ms * 1_000_000
             node.received.append(pdo)
             self.pdo_watch.add(pdo)
             self._pdo_owner[pdo] = node

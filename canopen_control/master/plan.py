@@ -21,12 +21,16 @@ from canopen_control.master.plan_builder import PdoLayout, PlanBuilder, PlannedW
 from canopen_control.master.plan_feed_forward import add_feed_forward
 from canopen_control.master.plan_interpolation import plan_interpolation
 from canopen_control.master.plan_pdos import is_pdo_record, plan_downloaded_pdos, plan_pdos
+from canopen_control.master.plan_signals import plan_signals
+from canopen_control.profiles.device_type import Profile, profile_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
+    from canopen_control.cia301.pdo import MappedObject
     from canopen_control.master.keys import MasterConfig, NodeConfig, SupervisionKeys
     from canopen_control.od.model import ObjectDictionary
+    from canopen_control.profiles.device_signal import Signal
 
 __all__ = ["CONSUMER", "Identity", "NodePlan", "PdoLayout", "PlanInput", "PlannedWrite", "make_plan"]
 
@@ -56,7 +60,8 @@ class NodePlan:
     """Everything the boot of a node needs; `axes` are the index offsets of its CiA 402 axes, none for other devices.
 
     `guard` is (guard time in ns, life time factor) of a node watched by guarding; `restore` and `save` are subindices
-    of 0x1011 and 0x1010, 0 for neither; `software_version` is what 0x1F56:01 must hold, 0 for anything.
+    of 0x1011 and 0x1010, 0 for neither; `software_version` is what 0x1F56:01 must hold, 0 for anything. `signals` are
+    those of a device that is no drive, and of `signals` in bus.yml, by name; `reads` is what the boot reads for them.
     """
 
     name: str
@@ -78,6 +83,9 @@ class NodePlan:
     save: int = 0
     boot_up_ns: int = 1000 * _MILLISECOND
     sdo_timeout_ns: int | None = None  # of the boot; None: the client's own
+    profile: Profile = Profile.NONE
+    signals: dict[str, Signal] = field(default_factory=dict)
+    reads: tuple[MappedObject, ...] = ()
 
     @property
     def supervision_ns(self) -> int:
@@ -113,6 +121,8 @@ def make_plan(given: PlanInput) -> NodePlan:
     add_feed_forward(builder, tuple(_axes(od)))
     for kind in ("rpdo", "tpdo"):
         plan_pdos(builder, kind)
+    profile = Profile(node.profile) if node.profile else profile_of(od)
+    signals = plan_signals(builder, profile, tuple(_axes(od)))
     _plan_sdo_list(builder)
     plan_interpolation(builder, tuple(_axes(od)), given.master.sync_period)
     return NodePlan(
@@ -135,6 +145,9 @@ def make_plan(given: PlanInput) -> NodePlan:
         save=_store_object(builder, 0x1010, node.boot.save_configuration, "save_configuration"),
         boot_up_ns=node.boot.boot_timeout_ms * _MILLISECOND,
         sdo_timeout_ns=given.master.boot_timeout * _MILLISECOND if given.master.boot_timeout else None,
+        profile=profile,
+        signals=signals,
+        reads=tuple(builder.reads),
     )
 
 

@@ -53,12 +53,13 @@ class PlannedWrite:
 
 @dataclass(frozen=True, slots=True)
 class PdoLayout:
-    """A PDO that will be live: its COB-ID and what it carries, in order."""
+    """A PDO that will be live: its COB-ID and what it carries, in order; `event_ms` is its event timer, 0: none."""
 
     number: int
     cob_id: int
     transmission_type: int
     objects: tuple[MappedObject, ...]
+    event_ms: int = 0
 
 
 @dataclass(slots=True)
@@ -72,6 +73,7 @@ class PlanBuilder:
     spare_cob_ids: Iterator[int]
     downloads: tuple[tuple[int, int, bytes], ...] = ()
     writes: list[PlannedWrite] = field(default_factory=list)
+    reads: list[MappedObject] = field(default_factory=list)
     layouts: dict[str, list[PdoLayout]] = field(default_factory=lambda: {"rpdo": [], "tpdo": []})
     _downloaded: dict[tuple[int, int], bytes] = field(init=False)
 

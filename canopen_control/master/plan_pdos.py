@@ -46,6 +46,7 @@ _PREDEFINED_COUNT = 4
 _LAST_SPARE = 0x6DF
 _STORED = "as in the EDS, but the device may have stored something else"
 _SETTINGS = (2, 3, 5, 6)  # type, inhibit time, event timer, SYNC start
+_EVENT_TIMER = _SETTINGS.index(5)
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,8 +142,9 @@ def _adopt(builder: PlanBuilder, kind: str, number: int, cob_id: int) -> None:
     """Use a PDO as the device has it, or as a file has made it."""
     objects = _mapped(builder, kind, number, None)
     if objects:
-        transmission = builder.default(COMMUNICATION[kind] + number - 1, 2)
-        builder.layouts[kind].append(PdoLayout(number, cob_id & 0x7FF, _or_255(transmission), objects))
+        communication = COMMUNICATION[kind] + number - 1
+        transmission, timer = builder.default(communication, 2), builder.default(communication, 5) or 0
+        builder.layouts[kind].append(PdoLayout(number, cob_id & 0x7FF, _or_255(transmission), objects, timer))
 
 
 def _plan_pdo(builder: PlanBuilder, kind: str, number: int, pdo: PdoConfig) -> None:
@@ -159,7 +161,9 @@ def _plan_pdo(builder: PlanBuilder, kind: str, number: int, pdo: PdoConfig) -> N
     objects = _mapped(builder, kind, number, pdo)
     _plan_live(builder, wanted, objects)
     transmission = pdo.transmission if pdo.transmission is not None else builder.default(index, 2)
-    builder.layouts[kind].append(PdoLayout(number, wanted.cob_id & 0x7FF, _or_255(transmission), objects))
+    timer = wanted.settings[_EVENT_TIMER][1]
+    timer = builder.default(index, 5) or 0 if timer is None else timer
+    builder.layouts[kind].append(PdoLayout(number, wanted.cob_id & 0x7FF, _or_255(transmission), objects, timer))
 
 
 def _plan_live(builder: PlanBuilder, wanted: _Wanted, objects: tuple[MappedObject, ...]) -> None:

@@ -27,7 +27,7 @@ from canopen_control.ros.trajectory_messages import (
     stamp_of,
     tolerances_of,
 )
-from canopen_control.ros.trajectory_sender import TrajectorySender
+from canopen_control.ros.trajectory_sender import HEARTBEAT_S, TrajectorySender
 from canopen_control.rpc.messages.samples import TrajectorySample
 from canopen_control.rpc.messages.trajectory import (
     CancelTrajectory,
@@ -122,6 +122,7 @@ class FollowJointTrajectory(Endpoint):
             goal_tolerance=tolerances_of(goal.goal_tolerance),
             goal_time_tolerance=seconds(goal.goal_time_tolerance),
             source=COMMANDER,
+            heartbeat=HEARTBEAT_S,
         )
 
     def _on_verdict(self, followed: _Followed, verdict: TrajectoryVerdict | None, error: str | None) -> None:

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from canopen_control.ros.endpoint import Ros
     from canopen_control.rpc.messages.state import StateSample
 
-__all__ = ["Frames"]
+__all__ = ["Frames", "odometry_transform", "transform_message"]
 
 
 class Frames(Endpoint):
@@ -78,14 +78,24 @@ class Frames(Endpoint):
         return [each for each in transforms if each is not None]
 
     def _message(self, transform: Transform, time: float) -> TransformStamped:
-        message = TransformStamped()
-        message.header.stamp = time_message(time)
-        message.header.frame_id = self._prefix + transform.parent
-        message.child_frame_id = self._prefix + transform.child
-        moved, turned = message.transform.translation, message.transform.rotation
-        moved.x, moved.y, moved.z = transform.pose.position
-        turned.w, turned.x, turned.y, turned.z = transform.pose.rotation
-        return message
+        return transform_message(transform, time, self._prefix)
+
+
+def transform_message(transform: Transform, time: float, prefix: str) -> TransformStamped:
+    """Return a transform at a time, its frames with a prefix."""
+    message = TransformStamped()
+    message.header.stamp = time_message(time)
+    message.header.frame_id = prefix + transform.parent
+    message.child_frame_id = prefix + transform.child
+    moved, turned = message.transform.translation, message.transform.rotation
+    moved.x, moved.y, moved.z = transform.pose.position
+    turned.w, turned.x, turned.y, turned.z = transform.pose.rotation
+    return message
+
+
+def odometry_transform(sample: OdometrySample) -> TransformStamped:
+    """Return where a base believes to be as a transform, in the frames that its controller names."""
+    return transform_message(_of_odometry(sample), sample.time, "")
 
 
 def _broadcast(sample: OdometrySample) -> bool:

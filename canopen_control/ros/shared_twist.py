@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from canopen_control.ros.diff_drive import send_twist
+from canopen_control.ros.base_topics import send_twist
 from canopen_control.ros.endpoint import Endpoint
 from canopen_control.ros.twist_subscription import TwistSubscription
 
@@ -37,7 +37,7 @@ class SharedTwist(Endpoint):
         self._subscription.close()
 
     def _on_message(self, message: Twist | TwistStamped) -> None:
-        bases = [each for each in self._ros.controllers.values() if each.topic == "cmd_vel"]
+        bases = [each for each in self._ros.controllers.values() if each.is_base]
         active = [each for each in bases if each.active] or bases
         if len(active) == 1:
             send_twist(self._ros, active[0], message)

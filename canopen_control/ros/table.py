@@ -7,7 +7,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
-from canopen_control.ros.diff_drive import BaseOdometry, TwistCommands
+from canopen_control.ros.base_states import MecanumState, SteeringState, TfOdometry
+from canopen_control.ros.base_topics import BaseOdometry, TwistCommands
 from canopen_control.ros.dynamic_joint_states import DynamicJointStates
 from canopen_control.ros.follow_joint_trajectory import FollowJointTrajectory
 from canopen_control.ros.forward import ForwardCommands
@@ -29,9 +30,10 @@ __all__ = ["endpoints_for"]
 #: by where its commands come (`topic` of the API)
 BY_TOPIC: Final[dict[str | None, tuple[Factory, ...]]] = {
     "commands": (ForwardCommands,),
-    "cmd_vel": (TwistCommands,),
     "reference": (PidReferences,),
 }
+#: of a base, wherever its twists come
+OF_BASES: Final[tuple[Factory, ...]] = (TwistCommands,)
 #: by the last word of each topic that it tells (`publishes` of the API)
 BY_PUBLISHED: Final[dict[str, Factory]] = {
     "joint_states": JointStates,
@@ -40,6 +42,8 @@ BY_PUBLISHED: Final[dict[str, Factory]] = {
 #: by the kind of its samples (`tells` of the API)
 BY_SAMPLE: Final[dict[str | None, tuple[Factory, ...]]] = {
     "odometry": (BaseOdometry,),
+    "steering": (BaseOdometry, TfOdometry, SteeringState),
+    "mecanum": (BaseOdometry, TfOdometry, MecanumState),
     "gpio": (GpioStates,),
     "trajectory": (FollowJointTrajectory, TrajectoryTopic, TrajectoryState, TrajectoryQuery, SpeedScaling),
     "pid": (PidState, FeedForwardSwitch),
@@ -49,5 +53,6 @@ BY_SAMPLE: Final[dict[str | None, tuple[Factory, ...]]] = {
 def endpoints_for(ros: Ros, controller: ControllerReading) -> list[Endpoint]:
     """Make the topics of one controller."""
     published = [make for kind, make in BY_PUBLISHED.items() if controller.published(kind) is not None]
-    factories = (*BY_TOPIC.get(controller.topic, ()), *BY_SAMPLE.get(controller.tells, ()), *published)
+    commands = OF_BASES if controller.is_base else BY_TOPIC.get(controller.topic, ())
+    factories = (*commands, *BY_SAMPLE.get(controller.tells, ()), *published)
     return [make(ros, controller) for make in factories]

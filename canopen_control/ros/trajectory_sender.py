@@ -1,16 +1,17 @@
 """One trajectory on its way from ROS to the robot, on a connection of its own, in as many requests as it needs.
 
 The law of the file: the connection is what the trajectory lives by, since the robot brakes when it is gone: closing it
-is enough, and the bridge's death closes it as well. A request is sent when the one before it was answered, so that a
-large trajectory holds up neither side. Everything is on the reactor's thread.
+is enough, and the bridge's death closes it as well. A bridge that hangs sends no heartbeat any more. A request is sent
+when the one before it was answered, so that a large trajectory holds up neither side. Everything is on the reactor's
+thread.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Final, TypeVar
 
 from canopen_control.errors import CanopenError
-from canopen_control.rpc.messages.trajectory import TrajectoryData
+from canopen_control.rpc.messages.trajectory import TrajectoryData, TrajectoryHeartbeat
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -21,7 +22,11 @@ if TYPE_CHECKING:
 
     Points = list[TrajectoryPoint]
 
-__all__ = ["TrajectorySender"]
+__all__ = ["HEARTBEAT_S", "TrajectorySender"]
+
+HEARTBEAT_S: Final = 3.0
+"""What a trajectory from ROS promises as its `heartbeat`."""
+_BEAT_NS: Final = 500_000_000
 
 A = TypeVar("A")
 
@@ -38,6 +43,7 @@ class TrajectorySender:
         """The connection; RemoteError if the robot is gone."""
         if self._client is None:
             self._client = self._connect()
+            self._client.keep_saying(TrajectoryHeartbeat(), _BEAT_NS)
         return self._client
 
     def send(

@@ -20,7 +20,7 @@ from canopen_control.ros.interfaces import interface
 from canopen_control.ros.qos import KEPT_DEFAULT, SYSTEM_DEFAULT
 from canopen_control.ros.throttle import without_numbers
 from canopen_control.ros.trajectory_messages import fill_point, is_one_piece, pieces_of, seconds, stamp_of
-from canopen_control.ros.trajectory_sender import TrajectorySender
+from canopen_control.ros.trajectory_sender import HEARTBEAT_S, TrajectorySender
 from canopen_control.rpc.messages.samples import TrajectorySample
 from canopen_control.rpc.messages.trajectory import QueryTrajectory, ScaleTrajectory, SetTrajectory
 
@@ -71,6 +71,7 @@ class TrajectoryTopic(Endpoint):
             points=points,
             stamp=stamp_of(message),
             source=COMMANDER,
+            heartbeat=HEARTBEAT_S,
         )
 
     def _on_answer(self, sender: TrajectorySender, _done: object, error: str | None) -> None:

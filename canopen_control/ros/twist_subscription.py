@@ -40,9 +40,11 @@ class TwistSubscription:
         on_message: Callable[[Twist | TwistStamped], object],
         kind: str = AUTO,
         first: str = "",
+        quality: object = SYSTEM_DEFAULT,
     ) -> None:
         self._ros, self._topic, self._on_message, self._auto = ros, topic, on_message, kind == AUTO
         self._subscription: object = None
+        self._quality = quality
         self._type, self._next = "", 0.0
         wanted = first if self._auto else kind
         if wanted:
@@ -76,5 +78,5 @@ class TwistSubscription:
             self._subscription, self._type = None, ""
 
     def _subscribe(self, name: str) -> None:
-        self._subscription = self._ros.subscribe(_TYPES[name], self._topic, self._on_message, SYSTEM_DEFAULT)
+        self._subscription = self._ros.subscribe(_TYPES[name], self._topic, self._on_message, self._quality)
         self._type = name

@@ -42,6 +42,7 @@ class ReactorClient:
         self._number = 0
         self._waiting: dict[int, tuple[Any, Callable[[Any, str | None], object], Timer | None]] = {}
         self._gone: str | None = None
+        self._saying: Timer | None = None
         reactor.add_reader(self._stream.fileno(), self._on_readable)
 
     def ask(
@@ -63,6 +64,16 @@ class ReactorClient:
             self._leave(str(error))
         except CanopenError as error:
             self._settle(number, error=str(error))
+
+    def keep_saying(self, request: Request[Any], every_ns: int) -> None:
+        """Send a request that wants no answer again and again, from now on until this is left."""
+        if self._gone is not None:
+            return
+        self._saying = self._reactor.call_later(every_ns, lambda: self.keep_saying(request, every_ns))
+        try:
+            self._stream.send(wire.request_line(None, self._api.of(type(request)).name, request), _SEND_S)
+        except RemoteError as error:
+            self._leave(str(error))
 
     def _timer(self, number: int, timeout_ns: int | None) -> Timer | None:
         patience = self._timeout_ns if timeout_ns is None else timeout_ns
@@ -106,6 +117,8 @@ class ReactorClient:
     def _leave(self, why: str) -> None:
         if self._gone is None:
             self._gone = why
+            if self._saying is not None:
+                self._saying.cancel()
             self._reactor.remove_reader(self._stream.fileno())
             self._stream.close()
             for number in list(self._waiting):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from typing import TYPE_CHECKING, TypeVar
 
+from canopen_control.controllers.base import twist_axes_of
 from canopen_control.errors import ControlError, LocalProtocolError, UnknownName
 from canopen_control.hardware.joint import Action
 from canopen_control.host.lineserver import MAX_KEPT
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
 __all__ = ["ApiServer"]
 
 MAX_KIND, MAX_TEXT = 32, 500  # characters of what a client tells
+_PLANAR, _SIDEWAYS = ("linear.x", "angular.z"), "linear.y"
 Commands = TypeVar("Commands", messages.CommandController, messages.TwistController)
 
 
@@ -179,12 +181,22 @@ class ApiServer:
     def _twist(self, call: Call[messages.TwistController]) -> None:
         wanted = call.request
         name = wanted.controller
-        loaded = self._robot.manager.states
-        if name in loaded and self._robot.manager.get(name).topic != "cmd_vel":
-            raise ControlError(f"{name} takes no twist; it is no base controller, command it by values")
-        values, source = [wanted.linear, wanted.angular], wanted.source or call.who
+        values, source = self._twist_values(wanted), wanted.source or call.who
         self._robot.command(name, values, source, wanted.stamp, holder=self._holder(call))
         call.reply(Done())
+
+    def _twist_values(self, wanted: messages.TwistController) -> list[float]:
+        """Return a twist by the axes that the base has; ControlError for one that it cannot drive."""
+        name, manager = wanted.controller, self._robot.manager
+        axes: tuple[str, ...] = _PLANAR
+        if name in manager.states:
+            axes = twist_axes_of(manager.get(name))
+            if not axes:
+                raise ControlError(f"{name} takes no twist; it is no base controller, command it by values")
+            if wanted.lateral and _SIDEWAYS not in axes:
+                raise ControlError(f"{name} cannot drive sideways; it takes {' and '.join(axes)}")
+        twist = {"linear.x": wanted.linear, _SIDEWAYS: wanted.lateral, "angular.z": wanted.angular}
+        return [twist[axis] for axis in axes]
 
     def _holder(self, call: Call[Commands]) -> Connection | None:
         """Return with whom a command ends: the connection it came on, where that was asked for."""

@@ -1,4 +1,8 @@
-"""The API's methods about trajectories: a connection has one goal, which ends with it; its end is told to who asks."""
+"""The API's methods about trajectories: a connection has one goal, which ends with it; its end is told to who asks.
+
+A sender that has promised a heartbeat is gone when it falls silent, though its connection stands: it hangs, or was
+stopped by a signal.
+"""
 
 from __future__ import annotations
 
@@ -20,6 +24,7 @@ from canopen_control.rpc.messages.trajectory import (
     SetTrajectory,
     TrajectoryData,
     TrajectoryEnd,
+    TrajectoryHeartbeat,
     TrajectoryResult,
     TrajectoryVerdict,
 )
@@ -47,6 +52,7 @@ class TrajectoryMethods:
         self._robot, self._keep = robot, keep
         self._coming: dict[Connection, PackedPoints] = {}
         self._sent: dict[Connection, _SentGoal] = {}
+        self._promised: dict[Connection, _Promise] = {}
         server.answers(TrajectoryData, self._data)
         server.answers(FollowTrajectory, self._follow)
         server.answers(SendTrajectory, self._send)
@@ -55,11 +61,14 @@ class TrajectoryMethods:
         server.answers(CancelTrajectory, self._cancel)
         server.answers(QueryTrajectory, self._query)
         server.answers(ScaleTrajectory, self._scale)
+        server.answers(TrajectoryHeartbeat, self._heartbeat)
+        robot.after_cycle.append(self._look_for_silence)
 
     def forget(self, connection: Connection) -> None:
         """Drop what a connection has sent of a trajectory, and its goal."""
         self._coming.pop(connection, None)
         self._sent.pop(connection, None)
+        self._promised.pop(connection, None)
 
     # ---------------------------------------------------------------------------------------------- what is sent
 
@@ -94,6 +103,25 @@ class TrajectoryMethods:
             self._keep(call.connection)
         holder = call.connection if wanted.dead_man else None
         self._robot.send_goal(wanted.controller, goal, wanted.source or call.who, holder=holder)
+        self._promised.pop(call.connection, None)
+        if wanted.dead_man and wanted.heartbeat is not None:
+            self._promised[call.connection] = _Promise(round(wanted.heartbeat * 1e9), self._robot.reactor.now())
+
+    # ------------------------------------------------------------------------------------------------- heartbeats
+
+    def _heartbeat(self, call: Call[TrajectoryHeartbeat]) -> None:
+        promise = self._promised.get(call.connection)
+        if promise is not None:
+            promise.heard = self._robot.reactor.now()
+        call.reply(Done())
+
+    def _look_for_silence(self, now: int) -> None:
+        """Take those who have not kept their promise for gone; what they sent ends, whoever sent since."""
+        if not self._promised:
+            return
+        for connection in [each for each, promise in self._promised.items() if promise.is_broken(now)]:
+            promise = self._promised.pop(connection)
+            self._robot.let_go(connection, f"has said nothing for {promise.within_ns / 1e9:g} s and is gone")
 
     # ------------------------------------------------------------------------------------------------------ goals
 
@@ -155,6 +183,19 @@ class TrajectoryMethods:
         self._robot.latch.refuse("another speed to", controller)
         self._robot.manager.get(controller).set_speed_scaling(call.request.factor)
         call.reply(Done())
+
+
+class _Promise:
+    """That a connection says that it is there, every so many ns at most; `heard` is when it did last."""
+
+    __slots__ = ("heard", "within_ns")
+
+    def __init__(self, within_ns: int, heard: int) -> None:
+        self.within_ns, self.heard = within_ns, heard
+
+    def is_broken(self, now: int) -> bool:
+        """Whether it was not kept."""
+        return now - self.heard > self.within_ns
 
 
 class _SentGoal:

@@ -13,6 +13,7 @@ from canopen_control.errors import RobotConfigError
 from canopen_control.hardware.interfaces import InterfaceRegistry
 from canopen_control.hardware.plugins import Kind, kind_of, made_up, transmitted
 from canopen_control.hardware.system import CanopenSystem
+from canopen_control.master.event_log import Event
 from canopen_control.runtime.robot_bus import RobotBus
 
 if TYPE_CHECKING:
@@ -22,7 +23,6 @@ if TYPE_CHECKING:
     from canopen_control.hardware.joint import JointDrive
     from canopen_control.hardware.stop_group import StopGroup
     from canopen_control.host.reactor import Reactor
-    from canopen_control.master.event_log import Event
     from canopen_control.master.remote_node import RemoteNode
     from canopen_control.runtime.setup import RobotSetup
     from canopen_control.urdf.ros2_control import Ros2ControlSystem
@@ -80,7 +80,8 @@ class Assembly:
                 report=self.report,
                 on_lost=self.on_lost,
             )
-            if setup.kernel_sync:  # all buses have one period, and one of them leads the cycle
+            # all buses have one period, and one of them leads the cycle
+            if setup.kernel_sync or (config.master.sync_producer == "kernel" and self._kernel_can(bus)):
                 bus.leave_sync_to_kernel(None if self.buses else self.lead)
             elif config.master.sync_period and config.master.sync_producer == "other":
                 bus.follow_sync(None if self.buses else self.lead)
@@ -88,12 +89,23 @@ class Assembly:
             self.nodes.update(bus.network.nodes)
             self.bus_by_node.update(dict.fromkeys(bus.network.nodes, bus))
 
+    def _kernel_can(self, bus: RobotBus) -> bool:
+        """Whether the kernel can send SYNC on a bus; where it lacks something, that is told."""
+        if not bus.config.master.sync_period:
+            return False
+        why = bus.why_no_kernel_sync()
+        if why:
+            text = f"{why}; this program sends it, as evenly as the machine lets it"
+            self.report(Event(self.reactor.now(), "note", "", text))
+        return why is None
+
     def _add_system(self, tag: Ros2ControlSystem) -> None:
         nodes = {name: (node, self.bus_by_node[name].network.image) for name, node in self.nodes.items()}
         try:
             system = CanopenSystem(tag, nodes, self.report, self._groups)
         except RobotConfigError as error:
-            raise RobotConfigError(f"{self.setup.files.description}:{tag.place.line}: {error}") from error
+            place = f"{self.setup.files.description}:{tag.place.line}"
+            raise RobotConfigError("\n".join(f"{place}: {each}" for each in str(error).splitlines())) from error
         self.systems.append(system)
         ratios = {each.joint: 1.0 / each.reduction for each in tag.transmissions}
         for joint in system.joints:

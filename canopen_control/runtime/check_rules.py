@@ -13,8 +13,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.controllers.command_life import DEFAULT_LIFE_S, ENDLESS
+from canopen_control.controllers.mobile_base import ONE_UPDATE
 from canopen_control.controllers.types import make_controller
 from canopen_control.errors import CanopenError, ConfigError, nearest
+from canopen_control.hardware.device_parts import device_of
 from canopen_control.hardware.plugins import KNOWN, Kind
 from canopen_control.rpc.messages.robot import STREAM_RATE
 from canopen_control.runtime.check_data import CheckedRobot, Finding, Severity
@@ -192,6 +194,12 @@ def _devices(robot: CheckedRobot) -> Iterator[Finding]:
             continue
         for joint in tag.joints:
             yield from _device(robot, tag, joint)
+        ids = {name: node.node_id for name, node in bus.nodes.items()}
+        for part in (*tag.sensors, *tag.gpios):
+            if device_of(part, ids) is None:
+                text = f"{part.name} of {tag.name} names no device of {bus.path}: it has no interfaces"
+                fix = 'add <param name="device_name">NODE</param>'
+                yield Finding(description.path, part.place.line, Severity.WARNING, text, fix)
 
 
 def _device(robot: CheckedRobot, tag: Ros2ControlSystem, joint: ControlJoint) -> Iterator[Finding]:
@@ -302,7 +310,7 @@ def _publish_rates(robot: CheckedRobot) -> Iterator[Finding]:
 def _timeouts(robot: CheckedRobot) -> Iterator[Finding]:
     for name, controller in robot.configured.items():
         config = robot.config(name)
-        for key in ("cmd_vel_timeout", "command_timeout"):
+        for key in ("cmd_vel_timeout", "reference_timeout", "command_timeout"):
             timeout = getattr(getattr(controller, "params", None), key, None)
             given = config.params.flat.get(key)
             if timeout is None and given is not None and isinstance(given.value, int | float):
@@ -313,6 +321,10 @@ def _timeouts(robot: CheckedRobot) -> Iterator[Finding]:
                 yield Finding(config.path, config.params.line(key) or config.line, Severity.WARNING, text, fix)
 
         for notice in controller.notices:
+            if notice.kind == ONE_UPDATE:
+                line = config.params.line("reference_timeout") or config.params.line("cmd_vel_timeout") or config.line
+                fix = "the robot stutters unless twists come as often as it updates; 0.5 s is usual"
+                yield Finding(config.path, line, Severity.WARNING, notice.text, fix)
             if notice.kind == ENDLESS:
                 line = config.params.line("command_timeout") or config.params.line("cmd_vel_timeout") or config.line
                 fix = f"give the time after which silence is a stop, such as {DEFAULT_LIFE_S:g} s"

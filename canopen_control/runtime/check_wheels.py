@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 
 __all__ = ["WHEEL_RULES"]
 
+_DIFF_DRIVE: Final = frozenset({"wheel_separation", "wheel_radius"})
+"""The sizes that a diff drive takes from the description where they are not given; it has switches for its limits."""
 SAME: Final = 0.01
 """Lengths that differ by less than one per cent are the same."""
 
@@ -43,7 +45,7 @@ def _jerk(robot: CheckedRobot) -> Iterator[Finding]:
     for name, base, config in _bases(robot):
         for axis in base.frozen:
             text = f"{name}: {axis}.max_jerk: 0 freezes the robot: it can neither start nor begin to brake"
-            fix = f"remove it, or give {axis}.has_jerk_limits: false"
+            fix = f"remove it, or give {axis}.has_jerk_limits: false" if base.radius_key in _DIFF_DRIVE else "remove it"
             yield Finding(config.path, _line(config, f"{axis}.max_jerk"), Severity.ERROR, text, fix)
 
 
@@ -89,13 +91,14 @@ def _sizes(robot: CheckedRobot) -> Iterator[Finding]:
         return
     for name, base, config in _bases(robot):
         separation, radius = geometry.separation(base.left, base.right), geometry.radius((*base.left, *base.right))
-        yield from _size(name, config, "wheel_separation", base.separation, separation)
-        yield from _size(name, config, "wheel_radius", base.radius, radius)
+        if base.separation > 0.0:
+            yield from _size(name, config, base.separation_key, base.separation, separation)
+        yield from _size(name, config, base.radius_key, base.radius, radius)
 
 
 def _size(name: str, config: ControllerConfig, key: str, used: float, urdf: float | None) -> Iterator[Finding]:
     line = config.params.line(key)
-    if not line and not config.ros1:
+    if not line and not config.ros1 and key in _DIFF_DRIVE:
         text = f"{name}: {key} is missing; ROS 2 refuses that, here the description's {used:g} m is taken"
         yield Finding(config.path, config.line, Severity.WARNING, text, f"write {key}: {used:g}")
     elif line and urdf is not None and abs(used - urdf) > SAME * urdf:

@@ -234,9 +234,9 @@ class RobotCore:
         self.manager.send_goal(controller, goal, self.reactor.now(), source=source, holder=holder)
         self.commander = source
 
-    def let_go(self, holder: object) -> None:
-        """End what a commander has commanded who is gone, unless somebody else commands by now."""
-        self.manager.running.let_go(holder)
+    def let_go(self, holder: object, why: str = "is gone") -> None:
+        """End what a commander has commanded who is gone, or `why` he counts as that, unless somebody else commands."""
+        self.manager.running.let_go(holder, why)
 
     def switch(self, activate: Sequence[str], deactivate: Sequence[str], *, strict: bool) -> None:
         """Switch controllers, loading and configuring those that are not; ControlError, and nothing is changed."""

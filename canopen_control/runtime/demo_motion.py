@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from canopen_control.controllers.base import twist_axes_of
 from canopen_control.errors import ControlError
 from canopen_control.hardware.interfaces import POSITION, VELOCITY
 from canopen_control.master.event_log import Event
@@ -26,7 +27,7 @@ _STEP_NS = 100_000_000
 _STEPS_EACH = 30  # three seconds of each phase
 _PHASES = (0, 1, -1)
 _SPEED = 10.0  # rad/s (m/s)
-_TWIST = (0.2, 0.5)  # m/s, rad/s
+_TWIST = {"linear.x": 0.2, "linear.y": 0.1, "angular.z": 0.5}  # m/s, rad/s
 _SWING = 0.25  # rad (m), each way
 _SWING_STEPS = 80  # eight seconds there and back: 0.2 rad/s at most
 
@@ -65,8 +66,8 @@ class DemoMotion:
     def _values(self) -> list[float]:
         """Return the commands of this step, none where there is nothing to play."""
         controller = self._robot.manager.get(self._controller)
-        if controller.topic != "commands":
-            return [each * _PHASES[self._step // _STEPS_EACH % len(_PHASES)] for each in _TWIST]
+        if axes := twist_axes_of(controller):
+            return [_TWIST[axis] * _PHASES[self._step // _STEPS_EACH % len(_PHASES)] for axis in axes]
         names = controller.command_interface_names()
         kinds = {name.rpartition("/")[2] for name in names}
         if kinds == {VELOCITY}:

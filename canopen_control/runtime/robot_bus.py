@@ -104,6 +104,11 @@ class RobotBus:
         """Who sends SYNC, and when."""
         return self.config.master.sync_words(by_kernel=self._by_kernel)
 
+    def why_no_kernel_sync(self) -> str | None:
+        """Return why the kernel cannot send SYNC on this channel, None where it can; "" for one that is none of its."""
+        channel = parse_channel(self.channel)
+        return KernelSync(channel.name, ()).why_not() if channel.kind is ChannelKind.SOCKETCAN else ""
+
     def leave_sync_to_kernel(self, lead: Callable[[int], None] | None) -> None:
         """Let the kernel send SYNC, and call `lead(now)` for each; before `open`, on a SocketCAN interface only."""
         sync = self.network.sync

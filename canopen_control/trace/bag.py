@@ -8,12 +8,13 @@ rqt, Foxglove, PlotJuggler and `ros2 bag` find what they know:
     /CONTROLLER/odom                 nav_msgs/Odometry              as often as the controller publishes
     /CONTROLLER/cmd_vel_out          geometry_msgs/TwistStamped     the twist that its limits left of a command
     /CONTROLLER/commands_out         std_msgs/Float64MultiArray     what a forward controller writes, when it changes
+    /CONTROLLER/controller_state     control_msgs/...               every update of a trajectory or PID controller
     /diagnostics                     diagnostic_msgs/DiagnosticArray   once a second
     /rosout                          rcl_interfaces/Log             the robot's events
     /robot_description               std_msgs/String                once
 
 Commands have a name that nobody listens to: a bag that is played must not move the robot. SI units; what is not known
-is nan. This is the only module that imports rosbags.
+is nan. With `bag_messages` this is the only module that imports rosbags.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from canopen_control.host.files import failed, telling
 from canopen_control.ros.conversions import arrays_of, diagonal, positions_of, stamp_of
 from canopen_control.ros.diagnosis import diagnose
 from canopen_control.rpc.messages.samples import JointStatesSample, OdometrySample
+from canopen_control.trace.bag_messages import BagMessages
 from canopen_control.urdf.geometry import Pose, from_yaw
 from canopen_control.urdf.joint_element import Transform
 from canopen_control.urdf.robot_model import read_model
@@ -46,50 +48,6 @@ _LEVELS: Final = {"info": 20, "warning": 30, "error": 40}  # rcl_interfaces/msg/
 _CUT: Final = "the bag has no end: what is in it up to there can be had with `mcap recover`"
 _DIAGNOSTICS_S: Final = 1.0
 _LATCHED: Final = ("/tf_static", "/robot_description")
-_TYPES: Final = {
-    "joint_states": "sensor_msgs/msg/JointState",
-    "tf": "tf2_msgs/msg/TFMessage",
-    "tf_static": "tf2_msgs/msg/TFMessage",
-    "odom": "nav_msgs/msg/Odometry",
-    "cmd_vel_out": "geometry_msgs/msg/TwistStamped",
-    "commands_out": "std_msgs/msg/Float64MultiArray",
-    "diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
-    "rosout": "rcl_interfaces/msg/Log",
-    "robot_description": "std_msgs/msg/String",
-}
-
-
-class _Ros:
-    """The messages of Jazzy as rosbags makes them; one short method for each that is nested in several."""
-
-    def __init__(self) -> None:
-        try:
-            from numpy import array
-            from rosbags.typesys import Stores, get_typestore
-        except ImportError as error:
-            text = "a bag is written by rosbags, which is not installed: pip install 'canopen-control[bag]'"
-            raise ConfigError(text) from error
-        self.store = get_typestore(Stores.ROS2_JAZZY)
-        self.array = array
-
-    def make(self, kind: str, *values: Any) -> Any:  # noqa: ANN401 - rosbags makes the classes at run time
-        """Return a message of `package/Name` with its fields in order."""
-        return self.store.types[kind.replace("/", "/msg/")](*values)
-
-    def time(self, unix_s: float) -> Any:  # noqa: ANN401 - as above
-        return self.make("builtin_interfaces/Time", *stamp_of(unix_s))
-
-    def header(self, unix_s: float, frame: str) -> Any:  # noqa: ANN401 - as above
-        return self.make("std_msgs/Header", self.time(unix_s), frame)
-
-    def vector(self, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Any:  # noqa: ANN401 - as above
-        return self.make("geometry_msgs/Vector3", float(x), float(y), float(z))
-
-    def twist(self, linear: float, angular: float) -> Any:  # noqa: ANN401 - as above
-        return self.make("geometry_msgs/Twist", self.vector(linear), self.vector(z=angular))
-
-    def floats(self, values: Iterable[float]) -> Any:  # noqa: ANN401 - a numpy array
-        return self.array(list(values), dtype=float)
 
 
 class BagWriter:
@@ -104,7 +62,7 @@ class BagWriter:
     ) -> None:
         self.messages = 0
         self._robot, self._urdf = robot, urdf
-        self._ros = _Ros()
+        self._ros = BagMessages()
         self._controllers = {each.name: each for each in controllers}
         self._joints = tuple(read_model(urdf).joints.values()) if urdf else ()
         self._path, self._writer = path, _open(path)
@@ -138,6 +96,9 @@ class BagWriter:
             self._joint_states(name, states)
         for name, sample in odometry.items():
             self._odometry(name, sample)
+        for kind, make in self._ros.states.items():
+            for name, told in self._new(state.told(kind)).items():
+                self._write(f"/{name}/controller_state", told.time, make(told))
         self._transforms(state, joint_states.values(), odometry.values())
 
     def event(self, event: RobotEvent) -> None:
@@ -211,11 +172,16 @@ class BagWriter:
         pose = ros.make("geometry_msgs/Pose", point, self._quaternion(from_yaw(sample.heading)))
         spread = ros.floats(diagonal(sample.pose_covariance))
         with_pose = ros.make("geometry_msgs/PoseWithCovariance", pose, spread)
-        twist, spread = ros.twist(sample.linear, sample.angular), ros.floats(diagonal(sample.twist_covariance))
+        twist, spread = (
+            ros.twist(sample.linear, sample.angular, sample.lateral),
+            ros.floats(diagonal(sample.twist_covariance)),
+        )
         with_twist = ros.make("geometry_msgs/TwistWithCovariance", twist, spread)
         header = ros.header(time, sample.frame_id)
         message = ros.make("nav_msgs/Odometry", header, sample.child_frame_id, with_pose, with_twist)
-        self._write(f"/{name}/odom", time, message)
+        controller = self._controllers.get(name)
+        topic = "odom" if controller is None else controller.odometry_topic
+        self._write(f"/{name}/{topic}", time, message)
         if sample.limited is not None:
             header = ros.header(time, sample.child_frame_id)
             stamped = ros.make("geometry_msgs/TwistStamped", header, ros.twist(*sample.limited))
@@ -255,10 +221,10 @@ class BagWriter:
         self._last[topic] = value
         return True
 
-    def _write(self, topic: str, unix_s: float, message: object) -> None:
+    def _write(self, topic: str, unix_s: float, message: Any) -> None:  # noqa: ANN401 - rosbags makes the classes
         if self._writer is None:
             return
-        kind = _TYPES[topic.rsplit("/", 1)[-1]]
+        kind = message.__msgtype__
         connection = self._topics.get(topic)
         if connection is None:
             qos = [_latched()] if topic in _LATCHED else []

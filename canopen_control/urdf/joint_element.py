@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from canopen_control.urdf.document import Document, Element
 
-__all__ = ["Joint", "Limits", "Mimic", "Transform", "read_joint"]
+__all__ = ["HardLimits", "Joint", "Limits", "Mimic", "SoftLimits", "Transform", "read_joint"]
 
 _TYPES: Final = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
 _NEEDS_LIMITS: Final = ("revolute", "prismatic")
@@ -36,6 +36,34 @@ class Limits:
     upper: float = math.inf
     velocity: float = math.inf
     effort: float = math.inf
+
+
+@dataclass(frozen=True, slots=True)
+class HardLimits:
+    """What a joint may do, by all that limits it: rad, rad/s, Nm, rad/s2, rad/s3 (m, N); infinite for no limit."""
+
+    min_position: float = -math.inf
+    max_position: float = math.inf
+    max_velocity: float = math.inf
+    max_effort: float = math.inf
+    max_acceleration: float = math.inf
+    max_deceleration: float = math.inf
+    max_jerk: float = math.inf
+
+    @property
+    def has_ends(self) -> bool:
+        """Whether its positions are limited."""
+        return math.isfinite(self.min_position) or math.isfinite(self.max_position)
+
+
+@dataclass(frozen=True)
+class SoftLimits:
+    """A joint's <safety_controller>: soft ends in rad or m, 0 and 0 for none; gains in 1/s and Nm s/rad (N s/m)."""
+
+    lower: float = 0.0
+    upper: float = 0.0
+    k_position: float = 0.0
+    k_velocity: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -68,6 +96,7 @@ class Joint:
     limits: Limits = Limits()
     mimic: Mimic | None = None
     place: Place = NOWHERE
+    soft: SoftLimits | None = None
 
     @property
     def fixed(self) -> bool:
@@ -124,6 +153,7 @@ def read_joint(document: Document, element: Element) -> Joint:
         _limits(document, limit, kind),
         _mimic(document, element),
         element.place,
+        _soft_limits(document, element.child("safety_controller")),
     )
 
 
@@ -150,6 +180,13 @@ def _limits(document: Document, limit: Element | None, kind: str) -> Limits:
         document.number(limit, "velocity", math.inf),
         document.number(limit, "effort", math.inf),
     )
+
+
+def _soft_limits(document: Document, safety: Element | None) -> SoftLimits | None:
+    if safety is None:
+        return None
+    keys = ("soft_lower_limit", "soft_upper_limit", "k_position", "k_velocity")
+    return SoftLimits(*(document.number(safety, key, 0.0) for key in keys))
 
 
 def _mimic(document: Document, element: Element) -> Mimic | None:

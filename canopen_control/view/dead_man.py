@@ -31,11 +31,13 @@ class Motion:
     resting: Command
 
 
-def twist_motion(controller: str, linear: float, angular: float) -> Motion:
-    """Return the motion of a base: m/s and rad/s."""
+def twist_motion(controller: str, linear: float, angular: float, lateral: float = 0.0) -> Motion:
+    """Return the motion of a base: m/s forward and to the left, and rad/s."""
     moving, resting = (
-        TwistController(controller=controller, linear=ahead, angular=around, source=SOURCE, dead_man=True)
-        for ahead, around in ((linear, angular), (0.0, 0.0))
+        TwistController(
+            controller=controller, linear=ahead, lateral=aside, angular=around, source=SOURCE, dead_man=True
+        )
+        for ahead, aside, around in ((linear, lateral, angular), (0.0, 0.0, 0.0))
     )
     return Motion(moving, resting)
 

@@ -2,8 +2,8 @@
 
 The law of this file: a trajectory lives as long as the page that plays it says again and again that it is there.
 Silence for `SILENT_S`, a closed page and a click on Cancel end it in a decelerated hold, told by the robot's own
-sentence; the end of this process ends it too, since the robot brakes when the connection is gone. One page plays at a
-time.
+sentence; the end of this process ends it too, since the robot brakes when the connection is gone, or when nothing comes
+on it any more: `tick` says that this process is at work. One page plays at a time.
 """
 
 from __future__ import annotations
@@ -14,8 +14,9 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Final
 
+from canopen_control.client.robot_client import HEARTBEAT_S
 from canopen_control.errors import CanopenError, RemoteError
-from canopen_control.rpc.messages.robot import CancelTrajectory, SendTrajectory, TrajectoryEnd
+from canopen_control.rpc.messages.robot import CancelTrajectory, SendTrajectory, TrajectoryEnd, TrajectoryHeartbeat
 from canopen_control.view.dead_man import SOURCE
 from canopen_control.view.robot_connection import in_thread
 
@@ -81,8 +82,11 @@ class TrajectoryPlayer:
             self._heard = self._clock()
 
     def tick(self) -> None:
-        """End what a page plays that has said nothing for too long."""
-        if self._run is not None and self._clock() - self._heard >= SILENT_S:
+        """Say that this process is at work; end what a page plays that has said nothing for too long."""
+        if self._run is None:
+            return
+        self._run.beat()
+        if self._clock() - self._heard >= SILENT_S:
             self._run.cancel(_SILENT)
 
     def leave(self, page: str) -> None:
@@ -136,7 +140,9 @@ class _Run:
         rest = client.send_points(loaded.points)
         if self._cancelled:
             return Played(False, f"it was not sent: {self._why or 'cancelled'}")
-        wanted = SendTrajectory(controller=self._controller, joints=loaded.joints, points=rest, source=SOURCE)
+        wanted = SendTrajectory(
+            controller=self._controller, joints=loaded.joints, points=rest, source=SOURCE, heartbeat=HEARTBEAT_S
+        )
         verdict = client.ask(wanted)
         if not verdict.accepted:
             return Played(False, verdict.text)
@@ -146,8 +152,16 @@ class _Run:
         result = client.ask(TrajectoryEnd(), loaded.duration + _PATIENCE_S)
         return Played(result.state == "succeeded", result.text)
 
+    def beat(self) -> None:
+        """Have the robot know that this process is at work."""
+        if self._sent and not self._cancelled:
+            self._notify(TrajectoryHeartbeat())
+
     def _tell(self) -> None:
+        self._notify(CancelTrajectory(controller=self._controller, own=True, why=self._why))
+
+    def _notify(self, request: CancelTrajectory | TrajectoryHeartbeat) -> None:
         client = self._client
         with contextlib.suppress(RemoteError):  # it is gone, and the joints brake
             if client is not None:
-                client.notify(CancelTrajectory(controller=self._controller, own=True, why=self._why))
+                client.notify(request)

@@ -1,4 +1,4 @@
-"""Virtual drives: the device's side of CANopen and CiA 402, on any object dictionary.
+"""Virtual drives and devices: the device's side of CANopen and its profiles, on any object dictionary.
 
 From the outside in; a file imports those of its own line and of lines further down:
 
@@ -7,6 +7,8 @@ From the outside in; a file imports those of its own line and of lines further d
 - their faults: `fault_switches`, `fault_table`, `device_faults`, `fault_actions` (on frames)
 - a node: `virtual_node`, of `frame_routes`, `communication_objects`, `node_pdos`, `pdo_records`, `rpdo_input`,
   `error_control`, `node_lss`
+- a device that is no drive: `device_function`, `position_devices`, `sensor_device`, `io_device`,
+  `input_faults`
 - a drive: `virtual_drive`, of `drive_modes`, `axis_readings`, `touch_probes`
 - its modes of operation: `profile_modes`, `interpolated_mode`, `cyclic_modes`, `set_point_stream`, `homing_mode`,
   `mode_base`

@@ -46,6 +46,7 @@ def describe(node: VirtualNode, world: WorldState | None = None) -> DriveState:
         faults=[] if node.switches is None else node.switches.active,
         axes=tuple(drive.describe() for drive in node.drives.values()),
         world=world,
+        signals=() if node.function is None else node.function.describe(),
     )
 
 
@@ -71,6 +72,7 @@ class NodeControl:
         self._answer(messages.SwitchFault, self._switch_fault)
         self._answer(messages.GetDriveState, self._state)
         self._answer(messages.SetInputs, self._set_inputs)
+        self._answer(messages.SetSignals, self._set_signals)
         self._answer(messages.SetPlant, self._set_plant)
         self._answer(messages.RestartQuality, self._restart_quality)
         self._server.check()
@@ -98,8 +100,10 @@ class NodeControl:
         self._server.answers(kind, answer)
 
     def _faults(self, _request: messages.ListFaults) -> tuple[FaultListing, ...]:
-        active = self._switches.active
-        return tuple(fault.listing(on=fault.name in active) for fault in FAULTS.values())
+        active, node = self._switches.active, self._node
+        has_inputs, has_axes = node.function is not None, bool(node.drives)
+        shown = [each for each in FAULTS.values() if each.fits(has_inputs=has_inputs, has_axes=has_axes)]
+        return tuple(fault.listing(on=fault.name in active) for fault in shown)
 
     def _switch_fault(self, request: messages.SwitchFault) -> ActiveFaults:
         self._switches.set(request.name, request.on, self._host.reactor.now())
@@ -116,6 +120,15 @@ class NodeControl:
         now = self._host.reactor.now()
         self._axis(request.axis).set_inputs(request.value, now)
         self._node.tick(now)
+        return Done()
+
+    def _set_signals(self, request: messages.SetSignals) -> Done:
+        node, now = self._node, self._host.reactor.now()
+        if node.function is None:
+            what = "a drive" if node.drives else "a device of no profile that is known"
+            raise ConfigError(f"node {node.node_id} ({node.name}) has no signals to set: it is {what}")
+        node.function.set_signals(request.values, now)
+        node.tick(now)
         return Done()
 
     def _set_plant(self, request: messages.SetPlant) -> Done:

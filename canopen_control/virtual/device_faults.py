@@ -191,6 +191,24 @@ def no_state(drive: VirtualDrive, on: bool, _now: int) -> None:
     drive.readings.statusword.replaced.switch(on, 0x0001)
 
 
+def inputs(kind: str) -> Switch:
+    """Make a turn that breaks the inputs of a device that is no drive."""
+
+    def turn(node: VirtualNode, on: bool, now: int) -> None:
+        if node.function is not None:
+            node.function.break_inputs(kind, on=on, now=now)
+
+    return turn
+
+
+def hardware_error(node: VirtualNode, on: bool, _now: int) -> None:
+    """Report an error of the device's hardware that lasts while it is on."""
+    if on:
+        node.outbox.emergency(0x5000, ErrorRegister.GENERIC)
+    else:
+        node.outbox.clear_error(0x5000)
+
+
 transition_slow = _breaks(lambda drive: drive.power.transition_delay_ns, 2 * _S)
 status_undefined = _each(no_state)
 mode_frozen = _breaks(lambda drive: drive.modes.stuck, True)

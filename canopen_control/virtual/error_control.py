@@ -53,6 +53,7 @@ class ErrorControl:
         self._store, self._nmt, self._heartbeats, self._outbox = store, nmt, heartbeats, outbox
         self._model, self._axes = model, axes
         self._off_the_bus = False
+        self.function: Axis | None = None  # of a device that is no drive
 
     def watch(self, wanted: Mapping[int, int]) -> None:
         """Watch the heartbeats of these nodes, node id to consumer time in ns, and of no others."""
@@ -112,3 +113,5 @@ class ErrorControl:
     def _stop_axes(self, now: int) -> None:
         for axis in self._axes.values():
             axis.connection_lost(now)
+        if self.function is not None:
+            self.function.connection_lost(now)

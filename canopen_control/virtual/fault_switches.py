@@ -9,6 +9,7 @@ from __future__ import annotations
 import heapq
 from typing import TYPE_CHECKING
 
+from canopen_control.errors import ConfigError
 from canopen_control.virtual import device_faults
 from canopen_control.virtual.fault_table import FAULTS, Fault, find_fault, parse_fault
 from canopen_control.virtual.node_events import FaultSwitched
@@ -46,14 +47,25 @@ class FaultSwitches:
     def schedule(self, text: str) -> None:
         """Switch on ``name`` at the start, or ``name@seconds`` after it; ConfigError for what is neither."""
         fault, delay_ns = parse_fault(text)
+        self._require(fault)
         self._planned.append((delay_ns, fault.name))
         self._node.filter = self
 
+    def _require(self, fault: Fault) -> None:
+        """Raise ConfigError for a fault that this kind of node cannot show."""
+        node = self._node
+        if not fault.fits(has_inputs=node.function is not None, has_axes=bool(node.drives)):
+            which = "no drive, of a profile with inputs" if fault.acts == "input" else "a drive"
+            raise ConfigError(
+                f"{fault.name} is a fault of a device that is {which}; node {node.node_id} is {node.name}"
+            )
+
     def set(self, name: str, on: bool, now: int) -> None:
-        """Switch a fault; no-op where it is as wanted. ConfigError for an unknown name."""
+        """Switch a fault; no-op where it is as wanted. ConfigError for a name that this node does not have."""
         fault = find_fault(name)
         if on == (name in self._on):
             return
+        self._require(fault)
         self._node.advance_drives(now)
         self._node.filter = self
         if on:

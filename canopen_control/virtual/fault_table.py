@@ -27,7 +27,7 @@ __all__ = ["FAULTS", "Fault", "find_fault", "parse_fault"]
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """One row; `acts` is ``wire``, ``node`` or ``axis``."""
+    """One row; `acts` is ``wire``, ``node``, ``axis`` or ``input``; the last are of devices that are no drives."""
 
     row: int
     name: str
@@ -40,6 +40,10 @@ class Fault:
     once: bool = False
     floods: bool = False
     second_node: bool = False
+
+    def fits(self, *, has_inputs: bool, has_axes: bool) -> bool:
+        """Whether a node can show it."""
+        return {"input": has_inputs, "axis": has_axes}.get(self.acts, True)
 
     def listing(self, *, on: bool = False) -> FaultListing:
         """Return what people are told of it."""
@@ -119,6 +123,10 @@ _ROWS = (
     Fault(0, "rpdo_late", "node", "hears its RPDOs 3 ms late", "goes on; what the drive tells of its set-points shows the phase", switched=device.rpdos_late(3_000_000)),
     Fault(0, "rpdo_lost", "node", "does not hear one RPDO of a hundred", "goes on; what the drive tells of its set-points counts the missed ones", switched=device.rpdos_lost(100)),
     Fault(0, "warning", "axis", "sets the warning bit", "shows it, nothing stops", switched=device.warning),
+    Fault(0, "device_error", "node", "reports an error of its hardware (0x5000) that lasts", "shows it", switched=device.hardware_error),
+    Fault(0, "input_stuck", "input", "its inputs stay at what they show (a device that is no drive)", "cannot know; a second sensor, or what it should do, tells", switched=device.inputs("stuck")),
+    Fault(0, "input_noise", "input", "its analogue inputs are noisy, by 2 % of the full scale (a device that is no drive)", "goes on", switched=device.inputs("noise")),
+    Fault(0, "input_jump", "input", "its analogue inputs are off by a quarter of the full scale (a device that is no drive)", "shows it; a limit in who uses it stops", switched=device.inputs("jump")),
     Fault(0, "following_error", "axis", "following error: FAULT 0x8611, whose cause lasts", "names it; a reset says that the cause is still present", switched=device.following_error),
 )  # fmt: skip
 FAULTS: dict[str, Fault] = {fault.name: fault for fault in _ROWS}

@@ -30,15 +30,15 @@ from canopen_control.virtual.pdo_records import RPDO, TPDO, PdoRecords, mapping_
 from canopen_control.virtual.rpdo_input import RpdoInput
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Collection, Mapping
 
     from canopen_control.frame import CanFrame
-    from canopen_control.od.model import Entry, Value
+    from canopen_control.od.model import Address, Entry, Value
     from canopen_control.virtual.device_model import DeviceModel
     from canopen_control.virtual.node_outbox import Clock, NodeOutbox
     from canopen_control.virtual.object_store import ObjectStore
 
-__all__ = ["Axis", "ProcessData"]
+__all__ = ["Axis", "EventGate", "ProcessData"]
 
 _SET_POINTS = frozenset((o.TARGET_POSITION, o.TARGET_VELOCITY, o.TARGET_TORQUE, o.INTERPOLATION_DATA))
 _CONTROLWORD, _SET_POINT = 1, 2  # what an RPDO brings an axis
@@ -65,6 +65,19 @@ class Axis(Protocol):
         """Note that a SYNC came without a set-point."""
 
 
+class EventGate(Protocol):
+    """What process data ask of a device that decides itself which changes are events."""
+
+    def starts(self, mapped: Collection[Address]) -> bool:
+        """Whether a TPDO with these objects is sent when the node becomes OPERATIONAL."""
+
+    def passes(self, changed: Collection[Address]) -> bool:
+        """Whether changes of these objects are an event that is to be sent."""
+
+    def told(self) -> None:
+        """Take that all TPDOs have been asked."""
+
+
 class _Rpdo:
     """One RPDO: what its bytes are, and whom they concern."""
 
@@ -85,6 +98,7 @@ class _Tpdo:
         self.number = number
         self.codec = PdoCodec(())
         self.sources: tuple[Callable[[], Value], ...] = ()
+        self.mapped: tuple[Address, ...] = ()
         self.moving = False
         self.last = b""
         self.producer = TpdoProducer(PdoParameters(0, enabled=False), self.sample)
@@ -96,6 +110,13 @@ class _Tpdo:
         except LocalProtocolError:  # a file that maps an object narrower than its type
             self.last = bytes(self.codec.length)
         return self.last
+
+    def changed_since(self, before: bytes) -> list[Address]:
+        """Return the objects whose values are others than when it was sampled as `before`."""
+        if len(before) != len(self.last) or len(self.mapped) != len(self.codec.objects):
+            return list(self.mapped)
+        pairs = zip(self.codec.unpack(before), self.codec.unpack(self.last), strict=True)
+        return [address for address, (old, new) in zip(self.mapped, pairs, strict=True) if old != new]
 
 
 class ProcessData:
@@ -123,6 +144,7 @@ class ProcessData:
         self.rpdos = {number: _Rpdo(number) for number in self._records.numbers(RPDO)}
         self.tpdos = {number: _Tpdo(number) for number in self._records.numbers(TPDO)}
         self.has_event_pdos = False
+        self.gate: EventGate | None = None
         self._event_tpdos: list[_Tpdo] = []
         for base, numbers in ((RPDO, [*self.rpdos]), (TPDO, [*self.tpdos])):
             for number in numbers:
@@ -163,6 +185,7 @@ class ProcessData:
         tpdo = self.tpdos[number]
         tpdo.codec, entries = self._records.codec(mapping_of(TPDO + number))
         tpdo.sources = tuple(self._source(entry) for entry in entries if entry is not None)
+        tpdo.mapped = tuple(entry.address for entry in entries if entry is not None)
         tpdo.moving = any(entry is not None and o.axis_of(entry.index)[0] not in _NO_EVENTS for entry in entries)
         tpdo.producer.configure(self._records.parameters(TPDO + number), now)
 
@@ -185,8 +208,9 @@ class ProcessData:
         """Begin: the node became OPERATIONAL."""
         for rpdo in self.rpdos.values():
             rpdo.consumer.start()
+        gate = self.gate
         for tpdo in self.tpdos.values():
-            tpdo.producer.start(now)
+            tpdo.producer.start(now, shows=gate is None or gate.starts(tpdo.mapped))
 
     def stop(self) -> None:
         """End: the node left OPERATIONAL."""
@@ -302,11 +326,15 @@ class ProcessData:
                 self._axes[axis].set_point_missed()
 
     def send_changed(self, now: int) -> None:
-        """Send the event-driven TPDOs whose values changed."""
+        """Send the event-driven TPDOs whose values changed, where the profile does not hold them back."""
+        gate = self.gate
         for tpdo in self._event_tpdos:
             before = tpdo.last
-            if tpdo.producer.running and tpdo.sample() != before:
+            differs = tpdo.producer.running and tpdo.sample() != before
+            if differs and (gate is None or gate.passes(tpdo.changed_since(before))):
                 tpdo.producer.changed(now)
+        if gate is not None:
+            gate.told()
 
     def tick(self, now: int) -> None:
         """Serve event timers, inhibit times and deadlines, and RPDOs that a fault delays."""

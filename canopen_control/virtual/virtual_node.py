@@ -21,6 +21,7 @@ from canopen_control.cia301.sdo_server import SdoServer
 from canopen_control.cia301.sync import SyncConsumer
 from canopen_control.cia402 import objects as o
 from canopen_control.virtual.communication_objects import CommunicationObjects, Services
+from canopen_control.virtual.device_function import make_function
 from canopen_control.virtual.device_model import GENERIC, DeviceModel
 from canopen_control.virtual.error_control import ErrorControl
 from canopen_control.virtual.fault_seam import Seam
@@ -38,6 +39,7 @@ if TYPE_CHECKING:
     from canopen_control.bus.port import BusEventKind
     from canopen_control.frame import CanFrame
     from canopen_control.od.model import ObjectDictionary, Value
+    from canopen_control.virtual.device_function import DeviceFunction
     from canopen_control.virtual.fault_seam import FaultFilter
     from canopen_control.virtual.plant import Plant
 
@@ -104,6 +106,7 @@ class VirtualNode:
         )
         for axis in range(o.axis_count({entry.index for entry in od})):
             self._add_drive(axis, None if plant is None else plant(axis))
+        self.function = self.error_control.function = self.pdos.gate = make_function(od, store, outbox, self.clock)
 
     def _add_drive(self, axis: int, plant: Plant | None) -> None:
         self.drives[axis] = VirtualDrive(
@@ -145,6 +148,8 @@ class VirtualNode:
         if self._boot_at is not None and now >= self._boot_at:
             self._boot(now)
         self.advance_drives(now)
+        if self.function is not None:
+            self.function.tick(now)
         for core in (self.heartbeat, self.consumer, self.guarding, self.emcy, self.sync, self.sdo, self.pdos):
             core.tick(now)
         self._settle(now)
@@ -155,6 +160,8 @@ class VirtualNode:
         deadlines = [core.next_deadline() for core in cores]
         deadlines += [drive.next_deadline() for drive in self.drives.values()]
         deadlines.append(self._boot_at)
+        if self.function is not None:
+            deadlines.append(self.function.next_deadline())
         if self.filter is not None:
             deadlines.append(self.filter.next_deadline())
         return min((deadline for deadline in deadlines if deadline is not None), default=None)
@@ -214,6 +221,10 @@ class VirtualNode:
         """Bring all axes to `now`."""
         for drive in self.drives.values():
             drive.advance(now)
+
+    def _parts(self) -> Iterable[VirtualDrive | DeviceFunction]:
+        """Return what lives and stops with the node: its axes, or the function of a device that is no drive."""
+        return self.drives.values() if self.function is None else (self.function,)
 
     def follow(self, now: int) -> None:
         """Follow up what was done to the node from outside: send what changed, tick what is due."""
@@ -297,8 +308,8 @@ class VirtualNode:
             self.sdo.reset()
             self.sync.reset()
         if state in (NmtState.STOPPED, NmtState.INITIALISING):
-            for drive in self.drives.values():
-                drive.communication_stopped(now)
+            for part in self._parts():
+                part.communication_stopped(now)
         self.outbox.values_changed()
 
     def _reset(self, command: NmtCommand, now: int) -> None:
@@ -314,8 +325,8 @@ class VirtualNode:
             self.consumer.unwatch(node_id)
         if everything:
             self.emcy.reset()
-            for drive in self.drives.values():
-                drive.power_on(now)
+            for part in self._parts():
+                part.power_on(now)
         else:
             for code in self.emcy.active:
                 if code == HEARTBEAT_ERROR or code >> 8 == PROTOCOL_ERRORS:

@@ -1,9 +1,14 @@
 import json
+import os
+import signal
+import subprocess
+import sys
 import threading
 import time
 
 import pytest
 from support.arm6 import ENDS, JOINTS, copy_arm, planned
+from support.host import eventually
 
 from canopen_control import Robot
 from canopen_control.cli.main import main
@@ -104,3 +109,23 @@ def test_what_is_refused_is_the_robots_sentence(arm, wave, capsys):
 def test_a_robot_without_such_a_controller_says_so(mock_robot, wave, capsys):
     assert main(["trajectory", "play", wave()]) == 2
     assert "no joint trajectory controller is active" in capsys.readouterr().err
+
+
+@pytest.mark.process
+def test_one_that_is_stopped_by_a_signal_loses_its_trajectory_and_the_joints_brake(arm, wave):
+    """A process that hangs keeps its connection; its heartbeat is missing."""
+    words = [sys.executable, "-m", "canopen_control", "trajectory", "play", wave(seconds=12.0)]
+    with subprocess.Popen(words, stderr=subprocess.PIPE, text=True) as player:
+        try:
+            assert eventually(lambda: abs(positions(arm)[0]) > 0.01)
+            time.sleep(2.3)  # longer than the promise: it is at work
+            assert not any(each.kind == "commander_gone" for each in arm.status().events)
+            os.kill(player.pid, signal.SIGSTOP)
+            assert eventually(lambda: any(each.kind == "commander_gone" for each in arm.status().events))
+        finally:
+            os.kill(player.pid, signal.SIGCONT)
+        told = player.communicate(timeout=10)[1]
+    assert player.returncode == 1
+    assert "trajectory has said nothing for 2 s and is gone" in told
+    assert eventually(lambda: all(abs(each.velocity) < 1e-6 for each in arm.status().joints.values()))
+    assert abs(positions(arm)[0]) < abs(ENDS[0]) - 0.01

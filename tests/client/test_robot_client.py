@@ -5,9 +5,10 @@ import time
 from base64 import b64decode, b64encode
 
 import pytest
+from support.host import eventually
 from support.jsonserver import json_server, line_of, say
 
-from canopen_control.client import RobotClient, find_robots, select_robot
+from canopen_control.client import RobotClient, find_robots, robot_client, select_robot
 from canopen_control.errors import ConfigError, LocalProtocolError, RemoteError
 from canopen_control.host.reactor import Reactor
 from canopen_control.host.sockets import close_listener, listen, socket_path
@@ -405,3 +406,15 @@ def test_a_long_trajectory_goes_in_pieces(robot, client):
     assert [len(request["params"]["points"]) for request in robot.seen] == [100, 100]
     assert sent + [each.time_from_start for each in rest] == [float(number) for number in range(250)]
     assert client.send_points([]) == []
+
+
+def test_heartbeats_come_on_their_own_while_the_end_of_a_trajectory_is_awaited(robot, client, monkeypatch):
+    monkeypatch.setattr(robot_client, "HEARTBEAT_S", 0.04)
+    robot.answers["trajectory_heartbeat"] = lambda connection, request: {"result": {}}
+    with client.heartbeats():
+        assert eventually(lambda: len(robot.seen) >= 3)
+    assert {each["method"] for each in robot.seen} == {"trajectory_heartbeat"}
+    assert all("id" not in each for each in robot.seen)
+    count = len(robot.seen)
+    time.sleep(0.05)
+    assert len(robot.seen) == count

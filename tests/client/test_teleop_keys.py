@@ -2,7 +2,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from canopen_control.client.teleop_keys import HELP, MOTIONS, SPEEDS, KeyDecoder, Teleop, Velocities
+from canopen_control.client.teleop_keys import HELP, MOTIONS, SIDEWAYS, SPEEDS, KeyDecoder, Teleop, Velocities
 
 MS = 1_000_000
 
@@ -28,6 +28,16 @@ def test_the_keys_are_those_of_teleop_twist_keyboard(key, linear, angular):
     teleop = Teleop(0.5, 1.0)
     press(teleop, key, 0)
     assert teleop.velocities == Velocities(0.5 * linear, 1.0 * angular)
+
+
+@pytest.mark.parametrize(("key", "linear", "lateral"), [(key, *motion) for key, motion in SIDEWAYS.items()])
+def test_with_shift_a_base_that_can_drives_sideways(key, linear, lateral):
+    teleop = Teleop(0.5, 1.0, sideways=True)
+    press(teleop, key, 0)
+    assert teleop.velocities == Velocities(0.5 * linear, 0.0, 0.5 * lateral)
+    assert teleop.velocities.moving
+    press(teleop, "k", 1)
+    assert teleop.velocities == Velocities()
 
 
 @pytest.mark.parametrize("key", ["k", "space", "other", "p", "5", "focus-out"])

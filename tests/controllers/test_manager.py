@@ -181,6 +181,7 @@ def test_the_list_tells_what_a_client_shows(robot):
         "reference_interfaces": [],
         "exported_state_interfaces": [],
         "topic": "commands",
+        "twist_axes": [],
         "publishes": [],
         "frame_id": "",
         "tells": None,

@@ -42,6 +42,7 @@ def test_every_key_of_bus_yml_has_its_words_and_no_words_are_left_over(generate)
         keys.PdoObject,
         keys.SdoEntry,
         keys.AxisUnits,
+        keys.SignalKeys,
     )
     unused = {keys.MasterConfig: keys.UNUSED_MASTER, keys.NodeConfig: keys.UNUSED_NODE}
     for cls, words in zip(classes, generate.BUS_YML.values(), strict=True):

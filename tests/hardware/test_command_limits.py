@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import math
+import sys
 
 import pytest
 from hypothesis import given
@@ -13,9 +14,9 @@ from canopen_control.urdf.description import parse_description
 
 URDF = """<robot name="r"><link name="a"/><link name="b"/>
 <joint name="j" type="{kind}"><parent link="a"/><child link="b"/>
-  <limit lower="-1" upper="2" velocity="3" effort="4"/></joint>
+  <limit lower="-1" upper="2" velocity="3" effort="4"/>{safety}</joint>
 <ros2_control name="s" type="system"><hardware><plugin>mock_components/GenericSystem</plugin></hardware>
-<joint name="j">{inside}<state_interface name="position"/></joint></ros2_control></robot>"""
+<joint name="j">{inside}{states}</joint></ros2_control></robot>"""
 VELOCITY = '<command_interface name="velocity"/>'
 POSITION = '<command_interface name="position"/>'
 EFFORT = '<command_interface name="effort"/>'
@@ -23,8 +24,15 @@ ACCELERATION = '<command_interface name="acceleration"><param name="max">5</para
 
 
 class Bench:
-    def __init__(self, inside: str, kind: str = "continuous") -> None:
-        description = parse_description(URDF.format(kind=kind, inside=inside))
+    def __init__(
+        self,
+        inside: str,
+        kind: str = "continuous",
+        safety: str = "",
+        states: tuple[str, ...] = ("position", "velocity"),
+    ) -> None:
+        known = "".join(f'<state_interface name="{each}"/>' for each in states)
+        description = parse_description(URDF.format(kind=kind, inside=inside, safety=safety, states=known))
         self.registry = InterfaceRegistry()
         mock = GenericSystem(description.hardware[0])
         mock.configure()
@@ -161,3 +169,70 @@ def test_no_limit_is_exceeded_whatever_is_commanded(commands, period):
         assert abs(now - before) <= 5.0 * period + 1e-9
         before = now
         position = min(2.0, max(-1.0, position + now * period))
+
+
+SAFETY = '<safety_controller soft_lower_limit="-0.5" soft_upper_limit="1.5" k_position="5" k_velocity="10"/>'
+
+
+def test_a_joint_that_is_outside_is_led_back_by_its_velocity_limit_and_not_at_once():
+    bench = Bench(POSITION, "revolute")
+    bench.at(2.5)
+    assert [bench.send("position", 2.5) for _ in range(3)] == pytest.approx([2.2, 2.0, 2.0])
+
+
+def test_soft_limits_come_from_the_safety_controller():
+    bench = Bench(POSITION, "revolute", SAFETY)
+    bench.at(1.3)
+    sent = [bench.send("position", 2.0) for _ in range(40)]
+    assert sent[0] == pytest.approx(1.4)  # 5/s times the 0.2 rad that are left
+    assert sent == sorted(sent)
+    assert 1.499 < sent[-1] <= 1.5
+    bench = Bench(POSITION, "revolute", SAFETY)
+    bench.at(1.5)
+    bench.send("position", 2.0)
+    assert bench.told == "j/position: 2 rad is limited to its soft limits, -0.5 to 1.5 rad"
+
+
+def test_an_effort_drives_no_joint_further_out():
+    bench = Bench(EFFORT + VELOCITY, "revolute")
+    bench.at(2.0)
+    bench.registry.state("j/velocity").value = 0.1
+    assert bench.send("effort", 3.0) == 0.0
+    assert bench.told == "j/effort: 3 Nm is limited to what drives it no further out and no faster"
+    assert bench.send("effort", -3.0) == -3.0
+
+
+def test_a_position_speeds_up_by_the_acceleration_only_where_the_velocity_is_known():
+    known = Bench(POSITION + ACCELERATION, "revolute")
+    known.at(0.0)
+    known.registry.state("j/velocity").value = 0.0
+    assert known.send("position", 1.0) == pytest.approx(0.05)  # 5 rad/s² for 0.1 s makes 0.5 rad/s
+    assert known.told == "j/position: 1 rad is limited to changes of 5 rad/s²"
+    unknown = Bench(POSITION + ACCELERATION, "revolute", states=("position",))
+    unknown.at(0.0)
+    assert unknown.send("position", 1.0) == pytest.approx(0.3)
+
+
+def test_an_acceleration_is_limited_by_max_and_in_braking_by_min():
+    limits = '<param name="min">-2</param><param name="max">5</param>'
+    bench = Bench(f'<command_interface name="acceleration">{limits}</command_interface>')
+    bench.registry.state("j/velocity").value = 1.0
+    assert bench.send("acceleration", 9.0) == 5.0
+    assert bench.send("acceleration", -9.0) == -2.0
+
+
+def test_limiting_leaves_nothing_behind():
+    bench = Bench(POSITION + EFFORT + ACCELERATION, "revolute", SAFETY)
+    bench.at(0.5)
+    command = bench.registry.command("j/position")
+    command.owner = "c"
+
+    def run(cycles):
+        for cycle in range(cycles):
+            command.value = 0.5 + cycle % 7
+            bench.limits.enforce(0.01)
+
+    run(1000)
+    before = sys.getallocatedblocks()
+    run(1000)
+    assert sys.getallocatedblocks() - before < 10

@@ -116,3 +116,40 @@ def test_a_simulated_base_drives_without_any_bus(tmp_path):
     reactor.run_for(5_000_000_000)
     assert robot.failure is None
     reactor.close()
+
+
+def driven(config, drives, base, twist, seconds):
+    """Drive a base by a twist and then stand; return the bench, its odometry as it is told."""
+    bench = Bench(config, config=config, drives=drives)
+    bench.start()
+    for _ in range(round(seconds * 10)):
+        bench.robot.command(base, twist, "test")
+        bench.run(100)
+    moving = bench.robot.manager.get(base).sample(0)
+    bench.run(3000)
+    return bench, moving, bench.robot.manager.get(base).sample(0)
+
+
+def test_a_forklift_steers_with_its_rear_wheel_and_knows_where_it_is():
+    base = "forklift_base_controller"
+    bench, moving, stood = driven("forklift", (2, 3, 4), base, [0.5, 0.25], 6.0)
+    assert (moving.linear, moving.angular) == pytest.approx((0.5, 0.25), rel=0.02)
+    gear = 30 * COUNTS
+    right, left, steering = (bench.drives[node_id].drives[0].mover.plant.position / gear for node_id in (2, 3, 4))
+    assert (right - -left) * 0.15 / 0.9 == pytest.approx(stood.heading, rel=0.05)
+    assert steering == pytest.approx(math.atan(0.25 * 1.2 / 0.5), abs=1e-3), "the angle is held"
+    assert stood.linear == 0.0
+    assert math.hypot(stood.x, stood.y) > 2.0
+    bench.close()
+
+
+def test_a_base_on_mecanum_wheels_slides_to_the_left():
+    bench, moving, stood = driven("mecanum", (2, 3, 4, 5), "mecanum_base_controller", [0.0, 0.4, 0.0], 3.0)
+    assert (moving.linear, moving.lateral, moving.angular) == pytest.approx((0.0, 0.4, 0.0), abs=0.01)
+    assert stood.y > 1.0
+    assert (stood.x, stood.heading, stood.lateral) == pytest.approx((0.0, 0.0, 0.0), abs=0.01)
+    gear = 20 * COUNTS
+    wheels = [bench.drives[node_id].drives[0].mover.plant.position / gear for node_id in (2, 3, 4, 5)]
+    way = stood.y / 0.08
+    assert wheels == pytest.approx([way, way, -way, -way], rel=0.02)  # those on the left are mounted mirrored
+    bench.close()

@@ -92,6 +92,7 @@ def test_a_goal_is_accepted_followed_and_succeeds(robot, maker):
     told = {"joint": "a", "position": 0.1, "velocity": -1.0, "acceleration": 0.0}
     assert sent == {
         "controller": "arm", "joints": ["a", "b"], "source": "ros", "dead_man": True, "goal_time_tolerance": 0.5,
+        "heartbeat": 3.0,
         "points": [{"positions": [1.0, 2.0], "velocities": [0.0, 0.0], "accelerations": [], "effort": [],
                     "time_from_start": 1.5}],
         "path_tolerance": [told], "goal_tolerance": [told],

@@ -3,18 +3,21 @@ from __future__ import annotations
 import pytest
 
 from canopen_control.errors import RemoteError
-from canopen_control.ros.trajectory_sender import TrajectorySender
+from canopen_control.ros.trajectory_sender import HEARTBEAT_S, TrajectorySender
 from canopen_control.rpc.messages.declare import Done
 from canopen_control.rpc.messages.samples import TrajectoryPoint
-from canopen_control.rpc.messages.trajectory import SetTrajectory, TrajectoryData
+from canopen_control.rpc.messages.trajectory import SetTrajectory, TrajectoryData, TrajectoryHeartbeat
 
 
 class Client:
     def __init__(self):
-        self.asked, self.closed = [], 0
+        self.asked, self.closed, self.said = [], 0, []
 
     def ask(self, request, answer):
         self.asked.append((request, answer))
+
+    def keep_saying(self, request, every_ns):
+        self.said.append((request, every_ns))
 
     def close(self):
         self.closed += 1
@@ -72,6 +75,15 @@ def test_trajectories_after_one_another_share_their_connection_until_it_is_close
     assert scene.clients[0].closed == 1
     scene.send(piece(3.0))
     assert len(scene.clients) == 2
+
+
+def test_a_connection_says_that_the_bridge_is_at_work_several_times_within_what_is_promised(scene):
+    scene.send(piece(1.0))
+    scene.answer(Done())
+    scene.send(piece(2.0))
+    ((said, every_ns),) = scene.clients[0].said
+    assert isinstance(said, TrajectoryHeartbeat)
+    assert every_ns * 4 < HEARTBEAT_S * 1e9
 
 
 def test_a_piece_that_is_refused_is_the_answer(scene):

@@ -60,7 +60,7 @@ class TestTrajectories:
         ros.publish(self.TOPIC, trajectory(1.0, stamp=12))
         point = TrajectoryPoint(positions=[1.0, 0.0])
         assert self.sent(ros) == [
-            SetTrajectory(controller="arm", joints=["a", "b"], points=[point], stamp=12.0, source="ros")
+            SetTrajectory(controller="arm", joints=["a", "b"], points=[point], stamp=12.0, source="ros", heartbeat=3.0)
         ]
         topic.close()
         assert ros.clients[0].closed

@@ -58,6 +58,10 @@ def goal(**how):
     return {"controller": ARM, "joints": JOINTS, "points": points(), **how}
 
 
+def points_from(where):
+    return [{"positions": [each * 1.01 for each in where], "time_from_start": 1.0}]
+
+
 def positions(arm):
     return [arm.robot.registry.state(f"{each}/position").value for each in JOINTS]
 
@@ -99,6 +103,34 @@ def test_without_a_dead_man_it_goes_on_without_its_connection(arm, client):
     client.close()
     arm.run(2000)
     assert positions(arm) == pytest.approx(ENDS, abs=1e-3)
+
+
+def test_a_sender_that_promised_a_heartbeat_and_falls_silent_is_gone_though_its_connection_stands(arm, client):
+    client.send(id=1, method="follow_trajectory", params=goal(heartbeat=0.5, source="test"))
+    arm.run(600)
+    assert client.next()["result"] == {
+        "state": "aborted",
+        "error_code": -1,
+        "text": "test has said nothing for 0.5 s and is gone, so the command of test was taken back; "
+        "send it again once the joints are enabled",
+    }
+    assert "test has said nothing for 0.5 s and is gone, and its command with it" in arm.texts("commander_gone")[0]
+    arm.run(1000)
+    where = positions(arm)
+    assert all(abs(a) < abs(b) - 0.01 for a, b in zip(where, ENDS, strict=True))
+    answer = client.ask("follow_trajectory", **goal(points=points_from(where)))
+    assert answer["result"]["state"] == "succeeded"  # without a promise nothing is kept of the one before
+
+
+def test_a_heartbeat_that_comes_keeps_it_and_one_that_nobody_waits_for_does_nothing(arm, client):
+    assert client.ask("trajectory_heartbeat")["result"] == {}
+    client.send(id=7, method="follow_trajectory", params=goal(heartbeat=0.5))
+    for _ in range(5):
+        arm.run(400)
+        client.send(method="trajectory_heartbeat", params={})
+    assert client.next()["result"]["state"] == "succeeded"
+    arm.run(1000)  # it is silent now, and nothing is left to end
+    assert not arm.texts("commander_gone")
 
 
 def test_another_client_can_cancel_it(arm, client, other):

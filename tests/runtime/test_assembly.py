@@ -1,10 +1,12 @@
 """What the files of a robot make."""
 
+import errno
 import shutil
 
 import pytest
 from support.configs import changed
 
+from canopen_control.bus import kernel_sync
 from canopen_control.data_files import data_path
 from canopen_control.errors import RobotConfigError
 from canopen_control.host.reactor import Reactor
@@ -48,3 +50,39 @@ def test_a_description_without_hardware_is_refused(tmp_path):
     (folder / "diffbot.urdf").write_text('<robot name="r"><link name="base_link"/></robot>')
     with pytest.raises(RobotConfigError, match=r"diffbot\.urdf: no <ros2_control> tag"):
         assemble(folder)
+
+
+@pytest.mark.parametrize(
+    ("channel", "error", "follows", "told"),
+    [
+        ("can0", None, True, []),
+        ("local:x", None, False, []),
+        ("can0", errno.EPROTONOSUPPORT, False, ["this kernel has no broadcast manager", "this program sends it"]),
+    ],
+)
+def test_the_kernel_sends_sync_where_it_can_and_bus_yml_wishes_it(tmp_path, monkeypatch, channel, error, follows, told):
+    monkeypatch.setattr(kernel_sync, "_bcm_socket", lambda: Bcm(error))
+    files = changed(tmp_path, "robby", bus={"sync_period: 20000": "sync_period: 20000\n  sync_producer: kernel"})
+    events = []
+    with Reactor(ManualClock()) as reactor:
+        made = Assembly(read_robot(files, can=[channel]), reactor, events.append, print, print)
+        bus = made.buses["can"]
+        assert bus.follows_sync is follows
+        assert ("by the kernel" in bus.sync_words) is follows
+    assert all(any(word in each.text for each in events) for word in told)
+    assert len(events) == bool(told)
+
+
+class Bcm:
+    """A socket of the broadcast manager, or of a kernel that lacks something."""
+
+    def __init__(self, error):
+        self._error = error
+
+    def connect(self, address):
+        assert address == ("can0",)
+        if self._error is not None:
+            raise OSError(self._error, "no")
+
+    def close(self):
+        pass

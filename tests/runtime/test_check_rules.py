@@ -51,6 +51,8 @@ JOINTS = {
     "diffbot_sim": ('["left_wheel_joint"]', "left_wheel_joint", "left_weel_joint"),
     "mobile_base_ros1": ("joints: [wheel_left_joint", "wheel_left_joint", "wheel_lft_joint"),
     "arm6": ("joint_1,", "joint_1", "joint_11"),
+    "forklift": ("[steering_joint]", "steering_joint", "stering_joint"),
+    "mecanum": (": front_left_wheel_joint", "front_left_wheel_joint", "front_let_wheel_joint"),
 }
 
 
@@ -79,6 +81,8 @@ DEVICES = {
         2,
     ),
     "arm6": (">joint_1_drive<", ">joint_1_drve<", "device_name 'joint_1_drve'", "joint_1_drive", 1),
+    "forklift": ("${name}_drive", "${name}_drve", "device_name 'right_traction_drve'", "right_traction_drive", 3),
+    "mecanum": ("${name}_drive", "${name}_drve", "device_name 'front_left_drve'", "front_left_drive", 4),
 }
 
 
@@ -105,6 +109,8 @@ BLOCKS = {
     "diffbot_sim": ("\ndiff_drive_base_controller:\n", "\n/robot/diff_drive_base_controller:\n"),
     "mobile_base_ros1": ("\nmobile_base_controller:\n", "\n/robot/mobile_base_controller:\n"),
     "arm6": ("\narm_position_controller:\n", "\n/robot/arm_position_controller:\n"),
+    "forklift": ("\nforklift_base_controller:\n", "\n/robot/forklift_base_controller:\n"),
+    "mecanum": ("\nmecanum_base_controller:\n", "\n/robot/mecanum_base_controller:\n"),
 }
 
 
@@ -143,6 +149,8 @@ TIMEOUTS = {
     "diffbot_sim": ("cmd_vel_timeout: 0.5", "cmd_vel_timeout: 0.15", "cmd_vel_timeout"),
     "mobile_base_ros1": ("cmd_vel_timeout: 0.25", "cmd_vel_timeout: 0.15", "cmd_vel_timeout"),
     "arm6": ("    joints:", "    command_timeout: 0.15\n    joints:", "command_timeout"),
+    "forklift": ("reference_timeout: 0.5", "reference_timeout: 0.15", "reference_timeout"),
+    "mecanum": ("reference_timeout: 0.5", "reference_timeout: 0.15", "reference_timeout"),
 }
 
 
@@ -151,9 +159,20 @@ def test_a_timeout_below_two_command_periods(name, tmp_path):
     old, new, key = TIMEOUTS[name]
     files = changed(tmp_path, name, controllers={old: new})
     base = BASES[name][0] if name in BASES else FIRST[name]
+    line = line_of(files, "controllers", f"{key}: 0.15")
     assert found(files) == [
-        f"ros2_controllers.yaml:{line_of(files, 'controllers', '0.15')}: warning: {base}: {key} 0.15 s is below two "
+        f"ros2_controllers.yaml:{line}: warning: {base}: {key} 0.15 s is below two "
         "command periods; the robot stutters; give 0.2 s or more: teleop and `twist` send every 0.1 s"
+    ]
+
+
+@pytest.mark.parametrize("name", ["forklift", "mecanum"])
+def test_a_timeout_of_zero_is_one_update_where_upstream_has_it_so(name, tmp_path):
+    files = changed(tmp_path, name, controllers={"reference_timeout: 0.5": "reference_timeout: 0.0"})
+    assert found(files) == [
+        f"ros2_controllers.yaml:{line_of(files, 'controllers', 'reference_timeout')}: warning: {FIRST[name]}: "
+        "reference_timeout: 0 lets a twist move it for one update; give a time in s; the robot stutters unless twists "
+        "come as often as it updates; 0.5 s is usual"
     ]
 
 
@@ -296,3 +315,12 @@ def readable(read, path):
         return read(path)
     except ConfigError:
         return None
+
+
+def test_a_gpio_that_names_no_device_is_told(tmp_path):
+    anchor = '    <xacro:drive side="right"/>'
+    part = f'{anchor}\n    <gpio name="lamps"><state_interface name="di0"/></gpio>'
+    files = changed(tmp_path, "robby", description={anchor: part})
+    (text,) = found(files)
+    assert "warning: lamps of robby names no device of" in text
+    assert text.endswith('it has no interfaces; add <param name="device_name">NODE</param>')

@@ -1,3 +1,5 @@
+import math
+
 import pytest
 from support.robots import FORWARD, LEFT, RIGHT, Bench
 
@@ -65,6 +67,14 @@ def played(config, drives, ms):
         return begin, (list(map(min, columns)), list(map(max, columns)))
     finally:
         bench.close()
+
+
+def test_a_base_that_is_steered_goes_a_curve():
+    begin, (low, high) = played("forklift", (2, 3, 4), 9000)
+    assert begin == [0.0, 0.0, 0.0]
+    assert min(high[:2]) > 0.5
+    assert low[2] >= -0.01
+    assert high[2] == pytest.approx(math.atan(0.5 * 1.2 / 0.2), abs=0.02)
 
 
 def test_positions_swing_a_little_about_where_they_were():

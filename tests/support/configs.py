@@ -10,7 +10,7 @@ from canopen_control.runtime.check_rules import find
 from canopen_control.runtime.robot_files import find_robot
 from canopen_control.urdf.description import read_description
 
-ROBOTS = ("robby", "diffbot_sim", "mobile_base_ros1", "arm6")
+ROBOTS = ("robby", "diffbot_sim", "mobile_base_ros1", "arm6", "forklift", "mecanum")
 
 
 def changed(folder, name, **edits):
@@ -33,6 +33,8 @@ FIRST = {
     "diffbot_sim": "diff_drive_base_controller",
     "mobile_base_ros1": "mobile_base_controller",
     "arm6": "arm_position_controller",
+    "forklift": "forklift_base_controller",
+    "mecanum": "mecanum_base_controller",
 }
 BASES = {
     "robby": ("robby_base_controller", "    linear.x.max_velocity: 1.0", "    "),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import yaml
 from support.robots import copy_robby
 
-__all__ = ["IO", "with_io_module"]
+__all__ = ["EDS_TEXT", "IO", "with_io_module"]
 
 IO = 5
 _OBJECTS = {
@@ -45,10 +45,13 @@ def _eds():
     return text
 
 
+EDS_TEXT = _eds()
+
+
 def with_io_module(folder, transmission=255):
     """Copy robby with an I/O module as node 5 to `folder`; `transmission` is the type of its first RPDO."""
     config = copy_robby(folder)
-    (config / "io.eds").write_text(_eds())
+    (config / "io.eds").write_text(EDS_TEXT)
     path = config / "bus.yml"
     bus = yaml.safe_load(path.read_text())
     defaults = bus.pop("defaults")

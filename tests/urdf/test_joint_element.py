@@ -5,7 +5,7 @@ import math
 import pytest
 
 from canopen_control.urdf.geometry import ORIGIN, Pose, from_yaw, rotate
-from canopen_control.urdf.joint_element import Joint, Limits, Mimic
+from canopen_control.urdf.joint_element import Joint, Limits, Mimic, SoftLimits
 from canopen_control.urdf.robot_model import read_model
 
 URDF = """<robot name="r">
@@ -76,3 +76,10 @@ def test_a_wheel_turns_and_a_slide_slides_whatever_the_length_of_the_axis():
     slide = Joint("s", "prismatic", "a", "b", Pose((1, 0, 0)), (0, 0, 2))
     assert slide.pose(0.4).position == pytest.approx((1, 0, 0.4))
     assert Joint("f", "fixed", "a", "b").pose(3.0) == ORIGIN
+
+
+def test_a_safety_controller_is_the_soft_limits_of_its_joint():
+    safety = '<safety_controller soft_lower_limit="-1" soft_upper_limit="2" k_position="15" k_velocity="3"/>'
+    joints = read_model(URDF.replace('<axis xyz="0 2 0"/>', safety)).joints
+    assert joints["wheel"].soft == SoftLimits(-1.0, 2.0, 15.0, 3.0)
+    assert joints["lift"].soft is None

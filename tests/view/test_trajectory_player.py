@@ -8,7 +8,7 @@ import pytest
 from canopen_control.errors import RemoteError
 from canopen_control.rpc.messages.robot import CancelTrajectory, SendTrajectory, TrajectoryEnd
 from canopen_control.rpc.messages.samples import TrajectoryPoint
-from canopen_control.rpc.messages.trajectory import TrajectoryResult, TrajectoryVerdict
+from canopen_control.rpc.messages.trajectory import TrajectoryHeartbeat, TrajectoryResult, TrajectoryVerdict
 from canopen_control.view.loaded_trajectory import LoadedTrajectory
 from canopen_control.view.trajectory_player import HERE_HZ, SILENT_S, Played, TrajectoryPlayer
 
@@ -47,6 +47,8 @@ class Robot:
 
     def notify(self, request):
         self.sent.append(request)
+        if isinstance(request, TrajectoryHeartbeat):
+            return
         self.result = TrajectoryResult(state="canceled", error_code=0, text=f"cancelled: {request.why}")
         self.finish.set()
 
@@ -114,6 +116,22 @@ def test_the_page_that_plays_cancels_and_no_other(play):
 
     assert play.run(act).text.startswith("cancelled")
     assert play.cancels() == [CancelTrajectory(controller="arm", own=True)]
+
+
+def test_while_it_plays_each_tick_tells_the_robot_that_this_process_is_at_work(play):
+    beats = []
+
+    def act():
+        play.player.tick()
+        play.player.tick()
+        beats.extend(each for each in play.robot.sent if isinstance(each, TrajectoryHeartbeat))
+        play.robot.finish.set()
+
+    assert play.run(act).reached
+    assert len(beats) == 2
+    assert play.robot.sent[0].heartbeat == 2.0
+    play.player.tick()
+    assert len([each for each in play.robot.sent if isinstance(each, TrajectoryHeartbeat)]) == 2  # it has ended
 
 
 def test_a_closed_page_ends_it(play):

@@ -5,11 +5,13 @@ from __future__ import annotations
 import struct
 
 import pytest
+from support.devices import put, virtual
 from support.faulty import Faulty, bench, fault
 from support.setpoints import StreamBench
 from support.virtualbench import tmcm
 
 from canopen_control.cia301.nmt import NmtCommand
+from canopen_control.errors import ConfigError
 from canopen_control.virtual.fault_switches import FaultSwitches
 
 
@@ -258,3 +260,38 @@ def test_rpdos_that_come_late_show_their_phase_and_one_that_is_lost_is_missed():
         for name in b.node.switches.active:
             b.node.switches.set(name, False, b.now)
         assert seam.value == 0
+
+
+@pytest.mark.parametrize(
+    ("name", "shown"),
+    [(fault("input_stuck"), {1000}), (fault("input_jump"), {2000 + 8192}), (fault("input_noise"), None)],
+)
+def test_inputs_of_a_device_that_lie(name, shown):
+    b = virtual(401)
+    switches = FaultSwitches(b.node)
+    put(b, ai0=1000)
+    switches.set(name, True, b.now)
+    put(b, ai0=2000)
+    seen = {b.on(0.02).number(0x6401, 1) for _ in range(6)}
+    assert seen == shown if shown else len(seen) > 2
+    switches.set(name, False, b.now)
+    assert b.number(0x6401, 1) == 2000
+
+
+def test_an_error_of_the_hardware_is_reported_and_taken_back():
+    b = virtual(401)
+    switches = FaultSwitches(b.node)
+    for on, data in ((True, "005001"), (False, "000000")):
+        b.seen.clear()
+        switches.set(fault("device_error"), on, b.now)
+        b.collect()
+        assert [frame.data[:3].hex() for _, frame in b.seen if frame.can_id == 0x085] == [data]
+
+
+@pytest.mark.parametrize(("number", "name"), [(0, "input_stuck"), (401, "drive_fault")])
+def test_a_fault_of_inputs_is_refused_by_a_drive_and_one_of_axes_by_a_module(number, name):
+    node = virtual(number).node if number else bench().node
+    switches = node.switches or FaultSwitches(node)
+    for act in (lambda: switches.set(name, True, 0), lambda: switches.schedule(name)):
+        with pytest.raises(ConfigError, match=f"{name} is a fault of a device that is"):
+            act()

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from canopen_control.rpc.messages.drive import AxisState, DriveState, SetPointQuality, Spread
+    from canopen_control.rpc.messages.drive import AxisState, DriveState, SetPointQuality, SignalState, Spread
 
 __all__ = ["state_lines"]
 
@@ -21,6 +21,14 @@ def state_lines(state: DriveState) -> Iterator[str]:
         yield _axis_line(axis)
         if axis.set_points is not None:
             yield from (f"    {line}" for line in quality_lines(axis.set_points))
+    for output, word in ((False, "inputs"), (True, "outputs")):
+        shown = [_signal(each) for each in state.signals if each.output is output]
+        if shown:
+            yield f"  {word}: {', '.join(shown)}"
+
+
+def _signal(signal: SignalState) -> str:
+    return f"{signal.name} {signal.value:g}{f' {signal.unit}' if signal.unit else ''}"
 
 
 def _axis_line(axis: AxisState) -> str:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from canopen_control.controllers.trajectory.point_limiter import PointLimiter
 from canopen_control.controllers.trajectory.validation import (
     JointLimits,
     Refused,
@@ -46,6 +47,13 @@ class Acceptance:
     def take_params(self, params: TrajectoryParams) -> None:
         """Judge by other parameters."""
         self._params = params
+
+    def point_limiter(self) -> PointLimiter | None:
+        """Return what keeps each point within the limits, None where none is wanted."""
+        if not self._params.joint_limiter_type:
+            return None
+        pairs = zip(self.limits.values(), self._params.joint_limits, strict=True)
+        return PointLimiter([given.hard(known.lower, known.upper, known.velocity) for known, given in pairs])
 
     def take_limits(self) -> None:
         """Take the limits that the hardware interfaces know beside the description's."""

@@ -21,7 +21,7 @@ from canopen_control.controllers.trajectory.params import TrajectoryParams, read
 from canopen_control.controllers.trajectory.point import JointTrajectory, Point
 from canopen_control.controllers.trajectory.scaling import SpeedScaling
 from canopen_control.controllers.trajectory.tolerances import SegmentTolerances, resolve
-from canopen_control.controllers.trajectory.upsampling import fill_velocities, positions_alone, time_points
+from canopen_control.controllers.trajectory.upsampling import positions_alone, upsampled
 from canopen_control.errors import RobotConfigError, TrajectoryRefused
 from canopen_control.hardware.interfaces import OK, POSITION, ReturnType
 from canopen_control.rpc.messages.samples import TrajectorySample
@@ -105,6 +105,7 @@ class JointTrajectoryController(Controller):
         self._default = given.tolerances()
         self._timeout = given.cmd_timeout if given.cmd_timeout > given.goal_time else 0.0
         self._acceptance.take_limits()
+        self._follower.limiter = self._acceptance.point_limiter()
         self.stamp, self.goal = 0, None
         self.life.end()
         group.actual = group.blank()
@@ -148,13 +149,9 @@ class JointTrajectoryController(Controller):
         A goal that is being executed is judged by it from then on.
         """
         given = self.params
-        upsampled = given.upsampling and given.interpolation_method == "splines" and positions_alone(message)
-        if upsampled:
-            message.points = list(message.points)
-            time_points(message.points, given.policy_frequency)
+        if given.upsampling and given.interpolation_method == "splines" and positions_alone(message):
+            message.points = upsampled(message, given.policy_frequency) or message.points
         self._check(message, now)
-        if upsampled:
-            fill_velocities(list(message.points))
         self._queue(message, now)
 
     def send_goal(self, goal: Goal | JointTrajectory, now: int) -> None:
@@ -250,6 +247,7 @@ class JointTrajectoryController(Controller):
 
     def _queue(self, message: JointTrajectory, now: int) -> None:
         self._follower.follow(message)
+        self._follower.limited = None
         self.life.give(now)
 
     # ----------------------------------------------------------------------------------------------------- cycle
@@ -288,7 +286,10 @@ class JointTrajectoryController(Controller):
         group.compare(follower.desired)
         judgement.look(self.tolerances, follower, over=over, past=past)
         if not judgement.stops:
+            free = follower.limited is None
             follower.write(now, period)
+            if free and follower.limited is not None:
+                self.tell("limited", f"{follower.limited} is held back by its limits; plan slower, or see joint_limits")
         if not follower.holding:
             self._take_verdict(judgement.verdict(self.tolerances))
 

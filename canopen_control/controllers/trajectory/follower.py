@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Final
 from canopen_control.controllers.trajectory.blend import Blend
 from canopen_control.controllers.trajectory.followed import Motion, Trajectory
 from canopen_control.controllers.trajectory.joint_group import Loops
-from canopen_control.controllers.trajectory.packed import PackedPoints
+from canopen_control.controllers.trajectory.packed import SurveyedPoints
 from canopen_control.controllers.trajectory.point import Arrangement, JointTrajectory, Point
 from canopen_control.controllers.trajectory.stop import Stop
 from canopen_control.hardware.interfaces import ACCELERATION, EFFORT, POSITION, VELOCITY
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
     from canopen_control.controllers.trajectory.joint_group import JointGroup
     from canopen_control.controllers.trajectory.params import TrajectoryParams
+    from canopen_control.controllers.trajectory.point_limiter import PointLimiter
 
 __all__ = ["Follower"]
 
@@ -32,7 +33,8 @@ NS: Final = 1_000_000_000
 class Follower:
     """Moves a group of joints; `holding` says that it stays, or comes to rest, where it is.
 
-    `desired` is what was to be in the last cycle, `output` what was commanded for the next one. `motion` is what is
+    `desired` is what was to be in the last cycle, `output` what was commanded for the next one; `limiter` keeps that
+    within limits, None for none, and `limited` is the joint that it has held back first. `motion` is what is
     followed, `fresh` whether it began in this cycle.
     """
 
@@ -40,6 +42,8 @@ class Follower:
         self.holding = self.fresh = False
         self.desired, self.output = Point(), Point()
         self.motion: Motion | None = None
+        self.limiter: PointLimiter | None = None
+        self.limited: str | None = None
         self._params, self._group, self._period_ns = params, group, period_ns
         self._splines = params.interpolation_method == "splines"
         self._queued: JointTrajectory | Stop | None = None
@@ -86,7 +90,7 @@ class Follower:
 
     def follow(self, message: JointTrajectory) -> None:
         """Begin with a trajectory in the next cycle."""
-        if isinstance(message.points, PackedPoints) and 0 in message.points.survey.sizes[0]:
+        if isinstance(message.points, SurveyedPoints) and 0 in message.points.survey.sizes[0]:
             message.points = list(message.points)  # what is deduced of a point has to stay with it
         self._queued, self.holding = message, False
 
@@ -181,8 +185,13 @@ class Follower:
         return found
 
     def write(self, now: int, period: float) -> None:
-        """Command what was worked out; `group.error` is that of this cycle."""
+        """Command what was worked out; `group.error` is that of this cycle.
+
+        A limiter measures from what was commanded last, which the joints reach some cycles later.
+        """
         group, output, loops = self._group, self.output, self._loops
+        if self.limiter is not None and self.limiter.enforce(self._last, output, period) and self.limited is None:
+            self.limited = group.joints[self.limiter.joint]
         if group.has_position:
             group.write(POSITION, output.positions)
         if loops is not None:

@@ -18,7 +18,7 @@ from canopen_control.errors import ControlError
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-__all__ = ["PackedPoints", "TimedValues"]
+__all__ = ["PackedPoints", "SurveyedPoints", "TimedValues"]
 
 _FARTHEST_S: Final = 1e9
 """No trajectory goes there; what is beyond does not fit the clock."""
@@ -51,7 +51,13 @@ class _Column:
         return self._values[index * self._width : (index + 1) * self._width]
 
 
-class PackedPoints(Points):
+class SurveyedPoints(Points):
+    """Points of which is known what they come to: `survey`."""
+
+    survey: Survey
+
+
+class PackedPoints(SurveyedPoints):
     """Points that are added as they come, and made again when they are asked for; `survey` is what they come to."""
 
     def __init__(self) -> None:
@@ -81,6 +87,17 @@ class PackedPoints(Points):
                 _Column([each.effort for each in points]),
             )
         )
+
+    def positions(self, begin: int, end: int) -> list[Sequence[float]]:
+        """Return the positions of the points from `begin` to before `end`."""
+        found: list[Sequence[float]] = []
+        piece = bisect_right(self._begins, begin) - 1
+        while begin < end:
+            after = self._begins[piece + 1] if piece + 1 < len(self._begins) else len(self)
+            until, first = min(end, after), self._begins[piece]
+            found += map(self._pieces[piece][0].at, range(begin - first, until - first))
+            begin, piece = until, piece + 1
+        return found
 
     def __getitem__(self, index: int) -> Point:
         """Return a point of its own."""

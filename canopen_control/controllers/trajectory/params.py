@@ -21,12 +21,23 @@ from canopen_control.controllers.trajectory.interfaces import (
 )
 from canopen_control.controllers.trajectory.tolerances import SegmentTolerances, StateTolerance
 from canopen_control.errors import RobotConfigError
+from canopen_control.urdf.joint_element import HardLimits
 from canopen_control.yamlfile.convert import derived, setting
 
 if TYPE_CHECKING:
     from canopen_control.controllers.params import Params
 
-__all__ = ["OLD_KEYS", "JointConstraints", "JointGains", "TrajectoryParams", "read_params"]
+__all__ = [
+    "OLD_KEYS",
+    "POINT_LIMITER",
+    "JointConstraints",
+    "JointGains",
+    "LimitParams",
+    "TrajectoryParams",
+    "read_params",
+]
+
+POINT_LIMITER: Final = "joint_limits/JointTrajectoryPointSaturationLimiter"
 
 
 @dataclass(frozen=True)
@@ -53,11 +64,42 @@ class JointConstraints:
 
 
 @dataclass(frozen=True)
+class LimitParams:
+    """The limits of a joint for the point limiter: rad, rad/s, rad/s2 (m); nan is the description's or none."""
+
+    has_position_limits: bool = True
+    min_position: float = setting(math.nan, nan=True)
+    max_position: float = setting(math.nan, nan=True)
+    has_velocity_limits: bool = True
+    max_velocity: float = setting(math.nan, low=0.0, nan=True)
+    has_acceleration_limits: bool = True
+    max_acceleration: float = setting(math.nan, low=0.0, nan=True)
+    has_deceleration_limits: bool = True
+    max_deceleration: float = setting(math.nan, low=0.0, nan=True)
+
+    def hard(self, lower: float, upper: float, velocity: float) -> HardLimits:
+        """Return the limits that hold, with what the description says of positions and velocities."""
+        return HardLimits(
+            _limit(self.has_position_limits, self.min_position, lower, -math.inf),
+            _limit(self.has_position_limits, self.max_position, upper),
+            _limit(self.has_velocity_limits, self.max_velocity, velocity),
+            max_acceleration=_limit(self.has_acceleration_limits, self.max_acceleration),
+            max_deceleration=_limit(self.has_deceleration_limits, self.max_deceleration),
+        )
+
+
+def _limit(given: bool, value: float, described: float = math.inf, none: float = math.inf) -> float:
+    if not given:
+        return none
+    return described if math.isnan(value) else value
+
+
+@dataclass(frozen=True)
 class TrajectoryParams(CommonParams):
     """Parameters of the controller: s, Hz, rad/s, and `allowed_start_tolerance` in rad or m, 0 for none.
 
-    `gains` and `constraints` are in the order of `joints`. With `continue_without_client` a goal goes on when the
-    action client that has sent it is gone, as upstream's does.
+    `gains`, `constraints` and `joint_limits` are in the order of `joints`. With `continue_without_client` a goal goes
+    on when the action client that has sent it is gone, as upstream's does.
     """
 
     joints: tuple[str, ...] = ()
@@ -84,8 +126,10 @@ class TrajectoryParams(CommonParams):
     decelerate_on_cancel: bool = setting(False, key="constraints.decelerate_on_cancel")
     allowed_start_tolerance: float = setting(0.1, low=0.0)
     continue_without_client: bool = False
+    joint_limiter_type: str = setting("", choices=("", POINT_LIMITER))
     gains: tuple[JointGains, ...] = derived(())
     constraints: tuple[JointConstraints, ...] = derived(())
+    joint_limits: tuple[LimitParams, ...] = derived(())
 
     @property
     def commanded(self) -> tuple[str, ...]:
@@ -122,11 +166,12 @@ def read_params(params: Params, name: str) -> TrajectoryParams:
     """Return the parameters of controller `name`; raise RobotConfigError with what is wrong in them."""
     node = params.flat.get("joints")
     joints = tuple(dict.fromkeys(each.text for each in node.elements())) if node is not None else ()
-    old = OLD_KEYS | {f"gains.{joint}.{key}": "" for joint in joints for key in _OLD_GAINS}
+    old = OLD_KEYS | {key.format(joint): "" for joint in joints for key in _WITHOUT_EFFECT}
     found = params.read(_with_joints(joints), old)
     gains = tuple(getattr(found, f"gains_{index}") for index in range(len(joints)))
     constraints = tuple(getattr(found, f"constraints_{index}") for index in range(len(joints)))
-    given = dataclasses.replace(found, gains=gains, constraints=constraints)
+    limits = tuple(getattr(found, f"joint_limits_{index}") for index in range(len(joints)))
+    given = dataclasses.replace(found, gains=gains, constraints=constraints, joint_limits=limits)
     if (mistake := given.mistake()) is not None:
         raise RobotConfigError(f"{name}: {mistake}")
     return given
@@ -136,8 +181,12 @@ OLD_KEYS: Final[dict[str, str]] = dict.fromkeys(
     ("state_publish_rate", "stop_trajectory_duration", "start_with_holding"), ""
 )
 """Keys of noetic, foxy and humble: the state is told at the rate of who asks, and the joints are held in any case."""
-_OLD_GAINS: Final = ("angle_wraparound", "normalize_error")
-"""Of each joint: the description says which of them turn without end."""
+_UNLIMITED: Final = ("has_jerk_limits", "max_jerk", "has_effort_limits", "max_effort", "angle_wraparound")
+_WITHOUT_EFFECT: Final = (
+    *(f"gains.{{}}.{key}" for key in ("angle_wraparound", "normalize_error")),
+    *(f"joint_limits.{{}}.{key}" for key in _UNLIMITED),
+)
+"""Of each joint: the description says which of them turn without end, and no point has jerks."""
 
 
 def _with_joints(joints: tuple[str, ...]) -> type[TrajectoryParams]:
@@ -151,6 +200,7 @@ def _with_joints(joints: tuple[str, ...]) -> type[TrajectoryParams]:
                 JointConstraints,
                 setting(JointConstraints(), key=f"constraints.{joint}", section=True),
             ),
+            (f"joint_limits_{index}", LimitParams, setting(LimitParams(), key=f"joint_limits.{joint}", section=True)),
         ]
     made = dataclasses.make_dataclass("TrajectoryParams", fields, bases=(TrajectoryParams,), frozen=True)
     return cast("type[TrajectoryParams]", made)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.controllers.trajectory.goal import ResultCode
-from canopen_control.controllers.trajectory.packed import PackedPoints
+from canopen_control.controllers.trajectory.packed import SurveyedPoints
 from canopen_control.controllers.trajectory.point import shortest_angular_distance
 from canopen_control.controllers.trajectory.survey import NONE, Survey
 from canopen_control.errors import nearest
@@ -99,7 +99,7 @@ class JointLimits:
 
 def survey_of(message: JointTrajectory) -> Survey:
     """Return what the points of a trajectory come to: made as they came, or now."""
-    if isinstance(message.points, PackedPoints):
+    if isinstance(message.points, SurveyedPoints):
         return message.points.survey
     made = Survey()
     made.add(list(message.points), [each.time for each in message.points])

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, Final
 from canopen_control.errors import CanopenError
 from canopen_control.ros.interfaces.cdr import Codecs
 from canopen_control.ros.interfaces.classes import action_class, message_class, service_class
-from canopen_control.ros.interfaces.definition import owner_of, parts_of
+from canopen_control.ros.interfaces.definition import DEFINITIONS, owner_of, parts_of
 from canopen_control.ros.interfaces.type_description import Registry, hash_text
 
 if TYPE_CHECKING:
@@ -30,10 +30,7 @@ if TYPE_CHECKING:
 
 __all__ = ["PACKAGES", "interface", "provide"]
 
-_DEFINITIONS: Final[dict[str, list[str]]] = json.loads(
-    Path(__file__).with_name("definitions.json").read_text(encoding="utf-8")
-)
-PACKAGES: Final = tuple(dict.fromkeys(parts_of(name)[0] for name in _DEFINITIONS))
+PACKAGES: Final = tuple(dict.fromkeys(parts_of(name)[0] for name in DEFINITIONS))
 """The packages that can be made."""
 _PROBE: Final = "canopen_control_probe/msg/Header"  # std_msgs/msg/Header under another name
 _PROBED: Final = "std_msgs/msg/Header"
@@ -62,7 +59,7 @@ class _Factory:
 
     def __init__(self) -> None:
         self.registry = Registry(_shares())
-        self.registry.add({**_DEFINITIONS, _PROBE: ["builtin_interfaces/Time stamp", "string frame_id"]})
+        self.registry.add({**DEFINITIONS, _PROBE: ["builtin_interfaces/Time stamp", "string frame_id"]})
         self.codecs = Codecs(self.registry.get, self.class_of)
         self._classes: dict[str, type] = {}
         self._supports: Supports | None = None
@@ -79,7 +76,7 @@ class _Factory:
     def class_of(self, name: str) -> type:
         """Return the class of a message, an installed one or one of ours."""
         package, kind, short = parts_of(name)
-        if name not in self._classes and (owner_of(name) in _DEFINITIONS or name == _PROBE):
+        if name not in self._classes and (owner_of(name) in DEFINITIONS or name == _PROBE):
             self._classes[name] = message_class(self.registry.get(name), self.class_of, self.supports)
         if name in self._classes:
             return self._classes[name]
@@ -104,7 +101,7 @@ class _Factory:
         top = _module(package)
         for kind, make in (("msg", self.class_of), ("srv", self.service_of), ("action", self.action_of)):
             module = _module(f"{package}.{kind}")
-            names = [name for name in _DEFINITIONS if name.startswith(f"{package}/{kind}/")]
+            names = [name for name in DEFINITIONS if name.startswith(f"{package}/{kind}/")]
             module.__dict__["__getattr__"] = self._maker(f"{package}/{kind}", make)
             module.__dict__["__all__"] = [parts_of(name)[2] for name in names]
             setattr(top, kind, module)
@@ -116,9 +113,9 @@ class _Factory:
 
         def made(short: str) -> type:
             name = f"{prefix}/{short}"
-            if owner_of(name) not in _DEFINITIONS or short.startswith("_"):
+            if owner_of(name) not in DEFINITIONS or short.startswith("_"):
                 raise AttributeError(f"there is no {name}")
-            return make(name) if name in _DEFINITIONS else self.class_of(name)
+            return make(name) if name in DEFINITIONS else self.class_of(name)
 
         return made
 

@@ -9,12 +9,30 @@ service is three messages (request, response, event) and one structure that name
 from __future__ import annotations
 
 import enum
+import json
 import re
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Final
 
-__all__ = ["DUMMY", "NESTED", "STRING", "Field", "FieldType", "Shape", "Structure", "owner_of", "parse", "parts_of"]
+__all__ = [
+    "DEFINITIONS",
+    "DUMMY",
+    "NESTED",
+    "STRING",
+    "Field",
+    "FieldType",
+    "Shape",
+    "Structure",
+    "owner_of",
+    "parse",
+    "parts_of",
+]
 
+DEFINITIONS: Final[dict[str, list[str]]] = json.loads(
+    Path(__file__).with_name("definitions.json").read_text(encoding="utf-8")
+)
+"""The lines of what can be made here, by full names."""
 DUMMY: Final = "structure_needs_at_least_one_member"
 """The byte of an empty structure: on the wire, not in Python."""
 NESTED: Final = 1

@@ -14,7 +14,7 @@ from canopen_control.rpc.messages.declare import Api, Done, Effect, Request
 
 __all__ = ["DRIVE", "ActiveFaults", "AxisState", "BasePose", "DriveEvent", "DriveHello", "DriveState", "FaultListing",
            "GetDriveState", "ListFaults", "PlantState", "RestartQuality", "SetInputs", "SetPlant", "SetPointQuality",
-           "Spread", "SwitchFault", "WorldState"]  # fmt: skip
+           "SetSignals", "SignalState", "Spread", "SwitchFault", "WorldState"]  # fmt: skip
 
 Inputs = Annotated[int, msgspec.Meta(ge=0, le=0xFFFFFFFF)]
 
@@ -45,8 +45,9 @@ DRIVE: Final[Api[DriveHello, DriveEvent]] = Api("drive", DriveHello, {"event": D
 class FaultListing(msgspec.Struct, frozen=True, kw_only=True):
     """A fault that can be switched on, and whether it is.
 
-    `row` is its number in the catalogue of real drives' behaviour (0: not in it), `acts` where it acts, "wire", "node"
-    or "axis", `does` what the drive does, `reaction` what a good master makes of it; `once`: it goes off by itself.
+    `row` is its number in the catalogue of real drives' behaviour (0: not in it), `acts` where it acts, "wire", "node",
+    "axis" or "input", `does` what the drive does, `reaction` what a good master makes of it; `once`: it goes off by
+    itself.
     """
 
     name: str
@@ -60,7 +61,7 @@ class FaultListing(msgspec.Struct, frozen=True, kw_only=True):
 
 @DRIVE.method("faults", Effect.READS)
 class ListFaults(Request[tuple[FaultListing, ...]], frozen=True):
-    """Every fault that the node can show."""
+    """Every fault that the node can show: those of inputs no drive, those of axes nothing else."""
 
 
 class ActiveFaults(msgspec.Struct, frozen=True):
@@ -153,10 +154,20 @@ class WorldState(msgspec.Struct, frozen=True, omit_defaults=True):
     others: dict[str, float] = {}
 
 
+class SignalState(msgspec.Struct, frozen=True, omit_defaults=True):
+    """A signal of a device that is no drive, such as "di3": an input as it is outside, an `output` at its terminal."""
+
+    name: str
+    value: float
+    output: bool = False
+    unit: str = ""
+
+
 class DriveState(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """A node: its NMT state, such as "OPERATIONAL", and what is wrong with it; `world` where its axes are part of one.
 
     `error_register` is 0x1001, `errors` are the EMCY codes that are active, `faults` those that are switched on.
+    `signals` are those of a device that is no drive.
     """
 
     node_id: int
@@ -167,6 +178,7 @@ class DriveState(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     faults: list[str]
     axes: tuple[AxisState, ...]
     world: WorldState | None = None
+    signals: tuple[SignalState, ...] = ()
 
 
 @DRIVE.method("state", Effect.READS)
@@ -183,6 +195,16 @@ class SetInputs(Request[Done], frozen=True, kw_only=True):
 
     value: Inputs
     axis: int = 0
+
+
+@DRIVE.method("signals", Effect.CHANGES)
+class SetSignals(Request[Done], frozen=True, kw_only=True):
+    """Set inputs of a device that is no drive by name, in their units, all or none; they stay until they are set again.
+
+    `values` such as {"di0": 1, "position": 3.14}.
+    """
+
+    values: dict[str, float]
 
 
 @DRIVE.method("plant", Effect.CHANGES)

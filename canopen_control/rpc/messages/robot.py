@@ -45,6 +45,7 @@ from canopen_control.rpc.messages.trajectory import (
     SetTrajectory,
     TrajectoryData,
     TrajectoryEnd,
+    TrajectoryHeartbeat,
     TrajectoryResult,
     TrajectoryTolerance,
 )
@@ -58,7 +59,7 @@ __all__ = [
     "ReadTouchProbe", "Release", "RobotHello", "RobotPush", "ScaleTrajectory", "SdoData", "SdoPiece", "SdoRead",
     "SdoWrite", "SendTrajectory", "SetFeedForward", "SetHardwareState", "SetOdometry", "SetTrajectory", "Shutdown",
     "Stop", "Subscribe", "SwitchControllers", "Tell", "TouchProbe", "TrajectoryData", "TrajectoryEnd",
-    "TrajectoryResult", "TrajectoryTolerance", "TwistController", "UnloadController",
+    "TrajectoryHeartbeat", "TrajectoryResult", "TrajectoryTolerance", "TwistController", "UnloadController",
 ]  # fmt: skip
 
 MAX_RATE: Final = 1000.0  # Hz, of the state stream
@@ -140,11 +141,15 @@ class CommandController(Request[Done], frozen=True, kw_only=True):
 
 @ROBOT.method("twist", Effect.MOVES)
 class TwistController(Request[Done], frozen=True, kw_only=True):
-    """The same as velocities of a base, m/s and rad/s; `stamp` is when it was made."""
+    """The same as velocities of a base: forward and, where it can, `lateral` to the left in m/s, `angular` in rad/s.
+
+    `stamp` is when it was made.
+    """
 
     controller: str
     linear: float
     angular: float
+    lateral: float = 0.0
     source: str | None = None
     dead_man: bool = False
     stamp: float | None = None

@@ -6,15 +6,16 @@ SI units, None where nothing is known. A new kind is a structure here and a memb
 
 from __future__ import annotations
 
-from typing import TypeAlias
+from typing import Any, TypeAlias, TypeVar
 
 import msgspec
 
 __all__ = ["ControllerSample", "DiagnosticsSample", "DofReading", "GpioSample", "JointDiagnosis", "JointStatesSample",
-           "OdometrySample", "PidSample", "Sample", "TrajectoryPoint", "TrajectorySample", "Values",
-           "kind_of"]  # fmt: skip
+           "MecanumSample", "OdometrySample", "PidSample", "Sample", "SteeringSample", "TrajectoryPoint",
+           "TrajectorySample", "Values", "grown", "kind_of"]  # fmt: skip
 
 Values: TypeAlias = dict[str, float | None]
+S = TypeVar("S", bound="Sample")
 
 
 class Sample(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", tag="none"):
@@ -26,14 +27,15 @@ class Sample(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", tag="n
 class OdometrySample(Sample, frozen=True, kw_only=True, tag="odometry"):
     """Where a base controller believes to be.
 
-    Metres, rad, seconds; each covariance by the six of its diagonal. `limited` is the twist after the limits where it
-    is published.
+    Metres, rad, seconds; `lateral` is to the left, of a base that drives sideways; each covariance by the six of its
+    diagonal. `limited` is the twist after the limits where it is published.
     """
 
     x: float
     y: float
     heading: float
     linear: float = 0.0
+    lateral: float = 0.0
     angular: float = 0.0
     frame_id: str = "odom"
     child_frame_id: str = "base_link"
@@ -41,6 +43,30 @@ class OdometrySample(Sample, frozen=True, kw_only=True, tag="odometry"):
     twist_covariance: list[float] = []
     enable_odom_tf: bool = True
     limited: tuple[float, float] | None = None
+
+
+class SteeringSample(OdometrySample, frozen=True, kw_only=True, tag="steering"):
+    """Odometry of a steered base, and its wheels from right to left (control_msgs/SteeringControllerStatus).
+
+    rad and rad/s, null is unknown; of traction positions or velocities are measured.
+    """
+
+    traction_positions: list[float | None] = []
+    traction_velocities: list[float | None] = []
+    steering: list[float | None] = []
+    traction_commands: list[float | None] = []
+    steering_commands: list[float | None] = []
+
+
+class MecanumSample(OdometrySample, frozen=True, kw_only=True, tag="mecanum"):
+    """Odometry of a base on mecanum wheels, and these (control_msgs/MecanumDriveControllerState).
+
+    `wheels` are the measured speeds in rad/s, from the front left one against the clock, null is unknown; `reference`
+    is the twist that is wanted, forward, to the left (m/s) and turning (rad/s), null without one.
+    """
+
+    wheels: list[float | None] = []
+    reference: list[float | None] = []
 
 
 class JointStatesSample(Sample, frozen=True, kw_only=True, tag="joint_states"):
@@ -123,9 +149,21 @@ class PidSample(Sample, frozen=True, kw_only=True, tag="pid"):
 
 
 ControllerSample: TypeAlias = (
-    OdometrySample | JointStatesSample | GpioSample | DiagnosticsSample | TrajectorySample | PidSample
+    OdometrySample
+    | SteeringSample
+    | MecanumSample
+    | JointStatesSample
+    | GpioSample
+    | DiagnosticsSample
+    | TrajectorySample
+    | PidSample
 )
 """What a controller may tell."""
+
+
+def grown(kind: type[S], sample: Sample, **more: Any) -> S:  # noqa: ANN401 - fields of any type
+    """Return a sample of a kind that has all of another one's fields, and `more`."""
+    return kind(**(msgspec.structs.asdict(sample) | more))
 
 
 def kind_of(sample: type[Sample]) -> str:

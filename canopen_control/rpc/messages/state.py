@@ -229,7 +229,8 @@ class Status(Snapshot, frozen=True, kw_only=True):
 class ControllerReading(msgspec.Struct, frozen=True, kw_only=True, rename={"claims": "claimed_interfaces"}):
     """A controller: `state` is "unloaded", "unconfigured", "inactive" or "active", `claims` what it holds.
 
-    `topic` is where its commands come, None if it takes none, `update_rate` in Hz. `tells` is the kind of its samples,
+    `topic` is where its commands come, None if it takes none, `twist_axes` what of a twist a base takes, empty if it is
+    none, `update_rate` in Hz. `tells` is the kind of its samples,
     None if it has none, `publish_rate` how often it has a new one, in Hz. `publishes` are its topics of joint states,
     with `frame_id` in their headers. `reference_interfaces` are what another controller may command of it,
     `exported_state_interfaces` what it may read.
@@ -246,6 +247,7 @@ class ControllerReading(msgspec.Struct, frozen=True, kw_only=True, rename={"clai
     reference_interfaces: tuple[str, ...] = ()
     exported_state_interfaces: tuple[str, ...] = ()
     topic: str | None = None
+    twist_axes: tuple[str, ...] = ()
     publishes: tuple[str, ...] = ()
     frame_id: str = ""
     tells: str | None = None
@@ -258,6 +260,21 @@ class ControllerReading(msgspec.Struct, frozen=True, kw_only=True, rename={"clai
     def active(self) -> bool:
         """Whether it runs."""
         return self.state == "active"
+
+    @property
+    def is_base(self) -> bool:
+        """Whether it is driven by twists."""
+        return bool(self.twist_axes) or self.topic == "cmd_vel"
+
+    @property
+    def odometry_topic(self) -> str:
+        """The last word of the topic of a base's odometry, which goes with that of its twists."""
+        return "odometry" if self.topic == "reference" else "odom"
+
+    @property
+    def drives_sideways(self) -> bool:
+        """Whether a twist to the left means anything to it."""
+        return "linear.y" in self.twist_axes
 
     @property
     def width(self) -> int:

@@ -15,8 +15,8 @@ from canopen_control.rpc.messages.samples import TrajectoryPoint
 
 __all__ = [
     "MAX_POINTS", "TRAJECTORY_METHODS", "CancelTrajectory", "FollowTrajectory", "QueryTrajectory", "ScaleTrajectory",
-    "SendTrajectory", "SetTrajectory", "TrajectoryAt", "TrajectoryData", "TrajectoryEnd", "TrajectoryResult",
-    "TrajectoryTolerance", "TrajectoryVerdict",
+    "SendTrajectory", "SetTrajectory", "TrajectoryAt", "TrajectoryData", "TrajectoryEnd", "TrajectoryHeartbeat",
+    "TrajectoryResult", "TrajectoryTolerance", "TrajectoryVerdict",
 ]  # fmt: skip
 
 A = TypeVar("A")
@@ -70,6 +70,7 @@ class _Trajectory(Request[A], Generic[A], frozen=True, kw_only=True):
     stamp: float | None = None
     source: str | None = None
     dead_man: bool = True
+    heartbeat: Annotated[float, msgspec.Meta(gt=0.0, le=3600.0)] | None = None
 
 
 class _Goal(_Trajectory[A], Generic[A], frozen=True, kw_only=True):
@@ -83,7 +84,8 @@ class FollowTrajectory(_Goal[TrajectoryResult], frozen=True, kw_only=True):
 
     One value for each of `joints`, or none at all, in each list of a point; they come after those of `trajectory_data`.
     `stamp` is when it begins, null at once.
-    With `dead_man` the joints brake as soon as this connection is gone.
+    With `dead_man` the joints brake as soon as this connection is gone, with `heartbeat` besides when it has sent no
+    `trajectory_heartbeat` for so many seconds: a sender that hangs, or was stopped, is gone as well.
     """
 
 
@@ -103,6 +105,10 @@ class TrajectoryData(Request[Done], frozen=True, kw_only=True):
 
 class TrajectoryEnd(Request[TrajectoryResult], frozen=True, kw_only=True):
     """The end of the goal that this connection has sent last; answered when it has ended."""
+
+
+class TrajectoryHeartbeat(Request[Done], frozen=True, kw_only=True):
+    """That the sender of this connection's trajectory is still at work; for one that has a `heartbeat`."""
 
 
 class CancelTrajectory(Request[Done], frozen=True, kw_only=True):
@@ -136,6 +142,7 @@ TRAJECTORY_METHODS: Final = (
     ("set_trajectory", Effect.MOVES, SetTrajectory),
     ("trajectory_data", Effect.CHANGES, TrajectoryData),
     ("trajectory_end", Effect.READS, TrajectoryEnd),
+    ("trajectory_heartbeat", Effect.READS, TrajectoryHeartbeat),
     ("cancel_trajectory", Effect.STOPS, CancelTrajectory),
     ("query_trajectory", Effect.READS, QueryTrajectory),
     ("scale_trajectory", Effect.MOVES, ScaleTrajectory),

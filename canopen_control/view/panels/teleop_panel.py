@@ -28,12 +28,17 @@ if TYPE_CHECKING:
 
 __all__ = ["TeleopPanel"]
 
-#: button, sign, key of the keyboard, and what it makes of the speeds: linear and angular factor
+#: button, sign, key of the keyboard, and what it makes of the speeds: factors forward, to the left, and around
 _PAD: Final = {
-    "forward": ("Forward", "▲", "ArrowUp", 1, 0),
-    "left": ("Left", "◀", "ArrowLeft", 0, 1),
-    "back": ("Back", "▼", "ArrowDown", -1, 0),
-    "right": ("Right", "▶", "ArrowRight", 0, -1),
+    "forward": ("Forward", "▲", "ArrowUp", 1, 0, 0),
+    "left": ("Left", "◀", "ArrowLeft", 0, 0, 1),
+    "back": ("Back", "▼", "ArrowDown", -1, 0, 0),
+    "right": ("Right", "▶", "ArrowRight", 0, 0, -1),
+}
+#: the same of what a base has that drives sideways
+_SIDEWAYS: Final = {
+    "slide_left": ("Slide left", "⇐", "", 0, 1, 0),
+    "slide_right": ("Slide right", "⇒", "", 0, -1, 0),
 }
 _LINEAR: Final = (0.0, 1.0, 0.05, 0.2)  # m/s: lowest, highest, step, at first
 _ANGULAR: Final = (0.0, 3.0, 0.1, 0.8)  # rad/s
@@ -59,7 +64,7 @@ class TeleopPanel:
         if content.lost:
             return
         self._positions = {name: joint.position for name, joint in content.state.joints.items()}
-        takers = tuple(each for each in content.controllers if each.topic in ("commands", "cmd_vel"))
+        takers = tuple(each for each in content.controllers if each.is_base or each.topic == "commands")
         key = tuple((each.name, each.state) for each in takers)
         if key != self._shown:
             self._shown = key
@@ -79,7 +84,7 @@ class TeleopPanel:
                 ui.html(_LOOK, sanitize=False)
             elif not active:
                 ui.html(_NOTHING, sanitize=False)
-            elif active[0].topic == "cmd_vel":
+            elif active[0].is_base:
                 self._pad(active[0])
             else:
                 self._values(active[0])
@@ -103,12 +108,14 @@ class TeleopPanel:
             self._shown = None  # shows again who is
 
     def _pad(self, controller: ControllerReading) -> None:
-        """Four buttons as on a cross, and how fast they are."""
-        buttons = [HoldButton(key, label, sign, keyboard) for key, (label, sign, keyboard, *_) in _PAD.items()]
+        """Four buttons as on a cross, two more for a base that drives sideways, and how fast they are."""
+        pad = {**_PAD, **(_SIDEWAYS if controller.drives_sideways else {})}
+        buttons = [HoldButton(key, label, sign, keyboard) for key, (label, sign, keyboard, *_) in pad.items()]
 
         def motion(key: str) -> Motion:
-            ahead, around = _PAD[key][3:]
-            return twist_motion(controller.name, ahead * float(linear.value), around * float(angular.value))
+            ahead, aside, around = pad[key][3:]
+            speed, turn = float(linear.value), float(angular.value)
+            return twist_motion(controller.name, ahead * speed, around * turn, aside * speed)
 
         self._hold(buttons, motion, "cc-pad")
         linear = self._slider("speed, m/s", *_LINEAR)

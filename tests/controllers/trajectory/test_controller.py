@@ -1,4 +1,5 @@
 import gc
+import itertools
 import math
 import sys
 
@@ -11,6 +12,7 @@ from support.trajectory_player import Player
 
 from canopen_control.controllers.manager import ControllerManager
 from canopen_control.controllers.trajectory.goal import Goal, GoalState, ResultCode
+from canopen_control.controllers.trajectory.params import POINT_LIMITER
 from canopen_control.controllers.trajectory.point import JointTrajectory, Point
 from canopen_control.controllers.trajectory.tolerances import GoalTolerances
 from canopen_control.errors import ControlError
@@ -443,3 +445,48 @@ def test_whatever_follows_whatever_the_commands_never_jump(first, cycles, second
             before = arm.positions()[0]
             arm.run()
             assert abs(arm.positions()[0] - before) <= 2.0 / 0.02 * 0.01 + 1e-9
+
+
+# ------------------------------------------------------------------------------------------------- limits of points
+
+LIMITED = {"joint_limiter_type": POINT_LIMITER, "joint_limits": {each: {"max_acceleration": 4.0} for each in JOINTS}}
+
+
+def steps_of(arm, cycles):
+    """Return how far joint a goes in each cycle."""
+    places = [arm.state("a")]
+    for _ in range(cycles):
+        arm.run()
+        places.append(arm.state("a"))
+    return [b - a for a, b in itertools.pairwise(places)]
+
+
+def test_without_a_limiter_a_trajectory_may_leap():
+    arm = Arm()
+    arm.send((0.1, 0.0), (0.2, 1.0))
+    assert max(steps_of(arm, 30)) == pytest.approx(0.1)
+
+
+def test_a_point_limiter_holds_velocity_and_acceleration_and_tells_it_once():
+    arm = Arm(**LIMITED)
+    arm.send((0.1, 0.0), (0.2, 1.0))
+    speeds = [0.0]
+    for _ in range(120):
+        assert max(steps_of(arm, 1)) <= 2.0 * 0.01 + 1e-9  # 2 rad/s of the description
+        speeds.append(arm.controller.output.velocities[0])
+    assert max(speeds) == pytest.approx(2.0)
+    assert max(abs(b - a) for a, b in itertools.pairwise(speeds)) <= 4.0 * 0.01 + 1e-9
+    assert [each.text for each in arm.events if each.kind == "limited"] == [
+        "arm: a is held back by its limits; plan slower, or see joint_limits"
+    ]
+
+
+def test_a_spline_that_swings_beyond_the_end_is_held_within_it():
+    arm = Arm(limits=(-1.0, 1.0, 50.0), joint_limiter_type=POINT_LIMITER)
+    points = [Point([p] * 2, [v] * 2, time=round(t * S)) for t, p, v in ((0.4, 0.95, 10.0), (0.8, 0.95, 0.0))]
+    arm.controller.send_goal(Goal(JointTrajectory(JOINTS, points)), arm.now)
+    places = []
+    for _ in range(90):
+        arm.run()
+        places.append(arm.state("a"))
+    assert max(places) <= 1.0

@@ -63,3 +63,14 @@ def test_a_trajectory_keeps_them_packed_and_their_survey():
     message = JointTrajectory(["a"], packed)
     assert message.points is packed
     assert survey_of(message) is packed.survey
+
+
+@given(st.lists(COMING, max_size=4), st.data())
+def test_positions_alone_are_those_of_the_points(pieces, data):
+    packed = PackedPoints()
+    for each in pieces:
+        packed.add(each)
+    end = data.draw(st.integers(0, len(packed)))
+    begin = data.draw(st.integers(0, end))
+    found = [list(each) for each in packed.positions(begin, end)]
+    assert found == [packed[index].positions for index in range(begin, end)]

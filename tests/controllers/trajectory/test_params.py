@@ -2,8 +2,9 @@ import pytest
 
 from canopen_control.controllers.params import Params
 from canopen_control.controllers.pid import AntiWindup
-from canopen_control.controllers.trajectory.params import JointConstraints, JointGains, read_params
-from canopen_control.errors import RobotConfigError
+from canopen_control.controllers.trajectory.params import POINT_LIMITER, JointConstraints, JointGains, read_params
+from canopen_control.errors import ConfigError, RobotConfigError
+from canopen_control.urdf.joint_element import HardLimits
 
 LEAST = {"joints": ["a", "b"], "command_interfaces": ["position"], "state_interfaces": ["position", "velocity"]}
 
@@ -80,3 +81,27 @@ def test_what_nobody_reads_is_told(key):
     params = Params.of({**LEAST, key: 1.0})
     read_params(params, "arm")
     assert any(repr(key) in text for text in params.warnings)
+
+
+def test_limits_of_the_point_limiter_are_those_given_else_of_the_description():
+    found = read(
+        joint_limiter_type=POINT_LIMITER,
+        joint_limits={
+            "a": {
+                "has_velocity_limits": True,
+                "max_velocity": 0.5,
+                "has_acceleration_limits": True,
+                "max_acceleration": 2,
+            },
+            "b": {"has_position_limits": False, "max_deceleration": 3.0},
+        },
+    )
+    a, b = (each.hard(-1.0, 1.0, 4.0) for each in found.joint_limits)
+    assert a == HardLimits(-1.0, 1.0, 0.5, max_acceleration=2.0)
+    assert b == HardLimits(max_velocity=4.0, max_deceleration=3.0)
+    assert read().joint_limiter_type == ""
+
+
+def test_an_unknown_limiter_is_refused_with_those_there_are():
+    with pytest.raises(ConfigError, match=POINT_LIMITER):
+        read(joint_limiter_type="joint_limits/Magic")

@@ -176,8 +176,8 @@ STRANGERS = """
 import sys, threading, time
 from canopen_control.ros import interfaces, rcl
 if sys.argv[1] == "stranger":
-    interfaces._DEFINITIONS["canopen_interfaces/srv/COWrite"] = ["uint8 a", "---", "bool success"]
-    interfaces._DEFINITIONS["control_msgs/action/FollowJointTrajectory"] = ["uint8 a", "---", "---"]
+    interfaces.DEFINITIONS["canopen_interfaces/srv/COWrite"] = ["uint8 a", "---", "bool success"]
+    interfaces.DEFINITIONS["control_msgs/action/FollowJointTrajectory"] = ["uint8 a", "---", "---"]
 interfaces.provide(["canopen_interfaces", "control_msgs"])
 from canopen_interfaces.srv import COWrite
 from control_msgs.action import FollowJointTrajectory as Follow

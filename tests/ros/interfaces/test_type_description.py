@@ -6,8 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from canopen_control.ros.interfaces import _DEFINITIONS
-from canopen_control.ros.interfaces.definition import owner_of
+from canopen_control.ros.interfaces.definition import DEFINITIONS, owner_of
 from canopen_control.ros.interfaces.type_description import Registry, hash_of, hash_text
 
 GOLDEN = json.loads((Path(__file__).parents[2] / "data/ros_interfaces.json").read_text())
@@ -32,10 +31,10 @@ def test_the_hash_is_the_published_one(registry, name):
 @pytest.mark.ros
 def test_the_hashes_of_control_msgs_are_those_of_ross_own_generator():
     registry = Registry([SHARE])
-    registry.add(_DEFINITIONS)
+    registry.add(DEFINITIONS)
     assert {name: hash_text(registry.describe(name)) for name in CONTROL_MSGS} == CONTROL_MSGS
     assert len(CONTROL_MSGS) == 129
-    assert {owner_of(name) for name in CONTROL_MSGS} == {name for name in _DEFINITIONS if "control_msgs/" in name}
+    assert {owner_of(name) for name in CONTROL_MSGS} == {name for name in DEFINITIONS if "control_msgs/" in name}
 
 
 @pytest.mark.ros

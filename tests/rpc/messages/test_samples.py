@@ -9,11 +9,14 @@ from canopen_control.rpc.messages.samples import (
     GpioSample,
     JointDiagnosis,
     JointStatesSample,
+    MecanumSample,
     OdometrySample,
     PidSample,
     Sample,
+    SteeringSample,
     TrajectoryPoint,
     TrajectorySample,
+    grown,
     kind_of,
 )
 from canopen_control.rpc.messages.state import StateSample
@@ -21,6 +24,8 @@ from canopen_control.rpc.wire import convert, plain
 
 SAMPLES = {
     "base": OdometrySample(time=1.5, x=1.0, y=2.0, heading=0.5, limited=(0.4, 0.1)),
+    "forklift": SteeringSample(time=1.5, x=1.0, y=2.0, heading=0.5, steering=[0.1, None], traction_commands=[3.0]),
+    "platform": MecanumSample(time=1.5, x=1.0, y=2.0, heading=0.5, lateral=0.2, wheels=[1.0, 2.0, 3.0, None]),
     "states": JointStatesSample(time=2.0, names=("a",), joints={"a": {"position": 1.0, "load": None}}),
     "io": GpioSample(time=3.0, parts={"lamp": {"on": 1.0}}),
     "arm": TrajectorySample(
@@ -56,12 +61,18 @@ def test_samples_of_every_kind_cross_the_wire_as_what_they_are():
     there = convert(plain(StateSample(samples=SAMPLES)), StateSample)
     assert there.samples == SAMPLES
     assert {type(each) for each in there.samples.values()} == set(typing.get_args(ControllerSample))
-    assert there.told(OdometrySample) == {"base": SAMPLES["base"]}
+    assert there.told(PidSample) == {"loops": SAMPLES["loops"]}
+    assert there.told(OdometrySample) == {name: SAMPLES[name] for name in ("base", "forklift", "platform")}
+
+
+def test_a_sample_grows_into_a_kind_that_has_its_fields():
+    found = grown(MecanumSample, SAMPLES["base"], wheels=[1.0])
+    assert (found.x, found.limited, found.wheels, kind_of(type(found))) == (1.0, (0.4, 0.1), [1.0], "mecanum")
 
 
 def test_each_kind_has_a_word_of_its_own():
     kinds = [kind_of(each) for each in typing.get_args(ControllerSample)]
-    assert kinds == ["odometry", "joint_states", "gpio", "diagnostics", "trajectory", "pid"]
+    assert kinds == ["odometry", "steering", "mecanum", "joint_states", "gpio", "diagnostics", "trajectory", "pid"]
     assert plain(SAMPLES["io"])["kind"] == "gpio"
 
 

@@ -42,6 +42,23 @@ def test_a_base_is_driven_by_a_pad_at_the_speeds_of_its_sliders():
     assert context.let == 2  # once when it was built
 
 
+def test_a_base_that_drives_sideways_has_two_more_buttons():
+    base = BASE | {"state": "active", "topic": "reference", "twist_axes": ["linear.x", "linear.y", "angular.z"]}
+    context = FakeContext(controllers=(base,))
+
+    async def act(user, _panel):
+        linear, _ = seen(ui.slider)
+        linear.value = 0.5
+        for key in ("slide_left", "slide_right", "forward"):
+            hold(user, key)
+
+    played(context, act)
+    assert [(each.moving.linear, each.moving.lateral, each.moving.angular) for each in context.held] == [
+        (0.0, 0.5, 0.0), (0.0, -0.5, 0.0), (0.5, 0.0, 0.0),
+    ]  # fmt: skip
+    assert all(each.resting.lateral == 0.0 for each in context.held)
+
+
 def test_a_key_that_is_no_button_drives_nothing():
     context = FakeContext(controllers=(BASE | {"state": "active"},))
 

@@ -3,8 +3,17 @@ from __future__ import annotations
 import math
 
 import pytest
+
+pytest.importorskip("geometry_msgs")
+
+from geometry_msgs.msg import Twist
 from support import ros
+from support.endpoints import Ros
 from support.ros import eventually
+
+from canopen_control.ros.base_topics import BaseOdometry, TwistCommands
+from canopen_control.rpc.messages.samples import OdometrySample
+from canopen_control.rpc.messages.state import ControllerReading, StateSample
 
 pytestmark = pytest.mark.ros
 STAMPED, PLAIN = "geometry_msgs/msg/TwistStamped", "geometry_msgs/msg/Twist"
@@ -13,6 +22,13 @@ ODOMETRY = {
     "angular": -0.25, "frame_id": "odom", "child_frame_id": "base_link", "limited": [0.4, -0.2],
     "pose_covariance": [0.001, 0.002, 0, 0, 0, 0.01], "twist_covariance": [0.1, 0, 0, 0, 0, 0.2],
 }  # fmt: skip
+
+
+HOLONOMIC = ("linear.x", "linear.y", "angular.z")
+
+
+def reading(axes):
+    return ControllerReading(name="base", type="x/Y", state="active", topic="cmd_vel", twist_axes=axes)
 
 
 def twist(linear, angular):
@@ -40,6 +56,7 @@ def test_a_stamped_twist_goes_to_the_runtime_with_its_stamp(driving):
     assert twists(driving)[-1] == {
         "controller": "base",
         "linear": 0.5,
+        "lateral": 0.0,
         "angular": -0.25,
         "stamp": 12.5,
         "source": "ros",
@@ -56,7 +73,7 @@ def test_a_stamp_of_zero_is_now(driving):
 
 def test_a_plain_twist_has_its_own_topic(driving):
     driving.peer.order("publish", topic="/base/cmd_vel_unstamped", of=PLAIN, data=twist(0.1, 0.2), rate=20)
-    sent = {"controller": "base", "linear": 0.1, "angular": 0.2, "source": "ros", "dead_man": True}
+    sent = {"controller": "base", "linear": 0.1, "lateral": 0.0, "angular": 0.2, "source": "ros", "dead_man": True}
     assert eventually(lambda: sent in twists(driving))
     driving.peer.order("silence", topic="/base/cmd_vel_unstamped")
 
@@ -110,3 +127,28 @@ def test_odometry_is_published_once_for_each_new_sample(driving):
     assert (limited["twist"]["linear"]["x"], limited["twist"]["angular"]["z"]) == (0.4, -0.2)
     robot.samples = {"base": {**ODOMETRY, "time": 1_700_000_001.0, "limited": None}}
     assert peer.message("/base/odom")["header"]["stamp"]["sec"] == 1_700_000_001, "the same sample was not repeated"
+
+
+@pytest.mark.parametrize(("axes", "lateral"), [(("linear.x", "angular.z"), 0.0), (HOLONOMIC, 0.4)])
+def test_what_goes_sideways_is_for_a_base_that_can(axes, lateral):
+    given = Ros()
+    commands = TwistCommands(given, reading(axes))
+    message = Twist()
+    message.linear.x, message.linear.y, message.angular.z = 0.5, 0.4, 0.3
+    given.publish("base/cmd_vel_unstamped", message)
+    (sent,) = given.commanded
+    assert (sent.linear, sent.lateral, sent.angular) == (0.5, lateral, 0.3)
+    message.linear.y = math.nan
+    given.publish("base/cmd_vel_unstamped", message)
+    assert len(given.commanded) == (1 if lateral else 2)
+    assert given.told == (
+        ["base: a twist is not finite: linear.x 0.5, linear.y nan, angular.z 0.3; it was dropped"] * bool(lateral)
+    )
+    commands.close()
+
+
+def test_odometry_has_the_speed_to_the_left():
+    given = Ros()
+    endpoint = BaseOdometry(given, reading(HOLONOMIC))
+    endpoint.on_state(StateSample(samples={"base": OdometrySample(time=1.0, x=0.0, y=0.0, heading=0.0, lateral=0.25)}))
+    assert given.publishers[0].told[0].twist.twist.linear.y == 0.25

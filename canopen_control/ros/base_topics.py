@@ -1,16 +1,17 @@
-"""The topics of a diff drive controller: `~/cmd_vel`, `~/cmd_vel_unstamped`, `~/odom` and `~/cmd_vel_out`.
+"""The topics of base controllers: twists come, odometry goes.
 
-The law of the file (diff_drive_controller, Jazzy): `~/cmd_vel` is a TwistStamped; where Twist alone is published on it,
-as for the controller of ROS 1, it is that. Only linear.x and angular.z count, the frame of a command is not
-looked at, a stamp of zero means now; how old a stamp may be is the controller's `cmd_vel_timeout`, so the stamp goes to
-the runtime with the command. A twist that is not finite is dropped, and does not refresh the timeout. Odometry is
-planar: z is 0, the covariances are diagonals, and only linear.x and angular.z are measured.
+The law of the file (ros2_controllers, Jazzy): twists are TwistStamped on `~/cmd_vel` (diff drive, omni) or
+`~/reference` (steering, mecanum); where Twist alone is published there, as for the controller of ROS 1, it is that, and
+`~/cmd_vel_unstamped` takes it too. Only the axes that the base has count, the frame of a command is not looked at, a
+stamp of zero means now; how old a stamp may be is the controller's timeout, so the stamp goes to the runtime with the
+command. A twist that is not finite is dropped, and does not refresh the timeout. Odometry is planar: z is 0, and the
+covariances are diagonals. Where upstream has `~/tf_odometry` to be remapped to `/tf`, both are there.
 """
 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 from geometry_msgs.msg import Twist, TwistStamped
 from nav_msgs.msg import Odometry
@@ -18,7 +19,7 @@ from nav_msgs.msg import Odometry
 from canopen_control.ros.conversions import diagonal, seconds_of
 from canopen_control.ros.endpoint import COMMANDER, Endpoint, NewSamples
 from canopen_control.ros.joint_states import time_message
-from canopen_control.ros.qos import SYSTEM_DEFAULT
+from canopen_control.ros.qos import REFERENCE, SYSTEM_DEFAULT
 from canopen_control.ros.twist_subscription import TwistSubscription
 from canopen_control.rpc.messages.robot import TwistController
 from canopen_control.rpc.messages.samples import OdometrySample
@@ -31,14 +32,18 @@ if TYPE_CHECKING:
 __all__ = ["BaseOdometry", "TwistCommands", "send_twist"]
 
 
+_QUALITIES: Final[dict[str | None, Any]] = {"reference": REFERENCE}
+"""How twists are subscribed to, by the topic's last word; SYSTEM_DEFAULT where it is none of these."""
+
+
 class TwistCommands(Endpoint):
     """The two topics of one base controller."""
 
     def __init__(self, ros: Ros, controller: ControllerReading) -> None:
         self._ros, self._controller = ros, controller
-        name = controller.name
-        self._either = TwistSubscription(ros, f"{name}/cmd_vel", self._on_message, first="TwistStamped")
-        self._plain = ros.subscribe(Twist, f"{name}/cmd_vel_unstamped", self._on_message, SYSTEM_DEFAULT)
+        topic, quality = f"{controller.name}/{controller.topic}", _QUALITIES.get(controller.topic, SYSTEM_DEFAULT)
+        self._either = TwistSubscription(ros, topic, self._on_message, first="TwistStamped", quality=quality)
+        self._plain = ros.subscribe(Twist, f"{topic}_unstamped", self._on_message, quality)
 
     def on_controller(self, controller: ControllerReading) -> None:
         """Know whether it is active."""
@@ -58,11 +63,13 @@ class TwistCommands(Endpoint):
 
 
 class BaseOdometry(Endpoint):
-    """`~/odom`, and `~/cmd_vel_out` where the controller publishes its limited twist, each time it has a new one."""
+    """`~/odom` or `~/odometry`, and `~/cmd_vel_out` where the limited twist is published, for each new sample."""
 
     def __init__(self, ros: Ros, controller: ControllerReading) -> None:
         self._ros, self._name, self._samples = ros, controller.name, NewSamples(OdometrySample)
-        self._publisher = ros.node.create_publisher(Odometry, f"{self._name}/odom", SYSTEM_DEFAULT)
+        self._publisher = ros.node.create_publisher(
+            Odometry, f"{self._name}/{controller.odometry_topic}", SYSTEM_DEFAULT
+        )
         self._limited: Any = None
 
     def on_state(self, state: StateSample) -> None:
@@ -96,16 +103,25 @@ def send_twist(ros: Ros, controller: ControllerReading, message: Twist | TwistSt
     twist, stamp = message, None
     if isinstance(message, TwistStamped):
         twist, stamp = message.twist, seconds_of(message.header.stamp.sec, message.header.stamp.nanosec)
-    name, linear, angular = controller.name, twist.linear.x, twist.angular.z
+    name, lateral = controller.name, twist.linear.y if controller.drives_sideways else 0.0
+    wanted = {"linear.x": twist.linear.x, "linear.y": lateral, "angular.z": twist.angular.z}
+    key = f"{name}/{controller.topic}"
     if not controller.active:
-        ros.warn(f"{name}/cmd_vel", f"{name} is {controller.state}; activate it before commanding it")
-    elif not (math.isfinite(linear) and math.isfinite(angular)):
-        text = f"{name}: a twist is not finite: linear.x {linear:g}, angular.z {angular:g}; it was dropped"
-        ros.warn(f"{name}/cmd_vel", text)
+        ros.warn(key, f"{name} is {controller.state}; activate it before commanding it")
+    elif not all(map(math.isfinite, wanted.values())):
+        text = ", ".join(f"{axis} {value:g}" for axis, value in wanted.items() if axis != "linear.y" or lateral)
+        ros.warn(key, f"{name}: a twist is not finite: {text}; it was dropped")
     else:
+        linear, angular = wanted["linear.x"], wanted["angular.z"]
         ros.command(
             TwistController(
-                controller=name, linear=linear, angular=angular, stamp=stamp, source=COMMANDER, dead_man=True
+                controller=name,
+                linear=linear,
+                lateral=lateral,
+                angular=angular,
+                stamp=stamp,
+                source=COMMANDER,
+                dead_man=True,
             )
         )
 
@@ -119,6 +135,6 @@ def odometry_message(sample: OdometrySample) -> Odometry:
     pose.pose.position.x, pose.pose.position.y = sample.x, sample.y
     pose.pose.orientation.w, _, _, pose.pose.orientation.z = from_yaw(sample.heading)
     pose.covariance = diagonal(sample.pose_covariance)
-    twist.twist.linear.x, twist.twist.angular.z = sample.linear, sample.angular
+    twist.twist.linear.x, twist.twist.linear.y, twist.twist.angular.z = sample.linear, sample.lateral, sample.angular
     twist.covariance = diagonal(sample.twist_covariance)
     return message

@@ -1,0 +1,22 @@
+"""`device`: run virtual devices, drives and others (I/O modules, encoders, sensors, batteries), until Ctrl-C.
+
+It is the verb `drive` under a name for devices that are no drives, with the same options: the EDS decides what a device
+does. Inputs are set while it runs with `fault`:
+
+    canopen-control fault 5 di0=1,ai0=16384 --can local:robby
+
+and --status tells inputs and outputs of devices that run. A device of CiA 401, 404, 406, 410 or 418 has the signals of
+its profile (the guide on devices lists them); any other file makes a plain node that boots and answers.
+
+Exit codes: 0 after Ctrl-C or SIGTERM; 1 the bus is gone, the node id is taken, or there is no device to tell its
+status; 2 wrong usage, mistakes in files.
+"""
+
+from __future__ import annotations
+
+from canopen_control.cli.drive import add_arguments, run
+
+__all__ = ["EXAMPLE", "add_arguments", "run"]
+
+EXAMPLE = """canopen-control device --node-id 5 --eds generic_cia401.eds --can local:robby
+         canopen-control device --node-id 5 --can local:robby --status"""

@@ -1,0 +1,102 @@
+"""Parameters that bases on wheels share: frames and covariances of odometry, and the limits of an axis of the twist."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+from canopen_control.controllers.limiter import Limits
+from canopen_control.controllers.params import CommonParams
+from canopen_control.errors import RobotConfigError
+from canopen_control.yamlfile.convert import setting
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+__all__ = ["AxisLimits", "BaseParams", "PrefixedParams", "Six", "refuse", "tf_prefix"]
+
+NAN: Final = math.nan
+Six = tuple[float, float, float, float, float, float]
+
+
+@dataclass(frozen=True)
+class AxisLimits:
+    """The limits of an axis of the twist, such as `linear.x`; nan is none."""
+
+    max_velocity: float = setting(NAN, low=0.0, nan=True)
+    min_velocity: float = setting(NAN, high=0.0, nan=True)
+    max_acceleration: float = setting(NAN, low=0.0, nan=True)
+    max_deceleration: float = setting(NAN, high=0.0, nan=True)
+    max_acceleration_reverse: float = setting(NAN, high=0.0, nan=True)
+    max_deceleration_reverse: float = setting(NAN, low=0.0, nan=True)
+    max_jerk: float = setting(NAN, low=0.0, nan=True)
+    min_jerk: float = setting(NAN, high=0.0, nan=True)
+
+    @property
+    def freezes(self) -> bool:
+        """Whether the limit of jerk keeps the axis from ever changing its speed."""
+        return self.max_jerk == 0.0
+
+    def limits(self) -> Limits:
+        """Return what the limiter is given."""
+        return Limits(
+            self.min_velocity,
+            self.max_velocity,
+            self.max_acceleration_reverse,
+            self.max_acceleration,
+            self.max_deceleration,
+            self.max_deceleration_reverse,
+            self.min_jerk,
+            self.max_jerk,
+        )
+
+
+@dataclass(frozen=True)
+class BaseParams(CommonParams):
+    """What every base has: the frames of its odometry, and how sure it is."""
+
+    odom_frame_id: str = "odom"
+    base_frame_id: str = "base_link"
+    pose_covariance_diagonal: Six = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    twist_covariance_diagonal: Six = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    enable_odom_tf: bool = True
+
+    def frame_ids(self, namespace: str = "") -> tuple[str, str]:
+        """Return the names of the odometry and the base frame."""
+        prefix = self.frame_prefix(namespace)
+        return prefix + self.odom_frame_id, prefix + self.base_frame_id
+
+    def frame_prefix(self, namespace: str) -> str:
+        """Return what stands before the names of frames."""
+        del namespace
+        return ""
+
+
+@dataclass(frozen=True)
+class PrefixedParams(BaseParams):
+    """What a base has whose frames may have a prefix."""
+
+    tf_frame_prefix_enable: bool = True
+    tf_frame_prefix: str = ""
+
+    def frame_prefix(self, namespace: str) -> str:
+        """Return the prefix, see `tf_prefix`."""
+        return tf_prefix(self.tf_frame_prefix, namespace, enable=self.tf_frame_prefix_enable)
+
+
+def refuse(name: str, checks: Iterable[tuple[bool, str]]) -> None:
+    """Raise RobotConfigError with the text of each check that is true: something is wrong with this controller."""
+    problems = [text for wrong, text in checks if wrong]
+    if problems:
+        raise RobotConfigError("\n".join(f"{name}: {text}" for text in problems))
+
+
+def tf_prefix(prefix: str, namespace: str, *, enable: bool = True) -> str:
+    """Return what stands before the frame names: the prefix, else the namespace; `~` in a prefix is the namespace."""
+    if not enable:
+        return ""
+    text = prefix.replace("~", namespace, 1) if prefix else namespace
+    if not text.endswith("/"):
+        text += "/"
+    return text.removeprefix("/")

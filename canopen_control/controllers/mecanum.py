@@ -1,0 +1,107 @@
+"""The mecanum drive controller: a twist that may go sideways becomes the speeds of four wheels.
+
+The law of the file (ros2_controllers jazzy): each axis of the twist has its limiter; the odometry is what four measured
+speeds say. Its `reference_timeout` is 0 unless it is given, which lets a twist move it for one update. Ours, and safer:
+a timeout brakes along the limits, where upstream's does so for one update and then stands, see `mobile_base`.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar
+
+from canopen_control.controllers.base import WheelBase
+from canopen_control.controllers.mecanum_kinematics import MecanumKinematics
+from canopen_control.controllers.mecanum_params import MecanumParams, read_params
+from canopen_control.controllers.mobile_base import BASELINE, HOLONOMIC, TOO_SHORT, MobileBase
+from canopen_control.controllers.state_copy import finite
+from canopen_control.hardware.interfaces import VELOCITY
+from canopen_control.rpc.messages.samples import MecanumSample, grown
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from canopen_control.controllers.params import Params
+    from canopen_control.rpc.messages.samples import OdometrySample, Sample
+
+__all__ = ["MecanumDriveController"]
+
+
+class MecanumDriveController(MobileBase):
+    """Drives a base on four mecanum wheels; `kinematics` is where it is."""
+
+    topic: ClassVar[str | None] = "reference"
+    tells: ClassVar[type[Sample] | None] = MecanumSample
+    twist_axes: ClassVar[tuple[str, ...]] = HOLONOMIC
+    references: ClassVar[tuple[str, ...]] = ("linear/x", "linear/y", "angular/z")
+    timeout_key: ClassVar[str] = "reference_timeout"
+
+    def __init__(self, name: str, type_name: str = "mecanum_drive_controller/MecanumDriveController") -> None:
+        self.kinematics = MecanumKinematics(1.0, 1.0)
+        super().__init__(name, type_name, self.kinematics)
+        self.params = MecanumParams()
+        self._reading = [0.0, 0.0, 0.0, 0.0]
+        self._reference = [0.0, 0.0, 0.0]
+
+    def wheel_base(self) -> WheelBase:
+        """Return what its parameters say of the wheels."""
+        given, (odom, base) = self.params, self.frame_ids()
+        front_left, front_right, rear_right, rear_left = given.commanded
+        frozen = tuple(axis for axis, each in zip(HOLONOMIC, given.limits, strict=True) if each.freezes)
+        sides = ((front_left, rear_left), (front_right, rear_right))
+        return WheelBase(
+            *sides, 0.0, given.radius, odom, base, given.enable_odom_tf, frozen, "kinematics.wheels_radius"
+        )
+
+    def on_configure(self, params: Params) -> None:
+        """Read the parameters; the pose becomes 0."""
+        self.params = given = read_params(params)
+        self.kinematics = MecanumKinematics(given.radius, given.reach, given.offset)
+        self.pose = self.kinematics
+        self.joints, self.interface = given.commanded, VELOCITY
+        self.set_up(given, given.reference_timeout, len(self.joints), given.limits)
+
+    def command_interface_names(self) -> list[str]:
+        """Return the velocity of every wheel, from the front left one with the clock."""
+        return [f"{joint}/{VELOCITY}" for joint in self.params.commanded]
+
+    def state_interface_names(self) -> list[str]:
+        """Return the velocity of every wheel, in the same order."""
+        return [f"{joint}/{VELOCITY}" for joint in self.params.measured]
+
+    def velocities(self) -> tuple[float, float, float]:
+        """Return those of the last step."""
+        wheels = self.kinematics
+        return wheels.forward, wheels.left, wheels.angular
+
+    def work_out(self, twist: Sequence[float]) -> None:
+        """Share a twist out to the wheels."""
+        self.kinematics.command(twist[0], twist[1], twist[2])
+        for index in range(len(self.targets)):
+            self.targets[index] = self.kinematics.wheels[index]
+
+    def follow(self, now: int) -> bool:
+        """Move the odometry; return False if a wheel's feedback is not known."""
+        if not self.states_known():
+            return False
+        dt = self.elapsed(now)
+        if dt not in (BASELINE, TOO_SHORT):
+            front_left, front_right, rear_right, rear_left = self.states
+            self.kinematics.update(front_left.value, rear_left.value, rear_right.value, front_right.value, dt)
+        return True
+
+    def take_down(self) -> None:
+        """Put down the wheels' speeds and the twist that is wanted too."""
+        super().take_down()
+        for index in range(len(self._reading)):
+            self._reading[index] = self.states[index].value
+        for index in range(len(self._reference)):
+            self._reference[index] = self.wanted[index]
+
+    def sample(self, wall_offset_ns: int) -> OdometrySample | None:
+        """Return odometry, speeds and twist as they were published last."""
+        odometry = self.odometry_sample(wall_offset_ns)
+        if odometry is None:
+            return None
+        front_left, front_right, rear_right, rear_left = (finite(each) for each in self._reading)
+        wheels = [front_left, rear_left, rear_right, front_right]
+        return grown(MecanumSample, odometry, wheels=wheels, reference=[finite(each) for each in self._reference])

@@ -1,0 +1,379 @@
+"""The base class of controllers of vehicles: a twist becomes the wheels' commands, their motion becomes odometry.
+
+The law of the file: each update takes the newest twist, or zero when it is older than the timeout, limits it against
+the last two limited ones (so a timeout brakes along the ramp), follows the wheels, and writes the commands. When
+another controller claims the references, they are the twist (chaining). A twist that is not finite is refused and does
+not refresh the timeout; the first sample of the wheels is the baseline of odometry; feedback that is lost with a drive,
+which is off then, is waited for at standstill, so that enabling the drives is enough to go on. What is a position, such
+as that of a steering joint, is held where it is when the twist ends by itself or is taken back.
+
+A new base is a class here: what it says of its wheels in `on_configure`, `follow` and `work_out`.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, ClassVar, Final
+
+from mypy_extensions import mypyc_attr
+
+from canopen_control.controllers.base import Controller, ControllerState, zero_targets
+from canopen_control.controllers.base_params import BaseParams
+from canopen_control.controllers.command_life import ENDLESS, endless
+from canopen_control.controllers.limiter import Limits, RateLimiter
+from canopen_control.controllers.odometry_publication import OdometryPublication
+from canopen_control.controllers.planar_pose import MIN_DT, PlanarPose
+from canopen_control.errors import ControlError, RobotConfigError
+from canopen_control.hardware.interfaces import ERROR, OK, POSITION, VELOCITY, CommandInterface, ReturnType
+from canopen_control.rpc.messages.samples import OdometrySample
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from canopen_control.controllers.base_params import AxisLimits
+    from canopen_control.hardware.interfaces import StateInterface
+    from canopen_control.rpc.messages.samples import Sample
+
+__all__ = ["BASELINE", "HOLONOMIC", "ONE_UPDATE", "TOO_SHORT", "MobileBase"]
+
+NS: Final = 1_000_000_000
+BASELINE: Final = -1.0
+"""What `elapsed` returns for the first step."""
+TOO_SHORT: Final = 0.0
+"""What it returns for a step that is put off to the next one."""
+HOLONOMIC: Final = ("linear.x", "linear.y", "angular.z")
+"""The axes of a base that drives sideways too."""
+ONE_UPDATE: Final = "one_update"
+"""The kind of the event that tells of twists which count for a single update."""
+_NEVER: Final = -1
+
+
+@mypyc_attr(allow_interpreted_subclasses=True)
+class MobileBase(Controller):
+    """Drives a vehicle by twists; `pose` is where it is, moved by what its wheels have done.
+
+    `publications` counts them, the last at `stamp` (ns). `wanted` is the twist of this cycle, nan
+    before the first, `limited` what the limits have left of it, both in the order of `twist_axes`, in m/s and rad/s;
+    `targets` are for its commands.
+    """
+
+    topic: ClassVar[str | None] = "cmd_vel"
+    is_base: ClassVar[bool] = True
+    tells: ClassVar[type[Sample] | None] = OdometrySample
+    twist_axes: ClassVar[tuple[str, ...]] = ("linear.x", "angular.z")
+    references: ClassVar[tuple[str, ...]] = ("linear", "angular")
+    timeout_key: ClassVar[str] = "cmd_vel_timeout"
+    zero_is_never: ClassVar[bool] = False
+    """Whether a timeout of 0 lets a twist last; else it is one for a single update, as upstream has it."""
+    waits_for_a_twist: ClassVar[bool] = False
+    """Whether it neither follows its wheels nor publishes before the first twist."""
+
+    def __init__(self, name: str, type_name: str, pose: PlanarPose) -> None:
+        super().__init__(name, type_name)
+        self.pose = pose
+        axes = len(self.twist_axes)
+        self.wanted, self.limited = [math.nan] * axes, [0.0] * axes
+        self.targets: list[float] = []
+        self.braking = False
+        self._previous, self._before = [0.0] * axes, [0.0] * axes
+        self._limiters = [RateLimiter(Limits())] * axes
+        self._publication = OdometryPublication(axes)
+        self._references = tuple(CommandInterface(f"{name}/{each}", VELOCITY) for each in self.references)
+        self._odometry_params = BaseParams()
+        self._followed = _NEVER
+        self._once = self._fresh = False
+        self._was_chained = self._writing = self._too_fast = False
+        self._begin_anew(0)
+
+    # --------------------------------------------------------------------------------------------- what a base says
+
+    def set_up(
+        self,
+        given: BaseParams,
+        timeout: float,
+        commands: int,
+        limits: Sequence[AxisLimits] = (),
+        publish_rate: float = 0.0,
+    ) -> None:
+        """Take what every base has of its parameters: `timeout` in s, how many `commands`, limits of each axis."""
+        self._odometry_params = given
+        for index, (axis, each) in enumerate(zip(self.twist_axes, limits, strict=False)):
+            self._limiters[index] = _limiter(self.name, axis, each.limits())
+        for axis, each in zip(self.twist_axes, limits, strict=False):
+            if each.freezes:
+                self.tell("parameter", f"{axis}.max_jerk: 0 keeps it from ever changing speed; remove it")
+        self.life.limit_ns, self._once = round(timeout * NS), timeout == 0.0 and not self.zero_is_never
+        if self._once:
+            self.tell(ONE_UPDATE, f"{self.timeout_key}: 0 lets a twist move it for one update; give a time in s")
+        elif (text := endless(self.timeout_key, timeout, (VELOCITY,))) is not None:
+            self.tell(ENDLESS, text)
+        self.update_rate, self.publish_rate = given.update_rate, publish_rate
+        self._publication.set_rate(publish_rate)
+        self.targets = [0.0] * commands
+
+    def work_out(self, twist: Sequence[float]) -> None:
+        """Fill `targets`, one for each command, for a twist."""
+        raise NotImplementedError
+
+    def follow(self, now: int) -> bool:
+        """Move the pose by what the wheels have done, or, in open loop, by `limited`; False if that is not known."""
+        raise NotImplementedError
+
+    def velocities(self) -> tuple[float, float, float]:
+        """Return how fast it is: forward and to the left in m/s, and in rad/s."""
+        raise NotImplementedError
+
+    @property
+    def begun(self) -> bool:
+        """Whether odometry has its baseline."""
+        return self._followed != _NEVER
+
+    def stop_following(self) -> None:
+        """Count nothing that happens until the next sample, which becomes the baseline."""
+        self._followed = _NEVER
+
+    def elapsed(self, now: int) -> float:
+        """Return the time of this step of odometry in s, or BASELINE, or TOO_SHORT; `now` in ns."""
+        before = self._followed
+        dt = BASELINE if before == _NEVER else (now - before) / NS
+        if before != _NEVER and dt < MIN_DT:
+            return TOO_SHORT
+        self._followed = now
+        return dt
+
+    def states_known(self) -> bool:
+        """Whether all feedback is a number."""
+        total = 0.0
+        for each in self.states:
+            total += each.value
+        return math.isfinite(total)
+
+    # ------------------------------------------------------------------------------------------------- what is told
+
+    @property
+    def publications(self) -> int:
+        """How often its odometry was due."""
+        return self._publication.count
+
+    @property
+    def chained(self) -> bool:
+        """Whether another controller commands it."""
+        return any(each.owner is not None for each in self._references)
+
+    def frame_ids(self, namespace: str = "") -> tuple[str, str]:
+        """Return the names of the odometry and the base frame, with their prefix."""
+        return self._odometry_params.frame_ids(namespace)
+
+    def set_odometry(self, x: float, y: float, heading: float) -> None:
+        """Be somewhere else, in m and rad, from the next update on; ControlError if it is not active."""
+        if self.state is not ControllerState.ACTIVE:
+            raise ControlError(f"{self.name} is {self.state.value}; its odometry is set while it is active")
+        if not all(map(math.isfinite, (x, y, heading))):
+            raise ControlError(f"{self.name}: a pose is three finite numbers, got {x}, {y}, {heading}")
+        self.pose.set_pose(x, y, heading)
+
+    def odometry_sample(self, wall_offset_ns: int, limited: bool = False) -> OdometrySample | None:
+        """Return the odometry as it was published last, with the `limited` twist where that is published."""
+        return self._publication.sample(self.published(wall_offset_ns), self._odometry_params, limited)
+
+    def take_down(self) -> None:
+        """Put down what is published, as it is now; an override calls this first."""
+        self._publication.take(self.pose, self.velocities(), self.limited)
+
+    # ----------------------------------------------------------------------------------------------------- lifecycle
+
+    def reference_interfaces(self) -> Sequence[CommandInterface]:
+        """Return the twist that another controller may command."""
+        return self._references
+
+    def on_activate(self, commands: list[CommandInterface], states: list[StateInterface], now: int) -> None:
+        """Start with no command; the pose is kept, the next sample is where it goes on from."""
+        super().on_activate(commands, states, now)
+        self.stop_following()
+        self._begin_anew(now)
+
+    def on_deactivate(self, now: int) -> None:
+        """Stop the wheels at once, without a ramp: the drive's own deceleration takes over; positions are held."""
+        super().on_deactivate(now)
+        self._begin_anew(now)
+
+    def forget(self, now: int) -> None:
+        """Have the wheels stop at once, and go on following them; the next twist begins at standstill."""
+        zero_targets(self.commands)
+        for each in self.commands:
+            if each.interface == POSITION:
+                each.value = math.nan  # the hardware holds where it is, and does not go on to the old target
+        self._begin_anew(now)
+        self._brake()
+        self._writing = True
+
+    def _begin_anew(self, now: int) -> None:
+        """Have no command, and none before it."""
+        _fill(self.wanted, math.nan)
+        self.life.end()
+        self.life.given = now
+        self.braking = self._fresh = False
+        self._was_chained = self._writing = self._too_fast = False
+        _fill(self._previous, 0.0)
+        _fill(self._before, 0.0)
+        for reference in self._references:
+            reference.value = math.nan
+
+    # ------------------------------------------------------------------------------------------------------- command
+
+    def set_command(self, values: Sequence[float], now: int, stamp: int | None = None) -> None:
+        """Take a twist (m/s, rad/s); one as old as the timeout, by its `stamp` (ns; 0 or None: now), is refused.
+
+        A stamp from the future, of a clock that is ahead, is now: it must not put the timeout off.
+        """
+        self.checked(values, self.twist_axes)
+        owner = next((each.owner for each in self._references if each.owner is not None), None)
+        if owner is not None:
+            raise self.refusal(f"is commanded by {owner}; deactivate that controller first")
+        made, limit = min(stamp or now, now), self.life.limit_ns
+        if limit and now - made >= limit:
+            age, timeout = (now - made) / NS, limit / NS
+            raise self.refusal(
+                f"got a twist that is {age:.3f} s old, {self.timeout_key} is {timeout:g} s; check the clocks"
+            )
+        self.work_out(values)
+        for command, target in zip(self.commands, self.targets, strict=True):
+            self.refuse_misfit([command], target, now)
+        for index, value in enumerate(values):
+            self.wanted[index] = float(value)
+        self.braking, self._fresh = False, True
+        self.life.give(made)
+
+    # --------------------------------------------------------------------------------------------------------- cycle
+
+    def update(self, now: int, period: float) -> ReturnType:
+        """Do one step; `period` in s is what the limits are scaled with."""
+        if not self.begun:
+            _fill(self.limited, 0.0)
+            self.follow(now)
+        self._take_reference(now)
+        if not _known(self.wanted):
+            return OK if self.waits_for_a_twist else self._rest(now)
+        limited, previous, before = self.limited, self._previous, self._before
+        for index in range(len(limited)):
+            limited[index] = self._limiters[index].limit(self.wanted[index], previous[index], before[index], period)
+        if not self.follow(now):
+            return self._without_feedback()
+        _copy(previous, before)
+        _copy(limited, previous)
+        self._write()
+        self._publish(now)
+        return OK
+
+    def _take_reference(self, now: int) -> None:
+        """Find the twist wanted now: the chain's, or the last command, or zero if that is over."""
+        life = self.life
+        if self._take_chain():
+            self._was_chained = True
+            life.end()
+        elif self._was_chained and not life.live:
+            self._was_chained = False
+            self._brake()
+        elif self._once:
+            if life.live and not self._fresh:
+                life.end()
+            self._fresh = False
+            if not life.live and _known(self.wanted):
+                self._brake()
+        elif life.limit_ns and now - life.given > life.limit_ns:
+            if life.runs_out(now):
+                age = (now - life.given) / NS
+                self.tell("command_timeout", f"no twist for {age:.2f} s, it brakes until the next one")
+            self._brake()
+
+    def _take_chain(self) -> bool:
+        """Take the references, and return True, where another controller owns one."""
+        references = self._references
+        chained = False
+        for index in range(len(references)):
+            chained = chained or references[index].owner is not None
+        if not chained:
+            return False
+        self.braking = False
+        for index in range(len(references)):
+            self.wanted[index] = references[index].value
+        if self._writing and not _known(self.wanted):
+            self._brake()  # who was driven by a topic does not go on by itself
+        return True
+
+    def _brake(self) -> None:
+        """Want standstill, which nobody has commanded."""
+        _fill(self.wanted, 0.0)
+        self.braking = True
+
+    def _rest(self, now: int) -> ReturnType:
+        """Follow the wheels while there is no twist yet; feedback may not be there either."""
+        _fill(self.limited, 0.0)
+        zero_targets(self.commands)
+        if self.follow(now):
+            self._publish(now)
+        else:
+            self.stop_following()
+        return OK
+
+    def _without_feedback(self) -> ReturnType:
+        """Stand, and wait for the next sample, while a drive is off; drives that run with no feedback are an ERROR."""
+        if all(each.enabled for each in self.commands):
+            unknown = [each.name for each in self.states if not math.isfinite(each.value)]
+            self.tell("feedback", f"{', '.join(unknown)} is not a number")
+            return ERROR
+        zero_targets(self.commands)
+        self.stop_following()
+        return OK
+
+    def _publish(self, now: int) -> None:
+        if self._publication.is_due(now):
+            self.stamp = now
+            self.take_down()
+
+    def _write(self) -> None:
+        """Write the commands of the limited twist, all or, where one does not fit its drive, none."""
+        self._writing = True
+        if self.braking and not any(self.limited):
+            zero_targets(self.commands)
+            return
+        self.work_out(self.limited)
+        commands, targets = self.commands, self.targets
+        for index in range(len(commands)):
+            command, target = commands[index], targets[index]
+            if not (math.isfinite(target) and command.lowest <= target <= command.highest):
+                self._stand(target)
+                return
+            command.value = target
+        self._too_fast = False
+
+    def _stand(self, target: float) -> None:
+        """Stop all wheels together where the command of one does not fit its drive."""
+        zero_targets(self.commands)
+        if not self._too_fast:
+            self._too_fast = True
+            self.rejected += 1
+            self.tell(
+                "refused", f"a wheel would have to turn at {target:g} rad/s, more than its drive can hold; it stands"
+            )
+
+
+def _known(values: list[float]) -> bool:
+    return not math.isnan(sum(values))
+
+
+def _fill(values: list[float], value: float) -> None:
+    for index in range(len(values)):
+        values[index] = value
+
+
+def _copy(source: list[float], target: list[float]) -> None:
+    for index in range(len(source)):
+        target[index] = source[index]
+
+
+def _limiter(name: str, axis: str, limits: Limits) -> RateLimiter:
+    try:
+        return RateLimiter(limits)
+    except ValueError as error:
+        raise RobotConfigError(f"{name}: {axis}: {error}: a minimum is above its maximum") from error

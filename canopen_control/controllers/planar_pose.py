@@ -1,0 +1,93 @@
+"""A pose in the plane that is moved by velocities, and the rolling mean that smooths these: dead reckoning.
+
+The law of the file (ros2_controllers jazzy): the way of a step is the exact arc; below `STRAIGHT` of turn it is a
+straight line. Headings are never wrapped. Units: m, rad, s.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+from mypy_extensions import mypyc_attr
+
+__all__ = ["MIN_DT", "STRAIGHT", "PlanarPose", "RollingMean", "quotient"]
+
+MIN_DT: Final = 1e-4
+"""Steps shorter than this, in s, tell no velocity: it would be noise."""
+STRAIGHT: Final = 1e-6
+"""Below this turn, in rad, the arc's radius is numerically infinite."""
+
+
+def quotient(dividend: float, divisor: float) -> float:
+    """Divide as IEEE 754 does: by zero gives an infinity with its sign, 0 / 0 is nan."""
+    if divisor != 0.0:
+        return dividend / divisor
+    if dividend == 0.0 or math.isnan(dividend):
+        return math.nan
+    return math.copysign(math.inf, dividend) * math.copysign(1.0, divisor)
+
+
+class RollingMean:
+    """The last values, fewer until it is full; every step adds one, and their mean is made for who asks."""
+
+    __slots__ = ("_at", "_count", "_size", "_values")
+
+    def __init__(self, size: int) -> None:
+        self._values, self._size = [0.0] * size, size
+        self._at = self._count = 0
+
+    def clear(self) -> None:
+        """Forget everything."""
+        self._at = self._count = 0
+
+    def add(self, value: float) -> None:
+        """Add a value, instead of the oldest where it is full."""
+        at = self._at
+        self._values[at] = value
+        at += 1
+        if at > self._count:
+            self._count = at
+        self._at = 0 if at == self._size else at
+
+    @property
+    def mean(self) -> float:
+        """The mean of the values, 0 without any."""
+        return sum(self._values[: self._count]) / self._count if self._count else 0.0
+
+
+@mypyc_attr(allow_interpreted_subclasses=True)
+class PlanarPose:
+    """Where something is: `x`, `y` in m and `heading` in rad."""
+
+    def __init__(self) -> None:
+        self.x = self.y = self.heading = 0.0
+
+    def set_pose(self, x: float, y: float, heading: float) -> None:
+        """Be somewhere else, in m and rad."""
+        self.x, self.y, self.heading = x, y, heading
+
+    def drive(self, way: float, turn: float) -> None:
+        """Go forward by `way` while turning by `turn`: an arc, or, where it is straight, by the middle heading."""
+        if abs(turn) < STRAIGHT:
+            direction = self.heading + turn * 0.5
+            self.x += way * math.cos(direction)
+            self.y += way * math.sin(direction)
+            self.heading += turn
+            return
+        before, radius = self.heading, way / turn
+        self.heading += turn
+        self.x += radius * (math.sin(self.heading) - math.sin(before))
+        self.y -= radius * (math.cos(self.heading) - math.cos(before))
+
+    def shift(self, forward: float, left: float, turn: float) -> None:
+        """Go forward and to the left, seen from itself, while turning; where it is straight by the old heading."""
+        before = self.heading
+        self.heading += turn
+        if abs(turn) < STRAIGHT:
+            self.x += forward * math.cos(before) - left * math.sin(before)
+            self.y += forward * math.sin(before) + left * math.cos(before)
+            return
+        sines, cosines = math.sin(self.heading) - math.sin(before), math.cos(self.heading) - math.cos(before)
+        self.x += forward / turn * sines + left / turn * cosines
+        self.y += left / turn * sines - forward / turn * cosines

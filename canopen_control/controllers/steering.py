@@ -1,0 +1,185 @@
+"""The steering controllers: a twist becomes speeds of traction wheels and angles of steered ones.
+
+The law of the file (ros2_controllers jazzy): odometry is followed and published in every update, commanded or not.
+Without a twist traction is 0 and the steered wheels stay as they are; a twist of zeros that is commanded steers them
+straight. In closed loop the wheels of a curve turn as the measured curve wants it. Ours: a `reference_timeout` of 0
+lets a twist move it for one update, and feedback is waited for, see `mobile_base`.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar
+
+from mypy_extensions import mypyc_attr
+
+from canopen_control.controllers.base import WheelBase
+from canopen_control.controllers.mobile_base import BASELINE, TOO_SHORT, MobileBase
+from canopen_control.controllers.state_copy import finite
+from canopen_control.controllers.steering_kinematics import SteeringKinematics
+from canopen_control.controllers.steering_params import (
+    AckermannParams,
+    BicycleParams,
+    SteeringParams,
+    TricycleParams,
+    read_params,
+)
+from canopen_control.hardware.interfaces import POSITION, VELOCITY
+from canopen_control.rpc.messages.samples import SteeringSample, grown
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from canopen_control.controllers.params import Params
+    from canopen_control.rpc.messages.samples import OdometrySample, Sample
+
+__all__ = [
+    "AckermannSteeringController",
+    "BicycleSteeringController",
+    "SteeringController",
+    "TricycleSteeringController",
+]
+
+
+@mypyc_attr(allow_interpreted_subclasses=True)
+class SteeringController(MobileBase):
+    """Drives a base by its traction and its steered wheels; `kinematics` is where it is."""
+
+    topic: ClassVar[str | None] = "reference"
+    tells: ClassVar[type[Sample] | None] = SteeringSample
+    timeout_key: ClassVar[str] = "reference_timeout"
+    kind: ClassVar[type[SteeringParams]] = SteeringParams
+
+    def __init__(self, name: str, type_name: str = "") -> None:
+        self.kinematics = SteeringKinematics(1.0, 1.0)
+        super().__init__(name, type_name, self.kinematics)
+        self.params = SteeringParams()
+        self._traction: list[float] = []
+        self._steering: list[float] = []
+        self._reading: list[float] = []
+        self._driven: list[float] = []
+
+    def wheel_base(self) -> WheelBase:
+        """Return what its parameters say of the wheels; the right one stands first."""
+        given, (odom, base) = self.params, self.frame_ids()
+        right, left = given.traction_joints_names[:1], given.traction_joints_names[1:]
+        keys = (given.radius_key, "traction_track_width")
+        separation = given.tracks[0]
+        return WheelBase(left, right, separation, given.radius, odom, base, given.enable_odom_tf, (), *keys)
+
+    def on_configure(self, params: Params) -> None:
+        """Read the parameters; the pose becomes 0."""
+        self.params = given = read_params(params, self.kind)
+        self.kinematics = given.made()
+        self.pose = self.kinematics
+        self.joints = (*given.traction_joints_names, *given.steering_joints_names)
+        count = len(self.joints)
+        self._traction, self._steering = [0.0] * self.kinematics.traction_count, [0.0] * self.kinematics.steering_count
+        self._reading, self._driven = [0.0] * count, [0.0] * count
+        self.set_up(given, given.reference_timeout, count)
+
+    def command_interface_names(self) -> list[str]:
+        """Return the velocities of traction, then the positions of steering."""
+        given = self.params
+        traction = [f"{joint}/{VELOCITY}" for joint in given.traction_joints_names]
+        return traction + [f"{joint}/{POSITION}" for joint in given.steering_joints_names]
+
+    def state_interface_names(self) -> list[str]:
+        """Return position or velocity of traction, then the positions of steering."""
+        given = self.params
+        feedback = POSITION if given.position_feedback else VELOCITY
+        traction = [f"{joint}/{feedback}" for joint in given.traction_states]
+        return traction + [f"{joint}/{POSITION}" for joint in given.steering_states]
+
+    def velocities(self) -> tuple[float, float, float]:
+        """Return the means of its odometry."""
+        return self.kinematics.linear, 0.0, self.kinematics.angular
+
+    def work_out(self, twist: Sequence[float]) -> None:
+        """Share a twist out to traction and steering."""
+        wheels, given = self.kinematics, self.params
+        wheels.command(twist[0], twist[1], given.open_loop, given.reduce_wheel_speed_until_steering_reached)
+        count = wheels.traction_count
+        for index in range(count):
+            self.targets[index] = wheels.traction[index]
+        for index in range(wheels.steering_count):
+            self.targets[count + index] = wheels.steering[index]
+
+    def follow(self, now: int) -> bool:
+        """Move the odometry; return False if a wheel's feedback is not known."""
+        wheels, given = self.kinematics, self.params
+        if not (given.open_loop or self.states_known()):
+            return False
+        dt = self.elapsed(now)
+        if dt == TOO_SHORT:
+            return True
+        if given.open_loop:
+            if dt != BASELINE:
+                wheels.update_open_loop(self.limited[0], self.limited[1], dt)
+            return True
+        self._read()
+        if dt == BASELINE:
+            wheels.begin(self._traction)
+            wheels.angle = wheels.measured_angle(self._steering)
+        elif given.position_feedback:
+            wheels.update_position(self._traction, self._steering, dt)
+        else:
+            wheels.update_velocity(self._traction, self._steering, dt)
+        return True
+
+    def _read(self) -> None:
+        count = self.kinematics.traction_count
+        for index in range(len(self._traction)):
+            self._traction[index] = self.states[index].value
+        for index in range(len(self._steering)):
+            self._steering[index] = self.states[count + index].value
+
+    def take_down(self) -> None:
+        """Put down feedback and commands too."""
+        super().take_down()
+        for index in range(len(self._reading)):
+            self._reading[index] = self.states[index].value
+            self._driven[index] = self.commands[index].value
+
+    def sample(self, wall_offset_ns: int) -> OdometrySample | None:
+        """Return odometry, feedback and commands as they were published last."""
+        odometry = self.odometry_sample(wall_offset_ns)
+        if odometry is None:
+            return None
+        count = self.kinematics.traction_count
+        reading, driven = [finite(each) for each in self._reading], [finite(each) for each in self._driven]
+        measured = "traction_positions" if self.params.position_feedback else "traction_velocities"
+        return grown(
+            SteeringSample,
+            odometry,
+            steering=reading[count:],
+            traction_commands=driven[:count],
+            steering_commands=driven[count:],
+            **{measured: reading[:count]},
+        )
+
+
+class BicycleSteeringController(SteeringController):
+    """One traction wheel and one steered wheel."""
+
+    kind: ClassVar[type[SteeringParams]] = BicycleParams
+
+    def __init__(self, name: str, type_name: str = "bicycle_steering_controller/BicycleSteeringController") -> None:
+        super().__init__(name, type_name)
+
+
+class TricycleSteeringController(SteeringController):
+    """Two traction wheels and one steered wheel."""
+
+    kind: ClassVar[type[SteeringParams]] = TricycleParams
+
+    def __init__(self, name: str, type_name: str = "tricycle_steering_controller/TricycleSteeringController") -> None:
+        super().__init__(name, type_name)
+
+
+class AckermannSteeringController(SteeringController):
+    """Two traction wheels and two steered wheels."""
+
+    kind: ClassVar[type[SteeringParams]] = AckermannParams
+
+    def __init__(self, name: str, type_name: str = "ackermann_steering_controller/AckermannSteeringController") -> None:
+        super().__init__(name, type_name)

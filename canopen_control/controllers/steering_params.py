@@ -1,0 +1,180 @@
+"""The parameters of the steering controllers: bicycle, tricycle, Ackermann.
+
+The law of the file: jazzy's names are ours; those of humble, by front and rear wheels, are translated by
+`front_steering` and each is named once, as is every key without an effect.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar, Final
+
+from canopen_control.controllers.base_params import BaseParams, Six, refuse
+from canopen_control.controllers.steering_kinematics import (
+    AckermannKinematics,
+    BicycleKinematics,
+    SteeringKinematics,
+    TricycleKinematics,
+)
+from canopen_control.yamlfile.convert import setting
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from canopen_control.controllers.params import Params
+
+__all__ = ["AckermannParams", "BicycleParams", "SteeringParams", "TricycleParams", "read_params"]
+
+_MOST_JOINTS: Final = 4
+#: what upstream has: the places of a diagonal, where its values were meant
+_COVARIANCE: Final[Six] = (0.0, 7.0, 14.0, 21.0, 28.0, 35.0)
+
+
+@dataclass(frozen=True)
+class SteeringParams(BaseParams):
+    """What all steering controllers have: m, s, joints from right to left."""
+
+    kinematics: ClassVar[type[SteeringKinematics]] = SteeringKinematics
+    radius_key: ClassVar[str] = "traction_wheels_radius"
+
+    pose_covariance_diagonal: Six = _COVARIANCE
+    twist_covariance_diagonal: Six = _COVARIANCE
+    reference_timeout: float = setting(1.0, low=0.0, high=1e9)
+    traction_joints_names: tuple[str, ...] = ()
+    steering_joints_names: tuple[str, ...] = ()
+    traction_joints_state_names: tuple[str, ...] = ()
+    steering_joints_state_names: tuple[str, ...] = ()
+    open_loop: bool = False
+    reduce_wheel_speed_until_steering_reached: bool = False
+    position_feedback: bool = False
+    velocity_rolling_window_size: int = setting(10, low=1, high=100_000)
+    wheelbase: float = setting(0.0, low=0.0)
+    front_steering: bool = True
+
+    @property
+    def radius(self) -> float:
+        """The radius of the traction wheels."""
+        raise NotImplementedError
+
+    @property
+    def tracks(self) -> tuple[float, float]:
+        """The distances of the traction wheels and of the steered wheels, 0 for one wheel."""
+        return 0.0, 0.0
+
+    @property
+    def traction_states(self) -> tuple[str, ...]:
+        """The joints where traction is measured."""
+        return self.traction_joints_state_names or self.traction_joints_names
+
+    @property
+    def steering_states(self) -> tuple[str, ...]:
+        """The joints where steering is measured."""
+        return self.steering_joints_state_names or self.steering_joints_names
+
+    def made(self) -> SteeringKinematics:
+        """Return the kinematics of these sizes, at the origin."""
+        return self.kinematics(self.radius, self.wheelbase, *self.tracks, self.velocity_rolling_window_size)
+
+    def mistakes(self) -> Iterator[tuple[bool, str]]:
+        """Say what is wrong, each with whether it is."""
+        counts = {"traction": self.kinematics.traction_count, "steering": self.kinematics.steering_count}
+        for part, count in counts.items():
+            for key in (f"{part}_joints_names", f"{part}_joints_state_names"):
+                names: tuple[str, ...] = getattr(self, key)
+                optional = key.endswith("state_names")
+                wanted = f"give {count}{' or none' if optional else ''}, from right to left"
+                yield len(names) != count and not (optional and not names), f"{key} has {len(names)} joints; {wanted}"
+                yield len(set(names)) < len(names), f"{key} names one twice: {', '.join(names)}; name each once"
+        yield self.wheelbase <= 0.0, "wheelbase is missing or 0; give the distance of front and rear axle in m"
+        yield self.radius <= 0.0, f"{self.radius_key} is missing or 0; give it in m"
+
+
+@dataclass(frozen=True)
+class BicycleParams(SteeringParams):
+    """Parameters of bicycle_steering_controller/BicycleSteeringController."""
+
+    kinematics: ClassVar[type[SteeringKinematics]] = BicycleKinematics
+    radius_key: ClassVar[str] = "traction_wheel_radius"
+
+    traction_wheel_radius: float = setting(0.0, low=0.0)
+
+    @property
+    def radius(self) -> float:
+        """The radius of the traction wheel."""
+        return self.traction_wheel_radius
+
+
+@dataclass(frozen=True)
+class TricycleParams(SteeringParams):
+    """Parameters of tricycle_steering_controller/TricycleSteeringController."""
+
+    kinematics: ClassVar[type[SteeringKinematics]] = TricycleKinematics
+
+    traction_wheels_radius: float = setting(0.0, low=0.0)
+    traction_track_width: float = setting(0.0, low=0.0)
+
+    @property
+    def radius(self) -> float:
+        """The radius of the traction wheels."""
+        return self.traction_wheels_radius
+
+    @property
+    def tracks(self) -> tuple[float, float]:
+        """The distance of the traction wheels; one wheel is steered."""
+        return self.traction_track_width, 0.0
+
+    def mistakes(self) -> Iterator[tuple[bool, str]]:
+        """Say what is wrong, the distance of the wheels too."""
+        yield from super().mistakes()
+        missing = "traction_track_width is missing or 0; give the distance of the traction wheels in m"
+        yield self.traction_track_width <= 0.0, missing
+
+
+@dataclass(frozen=True)
+class AckermannParams(TricycleParams):
+    """Parameters of ackermann_steering_controller/AckermannSteeringController."""
+
+    kinematics: ClassVar[type[SteeringKinematics]] = AckermannKinematics
+
+    steering_track_width: float = setting(0.0, low=0.0)
+
+    @property
+    def tracks(self) -> tuple[float, float]:
+        """The distances of the traction wheels and of the steered ones, which are those of traction unless given."""
+        return self.traction_track_width, self.steering_track_width or self.traction_track_width
+
+
+#: what a key of humble names of its wheels, and what that is called by what the wheels do
+_RENAMED: Final = {
+    "wheels_names": "joints_names",
+    "wheels_state_names": "joints_state_names",
+    "wheel_radius": "wheel_radius",
+    "wheels_radius": "wheels_radius",
+    "wheel_track": "track_width",
+}
+_ALWAYS: Final = {
+    "wheel_track": "traction_track_width",  # of the tricycle
+    "use_stamped_vel": "",  # Twist and TwistStamped are both taken
+}
+
+
+def read_params(params: Params, cls: type[SteeringParams]) -> SteeringParams:
+    """Return checked parameters; RobotConfigError with every mistake."""
+    given = params.read(cls, _renames(params, cls))
+    refuse(params.name, given.mistakes())
+    return given
+
+
+def _renames(params: Params, cls: type[SteeringParams]) -> dict[str, str]:
+    """Return the names of keys by front and rear wheels, as `front_steering` has it; "" for what has no effect."""
+    node = params.flat.get("front_steering")
+    by_front = node is None or node.text.lower() != "false"
+    known = cls.__dataclass_fields__
+    found = {}
+    for end, part in (
+        ("front", "steering" if by_front else "traction"),
+        ("rear", "traction" if by_front else "steering"),
+    ):
+        for old, new in _RENAMED.items():
+            found[f"{end}_{old}"] = f"{part}_{new}" if f"{part}_{new}" in known else ""
+    return found | {key: name if name in known else "" for key, name in _ALWAYS.items()}

@@ -1,0 +1,182 @@
+"""Inputs of devices that are no drives: from a TPDO or by SDO to a state interface in units, nan while not known.
+
+A value counts from the boot on, which reads it, until the node is lost, its TPDO is overdue (three event timers, or the
+SYNCs that bus.yml allows), or the device calls it invalid. An input that only comes when it changes has no age: the
+heartbeat decides. What no TPDO carries is asked for by SDO, each object once a second at most.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Final
+
+from canopen_control.od.codec import decode
+from canopen_control.profiles.device_signal import retyped
+
+if TYPE_CHECKING:
+    from canopen_control.cia301.sdo_client import SdoRequest
+    from canopen_control.hardware.interfaces import StateInterface
+    from canopen_control.master.cycle import Input, ProcessImage
+    from canopen_control.master.remote_node import RemoteNode
+    from canopen_control.od.model import Address, DataType, Value
+    from canopen_control.profiles.device_signal import Signal
+
+__all__ = ["POLL_NS", "InputSignal", "NodeInputs", "RawInput"]
+
+POLL_NS: Final = 1_000_000_000
+_POLLED_AGE_NS: Final = 5 * POLL_NS
+
+
+class RawInput:
+    """The raw number of one object: `value`, `known` whether it counts now."""
+
+    __slots__ = ("_asked", "_began_with", "_input", "_node", "address", "data_type", "known", "read_at", "value")
+
+    def __init__(self, node: RemoteNode, address: Address, data_type: DataType, mapped: Input | None) -> None:
+        self.address, self.data_type = address, data_type
+        self.value: Value = 0
+        self.known = False
+        self.read_at = -1  # of the last answer by SDO, -1: none since the boot
+        self._node, self._input = node, mapped
+        self._began_with = False
+        self._asked = -POLL_NS
+
+    @property
+    def polled(self) -> bool:
+        """Whether no TPDO carries it."""
+        return self._input is None
+
+    def begin(self, now: int) -> None:
+        """Take what the boot has read."""
+        presets = {} if self._node.identity is None else self._node.identity.presets
+        self._began_with = self.address in presets
+        self.read_at = -1
+        if self._began_with:
+            self.value, self.read_at = presets[self.address], now
+
+    def read(self, now: int) -> None:
+        """Look what it is at `now`, the node being there."""
+        source = self._input
+        if source is None:
+            self.known = self.read_at >= 0 and now - self.read_at <= _POLLED_AGE_NS
+            return
+        pdo = source.pdo
+        since = pdo.stamp if pdo.stamp >= 0 else self.read_at
+        self.known = since >= 0 and not pdo.overdue and not 0 < pdo.age_limit_ns < now - since
+        if pdo.stamp >= 0:
+            self.value = source.value
+
+    @property
+    def stamp(self) -> int:
+        """When the value came, in ns."""
+        return self.read_at if self._input is None or self._input.pdo.stamp < 0 else self._input.pdo.stamp
+
+    def poll(self, now: int) -> bool:
+        """Ask for it by SDO where it is time to; return whether that was done."""
+        if self._input is not None or now - self._asked < POLL_NS:
+            return False
+        self._asked = now
+        self._node.read(*self.address, lambda request: self._answered(request, now))
+        return True
+
+    def _answered(self, request: SdoRequest, now: int) -> None:
+        if request.error is None:
+            try:
+                self.value, self.read_at = decode(request.data, self.data_type), now
+            except ValueError:
+                return
+
+
+class NodeInputs:
+    """The raw inputs of one node, each object once, whoever shows it."""
+
+    def __init__(self, node: RemoteNode, image: ProcessImage) -> None:
+        self.node, self._image = node, image
+        self._inputs: dict[Address, RawInput] = {}
+        self.boots = -1
+        self.ready = False
+
+    def of(self, address: Address) -> RawInput:
+        """Return the raw input of an object of the dictionary."""
+        found = self._inputs.get(address)
+        if found is None:
+            entry = self.node.od[address]
+            mapped = self._image.input(self.node.node_id, *address)
+            found = self._inputs[address] = RawInput(self.node, address, entry.data_type, mapped)
+        return found
+
+    def read(self, now: int) -> None:
+        """Look at all of them."""
+        node = self.node
+        self.ready = node.ready
+        if not node.ready:
+            return
+        if node.boots != self.boots:
+            self.boots = node.boots
+            for each in self._inputs.values():
+                each.begin(now)
+        for each in self._inputs.values():
+            each.read(now)
+
+    def poll(self, now: int) -> None:
+        """Ask for one of those that no TPDO carries."""
+        if self.ready:
+            for each in self._inputs.values():
+                if each.polled and each.poll(now):
+                    return
+
+
+class InputSignal:
+    """One signal shown in a state interface."""
+
+    def __init__(self, signal: Signal, state: StateInterface, inputs: NodeInputs) -> None:
+        self.signal, self.state = signal, state
+        self._inputs = inputs
+        self._raw = inputs.of(signal.address)
+        self._status = None if signal.status is None else inputs.of(signal.status)
+        self._boots = -1
+        self._gain = signal.gain({})
+        self._range = 0
+        self._first = self._turned = 0.0
+        self._last: float | None = None
+
+    def read(self, now: int) -> None:
+        """Show the value at `now`, nan where there is none."""
+        del now
+        inputs, raw = self._inputs, self._raw
+        if not inputs.ready or not raw.known or not self._valid():
+            self.state.value = math.nan
+            self._last = None
+            return
+        if self._boots != inputs.boots:
+            self._renew()
+        number = raw.value
+        if self.signal.data_type is not None:
+            number = retyped(number, raw.data_type, self.signal.data_type)
+        if isinstance(number, int | float):
+            self.state.value = self.signal.value(self._unwrapped(number), self._gain)
+
+    def _valid(self) -> bool:
+        status = self._status
+        return status is None or (status.known and status.value == 0)
+
+    def _renew(self) -> None:
+        """Take how the device scales the signal, as its boot has read it."""
+        identity = self._inputs.node.identity
+        numbers = {} if identity is None else identity.presets
+        self._boots, self._gain = self._inputs.boots, self.signal.gain(numbers)
+        wraps = numbers.get(self.signal.unwrap, 0) if self.signal.unwrap is not None else 0
+        self._range = wraps if isinstance(wraps, int) and wraps > 1 else 0
+        self._last = None
+
+    def _unwrapped(self, raw: float) -> float:
+        """Return a position without end: what a device counts modulo its total range goes on."""
+        if not self._range:
+            return raw
+        if self._last is None:
+            self._turned = 0.0
+        else:
+            step = raw - self._last
+            self._turned -= self._range * round(step / self._range)
+        self._last = raw
+        return raw + self._turned

@@ -1,0 +1,168 @@
+"""One signal of a device in units: which object or bit of it, how raw numbers become values, and which are invalid.
+
+value = raw * factor * (what the device itself says of its scale) + offset, and back for outputs; a bit is 0 or 1. A
+value that the device calls invalid is nan.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+from canopen_control.od.codec import decode, encode
+from canopen_control.od.model import DataType
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from canopen_control.od.model import Address, Value
+
+__all__ = [
+    "TYPES",
+    "Scale",
+    "Signal",
+    "factor_of_digits",
+    "factor_of_prefix",
+    "object_of",
+    "retyped",
+    "unit_of_code",
+]
+
+_OBJECT: Final = re.compile(r"(?:0[xX])?([0-9A-Fa-f]{4})(?::(?:0[xX])?([0-9A-Fa-f]{1,2}))?(?:\.(\d{1,2}))?")
+
+TYPES: Final = {
+    "bool": DataType.BOOLEAN,
+    **{f"u{bits}": DataType[f"UNSIGNED{bits}"] for bits in (8, 16, 24, 32, 64)},
+    **{f"i{bits}": DataType[f"INTEGER{bits}"] for bits in (8, 16, 24, 32, 64)},
+    "f32": DataType.REAL32,
+    "f64": DataType.REAL64,
+}
+"""Words for the types that a signal may be taken for."""
+
+
+@dataclass(frozen=True, slots=True)
+class Scale:
+    """A factor that stands in an object of the device: `of` makes it of the number there, `assumed` where it has none.
+
+    It is read when the node has booted, never taken from a file: users and devices change it.
+    """
+
+    address: Address
+    of: Callable[[int], float]
+    assumed: int
+
+
+@dataclass(frozen=True, slots=True)
+class Signal:
+    """An input or `output` of a device; `status` is an object that makes it invalid unless it is 0.
+
+    `data_type` is what the object is taken for, None: what the file says. `invalid` are raw numbers that stand for no
+    value. `unwrap` is the object that holds where a position begins again: shown is the way since the first value.
+    `safe` is the value of an output whose master is gone, None: it keeps what it has.
+    """
+
+    name: str
+    index: int
+    subindex: int = 0
+    output: bool = False
+    bit: int | None = None
+    factor: float = 1.0
+    offset: float = 0.0
+    unit: str = ""
+    data_type: DataType | None = None
+    invalid: tuple[float, ...] = ()
+    status: Address | None = None
+    scales: tuple[Scale, ...] = ()
+    unwrap: Address | None = None
+    safe: float | None = 0.0
+
+    @property
+    def address(self) -> Address:
+        """The pair (index, subindex)."""
+        return self.index, self.subindex
+
+    @property
+    def where(self) -> str:
+        """The object, for people."""
+        return f"0x{self.index:04X}:{self.subindex:02X}" + ("" if self.bit is None else f".{self.bit}")
+
+    @property
+    def needs(self) -> tuple[Address, ...]:
+        """The objects whose numbers say how to read it."""
+        return (*(scale.address for scale in self.scales), *(() if self.unwrap is None else (self.unwrap,)))
+
+    def gain(self, numbers: Mapping[Address, Value]) -> float:
+        """Return units per raw number, as a device with these `numbers` in its objects means it."""
+        gain = self.factor
+        for scale in self.scales:
+            number = numbers.get(scale.address)
+            gain *= scale.of(number if isinstance(number, int) else scale.assumed)
+        return gain
+
+    def value(self, raw: float, gain: float) -> float:
+        """Return the value of a raw number; nan where that stands for none."""
+        if raw in self.invalid:
+            return math.nan
+        if self.bit is not None:
+            return float(int(raw) >> self.bit & 1)
+        return raw * gain + self.offset
+
+    def raw(self, value: float, gain: float, *, whole: bool) -> float:
+        """Return the raw number of a value; of an object of integers the nearest `whole` one."""
+        raw = (value - self.offset) / gain
+        return round(raw) if whole else raw
+
+
+def object_of(text: str) -> tuple[int, int, int | None] | None:
+    """Return index, subindex and bit of ``0x6401:01``, ``6000:1.3`` or ``0x6004``; None where it is neither."""
+    match = _OBJECT.fullmatch(text.strip())
+    if match is None:
+        return None
+    bit = None if match[3] is None else int(match[3])
+    return None if bit is not None and bit > 63 else (int(match[1], 16), int(match[2] or "0", 16), bit)
+
+
+def retyped(value: Value, held: DataType, wanted: DataType) -> Value:
+    """Return what the bits of a value mean as another type of the same width; nan where they mean nothing."""
+    try:
+        return decode(encode(value, held), wanted)
+    except ValueError:
+        return math.nan
+
+
+# -- units as devices code them in an object (CiA 303-2): bits 16 to 23 the unit, 24 to 31 its prefix as a power of ten
+
+_UNITS: Final = {
+    0x01: "m",
+    0x02: "kg",
+    0x03: "s",
+    0x04: "A",
+    0x05: "K",
+    0x10: "rad",
+    0x20: "Hz",
+    0x21: "N",
+    0x22: "Pa",
+    0x23: "J",
+    0x24: "W",
+    0x26: "V",
+    0x28: "Ohm",
+    0x2D: "degC",
+}
+
+
+def unit_of_code(code: int) -> str:
+    """Return the name of a coded unit, "" where the table has none; 0x002D0000 are degrees Celsius."""
+    return _UNITS.get(code >> 16 & 0xFF, "")
+
+
+def factor_of_prefix(code: int) -> float:
+    """Return by what a value is multiplied to be in the unit without its prefix: 0xFD260000 is a millivolt, 0.001."""
+    power = code >> 24 & 0xFF
+    return float(10.0 ** (power - 0x100 if power > 0x7F else power))
+
+
+def factor_of_digits(digits: int) -> float:
+    """Return the value of one unit of the last of so many decimal digits; what is no such number counts as none."""
+    return float(10.0**-digits) if 0 <= digits <= 9 else 1.0

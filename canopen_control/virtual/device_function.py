@@ -1,0 +1,80 @@
+"""What a virtual device does that is no drive: its inputs come from outside, its outputs go there (CiA 401 to 418).
+
+The dictionary decides which function a node has; a drive, and a device of an unknown profile, has none and is a plain
+node. Inputs are set in the units of their signals by name, such as `di3` or `position`.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Final, Protocol
+
+from canopen_control.profiles.device_type import Profile, profile_of
+from canopen_control.profiles.profile_tables import profile_signals
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Mapping
+
+    from canopen_control.od.model import Address, ObjectDictionary
+    from canopen_control.rpc.messages.drive import SignalState
+    from canopen_control.virtual.node_outbox import Clock, NodeOutbox
+    from canopen_control.virtual.object_store import ObjectStore
+
+__all__ = ["DeviceFunction", "make_function"]
+
+
+class DeviceFunction(Protocol):
+    """The function of one device. The gate of its event-driven TPDOs too: who maps inputs asks whether to send."""
+
+    def power_on(self, now: int) -> None:
+        """Begin anew, after a reset of the node."""
+
+    def connection_lost(self, now: int) -> None:
+        """React to a lost heartbeat or guarding."""
+
+    def communication_stopped(self, now: int) -> None:
+        """React to NMT STOPPED or a reset of the communication."""
+
+    def tick(self, now: int) -> None:
+        """Let time pass."""
+
+    def next_deadline(self) -> int | None:
+        """Return when something happens by itself, None: nothing will."""
+
+    def starts(self, mapped: Collection[Address]) -> bool:
+        """Whether a TPDO with these objects is sent when the node becomes OPERATIONAL."""
+
+    def passes(self, changed: Collection[Address]) -> bool:
+        """Whether changes of these objects are an event that is to be sent."""
+
+    def told(self) -> None:
+        """Take that all TPDOs have been asked."""
+
+    def set_signals(self, values: Mapping[str, float], now: int) -> None:
+        """Set inputs by name, all or none; ConfigError for what is no input of the device."""
+
+    def describe(self) -> tuple[SignalState, ...]:
+        """Return what every signal is, outputs as they are at the terminals."""
+
+    def break_inputs(self, kind: str, *, on: bool, now: int) -> None:
+        """Switch a fault of the inputs: stuck, noise or jump."""
+
+
+def make_function(od: ObjectDictionary, store: ObjectStore, outbox: NodeOutbox, clock: Clock) -> DeviceFunction | None:
+    """Return the function of a device by its dictionary; None: it has none that is known."""
+    profile = profile_of(od)
+    kind = _KINDS.get(profile)
+    if kind is None:
+        return None
+    module = importlib.import_module(f"canopen_control.virtual.{kind[0]}")  # a drive's process starts without it
+    function: DeviceFunction = getattr(module, kind[1])(store, outbox, clock, profile_signals(od, profile).values())
+    return function
+
+
+_KINDS: Final = {
+    Profile.IO: ("io_device", "IoDevice"),
+    Profile.MEASURING: ("sensor_device", "MeasuringDevice"),
+    Profile.ENCODER: ("position_devices", "Encoder"),
+    Profile.INCLINOMETER: ("position_devices", "Inclinometer"),
+    Profile.BATTERY: ("sensor_device", "Battery"),
+}

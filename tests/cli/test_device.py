@@ -1,0 +1,87 @@
+"""The verb device: the verb drive for devices that are no drives, with inputs set by the verb fault."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import threading
+
+import pytest
+from support.host import use_private_folders
+from support.robots import dictionary_of
+from support.virtualbench import servo
+
+from canopen_control.bus.channel import open_port
+from canopen_control.cli import device, drive
+from canopen_control.cli.main import main
+from canopen_control.data_files import data_path
+from canopen_control.host.reactor import Reactor
+from canopen_control.virtual.control import NodeControl
+from canopen_control.virtual.device import make_device
+from canopen_control.virtual.nodehost import NodeHost
+
+CAN = "memory:cli-device"
+
+
+@pytest.fixture
+def node(tmp_path, monkeypatch):
+    use_private_folders(monkeypatch, tmp_path)
+    module = make_device(dictionary_of(data_path("eds", "generic_cia401.eds")), 5)
+    ready, reactor, devices = threading.Event(), Reactor(), [module, servo(6)]
+
+    def serve():
+        with reactor, contextlib.closing(open_port(CAN)) as port:
+            host = NodeHost(reactor, port, devices)
+            controls = [NodeControl(host, each) for each in devices]
+            reactor.call_soon(ready.set)
+            reactor.run()
+            for control in controls:
+                control.close()
+            host.close()
+
+    thread = threading.Thread(target=serve)
+    thread.start()
+    assert ready.wait(10)
+    yield module
+    reactor.call_threadsafe(reactor.stop)
+    thread.join(10)
+
+
+def test_it_is_the_verb_drive():
+    assert device.run is drive.run
+    assert "generic_cia401.eds" in device.EXAMPLE
+
+
+def test_inputs_are_set_and_told(node, capsys):
+    assert main(["fault", "5", "di3=1,ai1=-20", "--can", CAN]) == 0
+    assert capsys.readouterr().out == "node 5: di3 is 1, ai1 is -20\n"
+    assert (node.get(0x6000, 1), node.get(0x6401, 2)) == (8, -20)
+    assert main(["device", "--node-id", "5", "--can", CAN, "--status"]) == 0
+    said = capsys.readouterr().out
+    assert "  inputs: di0 0, di1 0, di2 0, di3 1," in said
+    assert "  outputs: do0 0," in said
+
+
+def test_they_are_told_as_json_too(node, capsys):
+    assert main(["fault", "5", "di0=1", "--can", CAN, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out) == {"node_id": 5, "signals": {"di0": 1.0}}
+    assert main(["drive", "--node-id", "5", "--can", CAN, "--status", "--json"]) == 0
+    assert {"name": "di0", "value": 1.0} in json.loads(capsys.readouterr().out)["signals"]
+
+
+@pytest.mark.parametrize(
+    ("words", "text"),
+    [
+        (["5", "di3="], "'di3=': write SIGNAL=NUMBER, as in di0=1,ai0=16384"),
+        (["5", "=1"], "'=1': write SIGNAL=NUMBER"),
+        (["5", "ai0=nan"], "'ai0=nan': write SIGNAL=NUMBER"),
+        (["5", "di0=1", "on"], "a signal is set with SIGNAL=VALUE alone"),
+        (["5", "di77=1"], "no signal 'di77', did you mean"),
+        (["5", "do0=1"], "do0 is an output: what it is the master says"),
+        (["6", "di0=1"], "node 6 (servo) has no signals to set: it is a drive"),
+    ],
+)
+@pytest.mark.usefixtures("node")
+def test_what_cannot_be_set_is_refused_in_a_sentence(words, text, capsys):
+    assert main(["fault", *words, "--can", CAN]) == 2
+    assert text in capsys.readouterr().err

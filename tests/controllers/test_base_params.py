@@ -1,0 +1,28 @@
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from canopen_control.controllers.base_params import AxisLimits, BaseParams, PrefixedParams, refuse
+from canopen_control.errors import RobotConfigError
+
+
+def test_frames_have_a_prefix_where_there_is_one():
+    assert BaseParams().frame_ids("/ns") == ("odom", "base_link")
+    assert PrefixedParams().frame_ids("/ns") == ("ns/odom", "ns/base_link")
+    assert PrefixedParams(tf_frame_prefix_enable=False).frame_ids("/ns") == ("odom", "base_link")
+
+
+def test_limits_are_those_of_the_limiter():
+    limits = AxisLimits(max_velocity=1.0, max_deceleration=-2.0).limits()
+    assert (limits.max_velocity, limits.max_deceleration) == (1.0, -2.0)
+    assert math.isnan(limits.max_jerk)
+    assert AxisLimits(max_jerk=0.0).freezes
+    assert not AxisLimits().freezes
+
+
+def test_every_mistake_is_told_with_the_controller():
+    refuse("base", [(False, "one")])
+    with pytest.raises(RobotConfigError, match="base: two\nbase: three"):
+        refuse("base", [(False, "one"), (True, "two"), (True, "three")])

@@ -1,0 +1,60 @@
+from __future__ import annotations
+
+import math
+
+import pytest
+from support.bases import MECANUM, PARAMS
+
+from canopen_control.controllers.mecanum_params import read_params
+from canopen_control.controllers.params import Params
+from canopen_control.errors import RobotConfigError
+
+
+def read(**changes):
+    return read_params(Params.of({**PARAMS[MECANUM], **changes}, "base"))
+
+
+def test_defaults_are_upstreams():
+    given = read_params(Params.of({k: v for k, v in PARAMS[MECANUM].items() if "timeout" not in k}))
+    assert (given.reference_timeout, given.offset) == (0.0, (0.0, 0.0, 0.0))
+    assert given.pose_covariance_diagonal == given.twist_covariance_diagonal == (0.1,) * 6
+    assert (given.tf_frame_prefix_enable, given.tf_frame_prefix) == (True, "")
+    assert given.measured == given.commanded == ("front_left", "front_right", "rear_right", "rear_left")
+    assert all(math.isnan(each.limits().max_velocity) for each in given.limits)
+
+
+def test_keys_are_dotted_as_upstreams():
+    given = read(
+        **{
+            "kinematics.base_frame_offset.x": 0.1,
+            "kinematics.base_frame_offset.y": 0.2,
+            "kinematics.base_frame_offset.theta": 0.3,
+            "linear.y.max_velocity": 0.7,
+            "rear_left_wheel_state_joint_name": "encoder",
+        }
+    )
+    assert given.offset == (0.1, 0.2, 0.3)
+    assert given.linear_y.limits().max_velocity == 0.7
+    assert given.measured[3] == "encoder"
+
+
+def test_it_says_all_that_is_missing_at_once():
+    with pytest.raises(RobotConfigError) as error:
+        read_params(Params.of({}, "base"))
+    lines = str(error.value).splitlines()
+    assert len(lines) == 6
+    assert all(each.startswith("base: ") for each in lines)
+
+
+@pytest.mark.parametrize(
+    ("changes", "text"),
+    [
+        ({"rear_left_wheel_command_joint_name": "front_left"}, "front_left is the joint of several wheels"),
+        ({"kinematics.wheels_radius": -1.0}, "out of range"),
+        ({"linear.x.min_velocity": 1.0}, "out of range"),
+        ({"angular.z.max_jerk": -1.0}, "out of range"),
+    ],
+)
+def test_it_refuses_what_cannot_be(changes, text):
+    with pytest.raises(RobotConfigError, match=text):
+        read(**changes)

@@ -1,0 +1,210 @@
+"""What all bases do alike: those that `PARAMS` has parameters for; the diff drive's own tests say more."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from support.bases import MECANUM, OMNI, PARAMS, TRICYCLE, base
+from support.control import FORWARD, S, add
+
+from canopen_control.controllers.base import ControllerState
+from canopen_control.errors import ControlError
+from canopen_control.hardware.interfaces import ReturnType
+
+STEP = S // 100
+each_base = pytest.mark.parametrize("kind", list(PARAMS))
+SOME = {True: [0.3, 0.2, 0.1], False: [0.3, 0.1]}
+
+
+def active(kind, **params):
+    hardware, control, made = base(kind, **params)
+    control.switch(["base"], now=0)
+    control.events()
+    return hardware, control, made
+
+
+def twist(made):
+    return SOME["linear.y" in made.twist_axes]
+
+
+def velocities(hardware):
+    return [each.value for each in hardware.command_interfaces if each.interface == "velocity"]
+
+
+def angles(hardware):
+    return [each.value for each in hardware.command_interfaces if each.interface == "position"]
+
+
+@each_base
+def test_before_the_first_twist_wheels_stand_and_odometry_is_told(kind):
+    hardware, control, made = active(kind)
+    control.update(STEP, 0.01)
+    assert set(velocities(hardware)) == {0.0}
+    assert all(map(math.isnan, angles(hardware)))
+    sample = made.sample(0)
+    assert (sample.x, sample.linear, sample.lateral, sample.time) == (0.0, 0.0, 0.0, 0.01)
+    assert type(sample) is made.tells
+
+
+@each_base
+def test_a_twist_that_nobody_renews_ends_and_positions_stay(kind):
+    hardware, control, made = active(kind)
+    control.command("base", twist(made), 0)
+    control.update(STEP, 0.01)
+    assert any(velocities(hardware))
+    steered = angles(hardware)
+    assert all(steered)
+    control.update(51 * STEP, 0.01)
+    assert set(velocities(hardware)) == {0.0}
+    assert angles(hardware) == steered
+    assert [each.text for each in control.events() if each.kind == "command_timeout"] == [
+        "base: no twist for 0.51 s, it brakes until the next one"
+    ]
+
+
+@pytest.mark.parametrize("kind", [TRICYCLE, MECANUM, OMNI])
+def test_a_timeout_of_0_lets_a_twist_count_for_one_update(kind):
+    key = "cmd_vel_timeout" if kind == OMNI else "reference_timeout"
+    hardware, control, made = base(kind, **{key: 0.0})
+    told = [each.text for each in control.events()]
+    assert f"base: {key}: 0 lets a twist move it for one update; give a time in s" in told
+    control.switch(["base"], now=0)
+    control.command("base", twist(made), 3600 * S, 1)  # however old
+    control.update(3600 * S, 0.01)
+    assert any(velocities(hardware))
+    control.update(3600 * S + STEP, 0.01)
+    assert set(velocities(hardware)) == {0.0}
+    control.command("base", twist(made), 3600 * S + STEP)
+    control.update(3600 * S + 2 * STEP, 0.01)
+    assert any(velocities(hardware))
+
+
+@each_base
+def test_what_is_no_twist_is_refused_with_the_axis(kind):
+    hardware, control, made = active(kind)
+    good = twist(made)
+    control.command("base", good, 0)
+    for index, axis in enumerate(made.twist_axes):
+        for bad in (math.nan, math.inf):
+            with pytest.raises(ControlError, match=f"finite numbers, got {bad} for {axis}"):
+                control.command("base", [*good[:index], bad, *good[index + 1 :]], 40 * STEP)
+    with pytest.raises(ControlError, match=f"wants {len(good)} values"):
+        control.command("base", [*good, 0.0], 40 * STEP)
+    control.update(51 * STEP, 0.01)  # none of them has put the timeout off
+    assert set(velocities(hardware)) == {0.0}
+    assert made.rejected == 2 * len(good) + 1
+
+
+@each_base
+def test_a_twist_as_old_as_the_timeout_is_refused(kind):
+    _, control, made = active(kind)
+    with pytest.raises(ControlError, match=r"0\.500 s old"):
+        control.command("base", twist(made), 10 * S, 10 * S - S // 2)
+
+
+@each_base
+def test_it_stops_where_it_is_deactivated_and_its_twist_does_not_come_back(kind):
+    hardware, control, made = active(kind)
+    control.command("base", twist(made), 0)
+    control.update(STEP, 0.01)
+    steered = angles(hardware)
+    control.switch(deactivate=["base"], now=2 * STEP)
+    assert set(velocities(hardware)) == {0.0}
+    assert angles(hardware) == steered
+    control.switch(["base"], now=3 * STEP)
+    control.update(4 * STEP, 0.01)
+    assert set(velocities(hardware)) == {0.0}
+    assert made.state is ControllerState.ACTIVE
+
+
+@each_base
+def test_a_drive_that_is_lost_ends_the_twist_and_is_waited_for(kind):
+    hardware, control, made = active(kind)
+    control.command("base", twist(made), 0)
+    control.update(STEP, 0.01)
+    for each in hardware.command_interfaces:
+        each.enabled = False
+    for each in hardware.state_interfaces:
+        each.value = math.nan
+    for step in range(2, 6):
+        control.update(step * STEP, 0.01)
+    assert made.state is ControllerState.ACTIVE
+    assert set(velocities(hardware)) == {0.0}
+    assert all(map(math.isnan, angles(hardware))), "the hardware holds where the joint is"
+    with pytest.raises(ControlError, match="not enabled"):
+        control.command("base", twist(made), 6 * STEP)
+    for each in hardware.command_interfaces:
+        each.enabled = True
+    for each in hardware.state_interfaces:
+        each.value = 7.0  # wherever the wheels have got to: no way
+    before = (made.pose.x, made.pose.y, made.pose.heading)
+    control.update(7 * STEP, 0.01)
+    assert (made.pose.x, made.pose.y, made.pose.heading) == before
+    assert set(velocities(hardware)) == {0.0}, "nothing moves without a newer command"
+    for each in hardware.state_interfaces:
+        each.value = 0.0
+    control.command("base", twist(made), 7 * STEP)
+    control.update(8 * STEP, 0.01)
+    assert any(velocities(hardware))
+
+
+@each_base
+def test_drives_that_run_without_feedback_are_an_error(kind):
+    hardware, control, made = active(kind)
+    control.command("base", twist(made), 0)
+    hardware.state_interfaces[0].value = hardware.state_interfaces[1].value = math.nan
+    assert made.update(STEP, 0.01) is ReturnType.ERROR
+    assert "is not a number" in control.events()[-1].text
+
+
+@each_base
+def test_another_controller_drives_it_by_its_references(kind):
+    hardware, control, made = base(kind)
+    names = [each.name.removesuffix("/velocity") for each in made.reference_interfaces()]
+    for index, joint in enumerate(names):
+        add(control, f"axis{index}", FORWARD, joints=[joint], interface_name="velocity")
+    others = [f"axis{index}" for index in range(len(names))]
+    control.switch([*others, "base"], now=0)
+    control.update(STEP, 0.01)
+    assert set(velocities(hardware)) == {0.0}
+    with pytest.raises(ControlError, match="is commanded by axis0"):
+        control.command("base", twist(made), 0)
+    for other, value in zip(others, twist(made), strict=True):
+        control.command(other, [value], STEP)
+    control.update(2 * STEP, 0.01)
+    assert any(velocities(hardware))
+    control.switch(deactivate=others, now=2 * STEP)
+    control.update(3 * STEP, 0.01)
+    assert set(velocities(hardware)) == {0.0}
+
+
+@each_base
+def test_a_wheel_that_cannot_turn_so_fast_refuses_the_twist(kind):
+    hardware, control, made = active(kind)
+    control.command("base", twist(made), 0)
+    control.update(STEP, 0.01)
+    hardware.command_interfaces[0].highest = 1.0
+    hardware.command_interfaces[0].lowest = -1.0
+    with pytest.raises(ControlError, match="cannot send"):
+        control.command("base", [5.0 * each for each in twist(made)], STEP)
+    assert set(velocities(hardware)) == {0.0}
+
+
+@each_base
+def test_the_pose_can_be_set(kind):
+    _, control, made = active(kind)
+    made.set_odometry(1.0, 2.0, 0.5)
+    control.update(STEP, 0.01)
+    sample = made.sample(0)
+    assert (sample.x, sample.y, sample.heading) == (1.0, 2.0, 0.5)
+
+
+@each_base
+def test_it_says_that_it_is_a_base(kind):
+    _, control, made = base(kind)
+    reading = control.list()[0]
+    assert reading.is_base
+    assert reading.twist_axes == made.twist_axes
+    assert reading.drives_sideways is ("linear.y" in made.twist_axes)
+    assert made.wheel_base().base_frame == "base_link"

@@ -1,0 +1,52 @@
+from __future__ import annotations
+
+import pytest
+from support.bases import OMNI, PARAMS
+
+from canopen_control.controllers.omni_params import read_params
+from canopen_control.controllers.params import Params
+from canopen_control.errors import RobotConfigError
+
+
+def read(**changes):
+    return read_params(Params.of({**PARAMS[OMNI], **changes}, "base"))
+
+
+def test_defaults_are_upstreams():
+    given = read()
+    assert (given.cmd_vel_timeout, given.open_loop, given.position_feedback, given.enable_odom_tf) == (
+        0.5,
+        False,
+        True,
+        True,
+    )
+    assert given.pose_covariance_diagonal == (0.0,) * 6
+
+
+def test_covariances_have_upstreams_keys():
+    given = read(**{"diagonal_covariance.pose": [0.1] * 6, "diagonal_covariance.twist": [0.2] * 6})
+    assert (given.pose_covariance_diagonal, given.twist_covariance_diagonal) == ((0.1,) * 6, (0.2,) * 6)
+
+
+def test_frames_have_the_prefix():
+    assert read(tf_frame_prefix="r1").frame_ids() == ("r1/odom", "r1/base_link")
+
+
+def test_it_says_all_that_is_missing_at_once():
+    with pytest.raises(RobotConfigError) as error:
+        read_params(Params.of({}, "base"))
+    assert len(str(error.value).splitlines()) == 4
+
+
+@pytest.mark.parametrize(
+    ("changes", "text"),
+    [
+        ({"wheel_names": ["a", "b"]}, "wheel_names has 2 joints; give 3 or more"),
+        ({"wheel_names": ["a", "b", "a"]}, "names one twice: a"),
+        ({"robot_radius": 0.0}, "robot_radius is missing or 0"),
+        ({"cmd_vel_timeout": -0.1}, "out of range"),
+    ],
+)
+def test_it_refuses_what_cannot_be(changes, text):
+    with pytest.raises(RobotConfigError, match=text):
+        read(**changes)

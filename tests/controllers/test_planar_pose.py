@@ -1,0 +1,55 @@
+from __future__ import annotations
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from canopen_control.controllers.planar_pose import PlanarPose, RollingMean, quotient
+
+
+def test_a_whole_circle_ends_where_it_began():
+    pose = PlanarPose()
+    pose.set_pose(1.0, 2.0, 0.3)
+    for _ in range(8):
+        pose.drive(0.5, math.pi / 4)
+    assert (pose.x, pose.y, pose.heading) == pytest.approx((1.0, 2.0, 0.3 + math.tau))
+
+
+@given(st.floats(-1.0, 1.0), st.floats(-1.0, 1.0))
+def test_a_shift_straight_on_is_a_drive(way, turn):
+    one, other = PlanarPose(), PlanarPose()
+    one.drive(way, turn)
+    other.shift(way, 0.0, turn)
+    assert (one.x, one.y, one.heading) == pytest.approx((other.x, other.y, other.heading), abs=1e-6)
+
+
+def test_a_shift_to_the_left_goes_by_the_heading():
+    pose = PlanarPose()
+    pose.set_pose(0.0, 0.0, math.pi / 2)
+    pose.shift(0.0, 1.0, 0.0)
+    assert (pose.x, pose.y) == pytest.approx((-1.0, 0.0), abs=1e-12)
+
+
+def test_a_mean_is_of_the_last_values():
+    mean = RollingMean(2)
+    assert mean.mean == 0.0
+    for value in (1.0, 2.0, 4.0):
+        mean.add(value)
+    assert mean.mean == 3.0
+    mean.clear()
+    assert mean.mean == 0.0
+
+
+@pytest.mark.parametrize(
+    ("dividend", "divisor", "wanted"),
+    [(6.0, 2.0, 3.0), (1.0, 0.0, math.inf), (1.0, -0.0, -math.inf), (-1.0, 0.0, -math.inf)],
+)
+def test_a_quotient_is_that_of_the_standard(dividend, divisor, wanted):
+    assert quotient(dividend, divisor) == wanted
+
+
+@pytest.mark.parametrize("dividend", [0.0, -0.0, math.nan])
+def test_nothing_by_nothing_is_no_number(dividend):
+    assert math.isnan(quotient(dividend, 0.0))

@@ -1,0 +1,88 @@
+from __future__ import annotations
+
+import math
+
+import pytest
+from support.bases import ACKERMANN, BICYCLE, TRICYCLE, base
+from support.control import S
+
+STEP = S // 100
+
+
+@pytest.mark.parametrize("kind", [BICYCLE, TRICYCLE, ACKERMANN])
+def test_its_interfaces_are_upstreams(kind):
+    _, _, made = base(kind, position_feedback=True)
+    traction, steering = made.params.traction_joints_names, made.params.steering_joints_names
+    assert made.command_interface_names() == [
+        *(f"{each}/velocity" for each in traction),
+        *(f"{each}/position" for each in steering),
+    ]
+    assert made.state_interface_names() == [f"{each}/position" for each in (*traction, *steering)]
+    assert [each.name for each in made.reference_interfaces()] == ["base/linear/velocity", "base/angular/velocity"]
+
+
+def play(kind, seconds, twist, **params):
+    """Drive wheels that do what they are told, their steering at 1 rad/s; return the hardware and the base."""
+    hardware, control, made = base(kind, **params)
+    control.switch(["base"], now=0)
+    for step in range(round(seconds * 100)):
+        control.command("base", twist, step * STEP)
+        control.update(step * STEP, 0.01)
+        for each in hardware.command_interfaces:
+            state = next(one for one in hardware.state_interfaces if one.name == f"{each.joint}/position")
+            if each.interface == "velocity":
+                hardware.set(f"{each.joint}/velocity", each.value)
+                state.value += each.value * 0.01
+            else:
+                state.value += max(min(each.value - state.value, 0.01), -0.01)
+    return hardware, made
+
+
+@pytest.mark.parametrize("kind", [BICYCLE, TRICYCLE, ACKERMANN])
+@pytest.mark.parametrize("feedback", [False, True])
+def test_a_circle_that_is_commanded_is_the_one_that_is_told(kind, feedback):
+    _, made = play(kind, 10.0, [0.5, 0.25], position_feedback=feedback)
+    sample = made.sample(0)
+    assert (sample.linear, sample.angular) == (pytest.approx(0.5, rel=0.01), pytest.approx(0.25, rel=0.01))
+    radius = math.hypot(sample.x, sample.y) / 2.0 / math.sin(sample.heading / 2.0)
+    assert radius == pytest.approx(2.0, rel=0.1)  # until the steering was there it went straight
+
+
+def test_open_loop_believes_the_twist():
+    _, made = play(TRICYCLE, 2.0, [0.5, 0.0], open_loop=True)
+    assert made.pose.x == pytest.approx(0.5 * 1.99)
+
+
+def test_a_twist_of_zeros_that_is_commanded_steers_straight():
+    hardware, _ = play(TRICYCLE, 1.0, [0.5, 0.25])
+    assert hardware.values()[2] == pytest.approx(math.atan(0.25 * 1.2 / 0.5))
+    hardware, _ = play(TRICYCLE, 1.0, [0.0, 0.0])
+    assert hardware.values() == [0.0, 0.0, 0.0]
+
+
+def test_wheels_wait_for_the_steering_where_that_is_wanted():
+    turn = [0.2, 1.0]
+    eager, _ = play(TRICYCLE, 0.02, turn)
+    careful, _ = play(TRICYCLE, 0.02, turn, reduce_wheel_speed_until_steering_reached=True)
+    assert 0.0 < careful.values()[0] < 0.3 * eager.values()[0]
+
+
+@pytest.mark.parametrize("feedback", [False, True])
+def test_its_sample_tells_wheels_and_commands(feedback):
+    hardware, made = play(TRICYCLE, 1.0, [0.5, 0.0], position_feedback=feedback)
+    sample = made.sample(0)
+    assert sample.steering == [0.0]
+    assert sample.traction_commands == hardware.values()[:2] == [5.0, 5.0]
+    assert sample.steering_commands == [0.0]
+    told, silent = sample.traction_velocities, sample.traction_positions
+    if feedback:
+        told, silent = silent, told
+    assert silent == []
+    assert told == pytest.approx([4.95, 4.95] if feedback else [5.0, 5.0])
+
+
+def test_what_check_is_told_of_its_wheels():
+    _, _, made = base(ACKERMANN)
+    wheels = made.wheel_base()
+    assert (wheels.left, wheels.right, wheels.separation, wheels.radius) == (("l",), ("r",), 0.8, 0.1)
+    assert (wheels.radius_key, wheels.separation_key) == ("traction_wheels_radius", "traction_track_width")

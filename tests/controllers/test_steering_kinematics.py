@@ -1,0 +1,85 @@
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from support.bases import cases, differences
+
+from canopen_control.controllers.steering_kinematics import (
+    AckermannKinematics,
+    BicycleKinematics,
+    SteeringKinematics,
+    TricycleKinematics,
+)
+
+KINDS = {"bicycle": BicycleKinematics, "tricycle": TricycleKinematics, "ackermann": AckermannKinematics}
+
+
+def made(given: dict[str, Any]) -> SteeringKinematics:
+    track = given.get("wheel_track", 0.0)
+    return KINDS[given["type"]](
+        given["wheel_radius"],
+        given["wheel_base"],
+        given.get("wheel_track_traction", track),
+        given.get("wheel_track_steering", track),
+        given.get("velocity_rolling_window_size", 10),
+    )
+
+
+def step(base: SteeringKinematics, verb: str, *values: Any) -> dict[str, Any]:
+    """Do a step of a case and return what is so then."""
+    found: dict[str, Any] = {}
+    if verb in ("vel", "pos"):
+        feedback, dt = values
+        follow = base.update_velocity if verb == "vel" else base.update_position
+        traction, steering = feedback[: base.traction_count], feedback[base.traction_count :]
+        found["updated"] = follow(traction, steering, dt)
+    elif verb == "open":
+        base.update_open_loop(*values)
+    elif verb == "window":
+        base.set_window(*values)
+    elif verb == "reset":
+        base.reset()
+    else:
+        base.command(*values)
+    names = ("x", "y", "heading", "linear", "angular", "traction", "steering")
+    return found | {name: getattr(base, name) for name in names}
+
+
+@pytest.mark.parametrize("case", cases("steering_kinematics"), ids=lambda case: f"{case['index']} {case['name']}")
+def test_it_steers_and_follows_as_upstream_does(case):
+    base = made(case["in"])
+    for (verb, *values), wanted in zip(case["in"]["steps"], case["expect"]["steps"], strict=True):
+        assert not differences(step(base, verb, *values), wanted, case["tolerance"]), verb
+
+
+@pytest.mark.parametrize("kind", list(KINDS.values()))
+@given(
+    linear=st.floats(0.05, 3.0) | st.floats(-3.0, -0.05),
+    curvature=st.floats(-0.4, 0.4),
+)
+def test_wheels_that_do_what_they_are_told_drive_the_twist(kind, linear, curvature):
+    base = kind(0.1, 1.2, 0.8, 0.7)
+    angular = linear * curvature
+    base.command(linear, angular, open_loop=True)
+    base.update_velocity(base.traction, base.steering, 0.01)
+    assert base.linear == pytest.approx(linear, rel=1e-6)
+    # the curve of a steered wheel below 1e-6 rad is none
+    assert base.angular == pytest.approx(angular, rel=1e-6, abs=1e-5)
+
+
+def test_the_first_position_is_where_it_starts_from_once_that_is_said():
+    base = TricycleKinematics(0.1, 1.2, 0.8)
+    base.begin([40.0, -7.0])
+    base.update_position([40.0, -7.0], [0.2], 0.01)
+    assert (base.x, base.y, base.linear) == (0.0, 0.0, 0.0)
+
+
+def test_two_traction_wheels_stand_where_only_a_turn_is_wanted():
+    base = TricycleKinematics(0.1, 1.2, 0.8)
+    base.command(0.0, 1.0, open_loop=True)
+    assert base.traction == [0.0, 0.0]
+    assert base.steering == [math.pi / 2]

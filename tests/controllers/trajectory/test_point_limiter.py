@@ -1,0 +1,48 @@
+from __future__ import annotations
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from support.control import vectors
+from support.joint_limits import hard
+from support.trajectories import QUANTITIES, close, point
+
+from canopen_control.controllers.trajectory.point import Point
+from canopen_control.controllers.trajectory.point_limiter import PointLimiter
+from canopen_control.urdf.joint_element import HardLimits
+
+CASES = vectors("joint_trajectory_point_limiter", "joint_limits.json")
+
+
+@pytest.mark.parametrize("case", CASES, ids=[each["name"] for each in CASES])
+def test_points_are_limited_as_by_ros2_control(case):
+    limiter = PointLimiter([hard(each) for each in case["in"]["limits"]])
+    for step, wanted in zip(case["in"]["steps"], case["expect"]["steps"], strict=True):
+        desired = point(step[1])
+        assert limiter.enforce(point(step[0]), desired, step[2]) is wanted["limited"]
+        for key in QUANTITIES:
+            assert close(getattr(desired, key), wanted["command"].get(key, []), case["tolerance"]), (key, step)
+
+
+def test_a_joint_that_rests_where_it_is_needs_no_brake():
+    limiter, desired = PointLimiter([HardLimits(-1.0, 1.0)]), Point([0.5], [0.0])
+    assert limiter.enforce(Point([0.5], [0.0]), desired, 0.01) is False
+    assert (desired.positions, desired.velocities) == ([0.5], [0.0])
+
+
+numbers = st.floats(-5, 5)
+
+
+@given(st.lists(st.tuples(numbers, numbers, numbers, numbers), min_size=1, max_size=4), st.floats(0.001, 0.1))
+def test_no_point_is_beyond_what_the_limits_allow_in_a_period(joints, period):
+    limits = [HardLimits(max_velocity=2.0, max_acceleration=4.0)] * len(joints)
+    speeds = [max(-2.0, min(2.0, each[1])) for each in joints]
+    actual = Point([each[0] for each in joints], speeds)
+    desired = Point([each[2] for each in joints], [each[3] for each in joints])
+    PointLimiter(limits).enforce(actual, desired, period)
+    for index, velocity in enumerate(desired.velocities):
+        assert abs(velocity) <= 2.0 + 1e-9
+        assert abs(velocity - speeds[index]) <= 4.0 * period + 1e-9
+        assert math.isfinite(desired.positions[index])

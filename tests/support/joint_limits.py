@@ -1,0 +1,54 @@
+"""Limits and commands of the golden vectors of joint limiters."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from support.control import vectors
+
+from canopen_control.hardware.joint_limiter import NOTHING, QUANTITIES
+from canopen_control.urdf.joint_element import HardLimits
+
+
+def limiter_cases(kind: str) -> list[Any]:
+    """Return the cases of a limiter of one joint, `saturation` or `soft`."""
+    return [each for each in vectors("joint_limiter", "joint_limits.json") if each["in"]["kind"] == kind]
+
+
+def hard(values: dict[str, float]) -> HardLimits:
+    return HardLimits(**values)
+
+
+def quantities(values: dict[str, float]) -> list[float]:
+    found = list(NOTHING)
+    for name, value in values.items():
+        found[QUANTITIES.index(name)] = value
+    return found
+
+
+def replay(limiter: Any, case: dict[str, Any]) -> None:
+    """Do the steps of a case, and assert what it expects of each."""
+    for step, wanted in zip(case["in"]["steps"], case["expect"]["steps"], strict=True):
+        if step == ["reset"]:
+            limiter.reset()
+            continue
+        actual, desired = quantities(step[0]), quantities(step[1])
+        if "error" in wanted:
+            assert wanted["error"] == "position_out_of_bounds"
+            with_error(limiter, actual, desired, step[2])
+            continue
+        assert limiter.enforce(actual, desired, step[2]) is wanted["limited"], (case["name"], step)
+        expected = quantities(wanted["command"])
+        for found, value in zip(desired, expected, strict=True):
+            same = found != found or abs(found - value) <= case["tolerance"] * max(1.0, abs(value))
+            assert same, (case["name"], step, desired, expected)
+            assert (found != found) == (value != value)
+
+
+def with_error(limiter: Any, actual: list[float], desired: list[float], period: float) -> None:
+    import pytest
+
+    from canopen_control.errors import ControlError
+
+    with pytest.raises(ControlError, match="outside of its range"):
+        limiter.enforce(actual, desired, period)

@@ -1,0 +1,76 @@
+"""The messages that rosbags does not know; see test_bag for a bag of a run."""
+
+import json
+import math
+from pathlib import Path
+
+import pytest
+from support.samples import sample_of
+from support.trajectories import close
+
+from canopen_control.rpc.messages.samples import PidSample, TrajectorySample
+from canopen_control.trace.bag import BagWriter
+from canopen_control.trace.bag_messages import BagMessages
+
+rosbags = pytest.importorskip("rosbags.rosbag2", reason="rosbags is not installed: pip install canopen-control[bag]")
+
+POINT = {"positions": [1.0, 2.0], "velocities": [0.5, 0.25], "time_from_start": 1.25}
+TRAJECTORY = {
+    "kind": "trajectory", "time": 12.5, "joints": ["a", "b"], "executing": True, "holding": False, "reference": POINT,
+    "feedback": {"positions": [0.9, 2.1]}, "error": {"positions": [0.1, -0.1]}, "output": POINT,
+    "speed_scaling_factor": 0.5,
+}  # fmt: skip
+LOOPS = {
+    "kind": "pid", "time": 13.0,
+    "dofs": [{"name": "a", "reference": 1.0, "feedback": None, "feedback_dot": None, "error": None, "error_dot": None,
+              "time_step": 0.01, "output": 4.0}],
+}  # fmt: skip
+STATE = {"time": 14.0, "joints": {}, "nodes": {}, "controllers": {}, "state": "running"}
+
+
+@pytest.fixture
+def found(tmp_path):
+    """What a bag holds of two controllers that were looked at twice, by topic."""
+    ros = BagMessages()
+    with BagWriter(tmp_path / "bag", "arm") as writer:
+        state = sample_of({**STATE, "samples": {"arm": TRAJECTORY, "loops": LOOPS}})
+        writer.state(state)
+        writer.state(state)
+    topics = {}
+    with rosbags.Reader(tmp_path / "bag") as reader:
+        for connection, stamp, data in reader.messages():
+            message = None
+            if connection.topic.endswith("controller_state"):
+                message = ros.store.deserialize_cdr(data, connection.msgtype)
+            topics.setdefault(connection.topic, []).append((connection, stamp, message))
+    return topics
+
+
+def test_a_trajectory_controllers_state_is_upstreams_message(found):
+    ((connection, stamp, message),) = found["/arm/controller_state"]
+    assert connection.msgtype == "control_msgs/msg/JointTrajectoryControllerState"
+    assert stamp == 12_500_000_000
+    assert (message.joint_names, message.speed_scaling_factor) == (["a", "b"], 0.5)
+    assert close(list(message.reference.velocities), [0.5, 0.25])
+    assert close(list(message.error.positions), [0.1, -0.1])
+    assert (message.output.time_from_start.sec, message.output.time_from_start.nanosec) == (1, 250_000_000)
+    assert len(message.feedback.velocities) == 0
+
+
+def test_a_pid_controllers_state_has_nan_for_what_is_not_known(found):
+    ((connection, stamp, message),) = found["/loops/controller_state"]
+    assert (connection.msgtype, stamp) == ("control_msgs/msg/MultiDOFStateStamped", 13_000_000_000)
+    (dof,) = message.dof_states
+    assert (dof.name, dof.reference, dof.time_step, dof.output) == ("a", 1.0, 0.01, 4.0)
+    assert math.isnan(dof.feedback)
+
+
+def test_the_types_are_upstreams_by_their_hashes():
+    hashes = json.loads((Path(__file__).parents[1] / "data" / "control_msgs_hashes.json").read_text())
+    store = BagMessages().store
+    for name in ("JointTrajectoryControllerState", "MultiDOFStateStamped"):
+        assert store.hash_rihs01(f"control_msgs/msg/{name}") == hashes[f"control_msgs/msg/{name}"]
+
+
+def test_every_kind_has_its_message():
+    assert set(BagMessages().states) == {TrajectorySample, PidSample}
