@@ -8,6 +8,7 @@ which is told with its line instead of guessed.
 from __future__ import annotations
 
 import ast
+import shlex
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final
 
@@ -142,6 +143,9 @@ class _Reader:
 
     def _files(self, node: ast.AST) -> None:
         """Collect what names a file, whole paths only, and the commands."""
+        if isinstance(node, ast.Call) and _called(node) == "process_file" and (text := self._processed(node)):
+            self.launch.found.append(LaunchText(text, node.lineno))
+            return
         if isinstance(node, ast.expr) and not isinstance(node, ast.Name):
             text = self.text(node)
             if text is not None and (text.endswith(_SUFFIXES) or _is_command(node)):
@@ -151,6 +155,21 @@ class _Reader:
                 self.launch.computed.append((node.lineno, "a command"))
         for child in ast.iter_child_nodes(node):
             self._files(child)
+
+    def _processed(self, call: ast.Call) -> str | None:
+        """Return xacro.process_file(FILE, mappings={NAME: VALUE}) as the command that does the same."""
+        file = self.text(call.args[0]) if call.args else None
+        given = _keyword(call, "mappings")
+        given = self._names.get(given.id) if isinstance(given, ast.Name) else given
+        words = ["xacro", file]
+        for key, value in zip(given.keys, given.values, strict=True) if isinstance(given, ast.Dict) else ():
+            name, text = None if key is None else self.text(key), self.text(value)
+            if name is None or text is None:
+                self.launch.computed.append((value.lineno, "an argument of xacro"))
+            else:
+                words.append(f"{name}:={shlex.quote(text) if ' ' in text and '$(' not in text else text}")
+        known = [each for each in words if each is not None]
+        return " ".join(known) if len(known) == len(words) else None
 
     # --- texts ---
 
