@@ -24,7 +24,8 @@ _NODES: Final = ("Node", "LifecycleNode", "ComposableNodeContainer")
 _PACKAGE_CALLS: Final = ("FindPackageShare", "FindPackage", "get_package_share_directory", "get_package_share_path")
 _THROUGH: Final = ("ParameterValue", "TextSubstitution", "str", "Path", "PythonLaunchDescriptionSource", "Command",
                    "AnyLaunchDescriptionSource", "XMLLaunchDescriptionSource", "ParameterFile")  # fmt: skip
-_DEEPEST: Final = 40  # names that stand for names
+_DEEPEST: Final = 40  # expressions in expressions
+_LONGEST: Final = 20_000  # letters of a text
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,6 +87,7 @@ class _Reader:
     def __init__(self, tree: ast.Module) -> None:
         self._tree, self._depth = tree, 0
         self._names = _assigned_once(tree)
+        self._texts: dict[str, str | None] = {}
         self.launch = PythonLaunch()
 
     def read(self) -> None:
@@ -187,12 +189,18 @@ class _Reader:
         """Return texts one after the other."""
         texts = [self.text(each) for each in nodes]
         known = [each for each in texts if each is not None]
-        return between.join(known) if len(known) == len(texts) else None
+        if len(known) < len(texts) or sum(map(len, known)) > _LONGEST:
+            return None
+        return between.join(known)
 
     def name(self, node: ast.expr) -> str | None:
         """Return what a name stands for that is assigned once."""
-        value = self._names.get(node.id) if isinstance(node, ast.Name) else None
-        return None if value is None else self.text(value)
+        if not isinstance(node, ast.Name) or node.id not in self._names:
+            return None
+        if node.id not in self._texts:  # worked out once: names that double each other would take for ever
+            self._texts[node.id] = None  # one that stands for itself stands for nothing
+            self._texts[node.id] = self.text(self._names[node.id])
+        return self._texts[node.id]
 
     def call(self, node: ast.expr) -> str | None:
         """Return what a substitution of launch, or a function of paths, makes."""

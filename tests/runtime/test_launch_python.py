@@ -101,6 +101,12 @@ def test_names_that_stand_for_each_other_end():
     assert texts('A = B\nB = A\nx(A + ".yaml")\n') == [".yaml"]
 
 
+def test_names_that_double_each_other_end_too():
+    lines = [f"A{n} = A{n - 1} + A{n - 1}\n" for n in range(1, 39)]
+    assert texts("".join(['A0 = "ab"\n', *lines, 'x(A38 + ".yaml")\n'])) == [".yaml"]
+    assert texts("".join(['A0 = "ab"\n', *lines, 'x(A2 + ".yaml")\n'])) == ["abababab.yaml"]
+
+
 @pytest.mark.parametrize(("source", "line"), [("def f(:\n", 1), ("x = 1\n  y = 2\n", 2), ("a\0b", 1)])
 def test_what_is_no_python_says_where(source, line):
     with pytest.raises(RobotConfigError, match=rf"x\.launch\.py:{line}: no Python: "):
