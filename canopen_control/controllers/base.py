@@ -144,6 +144,8 @@ class Controller:
     """The axes of the twists that a base takes, such as "linear.x"; empty if it takes values of joints."""
     independent: ClassVar[bool] = False
     """Whether each of its interfaces has a value of its own: one stop group of them may go on without another."""
+    settable: ClassVar[tuple[str, ...]] = ()
+    """The parameters that `on_set` takes while it is configured: patterns of dotted names, `gains.*`."""
     topic: ClassVar[str | None] = None
     tells: ClassVar[type[Sample] | None] = None
 
@@ -179,6 +181,12 @@ class Controller:
     def on_configure(self, params: Params) -> None:
         """Read the parameters; raise ConfigError with every mistake in them."""
         self.update_rate = params.read(CommonParams).update_rate
+
+    def on_set(self, params: Params) -> None:
+        """Take `settable` parameters that have changed, in any state; raise ConfigError, and keep what was, if wrong.
+
+        An override reads all of them, as `on_configure` does, before it changes anything.
+        """
 
     def command_interface_names(self) -> list[str]:
         """Return what it claims when active, as "joint/interface"."""

@@ -20,9 +20,9 @@ from canopen_control.yamlfile.node import Node
 from canopen_control.yamlfile.reader import tree
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
-__all__ = ["ControllerConfig", "ControllersFile", "read_controllers"]
+__all__ = ["ControllerConfig", "ControllersFile", "from_file", "node_options_mistake", "read_controllers"]
 
 PARAMETERS: Final = "ros__parameters"
 MANAGER: Final = "controller_manager"
@@ -33,8 +33,8 @@ EVERYWHERE: Final = "/**"
 class ControllerConfig:
     """One controller of the file: `type` is "" if the file names none; `line` is where its type stands.
 
-    `fallbacks` take over when it fails. `namespace` and `block_line` are those of its parameters; `ros1` says that they
-    are written as in ROS 1, without `ros__parameters`.
+    `fallbacks` take over when it fails, `node_options` are the arguments of its ROS node. `namespace` and `block_line`
+    are those of its parameters; `ros1` says that they are written as in ROS 1, without `ros__parameters`.
     """
 
     name: str
@@ -46,6 +46,7 @@ class ControllerConfig:
     namespace: str = ""
     ros1: bool = False
     block_line: int = 0
+    node_options: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -122,13 +123,14 @@ class _Block:
 
 @dataclass(frozen=True)
 class _Declared:
-    """A controller that the manager's block names: type, further parameters, files of parameters, fallbacks."""
+    """A controller that the manager's block names: type, further parameters, files of them, fallbacks, node options."""
 
     key: Node
     type: str
     further: Node
     files: tuple[tuple[Node, str], ...]
     fallbacks: tuple[str, ...]
+    node_options: tuple[str, ...]
 
 
 def read_controllers(path: str | os.PathLike[str], *, strict: bool = False) -> ControllersFile:
@@ -210,7 +212,8 @@ def _manager(flat: Node, root: Node) -> tuple[dict[str, _Declared], ManagerParam
             files, fallbacks = _texts(pairs, f"{name}.params_file"), _texts(pairs, f"{name}.fallback_controllers")
             further = _below(flat, pairs, name)
             told = tuple(text for _, text in fallbacks)
-            declared[name] = _Declared(key, convert(value, str, ""), further, files, told)
+            options = _node_options(_texts(pairs, f"{name}.node_options_args"))
+            declared[name] = _Declared(key, convert(value, str, ""), further, files, told, options)
     for dotted, pair in pairs.items():
         foreign = dotted.startswith((*_IGNORED, *(f"{name}." for name in declared)))
         if dotted in _INITIAL_STATES or not foreign:
@@ -228,6 +231,24 @@ def _texts(pairs: Mapping[str, tuple[Node, Node]], name: str) -> tuple[tuple[Nod
     _, node = pairs[name]
     places = node.elements() if node.kind == "sequence" else [node]
     return tuple((place, text) for place in places if (text := convert(place, str, "")))
+
+
+def _node_options(given: tuple[tuple[Node, str], ...]) -> tuple[str, ...]:
+    texts = tuple(text for _, text in given)
+    if (mistake := node_options_mistake(texts)) is not None:
+        given[0][0].error(f"node_options_args: {mistake}")
+    return texts
+
+
+def node_options_mistake(arguments: Sequence[str]) -> str | None:
+    """Say what of the arguments of a controller's ROS node cannot be used, None if all are remappings."""
+    words = [each for each in arguments if each != "--ros-args"]
+    for option, rule in zip(words[::2], [*words[1::2], ""], strict=False):
+        if option not in ("-r", "--remap"):
+            return f"{option!r} is no remapping; give -r FROM:=TO here, and parameters in params_file"
+        if ":=" not in rule:
+            return f"{rule!r} after {option} is no remapping; give FROM:=TO"
+    return None
 
 
 def _below(flat: Node, pairs: dict[str, tuple[Node, Node]], name: str) -> Node:
@@ -248,8 +269,9 @@ def _controllers(
         block = blocks.get(name, _Block(each.key, like(each.further)))
         values = block.value.over(each.further).over(everywhere)
         for place, text in each.files:
-            values = _from_file(place, text, name).over(values)
-        found[name] = _config(name, each.type, each.key, values, block, each.fallbacks)
+            values = from_file(place, text, name).over(values)
+        config = _config(name, each.type, each.key, values, block, each.fallbacks)
+        found[name] = dataclasses.replace(config, node_options=each.node_options)
     for name, block in blocks.items():
         type_node = block.value.get("type")
         if name in found:
@@ -270,7 +292,7 @@ def _check_fallbacks(declared: dict[str, _Declared], found: dict[str, Controller
                 each.key.error(f"fallback_controllers of {name}: no controller {fallback!r}{nearest(fallback, found)}")
 
 
-def _from_file(place: Node, text: str, name: str) -> Node:
+def from_file(place: Node, text: str, name: str) -> Node:
     """Return the parameters of a controller in a `params_file`, sought beside the file that names it."""
     path = Path(place.path).parent / Path(os.path.expandvars(text)).expanduser()
     blocks: dict[str, _Block] = {}

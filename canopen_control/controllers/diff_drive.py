@@ -42,6 +42,9 @@ class DiffDriveController(MobileBase):
 
     zero_is_never: ClassVar[bool] = True
     waits_for_a_twist: ClassVar[bool] = True
+    settable: ClassVar[tuple[str, ...]] = (
+        "cmd_vel_timeout", "enable_odom_tf", "publish_limited_velocity", "linear.x.*", "angular.z.*",
+    )  # fmt: skip
 
     def __init__(self, name: str, type_name: str = "diff_drive_controller/DiffDriveController") -> None:
         self.odometry = Odometry(1.0, 1.0, 1.0)
@@ -73,6 +76,12 @@ class DiffDriveController(MobileBase):
         self._side = len(given.left)
         limits = (given.linear, given.angular)
         self.set_up(given, given.cmd_vel_timeout, len(self.joints), limits, given.publish_rate)
+
+    def on_set(self, params: Params) -> None:
+        """Take other limits, another timeout, other things to publish, from the next update on."""
+        given = read_params(params, self.geometry)
+        self.take(given, given.cmd_vel_timeout, (given.linear, given.angular))
+        self.params = given
 
     def command_interface_names(self) -> list[str]:
         """Return the velocity of every wheel, the left ones first."""

@@ -140,6 +140,7 @@ def read_params(
         both = given.wheel_radius_multiplier
         given = replace(given, left_wheel_radius_multiplier=both, right_wheel_radius_multiplier=both)
     refuse(params.name, _checks(given))
+    params.taken = given
     return given
 
 

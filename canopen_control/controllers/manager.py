@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Protocol
 
 from canopen_control.controllers.base import Controller, ControllerEvent, ControllerState, not_enabled, twist_axes_of
 from canopen_control.controllers.chain import joints_of
+from canopen_control.controllers.declared import checked, declared_by, given_in
 from canopen_control.controllers.params import Params
 from canopen_control.controllers.running import RunningControllers
 from canopen_control.controllers.switcher import Switched, Switcher
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
         HardwareComponent,
         InterfaceRegistry,
     )
+    from canopen_control.rpc.messages.parameters import ParameterReading, ParameterValue
     from canopen_control.urdf.joint_element import Joint
 
 __all__ = ["ControllerEvent", "ControllerManager", "Switched"]
@@ -43,6 +45,7 @@ Events = tuple[ControllerEvent, ...]
 Names = list[str]
 Running = tuple[Controller, ...]
 Bases = dict[str, tuple[str, ...]]
+Parameters = tuple["ParameterReading", ...]
 
 
 def _why_waiting(ends: Sequence[CommandInterface]) -> NotEnabled:
@@ -89,6 +92,7 @@ class ControllerManager:
         self._controllers: dict[str, Controller] = {}
         self._params: dict[str, Params] = {}
         self._fallbacks: dict[str, tuple[str, ...]] = {}
+        self._node_options: dict[str, tuple[str, ...]] = {}
         self._events: list[ControllerEvent] = []
         self.running = RunningControllers(update_rate, cycle or 1.0 / update_rate, self._events)
         self._switcher = Switcher(registry, self._controllers, self.running, self._events)
@@ -96,11 +100,17 @@ class ControllerManager:
     # ------------------------------------------------------------------------------------------------- lifecycle
 
     def load(
-        self, name: str, type_name: str, params: Params | None = None, fallbacks: Sequence[str] = ()
+        self,
+        name: str,
+        type_name: str,
+        params: Params | None = None,
+        fallbacks: Sequence[str] = (),
+        node_options: Sequence[str] = (),
     ) -> Controller:
         """Make a controller of a known type, UNCONFIGURED; `params` are kept for `configure`. Raises ControlError.
 
-        `fallbacks` are activated when its update fails; they must be configured by then.
+        `fallbacks` are activated when its update fails; they must be configured by then. `node_options` are the
+        arguments of its ROS node.
         """
         if name in self._controllers:
             raise ControlError(f"controller {name} is loaded already; unload it first")
@@ -110,7 +120,7 @@ class ControllerManager:
         controller.explain = self._explain
         self._events += controller.notices
         controller.notices = self._events
-        self._fallbacks[name] = tuple(fallbacks)
+        self._fallbacks[name], self._node_options[name] = tuple(fallbacks), tuple(node_options)
         self._controllers[name] = controller
         self._params[name] = params or Params.of({}, name)
         return controller
@@ -146,6 +156,7 @@ class ControllerManager:
         controller.state = ControllerState.FINALIZED
         del self._controllers[name], self._params[name]
         self._fallbacks.pop(name, None)
+        self._node_options.pop(name, None)
 
     def get(self, name: str) -> Controller:
         """Return a loaded controller, or raise UnknownName with the names there are."""
@@ -186,6 +197,25 @@ class ControllerManager:
         self._events.clear()
         return events
 
+    # -------------------------------------------------------------------------------------------------- parameters
+
+    def parameters(self, name: str) -> Parameters:
+        """Return the parameters of a controller; UnknownName. Before it is configured they are those of the file."""
+        controller, params = self.get(name), self._params[name]
+        return given_in(params) if params.taken is None else declared_by(params.taken, controller.settable)
+
+    def set_parameters(self, name: str, wanted: Sequence[ParameterValue]) -> None:
+        """Set parameters while a controller is configured: all or none. Raises ControlError, ConfigError, UnknownName.
+
+        They are its own until it is unloaded, also when it is configured again.
+        """
+        controller = self.get(name)
+        values = checked(name, self.parameters(name), wanted)
+        changed = self._params[name].changed(values)
+        controller.on_set(changed)
+        self._params[name] = changed
+        self._tell("parameter_set", name, f"{name}: " + ", ".join(f"{key} is {value}" for key, value in values.items()))
+
     # --------------------------------------------------------------------------------------------------- switching
 
     def switch(
@@ -201,6 +231,10 @@ class ControllerManager:
         refused; if a controller fails to start, all of this request are deactivated and the ControlError says why.
         """
         return self._switcher.switch(activate, deactivate, self.running.now if now is None else now, strict=strict)
+
+    def leave_out(self, names: Sequence[str]) -> None:
+        """Tell that a best-effort switch leaves out names that nobody knows."""
+        self._tell("left_out", "", f"a switch leaves out what nobody knows: {', '.join(names)}; see: controller list")
 
     def deactivate_using(self, component: HardwareComponent, reason: str, now: int | None = None) -> Names:
         """Deactivate whoever commands a component that failed, with those chained to them; return their names.
@@ -326,6 +360,7 @@ class ControllerManager:
             is_broadcaster=controller.is_broadcaster,
             rejected=controller.rejected,
             update_rate=rate,
+            node_options=self._node_options.get(controller.name, ()),
             publish_rate=0.0 if controller.tells is None else min(controller.publish_rate or rate, rate),
         )
 

@@ -34,6 +34,9 @@ class MecanumDriveController(MobileBase):
     twist_axes: ClassVar[tuple[str, ...]] = HOLONOMIC
     references: ClassVar[tuple[str, ...]] = ("linear/x", "linear/y", "angular/z")
     timeout_key: ClassVar[str] = "reference_timeout"
+    settable: ClassVar[tuple[str, ...]] = (
+        "reference_timeout", "enable_odom_tf", "linear.x.*", "linear.y.*", "angular.z.*",
+    )  # fmt: skip
 
     def __init__(self, name: str, type_name: str = "mecanum_drive_controller/MecanumDriveController") -> None:
         self.kinematics = MecanumKinematics(1.0, 1.0)
@@ -59,6 +62,12 @@ class MecanumDriveController(MobileBase):
         self.pose = self.kinematics
         self.joints, self.interface = given.commanded, VELOCITY
         self.set_up(given, given.reference_timeout, len(self.joints), given.limits)
+
+    def on_set(self, params: Params) -> None:
+        """Take other limits and another timeout, from the next update on."""
+        given = read_params(params)
+        self.take(given, given.reference_timeout, given.limits)
+        self.params = given
 
     def command_interface_names(self) -> list[str]:
         """Return the velocity of every wheel, from the front left one with the clock."""

@@ -95,11 +95,18 @@ class MobileBase(Controller):
         limits: Sequence[AxisLimits] = (),
         publish_rate: float = 0.0,
     ) -> None:
-        """Take what every base has of its parameters: `timeout` in s, how many `commands`, limits of each axis."""
+        """Take what every base has of its parameters: how many `commands`, and see `take`."""
+        self.take(given, timeout, limits)
+        self.update_rate, self.publish_rate = given.update_rate, publish_rate
+        self._publication.set_rate(publish_rate)
+        self.targets = [0.0] * commands
+
+    def take(self, given: BaseParams, timeout: float, limits: Sequence[AxisLimits] = ()) -> None:
+        """Take what may change while it runs: `timeout` in s, limits of each axis, what odometry says."""
+        axes = list(zip(self.twist_axes, limits, strict=False))
+        self._limiters[: len(axes)] = [_limiter(self.name, axis, each.limits()) for axis, each in axes]
         self._odometry_params = given
-        for index, (axis, each) in enumerate(zip(self.twist_axes, limits, strict=False)):
-            self._limiters[index] = _limiter(self.name, axis, each.limits())
-        for axis, each in zip(self.twist_axes, limits, strict=False):
+        for axis, each in axes:
             if each.freezes:
                 self.tell("parameter", f"{axis}.max_jerk: 0 keeps it from ever changing speed; remove it")
         self.life.limit_ns, self._once = round(timeout * NS), timeout == 0.0 and not self.zero_is_never
@@ -107,9 +114,6 @@ class MobileBase(Controller):
             self.tell(ONE_UPDATE, f"{self.timeout_key}: 0 lets a twist move it for one update; give a time in s")
         elif (text := endless(self.timeout_key, timeout, (VELOCITY,))) is not None:
             self.tell(ENDLESS, text)
-        self.update_rate, self.publish_rate = given.update_rate, publish_rate
-        self._publication.set_rate(publish_rate)
-        self.targets = [0.0] * commands
 
     def work_out(self, twist: Sequence[float]) -> None:
         """Fill `targets`, one for each command, for a twist."""

@@ -29,6 +29,7 @@ class OmniWheelDriveController(MobileBase):
 
     twist_axes: ClassVar[tuple[str, ...]] = HOLONOMIC
     references: ClassVar[tuple[str, ...]] = ("linear/x", "linear/y", "angular/z")
+    settable: ClassVar[tuple[str, ...]] = ("cmd_vel_timeout", "enable_odom_tf", "publish_limited_velocity")
 
     def __init__(self, name: str, type_name: str = "omni_wheel_drive_controller/OmniWheelDriveController") -> None:
         self.kinematics = OmniKinematics(LEAST_WHEELS, 1.0, 1.0)
@@ -50,6 +51,12 @@ class OmniWheelDriveController(MobileBase):
         self.joints, self.interface = given.wheel_names, VELOCITY
         self._reading = [0.0] * count
         self.set_up(given, given.cmd_vel_timeout, count)
+
+    def on_set(self, params: Params) -> None:
+        """Take another timeout, other things to publish, from the next update on."""
+        given = read_params(params)
+        self.take(given, given.cmd_vel_timeout)
+        self.params = given
 
     def command_interface_names(self) -> list[str]:
         """Return the velocity of every wheel."""

@@ -20,6 +20,8 @@ from canopen_control.yamlfile.problems import Problems
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from canopen_control.rpc.messages.parameters import Told
+
 __all__ = ["CommonParams", "Params", "flattened", "like", "scalar_node", "tell_ineffective"]
 
 T = TypeVar("T")
@@ -28,11 +30,13 @@ T = TypeVar("T")
 class Params:
     """The parameters of one controller: dotted names and where each stands.
 
-    `Params.of({...})` makes them from Python values, nested or dotted.
+    `Params.of({...})` makes them from Python values, nested or dotted. `taken` is the dataclass that they were read as
+    last, None before.
     """
 
     def __init__(self, flat: Node, name: str = "") -> None:
         self.flat, self.name = flat, name
+        self.taken: object = None
 
     @classmethod
     def of(cls, values: Mapping[str, Any], name: str = "parameters") -> Params:
@@ -52,7 +56,13 @@ class Params:
                 stack.enter_context(each.raising(RobotConfigError))
             value = convert(_gathered(self._renamed(renames or {}), cls), cls, None)
             tell_ineffective(self.flat, value)
+        self.taken = value
         return typing.cast("T", value)
+
+    def changed(self, values: Mapping[str, Told]) -> Params:
+        """Return these with other values by their dotted names; the file keeps its own."""
+        made = Params.of(values, self.name)
+        return Params(made.flat.over(self.flat), self.name)
 
     @property
     def warnings(self) -> list[str]:

@@ -45,6 +45,11 @@ class _Dof:
         self.state_rate: StateInterface | None = None
         self.error = self.error_rate = math.nan
 
+    def take(self, gains: DofGains) -> None:
+        """Go on with other gains."""
+        self.pid.set_gains(gains.pid())
+        self.keep, self.forward, self.wraps = gains.save_i_term, gains.feedforward_gain, gains.angle_wraparound
+
     def clear(self) -> None:
         """Have no reference; nothing is known of what was before."""
         self.reference.value = self.error = self.error_rate = math.nan
@@ -81,6 +86,7 @@ class PidController(Controller):
 
     topic: ClassVar[str | None] = "reference"
     tells: ClassVar[type[Sample] | None] = PidSample
+    settable: ClassVar[tuple[str, ...]] = ("gains.*",)
 
     def __init__(self, name: str, type_name: str = "pid_controller/PidController") -> None:
         super().__init__(name, type_name)
@@ -124,6 +130,12 @@ class PidController(Controller):
         self._dofs = [
             _Dof(dof, given.gains[index], self._references[index::count]) for index, dof in enumerate(given.measured)
         ]
+
+    def on_set(self, params: Params) -> None:
+        """Go on with other gains; the integrals stay."""
+        self.params = given = read_params(params, self.name)
+        for dof, gains in zip(self._dofs, given.gains, strict=False):
+            dof.take(gains)
 
     def _reference(self, dof: str, interface: str) -> CommandInterface:
         """Return a reference interface with the limits of the joint."""

@@ -47,6 +47,7 @@ class SteeringController(MobileBase):
     topic: ClassVar[str | None] = "reference"
     tells: ClassVar[type[Sample] | None] = SteeringSample
     timeout_key: ClassVar[str] = "reference_timeout"
+    settable: ClassVar[tuple[str, ...]] = ("reference_timeout", "enable_odom_tf")
     kind: ClassVar[type[SteeringParams]] = SteeringParams
 
     def __init__(self, name: str, type_name: str = "") -> None:
@@ -76,6 +77,12 @@ class SteeringController(MobileBase):
         self._traction, self._steering = [0.0] * self.kinematics.traction_count, [0.0] * self.kinematics.steering_count
         self._reading, self._driven = [0.0] * count, [0.0] * count
         self.set_up(given, given.reference_timeout, count)
+
+    def on_set(self, params: Params) -> None:
+        """Take another timeout, from the next update on."""
+        given = read_params(params, self.kind)
+        self.take(given, given.reference_timeout)
+        self.params = given
 
     def command_interface_names(self) -> list[str]:
         """Return the velocities of traction, then the positions of steering."""

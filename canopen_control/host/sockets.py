@@ -36,6 +36,7 @@ __all__ = [
     "SocketInUse",
     "SocketKind",
     "check_name",
+    "claim",
     "close_listener",
     "connect",
     "drive_name",
@@ -222,6 +223,23 @@ def open_lock(path: Path) -> int:
     if not stat.S_ISREG(os.fstat(fd).st_mode):
         os.close(fd)
         raise ConfigError(f"{path} cannot be a lock: it is no file; remove it, and try again")
+    return fd
+
+
+def claim(path: Path, timeout: float = 0.0) -> int:
+    """Hold a lock file as long as this process lives, with its id in it; SocketInUse with that of who holds it.
+
+    Waits up to `timeout` seconds for him to end. Closing the descriptor that is returned lets go of it.
+    """
+    fd = open_lock(path)
+    try:
+        _flock(fd, path, time.monotonic() + timeout)
+    except CanopenError:
+        owner = os.pread(fd, 16, 0).decode(errors="replace").strip()
+        os.close(fd)
+        raise SocketInUse(path, int(owner) if owner.isdecimal() else 0) from None
+    os.truncate(fd, 0)
+    os.write(fd, f"{os.getpid()}\n".encode())
     return fd
 
 

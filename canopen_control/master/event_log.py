@@ -43,8 +43,8 @@ class Level(enum.IntEnum):
 class Event:
     """Something happened: `time` in monotonic ns, `node` the name in bus.yml or "" for the bus itself.
 
-    `details` are what programs need not read out of the text. `count` is how often it happened, since `since` where
-    that is more than once.
+    `controller` is the one it is about, "" for none. `details` are what programs need not read out of the text. `count`
+    is how often it happened, since `since` where that is more than once.
     """
 
     time: int
@@ -55,6 +55,7 @@ class Event:
     details: EventDetails | None = None
     count: int = 1
     since: int | None = None
+    controller: str = ""
 
     @property
     def sentence(self) -> str:

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Final
 from canopen_control.client import RobotClient, select_robot
 from canopen_control.errors import CanopenError
 from canopen_control.host.reactor import Reactor
+from canopen_control.host.sockets import SocketInUse, claim, runtime_dir
 from canopen_control.host.spawn import lifeline_fd
 from canopen_control.ros.bridge_options import Options, with_parameters
 from canopen_control.ros.installation import describe, from_wheels, prepare, require_ros
@@ -31,7 +32,12 @@ __all__ = ["main"]
 
 NODE_NAME: Final = "canopen_control_bridge"
 _RETRY_NS: Final = 500_000_000
+_SIM_TIME: Final = (
+    "use_sim_time has no effect on the bridge: stamps are the robot's own time, which a simulated robot publishes on "
+    "/clock and all others have from this computer; start the others of a real, mocked or virtual robot without it"
+)
 _TIMEOUT_S: Final = 2.0  # for the robot to answer
+_ENDING_S: Final = 3.0  # a bridge ends within two seconds of its robot
 _RCLPY_END_S: Final = 1.5  # for rclpy to end
 
 
@@ -72,6 +78,22 @@ def _say(text: str) -> None:
     sys.stderr.flush()
 
 
+def _claim(robot: str, timeout: float) -> int:
+    """Let one bridge show a robot in a ROS domain: a second one would command it a second time.
+
+    `timeout` in s is for one that is ending, of a run before.
+    """
+    domain = os.environ.get("ROS_DOMAIN_ID", "") or "0"
+    safe = domain if domain.isdecimal() else "x"
+    try:
+        return claim(runtime_dir() / f"bridge-{robot}-{safe}.lock", timeout)
+    except SocketInUse as error:
+        raise CanopenError(
+            f"{robot} has a ROS bridge in domain {domain}, process {error.pid or 'unknown'}; end that one first, "
+            f"or give this one another ROS_DOMAIN_ID"
+        ) from None
+
+
 class Bridge:
     """The process: signals, lifeline, context and node, and the session with the robot while there is one."""
 
@@ -79,6 +101,7 @@ class Bridge:
         self._name = select_robot(arguments.name)
         self._arguments = arguments
         self._lifeline = lifeline_fd()
+        self._claim = _claim(self._name, _ENDING_S if self._lifeline is not None else 0.0)
         self._session: Session | None = None
         self._reactor = Reactor()
         self._reactor.handle_signals({signal.SIGTERM: self._reactor.stop, signal.SIGINT: self._reactor.stop})
@@ -97,6 +120,8 @@ class Bridge:
             raise CanopenError(f"ROS 2 could not be started: {in_words(error)}") from error
         given = Options(self._arguments.rate, self._arguments.tf, self._frame_prefix())
         self._options = with_parameters(self._node, given)
+        if self._node.get_parameter("use_sim_time").value:
+            _say(_SIM_TIME)
 
     def run(self) -> None:
         """Serve until the end, then leave the graph."""
@@ -149,6 +174,7 @@ class Bridge:
             self._node.destroy_node()
             self._context.try_shutdown()
         self._reactor.close()
+        os.close(self._claim)
         giving_up.cancel()
 
 

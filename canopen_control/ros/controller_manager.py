@@ -2,8 +2,7 @@
 
 The law of the file (controller_manager_msgs, Jazzy 4.46): names and answers are upstream's; strictness 2 is strict, any
 other best effort; a request that is refused is answered with ok false, and why is logged, and said where the answer has
-room for it. The runtime decides; nothing here knows better. Parameters of controllers are those of the robot's own
-file: `set_parameters`, by which a spawner hands over the files of --param-file, refuses them with that reason.
+room for it. The runtime decides; nothing here knows better. The parameters: `parameter_services`.
 """
 
 from __future__ import annotations
@@ -39,10 +38,6 @@ A = TypeVar("A")
 
 _STRICT: Final = 2
 _BASE_CLASS: Final = "controller_interface::ControllerInterface"
-_OWN_PARAMETERS: Final = (
-    "the parameters of controllers are those of the robot's ros2_controllers.yaml; "
-    "give that file to `canopen-control run`, and leave --param-file away"
-)
 #: lifecycle_msgs/msg/State
 STATES: Final = {"unknown": 0, "unconfigured": 1, "inactive": 2, "active": 3, "finalized": 4}
 
@@ -57,8 +52,6 @@ class ControllerManagerServices(Endpoint):
             ros.serve(interface(f"controller_manager_msgs/srv/{kind}"), f"controller_manager/{name}", handler)
             for name, kind, handler in self._table()
         ]
-        set_parameters = interface("rcl_interfaces/srv/SetParameters")
-        self._services.append(ros.serve(set_parameters, "controller_manager/set_parameters", self._set_parameters))
 
     def close(self) -> None:
         """Leave the graph."""
@@ -140,13 +133,6 @@ class ControllerManagerServices(Endpoint):
     def _reload(self, _request: RosMessage, response: RosMessage, reply: Reply) -> None:
         """Refuse: Python code is loaded once, the runtime must be started anew."""
         self._ros.warn("reload", "controller libraries cannot be loaded again while the robot runs; restart it")
-        reply(response)
-
-    def _set_parameters(self, request: RosMessage, response: RosMessage, reply: Reply) -> None:
-        make = interface("rcl_interfaces/msg/SetParametersResult")
-        response.results = [make(successful=False, reason=_OWN_PARAMETERS) for _ in request.parameters]
-        names = ", ".join(each.name for each in request.parameters)
-        self._ros.warn("set_parameters", f"{names}: {_OWN_PARAMETERS}")
         reply(response)
 
     # --------------------------------------------------------------------------------------------------- hardware

@@ -38,7 +38,10 @@ class Ros(Protocol):
 
     node: Node
     robot: str
-    controllers: dict[str, ControllerReading]
+
+    @property
+    def controllers(self) -> dict[str, ControllerReading]:
+        """The controllers that are loaded, by name."""
 
     def command(self, request: CommandController | TwistController) -> None:
         """Send the newest command of a controller."""

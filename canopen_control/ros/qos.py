@@ -8,7 +8,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from canopen_control.ros.rcl import DurabilityPolicy, QoSProfile, ReliabilityPolicy, qos_profile_system_default
+from canopen_control.ros.rcl import (
+    DurabilityPolicy,
+    Duration,
+    QoSProfile,
+    ReliabilityPolicy,
+    qos_profile_system_default,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -32,6 +38,8 @@ REFERENCE = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT, durab
 TF = QoSProfile(depth=100)
 TF_STATIC = LATCHED
 EVENTS = QoSProfile(depth=50)
+#: as rcl has it for the log of every node
+ROSOUT = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL, lifespan=Duration(seconds=10))
 
 
 def quality_of(publishers: Sequence[Any]) -> Any:  # noqa: ANN401 - rclpy's, without types

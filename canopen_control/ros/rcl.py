@@ -7,16 +7,21 @@ by name here is Any everywhere.
 from __future__ import annotations
 
 import importlib
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
 __all__ = [
     "Context",
     "DurabilityPolicy",
+    "Duration",
     "ExternalShutdownException",
     "Future",
     "Node",
     "QoSProfile",
     "ReliabilityPolicy",
+    "further_node",
     "in_words",
     "make_executor",
     "qos_profile_system_default",
@@ -30,6 +35,7 @@ Context = Any
 _executors = importlib.import_module("rclpy.executors")
 _qos = importlib.import_module("rclpy.qos")
 
+Duration = importlib.import_module("rclpy.duration").Duration
 DurabilityPolicy = _qos.DurabilityPolicy
 ExternalShutdownException: type[Exception] = _executors.ExternalShutdownException
 Future = importlib.import_module("rclpy.task").Future
@@ -53,6 +59,25 @@ def start(name: str, namespace: str, arguments: list[str]) -> tuple[Context, Nod
     signals = importlib.import_module("rclpy.signals").SignalHandlerOptions
     rclpy.init(args=arguments, context=context, signal_handler_options=signals.NO)
     return context, rclpy.create_node(name, context=context, namespace=namespace)
+
+
+def further_node(name: str, context: Context, namespace: str, arguments: Sequence[str] = ()) -> Node:
+    """Return another node of a context, without services of its own; whatever rclpy raises.
+
+    `arguments` are its own, after `--ros-args`, and win over those of all nodes. A name that is remapped for all nodes
+    is the first one's; topics that are remapped are those of all.
+    """
+    rclpy = importlib.import_module("rclpy")
+    importlib.import_module("rclpy.validate_node_name").validate_node_name(name)  # the arguments below hold it
+    parameter = importlib.import_module("rclpy.parameter").Parameter
+    return rclpy.create_node(
+        name,
+        context=context,
+        namespace=namespace,
+        cli_args=["--ros-args", "-r", f"__node:={name}", *(each for each in arguments if each != "--ros-args")],
+        start_parameter_services=False,
+        parameter_overrides=[parameter("start_type_description_service", value=False)],
+    )
 
 
 def make_executor(context: Context) -> Any:  # noqa: ANN401 - see above

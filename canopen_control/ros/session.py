@@ -8,28 +8,31 @@ controller is told and the rest goes on; only the end of the connection ends the
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING, Any, Final, TypeVar
+from typing import TYPE_CHECKING, Final, TypeVar
 
 from canopen_control.client.subscriptions import outpaced, stream_rate
 from canopen_control.errors import RemoteError, UnreadableMessage
 from canopen_control.host.sockets import socket_path
 from canopen_control.ros.activity import Activity
 from canopen_control.ros.controller_manager import ControllerManagerServices
+from canopen_control.ros.controller_nodes import ControllerNodes
 from canopen_control.ros.diagnostics import Diagnostics, Events
 from canopen_control.ros.drive_services import DriveServices, MasterServices, Targets
 from canopen_control.ros.drive_topics import DriveTopics
-from canopen_control.ros.endpoint import serve as make_service
 from canopen_control.ros.frames import Frames
 from canopen_control.ros.lifecycle_services import Lifecycle
 from canopen_control.ros.mailbox import Mailbox
 from canopen_control.ros.nodes import NodeView, nodes_of
+from canopen_control.ros.on_node import OnNode
 from canopen_control.ros.robot_description import RobotDescription
+from canopen_control.ros.rosout import Rosout
 from canopen_control.ros.shared_twist import SharedTwist
 from canopen_control.ros.sim_clock import SimClock
 from canopen_control.ros.spinner import Spinner
 from canopen_control.ros.table import endpoints_for
 from canopen_control.ros.throttle import Refusals, Throttle
 from canopen_control.ros.topic_hardware import TopicHardware
+from canopen_control.rpc.messages.parameters import MANAGER
 from canopen_control.rpc.messages.robot import (
     ROBOT,
     GetDescription,
@@ -49,7 +52,7 @@ if TYPE_CHECKING:
     from canopen_control.client import RobotClient
     from canopen_control.host.reactor import Reactor
     from canopen_control.ros.bridge_options import Options
-    from canopen_control.ros.endpoint import Endpoint, Handler, Reply
+    from canopen_control.ros.endpoint import Endpoint
     from canopen_control.ros.rcl import Context, Node
     from canopen_control.rpc.messages.declare import Request
     from canopen_control.rpc.messages.robot import CommandController, RobotPush, TwistController
@@ -66,7 +69,7 @@ _JOIN_S: Final = 1.0
 class Session:
     """Topics of one robot; `on_end(why)` is called once, on the loop, when the robot is gone.
 
-    It is what its endpoints know as `Ros`.
+    Its endpoints know it through the node that each is on, see `on_node`.
     """
 
     def __init__(
@@ -93,49 +96,52 @@ class Session:
         self._process_data_watchers: set[object] = set()
         self._ended = False
         self._spinner = Spinner(node, context, self._on_callback_error)
+        self._ros = OnNode(self, node)
+        self._nodes = ControllerNodes(self, node, context, self._spinner)
         self._asker = self.connect()
 
     def _make_common(self, urdf: str, nodes: list[NodeView]) -> None:
         """Make the topics of the robot as a whole; what cannot be made is told, the others are there."""
-        options = self._options
+        options, ros = self._options, self._ros
         wanted: list[Callable[[], Endpoint]] = [
-            lambda: RobotDescription(self, urdf),
-            lambda: Diagnostics(self),
-            lambda: Events(self),
-            lambda: SimClock(self),
-            lambda: ControllerManagerServices(self),
-            lambda: Activity(self),
+            lambda: RobotDescription(ros, urdf),
+            lambda: Diagnostics(ros),
+            lambda: Events(ros),
+            lambda: Rosout(ros, nodes),
+            lambda: SimClock(ros),
+            lambda: ControllerManagerServices(self._nodes.of(MANAGER)),
+            lambda: Activity(self._nodes.of(MANAGER)),
         ]
         if options.tf:
-            wanted.append(lambda: Frames(self, urdf, options.frame_prefix))
+            wanted.append(lambda: Frames(ros, urdf, options.frame_prefix))
         if options.cmd_vel_type != "off":
-            wanted.append(lambda: SharedTwist(self, options.cmd_vel_topic, options.cmd_vel_type))
+            wanted.append(lambda: SharedTwist(ros, options.cmd_vel_topic, options.cmd_vel_type))
         if options.topic_hardware:
-            wanted.append(lambda: TopicHardware(self, options.joint_commands_topic, options.joint_states_topic))
+            wanted.append(lambda: TopicHardware(ros, options.joint_commands_topic, options.joint_states_topic))
         wanted += self._of_nodes(nodes) if options.drives else []
         for make in wanted:
             try:
                 self._common.append(make())
             except Exception as error:  # noqa: BLE001 - a name of bus.yml that ROS refuses, an interface it lacks
-                self.warn(str(error), str(error))
+                self._warn(str(error), str(error))
 
     def _of_nodes(self, nodes: list[NodeView]) -> list[Callable[[], Endpoint]]:
         """Return what each node has, stop verbs and all."""
-        targets, lifecycles = Targets(), list[Lifecycle]()
+        ros, targets, lifecycles = self._ros, Targets(), list[Lifecycle]()
 
         def lifecycle(path: str, node: str | None = None) -> Endpoint:
-            lifecycles.append(Lifecycle(self, path, node))
+            lifecycles.append(Lifecycle(ros, path, node))
             return lifecycles[-1]
 
-        wanted: list[Callable[[], Endpoint]] = [lambda: MasterServices(self)] if nodes else []
+        wanted: list[Callable[[], Endpoint]] = [lambda: MasterServices(ros)] if nodes else []
         for node in nodes:
-            wanted.append(partial(DriveTopics, self, node))
-            wanted.append(partial(DriveServices, self, node, targets))
+            wanted.append(partial(DriveTopics, ros, node))
+            wanted.append(partial(DriveServices, ros, node, targets))
             if node.lifecycle:
                 wanted.append(partial(lifecycle, node.path(""), node.name))
         if self._options.lifecycle or any(node.lifecycle for node in nodes):
             wanted.append(partial(lifecycle, "master"))
-            wanted.append(lambda: Lifecycle(self, "/lifecycle_manager", members=lifecycles))
+            wanted.append(lambda: Lifecycle(ros, "/lifecycle_manager", members=lifecycles))
         return wanted
 
     def open(self) -> None:
@@ -160,6 +166,7 @@ class Session:
             self._forget(name)
         for endpoint in self._common:
             endpoint.close()
+        self._nodes.close()
         self._asker.close()
         self._client.close()
         return done
@@ -171,49 +178,17 @@ class Session:
         if self._mailbox.put(request.controller, request):
             self._reactor.call_threadsafe(self._deliver)
 
-    def warn(self, key: str, text: str) -> None:
-        """Tell the user, each key once per second at most; from any thread."""
+    def warn_of(self, node: Node, key: str, text: str) -> None:
+        """Tell the user as a node, each key once per second at most; from any thread."""
         if self._throttle.allows(key, self._reactor.now()):
-            self.node.get_logger().warning(text)
+            node.get_logger().warning(text)
+
+    def _warn(self, key: str, text: str) -> None:
+        self.warn_of(self.node, key, text)
 
     def hand_over(self, function: Callable[[], object]) -> None:
         """Have a function called on the reactor's thread; from any thread."""
         self._reactor.call_threadsafe(function)
-
-    def subscribe(self, message: type, topic: str, callback: Callable[[Any], object], qos: object) -> object:
-        """Make a subscription; an exception of the callback becomes a warning (the executor would drop messages)."""
-
-        def guarded(each: object) -> None:
-            try:
-                callback(each)
-            except Exception as error:  # noqa: BLE001 - see above
-                self.warn(topic, f"{topic}: {type(error).__name__}: {error}")
-
-        subscription: object = self.node.create_subscription(message, topic, guarded, qos)
-        return subscription
-
-    def unsubscribe(self, subscription: object) -> None:
-        """Leave a topic, between two callbacks."""
-        self._spinner.call(lambda: self.node.destroy_subscription(subscription))
-
-    def serve(self, kind: type, name: str, handler: Handler) -> object:
-        """Make a service; `handler(request, response, reply)` is called on the reactor's thread and never blocks."""
-
-        def guarded(request: object, response: object, reply: Reply) -> None:
-            try:
-                handler(request, response, reply)
-            except Exception as error:  # noqa: BLE001 - a refusal is an answer too
-                self.warn(name, f"{name}: {type(error).__name__}: {error}")
-                reply(response)
-
-        def taken(request: object, response: object, reply: Reply) -> None:
-            self._reactor.call_threadsafe(lambda: guarded(request, response, reply))
-
-        return make_service(self.node, kind, name, taken)
-
-    def unserve(self, service: object) -> None:
-        """Leave a service, between two callbacks."""
-        self._spinner.call(lambda: self.node.destroy_service(service))
 
     def watch_process_data(self, watcher: object, wanted: bool) -> None:
         """Have the robot tell what its TPDOs carry while anybody wants it; on the reactor's thread.
@@ -250,7 +225,7 @@ class Session:
             for message in self._client.messages(0):
                 self._on_message(message)
         except UnreadableMessage as error:  # the next sample is read when it comes
-            self.warn("message", str(error))
+            self._warn("message", str(error))
         except RemoteError as error:
             self._end(error)
 
@@ -271,7 +246,7 @@ class Session:
             action(message)
         except Exception as error:  # noqa: BLE001 - one topic's trouble is not the others'
             name = type(endpoint).__name__
-            self.warn(name, f"{name}: {type(error).__name__}: {error}")
+            self._warn(name, f"{name}: {type(error).__name__}: {error}")
 
     def _all(self) -> list[Endpoint]:
         return [*self._common, *(endpoint for group in self._endpoints.values() for endpoint in group)]
@@ -283,6 +258,7 @@ class Session:
         controllers = {each.name: each for each in self._client.ask(ListControllers())}
         for name in [name for name in self._endpoints if name not in controllers]:
             self._forget(name)
+            self._nodes.forget(name)
         for name, controller in controllers.items():
             before = self.controllers.get(name)
             if before is not None and _topics(before) != _topics(controller):
@@ -303,10 +279,10 @@ class Session:
 
     def _made(self, controller: ControllerReading) -> list[Endpoint]:
         try:
-            return endpoints_for(self, controller)
+            return endpoints_for(self._nodes.of(controller.name, controller.node_options), controller)
         except Exception as error:  # noqa: BLE001 - a name of ros2_controllers.yaml that ROS refuses
             reason = str(error).partition("\n")[0].rstrip(":")
-            self.warn(controller.name, f"{controller.name} has no topics, ROS refuses them: {reason}")
+            self._warn(controller.name, f"{controller.name} has no topics, ROS refuses them: {reason}")
             return []
 
     def _forget(self, name: str) -> None:
@@ -331,7 +307,7 @@ class Session:
             self.node.get_logger().warning(said)
 
     def _on_callback_error(self, error: Exception) -> None:
-        self.warn("callback", f"a callback failed: {type(error).__name__}: {error}")
+        self._warn("callback", f"a callback failed: {type(error).__name__}: {error}")
 
     def _end(self, error: RemoteError) -> None:
         if not self._ended:

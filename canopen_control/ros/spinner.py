@@ -23,12 +23,12 @@ _WAIT_S: Final = 1.0
 
 
 class Spinner:
-    """Spins a node; `on_error` gets the exception of a callback, in the spinning thread, and the spinning goes on."""
+    """Spins nodes, `node` first; `on_error` gets what a callback raised, in the spinning thread, which goes on."""
 
     def __init__(self, node: Node, context: Context, on_error: Callable[[Exception], object]) -> None:
         self._executor = make_executor(context)
         self._executor.add_node(node)
-        self._node, self._on_error = node, on_error
+        self._nodes, self._on_error = [node], on_error
         self._ending = threading.Event()
         self._end = Future()
         self._thread = threading.Thread(target=self._run, name="ros", daemon=True)
@@ -46,9 +46,28 @@ class Spinner:
             self._thread.join(timeout)
         if self._thread.is_alive():
             return False
-        self._executor.remove_node(self._node)
+        for node in self._nodes:
+            self._executor.remove_node(node)
         self._executor.shutdown(timeout)
         return True
+
+    def add(self, node: Node) -> None:
+        """Spin another node too; from the thread that this is stopped from."""
+        self._nodes.append(node)
+        self._executor.add_node(node)
+
+    def remove(self, node: Node) -> None:
+        """Spin a node no more, and end it: between two callbacks, or at once when the spinning has ended."""
+        self._nodes.remove(node)
+
+        def end() -> None:
+            self._executor.remove_node(node)
+            node.destroy_node()
+
+        if self._ending.is_set():
+            node.destroy_node()
+        else:
+            self.call(end)
 
     def call(self, function: Callable[[], object]) -> None:
         """Run a function in the spinning thread, between callbacks; from any thread."""

@@ -17,6 +17,7 @@ from canopen_control.rpc.messages.robot import ROBOT, AxisDone, RobotHello, Touc
 from canopen_control.rpc.server import Server
 from canopen_control.runtime.api_control import answer_control
 from canopen_control.runtime.api_objects import ObjectMethods
+from canopen_control.runtime.api_parameters import ParameterMethods
 from canopen_control.runtime.api_trajectories import TrajectoryMethods
 from canopen_control.runtime.process_data import ProcessDataFeed
 from canopen_control.runtime.status import (
@@ -76,6 +77,7 @@ class ApiServer:
         self._answer()
         answer_control(robot, self._server)
         self._trajectories = TrajectoryMethods(robot, self._server, self._keep)
+        ParameterMethods(robot, self._server)
         self._server.check()
         robot.after_cycle.append(self._after_cycle)
 

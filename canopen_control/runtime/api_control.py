@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 __all__ = ["answer_control"]
 
+_RESTING: Final = ("inactive", "unconfigured")
 _COMMUNICATING: Final = (LifecycleState.INACTIVE, LifecycleState.ACTIVE)
 
 
@@ -93,7 +94,7 @@ def _component(robot: RobotCore, component: HardwareComponent) -> HardwareReadin
 
 
 def _set_hardware_state(robot: RobotCore, call: Call[messages.SetHardwareState]) -> None:
-    """Activate or deactivate a component; who commands it is deactivated first."""
+    """Activate, deactivate or clean up a component; who commands it is deactivated first."""
     name, wanted = call.request.component, call.request.state
     component = next((each for each in robot.registry.components if each.name == name), None)
     if component is None:
@@ -102,11 +103,11 @@ def _set_hardware_state(robot: RobotCore, call: Call[messages.SetHardwareState])
     if wanted == "active":
         component.configure()
         component.activate()
-    elif wanted == "inactive":
-        robot.manager.deactivate_using(component, f"{name} was set inactive")
+    elif wanted in _RESTING:
+        robot.manager.deactivate_using(component, f"{name} was set {wanted}")
         component.deactivate()
+        (component.cleanup if wanted == "unconfigured" else component.configure)()
     else:
-        raise ControlError(
-            f"hardware component {name} cannot be set {wanted!r}: active or inactive, while the robot runs"
-        )
+        there = f"active, {' or '.join(_RESTING)}"
+        raise ControlError(f"hardware component {name} cannot be set {wanted!r}: {there}, while the robot runs")
     call.reply(ComponentState(component.state.value))

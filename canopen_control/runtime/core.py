@@ -309,7 +309,8 @@ class RobotCore:
             text += cost_of_skipping(self.joints.values())
             self.report(Event(now, "cycle_missed", "", text, Level.WARNING, count=missed))
         for event in self.manager.events():
-            self.report(Event(now, event.kind, "", event.text, _CONTROLLER_LEVELS.get(event.kind, Level.WARNING)))
+            level = _CONTROLLER_LEVELS.get(event.kind, Level.WARNING)
+            self.report(Event(now, event.kind, "", event.text, level, controller=event.controller))
         if self.events.is_due(now):
             self._tell(self.events.tick(now))
         for hook in self.after_cycle:
@@ -395,4 +396,4 @@ class RobotCore:
             self.reactor.call_soon(self.on_stopped)
 
 
-_CONTROLLER_LEVELS = {"activated": Level.INFO, "deactivated": Level.INFO, "error": Level.ERROR}
+_CONTROLLER_LEVELS = {"error": Level.ERROR, **dict.fromkeys(("activated", "deactivated", "parameter_set"), Level.INFO)}

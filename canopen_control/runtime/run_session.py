@@ -7,7 +7,6 @@ the stop order is ramp, disable, clients, drives, and the hub leaves by itself.
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import gc
 import os
 import signal
@@ -18,7 +17,7 @@ from typing import TYPE_CHECKING
 from canopen_control.errors import CanopenError, RobotConfigError
 from canopen_control.host.files import state_dir
 from canopen_control.host.reactor import Reactor
-from canopen_control.host.sockets import SocketInUse, open_lock, runtime_dir
+from canopen_control.host.sockets import SocketInUse, claim, runtime_dir
 from canopen_control.master.event_log import Event
 from canopen_control.runtime.api import ApiServer
 from canopen_control.runtime.core import RobotCore
@@ -162,15 +161,10 @@ def _claim(channel: str) -> int:
     """Lock a channel for one master on this host; two would steer the same drives."""
     safe = "".join(letter if letter.isalnum() or letter in "_-" else "_" for letter in channel)
     path = runtime_dir() / f"master-{safe[:48]}.lock"
-    fd = open_lock(path)
     try:
-        fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        owner = os.read(fd, 16).decode(errors="replace").strip() or "unknown"
-        os.close(fd)
+        return claim(path)
+    except SocketInUse as error:
         raise RobotConfigError(
-            f"channel {channel} is busy: process {owner} already runs a robot on it; stop that one, or use --can"
+            f"channel {channel} is busy: process {error.pid or 'unknown'} already runs a robot on it; "
+            f"stop that one, or use --can"
         ) from None
-    os.truncate(fd, 0)
-    os.write(fd, f"{os.getpid()}\n".encode())
-    return fd

@@ -116,11 +116,24 @@ def read_robot(
             *(note for bus in buses.values() for note in bus.notes),
             *control.warnings,
             *description.notes,
+            *_sim_time(control, [kind_of(description, each, mock=mock, real=real) for each in description.hardware]),
             *(["SYNC is sent by the kernel, and the cycle follows it"] if kernel_sync else []),
         ),
         real,
         kernel_sync,
     )
+
+
+def _sim_time(control: ControllersFile, kinds: Sequence[Kind]) -> list[str]:
+    """Say that `use_sim_time` does nothing where nothing is simulated."""
+    wanted = [each.params.flat.get("use_sim_time") for each in control.controllers.values()]
+    given = control.manager.use_sim_time or any(each is not None and each.value is True for each in wanted)
+    if not given or Kind.SIMULATION in kinds:
+        return []
+    return [
+        f"{control.path}: use_sim_time has no effect: nothing of this robot is simulated, so its stamps are this "
+        "computer's time; start the other nodes without it"
+    ]
 
 
 def clashes_of(buses: Mapping[str, BusConfig]) -> list[str]:

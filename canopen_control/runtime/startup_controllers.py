@@ -34,7 +34,7 @@ def load_controller(setup: RobotSetup, manager: ControllerManager, name: str) ->
         known = setup.controllers.controllers
         raise UnknownName(f"no controller {name!r} in {setup.files.controllers}{nearest(name, known)}")
     loaded = manager.states
-    manager.load(name, config.type, config.params, config.fallbacks)
+    manager.load(name, config.type, config.params, config.fallbacks, config.node_options)
     manager.configure(name)
     for fallback in config.fallbacks:
         if fallback not in loaded and fallback not in setup.to_activate:
@@ -52,9 +52,14 @@ def switch_controllers(
 ) -> None:
     """Switch, loading and configuring those that are not; `check` may refuse those that are to start.
 
-    Raises ControlError or ConfigError, and nothing is changed.
+    Names that nobody knows are left out unless it is `strict`, and told. Raises ControlError or ConfigError, and
+    nothing is changed.
     """
     before = manager.states
+    known = {*before, *setup.controllers.controllers}
+    if not strict and (unknown := [name for name in (*activate, *deactivate) if name not in known]):
+        manager.leave_out(unknown)
+        activate = [name for name in activate if name in known]
     try:
         for name in activate:
             if name not in before:

@@ -126,6 +126,7 @@ def event_message(robot: RobotCore, event: Event) -> RobotEvent:
         count=event.count if several else 1,
         since=(since + robot.wall_offset_ns) / 1e9 if several else None,
         details=event.details,
+        controller=event.controller or None,
     )
 
 

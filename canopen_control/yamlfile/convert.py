@@ -29,7 +29,7 @@ from canopen_control.yamlfile.node import NOWHERE, Node
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping
 
-__all__ = ["INVALID", "convert", "derived", "keys_of", "part", "position", "setting"]
+__all__ = ["INVALID", "convert", "derived", "fields_of", "key_of", "keys_of", "part", "position", "setting"]
 
 _NUMBER: Final = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
 _Values: typing.TypeAlias = dict[str, Any]  # of a dataclass by field, converted
@@ -103,6 +103,17 @@ def _hints(cls: type[Any]) -> Mapping[str, Any]:
     return typing.get_type_hints(cls)
 
 
+def fields_of(cls: type[Any]) -> list[tuple[dataclasses.Field[Any], Any]]:
+    """Return the fields of a dataclass, each with the type that it is read as."""
+    hints = _hints(cls)  # type: ignore[arg-type]  # as below
+    return [(entry, hints[entry.name]) for entry in dataclasses.fields(cls)]
+
+
+def key_of(entry: dataclasses.Field[Any]) -> str:
+    """Return the key that a field is read from."""
+    return str(entry.metadata.get("key") or entry.name)
+
+
 def keys_of(cls: type[Any]) -> list[str]:
     """Return the keys that a dataclass is read from, those of its parts too."""
     hints, found = _hints(cls), list[str]()  # type: ignore[arg-type]  # a class is hashable, which mypy does not see
@@ -110,7 +121,7 @@ def keys_of(cls: type[Any]) -> list[str]:
         if entry.metadata.get("part"):
             found += keys_of(hints[entry.name])
         elif not (entry.metadata.get("here") or entry.metadata.get("derived")):
-            found.append(_key(entry))
+            found.append(key_of(entry))
     return found
 
 
@@ -305,16 +316,12 @@ def _fields(node: Node, cls: type[Any]) -> Any:
 
 def _field(node: Node, entry: dataclasses.Field[Any], wanted: Any, values: _Values) -> None:
     """Add the value of a key to `values`; one that is absent or says nothing is the default."""
-    value = node.get(_key(entry))
+    value = node.get(key_of(entry))
     if value is not None and (value.kind != "null" or _required(entry) or type(None) in typing.get_args(wanted)):
         values[entry.name] = _converted(value, wanted, entry.metadata)
     elif _required(entry):
         values[entry.name] = INVALID
-        node.error(f"missing key {_key(entry)!r}")
-
-
-def _key(entry: dataclasses.Field[Any]) -> str:
-    return entry.metadata.get("key") or entry.name
+        node.error(f"missing key {key_of(entry)!r}")
 
 
 def _required(entry: dataclasses.Field[Any]) -> bool:

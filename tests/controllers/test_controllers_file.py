@@ -45,6 +45,21 @@ def flat(config) -> dict[str, object]:
     return config.params.flat.value
 
 
+@pytest.mark.parametrize(
+    ("options", "mistake"),
+    [("[-r, '~/commands:=/speeds']", None), ("[-p, 'x:=1']", "'-p' is no remapping"), ("-r", "'' after")],
+)
+def test_the_arguments_of_a_controllers_node_are_remappings(tmp_path, options, mistake):
+    path = tmp_path / "ros2_controllers.yaml"
+    block = f"{{type: x/Y, node_options_args: {options}}}"
+    path.write_text(f"controller_manager:\n  ros__parameters:\n    base: {block}\n")
+    if mistake is None:
+        assert read_controllers(path).controllers["base"].node_options == ("-r", "~/commands:=/speeds")
+        return
+    with pytest.raises(RobotConfigError, match=rf"ros2_controllers\.yaml:3:.*node_options_args: .*{mistake}"):
+        read_controllers(path)
+
+
 def test_robbys_file_names_the_forward_controller_first_of_those_that_move():
     read = read_controllers(CONFIG / "robby" / "ros2_controllers.yaml", strict=True)
     assert read.update_rate == 50

@@ -9,8 +9,9 @@ from support.control import DIFF_DRIVE, FORWARD, Hardware, S, add, manager, same
 
 from canopen_control.controllers.base import ControllerState, WheelBase
 from canopen_control.controllers.diff_drive import wheel_velocities
-from canopen_control.errors import ControlError
+from canopen_control.errors import ControlError, RobotConfigError
 from canopen_control.hardware.interfaces import ReturnType
+from canopen_control.rpc.messages.parameters import ParameterValue
 
 WHEELS = {"left_wheel_names": ["l"], "right_wheel_names": ["r"], "wheel_separation": 0.24, "wheel_radius": 0.035}
 
@@ -343,3 +344,25 @@ def test_a_robot_that_does_what_it_is_told_drives_a_square_back_to_its_start():
     assert same(base.odometry.heading, heading)
     assert math.hypot(x, y) < 1e-3
     assert same(heading, 2 * math.pi, 1e-3)
+
+
+def test_limits_and_timeout_that_are_set_act_in_the_next_update():
+    hardware, control, base = robot(cmd_vel_timeout=0.5)
+    control.switch(["base"], now=S)
+    control.command("base", [1.0, 0.0], S)
+    control.update(2 * S, 1.0)
+    assert hardware.values() == [pytest.approx(0.0)] * 2, "it is over"
+    control.set_parameters("base", [_double("cmd_vel_timeout", 3.0), _double("linear.x.max_velocity", 0.07)])
+    control.command("base", [1.0, 0.0], 2 * S)
+    control.update(4 * S, 2.0)
+    assert hardware.values() == [pytest.approx(2.0)] * 2, "0.07 m/s, and 2 s are not too old"
+    with pytest.raises(RobotConfigError, match=r"linear\.x\.min_velocity: 1\.0 is out of range"):
+        control.set_parameters("base", [_double("cmd_vel_timeout", 9.0), _double("linear.x.min_velocity", 1.0)])
+    assert (base.params.cmd_vel_timeout, base.life.limit_ns) == (3.0, 3 * S)
+    assert [each.text for each in control.events() if "cmd_vel_timeout" in each.text] == [
+        "base: cmd_vel_timeout is 3.0, linear.x.max_velocity is 0.07"
+    ]
+
+
+def _double(name, value):
+    return ParameterValue(name=name, kind="double", value=value)

@@ -189,6 +189,7 @@ def test_the_list_tells_what_a_client_shows(robot):
         "rejected": 0,
         "update_rate": 100,
         "publish_rate": 0.0,
+        "node_options": [],
     }
     assert control.list()[-1].topic is None
 

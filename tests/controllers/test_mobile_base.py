@@ -9,8 +9,9 @@ from support.bases import MECANUM, OMNI, PARAMS, TRICYCLE, base
 from support.control import FORWARD, S, add
 
 from canopen_control.controllers.base import ControllerState
-from canopen_control.errors import ControlError
+from canopen_control.errors import ControlError, RobotConfigError
 from canopen_control.hardware.interfaces import ReturnType
+from canopen_control.rpc.messages.parameters import ParameterValue
 
 STEP = S // 100
 each_base = pytest.mark.parametrize("kind", list(PARAMS))
@@ -208,3 +209,26 @@ def test_it_says_that_it_is_a_base(kind):
     assert reading.twist_axes == made.twist_axes
     assert reading.drives_sideways is ("linear.y" in made.twist_axes)
     assert made.wheel_base().base_frame == "base_link"
+
+
+@each_base
+def test_a_timeout_that_is_set_acts_in_the_next_update_and_one_that_is_wrong_never(kind):
+    hardware, control, made = active(kind)
+    key = made.timeout_key
+    control.set_parameters("base", [ParameterValue(name=key, kind="double", value=2.0)])
+    control.command("base", twist(made), 0)
+    control.update(STEP, 0.01)
+    control.update(101 * STEP, 1.0)
+    assert any(velocities(hardware)), "1 s is not too old"
+    with pytest.raises(RobotConfigError, match=rf"{key}: -1\.0 is out of range"):
+        control.set_parameters("base", [ParameterValue(name=key, kind="double", value=-1.0)])
+    assert made.life.limit_ns == 2 * S
+    assert {each.name: each for each in control.parameters("base")}[key].value == 2.0
+
+
+def test_limits_of_a_mecanum_base_that_are_set_hold_its_next_twist():
+    hardware, control, _ = active(MECANUM)
+    control.set_parameters("base", [ParameterValue(name="linear.y.max_velocity", kind="double", value=0.0)])
+    control.command("base", [0.0, 0.5, 0.0], 0)
+    control.update(STEP, 0.01)
+    assert set(velocities(hardware)) == {0.0}

@@ -9,6 +9,7 @@ from support.control import Hardware, S, add, manager, put
 
 from canopen_control.controllers.base import Controller, ControllerState
 from canopen_control.errors import ControlError, NotEnabled, RobotConfigError, UnknownInterface
+from canopen_control.rpc.messages.parameters import ParameterValue
 from canopen_control.urdf.joint_element import Joint, Limits
 
 MS = 1_000_000
@@ -321,3 +322,13 @@ def test_its_cycles_leave_no_object_behind():
     for _ in range(2000):
         robot.pid.update(robot.now, 0.01)
     assert sys.getallocatedblocks() - before < 20
+
+
+def test_gains_that_are_set_act_in_the_next_cycle():
+    robot = Robot().start()
+    robot.command(1.0, 1.0)
+    assert robot.cycle() == [pytest.approx(2.0), pytest.approx(2.0)]
+    robot.manager.set_parameters("pid", [ParameterValue(name="gains.b.p", kind="double", value=5.0)])
+    assert robot.cycle() == [pytest.approx(2.0), pytest.approx(5.0)]
+    with pytest.raises(ControlError, match="'command_interface' cannot be set because it is read-only"):
+        robot.manager.set_parameters("pid", [ParameterValue(name="command_interface", kind="string", value="effort")])

@@ -503,3 +503,32 @@ def test_on_a_bsd_the_user_is_told_and_the_process_is_not(monkeypatch):
     monkeypatch.setattr(sockets, "_LINUX", False)
     assert same_user(Bsd())
     assert peer_pid(Bsd()) == 0
+
+
+def test_one_process_at_a_time_has_a_claim_and_who_comes_second_learns_its_id(tmp_path):
+    path = tmp_path / "bridge-robby-0.lock"
+    held = sockets.claim(path)
+    with pytest.raises(sockets.SocketInUse, match=f"is in use by process {os.getpid()}") as raised:
+        sockets.claim(path)
+    assert raised.value.pid == os.getpid()
+    os.close(held)
+    os.close(sockets.claim(path))
+
+
+def test_a_claim_waits_for_who_is_ending(tmp_path):
+    path = tmp_path / "bridge-robby-0.lock"
+    held = sockets.claim(path)
+    ending = threading.Timer(0.02, os.close, (held,))
+    ending.start()
+    os.close(sockets.claim(path, 10.0))
+    ending.join()
+
+
+def test_a_claim_whose_holder_is_not_known_has_the_number_0(tmp_path):
+    path = tmp_path / "bridge-robby-0.lock"
+    held = sockets.claim(path)
+    os.truncate(held, 0)
+    with pytest.raises(sockets.SocketInUse) as raised:
+        sockets.claim(path)
+    assert raised.value.pid == 0
+    os.close(held)

@@ -73,6 +73,42 @@ def test_the_spawners_sequence_brings_another_controller_up_and_back(manager, st
     assert manager("load_controller", "LoadController", name="nobody") == {"ok": False}
 
 
+def test_a_spawner_with_a_file_of_parameters_brings_up_a_controller_that_turns_the_wheels(
+    scene, call, manager, states, tmp_path
+):
+    """What the spawner of Jazzy sends for --param-file and --controller-ros-args, and `ros2 param set` after it."""
+
+    def put(node, name, **value):
+        parameter = {"name": name, "value": value}
+        kind = "rcl_interfaces/srv/SetParameters"
+        return call(f"/{node}/set_parameters", kind, parameters=[parameter])["results"][0]
+
+    path, kind = tmp_path / "wheels.yaml", "velocity_controllers/JointGroupVelocityController"
+    path.write_text("wheels:\n  ros__parameters:\n    joints: [left_wheel_joint, right_wheel_joint]\n")
+    file = put("controller_manager", "wheels.params_file", type=9, string_array_value=[str(path)])
+    assert file == {"successful": True, "reason": ""}
+    options = ["-r", "~/commands:=/speeds"]
+    assert put("controller_manager", "wheels.node_options_args", type=9, string_array_value=options)["successful"]
+    assert put("controller_manager", "wheels.type", type=4, string_value=kind)["successful"]
+    assert manager("load_controller", "LoadController", name="wheels")["ok"]
+    assert manager("configure_controller", "ConfigureController", name="wheels")["ok"]
+    swap = {"activate_controllers": ["wheels"], "deactivate_controllers": [FORWARD], "strictness": 2}
+    assert manager("switch_controller", "SwitchController", **swap)["ok"]
+    names = call("/wheels/list_parameters", "rcl_interfaces/srv/ListParameters")["result"]["names"]
+    assert {"joints", "update_rate"} <= set(names)
+    refused = put("wheels", "joints", type=9, string_array_value=["left_wheel_joint"])
+    assert "'joints' cannot be set because it is read-only" in refused["reason"]
+    scene.peer.order(
+        "publish", topic="/speeds", of="std_msgs/msg/Float64MultiArray", data={"data": [2.0, 2.0]}, rate=20
+    )
+    assert ros.eventually(lambda: abs(scene.drive.speed) > 0.5)
+    scene.peer.order("silence", topic="/speeds")
+    back = {"activate_controllers": [FORWARD], "deactivate_controllers": ["wheels"], "strictness": 2}
+    assert manager("switch_controller", "SwitchController", **back)["ok"]
+    assert manager("unload_controller", "UnloadController", name="wheels")["ok"]
+    assert "wheels" not in states()
+
+
 def test_types_and_interfaces_are_those_of_the_robot(manager):
     assert (
         "diff_drive_controller/DiffDriveController" in manager("list_controller_types", "ListControllerTypes")["types"]
@@ -156,12 +192,15 @@ def test_the_objects_of_the_tpdos_are_told_as_they_change_and_an_unmapped_one_is
 
 def test_an_emergency_of_a_drive_is_told_on_its_topic(scene, call):
     scene.peer.order("subscribe", topic="/left_drive/emcy", of="diagnostic_msgs/msg/DiagnosticArray")
+    scene.peer.order("subscribe", topic="/rosout", of="rcl_interfaces/msg/Log")
     scene.drive.fault("drive_fault")
     (status,) = scene.peer.message("/left_drive/emcy")["status"]
     assert (status["name"], status["level"]) == ("left_drive", 1)
     values = {each["key"]: each["value"] for each in status["values"]}
     assert (values["error_code"], int(values["error_register"], 16) & 9) == ("0x4310", 9), "temperature, generic"
     assert f"EMCY {values['error_code']} (" in status["message"]
+    logged = scene.peer.message("/rosout", lambda message: "EMCY 0x4310" in message["msg"])
+    assert (logged["name"], logged["level"]) == ("left_drive", 30)
     scene.drive.fault("drive_fault", on=False)
     assert ros.eventually(lambda: call("/left_drive/recover")["success"])
     assert scene.drive.power != "OPERATION_ENABLED"

@@ -98,6 +98,27 @@ def test_started_by_hand_it_waits_for_the_robot_to_come_back(number):
         process.__exit__(None, None, None)
 
 
+def test_a_second_bridge_of_a_robot_is_refused_and_the_first_goes_on(number):
+    with ros.FakeRobot() as robot, ros.bridge(number) as first:
+        assert ros.eventually(lambda: robot.told)
+        with ros.bridge(number) as second:
+            output, _ = second.communicate(timeout=ros.TIMEOUT)
+        assert second.returncode == 1
+        assert output == (
+            f"canopen-control: fake has a ROS bridge in domain {number}, process {first.pid}; "
+            f"end that one first, or give this one another ROS_DOMAIN_ID\n"
+        )
+        assert first.poll() is None
+
+
+def test_use_sim_time_is_told_to_have_no_effect(number):
+    with ros.FakeRobot() as robot, ros.bridge(number, "--ros-args", "-p", "use_sim_time:=true") as process:
+        assert ros.eventually(lambda: robot.told)
+        process.terminate()
+        output, _ = process.communicate(timeout=ros.TIMEOUT)
+    assert output.startswith("canopen-control: use_sim_time has no effect on the bridge: stamps are the robot's own")
+
+
 def test_two_robots_live_in_one_graph_under_their_namespaces(number):
     with (
         ros.FakeRobot("one"),

@@ -158,12 +158,14 @@ def test_an_answer_of_another_shape_is_no_answer_and_the_bridge_goes_on(scene, c
     assert call("list_controllers", "ListControllers")["controller"]
 
 
-def test_a_spawners_param_file_is_refused_with_the_reason_at_once(scene):
-    parameter = {"name": "base.params_file", "value": {"type": 4, "string_value": "/tmp/base.yaml"}}
-    answer = scene[1].order(
+def test_a_spawners_param_file_goes_to_the_robot(scene):
+    robot, peer = scene
+    robot.told.clear()
+    parameter = {"name": "base.params_file", "value": {"type": 9, "string_array_value": ["/tmp/base.yaml"]}}
+    answer = peer.order(
         "call", service="/controller_manager/set_parameters", of="rcl_interfaces/srv/SetParameters",
         data={"parameters": [parameter]},
     )  # fmt: skip
-    (result,) = answer["response"]["results"]
-    assert result["successful"] is False
-    assert "leave --param-file away" in result["reason"]
+    assert answer["response"]["results"] == [{"successful": True, "reason": ""}]
+    value = {"name": "base.params_file", "kind": "string_array", "value": ["/tmp/base.yaml"]}
+    assert asked(scene, "set_parameters") == [{"controller": "controller_manager", "values": [value]}]

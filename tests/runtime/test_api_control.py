@@ -55,3 +55,29 @@ def test_inactive_hardware_commands_nothing_and_its_controllers_stop(robby, clie
 )
 def test_what_cannot_be_done_is_refused_in_a_sentence(client, method, params, words):
     assert words in client.ask(method, **params)["error"]["message"]
+
+
+def test_best_effort_leaves_out_names_that_nobody_knows_and_tells_them(robby, client):
+    answer = client.ask("switch", activate=["nobody", BASE], deactivate=["nothing", FORWARD], strict=False)
+    assert answer["result"] == {}
+    assert (states(client)[BASE], states(client)[FORWARD]) == ("active", "inactive")
+    robby.run(50)
+    assert robby.texts("left_out") == ["a switch leaves out what nobody knows: nobody, nothing; see: controller list"]
+    answer = client.ask("switch", activate=["nobody", FORWARD], deactivate=[BASE], strict=True)
+    assert "no controller 'nobody'" in answer["error"]["message"]
+    assert (states(client)[BASE], states(client)[FORWARD]) == ("active", "inactive"), "a strict one changes nothing"
+
+
+def test_hardware_is_unconfigured_and_configured_again(robby, client):
+    robby.hold(10.0, 10.0, ms=300)
+    name = client.ask("hardware")["result"][0]["name"]
+    assert client.ask("set_hardware_state", component=name, state="unconfigured")["result"] == {"state": "unconfigured"}
+    robby.run(1500)
+    assert robby.speed(LEFT) == 0
+    assert states(client)[FORWARD] == "inactive"
+    (component,) = client.ask("hardware")["result"]
+    assert not any(each["available"] for each in component["state_interfaces"])
+    assert "must be active" in client.ask("switch", activate=[FORWARD])["error"]["message"]
+    assert client.ask("set_hardware_state", component=name, state="inactive")["result"] == {"state": "inactive"}
+    assert client.ask("set_hardware_state", component=name, state="active")["result"] == {"state": "active"}
+    assert client.ask("switch", activate=[FORWARD])["result"] == {}

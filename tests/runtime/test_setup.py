@@ -111,3 +111,18 @@ def test_peer_merge_reaches_the_plan(tmp_path):
     files = find_robot(str(copy_robby(tmp_path, bus=changed)))
     assert read_robot(files).bus.nodes["left_drive"].supervision.heartbeat_producer == 50
     assert read_robot(files, peer_merge=True).bus.nodes["left_drive"].supervision.heartbeat_producer == 100
+
+
+@pytest.mark.parametrize("where", ["controller_manager", "robby_base_controller"])
+def test_use_sim_time_without_a_simulation_is_told_to_do_nothing(tmp_path, where):
+    head = f"{where}:\n  ros__parameters:\n"
+    folder = copy_robby(tmp_path, controllers={head: f"{head}    use_sim_time: true\n"})
+    (note,) = [each for each in read_robot(find_robot(str(folder))).notes if "use_sim_time has" in each]
+    assert note.endswith("so its stamps are this computer's time; start the other nodes without it")
+    assert not [each for each in read_robot(ROBBY).notes if "use_sim_time" in each]
+
+
+def test_use_sim_time_of_a_simulated_robot_is_as_it_should_be():
+    setup = read_robot(find_robot("diffbot_sim"))
+    assert setup.controllers.manager.use_sim_time
+    assert not [each for each in setup.notes if "use_sim_time" in each]

@@ -57,6 +57,12 @@ class Ros:
 
     unserve = destroy_publisher = unsubscribe
 
+    def get_namespace(self):
+        return "/robot"
+
+    def get_name(self):
+        return "bridge"
+
     def hand_over(self, function):
         function()
 
@@ -75,6 +81,20 @@ class Ros:
 
     def publish(self, topic, message):
         self.subscriptions[topic][1](message)
+
+    def call(self, service, *given, request=None, **fields):
+        """Call a service, answer what it asks of the robot, in order, with `given`: results, or texts of refusals."""
+        kind, handler = self.services[service]
+        replies, answers = [], iter(given)
+        handler(request or kind.Request(**fields), kind.Response(), replies.append)
+        asked = []
+        while self.asked:
+            wanted, answer = self.asked.pop(0)
+            asked.append(wanted)
+            found = next(answers)
+            answer(*((None, found) if isinstance(found, str) else (found, None)))
+        (response,) = replies
+        return response, asked
 
 
 FACTORY = interfaces._Factory()

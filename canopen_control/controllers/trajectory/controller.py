@@ -49,6 +49,11 @@ class JointTrajectoryController(Controller):
     """
 
     tells: ClassVar[type[Sample] | None] = TrajectorySample
+    settable: ClassVar[tuple[str, ...]] = (
+        "gains.*", "constraints.stopped_velocity_tolerance", "constraints.goal_time", "constraints.*.trajectory",
+        "constraints.*.goal", "allow_partial_joints_goal", "allow_integration_in_goal_trajectories",
+        "allow_nonzero_velocity_at_trajectory_end",
+    )  # fmt: skip
 
     def __init__(self, name: str, type_name: str = "joint_trajectory_controller/JointTrajectoryController") -> None:
         super().__init__(name, type_name)
@@ -70,6 +75,7 @@ class JointTrajectoryController(Controller):
     def on_configure(self, params: Params) -> None:
         """Read the parameters, see `params`; what cannot be together is an error."""
         self.params = given = read_params(params, self.name)
+        self._changed = None
         self.update_rate = given.update_rate
         if self.cycle_rate <= 0:
             raise RobotConfigError(f"{self.name}: the update_rate is {self.cycle_rate} Hz; give one above 0")
@@ -84,6 +90,10 @@ class JointTrajectoryController(Controller):
         self._default = self.tolerances = given.tolerances()
         positions = tuple(given.command_interfaces) == (POSITION,)
         self.speed = SpeedScaling(given.initial_scaling_factor, allowed=positions)
+
+    def on_set(self, params: Params) -> None:
+        """Take other gains, and tolerances of trajectories to come, in the next cycle."""
+        self.change(read_params(params, self.name))
 
     def command_interface_names(self) -> list[str]:
         """Return those of each commanded joint, and that of the speed scaling."""

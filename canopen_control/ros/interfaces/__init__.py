@@ -37,8 +37,17 @@ _PROBED: Final = "std_msgs/msg/Header"
 
 
 def provide(packages: Iterable[str] = PACKAGES) -> list[str]:
-    """Make the packages that are not installed importable; return those. CanopenError when this ROS is not known."""
-    missing = [name for name in packages if name not in sys.modules and importlib.util.find_spec(name) is None]
+    """Make the packages that are not installed importable, in any program with rclpy; return those.
+
+    Call it before they are imported. `packages` are by default all of `PACKAGES`. CanopenError when this ROS is not
+    known, before anything is made; a package that is neither installed nor one of `PACKAGES` is a CanopenError too.
+    """
+    wanted = [packages] if isinstance(packages, str) else list(packages)
+    missing = [name for name in wanted if name not in sys.modules and importlib.util.find_spec(name) is None]
+    unknown = [name for name in missing if name not in PACKAGES]
+    if unknown:
+        there = f"those that can be made are {', '.join(PACKAGES)}"
+        raise CanopenError(f"no interfaces of {', '.join(unknown)} are known here; {there}: install the package")
     if missing:
         factory = _factory()
         for package in missing:

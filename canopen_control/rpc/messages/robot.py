@@ -33,6 +33,7 @@ from canopen_control.rpc.messages.nodes import (
     SdoWrite,
     TouchProbe,
 )
+from canopen_control.rpc.messages.parameters import PARAMETER_METHODS
 from canopen_control.rpc.messages.state import ControllerReading, RobotEvent, StateSample, Status
 from canopen_control.rpc.messages.trajectory import (
     MAX_POINTS,
@@ -271,6 +272,9 @@ class SwitchControllers(Request[Done], frozen=True, kw_only=True):
     strict: bool = True
 
 
+ROBOT.declare(PARAMETER_METHODS)
+
+
 class InterfaceReading(msgspec.Struct, frozen=True):
     """An interface of a component, as "joint/interface"."""
 
@@ -304,7 +308,7 @@ class ComponentState(msgspec.Struct, frozen=True):
 
 @ROBOT.method("set_hardware_state", Effect.CHANGES)
 class SetHardwareState(Request[ComponentState], frozen=True, kw_only=True):
-    """Set a component "inactive" or "active"; nothing moves by it."""
+    """Set a component "unconfigured", "inactive" or "active"; nothing moves by it."""
 
     component: str
     state: str

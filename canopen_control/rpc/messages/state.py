@@ -128,8 +128,9 @@ class EventDetails(msgspec.Struct, frozen=True, omit_defaults=True):
 class RobotEvent(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Something happened: `time` in Unix seconds, `level` "info", "warning" or "error".
 
-    `node` is the name of the node it is about, None for the robot itself; `kind` one word for programs, `text` a
-    sentence for people, which says `count` and `since` too where it stands for several.
+    `node` is the name of the node it is about, None for the robot itself, `controller` that of the controller; `kind`
+    is one word for programs, `text` a sentence for people, which says `count` and `since` too where it stands for
+    several.
     """
 
     time: UnixTime
@@ -140,6 +141,7 @@ class RobotEvent(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     count: Count = 1
     since: UnixTime | None = None
     details: EventDetails | None = None
+    controller: str | None = None
 
     @property
     def first(self) -> float:
@@ -233,7 +235,7 @@ class ControllerReading(msgspec.Struct, frozen=True, kw_only=True, rename={"clai
     none, `update_rate` in Hz. `tells` is the kind of its samples,
     None if it has none, `publish_rate` how often it has a new one, in Hz. `publishes` are its topics of joint states,
     with `frame_id` in their headers. `reference_interfaces` are what another controller may command of it,
-    `exported_state_interfaces` what it may read.
+    `exported_state_interfaces` what it may read. `node_options` are arguments of its ROS node: `-r`, `FROM:=TO`.
     """
 
     name: str
@@ -255,6 +257,7 @@ class ControllerReading(msgspec.Struct, frozen=True, kw_only=True, rename={"clai
     rejected: int = 0
     update_rate: int = 0
     publish_rate: float = 0.0
+    node_options: tuple[str, ...] = ()
 
     @property
     def active(self) -> bool:

@@ -17,6 +17,7 @@ from canopen_control.controllers.trajectory.point import JointTrajectory, Point
 from canopen_control.controllers.trajectory.tolerances import GoalTolerances
 from canopen_control.errors import ControlError
 from canopen_control.hardware.interfaces import InterfaceRegistry
+from canopen_control.rpc.messages.parameters import ParameterValue
 from canopen_control.urdf.joint_element import Joint, Limits
 
 CASES = cases("jtc_scenarios")
@@ -445,6 +446,16 @@ def test_whatever_follows_whatever_the_commands_never_jump(first, cycles, second
             before = arm.positions()[0]
             arm.run()
             assert abs(arm.positions()[0] - before) <= 2.0 / 0.02 * 0.01 + 1e-9
+
+
+def test_a_tolerance_that_is_set_counts_for_the_goals_to_come(arm):
+    wanted = ParameterValue(name="constraints.a.trajectory", kind="double", value=0.125)
+    arm.manager.set_parameters("arm", [wanted])
+    arm.run()
+    arm.send((0.5, 0.2))
+    assert [each.position for each in arm.controller.tolerances.path] == [0.125, 0.0]
+    with pytest.raises(ControlError, match="'joints' cannot be set because it is read-only"):
+        arm.manager.set_parameters("arm", [ParameterValue(name="joints", kind="string_array", value=["b"])])
 
 
 # ------------------------------------------------------------------------------------------------- limits of points

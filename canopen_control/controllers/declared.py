@@ -1,0 +1,122 @@
+"""The parameters that a controller declares, as ROS 2 lists and describes them: made of the class that it reads.
+
+Name, type, default, bounds and choices are those of the dataclass, see `yamlfile.convert`. What may be set while the
+controller is configured, its class says (`settable`); all else is read-only, as most of it is upstream.
+"""
+
+from __future__ import annotations
+
+import enum
+import types
+import typing
+from fnmatch import fnmatchcase
+from typing import TYPE_CHECKING, Any, Final
+
+from canopen_control.errors import ControlError, nearest
+from canopen_control.rpc.messages.parameters import ParameterReading, told
+from canopen_control.yamlfile.convert import fields_of, key_of
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
+
+    from canopen_control.controllers.params import Params
+    from canopen_control.rpc.messages.parameters import ParameterValue, Told
+
+__all__ = ["checked", "declared_by", "given_in"]
+
+_KINDS: Final = {bool: "bool", int: "integer", float: "double", str: "string"}
+_HIDDEN: Final = frozenset({"type"})  # the manager's parameter of a controller
+_NO_METADATA: Final[Mapping[str, Any]] = types.MappingProxyType({})
+
+
+def declared_by(taken: object, settable: Iterable[str] = ()) -> tuple[ParameterReading, ...]:
+    """Return the parameters of a dataclass that was read of them, sorted by name; `settable` are patterns of names."""
+    patterns = tuple(settable)
+    rows = sorted(_rows(taken, ""), key=lambda row: row[0])
+    return tuple(_reading(*row, patterns) for row in rows if row[0] not in _HIDDEN)
+
+
+def _reading(
+    name: str, wanted: object, value: object, metadata: Mapping[str, Any], patterns: Iterable[str]
+) -> ParameterReading:
+    kind, (low, high) = _kind(wanted, value), metadata.get("range") or (None, None)
+    plain = value.value if isinstance(value, enum.Enum) else value
+    return ParameterReading(
+        name=name,
+        kind=kind,
+        value=told([plain] if kind.endswith("_array") and isinstance(plain, str) else plain),
+        read_only=not any(fnmatchcase(name, each) for each in patterns),
+        low=low,
+        high=high,
+        choices=tuple(map(str, metadata.get("choices") or ())),
+    )
+
+
+def given_in(params: Params) -> tuple[ParameterReading, ...]:
+    """Return what the files give of a controller that is not configured: which parameters it has, it has not said."""
+    values = {key.text: value.value for key, value in params.flat.pairs()}
+    return tuple(
+        ParameterReading(name=name, kind=_kind_of(value), value=told(value), read_only=True)
+        for name, value in sorted(values.items())
+        if name not in _HIDDEN
+    )
+
+
+def checked(owner: str, known: Sequence[ParameterReading], wanted: Sequence[ParameterValue]) -> dict[str, Told]:
+    """Return what is to be set, by name; ControlError, in the words of rclcpp, for what cannot be."""
+    rows = {each.name: each for each in known}
+    values: dict[str, Told] = {}
+    for each in wanted:
+        row = rows.get(each.name)
+        if row is None:
+            hint = near if "mean" in (near := nearest(each.name, rows)) else ""
+            raise ControlError(f"{owner}: parameter '{each.name}' cannot be set because it was not declared{hint}")
+        if row.read_only:
+            raise ControlError(
+                f"{owner}: parameter '{each.name}' cannot be set because it is read-only; "
+                f"change it in ros2_controllers.yaml, and load the controller again"
+            )
+        if row.kind not in (each.kind, "not_set"):
+            raise ControlError(
+                f"{owner}: wrong parameter type, parameter '{each.name}' is of type {row.kind}, "
+                f"setting it to {each.kind} is not allowed"
+            )
+        try:
+            values[each.name] = each.plain
+        except ValueError as error:
+            raise ControlError(f"{owner}: parameter '{each.name}': {error}") from None
+    return values
+
+
+def _rows(taken: Any, prefix: str) -> Iterator[tuple[str, Any, Any, Mapping[str, Any]]]:  # noqa: ANN401 - a dataclass
+    for entry, wanted in fields_of(type(taken)):
+        value, metadata = getattr(taken, entry.name), entry.metadata or _NO_METADATA
+        if metadata.get("here") or metadata.get("derived"):
+            continue
+        if metadata.get("part"):
+            yield from _rows(value, prefix)
+        elif metadata.get("section"):
+            yield from _rows(value, f"{prefix}{key_of(entry)}.")
+        else:
+            yield f"{prefix}{key_of(entry)}", wanted, value, metadata
+
+
+def _kind(wanted: Any, value: object) -> str:  # noqa: ANN401 - a type, of which there is no common one
+    """Return the type of a parameter: that of its annotation, where that leaves one, else that of its value."""
+    origin, inner = typing.get_origin(wanted), typing.get_args(wanted)
+    if origin in (typing.Union, types.UnionType):
+        kinds = [_kind(each, value) for each in inner if each is not type(None)]
+        return next((each for each in kinds if each.endswith("_array")), kinds[0])
+    if origin in (tuple, list) and inner:
+        return f"{_KINDS.get(inner[0], 'string')}_array"
+    if origin is typing.Literal or (isinstance(wanted, type) and issubclass(wanted, enum.Enum)):
+        return "string"
+    return _KINDS.get(wanted) or _kind_of(value)
+
+
+def _kind_of(value: object) -> str:
+    if isinstance(value, list | tuple):
+        kinds = {_kind_of(each) for each in value}
+        first = "double" if kinds == {"integer", "double"} else min(kinds, default="string")
+        return f"{first}_array" if first in _KINDS.values() else "string_array"
+    return _KINDS.get(type(value), "not_set")

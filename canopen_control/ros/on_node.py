@@ -1,0 +1,107 @@
+"""What an endpoint is given that is on one ROS node: the node's topics and services, and the session's robot.
+
+The law of the file: callbacks of subscriptions come on the spinner's thread, those of services on the reactor's; what
+one raises is a warning of the node. The executor would drop messages otherwise.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
+
+from canopen_control.ros.endpoint import serve as make_service
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from canopen_control.ros.endpoint import Handler, Reply
+    from canopen_control.ros.rcl import Node
+    from canopen_control.rpc.messages.declare import Request
+    from canopen_control.rpc.messages.robot import CommandController, TwistController
+    from canopen_control.rpc.messages.state import ControllerReading
+    from canopen_control.rpc.reactor_client import ReactorClient
+
+__all__ = ["OnNode", "Shared"]
+
+A = TypeVar("A")
+
+
+class Shared(Protocol):
+    """What all nodes of a robot share, see `endpoint.Ros`; `warn_of` tells the user as one of the nodes."""
+
+    robot: str
+    controllers: dict[str, ControllerReading]
+
+    def command(self, request: CommandController | TwistController) -> None:
+        """Send the newest command of a controller."""
+
+    def warn_of(self, node: Node, key: str, text: str) -> None:
+        """Tell the user, rarely."""
+
+    def hand_over(self, function: Callable[[], object]) -> None:
+        """Have a function called on the reactor's thread."""
+
+    def watch_process_data(self, watcher: object, wanted: bool) -> None:
+        """Have the robot tell what its TPDOs carry."""
+
+    def connect(self) -> ReactorClient:
+        """Return a connection to the robot."""
+
+    def call(self, function: Callable[[], object]) -> None:
+        """Have a function called in the thread of ROS's callbacks."""
+
+    def ask(self, request: Request[A], answer: Callable[[A | None, str | None], object]) -> None:
+        """Ask the robot."""
+
+
+class OnNode:
+    """One node and what it shares with the others; the `Ros` of what is on it."""
+
+    def __init__(self, shared: Shared, node: Node) -> None:
+        self.node, self._shared = node, shared
+        self.robot = shared.robot
+        self.command, self.hand_over, self.connect = shared.command, shared.hand_over, shared.connect
+        self.watch_process_data, self.call, self.ask = shared.watch_process_data, shared.call, shared.ask
+
+    @property
+    def controllers(self) -> dict[str, ControllerReading]:
+        """The controllers that are loaded, by name."""
+        return self._shared.controllers
+
+    def warn(self, key: str, text: str) -> None:
+        """Tell the user, each key once per second at most; from any thread."""
+        self._shared.warn_of(self.node, key, text)
+
+    def subscribe(self, message: type, topic: str, callback: Callable[[Any], object], qos: object) -> object:
+        """Make a subscription; an exception of the callback becomes a warning."""
+
+        def guarded(each: object) -> None:
+            try:
+                callback(each)
+            except Exception as error:  # noqa: BLE001 - see above
+                self.warn(topic, f"{topic}: {type(error).__name__}: {error}")
+
+        subscription: object = self.node.create_subscription(message, topic, guarded, qos)
+        return subscription
+
+    def unsubscribe(self, subscription: object) -> None:
+        """Leave a topic, between two callbacks."""
+        self.call(lambda: self.node.destroy_subscription(subscription))
+
+    def serve(self, kind: type, name: str, handler: Handler) -> object:
+        """Make a service; `handler(request, response, reply)` is called on the reactor's thread and never blocks."""
+
+        def guarded(request: object, response: object, reply: Reply) -> None:
+            try:
+                handler(request, response, reply)
+            except Exception as error:  # noqa: BLE001 - a refusal is an answer too
+                self.warn(name, f"{name}: {type(error).__name__}: {error}")
+                reply(response)
+
+        def taken(request: object, response: object, reply: Reply) -> None:
+            self.hand_over(lambda: guarded(request, response, reply))
+
+        return make_service(self.node, kind, name, taken)
+
+    def unserve(self, service: object) -> None:
+        """Leave a service, between two callbacks."""
+        self.call(lambda: self.node.destroy_service(service))

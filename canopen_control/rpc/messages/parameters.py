@@ -1,0 +1,93 @@
+"""The parameters of controllers and of their manager, as ROS 2 shows them: asked for, and set while the robot runs.
+
+A double that is not finite is the text that YAML has for it (`.nan`, `.inf`, `-.inf`), since JSON has no number for it.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import msgspec
+
+from canopen_control.rpc.messages.declare import Done, Effect, Request
+
+__all__ = ["KINDS", "MANAGER", "PARAMETER_METHODS", "GetParameters", "ParameterReading", "ParameterValue",
+           "SetParameters", "Told", "number_of", "told"]  # fmt: skip
+
+MANAGER: Final = "controller_manager"
+#: the types of a parameter, each with that of its elements where it is a list
+KINDS: Final = {
+    "not_set": None, "bool": None, "integer": None, "double": None, "string": None,
+    "bool_array": "bool", "integer_array": "integer", "double_array": "double", "string_array": "string",
+}  # fmt: skip
+
+Scalar = bool | int | float | str
+Told = Scalar | list[Scalar] | None
+_SPECIAL: Final = {".nan": math.nan, ".inf": math.inf, "-.inf": -math.inf}
+
+
+def told(value: object) -> Told:
+    """Return a value as it goes over the wire; None for what no parameter is."""
+    if isinstance(value, list | tuple):
+        elements = [told(each) for each in value]
+        return [each for each in elements if each is not None and not isinstance(each, list)]
+    if isinstance(value, float) and not math.isfinite(value):
+        return ".nan" if math.isnan(value) else ".inf" if value > 0.0 else "-.inf"
+    return value if isinstance(value, bool | int | float | str) else None
+
+
+def number_of(value: Scalar) -> float:
+    """Return a double that came over the wire; ValueError for what is none."""
+    if isinstance(value, bool):
+        raise ValueError(f"{value} is no number")
+    return _SPECIAL[value] if isinstance(value, str) and value in _SPECIAL else float(value)
+
+
+class ParameterValue(msgspec.Struct, frozen=True, kw_only=True):
+    """A parameter by its dotted name; `kind` is one of `KINDS`."""
+
+    name: str
+    kind: str
+    value: Told = None
+
+    @property
+    def plain(self) -> Told:
+        """The value as Python has it, doubles that are not finite too; ValueError if it is not of its kind."""
+        element = KINDS.get(self.kind)
+        if self.kind == "double" and not isinstance(self.value, list | None):
+            return number_of(self.value)
+        if element == "double" and isinstance(self.value, list):
+            return [number_of(each) for each in self.value]
+        return self.value
+
+
+class ParameterReading(ParameterValue, frozen=True, kw_only=True, omit_defaults=True):
+    """A parameter and what may be set: `low` and `high` bound a number, `choices` are the texts that it may be.
+
+    One that is `read_only` is what it was when its controller was configured.
+    """
+
+    read_only: bool = False
+    low: float | None = None
+    high: float | None = None
+    choices: tuple[str, ...] = ()
+
+
+class GetParameters(Request[tuple[ParameterReading, ...]], frozen=True, kw_only=True):
+    """The parameters of a controller that is loaded, or of the `controller_manager`."""
+
+    controller: str
+
+
+class SetParameters(Request[Done], frozen=True, kw_only=True):
+    """Set parameters of a controller, or of the `controller_manager`: all of them, or none and an error."""
+
+    controller: str
+    values: tuple[ParameterValue, ...]
+
+
+PARAMETER_METHODS: Final = (
+    ("parameters", Effect.READS, GetParameters),
+    ("set_parameters", Effect.CHANGES, SetParameters),
+)

@@ -1,0 +1,100 @@
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from canopen_control.controllers.declared import checked, declared_by, given_in
+from canopen_control.controllers.diff_drive_params import read_params
+from canopen_control.controllers.params import Params
+from canopen_control.controllers.standard_params import BroadcasterParams, GroupParams
+from canopen_control.controllers.trajectory.params import read_params as read_trajectory_params
+from canopen_control.errors import ControlError
+from canopen_control.rpc.messages.parameters import ParameterValue
+
+WHEELS = {"left_wheel_names": ["l"], "right_wheel_names": "r", "wheel_separation": 0.4, "wheel_radius": 0.1}
+
+
+@pytest.fixture
+def base():
+    params = Params.of(WHEELS)
+    read_params(params)
+    return {each.name: each for each in declared_by(params.taken, ("cmd_vel_timeout", "linear.x.*"))}
+
+
+def test_names_types_values_and_bounds_are_those_of_the_class(base):
+    timeout = base["cmd_vel_timeout"]
+    assert (timeout.kind, timeout.value, timeout.low, timeout.high) == ("double", 0.5, 0.0, 1e9)
+    assert (base["open_loop"].kind, base["open_loop"].value) == ("bool", False)
+    assert (base["left_wheel_names"].kind, base["left_wheel_names"].value) == ("string_array", ["l"])
+    assert (base["pose_covariance_diagonal"].kind, base["pose_covariance_diagonal"].value) == (
+        "double_array",
+        [0.0] * 6,
+    )
+    assert base["velocity_rolling_window_size"].kind == "integer"
+    assert math.isnan(base["linear.x.max_velocity"].plain)
+    assert list(base) == sorted(base)
+
+
+def test_a_name_or_a_list_of_them_is_a_list_for_ros(base):
+    assert (base["right_wheel_names"].kind, base["right_wheel_names"].plain) == ("string_array", ["r"])
+
+
+def test_what_no_pattern_names_is_read_only(base):
+    free = {name for name, each in base.items() if not each.read_only}
+    assert {name for name in free if not name.startswith("linear.x.")} == {"cmd_vel_timeout"}
+    assert "linear.x.max_jerk" in free
+
+
+def test_keys_of_other_names_choices_and_values_that_are_not_set():
+    rows = {each.name: each for each in declared_by(BroadcasterParams())}
+    assert rows["map_interface_to_joint_state.effort"].value == "effort"
+    unset = {each.name: each for each in declared_by(GroupParams())}["command_timeout"]
+    assert (unset.kind, unset.plain) == ("double", None)
+
+
+def test_the_gains_of_each_joint_have_its_name():
+    params = Params.of(
+        {"joints": ["a"], "command_interfaces": ["velocity"], "state_interfaces": ["position", "velocity"],
+         "gains": {"a": {"p": 2.0}}}
+    )  # fmt: skip
+    read_trajectory_params(params, "arm")
+    rows = {each.name: each for each in declared_by(params.taken, ("gains.*",))}
+    assert (rows["gains.a.p"].value, rows["gains.a.p"].read_only) == (2.0, False)
+    assert rows["gains.a.i_clamp_max"].plain == math.inf
+    assert "legacy" in rows["gains.a.antiwindup_strategy"].choices
+    assert rows["constraints.a.goal"].read_only
+
+
+def test_before_they_are_read_they_are_those_of_the_file():
+    told = {
+        each.name: (each.kind, each.value, each.read_only) for each in given_in(Params.of({**WHEELS, "type": "x/Y"}))
+    }
+    assert told["wheel_radius"] == ("double", 0.1, True)
+    assert told["left_wheel_names"] == ("string_array", ["l"], True)
+    assert "type" not in told
+
+
+@pytest.mark.parametrize(
+    ("name", "kind", "value", "why"),
+    [
+        ("wheel_radius", "double", 0.2, "'wheel_radius' cannot be set because it is read-only"),
+        ("cmd_vel_timout", "double", 0.2, "was not declared.*'cmd_vel_timeout'"),
+        ("anything", "double", 0.2, "'anything' cannot be set because it was not declared$"),
+        ("cmd_vel_timeout", "integer", 1, "'cmd_vel_timeout' is of type double, setting it to integer is not allowed"),
+        ("cmd_vel_timeout", "double", True, "True is no number"),
+    ],
+)
+def test_what_cannot_be_set_is_refused_as_rclcpp_does(base, name, kind, value, why):
+    with pytest.raises(ControlError, match=why):
+        checked("base", list(base.values()), [ParameterValue(name=name, kind=kind, value=value)])
+
+
+def test_what_can_be_set_is_returned_by_name(base):
+    wanted = [
+        ParameterValue(name="cmd_vel_timeout", kind="double", value=0.2),
+        ParameterValue(name="linear.x.max_velocity", kind="double", value=".nan"),
+    ]
+    found = checked("base", list(base.values()), wanted)
+    assert found["cmd_vel_timeout"] == 0.2
+    assert math.isnan(found["linear.x.max_velocity"])

@@ -1,0 +1,60 @@
+"""What endpoints of one node are given, with a node that only remembers."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import pytest
+
+from canopen_control.ros import on_node
+from canopen_control.ros.on_node import OnNode
+
+pytestmark = pytest.mark.ros
+
+
+@pytest.fixture
+def scene(monkeypatch):
+    told, gone, made, later = [], [], {}, []
+    node = SimpleNamespace(
+        create_subscription=lambda _kind, topic, callback, _qos: made.setdefault(topic, callback),
+        destroy_subscription=gone.append,
+        destroy_service=gone.append,
+    )
+    shared = SimpleNamespace(
+        robot="robby", controllers={}, warn_of=lambda of, _key, text: told.append((of is node, text)),
+        hand_over=later.append, call=lambda function: function(),
+    )  # fmt: skip
+    for name in ("command", "connect", "watch_process_data", "ask"):
+        setattr(shared, name, lambda *_: None)
+    monkeypatch.setattr(on_node, "make_service", lambda _node, _kind, name, taken: made.setdefault(name, taken))
+    return SimpleNamespace(ros=OnNode(shared, node), told=told, gone=gone, made=made, later=later, shared=shared)
+
+
+def test_what_a_callback_raises_is_a_warning_of_the_node(scene):
+    def callback(message):
+        raise ValueError(f"not {message}")
+
+    scene.ros.subscribe(str, "commands", callback, None)
+    scene.made["commands"]("this")
+    assert scene.told == [(True, "commands: ValueError: not this")]
+
+
+def test_a_request_is_handed_over_and_one_that_raises_is_answered(scene):
+    def handler(request, response, reply):
+        raise KeyError(request)
+
+    scene.ros.serve(str, "get", handler)
+    answered = []
+    scene.made["get"]("request", "response", answered.append)
+    assert answered == [], "not yet: it is for the other thread"
+    scene.later.pop()()
+    assert answered == ["response"]
+    assert scene.told == [(True, "get: KeyError: 'request'")]
+
+
+def test_what_is_left_is_destroyed_and_what_is_shared_is_the_sessions(scene):
+    scene.ros.unsubscribe("topic")
+    scene.ros.unserve("service")
+    assert scene.gone == ["topic", "service"]
+    scene.shared.controllers = {"base": 1}
+    assert (scene.ros.robot, scene.ros.controllers) == ("robby", {"base": 1})
