@@ -104,7 +104,7 @@ def _node_keys(robot: NewRobot, node: NewNode) -> list[str]:
         *_supervision(robot, node),
     ]
     if node.drive is None:
-        return [*lines, "# no drive: its PDOs stay as it has them, and no joint moves by it"]
+        return [*lines, "# no drive: its PDOs stay as it has them"]
     return [*lines, *_motion(node.drive), *_writes(node, node.drive), *_pdos(node.drive)]
 
 
