@@ -4,7 +4,7 @@ The law of the file (ros2_controllers jazzy): odometry is followed and published
 Without a twist traction is 0 and the steered wheels stay as they are; a twist of zeros that is commanded steers them
 straight. In closed loop the wheels of a curve turn as the measured curve wants it. Ours: a `reference_timeout` of 0
 lets a twist move it for one update, no wheel turns faster than the wanted curve needs, wherever the steering still is,
-and feedback is waited for, see `mobile_base`.
+the speed of two wheels is the fit to both (`SteeringKinematics.fits`), and feedback is waited for, see `mobile_base`.
 """
 
 from __future__ import annotations

@@ -144,6 +144,23 @@ def test_a_forklift_steers_with_its_rear_wheel_and_knows_where_it_is():
     bench.close()
 
 
+def test_a_forklift_drives_off_with_its_steering_across_and_does_not_lose_its_way():
+    base = "forklift_base_controller"
+    bench, moving, _ = driven("forklift", (2, 3, 4), base, [0.0, 1.0], 1.5)
+    assert bench.robot.registry.state("steering_joint/position").value == pytest.approx(math.pi / 2, abs=1e-3)
+    assert (moving.x, moving.y, moving.heading) == (0.0, 0.0, 0.0)
+    for _ in range(15):
+        bench.robot.command(base, [0.5, 0.0], "test")
+        bench.run(100)
+        speeds = [bench.robot.registry.state(f"{side}_traction_joint/velocity").value for side in ("right", "left")]
+        assert max(map(abs, speeds)) < 0.5 / 0.15 * 1.01
+    right, left = (bench.robot.registry.state(f"{side}_traction_joint/position").value for side in ("right", "left"))
+    told = bench.robot.manager.get(base).sample(0)
+    assert told.heading == pytest.approx((right - left) * 0.15 / 0.9, rel=0.15)
+    assert told.linear == pytest.approx(0.5, rel=0.01)
+    bench.close()
+
+
 def test_a_forklift_whose_steering_is_lost_stands_and_goes_on_with_a_newer_twist_once_it_is_enabled():
     base = "forklift_base_controller"
     bench = Bench("lost", config="forklift", drives=(2, 3, 4))
