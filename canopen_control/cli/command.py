@@ -9,7 +9,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from canopen_control.cli.support.arguments import finite
-from canopen_control.cli.support.commands import add_repeat_arguments, send, values_at_the_end
+from canopen_control.cli.support.commands import (
+    add_repeat_arguments,
+    ask_for_controllers,
+    send,
+    target_interface,
+    values_at_the_end,
+)
 from canopen_control.errors import ConfigError
 from canopen_control.rpc.messages.robot import CommandByName, CommandController
 
@@ -45,9 +51,11 @@ def run(args: argparse.Namespace) -> int:
         outputs = CommandByName(controller=args.controller, values=named, source="command", dead_man=dead_man)
         return send(args, outputs, None)
     values = [value for _, value in args.values]
-    last = values_at_the_end(args.name, args.controller, values)
+    controllers = ask_for_controllers(args.name)
+    last = values_at_the_end(controllers, args.controller, values)
+    meant = target_interface(controllers, args.controller)
     moving, zeros = (
-        CommandController(controller=args.controller, values=each, source="command", dead_man=dead_man)
+        CommandController(controller=args.controller, values=each, source="command", dead_man=dead_man, interface=meant)
         for each in (values, last or [])
     )
     return send(args, moving, zeros if last is not None else None)

@@ -51,6 +51,7 @@ TYPES: Final = {
         f"{_HERE}.sensor_broadcasters:ForceTorqueSensorBroadcaster"
     ),
     "battery_state_broadcaster/BatteryStateBroadcaster": f"{_HERE}.battery_broadcaster:BatteryStateBroadcaster",
+    "canopen_control/TargetController": f"{_HERE}.drive_target:TargetController",
     "canopen_control/GpioBroadcaster": f"{_HERE}.broadcasters:GpioBroadcaster",
     "canopen_control/DiagnosticsBroadcaster": f"{_HERE}.broadcasters:DiagnosticsBroadcaster",
 }

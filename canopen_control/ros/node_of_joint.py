@@ -61,10 +61,9 @@ class ProxyNode(Endpoint):
         for each in self._parts:
             each.close()
 
-    def services_of(self, controller: ControllerReading) -> tuple[Targets | None, str | None]:
-        """Return what `DriveServices` are given besides the node: no targets for what moves nothing, and the joint."""
-        del controller
-        return None, None
+    def own_joint(self) -> str | None:
+        """Return the joint whose axis is served; None: what moves nothing."""
+        return None
 
     def _ask(self) -> None:
         def listed(listing: NodeListing | None, error: str | None) -> None:
@@ -84,9 +83,10 @@ class ProxyNode(Endpoint):
         if view is None:
             self._tell(f"no node drives joint {joint!r}, and none has this name; `joint` is one of a node of bus.yml")
         elif not self._closed:
-            below = view._replace(place=ros_name(name), namespace=namespace, remappings=())
-            targets, own = self.services_of(self._controller)
-            self._parts = [DriveTopics(self._ros, below), DriveServices(self._ros, below, targets, own)]
+            own = self.own_joint()
+            moved = () if own is None else (own,)
+            below = view._replace(place=ros_name(name), namespace=namespace, remappings=(), joints=moved)
+            self._parts = [DriveTopics(self._ros, below), DriveServices(self._ros, below, Targets(), own)]
 
     def _tell(self, text: str) -> None:
         self._ros.warn(self._controller.name, f"{self._controller.name} has no topics: {text}")
@@ -95,6 +95,6 @@ class ProxyNode(Endpoint):
 class DeviceNode(ProxyNode):
     """The same, and the services of a drive."""
 
-    def services_of(self, controller: ControllerReading) -> tuple[Targets | None, str | None]:
-        """Return targets of its own, and the joint."""
-        return Targets(), controller.joints[0]
+    def own_joint(self) -> str | None:
+        """Return the joint."""
+        return self._controller.joints[0]

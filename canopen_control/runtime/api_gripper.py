@@ -41,7 +41,7 @@ class GripperMethods:
         robot: RobotCore,
         server: Server[RobotHello, RobotPush],
         keep: Callable[[Connection], None],
-        promise: Callable[[Connection, float | None], None],
+        promise: Callable[[Connection, str, float | None], None],
     ) -> None:
         self._robot, self._keep, self._promise = robot, keep, promise
         self._sent: dict[Connection, tuple[GripperGoal, Sent]] = {}
@@ -75,7 +75,7 @@ class GripperMethods:
         robot.send_goal(
             wanted.controller, goal, wanted.source or call.who, holder=connection if wanted.dead_man else None
         )
-        self._promise(connection, wanted.heartbeat if wanted.dead_man else None)
+        self._promise(connection, wanted.controller, wanted.heartbeat if wanted.dead_man else None)
         self._sent[connection] = goal, sent
         return goal, sent
 

@@ -149,7 +149,10 @@ class Session:
 
     def _on_running(self) -> None:
         gc.freeze()  # what booting has made stays as well
-        if self.options.motion:
+        if self.options.motion and self.setup.files.bus_alone and self.robot.joints:
+            text = "nothing moves by itself on a bus without controllers: axis enable NODE, then command NODE VALUE"
+            self.robot.report(Event(self.reactor.now(), "demo", "", text))
+        elif self.options.motion:
             manager = self.robot.manager
             started = [manager.get(name) for name in self.setup.to_activate]
             moving = [each.name for each in started if each.moves_joints and not each.is_broadcaster]

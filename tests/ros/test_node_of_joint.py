@@ -35,6 +35,7 @@ NODES = NodeListing(
 )
 RPDO = PdoLayout(cob_id=0x209, direction="rpdo", number=1, objects=(MappedEntry(0x6200, 1, 8, "UNSIGNED8"),))
 LAYOUT = Layout({"can": BusLayout("local:x", 500_000, nodes=(NodeLayout("terminal", 9, pdos=(RPDO,)),))})
+RESET = {"command": "reset-node", "boot": True}
 THEIRS = {"nmt_reset_node", "nmt_start_node", "sdo_read", "sdo_write"}
 MODES = {f"{mode}_mode" for mode in ("position", "velocity", "cyclic_velocity", "cyclic_position")}
 
@@ -110,11 +111,14 @@ def test_a_trigger_is_for_its_joint_alone_and_answers_with_an_empty_message(ros,
     assert (response.success, response.message) == (False, "node 3 (left_drive) is not operational")
 
 
-@pytest.mark.parametrize(("service", "command"), [("nmt_reset_node", "reset-node"), ("nmt_start_node", "start")])
+@pytest.mark.parametrize(
+    ("service", "command"),
+    [("nmt_reset_node", RESET), ("nmt_start_node", {"command": "start"})],
+)
 def test_nmt_is_of_the_whole_node(ros, service, command):
     made(ros, "Device", "mirror")
     request, response = call(ros, service)
-    assert request == NmtRequest(node="left_drive", command=command)
+    assert request == NmtRequest(node="left_drive", **command)
     assert (response.success, response.message) == (True, "")
 
 
