@@ -119,6 +119,8 @@ BUS_YML: dict[str, dict[str, str]] = {
         "offset": "units that are added",
         "unit": "the name of the unit, for people",
         "invalid": "raw numbers that stand for no value, and are shown as nan",
+        "max_rate": "units per second that an input can change by: what changes faster has jumped, is told, and is nan "
+        "until the node's next boot",
         "safe": "of an output: its value when the master is gone (0x6207 and its like), or `keep`; absent: 0",
     },
 }

@@ -273,7 +273,12 @@ class Controller:
         raise self.refusal("follows no trajectories; it is no joint trajectory controller")
 
     def cancel_goal(self, why: str | None = None, only: Goal | None = None) -> None:
-        """End the goal that is being executed, or `only` this one, if it is; `why` is told."""
+        """End the trajectory that is followed, or `only` the goal, if it is executed; `why` is told.
+
+        ControlError if there is none.
+        """
+        del why, only
+        raise ControlError(f"{self.name} follows no trajectories; it is no joint trajectory controller")
 
     def trajectory_at(self, t: int) -> TrajectoryAt:
         """Return what the trajectory that it follows says at `t`, in ns; ControlError if it follows none ever."""

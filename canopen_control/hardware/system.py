@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Final
 from canopen_control.cia402.objects import AXES
 from canopen_control.errors import ControlError, RobotConfigError, UnknownInterface, nearest
 from canopen_control.hardware.axis_power import STOPPED
-from canopen_control.hardware.device_parts import DeviceParts
+from canopen_control.hardware.device_parts import DeviceParts, is_measured
 from canopen_control.hardware.interfaces import OK, TARGET, ReturnType
 from canopen_control.hardware.joint import JointDrive
 from canopen_control.hardware.joint_targets import DIGITAL_OUTPUTS
@@ -61,11 +61,13 @@ class CanopenSystem(Lifecycle):
     ) -> None:
         super().__init__()
         self.name = description.name
-        self.joints = [_bind(joint, nodes) for joint in description.joints]
-        _group(description, self.joints, {} if groups is None else groups)
+        measured = [joint for joint in description.joints if is_measured(joint, nodes)]
+        driven = [joint for joint in description.joints if joint not in measured]
+        self.joints = [_bind(joint, nodes) for joint in driven]
+        _group(driven, self.joints, {} if groups is None else groups)
         self.groups: list[StopGroup[JointDrive]] = []
         self.regroup()
-        self.devices = DeviceParts((*description.sensors, *description.gpios), nodes)
+        self.devices = DeviceParts((*measured, *description.sensors, *description.gpios), nodes)
         self._by_interface = {interface.name: joint for joint in self.joints for interface in joint.commands.values()}
         self.state_interfaces: Sequence[StateInterface] = [
             *(interface for joint in self.joints for interface in joint.states.values()),
@@ -121,6 +123,8 @@ class CanopenSystem(Lifecycle):
         for joint in self.joints:
             joint.read(now)
         self.devices.read(now)
+        if self.devices.has_news:
+            self._tell_of_devices(now)
         return OK
 
     def write(self, now: int, period: float) -> ReturnType:
@@ -177,9 +181,13 @@ class CanopenSystem(Lifecycle):
 
     @property
     def stopped(self) -> bool:
-        """Whether no joint moves under power any more."""
-        return all(
-            not joint.node.ready or (joint.power.state in STOPPED and joint.machine.reached) for joint in self.joints
+        """Whether no joint moves under power any more, and no output waits to be sent."""
+        return (
+            all(
+                not joint.node.ready or (joint.power.state in STOPPED and joint.machine.reached)
+                for joint in self.joints
+            )
+            and not self.devices.sending
         )
 
     def _moved(self, interfaces: Sequence[str]) -> dict[JointDrive, list[str]]:
@@ -211,6 +219,11 @@ class CanopenSystem(Lifecycle):
         if event.stops:
             self._stop_group(joint, now, event)
 
+    def _tell_of_devices(self, now: int) -> None:
+        """Tell what is unknown now; whether axes stop is the robot's to decide, by what bus.yml requires."""
+        for node, kind, text in self.devices.take_news():
+            self._report(Event(now, kind, node.name, f"{node.who}: {text}", Level.WARNING))
+
     def _stop_group(self, cause: JointDrive, now: int, event: JointEvent) -> None:
         resumable = event.kind == "node_lost" and cause.node.config.motion.recovery == "enable"
         waiting = [joint for joint in cause.group.joints if joint.resume]
@@ -236,10 +249,10 @@ def _then(cause: JointDrive, *, resumable: bool) -> str:
 
 
 def _group(
-    description: Ros2ControlSystem, joints: Sequence[JointDrive], groups: dict[str, StopGroup[JointDrive]]
+    parts: Sequence[ControlJoint], joints: Sequence[JointDrive], groups: dict[str, StopGroup[JointDrive]]
 ) -> None:
     """Put each joint into the group that it names; without a name it is in the robot's one group."""
-    for joint, control in zip(joints, description.joints, strict=True):
+    for joint, control in zip(joints, parts, strict=True):
         name = control.parameters.get("stop_group", "")
         group = groups.setdefault(name, StopGroup(name))
         group.joints.append(joint)

@@ -302,7 +302,7 @@ class SignalKeys:
     """One signal of a device in units; what is None is that of the device's profile.
 
     value = raw number * factor + offset; raw numbers in `invalid` are nan. `safe` is what an output is to be when the
-    master is gone.
+    master is gone, `max_rate` how fast an input can change.
     """
 
     name: str
@@ -313,6 +313,7 @@ class SignalKeys:
     unit: str | None = None
     invalid: float | list[float] | None = None
     safe: bool | int | float | Literal["keep"] | None = None
+    max_rate: float | None = setting(None, low=1e-12, high=1e12)
 
 
 @dataclass(frozen=True)

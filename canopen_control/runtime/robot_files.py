@@ -19,6 +19,8 @@ from canopen_control.urdf.package_search import installed_packages
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
+    from canopen_control.runtime.launch_file import Launched
+
 __all__ = ["BUS", "CONTROLLERS", "MAIN_BUS", "RobotFiles", "find_buses", "find_robot", "xacro_arguments"]
 
 MAIN_BUS = "can"  # the name of the bus of bus.yml; that of bus_NAME.yml is NAME
@@ -77,24 +79,30 @@ def find_robot(
         names = ", ".join(data_names("config"))
         raise RobotConfigError(f"no robot given: name a folder or a bundled robot ({names}), or its three files")
     folder = _folder(config) if config is not None else None
-    words, launched, doubts = _launched(launch, xacro_arguments(arguments))
+    words = xacro_arguments(arguments)
+    launched = _launched(launch, words)
+    files = launched.files if launched is not None else {}
     no_bus: list[str] = []
     missing: list[str] = []
-    main = _one(bus, folder, BUS, "--bus", no_bus, launched.get("bus"))
+    main = _one(bus, folder, BUS, "--bus", no_bus, files.get("bus"))
     alone = controllers is None and description is None and launch is None and not no_bus and _is_alone(folder)
     control = (
-        main if alone else _one(controllers, folder, CONTROLLERS, "--controllers", missing, launched.get("controllers"))
+        main if alone else _one(controllers, folder, CONTROLLERS, "--controllers", missing, files.get("controllers"))
     )
     described = (
-        main
-        if alone
-        else _one(description, folder, _DESCRIPTIONS, "--description", missing, launched.get("description"))
+        main if alone else _one(description, folder, _DESCRIPTIONS, "--description", missing, files.get("description"))
     )
     beside = folder if main == Path() else main.parent
     more = _more_buses(beside, missing) if beside is not None and bus is None else {}
     missing += _irregular((main, control, described, *more.values()))
     if missing or (no_bus and (more or bus is not None)):
+        doubts = launched.doubts if launched is not None else ()
         raise RobotConfigError("; ".join([*no_bus, *missing, *doubts]))
+    if launched is not None:
+        from canopen_control.runtime.launch_file import refuse_mistyped
+
+        refuse_mistyped(launched, words, described)
+        words = launched.arguments
     name = _name((folder or (described if no_bus else main).resolve().parent).resolve())
     return RobotFiles(_safe(name), None if no_bus else main, control, described, more, words)
 
@@ -145,14 +153,13 @@ def _folder(config: str) -> Path:
     )
 
 
-def _launched(launch: str | None, words: dict[str, str]) -> tuple[dict[str, str], dict[str, Path], tuple[str, ...]]:
-    """Return what a launch file makes of the arguments, its files, and why it may give less than it means."""
+def _launched(launch: str | None, words: dict[str, str]) -> Launched | None:
+    """Return what a launch file gives with these arguments."""
     if launch is None:
-        return words, {}, ()
+        return None
     from canopen_control.runtime.launch_file import launched_robot  # most robots are run without
 
-    found = launched_robot(Path(launch).expanduser(), words)
-    return found.arguments, found.files, found.doubts
+    return launched_robot(Path(launch).expanduser(), words)
 
 
 def _one(

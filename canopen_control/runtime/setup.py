@@ -21,7 +21,7 @@ from canopen_control.runtime.robot_files import MAIN_BUS
 from canopen_control.urdf.description import DescriptionReader
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     from canopen_control.controllers.controllers_file import ControllersFile
     from canopen_control.master.config import BusConfig
@@ -133,6 +133,7 @@ def read_robot(
             *(doubts_about(buses) if files.bus_alone else ()),
             *_sim_time(control, [kind_of(description, each, mock=mock, real=real) for each in description.hardware]),
             *(["SYNC is sent by the kernel, and the cycle follows it"] if kernel_sync else []),
+            *([] if kernel_sync or mock else _sync_hints(buses, channels, description)),
         ),
         real,
         kernel_sync,
@@ -217,6 +218,17 @@ def _require_kernel_sync(buses: Mapping[str, BusConfig], channels: Mapping[str, 
                 f"--kernel-sync: the kernel cannot send SYNC on {channels[name]}, where this program does it; "
                 "leave the option away, or use a SocketCAN interface such as --can vcan0"
             )
+
+
+def _sync_hints(buses: Mapping[str, BusConfig], channels: Mapping[str, str], description: Description) -> Iterator[str]:
+    """Yield what a kernel could do for motion on real interfaces, which are no place to learn it by ear."""
+    for name, config in buses.items():
+        channel = parse_channel(channels[name])
+        if channel.kind is ChannelKind.SOCKETCAN and not channel.name.startswith(("vcan", "vxcan")):
+            from canopen_control.runtime.check_timing import sync_hint
+
+            if (hint := sync_hint(config, description)) is not None:
+                yield hint
 
 
 def _channels(name: str, buses: Mapping[str, BusConfig], can: Sequence[str]) -> dict[str, str]:
