@@ -1,7 +1,7 @@
 """Trapezoidal ramp to a place, for modes of operation in which the drive makes none: steps of position, cycle by cycle.
 
-A set-point of a trajectory is where the axis is to be in this cycle; a place is where it is to come to in the end, and a
-drive in CSP or IP would be asked to be there at once.
+A set-point of a trajectory is where the axis is to be in this cycle; a place is where it is to come to in the end,
+and a drive in CSP or IP would be asked to be there at once.
 
 The law of the file: a way begins with the speed that there is, ends at rest, and is never faster than `most`; the speed
 rises by `rise` at most, also where a new place lies behind, and falls as late as that lets it. Counts, counts/s and
@@ -11,8 +11,12 @@ counts/s^2; nothing is allocated. Who stops on the way does not step any more, a
 from __future__ import annotations
 
 import math
+from typing import Final
 
 __all__ = ["PlaceRamp"]
+
+
+_LEAST: Final = 1  # count in a cycle: slower than this is not told to the drive
 
 
 class PlaceRamp:
@@ -44,6 +48,6 @@ class PlaceRamp:
         """
         side, far = (1 if way >= 0 else -1), abs(way)
         speed = min(self._most, largest, self.speed * side + self._rise * period, math.sqrt(2 * self._rise * far))
-        step = min(far, max(1, round(speed * period))) if speed >= 0 else round(speed * period)
+        step = min(far, max(_LEAST, round(speed * period))) if speed >= 0 else round(speed * period)
         self.speed = speed * side if step != far else 0.0
         return step * side
