@@ -57,7 +57,8 @@ BUS_YML: dict[str, dict[str, str]] = {
         "sdo": "objects that the boot writes, in their order",
         "boot": "false: the node is not booted, nor driven",
         "mandatory": "ros2_canopen's word for `required`",
-        "required": "the robot does not start without the node; absent: what `mandatory` says, else true",
+        "required": "the robot does not start without the node; absent: what `mandatory` says, else true. Where one "
+        "of them says true, the loss of a node that moves nothing stops all axes",
         "allow_unsupervised": "accepts a drive that nothing would stop when the master dies",
         "reset_communication": "false: a node that runs already is kept alive instead of being reset",
         "software_version": "what 0x1F56:01 must show; 0: anything",
