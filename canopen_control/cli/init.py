@@ -173,7 +173,8 @@ def _lines(written: Written) -> list[str]:
         lines.append(f"counts_per_revolution in bus.yml is a guess for {_some(guessed)}: the EDS tells none")
     name = robot.name
     if not robot.drives:
-        return [*lines, "no drive is among them, so there are no joints and no controllers: a bus alone"]
+        lines.append("no drive is among them, so there are no joints and no controllers: a bus alone")
+        return [*lines, f"boot it, on virtual devices: canopen-control run {name}"]
     return [*lines, f"turn it, on virtual drives: canopen-control demo {name}", _real_line(name)]
 
 

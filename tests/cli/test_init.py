@@ -65,7 +65,10 @@ def test_an_io_module_alone_is_a_bus_without_joints(here, capsys):
     module = write_shape(here, shape(drop=(0x6040, 0x6041), pdos=[(False, 0, 0x180, [0x60FD0020])]), "module.eds")
     assert main(["init", "lamps", "--eds", str(module), "--node-id", "7"]) == 0
     assert sorted(path.name for path in Path("lamps").iterdir()) == ["bus.yml", "module.eds"]
-    assert "no drive is among them, so there are no joints and no controllers" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "no drive is among them, so there are no joints and no controllers" in said
+    assert said.endswith("boot it, on virtual devices: canopen-control run lamps\n")
+    assert main(["check", "lamps"]) == 0
 
 
 BAD = {

@@ -118,3 +118,22 @@ def test_a_command_is_split_as_a_shell_does_with_its_substitutions_whole():
         "xacro", "$(find-pkg-share a)/b.xacro", "n:=left right", "c:=$(var d)"
     ]  # fmt: skip
     assert words_of("a 'b") == ["a", "'b"]
+
+
+DEVICES = """\
+import os
+from ament_index_python import get_package_share_directory
+SHARE = get_package_share_directory("robby_bringup")
+def generate_launch_description():
+    return LaunchDescription([IncludeLaunchDescription(
+        PythonLaunchDescriptionSource([os.path.join(get_package_share_directory("other"), "launch"), "/x.launch.py"]),
+        launch_arguments={"bus_config": os.path.join(SHARE, "config", "first", "bus.yml")}.items(),
+    )])
+"""
+
+
+def test_a_launch_file_of_a_bus_alone_is_enough_for_one(tmp_path):
+    path = make_package(tmp_path, DEVICES)
+    files = find_robot(None, launch=str(path))
+    assert files.bus_alone
+    assert files.bus == tmp_path / "robby_bringup/config/first/bus.yml"
