@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from canopen_control.runtime.launch_file import Launched
 
-__all__ = ["BUS", "CONTROLLERS", "MAIN_BUS", "RobotFiles", "find_buses", "find_robot", "xacro_arguments"]
+__all__ = ["BUS", "CONTROLLERS", "MAIN_BUS", "RobotFiles", "find_buses", "find_launch", "find_robot", "xacro_arguments"]
 
 MAIN_BUS = "can"  # the name of the bus of bus.yml; that of bus_NAME.yml is NAME
 BUS, CONTROLLERS = "bus.yml", "ros2_controllers.yaml"
@@ -157,13 +157,21 @@ def _folder(config: str) -> Path:
     )
 
 
+def find_launch(text: str) -> Path:
+    """Return the launch file that a user means: a path, else one in a ROS package; it may not exist."""
+    path = Path(text).expanduser()
+    package, _, rest = text.partition("/")
+    inside = () if path.is_file() else (found / rest for found in installed_packages(package))
+    return next((each for each in inside if each.is_file()), path)
+
+
 def _launched(launch: str | None, words: dict[str, str]) -> Launched | None:
     """Return what a launch file gives with these arguments."""
     if launch is None:
         return None
     from canopen_control.runtime.launch_file import launched_robot  # most robots are run without
 
-    return launched_robot(Path(launch).expanduser(), words)
+    return launched_robot(find_launch(launch), words)
 
 
 def _one(
