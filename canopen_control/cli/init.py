@@ -146,10 +146,10 @@ def _from_bus(args: argparse.Namespace) -> list[Device]:
             print(f"canopen-control: left out: {_unknown(node)}", file=sys.stderr)
         else:
             devices.append(_device(Path(node.eds), node.node_id, _who(node)))
-    if survey.expected is None:  # no robot runs there, whose drives nobody else may ask
-        _ask_drives(survey.channel, devices, args.timeout)
     if not devices:
         raise ConfigError(f"no EDS fits anybody on {survey.channel}; give those of the makers: --eds FILE")
+    if survey.expected is None:  # no robot runs there, whose drives nobody else may ask
+        _ask_drives(survey.channel, devices, args.timeout)
     return devices
 
 
