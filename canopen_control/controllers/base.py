@@ -97,7 +97,7 @@ class ControllerState(enum.Enum):
 def zero_targets(commands: Sequence[CommandInterface]) -> None:
     """Write 0.0 to every target that would keep something moving; a position target holds by itself."""
     for each in commands:
-        if each.interface in MOVING:
+        if each.quantity in MOVING:
             each.value = 0.0
 
 
@@ -218,7 +218,7 @@ class Controller:
         """Go back to where no command had come yet: what moves gets the target 0.0, a position is held where it is."""
         self.on_deactivate(now)
         for each in self.commands:
-            if each.interface == POSITION:
+            if each.quantity == POSITION:
                 each.value = math.nan  # the hardware holds where it is, and does not go on to the old target
         self.on_activate(self.commands, self.states, now)
 
@@ -265,7 +265,7 @@ class Controller:
 
     def rests(self, values: Sequence[float]) -> bool:
         """Whether a command of these values moves nothing, and may outlive who gave it."""
-        return not any(values) and all(each.interface in MOVING for each in self.commands)
+        return not any(values) and all(each.quantity in MOVING for each in self.commands)
 
     def send_goal(self, goal: Goal | JointTrajectory, now: int) -> None:
         """Execute a trajectory, `now` in ns; ControlError if it is refused."""

@@ -113,8 +113,11 @@ class _JointCommands:
             return None
         short = self._stopped_short(wanted, period) if at == VEL else wanted
         bounded = self._bounded(at, command, short)
-        reasons = []
-        if bounded != short:
+        reasons, soft = [], self._joint.soft
+        if at == POS and soft is not None and soft.lower < soft.upper and not soft.lower <= bounded <= soft.upper:
+            bounded = min(max(bounded, soft.lower), soft.upper)
+            reasons.append(f"its soft limit {self._quantity(POS, bounded)}")
+        elif bounded != short:
             reasons.append(self._quantity(at, bounded))
         elif short != wanted:
             end = self._limits.max_position if wanted > 0.0 else self._limits.min_position

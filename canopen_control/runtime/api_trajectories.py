@@ -32,6 +32,7 @@ from canopen_control.rpc.messages.trajectory import (
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
+    from canopen_control.controllers.command_life import CommandLife
     from canopen_control.rpc.messages.robot import RobotHello, RobotPush
     from canopen_control.rpc.messages.samples import TrajectoryPoint
     from canopen_control.rpc.messages.trajectory import TrajectoryTolerance
@@ -105,7 +106,8 @@ class TrajectoryMethods:
         self._robot.send_goal(wanted.controller, goal, wanted.source or call.who, holder=holder)
         self._promised.pop(call.connection, None)
         if wanted.dead_man and wanted.heartbeat is not None:
-            self._promised[call.connection] = _Promise(round(wanted.heartbeat * 1e9), self._robot.reactor.now())
+            life = self._robot.manager.get(wanted.controller).life
+            self._promised[call.connection] = _Promise(life, round(wanted.heartbeat * 1e9), self._robot.reactor.now())
 
     # ------------------------------------------------------------------------------------------------- heartbeats
 
@@ -116,12 +118,13 @@ class TrajectoryMethods:
         call.reply(Done())
 
     def _look_for_silence(self, now: int) -> None:
-        """Take those who have not kept their promise for gone; what they sent ends, whoever sent since."""
+        """Take those who have not kept their promise for gone, unless what they sent has ended."""
         if not self._promised:
             return
         for connection in [each for each, promise in self._promised.items() if promise.is_broken(now)]:
             promise = self._promised.pop(connection)
-            self._robot.let_go(connection, f"has said nothing for {promise.within_ns / 1e9:g} s and is gone")
+            if promise.life.holder is connection:
+                self._robot.let_go(connection, f"has said nothing for {promise.within_ns / 1e9:g} s and is gone")
 
     # ------------------------------------------------------------------------------------------------------ goals
 
@@ -186,12 +189,15 @@ class TrajectoryMethods:
 
 
 class _Promise:
-    """That a connection says that it is there, every so many ns at most; `heard` is when it did last."""
+    """That a connection says that it is there, every so many ns at most; `heard` is when it did last.
 
-    __slots__ = ("heard", "within_ns")
+    It counts for the command whose `life` is held by the connection.
+    """
 
-    def __init__(self, within_ns: int, heard: int) -> None:
-        self.within_ns, self.heard = within_ns, heard
+    __slots__ = ("heard", "life", "within_ns")
+
+    def __init__(self, life: CommandLife, within_ns: int, heard: int) -> None:
+        self.life, self.within_ns, self.heard = life, within_ns, heard
 
     def is_broken(self, now: int) -> bool:
         """Whether it was not kept."""

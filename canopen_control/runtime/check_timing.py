@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from canopen_control.urdf.ros2_control import ControlJoint
     from canopen_control.yamlfile.node import Node
 
-__all__ = ["check_timing"]
+__all__ = ["check_timing", "sync_hint"]
 
 _ON_ARRIVAL: Final = (254, 255)
 _CYCLIC: Final = {
@@ -58,10 +58,29 @@ def check_timing(
     """Yield what is wrong with the timing of the set-points on a bus."""
     if not config.master.sync_period or description is None:
         return
-    axes = [axis for tag in description.hardware for joint in tag.joints for axis in _axes(config, joint)]
+    axes = _all_axes(config, description)
     yield from _repeated(config, control, axes)
     yield from _on_arrival(config, axes)
     yield from _held_back(config, axes)
+
+
+def sync_hint(config: BusConfig, description: Description) -> str | None:
+    """Return what is to be said where the process sends SYNC and drives are to time their motion by it, else None."""
+    if not config.master.sync_period or config.master.sync_producer != "master":
+        return None
+    axes = _all_axes(config, description)
+    joints = [each.joint for each in axes if each.mode == each.node.motion.position_mode == OperationMode.CSP]
+    if not joints:
+        return None
+    named = ", ".join(joints[:3]) + (f" and {len(joints) - 3} more" if len(joints) > 3 else "")
+    return (
+        f"SYNC comes from this process, and {named} time their motion by it: what is late is heard; the kernel sends "
+        f"it evenly with `sync_producer: kernel` and `sync_order: first` of master in {config.path}"
+    )
+
+
+def _all_axes(config: BusConfig, description: Description) -> list[_CyclicAxis]:
+    return [axis for tag in description.hardware for joint in tag.joints for axis in _axes(config, joint)]
 
 
 def _axes(config: BusConfig, joint: ControlJoint) -> Iterator[_CyclicAxis]:

@@ -8,7 +8,7 @@ rqt, Foxglove, PlotJuggler and `ros2 bag` find what they know:
     /CONTROLLER/odom                 nav_msgs/Odometry              as often as the controller publishes
     /CONTROLLER/cmd_vel_out          geometry_msgs/TwistStamped     the twist that its limits left of a command
     /CONTROLLER/commands_out         std_msgs/Float64MultiArray     what a forward controller writes, when it changes
-    /CONTROLLER/controller_state     control_msgs/...               every update of a trajectory or PID controller
+    /CONTROLLER/controller_state     control_msgs/...               every update: trajectory, PID, steering, mecanum
     /diagnostics                     diagnostic_msgs/DiagnosticArray   once a second
     /rosout                          rcl_interfaces/Log             the robot's events
     /robot_description               std_msgs/String                once
@@ -97,7 +97,7 @@ class BagWriter:
         for name, sample in odometry.items():
             self._odometry(name, sample)
         for kind, make in self._ros.states.items():
-            for name, told in self._new(state.told(kind)).items():
+            for name, told in self._new(state.told(kind), "state").items():
                 self._write(f"/{name}/controller_state", told.time, make(told))
         self._transforms(state, joint_states.values(), odometry.values())
 
@@ -210,9 +210,9 @@ class BagWriter:
 
     # The bag -------------------------------------------------------------------------------------------------------
 
-    def _new(self, told: dict[str, S]) -> dict[str, S]:
+    def _new(self, told: dict[str, S], use: str = "sample") -> dict[str, S]:
         """Return the samples that were published since they were last asked for: who looks twice writes once."""
-        return {name: each for name, each in told.items() if self._is_new(f"sample of {name}", each.time)}
+        return {name: each for name, each in told.items() if self._is_new(f"{use} of {name}", each.time)}
 
     def _is_new(self, topic: str, value: object) -> bool:
         """Whether this differs from what was last asked about the topic."""

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Final
 from canopen_control.errors import ConfigError
 from canopen_control.ros.conversions import stamp_of, unknown_as_nan
 from canopen_control.ros.interfaces.definition import DEFINITIONS
-from canopen_control.rpc.messages.samples import PidSample, TrajectorySample
+from canopen_control.rpc.messages.samples import MecanumSample, PidSample, SteeringSample, TrajectorySample
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -17,7 +17,14 @@ if TYPE_CHECKING:
 __all__ = ["BagMessages"]
 
 _ADDED: Final = tuple(
-    f"control_msgs/msg/{each}" for each in ("JointTrajectoryControllerState", "SingleDOFState", "MultiDOFStateStamped")
+    f"control_msgs/msg/{each}"
+    for each in (
+        "JointTrajectoryControllerState",
+        "SingleDOFState",
+        "MultiDOFStateStamped",
+        "SteeringControllerStatus",
+        "MecanumDriveControllerState",
+    )
 )
 
 
@@ -41,6 +48,8 @@ class BagMessages:
         self.states: dict[type[Sample], Callable[[Any], object]] = {
             TrajectorySample: self._trajectory,
             PidSample: self._loops,
+            SteeringSample: self._steering,
+            MecanumSample: self._mecanum,
         }
 
     def make(self, kind: str, *values: Any) -> Any:  # noqa: ANN401 - rosbags makes the classes at run time
@@ -104,3 +113,25 @@ class BagMessages:
             for each in sample.dofs
         ]
         return self.make("control_msgs/MultiDOFStateStamped", self.header(sample.time, ""), dofs)
+
+    def _steering(self, sample: SteeringSample) -> object:
+        """Return the wheels of a steered base, measured and commanded."""
+        columns = (
+            sample.traction_positions,
+            sample.traction_velocities,
+            sample.steering,
+            sample.traction_commands,
+            sample.steering_commands,
+        )
+        values = [self.floats(map(unknown_as_nan, each)) for each in columns]
+        return self.make("control_msgs/SteeringControllerStatus", self.header(sample.time, sample.frame_id), *values)
+
+    def _mecanum(self, sample: MecanumSample) -> object:
+        """Return the wheels of a mecanum base, and the twist that is wanted."""
+        ahead, lateral, turning = map(unknown_as_nan, sample.reference)
+        return self.make(
+            "control_msgs/MecanumDriveControllerState",
+            self.header(sample.time, sample.frame_id),
+            *map(unknown_as_nan, sample.wheels),
+            self.twist(ahead, turning, lateral),
+        )

@@ -190,7 +190,15 @@ def test_soft_limits_come_from_the_safety_controller():
     bench = Bench(POSITION, "revolute", SAFETY)
     bench.at(1.5)
     bench.send("position", 2.0)
-    assert bench.told == "j/position: 2 rad is limited to its soft limits, -0.5 to 1.5 rad"
+    assert bench.told == "j/position: 2 rad is limited to its soft limit 1.5 rad"
+    bench = Bench(POSITION, "revolute", SAFETY)
+    bench.at(1.3)
+    bench.send("position", 1.5)
+    assert bench.told == "j/position: 1.5 rad is limited to its soft limits, -0.5 to 1.5 rad"
+    bench = Bench(POSITION, "revolute", SAFETY)
+    bench.at(0.0)
+    bench.send("position", 9.0)
+    assert bench.told == "j/position: 9 rad is limited to its soft limit 1.5 rad and to changes of 3 rad/s"
 
 
 def test_an_effort_drives_no_joint_further_out():

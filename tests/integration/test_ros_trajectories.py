@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import time
 from types import SimpleNamespace
 
 import pytest
@@ -157,6 +158,26 @@ def test_what_is_refused_names_its_rule_and_nothing_moves(arm):
 
 def events(arm):
     return [each.text for each in arm.client.ask(GetStatus()).events]
+
+
+def test_a_bridge_that_is_stopped_for_long_loses_its_goal_and_goes_on_with_the_next_one(arm):
+    end, bridge = near(4), arm.stage.pid_of("canopen_control.ros.bridge")
+    assert send(arm, "hung", goal_to(arm, end, 9.0))
+    moving(arm, "hung")
+    time.sleep(3.2)  # longer than it may be silent: its heartbeats come
+    assert not any("has said nothing" in each for each in events(arm))
+    os.kill(bridge, signal.SIGSTOP)
+    try:
+        assert eventually(lambda: any("ros has said nothing for 3 s and is gone" in each for each in events(arm)), 5.0)
+    finally:
+        os.kill(bridge, signal.SIGCONT)
+    status, code, text = result(arm, "hung")
+    assert (status, code) == (ABORTED, -1)
+    assert text.startswith("ros has said nothing for 3 s and is gone")
+    assert at_rest(arm)
+    assert abs(positions(arm)[0] - end[0]) > 0.05
+    assert send(arm, "after it", goal_to(arm, near(1)))
+    assert result(arm, "after it")[0] == SUCCEEDED
 
 
 def test_the_death_of_the_client_and_of_the_bridge_stop_the_arm_on_its_way(arm):

@@ -1,11 +1,15 @@
 """Trajectories over the socket of a robot: the goal's answer is its end, and its connection's end is its own."""
 
+from types import SimpleNamespace
+
 import pytest
 from support.apiclient import Client
 from support.arm6 import ENDS, JOINTS, copy_arm, planned
 from support.robots import Bench
 
+from canopen_control.controllers.command_life import CommandLife
 from canopen_control.rpc.messages.robot import MAX_POINTS
+from canopen_control.runtime import api_trajectories
 from canopen_control.runtime.api import ApiServer
 
 ARM = "arm_controller"
@@ -129,8 +133,25 @@ def test_a_heartbeat_that_comes_keeps_it_and_one_that_nobody_waits_for_does_noth
         arm.run(400)
         client.send(method="trajectory_heartbeat", params={})
     assert client.next()["result"]["state"] == "succeeded"
-    arm.run(1000)  # it is silent now, and nothing is left to end
+    client.send(id=8, method="follow_trajectory", params=goal(points=points_from(positions(arm)), dead_man=True))
+    arm.run(900)  # it is silent now, and what it promised is over with the goal before
+    assert client.next()["result"]["state"] == "succeeded"
     assert not arm.texts("commander_gone")
+
+
+@pytest.mark.parametrize(("holder", "gone"), [("me", ["me"]), ("another", []), (None, [])])
+def test_a_promise_counts_for_its_own_trajectory_and_for_nothing_that_came_after_it(holder, gone):
+    let_go = []
+    robot = SimpleNamespace(after_cycle=[], let_go=lambda connection, why: let_go.append(connection))
+    methods = api_trajectories.TrajectoryMethods(robot, SimpleNamespace(answers=lambda *_: None), print)
+    life = CommandLife()
+    life.holder = holder
+    methods._promised["me"] = api_trajectories._Promise(life, 10, 0)
+    (look,) = robot.after_cycle
+    look(10)
+    assert (let_go, list(methods._promised)) == ([], ["me"])
+    look(11)
+    assert (let_go, list(methods._promised)) == (gone, [])
 
 
 def test_another_client_can_cancel_it(arm, client, other):

@@ -131,13 +131,15 @@ class Tell(Request[Done], frozen=True, kw_only=True):
 class CommandController(Request[Done], frozen=True, kw_only=True):
     """A controller's command; `dead_man` true: it ends with this connection, whatever ends that.
 
-    Refused as NotEnabled while a drive of the controller is off, as NotYetEnabled while it comes up.
+    Refused as NotEnabled while a drive of the controller is off, as NotYetEnabled while it comes up. `interface` is
+    what the sender takes the values for; refused where they are something else now, as a target in another mode.
     """
 
     controller: str
     values: list[float]
     source: str | None = None
     dead_man: bool = False
+    interface: str | None = None
 
 
 @ROBOT.method("twist", Effect.MOVES)
@@ -237,9 +239,10 @@ class ListControllerTypes(Request[list[str]], frozen=True):
 
 @ROBOT.method("load", Effect.CHANGES)
 class LoadController(Request[Done], frozen=True, kw_only=True):
-    """Load a controller of ros2_controllers.yaml."""
+    """Load a controller of ros2_controllers.yaml, and configure it; `configure` false: as ROS does, without."""
 
     controller: str
+    configure: bool = True
 
 
 @ROBOT.method("configure", Effect.CHANGES)
