@@ -14,7 +14,7 @@ from canopen_control.ros.follow_joint_trajectory import FollowJointTrajectory
 from canopen_control.ros.forward import ForwardCommands
 from canopen_control.ros.gpio_states import GpioStates
 from canopen_control.ros.joint_states import JointStates
-from canopen_control.ros.pid_topics import FeedForwardSwitch, PidReferences, PidState
+from canopen_control.ros.pid_topics import FeedForwardSwitch, PidMeasuredStates, PidReferences, PidState
 from canopen_control.ros.trajectory_topics import SpeedScaling, TrajectoryQuery, TrajectoryState, TrajectoryTopic
 
 if TYPE_CHECKING:
@@ -46,7 +46,7 @@ BY_SAMPLE: Final[dict[str | None, tuple[Factory, ...]]] = {
     "mecanum": (BaseOdometry, TfOdometry, MecanumState),
     "gpio": (GpioStates,),
     "trajectory": (FollowJointTrajectory, TrajectoryTopic, TrajectoryState, TrajectoryQuery, SpeedScaling),
-    "pid": (PidState, FeedForwardSwitch),
+    "pid": (PidState, PidMeasuredStates, FeedForwardSwitch),
 }
 
 

@@ -16,7 +16,7 @@ def test_every_method_says_what_it_does_and_declares_its_answer(method):
 def test_what_may_move_is_marked():
     moving = {name for name, method in ROBOT.methods.items() if method.effect is Effect.MOVES}
     trajectories = {"follow_trajectory", "send_trajectory", "set_trajectory", "scale_trajectory"}
-    assert moving == {"command", "twist", *trajectories, "axis", "nmt", "sdo_write"}
+    assert moving == {"command", "twist", *trajectories, "set_measured_states", "axis", "nmt", "sdo_write"}
     stopping = {name for name, method in ROBOT.methods.items() if method.effect is Effect.STOPS}
     assert stopping == {"stop", "shutdown", "cancel_trajectory"}
 
