@@ -191,6 +191,7 @@ def controllers() -> str:
         ("Group controllers: the interface is the type's", forward.GroupParams, "JointGroup"),
         ("Several interfaces of one joint", forward.MultiParams, "MultiInterface"),
         ("One joint, as in ROS 1", forward.SingleParams, "/Joint(Position|Velocity|Effort)Controller"),
+        ("One drive in whatever mode it is", forward.SingleParams, "/TargetController"),
         ("Diff drive", diff.DiffDriveParams, "DiffDrive"),
         ("Bicycle steering", steering_params.BicycleParams, "BicycleSteering"),
         ("Tricycle steering", steering_params.TricycleParams, "TricycleSteering"),

@@ -85,6 +85,8 @@ BUS_YML: dict[str, dict[str, str]] = {
         "ignore_remote": "bit 9 (remote) of the statusword does not count, for drives that never set it",
         "transition_timeout_ms": "ms that the drive may take for a transition of CiA 402",
         "transition_timeouts_ms": "the same by the transition's number",
+        "driver": "what the node is on a bus without controllers: a drive where it says Cia402, a proxy where it says "
+        "anything else, by the EDS where it says nothing; Lifecycle: with lifecycle services in ROS",
         "profile": "the device profile (401 I/O, 402 drive, 404 measuring, 406 encoder, 410 inclinometer, 418 battery) "
         "where its file says a wrong one; absent: a drive has 0x6040 and 0x6041, else 0x1000 says it, else the objects",
         "signals": "signals of the device in units, beside and before those of its profile",
@@ -117,6 +119,8 @@ BUS_YML: dict[str, dict[str, str]] = {
         "offset": "units that are added",
         "unit": "the name of the unit, for people",
         "invalid": "raw numbers that stand for no value, and are shown as nan",
+        "max_rate": "units per second that an input can change by: what changes faster has jumped, is told, and is nan "
+        "until the node's next boot",
         "safe": "of an output: its value when the master is gone (0x6207 and its like), or `keep`; absent: 0",
     },
 }

@@ -60,7 +60,7 @@ MAY_IMPORT = {
         },
         STDLIB,
     ),
-    "scaffold": ({"od", "cia402", "controllers", "master", "runtime"}, STDLIB),
+    "scaffold": ({"od", "cia402", "profiles", "controllers", "master", "runtime"}, STDLIB),
     "client": ({"host", "rpc", "yamlfile"}, STDLIB),  # files of what is sent
     "robot": ({"client", "rpc", "runtime", "od"}, STDLIB),  # the library: a client, of a runtime that it starts too
     "ros": ({"client", "host", "rpc", "urdf"}, None),

@@ -79,6 +79,7 @@ def run(args: argparse.Namespace) -> int:
         mock=args.mock,
         real=args.real,
         peer_merge=args.peer_merge,
+        allow_unsupervised=args.allow_unsupervised,
         launch=Path(args.launch) if args.launch else None,
     )
     report = check_robot(files, options)

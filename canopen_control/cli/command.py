@@ -5,7 +5,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from canopen_control.cli.support.arguments import finite
-from canopen_control.cli.support.commands import add_repeat_arguments, send, values_at_the_end
+from canopen_control.cli.support.commands import (
+    add_repeat_arguments,
+    ask_for_controllers,
+    send,
+    target_interface,
+    values_at_the_end,
+)
 from canopen_control.rpc.messages.robot import CommandController
 
 if TYPE_CHECKING:
@@ -27,10 +33,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the verb."""
-    last = values_at_the_end(args.name, args.controller, args.values)
+    controllers = ask_for_controllers(args.name)
+    last = values_at_the_end(controllers, args.controller, args.values)
+    meant = target_interface(controllers, args.controller)
     dead_man = not args.once  # it ends as soon as the connection is gone
     moving, zeros = (
-        CommandController(controller=args.controller, values=values, source="command", dead_man=dead_man)
+        CommandController(
+            controller=args.controller, values=values, source="command", dead_man=dead_man, interface=meant
+        )
         for values in (args.values, last)
     )
     return send(args, moving, zeros)

@@ -9,14 +9,13 @@ may be broken. What breaks the wire itself is `bus fault`.
 
 from __future__ import annotations
 
-import math
 import textwrap
 from typing import TYPE_CHECKING
 
 from canopen_control.bus.channel import parse_channel
 from canopen_control.cli.support.node_names import find_node, known_nodes
 from canopen_control.cli.support.output import json_text
-from canopen_control.client.drive_client import DriveClient
+from canopen_control.client.drive_client import DriveClient, signal_values
 from canopen_control.errors import ConfigError, RemoteError
 from canopen_control.host.sockets import drive_name, list_sockets
 from canopen_control.rpc.messages.drive import ListFaults, SetSignals, SwitchFault
@@ -128,27 +127,13 @@ def _set(args: argparse.Namespace, client: DriveClient, node_id: int) -> int:
     """Set inputs, and tell what they are."""
     if args.state is not None:
         raise ConfigError(f"{args.name} {args.state}: a signal is set with SIGNAL=VALUE alone")
-    values = _values(args.name)
+    values = signal_values(args.name)
     client.ask(SetSignals(values=values))
     if args.json:
         print(json_text({"node_id": node_id, "signals": values}, indent=None))
     else:
         print(f"node {node_id}: {', '.join(f'{name} is {value:g}' for name, value in values.items())}")
     return 0
-
-
-def _values(text: str) -> dict[str, float]:
-    """Return the values of ``di0=1,ai0=2.5``; ConfigError with what to write instead."""
-    values = {}
-    for each in text.split(","):
-        name, _, number = each.partition("=")
-        try:
-            values[name.strip()] = float(number)
-        except ValueError:
-            values[name.strip()] = math.nan
-        if not name.strip() or not math.isfinite(values[name.strip()]):
-            raise ConfigError(f"{each!r}: write SIGNAL=NUMBER, as in di0=1,ai0=16384")
-    return values
 
 
 def _check(name: str) -> None:

@@ -60,6 +60,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="read the nodes on this bus and show only what differs there",
     )
     parser.add_argument("--peer-merge", action="store_true", help="`defaults` of bus.yml win over the nodes' own keys")
+    parser.add_argument(
+        "--allow-unsupervised", action="store_true", help="accept drives that nothing stops when the master dies"
+    )
     parser.add_argument("--json", action="store_true", help="as JSON")
 
 
@@ -67,7 +70,8 @@ def run(args: argparse.Namespace) -> int:
     """Print the plans; 0 good, 1 when a node of --against does not answer, 2 for mistakes in the files."""
     from canopen_control.master.config import read_bus
 
-    buses = {name: read_bus(path, peer_merge=args.peer_merge) for name, path in _files(args).items()}
+    how = {"peer_merge": args.peer_merge, "allow_unsupervised": args.allow_unsupervised}
+    buses = {name: read_bus(path, **how) for name, path in _files(args).items()}
     chosen = _chosen(buses, args.node)
     if args.against:
         return _against(buses, chosen, args)

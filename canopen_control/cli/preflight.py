@@ -94,7 +94,8 @@ class Preflight:
             if interface is None:
                 self.note([Step("jog", None, f"{joint} has neither velocity nor position to command{_NOT_TURNED}")])
         if not any(jog_interfaces(self.setup).values()):
-            return self.note([Step("jog", False, "no joint has a velocity or a position to command")])
+            verdict = None if self.setup.files.bus_alone else False  # its drives are turned by their targets alone
+            return self.note([Step("jog", verdict, "no joint has a velocity or a position to command")])
         self.say(_WARNING)
         if not self.ask("Go on?"):
             return self.note([Step("jog", False, "not wanted")])
@@ -136,7 +137,15 @@ def _read_setup(args: argparse.Namespace) -> RobotSetup:
     files = find_files(args)
     if args.name is not None:
         check_name(args.name)
-    return read_robot(files, name=args.name, can=args.can, real=True, strict=args.strict, peer_merge=args.peer_merge)
+    return read_robot(
+        files,
+        name=args.name,
+        can=args.can,
+        real=True,
+        strict=args.strict,
+        peer_merge=args.peer_merge,
+        allow_unsupervised=args.allow_unsupervised,
+    )
 
 
 def _ask(question: str) -> bool:

@@ -1,4 +1,4 @@
-"""`ros`: topics and services of ROS 2, for who has no ros2cli; and the bridge of a running robot, by hand.
+"""`ros`: topics, services and parameters of ROS 2, for who has no ros2cli; and the bridge of a running robot, by hand.
 
 It sees what a ROS program on this host would: the same domain, and this host only unless
 ROS_AUTOMATIC_DISCOVERY_RANGE says otherwise. Data is YAML, as for ros2. `bridge` hands --ros-args on to rclpy.
@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 from canopen_control.cli.support.arguments import LONGEST_S, number
 from canopen_control.cli.support.output import json_text
+from canopen_control.cli.support.ros_params import get_parameter, list_parameters, set_parameter
 from canopen_control.errors import CanopenError, ConfigError
 from canopen_control.host.environment import MODULE, clean_environment
 from canopen_control.yamlfile.reader import read
@@ -31,7 +32,8 @@ if TYPE_CHECKING:
 __all__ = ["EXAMPLE", "add_arguments", "begin_ros", "run"]
 
 EXAMPLE = """canopen-control ros topic echo /joint_states
-         canopen-control ros service call /left_drive/halt std_srvs/srv/Trigger"""
+         canopen-control ros service call /left_drive/halt std_srvs/srv/Trigger
+         canopen-control ros param list /robby_forward_controller"""
 
 _GUARD = "_ROS_WHEELS_BOOTSTRAP_COMPLETE"
 _BEGUN = "CANOPEN_CONTROL_ROS_BEGUN"
@@ -44,7 +46,7 @@ _positive = number("number above 0", lambda value: 0 < value < LONGEST_S)
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    groups = parser.add_subparsers(dest="group", metavar="topic|service|bridge", required=True)
+    groups = parser.add_subparsers(dest="group", metavar="topic|service|param|bridge", required=True)
     topic = groups.add_parser("topic", help="list, echo, hz, pub").add_subparsers(
         dest="action", metavar="ACTION", required=True
     )
@@ -70,6 +72,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     call = service.add_parser("call", help="call a service and print its answer")
     _add_data(call, "service")
     call.add_argument("--json", action="store_true", help="print the answer as JSON")
+    param = groups.add_parser("param", help="list, get, set").add_subparsers(
+        dest="action", metavar="ACTION", required=True
+    )
+    for name, text, operands in (
+        ("list", "names of a node's parameters", ()),
+        ("get", "print the value of a parameter", ("name",)),
+        ("set", "set a parameter while the node runs", ("name", "value")),
+    ):
+        action = param.add_parser(name, help=text)
+        for operand in ("node", *operands):
+            action.add_argument(operand, help="YAML, such as 0.5" if operand == "value" else None)
+        if name != "set":
+            action.add_argument("--json", action="store_true", help="print JSON")
+        _add_timeout(action)
     # with another prefix every option is left alone: they are the bridge's own
     bridge = groups.add_parser(
         "bridge", help="show a running robot to ROS; --help tells its options", add_help=False, prefix_chars="+"
@@ -237,4 +253,7 @@ _ACTIONS: dict[tuple[str, str], Callable[[Graph, argparse.Namespace], int]] = {
     ("topic", "pub"): _pub,
     ("service", "list"): lambda graph, args: _list(graph.services, args),
     ("service", "call"): _call,
+    ("param", "list"): list_parameters,
+    ("param", "get"): get_parameter,
+    ("param", "set"): set_parameter,
 }

@@ -109,6 +109,11 @@ def add_file_arguments(parser: argparse.ArgumentParser) -> None:
         "--strict", action="store_true", help="repeated and unknown keys of ros2_controllers.yaml are errors"
     )
     parser.add_argument("--peer-merge", action="store_true", help="`defaults` of bus.yml win over the nodes' own keys")
+    parser.add_argument(
+        "--allow-unsupervised",
+        action="store_true",
+        help="accept drives that nothing stops when this program dies, as `allow_unsupervised: true` in bus.yml does",
+    )
 
 
 def find_files(args: argparse.Namespace) -> RobotFiles:
@@ -237,6 +242,7 @@ def read_setup(args: argparse.Namespace) -> RobotSetup:
         real=args.real,
         strict=args.strict,
         peer_merge=args.peer_merge,
+        allow_unsupervised=args.allow_unsupervised,
         kernel_sync=getattr(args, "kernel_sync", False),
     )
 

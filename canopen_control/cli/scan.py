@@ -28,8 +28,8 @@ from canopen_control.cli.support.identity import (
 from canopen_control.cli.support.output import Progress, Table, json_text
 from canopen_control.cli.support.target import LABEL, RobotTarget, find_eds, robot_on
 from canopen_control.client import RobotClient
-from canopen_control.data_files import data_names, data_path
-from canopen_control.errors import CanopenError, ConfigError, RemoteError, SdoTimeout
+from canopen_control.data_files import data_names
+from canopen_control.errors import CanopenError, ConfigError, RemoteError, RobotConfigError, SdoTimeout
 from canopen_control.frame import MAX_NODE_ID
 from canopen_control.master.direct import PARALLEL, DirectBus
 from canopen_control.rpc.messages.declare import Document
@@ -114,7 +114,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     where = parser.add_mutually_exclusive_group()
     where.add_argument("--can", metavar="CHANNEL", help="this bus (can0, local:NAME, ...)")
     where.add_argument("--name", help="the bus of this running robot (default: the only one)")
-    parser.add_argument("--config", metavar="ROBOT", help="compare to this bus.yml: a folder, a bundled name or a file")
+    parser.add_argument(
+        "--config", metavar="ROBOT", help="compare to this bus.yml: a folder, a bundled name, a ROS package or a file"
+    )
     parser.add_argument("--eds-dir", metavar="DIR", action="append", default=[], help="EDS files to match (repeatable)")
     parser.add_argument(
         "--timeout", type=timeout_seconds, default=0.2, metavar="S", help="for each answer (default: 0.2)"
@@ -154,18 +156,13 @@ def _eds_files(folders: Iterable[Path]) -> list[Path]:
 
 def _expected_of(config: str) -> dict[int, ExpectedNode]:
     from canopen_control.master.config import read_bus
+    from canopen_control.runtime.robot_files import MAIN_BUS, find_buses
 
     path = Path(config).expanduser()
-    if path.is_dir():
-        path /= "bus.yml"
-    elif not path.is_file():
-        path = data_path("config", config) / "bus.yml"
-    if not path.is_file():
-        names = ", ".join(data_names("config"))
-        raise ConfigError(
-            f"--config {config}: no bus.yml, no folder with one, and none of the bundled robots ({names})"
-        )
-    bus = read_bus(path)
+    try:
+        bus = read_bus(path if path.is_file() else find_buses(config)[MAIN_BUS])
+    except RobotConfigError as error:
+        raise ConfigError(f"--config {config}: {error}") from None
     return {plan.node_id: ExpectedNode(name, asdict(plan.identity)) for name, plan in bus.plans.items()}
 
 

@@ -6,16 +6,19 @@ and `nanosec`. Waypoints are positions of the controller's joints, each of which
 the trajectory does, by Ctrl-C or anything else, or is stopped (Ctrl-Z), the joints brake and are held. A recording is
 what the joints do while somebody else moves them, by hand or by a program.
 
-Exit codes: 0 the end was reached; 1 it was refused or ended before; 2 wrong usage, or no robot runs.
+Exit codes: 0 the end was reached; 1 it was refused or ended before, or there was nothing to record or to cancel;
+2 wrong usage, or no robot runs.
 """
 
 from __future__ import annotations
 
 import math
+import os
 import signal
 import sys
 import threading
 import time
+from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.cli.support.arguments import number, seconds
@@ -123,6 +126,9 @@ def _later(points: list[TrajectoryPoint], by: float) -> list[TrajectoryPoint]:
 
 def _record(args: argparse.Namespace) -> int:
     """Write what the joints do until a signal, the end of the time, or as many points as a trajectory may have."""
+    folder = Path(args.output).absolute().parent
+    if not os.access(folder, os.W_OK):  # rather than when the joints have been led
+        raise ConfigError(f"{args.output}: nothing can be written in {folder}; give another name")
     stopping = threading.Event()
     with RobotClient.connect(args.name) as robot:
         recording = TrajectoryRecording(_joints(robot, args), MAX_POINTS)

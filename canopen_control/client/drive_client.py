@@ -1,12 +1,14 @@
-"""The client of a virtual drive, past the bus: what it is doing, and its faults.
+"""The client of a virtual drive or device, past the bus: what it is doing, its faults, its inputs.
 
 Apart from that of a robot: verbs that ask a robot do not wait for the import of a drive's messages.
 """
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
+from canopen_control.errors import ConfigError
 from canopen_control.host.lineclient import LineClient
 from canopen_control.host.sockets import drive_name, socket_path
 from canopen_control.rpc.client import Client
@@ -15,7 +17,7 @@ from canopen_control.rpc.messages.drive import DRIVE, DriveEvent, DriveHello
 if TYPE_CHECKING:
     from typing import Self
 
-__all__ = ["DriveClient"]
+__all__ = ["DriveClient", "signal_values"]
 
 
 class DriveClient(Client[DriveHello, DriveEvent]):
@@ -27,3 +29,17 @@ class DriveClient(Client[DriveHello, DriveEvent]):
         label = label or f"the virtual drive {node_id} on {channel}"
         stream = LineClient(socket_path("drive", drive_name(channel, node_id)), timeout, label=label)
         return cls(DRIVE, stream, timeout)
+
+
+def signal_values(text: str) -> dict[str, float]:
+    """Return the values of ``di0=1,ai0=2.5`` by signal; ConfigError with what to write instead."""
+    values = {}
+    for each in text.split(","):
+        name, _, number = (part.strip() for part in each.partition("="))
+        try:
+            values[name] = float(number)
+        except ValueError:
+            values[name] = math.nan
+        if not name or not math.isfinite(values[name]):
+            raise ConfigError(f"{each!r}: write SIGNAL=NUMBER, as in di0=1,ai0=16384")
+    return values

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from canopen_control.errors import ConfigError
 from canopen_control.rpc.messages.samples import TrajectoryPoint
+from canopen_control.rpc.messages.trajectory import MAX_POINTS
 from canopen_control.yamlfile.convert import convert, setting
 from canopen_control.yamlfile.reader import read, read_text
 
@@ -62,7 +63,11 @@ class _Goal:
 
 def read_trajectory(path: str) -> tuple[list[str], list[TrajectoryPoint]]:
     """Return the joints and the points of a file; ConfigError with every mistake and its line."""
-    return parse_trajectory(read_text(path, ConfigError), path)
+    text = read_text(path, ConfigError)
+    count = text.count("time_from_start")
+    if count > MAX_POINTS:  # before it is parsed, which takes a while
+        raise ConfigError(f"{path}: {count} points are more than the {MAX_POINTS} of a trajectory; send fewer")
+    return parse_trajectory(text, path)
 
 
 def parse_trajectory(text: str, path: str) -> tuple[list[str], list[TrajectoryPoint]]:

@@ -97,7 +97,7 @@ class ControllerState(enum.Enum):
 def zero_targets(commands: Sequence[CommandInterface]) -> None:
     """Write 0.0 to every target that would keep something moving; a position target holds by itself."""
     for each in commands:
-        if each.interface in MOVING:
+        if each.quantity in MOVING:
             each.value = 0.0
 
 
@@ -218,7 +218,7 @@ class Controller:
         """Go back to where no command had come yet: what moves gets the target 0.0, a position is held where it is."""
         self.on_deactivate(now)
         for each in self.commands:
-            if each.interface == POSITION:
+            if each.quantity == POSITION:
                 each.value = math.nan  # the hardware holds where it is, and does not go on to the old target
         self.on_activate(self.commands, self.states, now)
 
@@ -270,7 +270,7 @@ class Controller:
 
     def rests(self, values: Sequence[float]) -> bool:
         """Whether a command of these values moves nothing, and may outlive who gave it."""
-        return not any(values) and all(each.interface in MOVING for each in self.commands)
+        return not any(values) and all(each.quantity in MOVING for each in self.commands)
 
     def send_goal(self, goal: Goal | JointTrajectory, now: int) -> None:
         """Execute a trajectory, `now` in ns; ControlError if it is refused."""
@@ -278,7 +278,12 @@ class Controller:
         raise self.refusal("follows no trajectories; it is no joint trajectory controller")
 
     def cancel_goal(self, why: str | None = None, only: Goal | None = None) -> None:
-        """End the goal that is being executed, or `only` this one, if it is; `why` is told."""
+        """End the trajectory that is followed, or `only` the goal, if it is executed; `why` is told.
+
+        ControlError if there is none.
+        """
+        del why, only
+        raise ControlError(f"{self.name} follows no trajectories; it is no joint trajectory controller")
 
     def trajectory_at(self, t: int) -> TrajectoryAt:
         """Return what the trajectory that it follows says at `t`, in ns; ControlError if it follows none ever."""

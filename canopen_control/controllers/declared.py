@@ -13,7 +13,7 @@ from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING, Any, Final
 
 from canopen_control.errors import ControlError, nearest
-from canopen_control.rpc.messages.parameters import ParameterReading, told
+from canopen_control.rpc.messages.parameters import SCALARS, ParameterReading, told
 from canopen_control.yamlfile.convert import fields_of, key_of
 
 if TYPE_CHECKING:
@@ -24,16 +24,22 @@ if TYPE_CHECKING:
 
 __all__ = ["checked", "declared_by", "given_in"]
 
-_KINDS: Final = {bool: "bool", int: "integer", float: "double", str: "string"}
 _HIDDEN: Final = frozenset({"type"})  # the manager's parameter of a controller
 _NO_METADATA: Final[Mapping[str, Any]] = types.MappingProxyType({})
 
 
-def declared_by(taken: object, settable: Iterable[str] = ()) -> tuple[ParameterReading, ...]:
-    """Return the parameters of a dataclass that was read of them, sorted by name; `settable` are patterns of names."""
+def declared_by(taken: object, settable: Iterable[str] = (), **effective: Told) -> tuple[ParameterReading, ...]:
+    """Return the parameters of a dataclass that was read of them, sorted by name; `settable` are patterns of names.
+
+    `effective` are values that others have than what was read: the `update_rate` that a controller has of the manager.
+    """
     patterns = tuple(settable)
     rows = sorted(_rows(taken, ""), key=lambda row: row[0])
-    return tuple(_reading(*row, patterns) for row in rows if row[0] not in _HIDDEN)
+    return tuple(
+        _reading(name, wanted, effective.get(name, value), metadata, patterns)
+        for name, wanted, value, metadata in rows
+        if name not in _HIDDEN
+    )
 
 
 def _reading(
@@ -108,15 +114,15 @@ def _kind(wanted: Any, value: object) -> str:  # noqa: ANN401 - a type, of which
         kinds = [_kind(each, value) for each in inner if each is not type(None)]
         return next((each for each in kinds if each.endswith("_array")), kinds[0])
     if origin in (tuple, list) and inner:
-        return f"{_KINDS.get(inner[0], 'string')}_array"
+        return f"{SCALARS.get(inner[0], 'string')}_array"
     if origin is typing.Literal or (isinstance(wanted, type) and issubclass(wanted, enum.Enum)):
         return "string"
-    return _KINDS.get(wanted) or _kind_of(value)
+    return SCALARS.get(wanted) or _kind_of(value)
 
 
 def _kind_of(value: object) -> str:
     if isinstance(value, list | tuple):
         kinds = {_kind_of(each) for each in value}
         first = "double" if kinds == {"integer", "double"} else min(kinds, default="string")
-        return f"{first}_array" if first in _KINDS.values() else "string_array"
-    return _KINDS.get(type(value), "not_set")
+        return f"{first}_array" if first in SCALARS.values() else "string_array"
+    return SCALARS.get(type(value), "not_set")

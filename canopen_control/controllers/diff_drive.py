@@ -13,7 +13,7 @@ from canopen_control.controllers.base import WheelBase
 from canopen_control.controllers.diff_drive_params import DiffDriveParams, read_params
 from canopen_control.controllers.mobile_base import MobileBase
 from canopen_control.controllers.odometry import Odometry
-from canopen_control.hardware.interfaces import POSITION, VELOCITY
+from canopen_control.hardware.interfaces import VELOCITY
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -75,7 +75,7 @@ class DiffDriveController(MobileBase):
         self.joints, self.interface = (*given.left, *given.right), VELOCITY
         self._side = len(given.left)
         limits = (given.linear, given.angular)
-        self.set_up(given, given.cmd_vel_timeout, len(self.joints), limits, given.publish_rate)
+        self.set_up(given, given.cmd_vel_timeout, len(self.joints), limits, given.publish_rate, given.open_loop)
 
     def on_set(self, params: Params) -> None:
         """Take other limits, another timeout, other things to publish, from the next update on."""
@@ -89,10 +89,7 @@ class DiffDriveController(MobileBase):
 
     def state_interface_names(self) -> list[str]:
         """Return position or velocity of every wheel; nothing if the loop is open."""
-        if self.params.open_loop:
-            return []
-        feedback = POSITION if self.params.position_feedback else VELOCITY
-        return [f"{wheel}/{feedback}" for wheel in self.joints]
+        return self.wheel_states(self.params.position_feedback)
 
     def on_activate(self, commands: list[CommandInterface], states: list[StateInterface], now: int) -> None:
         """Start with no command; the pose is kept, the next sample is where it goes on from."""

@@ -88,22 +88,25 @@ class ForwardCommandController(Controller):
         for index, command in enumerate(self.commands):
             if command in commands:
                 self._values[index] = math.nan
-                if command.interface == POSITION:
+                if command.quantity == POSITION:
                     command.value = math.nan
 
     def update(self, now: int, period: float) -> ReturnType:
         """Write the targets."""
         del period
-        life = self.life
-        if life.runs_out(now):
+        if self._runs_out(now):
             self._stop(now)
-        if not life.live:
+        if not self.life.live:
             return OK
         index = 0
         for each in self.commands:
             each.value = self._values[index]
             index += 1  # noqa: SIM113 - enumerate makes a tuple per joint in the cycle
         return OK
+
+    def _runs_out(self, now: int) -> bool:
+        """Whether the command ends now because nobody has renewed it."""
+        return self.life.runs_out(now)
 
     def _stop(self, now: int) -> None:
         self._timed_out = True

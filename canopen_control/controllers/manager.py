@@ -202,7 +202,9 @@ class ControllerManager:
     def parameters(self, name: str) -> Parameters:
         """Return the parameters of a controller; UnknownName. Before it is configured they are those of the file."""
         controller, params = self.get(name), self._params[name]
-        return given_in(params) if params.taken is None else declared_by(params.taken, controller.settable)
+        if params.taken is None:
+            return given_in(params)
+        return declared_by(params.taken, controller.settable, update_rate=controller.update_rate or self.update_rate)
 
     def set_parameters(self, name: str, wanted: Sequence[ParameterValue]) -> None:
         """Set parameters while a controller is configured: all or none. Raises ControlError, ConfigError, UnknownName.

@@ -10,29 +10,25 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, ClassVar
 
 from canopen_control.controllers.base import WheelBase
+from canopen_control.controllers.holonomic_base import HOLONOMIC, HolonomicBase
 from canopen_control.controllers.mecanum_kinematics import MecanumKinematics
 from canopen_control.controllers.mecanum_params import MecanumParams, read_params
-from canopen_control.controllers.mobile_base import BASELINE, HOLONOMIC, TOO_SHORT, MobileBase
 from canopen_control.controllers.state_copy import finite
 from canopen_control.hardware.interfaces import VELOCITY
 from canopen_control.rpc.messages.samples import MecanumSample, grown
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from canopen_control.controllers.params import Params
     from canopen_control.rpc.messages.samples import OdometrySample, Sample
 
 __all__ = ["MecanumDriveController"]
 
 
-class MecanumDriveController(MobileBase):
+class MecanumDriveController(HolonomicBase):
     """Drives a base on four mecanum wheels; `kinematics` is where it is."""
 
     topic: ClassVar[str | None] = "reference"
     tells: ClassVar[type[Sample] | None] = MecanumSample
-    twist_axes: ClassVar[tuple[str, ...]] = HOLONOMIC
-    references: ClassVar[tuple[str, ...]] = ("linear/x", "linear/y", "angular/z")
     timeout_key: ClassVar[str] = "reference_timeout"
     settable: ClassVar[tuple[str, ...]] = (
         "reference_timeout", "enable_odom_tf", "linear.x.*", "linear.y.*", "angular.z.*",
@@ -59,7 +55,7 @@ class MecanumDriveController(MobileBase):
         """Read the parameters; the pose becomes 0."""
         self.params = given = read_params(params)
         self.kinematics = MecanumKinematics(given.radius, given.reach, given.offset)
-        self.pose = self.kinematics
+        self.move_by(self.kinematics)
         self.joints, self.interface = given.commanded, VELOCITY
         self.set_up(given, given.reference_timeout, len(self.joints), given.limits)
 
@@ -69,34 +65,14 @@ class MecanumDriveController(MobileBase):
         self.take(given, given.reference_timeout, given.limits)
         self.params = given
 
-    def command_interface_names(self) -> list[str]:
-        """Return the velocity of every wheel, from the front left one with the clock."""
-        return [f"{joint}/{VELOCITY}" for joint in self.params.commanded]
-
     def state_interface_names(self) -> list[str]:
         """Return the velocity of every wheel, in the same order."""
         return [f"{joint}/{VELOCITY}" for joint in self.params.measured]
 
-    def velocities(self) -> tuple[float, float, float]:
-        """Return those of the last step."""
-        wheels = self.kinematics
-        return wheels.forward, wheels.left, wheels.angular
-
-    def work_out(self, twist: Sequence[float]) -> None:
-        """Share a twist out to the wheels."""
-        self.kinematics.command(twist[0], twist[1], twist[2])
-        for index in range(len(self.targets)):
-            self.targets[index] = self.kinematics.wheels[index]
-
-    def follow(self, now: int) -> bool:
-        """Move the odometry; return False if a wheel's feedback is not known."""
-        if not self.states_known():
-            return False
-        dt = self.elapsed(now)
-        if dt not in (BASELINE, TOO_SHORT):
-            front_left, front_right, rear_right, rear_left = self.states
-            self.kinematics.update(front_left.value, rear_left.value, rear_right.value, front_right.value, dt)
-        return True
+    def advance(self, dt: float) -> None:
+        """Follow the wheels."""
+        front_left, front_right, rear_right, rear_left = self.states
+        self.kinematics.update(front_left.value, rear_left.value, rear_right.value, front_right.value, dt)
 
     def take_down(self) -> None:
         """Put down the wheels' speeds and the twist that is wanted too."""

@@ -9,23 +9,21 @@ from __future__ import annotations
 
 import math
 
-from canopen_control.controllers.planar_pose import MIN_DT, PlanarPose
+from canopen_control.controllers.planar_pose import MIN_DT, HolonomicPose
 
 __all__ = ["MecanumKinematics"]
 
 
-class MecanumKinematics(PlanarPose):
+class MecanumKinematics(HolonomicPose):
     """The pose, and `forward`, `left` (m/s) and `angular` (rad/s), of the base's frame; `wheels` are its commands.
 
     `reach` is the sum of the wheels' distances from the middle along x and y, `offset` where the frame is: x, y, angle.
     """
 
     def __init__(self, radius: float, reach: float, offset: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> None:
-        super().__init__()
+        super().__init__(4)
         self._radius, self._reach, self._offset = radius, reach, offset
         self._cosine, self._sine = math.cos(offset[2]), math.sin(offset[2])
-        self.forward = self.left = self.angular = 0.0
-        self.wheels = [0.0, 0.0, 0.0, 0.0]
 
     def update(self, front_left: float, rear_left: float, rear_right: float, front_right: float, dt: float) -> bool:
         """Follow the wheels' speeds in rad/s for `dt` s; return whether the step was long enough to count."""

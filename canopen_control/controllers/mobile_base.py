@@ -7,7 +7,7 @@ not refresh the timeout; the first sample of the wheels is the baseline of odome
 which is off then, is waited for at standstill, so that enabling the drives is enough to go on. What is a position, such
 as that of a steering joint, is held where it is when the twist ends by itself or is taken back.
 
-A new base is a class here: what it says of its wheels in `on_configure`, `follow` and `work_out`.
+A new base is a class here: what it says of its wheels in `on_configure`, `work_out`, `advance` and `velocities`.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ from mypy_extensions import mypyc_attr
 from canopen_control.controllers.base import Controller, ControllerState, zero_targets
 from canopen_control.controllers.base_params import BaseParams
 from canopen_control.controllers.command_life import ENDLESS, endless
-from canopen_control.controllers.limiter import Limits, RateLimiter
+from canopen_control.controllers.limited_twist import LimitedTwist, fill
 from canopen_control.controllers.odometry_publication import OdometryPublication
 from canopen_control.controllers.planar_pose import MIN_DT, PlanarPose
-from canopen_control.errors import ControlError, RobotConfigError
+from canopen_control.errors import ControlError
 from canopen_control.hardware.interfaces import ERROR, OK, POSITION, VELOCITY, CommandInterface, ReturnType
 from canopen_control.rpc.messages.samples import OdometrySample
 
@@ -34,15 +34,13 @@ if TYPE_CHECKING:
     from canopen_control.hardware.interfaces import StateInterface
     from canopen_control.rpc.messages.samples import Sample
 
-__all__ = ["BASELINE", "HOLONOMIC", "ONE_UPDATE", "TOO_SHORT", "MobileBase"]
+__all__ = ["BASELINE", "ONE_UPDATE", "TOO_SHORT", "MobileBase"]
 
 NS: Final = 1_000_000_000
 BASELINE: Final = -1.0
 """What `elapsed` returns for the first step."""
 TOO_SHORT: Final = 0.0
 """What it returns for a step that is put off to the next one."""
-HOLONOMIC: Final = ("linear.x", "linear.y", "angular.z")
-"""The axes of a base that drives sideways too."""
 ONE_UPDATE: Final = "one_update"
 """The kind of the event that tells of twists which count for a single update."""
 _NEVER: Final = -1
@@ -71,17 +69,15 @@ class MobileBase(Controller):
     def __init__(self, name: str, type_name: str, pose: PlanarPose) -> None:
         super().__init__(name, type_name)
         self.pose = pose
-        axes = len(self.twist_axes)
-        self.wanted, self.limited = [math.nan] * axes, [0.0] * axes
+        self._twist = LimitedTwist(self.twist_axes)
+        self.wanted, self.limited = self._twist.wanted, self._twist.limited
         self.targets: list[float] = []
         self.braking = False
-        self._previous, self._before = [0.0] * axes, [0.0] * axes
-        self._limiters = [RateLimiter(Limits())] * axes
-        self._publication = OdometryPublication(axes)
+        self._publication = OdometryPublication(len(self.twist_axes))
         self._references = tuple(CommandInterface(f"{name}/{each}", VELOCITY) for each in self.references)
         self._odometry_params = BaseParams()
         self._followed = _NEVER
-        self._once = self._fresh = False
+        self._once = self._fresh = self._open_loop = False
         self._was_chained = self._writing = self._too_fast = False
         self._begin_anew(0)
 
@@ -94,8 +90,10 @@ class MobileBase(Controller):
         commands: int,
         limits: Sequence[AxisLimits] = (),
         publish_rate: float = 0.0,
+        open_loop: bool = False,
     ) -> None:
         """Take what every base has of its parameters: how many `commands`, and see `take`."""
+        self._open_loop = open_loop
         self.take(given, timeout, limits)
         self.update_rate, self.publish_rate = given.update_rate, publish_rate
         self._publication.set_rate(publish_rate)
@@ -103,10 +101,10 @@ class MobileBase(Controller):
 
     def take(self, given: BaseParams, timeout: float, limits: Sequence[AxisLimits] = ()) -> None:
         """Take what may change while it runs: `timeout` in s, limits of each axis, what odometry says."""
-        axes = list(zip(self.twist_axes, limits, strict=False))
-        self._limiters[: len(axes)] = [_limiter(self.name, axis, each.limits()) for axis, each in axes]
+        if limits:
+            self._twist.set_limits(self.name, limits)
         self._odometry_params = given
-        for axis, each in axes:
+        for axis, each in zip(self.twist_axes, limits, strict=False):
             if each.freezes:
                 self.tell("parameter", f"{axis}.max_jerk: 0 keeps it from ever changing speed; remove it")
         self.life.limit_ns, self._once = round(timeout * NS), timeout == 0.0 and not self.zero_is_never
@@ -119,13 +117,35 @@ class MobileBase(Controller):
         """Fill `targets`, one for each command, for a twist."""
         raise NotImplementedError
 
-    def follow(self, now: int) -> bool:
-        """Move the pose by what the wheels have done, or, in open loop, by `limited`; False if that is not known."""
+    def begin(self) -> None:
+        """Take the wheels as they stand as the baseline of odometry."""
+
+    def advance(self, dt: float) -> None:
+        """Move the pose by what the wheels have done in the last `dt` s, all of which is known."""
+        raise NotImplementedError
+
+    def believe(self, dt: float) -> None:
+        """Move the pose by `limited` instead, in open loop."""
         raise NotImplementedError
 
     def velocities(self) -> tuple[float, float, float]:
         """Return how fast it is: forward and to the left in m/s, and in rad/s."""
         raise NotImplementedError
+
+    def follow(self, now: int) -> bool:
+        """Move the pose by what has happened since the last step; False if what the wheels do is not known."""
+        if not (self._open_loop or self.states_known()):
+            return False
+        dt = self.elapsed(now)
+        if dt == BASELINE:
+            if not self._open_loop:
+                self.begin()
+        elif dt != TOO_SHORT:
+            if self._open_loop:
+                self.believe(dt)
+            else:
+                self.advance(dt)
+        return True
 
     @property
     def begun(self) -> bool:
@@ -151,6 +171,11 @@ class MobileBase(Controller):
         for each in self.states:
             total += each.value
         return math.isfinite(total)
+
+    def wheel_states(self, position_feedback: bool) -> list[str]:
+        """Return the names of position or velocity of every joint; nothing if the loop is open."""
+        feedback = POSITION if position_feedback else VELOCITY
+        return [] if self._open_loop else [f"{joint}/{feedback}" for joint in self.joints]
 
     # ------------------------------------------------------------------------------------------------- what is told
 
@@ -213,13 +238,11 @@ class MobileBase(Controller):
 
     def _begin_anew(self, now: int) -> None:
         """Have no command, and none before it."""
-        _fill(self.wanted, math.nan)
+        self._twist.forget()
         self.life.end()
         self.life.given = now
         self.braking = self._fresh = False
         self._was_chained = self._writing = self._too_fast = False
-        _fill(self._previous, 0.0)
-        _fill(self._before, 0.0)
         for reference in self._references:
             reference.value = math.nan
 
@@ -253,18 +276,15 @@ class MobileBase(Controller):
     def update(self, now: int, period: float) -> ReturnType:
         """Do one step; `period` in s is what the limits are scaled with."""
         if not self.begun:
-            _fill(self.limited, 0.0)
+            fill(self.limited, 0.0)
             self.follow(now)
         self._take_reference(now)
-        if not _known(self.wanted):
+        if not self._twist.known:
             return OK if self.waits_for_a_twist else self._rest(now)
-        limited, previous, before = self.limited, self._previous, self._before
-        for index in range(len(limited)):
-            limited[index] = self._limiters[index].limit(self.wanted[index], previous[index], before[index], period)
+        self._twist.limit(period)
         if not self.follow(now):
             return self._without_feedback()
-        _copy(previous, before)
-        _copy(limited, previous)
+        self._twist.step()
         self._write()
         self._publish(now)
         return OK
@@ -282,7 +302,7 @@ class MobileBase(Controller):
             if life.live and not self._fresh:
                 life.end()
             self._fresh = False
-            if not life.live and _known(self.wanted):
+            if not life.live and self._twist.known:
                 self._brake()
         elif life.limit_ns and now - life.given > life.limit_ns:
             if life.runs_out(now):
@@ -301,18 +321,18 @@ class MobileBase(Controller):
         self.braking = False
         for index in range(len(references)):
             self.wanted[index] = references[index].value
-        if self._writing and not _known(self.wanted):
+        if self._writing and not self._twist.known:
             self._brake()  # who was driven by a topic does not go on by itself
         return True
 
     def _brake(self) -> None:
         """Want standstill, which nobody has commanded."""
-        _fill(self.wanted, 0.0)
+        fill(self.wanted, 0.0)
         self.braking = True
 
     def _rest(self, now: int) -> ReturnType:
         """Follow the wheels while there is no twist yet; feedback may not be there either."""
-        _fill(self.limited, 0.0)
+        fill(self.limited, 0.0)
         zero_targets(self.commands)
         if self.follow(now):
             self._publish(now)
@@ -338,7 +358,7 @@ class MobileBase(Controller):
     def _write(self) -> None:
         """Write the commands of the limited twist, all or, where one does not fit its drive, none."""
         self._writing = True
-        if self.braking and not any(self.limited):
+        if self.braking and self._twist.stands:
             zero_targets(self.commands)
             return
         self.work_out(self.limited)
@@ -360,24 +380,3 @@ class MobileBase(Controller):
             self.tell(
                 "refused", f"a wheel would have to turn at {target:g} rad/s, more than its drive can hold; it stands"
             )
-
-
-def _known(values: list[float]) -> bool:
-    return not math.isnan(sum(values))
-
-
-def _fill(values: list[float], value: float) -> None:
-    for index in range(len(values)):
-        values[index] = value
-
-
-def _copy(source: list[float], target: list[float]) -> None:
-    for index in range(len(source)):
-        target[index] = source[index]
-
-
-def _limiter(name: str, axis: str, limits: Limits) -> RateLimiter:
-    try:
-        return RateLimiter(limits)
-    except ValueError as error:
-        raise RobotConfigError(f"{name}: {axis}: {error}: a minimum is above its maximum") from error

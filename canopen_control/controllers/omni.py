@@ -10,25 +10,21 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, ClassVar
 
 from canopen_control.controllers.base import WheelBase
-from canopen_control.controllers.mobile_base import BASELINE, HOLONOMIC, TOO_SHORT, MobileBase
+from canopen_control.controllers.holonomic_base import HolonomicBase
 from canopen_control.controllers.omni_kinematics import LEAST_WHEELS, OmniKinematics
 from canopen_control.controllers.omni_params import OmniParams, read_params
-from canopen_control.hardware.interfaces import POSITION, VELOCITY
+from canopen_control.hardware.interfaces import VELOCITY
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from canopen_control.controllers.params import Params
     from canopen_control.rpc.messages.samples import OdometrySample
 
 __all__ = ["OmniWheelDriveController"]
 
 
-class OmniWheelDriveController(MobileBase):
+class OmniWheelDriveController(HolonomicBase):
     """Drives a base on omni wheels; `kinematics` is where it is."""
 
-    twist_axes: ClassVar[tuple[str, ...]] = HOLONOMIC
-    references: ClassVar[tuple[str, ...]] = ("linear/x", "linear/y", "angular/z")
     settable: ClassVar[tuple[str, ...]] = ("cmd_vel_timeout", "enable_odom_tf", "publish_limited_velocity")
 
     def __init__(self, name: str, type_name: str = "omni_wheel_drive_controller/OmniWheelDriveController") -> None:
@@ -47,10 +43,10 @@ class OmniWheelDriveController(MobileBase):
         self.params = given = read_params(params)
         count = len(given.wheel_names)
         self.kinematics = OmniKinematics(count, given.robot_radius, given.wheel_radius, given.wheel_offset or 0.0)
-        self.pose = self.kinematics
+        self.move_by(self.kinematics)
         self.joints, self.interface = given.wheel_names, VELOCITY
         self._reading = [0.0] * count
-        self.set_up(given, given.cmd_vel_timeout, count)
+        self.set_up(given, given.cmd_vel_timeout, count, open_loop=given.open_loop)
 
     def on_set(self, params: Params) -> None:
         """Take another timeout, other things to publish, from the next update on."""
@@ -58,50 +54,31 @@ class OmniWheelDriveController(MobileBase):
         self.take(given, given.cmd_vel_timeout)
         self.params = given
 
-    def command_interface_names(self) -> list[str]:
-        """Return the velocity of every wheel."""
-        return [f"{wheel}/{VELOCITY}" for wheel in self.joints]
-
     def state_interface_names(self) -> list[str]:
         """Return position or velocity of every wheel; nothing if the loop is open."""
-        if self.params.open_loop:
-            return []
-        feedback = POSITION if self.params.position_feedback else VELOCITY
-        return [f"{wheel}/{feedback}" for wheel in self.joints]
+        return self.wheel_states(self.params.position_feedback)
 
     def sample(self, wall_offset_ns: int) -> OdometrySample | None:
         """Return the odometry as it was published last."""
         return self.odometry_sample(wall_offset_ns)
 
-    def velocities(self) -> tuple[float, float, float]:
-        """Return those of the last step."""
-        wheels = self.kinematics
-        return wheels.forward, wheels.left, wheels.angular
+    def begin(self) -> None:
+        """Take the wheels as they stand."""
+        self._read()
+        self.kinematics.begin(self._reading)
 
-    def work_out(self, twist: Sequence[float]) -> None:
-        """Share a twist out to the wheels."""
-        self.kinematics.command(twist[0], twist[1], twist[2])
-        for index in range(len(self.targets)):
-            self.targets[index] = self.kinematics.wheels[index]
+    def advance(self, dt: float) -> None:
+        """Follow the wheels."""
+        self._read()
+        if self.params.position_feedback:
+            self.kinematics.update_position(self._reading, dt)
+        else:
+            self.kinematics.update_velocity(self._reading, dt)
 
-    def follow(self, now: int) -> bool:
-        """Move the odometry; return False if a wheel's feedback is not known."""
-        given, wheels = self.params, self.kinematics
-        if not self.states_known():
-            return False
-        dt = self.elapsed(now)
-        if dt == TOO_SHORT:
-            return True
-        if given.open_loop:
-            if dt != BASELINE:
-                wheels.update_open_loop(self.limited[0], self.limited[1], self.limited[2], dt)
-            return True
+    def believe(self, dt: float) -> None:
+        """Follow the twist."""
+        self.kinematics.update_open_loop(self.limited[0], self.limited[1], self.limited[2], dt)
+
+    def _read(self) -> None:
         for index in range(len(self._reading)):
             self._reading[index] = self.states[index].value
-        if dt == BASELINE:
-            wheels.begin(self._reading)
-        elif given.position_feedback:
-            wheels.update_position(self._reading, dt)
-        else:
-            wheels.update_velocity(self._reading, dt)
-        return True

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Final
 
-from canopen_control.controllers.planar_pose import PlanarPose
+from canopen_control.controllers.planar_pose import HolonomicPose
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -21,18 +21,16 @@ LEAST_WHEELS: Final = 3
 _LEAST_DT: Final = 1e-6  # s between two positions
 
 
-class OmniKinematics(PlanarPose):
+class OmniKinematics(HolonomicPose):
     """The pose, and `forward`, `left` (m/s) and `angular` (rad/s); `wheels` are its commands in rad/s."""
 
     def __init__(self, count: int, robot_radius: float, wheel_radius: float, offset: float = 0.0) -> None:
-        super().__init__()
+        super().__init__(count)
         if count < LEAST_WHEELS:
             raise ValueError(f"{count} wheels do not tell three velocities; there are {LEAST_WHEELS} or more")
         angles = [math.tau * index / count + offset for index in range(count)]
         self._sines, self._cosines = [math.sin(each) for each in angles], [math.cos(each) for each in angles]
         self._robot_radius, self._wheel_radius = robot_radius, wheel_radius
-        self.forward = self.left = self.angular = 0.0
-        self.wheels = [0.0] * count
         self._positions = [0.0] * count
         self._speeds = [0.0] * count
 

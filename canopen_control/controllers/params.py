@@ -18,7 +18,7 @@ from canopen_control.yamlfile.node import Node
 from canopen_control.yamlfile.problems import Problems
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Iterable, Mapping
 
     from canopen_control.rpc.messages.parameters import Told
 
@@ -44,18 +44,26 @@ class Params:
         problems = Problems(name, strict=False)
         return cls(flattened(_made(values, "", problems)), name)
 
-    def read(self, cls: type[T], renames: Mapping[str, str] | None = None) -> T:
+    def read(
+        self,
+        cls: type[T],
+        renames: Mapping[str, str] | None = None,
+        judge: Callable[[T], Iterable[tuple[str, str]]] = lambda _: (),
+    ) -> T:
         """Return the parameters as a dataclass whose keys are dotted names; raise RobotConfigError with every mistake.
 
         `renames` maps the keys of other distributions to ours ("" for one without effect); each one used is warned of
         once. Keys that the class does not know are warnings (errors if the file was read strictly). Its `INEFFECTIVE`
         are keys that are known and change nothing, with the reason: another value than the default is a warning.
+        `judge` tells what cannot be together, by parameter; a name in front of its sentence is left out.
         """
         with contextlib.ExitStack() as stack:
             for each in self.files:
                 stack.enter_context(each.raising(RobotConfigError))
             value = convert(_gathered(self._renamed(renames or {}), cls), cls, None)
             tell_ineffective(self.flat, value)
+            for name, text in () if value is None else judge(value):
+                (self.flat.get(name) or self.flat).error(text.removeprefix(f"{name}: "))
         self.taken = value
         return typing.cast("T", value)
 

@@ -138,7 +138,7 @@ class Pid:
         """Let the integral grow as the anti-windup allows."""
         if self._anti_windup is AntiWindup.BACK_CALCULATION:
             if self._i:
-                self.integral += dt * (self._i * error + (command - wanted) / self._tracking)
+                self.integral += dt * (self._i * error + _quotient(command - wanted, self._tracking))
         elif self._anti_windup is AntiWindup.CONDITIONAL_INTEGRATION:
             if abs(command - wanted) <= _EPSILON or error * wanted <= 0.0:
                 self.integral += dt * self._i * error
@@ -147,3 +147,10 @@ class Pid:
 
     def _within(self, integral: float) -> float:
         return min(max(integral, self._i_min), self._i_max)
+
+
+def _quotient(a: float, b: float) -> float:
+    """Return a / b as IEEE 754 has it: a time constant of 0 is no error of the cycle."""
+    if b:
+        return a / b
+    return math.copysign(math.inf, a) if a else math.nan

@@ -79,6 +79,8 @@ class PidParams(CommonParams):
         if len(self.reference_and_state_interfaces) not in (1, 2):
             given = len(self.reference_and_state_interfaces)
             return f"reference_and_state_interfaces has {given}; give one, and its derivative: [position, velocity]"
+        if len(set(self.reference_and_state_interfaces)) != len(self.reference_and_state_interfaces):
+            return "reference_and_state_interfaces names one twice; give its derivative: [position, velocity]"
         return None
 
 

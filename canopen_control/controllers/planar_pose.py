@@ -11,7 +11,7 @@ from typing import Final
 
 from mypy_extensions import mypyc_attr
 
-__all__ = ["MIN_DT", "STRAIGHT", "PlanarPose", "RollingMean", "quotient"]
+__all__ = ["MIN_DT", "STRAIGHT", "HolonomicPose", "PlanarPose", "RollingMean", "quotient"]
 
 MIN_DT: Final = 1e-4
 """Steps shorter than this, in s, tell no velocity: it would be noise."""
@@ -91,3 +91,20 @@ class PlanarPose:
         sines, cosines = math.sin(self.heading) - math.sin(before), math.cos(self.heading) - math.cos(before)
         self.x += forward / turn * sines + left / turn * cosines
         self.y += left / turn * sines - forward / turn * cosines
+
+
+@mypyc_attr(allow_interpreted_subclasses=True)
+class HolonomicPose(PlanarPose):
+    """The pose of what drives sideways too, and how fast it is: `forward` and `left` in m/s, `angular` in rad/s.
+
+    `wheels` are the commands of a twist, in rad/s.
+    """
+
+    def __init__(self, wheels: int) -> None:
+        super().__init__()
+        self.forward = self.left = self.angular = 0.0
+        self.wheels = [0.0] * wheels
+
+    def command(self, forward: float, left: float, angular: float) -> None:
+        """Make `wheels` of a twist."""
+        raise NotImplementedError

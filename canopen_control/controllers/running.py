@@ -150,7 +150,7 @@ class RunningControllers:
                 source, moving = controller.life.source, is_moving(controller.commands)
                 self._forget(slot, self.now, why=f"{source} {why}")
                 if moving:
-                    stands = all(each.interface in MOVING for each in controller.commands)
+                    stands = all(each.quantity in MOVING for each in controller.commands)
                     now = "its targets are 0" if stands else "what moves is stopped, positions are held where they are"
                     text = f"{controller.name}: {source} {why}, and its command with it; {now}"
                     self._events.append(ControllerEvent("commander_gone", controller.name, text))

@@ -69,7 +69,11 @@ class BroadcasterParams(CommonParams):
 
 @dataclass(frozen=True)
 class LoopGains:
-    """The gains of a PID loop, by the names of control_toolbox; ValueError for limits that exclude each other."""
+    """The gains of a PID loop, by the names of control_toolbox; ValueError for what cannot be together.
+
+    Such are limits that exclude each other, and a back calculation whose time constant neither is given nor follows
+    from the gains: upstream then computes what is no number.
+    """
 
     p: float = 0.0
     i: float = 0.0
@@ -83,7 +87,15 @@ class LoopGains:
     error_deadband: float = 0.0
 
     def __post_init__(self) -> None:
-        self.pid()
+        for key, value in (("p", self.p), ("i", self.i), ("d", self.d)):
+            if not math.isfinite(value):
+                raise ValueError(f"{key} is {value}; give a finite number")
+        given = self.pid()
+        if given.anti_windup is AntiWindup.BACK_CALCULATION and given.i and not given.tracking_time_used > 0.0:
+            raise ValueError(
+                f"back_calculation has no time constant with p {self.p:g}, i {self.i:g}, d {self.d:g}; "
+                f"give tracking_time_constant"
+            )
 
     @property
     def integral_limits(self) -> tuple[float, float]:

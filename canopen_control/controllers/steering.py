@@ -3,7 +3,8 @@
 The law of the file (ros2_controllers jazzy): odometry is followed and published in every update, commanded or not.
 Without a twist traction is 0 and the steered wheels stay as they are; a twist of zeros that is commanded steers them
 straight. In closed loop the wheels of a curve turn as the measured curve wants it. Ours: a `reference_timeout` of 0
-lets a twist move it for one update, and feedback is waited for, see `mobile_base`.
+lets a twist move it for one update, no wheel turns faster than the wanted curve needs, wherever the steering still is,
+the speed of two wheels is the fit to both (`SteeringKinematics.fits`), and feedback is waited for, see `mobile_base`.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from typing import TYPE_CHECKING, ClassVar
 from mypy_extensions import mypyc_attr
 
 from canopen_control.controllers.base import WheelBase
-from canopen_control.controllers.mobile_base import BASELINE, TOO_SHORT, MobileBase
+from canopen_control.controllers.mobile_base import MobileBase
 from canopen_control.controllers.state_copy import finite
 from canopen_control.controllers.steering_kinematics import SteeringKinematics
 from canopen_control.controllers.steering_params import (
@@ -76,7 +77,7 @@ class SteeringController(MobileBase):
         count = len(self.joints)
         self._traction, self._steering = [0.0] * self.kinematics.traction_count, [0.0] * self.kinematics.steering_count
         self._reading, self._driven = [0.0] * count, [0.0] * count
-        self.set_up(given, given.reference_timeout, count)
+        self.set_up(given, given.reference_timeout, count, open_loop=given.open_loop)
 
     def on_set(self, params: Params) -> None:
         """Take another timeout, from the next update on."""
@@ -105,33 +106,30 @@ class SteeringController(MobileBase):
         """Share a twist out to traction and steering."""
         wheels, given = self.kinematics, self.params
         wheels.command(twist[0], twist[1], given.open_loop, given.reduce_wheel_speed_until_steering_reached)
+        wheels.bound(twist[0], twist[1])
         count = wheels.traction_count
         for index in range(count):
             self.targets[index] = wheels.traction[index]
         for index in range(wheels.steering_count):
             self.targets[count + index] = wheels.steering[index]
 
-    def follow(self, now: int) -> bool:
-        """Move the odometry; return False if a wheel's feedback is not known."""
-        wheels, given = self.kinematics, self.params
-        if not (given.open_loop or self.states_known()):
-            return False
-        dt = self.elapsed(now)
-        if dt == TOO_SHORT:
-            return True
-        if given.open_loop:
-            if dt != BASELINE:
-                wheels.update_open_loop(self.limited[0], self.limited[1], dt)
-            return True
+    def begin(self) -> None:
+        """Take the wheels as they stand."""
         self._read()
-        if dt == BASELINE:
-            wheels.begin(self._traction)
-            wheels.angle = wheels.measured_angle(self._steering)
-        elif given.position_feedback:
-            wheels.update_position(self._traction, self._steering, dt)
+        self.kinematics.begin(self._traction)
+        self.kinematics.angle = self.kinematics.measured_angle(self._steering)
+
+    def advance(self, dt: float) -> None:
+        """Follow the wheels."""
+        self._read()
+        if self.params.position_feedback:
+            self.kinematics.update_position(self._traction, self._steering, dt)
         else:
-            wheels.update_velocity(self._traction, self._steering, dt)
-        return True
+            self.kinematics.update_velocity(self._traction, self._steering, dt)
+
+    def believe(self, dt: float) -> None:
+        """Follow the twist."""
+        self.kinematics.update_open_loop(self.limited[0], self.limited[1], dt)
 
     def _read(self) -> None:
         count = self.kinematics.traction_count

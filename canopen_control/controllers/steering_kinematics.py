@@ -29,7 +29,9 @@ class SteeringKinematics(PlanarPose):
     """One traction wheel and one steered one: a bicycle; the others override what differs.
 
     `linear` (m/s) and `angular` (rad/s) are means over the last `window` steps, `angle` is the measured steering angle.
-    `traction` and `steering` are the wheels' commands after `command`.
+    `traction` and `steering` are the wheels' commands after `command`. `fits` says how the speed between two wheels is
+    taken: as the mean of what each says, as upstream, which has a pole where one of them is the middle of the curve, or
+    as the fit to both, the same where the wheels agree.
     """
 
     traction_count: ClassVar[int] = 1
@@ -44,6 +46,7 @@ class SteeringKinematics(PlanarPose):
         window: int = 10,
     ) -> None:
         super().__init__()
+        self.fits = False
         self.radius, self.wheelbase = radius, wheelbase
         self.traction_track, self.steering_track = traction_track, steering_track
         self.linear = self.angular = self.angle = 0.0
@@ -139,6 +142,20 @@ class SteeringKinematics(PlanarPose):
         self.set_traction(speed, curve)
         self.set_steering(angle, curve)
 
+    def bound(self, linear: float, angular: float) -> None:
+        """Keep every traction wheel as slow as the wanted curve has its fastest one, in m/s and rad/s; after `command`.
+
+        With the steering across, wheels of the curve that is measured would turn without bounds.
+        """
+        most = (abs(linear) + self.traction_track / 2.0 * abs(angular)) / self.radius
+        fastest = 0.0
+        for index in range(self.traction_count):
+            fastest = max(fastest, abs(self.traction[index]))
+        if fastest <= most:
+            return
+        for index in range(self.traction_count):
+            self.traction[index] = self.traction[index] / fastest * most if math.isfinite(fastest) else 0.0
+
     def share(self, speed: float, angle: float) -> None:
         """Have the outer of two traction wheels turn faster than the inner one."""
         if abs(angle) < _STRAIGHT:
@@ -151,6 +168,9 @@ class SteeringKinematics(PlanarPose):
     def mean_speed(self, traction: Sequence[float], angle: float) -> float:
         """Return the speed between two traction wheels in a curve, in m/s."""
         right, left = traction[0], traction[1]
+        if self.fits:
+            lean = self.traction_track / 2.0 * math.tan(angle) / self.wheelbase
+            return self.radius * (right * (1.0 + lean) + left * (1.0 - lean)) / (2.0 + 2.0 * lean * lean)
         curve, half = quotient(self.wheelbase, math.tan(angle)), self.traction_track / 2.0
         if math.isinf(curve):
             return self.radius * (right + left) * 0.5

@@ -72,8 +72,10 @@ class SteeringParams(BaseParams):
         return self.steering_joints_state_names or self.steering_joints_names
 
     def made(self) -> SteeringKinematics:
-        """Return the kinematics of these sizes, at the origin."""
-        return self.kinematics(self.radius, self.wheelbase, *self.tracks, self.velocity_rolling_window_size)
+        """Return the kinematics of these sizes, at the origin; speeds are fitted."""
+        made = self.kinematics(self.radius, self.wheelbase, *self.tracks, self.velocity_rolling_window_size)
+        made.fits = True
+        return made
 
     def mistakes(self) -> Iterator[tuple[bool, str]]:
         """Say what is wrong, each with whether it is."""

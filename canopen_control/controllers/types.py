@@ -39,6 +39,7 @@ TYPES: Final = {
     "pid_controller/PidController": f"{_HERE}.pid_controller:PidController",
     "joint_state_broadcaster/JointStateBroadcaster": f"{_HERE}.joint_state:JointStateBroadcaster",
     "joint_state_controller/JointStateController": f"{_HERE}.joint_state:JointStateBroadcaster",
+    "canopen_control/TargetController": f"{_HERE}.drive_target:TargetController",
     "canopen_control/GpioBroadcaster": f"{_HERE}.broadcasters:GpioBroadcaster",
     "canopen_control/DiagnosticsBroadcaster": f"{_HERE}.broadcasters:DiagnosticsBroadcaster",
 }

@@ -25,6 +25,7 @@ __all__ = ["POLL_NS", "InputSignal", "NodeInputs", "RawInput"]
 
 POLL_NS: Final = 1_000_000_000
 _POLLED_AGE_NS: Final = 5 * POLL_NS
+_SHORTEST_NS: Final = 50_000_000  # frames that come together were not sent together
 
 
 class RawInput:
@@ -94,7 +95,8 @@ class NodeInputs:
         self.node, self._image = node, image
         self._inputs: dict[Address, RawInput] = {}
         self.boots = -1
-        self.ready = False
+        self.ready = self.lost = False  # lost: since somebody was told
+        self.jumps: list[str] = []  # sentences, until somebody tells them
 
     def of(self, address: Address) -> RawInput:
         """Return the raw input of an object of the dictionary."""
@@ -108,6 +110,7 @@ class NodeInputs:
     def read(self, now: int) -> None:
         """Look at all of them."""
         node = self.node
+        self.lost |= self.ready and not node.ready
         self.ready = node.ready
         if not node.ready:
             return
@@ -135,10 +138,14 @@ class InputSignal:
         self._raw = inputs.of(signal.address)
         self._status = None if signal.status is None else inputs.of(signal.status)
         self._boots = -1
+        self._type = None if signal.data_type is self._raw.data_type else signal.data_type
+        self._retyped: tuple[Value | None, Value] = (None, 0)
         self._gain = signal.gain({})
         self._range = 0
-        self._first = self._turned = 0.0
+        self._turned = 0.0
         self._last: float | None = None
+        self._before, self._came = math.nan, 0  # what was shown last, and when that came
+        self._jumped = False
 
     def read(self, now: int) -> None:
         """Show the value at `now`, nan where there is none."""
@@ -151,10 +158,13 @@ class InputSignal:
         if self._boots != inputs.boots:
             self._renew()
         number = raw.value
-        if self.signal.data_type is not None:
-            number = retyped(number, raw.data_type, self.signal.data_type)
+        if self._type is not None:
+            if number != self._retyped[0]:
+                self._retyped = (number, retyped(number, raw.data_type, self._type))
+            number = self._retyped[1]
         if isinstance(number, int | float):
-            self.state.value = self.signal.value(self._unwrapped(number), self._gain)
+            value = self.signal.value(self._unwrapped(number), self._gain)
+            self.state.value = math.nan if self.signal.max_rate is not None and self._jumps(value) else value
 
     def _valid(self) -> bool:
         status = self._status
@@ -168,6 +178,20 @@ class InputSignal:
         wraps = numbers.get(self.signal.unwrap, 0) if self.signal.unwrap is not None else 0
         self._range = wraps if isinstance(wraps, int) and wraps > 1 else 0
         self._last = None
+        self._before, self._jumped = math.nan, False
+
+    def _jumps(self, value: float) -> bool:
+        """Whether the value has changed faster than it can, since the node has booted."""
+        stamp, signal = self._raw.stamp, self.signal
+        if self._jumped or stamp == self._came:
+            return self._jumped
+        limit = (signal.max_rate or 0.0) * max(stamp - self._came, _SHORTEST_NS) / 1e9
+        if abs(value - self._before) > limit:  # false for the first one, which is compared with nan
+            self._jumped = True
+            text = f"{self.state.name} jumped from {self._before:g} to {value:g} {signal.unit}".rstrip()
+            self._inputs.jumps.append(f"{text}: it is nan until the node is booted again")
+        self._before, self._came = value, stamp
+        return self._jumped
 
     def _unwrapped(self, raw: float) -> float:
         """Return a position without end: what a device counts modulo its total range goes on."""

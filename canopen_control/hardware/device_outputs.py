@@ -49,6 +49,11 @@ class OutputSignal:
         command.enabled = False
         command.lowest, command.highest = self._span()
 
+    @property
+    def commanded(self) -> bool:
+        """Whether somebody has commanded it since its node was there."""
+        return not math.isnan(self._commanded)
+
     def write(self) -> None:
         """Send what was commanded anew."""
         command, node = self.command, self._node

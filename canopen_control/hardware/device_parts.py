@@ -8,8 +8,9 @@ with raw numbers (`0x6401:01`). A state of an output is what the device holds.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
+from canopen_control.cia402.objects import MOTION
 from canopen_control.errors import RobotConfigError, nearest
 from canopen_control.hardware.derived_signals import DERIVED, EncoderVelocity, TiltOrientation
 from canopen_control.hardware.device_inputs import InputSignal, NodeInputs
@@ -26,7 +27,14 @@ if TYPE_CHECKING:
     from canopen_control.profiles.device_signal import Signal
     from canopen_control.urdf.ros2_control import ControlJoint
 
-__all__ = ["DevicePart", "DeviceParts", "device_of", "part_problems"]
+__all__ = ["DevicePart", "DeviceParts", "device_of", "is_measured", "part_problems"]
+
+
+_FEW: Final = 6  # names that a sentence bears
+
+
+def _is(names: Sequence[str]) -> str:
+    return "is" if len(names) == 1 else "are"
 
 
 def device_of(part: ControlJoint, nodes: Mapping[str, int]) -> str | None:
@@ -37,6 +45,12 @@ def device_of(part: ControlJoint, nodes: Mapping[str, int]) -> str | None:
     if node_id is not None:
         return next((each for each, number in nodes.items() if str(number) == node_id.strip()), "")
     return part.name if part.name in nodes else None
+
+
+def is_measured(joint: ControlJoint, nodes: Mapping[str, tuple[RemoteNode, ProcessImage]]) -> bool:
+    """Whether a joint is only measured, by a device that is no drive, such as an encoder."""
+    name = device_of(joint, {name: node.node_id for name, (node, _) in nodes.items()})
+    return bool(name) and not joint.command_interfaces and not nodes[name or ""][0].plan.axes
 
 
 def signal_of(node: RemoteNode, name: str) -> Signal | None:
@@ -68,6 +82,8 @@ def part_problems(part: ControlJoint, node: RemoteNode) -> list[str]:
             continue
         elif not signal.output:
             problems.append(f"{part.name}: {name!r} of {what} is an input; make it a state_interface")
+        elif signal.index in {index + offset for index in MOTION for offset in node.plan.axes}:
+            problems.append(f"{part.name}: {name!r} of {what} moves an axis; a joint commands it")
         elif signal.address not in sent:
             problems.append(f"{part.name}: {name!r} of {what} is in no RPDO; map {signal.where} in bus.yml")
     return problems
@@ -115,6 +131,11 @@ class DevicePart:
         """Send what was commanded."""
         for output in self._outputs.values():
             output.write()
+
+    @property
+    def commanded(self) -> list[str]:
+        """The outputs that somebody has commanded."""
+        return [output.signal.name for output in self._outputs.values() if output.commanded]
 
     def release(self, interface: str) -> None:
         """Take that a controller gave a command interface back."""
@@ -174,6 +195,30 @@ class DeviceParts:
         self.states: list[StateInterface] = [state for part in self._parts for state in part.states]
         self.commands: list[CommandInterface] = [command for part in self._parts for command in part.commands]
         self._owner = {command.name: part for part in self._parts for command in part.commands}
+
+    @property
+    def sending(self) -> bool:
+        """Whether an output waits to be sent."""
+        return any(pdo.changed and pdo.enabled for each in self._nodes.values() for pdo in each.node.sent)
+
+    @property
+    def has_news(self) -> bool:
+        """Whether `take_news` has something to tell."""
+        return any(each.lost or each.jumps for each in self._nodes.values())
+
+    def take_news(self) -> list[tuple[RemoteNode, str, str]]:
+        """Return node, kind and sentence of what happened since the last call: a node was lost, an input jumped."""
+        found = []
+        for inputs in self._nodes.values():
+            jumps, inputs.jumps = inputs.jumps, []
+            found += [(inputs.node, "input_jumped", text) for text in jumps]
+            if inputs.lost:
+                inputs.lost = False
+                outputs = [name for part in self._parts if part.node is inputs.node for name in part.commanded]
+                which = "those commanded are" if len(outputs) > _FEW else f"{', '.join(outputs)} {_is(outputs)}"
+                held = f"; of its outputs {which} void, and not restored until commanded anew" if outputs else ""
+                found.append((inputs.node, "device_lost", f"lost: its inputs are unknown{held}"))
+        return found
 
     @property
     def command_names(self) -> Collection[str]:

@@ -23,6 +23,7 @@ __all__ = [
     "ERROR",
     "OK",
     "POSITION",
+    "TARGET",
     "VELOCITY",
     "CommandInterface",
     "HardwareComponent",
@@ -31,6 +32,10 @@ __all__ = [
     "ReturnType",
     "StateInterface",
 ]
+
+
+TARGET: Final = "target"
+"""A command interface of what the drive's present mode of operation takes: a position, a velocity or an effort."""
 
 
 class ReturnType(enum.Enum):
@@ -72,7 +77,8 @@ class CommandInterface:
     `minimum` and `maximum` are the limits of the description, infinite where there are none. `enabled` says that the
     hardware follows it now; hardware without drives always does. `set_aside`: a user has taken its axis out alone, and
     who is commanded together with it goes on, until it follows again. `lowest` to `highest` is what the object behind
-    it can hold, which for a position depends on where the joint is: `span` returns it then.
+    it can hold, which for a position depends on where the joint is: `span` returns it then. `quantity` is what it is
+    that is commanded: the interface's name, and of a TARGET what the present mode takes, TARGET while there is none.
     """
 
     __slots__ = (
@@ -85,6 +91,7 @@ class CommandInterface:
         "minimum",
         "name",
         "owner",
+        "quantity",
         "set_aside",
         "span",
         "value",
@@ -101,6 +108,7 @@ class CommandInterface:
     ) -> None:
         self.joint, self.interface, self.value = joint, interface, value
         self.name = f"{joint}/{interface}"
+        self.quantity = interface
         self.owner: str | None = None
         self.enabled = True
         self.set_aside = False

@@ -19,7 +19,7 @@ from canopen_control.errors import DriveError
 from canopen_control.hardware.axis_power import RISING, Action, AxisState, Trigger
 from canopen_control.hardware.axis_status import BLIND_STOP_NS, AxisStatus
 from canopen_control.hardware.homing_run import HomingPhase, HomingRun
-from canopen_control.hardware.interfaces import POSITION
+from canopen_control.hardware.interfaces import POSITION, TARGET
 from canopen_control.hardware.joint_events import JointEvent, StatusWatch, joint_event_of
 from canopen_control.hardware.joint_parts import JointParts
 from canopen_control.hardware.joint_targets import listed_modes
@@ -189,13 +189,15 @@ class JointDrive(JointParts):
         targets, power = self.targets, self.power
         if targets.pending is not None:
             targets.change()
+            if targets.claimed == TARGET:
+                self._fire(Trigger.MUST_REST)  # seen by its controller, whose number was for the mode before
         elif self.reference.homing is not None:
             targets.hold()
             self._step_homing(self.reference.homing, now)
         elif power.state is _FOLLOWING:
             targets.follow(now, period)
             if (command := targets.tracked) is not None:
-                self.tracking.step(command.value, self._measured[command.interface].value)
+                self.tracking.step(command.value, self._measured[command.quantity].value)
         elif power.state is AxisState.READY and self.machine.may_move:
             self._fire(Trigger.MAY_MOVE)
             self.tracking.restart()
@@ -234,7 +236,8 @@ class JointDrive(JointParts):
         target, claimed = self.targets.current, self.targets.claimed
         if not self.wanted or target is None or claimed is None or not self._stops_at_limits:
             return False
-        return target.interface == claimed and target.pushes(self.commands[claimed].value)
+        command = self.commands[claimed]
+        return target.interface == command.quantity and target.pushes(command.value)
 
     def _fire(self, trigger: Trigger) -> bool:
         """Take a row of the chart; a new state is looked at by the group."""

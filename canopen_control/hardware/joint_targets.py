@@ -21,9 +21,9 @@ from canopen_control.cia402.modes import (
     supported_modes,
 )
 from canopen_control.cia402.units import INT32_MIN
-from canopen_control.errors import DriveError, RobotConfigError
+from canopen_control.errors import ControlError, DriveError, RobotConfigError
 from canopen_control.hardware.feed_forward import FEED_FORWARD, FeedForward
-from canopen_control.hardware.interfaces import EFFORT, POSITION, VELOCITY, CommandInterface
+from canopen_control.hardware.interfaces import EFFORT, POSITION, TARGET, VELOCITY, CommandInterface
 from canopen_control.hardware.mode_targets import make_target, target_address
 from canopen_control.hardware.tracking import Tracking
 
@@ -36,17 +36,30 @@ if TYPE_CHECKING:
     from canopen_control.hardware.mode_targets import ModeTarget
     from canopen_control.urdf.ros2_control import ControlJoint
 
-__all__ = ["DIGITAL_OUTPUTS", "MOTION", "JointTargets", "choose_mode", "listed_modes", "require_targets"]
+__all__ = [
+    "DIGITAL_OUTPUTS",
+    "MOTION",
+    "JointTargets",
+    "choose_mode",
+    "listed_modes",
+    "require_targets",
+    "serving_objects",
+]
 
 UINT32_MAX: Final = (1 << 32) - 1
 DIGITAL_OUTPUTS: Final = "digital_outputs"
 MOTION: Final = (POSITION, VELOCITY, EFFORT)
+_M: Final = OperationMode
 _SERVED: Final = {
     POSITION: (*INTERFACE_MODES[POSITION], OperationMode.IP),
     VELOCITY: (*INTERFACE_MODES[VELOCITY], OperationMode.VL),
     EFFORT: INTERFACE_MODES[EFFORT],
+    TARGET: (_M.PP, _M.PV, _M.VL, _M.CSP, _M.CSV, _M.IP, _M.TQ, _M.CST),
 }
-"""Command interface to the modes that serve it; the last ones only where no better one is there."""
+"""Command interface to the modes that serve it; the last ones only where no better one is there.
+
+A TARGET is served by all of them. The first is what a drive begins with: those in which the drive makes the ramp.
+"""
 
 
 class JointTargets:
@@ -118,12 +131,27 @@ class JointTargets:
         return POSITION
 
     def claim(self, interface: str | None, beside: Collection[str] = ()) -> None:
-        """Let a controller's interface drive the joint, or none; the mode follows. `beside`: what feeds it forward."""
+        """Let a controller's interface drive the joint, or none; the mode follows. `beside`: what feeds it forward.
+
+        A TARGET follows the mode instead, which a user asks for, or the next enable.
+        """
         self.claimed = interface
         self.feed_forward.claim(beside)
-        if interface is not None:
+        if interface not in (None, TARGET):
             self.set_mode(self.mode_for(interface))
         self.refresh()
+
+    def require_claim(self, mode: OperationMode) -> None:
+        """Raise ControlError where what is claimed could not be commanded in a mode, DriveError for a TARGET."""
+        if self.claimed == TARGET:
+            if target_address(mode) is None:
+                raise DriveError(f"{self._axis.node.who}: mode {mode.name} takes no target; stay in one that does")
+            _require_mapped(self._axis, mode)
+        elif self.claimed is not None and self.mode_serves(mode) != self.claimed:
+            raise ControlError(
+                f"{self._axis.node.who}: a controller commands its {self.claimed}, which mode "
+                f"{mode.name} does not serve; deactivate that controller first"
+            )
 
     def set_mode(self, mode: OperationMode) -> None:
         """Ask for a mode that the drive lists; UnsupportedMode for another."""
@@ -216,19 +244,21 @@ class JointTargets:
         if command is not None:
             command.lowest, command.highest, command.span = -math.inf, math.inf, None
         self.feed_forward.refresh()
-        fits = current is not None and current.interface == self.claimed
+        fits = current is not None and self.claimed in (current.interface, TARGET)
         self._command = command = self.commands[self.claimed] if fits and self.claimed is not None else None
+        if command is not None and current is not None and command.quantity != current.interface:
+            command.quantity, command.value = current.interface, math.nan  # what it was told was another quantity
         self._track(command if current is not None and current.tracks else None)
         if current is None or command is None:
             return
-        if command.interface == POSITION:
+        if command.quantity == POSITION:
             command.span = current.span
         else:
             command.lowest, command.highest = current.span()
 
     def _track(self, command: CommandInterface | None) -> None:
         self.tracked = command
-        name = "" if command is None else command.interface
+        name = "" if command is None else command.quantity
         if name != self.tracking.interface:
             self.tracking.compare(name, positions=name == POSITION)
 
@@ -248,7 +278,9 @@ def choose_mode(axis: Axis, parameters: AxisParameters, interface: str) -> Opera
     """Return the mode for a command interface; raises DriveError (UnsupportedMode) where there is none."""
     config = axis.node.config
     keys = config.motion
-    wanted = {POSITION: keys.position_mode, VELOCITY: keys.velocity_mode, EFFORT: keys.effort_mode}[interface]
+    given = {POSITION: keys.position_mode, VELOCITY: keys.velocity_mode, EFFORT: keys.effort_mode}
+    given[TARGET] = next((mode for mode in given.values() if mode is not None), None)
+    wanted = given[interface]
     listed = listed_modes(axis, parameters)
     if wanted is not None:
         require_mode(wanted, listed)
@@ -257,7 +289,7 @@ def choose_mode(axis: Axis, parameters: AxisParameters, interface: str) -> Opera
     if not listed:
         raise DriveError(
             f"{axis.node.who}: neither the drive nor its EDS tells which modes it has (0x6502); "
-            f"give {interface}_mode in bus.yml"
+            f"give {POSITION if interface == TARGET else interface}_mode in bus.yml"
         )
     candidates = [mode for mode in _SERVED[interface] if mode in listed]
     for mode in candidates:
@@ -265,7 +297,12 @@ def choose_mode(axis: Axis, parameters: AxisParameters, interface: str) -> Opera
             return mode
     for mode in candidates[:1]:
         _require_mapped(axis, mode)
-    return mode_for_interface(interface, listed)
+    return mode_for_interface(POSITION if interface == TARGET else interface, listed)
+
+
+def serving_objects(interface: str) -> tuple[tuple[int, int], ...]:
+    """Return index and subindex, on axis 0, of the targets of all modes that serve a command interface."""
+    return tuple(each for each in map(target_address, _SERVED[interface]) if each is not None)
 
 
 def require_targets(axis: Axis, interfaces: Collection[str]) -> None:

@@ -278,10 +278,14 @@ class SetPointTarget(_PositionTarget):
         self.output.set(self._axis.raw_position)
 
     def follow(self, value: float, now: int, period: float) -> None:  # noqa: ARG002 - the verb of every mode
-        """Hand a new target to the drive, in place of one it is under way to."""
+        """Hand a new target to the drive, in place of one it is under way to; with none it comes to rest on the way."""
         handshake, machine = self._handshake, self._machine
-        if not self._same(value) and not math.isnan(value):
+        if self._same(value):
+            pass
+        elif not math.isnan(value):
             self._give(value)
+        elif self._given is not None:
+            self._take_back(self._given)
         if handshake.busy:
             self.bits = handshake.update(machine.statusword, ready=True, now=now, halted=machine.halted)
             if handshake.target is not None:
@@ -304,6 +308,18 @@ class SetPointTarget(_PositionTarget):
     def events(self) -> Sequence[SetPointEvent]:
         """Return what happened to the set-points."""
         return self._handshake.events()
+
+    def _take_back(self, given: int) -> None:
+        """Let the drive come to rest where its own ramp ends, unless it is at the target that is taken back."""
+        self._given = None
+        axis, here = self._axis, self._axis.raw_position
+        if not self._handshake.busy:
+            return
+        velocity = axis.velocity.value if axis.velocity is not None and axis.velocity.fresh else 0
+        way = velocity * abs(velocity) / (2 * _deceleration(axis, max(1, abs(velocity))))
+        rest = here + round(way * abs(axis.scale.pos_to_dev / axis.scale.vel_to_dev))
+        low, high = min(here, given), max(here, given)
+        self._handshake.move(max(low, min(high, rest)), immediately=True)
 
     def _give(self, value: float) -> None:
         axis = self._axis

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Final
 from canopen_control.cia402.objects import AXES
 from canopen_control.errors import ControlError, RobotConfigError, UnknownInterface, nearest
 from canopen_control.hardware.axis_power import STOPPED
-from canopen_control.hardware.device_parts import DeviceParts
-from canopen_control.hardware.interfaces import OK, ReturnType
+from canopen_control.hardware.device_parts import DeviceParts, is_measured
+from canopen_control.hardware.interfaces import OK, TARGET, ReturnType
 from canopen_control.hardware.joint import JointDrive
 from canopen_control.hardware.joint_targets import DIGITAL_OUTPUTS
 from canopen_control.hardware.lifecycle import Lifecycle
@@ -41,6 +41,7 @@ PLUGINS: Final[tuple[str, ...]] = (
     "canopen_ros2_control/CanopenSystem",
     "canopen_ros2_control/Cia402System",
     "canopen_ros2_control/RobotSystem",
+    "canopen_ros2_control/Cia402RobotSystem",
 )
 
 
@@ -60,11 +61,13 @@ class CanopenSystem(Lifecycle):
     ) -> None:
         super().__init__()
         self.name = description.name
-        self.joints = [_bind(joint, nodes) for joint in description.joints]
-        _group(description, self.joints, {} if groups is None else groups)
+        measured = [joint for joint in description.joints if is_measured(joint, nodes)]
+        driven = [joint for joint in description.joints if joint not in measured]
+        self.joints = [_bind(joint, nodes) for joint in driven]
+        _group(driven, self.joints, {} if groups is None else groups)
         self.groups: list[StopGroup[JointDrive]] = []
         self.regroup()
-        self.devices = DeviceParts((*description.sensors, *description.gpios), nodes)
+        self.devices = DeviceParts((*measured, *description.sensors, *description.gpios), nodes)
         self._by_interface = {interface.name: joint for joint in self.joints for interface in joint.commands.values()}
         self.state_interfaces: Sequence[StateInterface] = [
             *(interface for joint in self.joints for interface in joint.states.values()),
@@ -93,10 +96,15 @@ class CanopenSystem(Lifecycle):
                 raise ControlError(
                     f"joint {joint.joint} is commanded by {joint.claimed}; deactivate that controller first"
                 )
-            joint.targets.mode_for(joint.targets.primary(interfaces))
+            primary = joint.targets.primary(interfaces)
+            if primary != TARGET:
+                joint.targets.mode_for(primary)
 
     def perform_command_mode_switch(self, start: Sequence[str], stop: Sequence[str]) -> None:
-        """Stop what is released, set the mode of what is claimed and enable it; nothing here waits."""
+        """Stop what is released, set the mode of what is claimed and enable it; nothing here waits.
+
+        What is claimed by its TARGET alone has the mode that a user asks for, and is enabled by a user's word.
+        """
         starting = self._moved(start)
         self.devices.release(stop)
         for joint in self._moved(stop):
@@ -106,7 +114,8 @@ class CanopenSystem(Lifecycle):
         for joint, interfaces in starting.items():
             primary = joint.targets.primary(interfaces)
             joint.targets.claim(primary, [each for each in interfaces if each != primary])
-        enable_together(list(starting), self._now, self._report)  # the switch is decided
+        rising = [joint for joint in starting if joint.claimed != TARGET]
+        enable_together(rising, self._now, self._report)  # the switch is decided
 
     def read(self, now: int, period: float) -> ReturnType:  # noqa: ARG002 - the verb of every component
         """Latch the newest process data."""
@@ -114,6 +123,8 @@ class CanopenSystem(Lifecycle):
         for joint in self.joints:
             joint.read(now)
         self.devices.read(now)
+        if self.devices.has_news:
+            self._tell_of_devices(now)
         return OK
 
     def write(self, now: int, period: float) -> ReturnType:
@@ -170,9 +181,13 @@ class CanopenSystem(Lifecycle):
 
     @property
     def stopped(self) -> bool:
-        """Whether no joint moves under power any more."""
-        return all(
-            not joint.node.ready or (joint.power.state in STOPPED and joint.machine.reached) for joint in self.joints
+        """Whether no joint moves under power any more, and no output waits to be sent."""
+        return (
+            all(
+                not joint.node.ready or (joint.power.state in STOPPED and joint.machine.reached)
+                for joint in self.joints
+            )
+            and not self.devices.sending
         )
 
     def _moved(self, interfaces: Sequence[str]) -> dict[JointDrive, list[str]]:
@@ -204,6 +219,11 @@ class CanopenSystem(Lifecycle):
         if event.stops:
             self._stop_group(joint, now, event)
 
+    def _tell_of_devices(self, now: int) -> None:
+        """Tell what is unknown now; whether axes stop is the robot's to decide, by what bus.yml requires."""
+        for node, kind, text in self.devices.take_news():
+            self._report(Event(now, kind, node.name, f"{node.who}: {text}", Level.WARNING))
+
     def _stop_group(self, cause: JointDrive, now: int, event: JointEvent) -> None:
         resumable = event.kind == "node_lost" and cause.node.config.motion.recovery == "enable"
         waiting = [joint for joint in cause.group.joints if joint.resume]
@@ -229,10 +249,10 @@ def _then(cause: JointDrive, *, resumable: bool) -> str:
 
 
 def _group(
-    description: Ros2ControlSystem, joints: Sequence[JointDrive], groups: dict[str, StopGroup[JointDrive]]
+    parts: Sequence[ControlJoint], joints: Sequence[JointDrive], groups: dict[str, StopGroup[JointDrive]]
 ) -> None:
     """Put each joint into the group that it names; without a name it is in the robot's one group."""
-    for joint, control in zip(joints, description.joints, strict=True):
+    for joint, control in zip(joints, parts, strict=True):
         name = control.parameters.get("stop_group", "")
         group = groups.setdefault(name, StopGroup(name))
         group.joints.append(joint)

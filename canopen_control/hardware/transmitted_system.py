@@ -19,30 +19,48 @@ from canopen_control.hardware.interfaces import (
     ReturnType,
     StateInterface,
 )
-from canopen_control.urdf.transmission import Transmission
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from canopen_control.hardware.interfaces import HardwareComponent, LifecycleState
+    from canopen_control.urdf.transmission import Transmission
 
 __all__ = ["TransmittedSystem"]
 
 
-class _Ratio:
-    """One interface on both sides: joint = actuator * factor + offset."""
+class _State:
+    """A state on both sides: joint = actuator * factor + offset."""
 
     __slots__ = ("factor", "inner", "offset", "outer")
 
-    def __init__(
-        self,
-        outer: StateInterface | CommandInterface,
-        inner: StateInterface | CommandInterface,
-        transmission: Transmission,
-    ) -> None:
-        self.outer, self.inner = outer, inner
-        self.factor = transmission.reduction ** _POWERS.get(outer.interface, 0)
-        self.offset = transmission.offset if outer.interface == POSITION else 0.0
+    def __init__(self, inner: StateInterface, transmission: Transmission) -> None:
+        self.outer, self.inner = StateInterface(inner.joint, inner.interface), inner
+        self.factor, self.offset = _ratio(inner.interface, transmission)
+
+
+class _Command:
+    """A command on both sides, in the same way; its limits are those of the joint already."""
+
+    __slots__ = ("factor", "inner", "offset", "outer")
+
+    def __init__(self, inner: CommandInterface, transmission: Transmission) -> None:
+        self.outer, self.inner = _seen(inner), inner
+        self.factor, self.offset = _ratio(inner.interface, transmission)
+        self.outer.enabled = inner.enabled
+
+    def follow(self) -> None:
+        """Say whether the hardware follows commands: who commands it forgets what counts no more."""
+        outer, enabled = self.outer, self.inner.enabled
+        if outer.enabled is not enabled:
+            outer.enabled = enabled
+            if enabled:
+                outer.set_aside = False
+
+
+def _ratio(interface: str, transmission: Transmission) -> tuple[float, float]:
+    factor = float(transmission.reduction ** _POWERS.get(interface, 0))
+    return factor, transmission.offset if interface == POSITION else 0.0
 
 
 _POWERS: Final = {POSITION: -1, VELOCITY: -1, ACCELERATION: -1, EFFORT: 1}
@@ -50,19 +68,29 @@ _POWERS: Final = {POSITION: -1, VELOCITY: -1, ACCELERATION: -1, EFFORT: 1}
 
 
 class TransmittedSystem:
-    """A component seen through its transmissions: the same interfaces by name, with the joints' values."""
+    """A component seen through its transmissions: the same interfaces by name, with the joints' values.
+
+    What no transmission turns is the component's own.
+    """
 
     def __init__(self, component: HardwareComponent, transmissions: Sequence[Transmission]) -> None:
         self.component = component
         self.name = component.name
-        by_joint = {each.joint: each for each in transmissions}
-        states = [(StateInterface(each.joint, each.interface), each) for each in component.state_interfaces]
-        commands = [(_seen(each), each) for each in component.command_interfaces]
-        self.state_interfaces: Sequence[StateInterface] = [outer for outer, _ in states]
-        self.command_interfaces: Sequence[CommandInterface] = [outer for outer, _ in commands]
-        direct = Transmission("", "", "")
-        self._states = [_Ratio(outer, inner, by_joint.get(outer.joint, direct)) for outer, inner in states]
-        self._commands = [_Ratio(outer, inner, by_joint.get(outer.joint, direct)) for outer, inner in commands]
+        by_joint = {each.joint: each for each in transmissions if not each.trivial}
+        self._states = [
+            _State(each, by_joint[each.joint]) for each in component.state_interfaces if each.joint in by_joint
+        ]
+        self._commands = [
+            _Command(each, by_joint[each.joint]) for each in component.command_interfaces if each.joint in by_joint
+        ]
+        states = {each.inner.name: each.outer for each in self._states}
+        commands = {each.inner.name: each.outer for each in self._commands}
+        self.state_interfaces: Sequence[StateInterface] = [
+            states.get(each.name, each) for each in component.state_interfaces
+        ]
+        self.command_interfaces: Sequence[CommandInterface] = [
+            commands.get(each.name, each) for each in component.command_interfaces
+        ]
 
     @property
     def state(self) -> LifecycleState:
@@ -107,13 +135,20 @@ class TransmittedSystem:
         result = self.component.read(now, period)
         for each in self._states:
             each.outer.value = each.inner.value * each.factor + each.offset
+        self._follow()
         return result
 
     def write(self, now: int, period: float) -> ReturnType:
         """Turn the joints' commands into the actuators' and write the component."""
         for each in self._commands:
             each.inner.value = (each.outer.value - each.offset) / each.factor
-        return self.component.write(now, period)
+        result = self.component.write(now, period)
+        self._follow()
+        return result
+
+    def _follow(self) -> None:
+        for each in self._commands:
+            each.follow()
 
 
 def _seen(inner: CommandInterface) -> CommandInterface:

@@ -78,20 +78,23 @@ class BusConfig:
         return _place(self.sections[name], key)
 
 
-def read_bus(path: str | Path, *, peer_merge: bool = False) -> BusConfig:
+def read_bus(path: str | Path, *, peer_merge: bool = False, allow_unsupervised: bool = False) -> BusConfig:
     """Read a bus.yml with the files it names; raises `BusConfigError` with every mistake.
 
-    With `peer_merge` the keys of `defaults` go before a node's own, whole, as in ros2_canopen's generator.
+    With `peer_merge` the keys of `defaults` go before a node's own, whole, as in ros2_canopen's generator;
+    `allow_unsupervised` is the key of this name for all nodes.
     """
-    config, problems = inspect_bus(path, peer_merge=peer_merge)
+    config, problems = inspect_bus(path, peer_merge=peer_merge, allow_unsupervised=allow_unsupervised)
     problems.raise_if_any(BusConfigError)
     return config
 
 
-def inspect_bus(path: str | Path, *, peer_merge: bool = False) -> tuple[BusConfig, Problems]:
+def inspect_bus(
+    path: str | Path, *, peer_merge: bool = False, allow_unsupervised: bool = False
+) -> tuple[BusConfig, Problems]:
     """Read as `read_bus` does and return what could be read with all problems; what is no YAML at all raises."""
     root = tree(path)
-    reader = _Reader(Path(path), root, peer_merge)
+    reader = _Reader(Path(path), root, peer_merge, allow_unsupervised)
     config = reader.read()
     notes = tuple(str(warning) for warning in root.problems.warnings)
     return replace(config, notes=notes + config.notes), root.problems
@@ -100,8 +103,9 @@ def inspect_bus(path: str | Path, *, peer_merge: bool = False) -> tuple[BusConfi
 class _Reader:
     """One reading of one file; mistakes are collected in `problems`."""
 
-    def __init__(self, path: Path, root: Node, peer_merge: bool) -> None:
+    def __init__(self, path: Path, root: Node, peer_merge: bool, allow_unsupervised: bool) -> None:
         self._path, self._root, self._peer_merge = path, root, peer_merge
+        self._allow_unsupervised = allow_unsupervised
         options = root.get("options")
         self._options: Options = convert(options, Options, Options()) if options is not None else Options()
         self._sources = Sources(path.parent, self._options.dcf_path)
@@ -171,6 +175,8 @@ class _Reader:
                 place.warning(f"{name} is left out: node_id {_IGNORED_ID} stands for no node")
                 continue
             if (config := node_config(name, merged, master, self._options)) is not None:
+                if self._allow_unsupervised:
+                    config = replace(config, supervision=replace(config.supervision, allow_unsupervised=True))
                 found[name] = (config, merged)
         if not found and not self._root.problems.errors:
             self._root.error("no nodes; list the drives under `nodes:`")
@@ -253,11 +259,15 @@ class _Reader:
                 spare_cob_ids=self._spare_cob_ids,
             )
         )
-        if plan.axes and not config.supervision.allow_unsupervised and not _supervised(config, od, plan):
+        if not plan.axes or _supervised(config, od, plan):
+            return plan
+        if self._allow_unsupervised:
+            warn("dcf", "nothing stops this drive when the master dies, which --allow-unsupervised accepts")
+        elif not config.supervision.allow_unsupervised:
             complain(
                 "dcf",
                 "nothing would stop this drive when the master dies: it has neither a heartbeat consumer (0x1016) that "
-                "can be set nor node guarding; `allow_unsupervised: true` accepts that",
+                "can be set nor node guarding; `allow_unsupervised: true` accepts that, or --allow-unsupervised",
             )
         return plan
 

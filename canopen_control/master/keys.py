@@ -68,7 +68,6 @@ UNUSED_MASTER = {
 }
 #: the same for a node
 UNUSED_NODE = {
-    "driver": "every node is driven by this package",
     "package": "every node is driven by this package",
     "polling": "drives are read every SYNC",
     "period": "drives are read every SYNC",
@@ -236,6 +235,11 @@ class BootKeys:
     tpdo: dict[int, PdoConfig] = field(default_factory=dict)
     sdo: list[SdoEntry] = field(default_factory=list)
 
+    @property
+    def insists(self) -> bool:
+        """Whether the file says in so many words that nothing goes without the node."""
+        return bool(self.required or self.mandatory)
+
     def pdos(self, kind: str) -> dict[int, PdoConfig]:
         """Return the PDOs that bus.yml configures, by number; `kind` is "rpdo" or "tpdo"."""
         return self.rpdo if kind == "rpdo" else self.tpdo
@@ -298,7 +302,7 @@ class SignalKeys:
     """One signal of a device in units; what is None is that of the device's profile.
 
     value = raw number * factor + offset; raw numbers in `invalid` are nan. `safe` is what an output is to be when the
-    master is gone.
+    master is gone, `max_rate` how fast an input can change.
     """
 
     name: str
@@ -309,6 +313,7 @@ class SignalKeys:
     unit: str | None = None
     invalid: float | list[float] | None = None
     safe: bool | int | float | Literal["keep"] | None = None
+    max_rate: float | None = setting(None, low=1e-12, high=1e12)
 
 
 @dataclass(frozen=True)

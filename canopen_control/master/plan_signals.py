@@ -122,6 +122,8 @@ def _fits_numbers(builder: PlanBuilder, key: str, keys: SignalKeys, signal: Sign
         wrong.append(("safe", f"{signal.name} is an input; only an output has a value without the master"))
     elif isinstance(keys.safe, float) and not math.isfinite(keys.safe):
         wrong.append(("safe", f"{keys.safe:g} is no value: a finite number or keep is wanted"))
+    if keys.max_rate is not None and signal.output:
+        wrong.append(("max_rate", f"{signal.name} is an output; only an input can jump"))
     for name, text in wrong:
         builder.complain(f"{key}.{name}", text)
     return not wrong
@@ -139,6 +141,7 @@ def _with(keys: SignalKeys, signal: Signal) -> Signal:
         data_type=signal.data_type if keys.type is None else TYPES[keys.type],
         invalid=tuple(invalid) if isinstance(invalid, list | tuple) else (invalid,),
         safe=signal.safe if keys.safe is None else None if isinstance(keys.safe, str) else keys.safe,
+        max_rate=keys.max_rate,
     )
 
 

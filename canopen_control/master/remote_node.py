@@ -143,15 +143,15 @@ class RemoteNode:
         self._drop(now, f"{self.who}: {text}", Level.ERROR, kind=kind)
         self._retry_at = None
 
-    def command(self, command: NmtCommand, now: int) -> None:
-        """Send an NMT command for a user: it is expected then, and the node no longer used until started again."""
+    def command(self, command: NmtCommand, now: int, *, boot: bool = False) -> None:
+        """Send an NMT command for a user: the node is not used any more until it is started; `boot`: after a reset."""
         self._send_nmt(command, self.node_id)
         if command is NmtCommand.START:
             self.begin_boot(now)
             return
         self._drop(now, f"NMT {command.name.lower().replace('_', ' ')} was commanded", Level.WARNING, kind="nmt")
-        self._retry_at = None
-        self.expected_state = _COMMANDED.get(command)
+        self.expected_state = None if boot else _COMMANDED.get(command)
+        self._retry_at = now + 2 * RETRY_NS if boot else None
 
     def on_heartbeat(self, event: HeartbeatEvent, now: int, since: int | None = None) -> None:
         """Take what the heartbeat consumer tells of this node; its frame came between `since` and `now`."""

@@ -60,7 +60,8 @@ class Signal:
 
     `data_type` is what the object is taken for, None: what the file says. `invalid` are raw numbers that stand for no
     value. `unwrap` is the object that holds where a position begins again: shown is the way since the first value.
-    `safe` is the value of an output whose master is gone, None: it keeps what it has.
+    `safe` is the value of an output whose master is gone, None: it keeps what it has. `max_rate` is how fast an input
+    can change in units per second; what changes faster has jumped.
     """
 
     name: str
@@ -77,6 +78,7 @@ class Signal:
     scales: tuple[Scale, ...] = ()
     unwrap: Address | None = None
     safe: float | None = 0.0
+    max_rate: float | None = None
 
     @property
     def address(self) -> Address:

@@ -1,4 +1,4 @@
-"""`/NODE/*` services of each drive, as ros2_canopen's Cia402Driver has them, and `home` and `quick_stop`.
+"""`/NODE/*` services: of each drive as ros2_canopen's Cia402Driver has them, of others as its ProxyDriver; and more.
 
 The law of the file: a Trigger that was done answers success with an empty message, as ros2_canopen does; one that was
 refused says why, and one that was done to more drives, since a base controller holds them together, says that. No
@@ -6,7 +6,8 @@ service waits for another one: each request is on its way to the robot at once, 
 `quick_stop` are never behind an `init` or `home` that takes its time. `recover` resets a fault and does not enable:
 nothing moves without an enable. `target` goes through the controller that commands the drive, with its limits and its
 timeout; a drive that no controller commands has none. A node with several axes has the services of each below its
-channel; those of the node itself mean all its axes, and it has no `target`.
+channel; those of the node itself mean all its axes, and it has no `target`. A node that moves nothing is a proxy: it
+has those of SDO and NMT alone. `nmt_reset_node` boots the node again, as ros2_canopen's master does.
 """
 
 from __future__ import annotations
@@ -33,8 +34,8 @@ if TYPE_CHECKING:
 __all__ = ["DriveServices", "MasterServices", "Targets"]
 
 
-def _nmt(command: str) -> Asking:
-    return lambda node, _joint: NmtRequest(node=node, command=command)
+def _nmt(command: str, *, boot: bool = False) -> Asking:
+    return lambda node, _joint: NmtRequest(node=node, command=command, boot=boot)
 
 
 def _axis(action: str, mode: str | None = None) -> Asking:
@@ -42,9 +43,13 @@ def _axis(action: str, mode: str | None = None) -> Asking:
 
 
 #: service -> what it asks of the robot, by the node and the joint of one axis (None: all its axes)
-TRIGGERS: Final[dict[str, Asking]] = {
-    "nmt_reset_node": _nmt("reset-node"),
+PROXY_TRIGGERS: Final[dict[str, Asking]] = {
+    "nmt_reset_node": _nmt("reset-node", boot=True),
     "nmt_start_node": _nmt("start"),
+}
+#: the same of a drive
+TRIGGERS: Final[dict[str, Asking]] = {
+    **PROXY_TRIGGERS,
     "init": _axis("enable"),
     "enable": _axis("enable"),
     "disable": _axis("disable"),
@@ -60,6 +65,7 @@ TRIGGERS: Final[dict[str, Asking]] = {
     "cyclic_torque_mode": _axis("mode", "CST"),
     "interpolated_position_mode": _axis("mode", "IP"),
 }
+_TOPICS: Final = ("commands", "target")
 _RECENT_S: Final = 0.5  # a target is older than this in the state stream as well
 
 
@@ -91,7 +97,7 @@ class DriveServices(Endpoint):
         trigger = interface("std_srvs/srv/Trigger")
         self._services = [
             ros.serve(trigger, node.path(name), self._trigger(asking(node.name, None)))
-            for name, asking in TRIGGERS.items()
+            for name, asking in (TRIGGERS if node.joints else PROXY_TRIGGERS).items()
         ]
         self._services += [
             ros.serve(trigger, node.path(name, channel), self._trigger(request))
@@ -106,7 +112,7 @@ class DriveServices(Endpoint):
         target = interface("canopen_interfaces/srv/COTargetDouble")
         self._services += [
             ros.serve(target, node.path("target", channel), self._target(channel))
-            for channel in node.channels or (None,)
+            for channel in node.channels or ((None,) if node.joints else ())
         ]
 
     def on_state(self, state: StateSample) -> None:
@@ -159,9 +165,9 @@ class DriveServices(Endpoint):
         return node.axes[0].joint if node is not None and len(node.axes) == 1 else None
 
     def _controller(self, joint: str) -> ControllerReading | None:
-        """Return the one that commands this joint, and one value per joint."""
+        """Return the one that commands this joint by one value per joint, or by its target alone."""
         for each in self._ros.controllers.values():
-            if each.active and each.topic == "commands" and joint in each.joints and each.width == len(each.joints):
+            if each.active and each.topic in _TOPICS and joint in each.joints and each.width == len(each.joints):
                 return each
         return None
 

@@ -4,9 +4,10 @@ The law of the file: `nmt_state` is what the node says of itself, told when it c
 ros2_canopen's words; `joint_states` has the stamp of its sample. `rpdo` has one message per object of the node's TPDOs
 (ros2_canopen names them from the master's side): all of them for who begins to listen, then those that changed, once
 per cycle of the robot; nothing of it is asked for while nobody listens. An object of `tpdo` travels in the RPDO that
-maps it from the next cycle on, and by SDO where none does; one that moves the drive is refused: those are the
-controllers'. `emcy` holds the node's EMCY messages: a DiagnosticArray with the stamp and one status, whose message is
-the text and whose values are `error_code` and `error_register` (hexadecimal), `data` (bytes, hexadecimal).
+maps it from the next cycle on, and by SDO where none does; one that moves a drive is refused: those are the
+controllers'. A node that moves nothing has no `joint_states`. `emcy` holds the node's EMCY messages: a DiagnosticArray
+with the stamp and one status, whose message is the text and whose values are `error_code` and `error_register`
+(hexadecimal), `data` (bytes, hexadecimal).
 """
 
 from __future__ import annotations
@@ -49,7 +50,7 @@ class DriveTopics(Endpoint):
         self._object = interface("canopen_interfaces/msg/COData")
         make = ros.node.create_publisher
         self._nmt = make(String, node.path("nmt_state"), LATCHED)
-        self._joint_states = make(JointState, node.path("joint_states"), LATEST)
+        self._joint_states = make(JointState, node.path("joint_states"), LATEST) if node.joints else None
         self._emcy = make(DiagnosticArray, node.path("emcy"), EVENTS)
         self._rpdo = make(self._object, node.path("rpdo"), EVENTS)
         self._tpdo = ros.subscribe(self._object, node.path("tpdo"), self._on_tpdo, EVENTS)
@@ -65,8 +66,8 @@ class DriveTopics(Endpoint):
             return
         self._publish_nmt(node)
         axes = node.axes
-        if axes and self._joint_states.get_subscription_count():
-            self._publish_joints(state, [axis.joint for axis in axes])
+        if axes and self._joint_states is not None and self._joint_states.get_subscription_count():
+            self._joint_states.publish(self._joints(state, [axis.joint for axis in axes]))
 
     def on_event(self, event: RobotEvent) -> None:
         """Publish an EMCY message of this node."""
@@ -87,7 +88,8 @@ class DriveTopics(Endpoint):
         """Leave the topics."""
         self._ros.unsubscribe(self._tpdo)
         for publisher in (self._nmt, self._joint_states, self._emcy, self._rpdo):
-            self._ros.node.destroy_publisher(publisher)
+            if publisher is not None:
+                self._ros.node.destroy_publisher(publisher)
 
     def _count_listeners(self) -> None:
         """Ask for process data while somebody listens to them; who comes later is told what the others know."""
@@ -105,13 +107,13 @@ class DriveTopics(Endpoint):
             self._told = told
             self._nmt.publish(String(data=told))
 
-    def _publish_joints(self, state: StateSample, joints: list[str]) -> None:
-        """Publish the state under the node's name, as ros2_canopen does; with several axes, the joints' names."""
+    def _joints(self, state: StateSample, joints: list[str]) -> JointState:
+        """Return the state under the node's name, as ros2_canopen does; with several axes, the joints' names."""
         message = JointState()
         message.header.stamp = time_message(state.time)
         names, message.position, message.velocity, message.effort = joint_arrays(state.joints, joints)
         message.name = [self._view.name] if len(joints) == 1 and names else names
-        self._joint_states.publish(message)
+        return message
 
     def _emergency(self, event: RobotEvent) -> DiagnosticArray:
         """Return an event as a message; one that sums up a flood has no values."""
@@ -130,7 +132,8 @@ class DriveTopics(Endpoint):
 
     def _on_tpdo(self, message: Any) -> None:  # noqa: ANN401 - a class made by somebody's generator
         address, data = Address(message.index, message.subindex, ""), int(message.data)
-        if 0x6000 <= address.index < 0xA000 and 0x6000 + (address.index - 0x6000) % _AXIS in _MOVING:
+        drive = self._view.is_drive or self._view.joints
+        if drive and 0x6000 <= address.index < 0xA000 and 0x6000 + (address.index - 0x6000) % _AXIS in _MOVING:
             self._tell(f"{address} moves the drive, and belongs to the controllers; the message was dropped")
         else:
             self._ros.hand_over(lambda: self._write(address, data))

@@ -114,8 +114,14 @@ class Lifecycle(Endpoint):
         ]
         done("; ".join(late) or None)
 
+    @property
+    def _moves(self) -> bool:
+        """Whether the node has an axis that could be disabled."""
+        node = self._nodes.get(self._node or "")
+        return node is not None and bool(node.axes)
+
     def _deactivate(self, done: Told) -> None:
-        if self.state != "active":
+        if self.state != "active" or (self._node is not None and not self._moves):
             done(None)
         elif self._node is None:
             self._ros.ask(Stop(), lambda _done, error: done(error))

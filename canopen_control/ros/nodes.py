@@ -43,7 +43,7 @@ class NodeView(NamedTuple):
     """A node of the bus; `remappings` are pairs of names that were made absolute.
 
     `rpdo` are the objects that its RPDOs map, with their bits, by index and subindex. `channels` is empty for a node
-    with one axis or none.
+    with one axis or none. `joints` are what it moves, none for a proxy; `is_drive`: its EDS has a controlword.
     """
 
     name: str
@@ -53,6 +53,8 @@ class NodeView(NamedTuple):
     lifecycle: bool = False
     rpdo: Mapping[tuple[int, int], int] = MappingProxyType({})
     channels: tuple[Channel, ...] = ()
+    joints: tuple[str, ...] = ()
+    is_drive: bool = False
 
     def path(self, what: str, channel: Channel | None = None) -> str:
         """Return the name of one of its services or topics, or of a channel's, remapped."""
@@ -66,9 +68,12 @@ def nodes_of(
 ) -> list[NodeView]:
     """Return the nodes of the API's listing; `namespace` is the bridge's, `states` are the nodes of its status."""
     mapped = {} if layout is None else dict(_mapped(layout))
+    known = states or {}
     return [
         _node(each, namespace)._replace(
-            rpdo=mapped.get(each.name, {}), channels=_channels(each, (states or {}).get(each.name))
+            rpdo=mapped.get(each.name, {}),
+            channels=_channels(each, known.get(each.name)),
+            joints=tuple(each.joints or (axis.joint for axis in (known[each.name].axes if each.name in known else ()))),
         )
         for each in listing.nodes
     ]
@@ -95,7 +100,8 @@ def _node(told: NodePlace, bridges: str) -> NodeView:
         (resolve(namespace, old, ros_name(told.name)), resolve(namespace, new, ros_name(told.name)))
         for old, new in told.remappings.items()
     )
-    return NodeView(told.name, told.node_id, namespace, remappings, "Lifecycle" in (told.driver or ""))
+    lifecycle, is_drive = "Lifecycle" in (told.driver or ""), told.axes > 0
+    return NodeView(told.name, told.node_id, namespace, remappings, lifecycle, is_drive=is_drive)
 
 
 def _mapped(layout: Layout) -> Iterator[tuple[str, dict[tuple[int, int], int]]]:

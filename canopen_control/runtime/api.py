@@ -177,8 +177,16 @@ class ApiServer:
     def _command(self, call: Call[messages.CommandController]) -> None:
         wanted = call.request
         source = wanted.source or call.who
+        self._require_interface(wanted)
         self._robot.command(wanted.controller, wanted.values, source, holder=self._holder(call))
         call.reply(Done())
+
+    def _require_interface(self, wanted: messages.CommandController) -> None:
+        """Refuse values that their sender takes for something else than the controller does now; ControlError."""
+        name, manager = wanted.controller, self._robot.manager
+        takes = manager.get(name).interface if name in manager.states else None
+        if takes is not None and wanted.interface not in (None, takes):
+            raise ControlError(f"{name} takes a {takes} now and no {wanted.interface}; nothing was applied")
 
     def _twist(self, call: Call[messages.TwistController]) -> None:
         wanted = call.request

@@ -40,7 +40,7 @@ class ObjectMethods:
         if name not in COMMAND_NAMES:
             raise UnknownName(f"no NMT command {name!r}; there are: {', '.join(COMMAND_NAMES)}")
         for node in list(robot.nodes.values()) if wanted == "all" else [robot.node(wanted)]:
-            node.command(COMMAND_NAMES[name], robot.reactor.now())
+            node.command(COMMAND_NAMES[name], robot.reactor.now(), boot=call.request.boot)
             robot.bus_of(node).send_waiting()
         call.reply(Done())
 

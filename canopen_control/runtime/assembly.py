@@ -53,14 +53,14 @@ class Assembly:
 
     def __post_init__(self) -> None:
         setup = self.setup
-        if not setup.description.hardware:
+        if not setup.description.hardware and not setup.files.bus_alone:
             raise RobotConfigError(
                 f"{setup.files.description}: no <ros2_control> tag; it says which drive moves which joint"
             )
         kinds = [
             kind_of(setup.description, tag, mock=setup.mock, real=setup.real) for tag in setup.description.hardware
         ]
-        if Kind.CANOPEN in kinds:
+        if Kind.CANOPEN in kinds or setup.files.bus_alone:
             self._add_buses()
         for tag, kind in zip(setup.description.hardware, kinds, strict=True):
             if kind is Kind.CANOPEN:

@@ -16,7 +16,6 @@ from canopen_control.cia402.state import POWERED_STATES, State
 from canopen_control.errors import ControlError, UnknownName
 from canopen_control.hardware.axis_power import Action
 from canopen_control.hardware.joint_targets import listed_modes
-from canopen_control.hardware.mode_targets import MODES
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping, Sequence
@@ -75,11 +74,13 @@ def axes_of(
 ) -> tuple[JointDrive, ...]:
     """Return the axes of a node or of "all" nodes, or the one of the joint `only`; raises ControlError, UnknownName."""
     found = tuple(joints)
+    if name == "all" and nodes and not found:
+        raise ControlError("no node drives a joint: there is no axis")
     if name != "all":
         node = find_node(nodes, name)
         found = tuple(joint for joint in joints if joint.node is node)
         if not found:
-            raise ControlError(f"{node.who} drives no joint of the description")
+            raise ControlError(f"{node.who} drives no joint: it has no axis that could be used")
     meant = tuple(joint for joint in found if only is None or joint.joint == only)
     if only is not None and not meant:
         known = ", ".join(joint.joint for joint in found) or "none"
@@ -233,12 +234,7 @@ def _change_mode(joints: Sequence[JointDrive], text: str) -> None:
     for joint in joints:
         _require_there(joint)
         require_mode(mode, listed_modes(joint.axis, joint.parameters))
-        serves = MODES.get(mode)
-        if joint.claimed is not None and (serves is None or joint.targets.mode_serves(mode) != joint.claimed):
-            raise ControlError(
-                f"{joint.node.who}: a controller commands its {joint.claimed}, which mode "
-                f"{mode.name} does not serve; deactivate that controller first"
-            )
+        joint.targets.require_claim(mode)
     for joint in joints:
         joint.targets.set_mode(mode)
 

@@ -12,15 +12,17 @@ from typing import TYPE_CHECKING
 
 from canopen_control.controllers.controllers_file import read_controllers
 from canopen_control.errors import CanopenError, ConfigError
+from canopen_control.hardware.peer_interfaces import with_interfaces_of_plugins
 from canopen_control.host.reactor import Reactor
 from canopen_control.host.timer import ManualClock
 from canopen_control.master.budget import HIGH, budget_of
 from canopen_control.master.config import inspect_bus
 from canopen_control.runtime import check_rules
+from canopen_control.runtime.bus_alone import doubts_about, unmoved_drives
 from canopen_control.runtime.check_data import Finding, Severity, sorted_findings
 from canopen_control.runtime.check_timing import check_timing
 from canopen_control.runtime.core import RobotCore
-from canopen_control.runtime.setup import clashes_of, read_robot
+from canopen_control.runtime.setup import clashes_of, plans_of, read_robot
 from canopen_control.urdf.description import read_description
 
 if TYPE_CHECKING:
@@ -48,6 +50,7 @@ class CheckOptions:
     mock: bool = False
     real: bool = False
     peer_merge: bool = False
+    allow_unsupervised: bool = False
     launch: Path | None = None
 
 
@@ -88,7 +91,12 @@ class _Checker:
         for name, path in self._files.buses.items():
             self._read_bus(name, path)
         self.findings += [_placed(text, self._files.description) for text in clashes_of(self._whole)]
-        control, description = self._read_controllers(), self._read_description()
+        alone = self._files.bus_alone
+        control, description = (None, None) if alone else (self._read_controllers(), self._read_description())
+        for text in doubts_about(self._whole) if alone else ():
+            self.findings += check_rules.findings_of(text, str(self._files.bus), 0, Severity.WARNING)
+        for text in () if description is None else unmoved_drives(self._whole, description):
+            self.findings += check_rules.findings_of(text, str(self._files.bus), 0, Severity.NOTE)
         self.findings += check_rules.find(
             self._files,
             _one_bus(self._buses),
@@ -106,7 +114,10 @@ class _Checker:
 
     def _read_bus(self, name: str, path: Path) -> None:
         try:
-            config, problems = inspect_bus(path, peer_merge=self._options.peer_merge)
+            options = self._options
+            config, problems = inspect_bus(
+                path, peer_merge=options.peer_merge, allow_unsupervised=options.allow_unsupervised
+            )
         except ConfigError as error:
             self.findings += check_rules.findings_of(str(error), str(path), 0, Severity.ERROR)
             return
@@ -130,7 +141,8 @@ class _Checker:
     def _read_description(self) -> Description | None:
         path = self._files.description
         try:
-            return read_description(path, mappings=self._files.mappings(mock=self._options.mock))
+            mappings = self._files.mappings(mock=self._options.mock)
+            return with_interfaces_of_plugins(read_description(path, mappings=mappings), plans_of(self._whole))
         except ConfigError as error:
             self.findings += check_rules.findings_of(str(error), str(path), 0, Severity.ERROR)
         return None
@@ -146,6 +158,7 @@ class _Checker:
                 mock=options.mock,
                 real=options.real,
                 peer_merge=options.peer_merge,
+                allow_unsupervised=options.allow_unsupervised,
             )
             reactor = Reactor(ManualClock())
             try:

@@ -15,6 +15,7 @@ from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING
 
 from canopen_control.errors import CanopenError, SdoAbort
+from canopen_control.hardware.device_parts import device_of
 from canopen_control.host.files import state_dir, write_whole
 from canopen_control.master.direct import DirectBus
 from canopen_control.od.codec import fitted
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
 
     from canopen_control.runtime.core import RobotCore
     from canopen_control.runtime.setup import RobotSetup
+    from canopen_control.urdf.ros2_control import ControlJoint
 
 __all__ = [
     "SLOW",
@@ -147,13 +149,20 @@ def doubt(setup: RobotSetup) -> SlowReason | None:
 
     Raises BusError where a channel cannot be opened.
     """
-    joints = tuple(part.name for tag in setup.description.hardware for part in tag.joints)
+    joints = tuple(part.name for tag in setup.description.hardware for part in tag.joints if _turns(setup, part))
     passed = find_pass(setup)
     why = explain(setup, passed, {} if passed is None else read_serials(setup))
     if why is not None or passed is None:
         return SlowReason(why or "", joints)
     left = tuple(joint for joint in joints if joint not in passed.joints)
     return SlowReason(f"the pre-flight could not turn {', '.join(left)}", left) if left else None
+
+
+def _turns(setup: RobotSetup, joint: ControlJoint) -> bool:
+    """Whether a joint may have a drive: one that another device measures cannot be turned."""
+    plans = {name: plan for bus in setup.buses.values() for name, plan in bus.plans.items()}
+    device = device_of(joint, {name: plan.node_id for name, plan in plans.items()})
+    return not device or bool(plans[device].axes) or bool(joint.command_interfaces)
 
 
 def limit_speed(robot: RobotCore, joints: Collection[str], limit: float = SLOW) -> list[str]:

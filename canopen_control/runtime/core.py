@@ -29,6 +29,7 @@ from canopen_control.runtime.axis_request import (
     whole_bases,
 )
 from canopen_control.runtime.latch import StopLatch
+from canopen_control.runtime.needed_nodes import NeededNodes
 from canopen_control.runtime.pacer import Pacer
 from canopen_control.runtime.readiness import (
     by_stop_group,
@@ -111,13 +112,13 @@ class RobotCore:
         self.pacer.on_edge = self.cycle.step
         self._phase = RobotState.STARTING
         self._activated = self._was_latched = False
-        self._deadline = 0
-        self._stopping_until = 0
+        self._deadline = self._stopping_until = 0
         self._requests: list[AxisRequest] = []
         if setup.controllers.manager.enforce_command_limits:
             self.manager.limiter = CommandLimits(setup.description, self.registry)
         prepare_controllers(setup, self.manager, self.registry)
         self.manager.on_switch(self._regroup)
+        self.needed = NeededNodes(made, self.latch, self.manager.running.forget, self.report, self.after_cycle)
 
     # ------------------------------------------------------------------------------------------- life
 
@@ -133,9 +134,9 @@ class RobotCore:
     @property
     def hint(self) -> str | None:
         """What keeps it from moving, and what to do next, in one sentence; None while it could move, starts or ends."""
-        if self._phase is RobotState.STARTING:
-            return self.latch.hint  # it goes on to run when that is released
-        return self.latch.hint or hint(claimed_off(self.joints.values())) if self._phase is RobotState.RUNNING else None
+        if self._phase is not RobotState.RUNNING:  # what starts goes on to run when STOP is released
+            return self.latch.hint if self._phase is RobotState.STARTING else None
+        return self.needed.hint or hint(claimed_off(self.joints.values()))
 
     def join(self) -> None:
         """Open the buses, which starts those that a program serves; raises BusError. `start` begins."""
@@ -241,7 +242,7 @@ class RobotCore:
     def switch(self, activate: Sequence[str], deactivate: Sequence[str], *, strict: bool) -> None:
         """Switch controllers, loading and configuring those that are not; ControlError, and nothing is changed."""
         switch_controllers(
-            self.setup, self.manager, activate, deactivate, strict=strict, check=self.latch.check_controllers
+            self.setup, self.manager, activate, deactivate, strict=strict, check=self.needed.check_controllers
         )
 
     def stop(self, done: Callable[[str | None], None], latched_by: str | None = None, by: str = "somebody") -> None:
@@ -276,7 +277,7 @@ class RobotCore:
         `method` is the homing method (None: what 0x6098 holds), `mode` the mode of operation by name or number.
         """
         now = self.reactor.now()
-        self.latch.check_action(action)
+        self.needed.check_action(action)
         joints, together = whole_bases(axes_of(self.nodes, self.joints.values(), name, joint), action)
         extra_ns = begin_action(action, joints, self.systems, now, method=method, mode=mode)
         if action in ALONE:
@@ -334,7 +335,7 @@ class RobotCore:
                 system.stop(now)  # a release enables nothing
         elif self._activated and (settled(self.nodes.values(), self.joints.values()) or now > self._deadline):
             self._phase, self.cycle.advance = RobotState.RUNNING, None
-            self.report(Event(now, "running", "", f"{self.setup.name} runs: {', '.join(self.setup.to_activate)}"))
+            self.report(Event(now, "running", "", f"{self.setup.name} runs: {self.setup.runs}"))
             if self.on_running is not None:
                 self.on_running()
         elif missing and now > self._deadline:
@@ -349,7 +350,7 @@ class RobotCore:
         how = ending(self.joints.values())  # as they are now: the reset takes their statuswords away
         for bus in self.buses.values():
             bus.release_nodes()
-        self._end(f"has stopped, {how}")
+        self._end(f"has stopped, {how}" if how else "has stopped")
 
     def _end(self, how: str) -> None:
         self._tell(self.events.flush())

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from canopen_control.errors import RobotConfigError
+from canopen_control.errors import RobotConfigError, nearest
 from canopen_control.runtime.launch_python import LaunchText, read_python
 from canopen_control.urdf.document import read_document
 from canopen_control.urdf.package_search import package_folders
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from canopen_control.urdf.document import Element
 
-__all__ = ["LaunchFile", "Launched", "launched_robot", "read_launch", "words_of"]
+__all__ = ["LaunchFile", "Launched", "launched_robot", "read_launch", "refuse_mistyped", "words_of"]
 
 _VARIABLE: Final = re.compile(r"\$\((?:var|arg) +([\w.-]+)\)")
 _PACKAGE: Final = re.compile(r"\$\((?:find|find-pkg-share) +([\w.-]+)\)")
@@ -81,12 +81,13 @@ def read_launch(path: Path) -> LaunchFile:
 class Launched:
     """What a launch file gives a robot: xacro's arguments, and its files by `bus`, `controllers`, `description`.
 
-    `doubts` is why there may be less than the file means.
+    `doubts` is why there may be less than the file means; `known` are its own arguments.
     """
 
     arguments: dict[str, str]
     files: dict[str, Path]
     doubts: tuple[str, ...] = ()
+    known: tuple[str, ...] = ()
 
 
 def launched_robot(path: Path, words: Mapping[str, str]) -> Launched:
@@ -105,7 +106,17 @@ def launched_robot(path: Path, words: Mapping[str, str]) -> Launched:
     absent = [name for each in launch.texts if each.text for name in launch.absent_packages(each.text)]
     doubts = [f"{path}:{line}: {what} is computed" for line, what in launch.computed if "command" in what]
     doubts += [f"{path}: package {name!r} is nowhere to be found" for name in dict.fromkeys(absent)]
-    return Launched(arguments | rest, files, tuple(doubts))
+    return Launched(arguments | rest, files, tuple(doubts), tuple(launch.arguments))
+
+
+def refuse_mistyped(launched: Launched, words: Mapping[str, str], description: Path) -> None:
+    """Raise RobotConfigError for a word that is near an argument of the launch file, and that nothing else knows."""
+    strange = [name for name in words if name in launched.arguments]  # those of the launch file itself are used up
+    source = description.read_text(encoding="utf-8", errors="replace") if strange else ""
+    for name in strange:
+        hint = nearest(name, launched.known)
+        if "did you mean" in hint and not re.search(rf"\b{re.escape(name)}\b", source):
+            raise RobotConfigError(f"no argument {name!r} of the launch file or of {description.name}{hint}")
 
 
 def _take(launch: LaunchFile, text: str, arguments: dict[str, str], files: dict[str, Path]) -> None:

@@ -8,6 +8,7 @@ which is told with its line instead of guessed.
 from __future__ import annotations
 
 import ast
+import shlex
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final
 
@@ -23,7 +24,8 @@ _NODES: Final = ("Node", "LifecycleNode", "ComposableNodeContainer")
 _PACKAGE_CALLS: Final = ("FindPackageShare", "FindPackage", "get_package_share_directory", "get_package_share_path")
 _THROUGH: Final = ("ParameterValue", "TextSubstitution", "str", "Path", "PythonLaunchDescriptionSource", "Command",
                    "AnyLaunchDescriptionSource", "XMLLaunchDescriptionSource", "ParameterFile")  # fmt: skip
-_DEEPEST: Final = 40  # names that stand for names
+_DEEPEST: Final = 40  # expressions in expressions
+_LONGEST: Final = 20_000  # letters of a text
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,6 +87,7 @@ class _Reader:
     def __init__(self, tree: ast.Module) -> None:
         self._tree, self._depth = tree, 0
         self._names = _assigned_once(tree)
+        self._texts: dict[str, str | None] = {}
         self.launch = PythonLaunch()
 
     def read(self) -> None:
@@ -142,6 +145,9 @@ class _Reader:
 
     def _files(self, node: ast.AST) -> None:
         """Collect what names a file, whole paths only, and the commands."""
+        if isinstance(node, ast.Call) and _called(node) == "process_file" and (text := self._processed(node)):
+            self.launch.found.append(LaunchText(text, node.lineno))
+            return
         if isinstance(node, ast.expr) and not isinstance(node, ast.Name):
             text = self.text(node)
             if text is not None and (text.endswith(_SUFFIXES) or _is_command(node)):
@@ -151,6 +157,21 @@ class _Reader:
                 self.launch.computed.append((node.lineno, "a command"))
         for child in ast.iter_child_nodes(node):
             self._files(child)
+
+    def _processed(self, call: ast.Call) -> str | None:
+        """Return xacro.process_file(FILE, mappings={NAME: VALUE}) as the command that does the same."""
+        file = self.text(call.args[0]) if call.args else None
+        given = _keyword(call, "mappings")
+        given = self._names.get(given.id) if isinstance(given, ast.Name) else given
+        words = ["xacro", file]
+        for key, value in zip(given.keys, given.values, strict=True) if isinstance(given, ast.Dict) else ():
+            name, text = None if key is None else self.text(key), self.text(value)
+            if name is None or text is None:
+                self.launch.computed.append((value.lineno, "an argument of xacro"))
+            else:
+                words.append(f"{name}:={shlex.quote(text) if ' ' in text and '$(' not in text else text}")
+        known = [each for each in words if each is not None]
+        return " ".join(known) if len(known) == len(words) else None
 
     # --- texts ---
 
@@ -168,12 +189,18 @@ class _Reader:
         """Return texts one after the other."""
         texts = [self.text(each) for each in nodes]
         known = [each for each in texts if each is not None]
-        return between.join(known) if len(known) == len(texts) else None
+        if len(known) < len(texts) or sum(map(len, known)) > _LONGEST:
+            return None
+        return between.join(known)
 
     def name(self, node: ast.expr) -> str | None:
         """Return what a name stands for that is assigned once."""
-        value = self._names.get(node.id) if isinstance(node, ast.Name) else None
-        return None if value is None else self.text(value)
+        if not isinstance(node, ast.Name) or node.id not in self._names:
+            return None
+        if node.id not in self._texts:  # worked out once: names that double each other would take for ever
+            self._texts[node.id] = None  # one that stands for itself stands for nothing
+            self._texts[node.id] = self.text(self._names[node.id])
+        return self._texts[node.id]
 
     def call(self, node: ast.expr) -> str | None:
         """Return what a substitution of launch, or a function of paths, makes."""

@@ -128,7 +128,7 @@ def cause(joints: Mapping[str, JointDrive], waiting: Sequence[CommandInterface])
 
 
 def ending(joints: Iterable[JointDrive]) -> str:
-    """Say what the drives are at the end of a run, as they show it: disabled, still with power, or seen by nobody."""
+    """Say what the drives are at the end of a run: disabled, still with power, or seen by nobody; "" without any."""
     seen = [(joint.node.name, joint.state) for joint in joints]
     parts = [
         f"{name} has power still ({state.name.replace('_', ' ')}): cut its supply if it moves"
@@ -138,7 +138,7 @@ def ending(joints: Iterable[JointDrive]) -> str:
     unseen = dict.fromkeys(name for name, state in seen if state is None)
     if unseen:
         parts.append(f"nobody sees whether {', '.join(unseen)} {'is' if len(unseen) == 1 else 'are'} disabled")
-    return "; ".join(parts) or "its drives are disabled"
+    return "; ".join(parts) or ("its drives are disabled" if seen else "")
 
 
 def _names(joints: Iterable[JointDrive]) -> str:

@@ -1,6 +1,7 @@
 """Which files make a robot: a folder, a bundled name, a ROS package, or the three files one by one.
 
-A robot without drives on a bus, simulated or mocked, needs no bus.yml. In a ROS package the files lie in `config` or
+A robot without drives on a bus, simulated or mocked, needs no bus.yml. A bus without controllers needs nothing else:
+neither a ros2_controllers.yaml nor a description belongs to its folder. In a ROS package the files lie in `config` or
 `config/x`, and the description in `urdf` or `urdf/x` beside that.
 """
 
@@ -18,6 +19,8 @@ from canopen_control.urdf.package_search import installed_packages
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
+    from canopen_control.runtime.launch_file import Launched
+
 __all__ = ["BUS", "CONTROLLERS", "MAIN_BUS", "RobotFiles", "find_buses", "find_robot", "xacro_arguments"]
 
 MAIN_BUS = "can"  # the name of the bus of bus.yml; that of bus_NAME.yml is NAME
@@ -31,7 +34,8 @@ _DESCRIPTIONS = ("*.urdf.xacro", "*.urdf")
 class RobotFiles:
     """The three files of a robot and its name; `bus` may be absent, `more_buses` are its bus_NAME.yml by NAME.
 
-    `arguments` are those of its xacro.
+    `arguments` are those of its xacro. Of a bus without controllers the other two are its bus.yml, which is where their
+    mistakes stand.
     """
 
     name: str
@@ -44,6 +48,11 @@ class RobotFiles:
     def mappings(self, *, mock: bool = False) -> dict[str, str]:
         """Return xacro's arguments; of mock hardware the description is told, if it wants to know."""
         return {"use_mock_hardware?": "true"} | self.arguments if mock else self.arguments
+
+    @property
+    def bus_alone(self) -> bool:
+        """Whether this is a bus without controllers, whose nodes are all that there is."""
+        return self.controllers == self.description == self.bus
 
     @property
     def buses(self) -> dict[str, Path]:
@@ -70,17 +79,30 @@ def find_robot(
         names = ", ".join(data_names("config"))
         raise RobotConfigError(f"no robot given: name a folder or a bundled robot ({names}), or its three files")
     folder = _folder(config) if config is not None else None
-    words, launched, doubts = _launched(launch, xacro_arguments(arguments))
+    words = xacro_arguments(arguments)
+    launched = _launched(launch, words)
+    files = launched.files if launched is not None else {}
     no_bus: list[str] = []
     missing: list[str] = []
-    main = _one(bus, folder, BUS, "--bus", no_bus, launched.get("bus"))
-    control = _one(controllers, folder, CONTROLLERS, "--controllers", missing, launched.get("controllers"))
-    described = _one(description, folder, _DESCRIPTIONS, "--description", missing, launched.get("description"))
+    main = _one(bus, folder, BUS, "--bus", no_bus, files.get("bus"))
+    alone = controllers is None and description is None and launch is None and not no_bus and _is_alone(folder)
+    control = (
+        main if alone else _one(controllers, folder, CONTROLLERS, "--controllers", missing, files.get("controllers"))
+    )
+    described = (
+        main if alone else _one(description, folder, _DESCRIPTIONS, "--description", missing, files.get("description"))
+    )
     beside = folder if main == Path() else main.parent
     more = _more_buses(beside, missing) if beside is not None and bus is None else {}
     missing += _irregular((main, control, described, *more.values()))
     if missing or (no_bus and (more or bus is not None)):
+        doubts = launched.doubts if launched is not None else ()
         raise RobotConfigError("; ".join([*no_bus, *missing, *doubts]))
+    if launched is not None:
+        from canopen_control.runtime.launch_file import refuse_mistyped
+
+        refuse_mistyped(launched, words, described)
+        words = launched.arguments
     name = _name((folder or (described if no_bus else main).resolve().parent).resolve())
     return RobotFiles(_safe(name), None if no_bus else main, control, described, more, words)
 
@@ -131,14 +153,13 @@ def _folder(config: str) -> Path:
     )
 
 
-def _launched(launch: str | None, words: dict[str, str]) -> tuple[dict[str, str], dict[str, Path], tuple[str, ...]]:
-    """Return what a launch file makes of the arguments, its files, and why it may give less than it means."""
+def _launched(launch: str | None, words: dict[str, str]) -> Launched | None:
+    """Return what a launch file gives with these arguments."""
     if launch is None:
-        return words, {}, ()
+        return None
     from canopen_control.runtime.launch_file import launched_robot  # most robots are run without
 
-    found = launched_robot(Path(launch).expanduser(), words)
-    return found.arguments, found.files, found.doubts
+    return launched_robot(Path(launch).expanduser(), words)
 
 
 def _one(
@@ -179,6 +200,21 @@ def _own(given: str | None, folder: Path | None, names: str | Sequence[str], opt
             return Path()
     missing.append(f"{folder} has no {wanted}{_elsewhere(folder, names)}")
     return Path()
+
+
+def _is_alone(folder: Path | None) -> bool:
+    """Whether nothing says what the nodes of a bus are for: no controllers and no description belong to its folder.
+
+    The description of the whole package is another robot's, where the folder is one of several in its `config`.
+    """
+    if folder is None:
+        return True
+    descriptions = _places(folder, described=True)
+    if folder.resolve().parent.name == "config":
+        descriptions = descriptions[:-1]
+    sought = [(place, CONTROLLERS) for place in _places(folder, described=False)]
+    sought += [(place, pattern) for place in descriptions for pattern in _DESCRIPTIONS]
+    return not any(next(place.glob(pattern), None) for place, pattern in sought)
 
 
 def _places(folder: Path, *, described: bool) -> list[Path]:

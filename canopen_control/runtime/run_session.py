@@ -149,7 +149,10 @@ class Session:
 
     def _on_running(self) -> None:
         gc.freeze()  # what booting has made stays as well
-        if self.options.motion:
+        if self.options.motion and self.setup.files.bus_alone and self.robot.joints:
+            text = "nothing moves by itself on a bus without controllers: axis enable NODE, then command NODE VALUE"
+            self.robot.report(Event(self.reactor.now(), "demo", "", text))
+        elif self.options.motion and self.setup.to_activate:
             broadcasting = {info.name for info in self.robot.manager.list() if info.is_broadcaster}
             forward = [name for name in self.setup.to_activate if name not in broadcasting]
             self._motion = DemoMotion(self.robot, forward[0])

@@ -13,8 +13,10 @@ from canopen_control.bus.channel import ChannelKind, parse_channel
 from canopen_control.controllers.controllers_file import read_controllers
 from canopen_control.controllers.types import is_broadcaster
 from canopen_control.errors import RobotConfigError, nearest
+from canopen_control.hardware.peer_interfaces import with_interfaces_of_plugins
 from canopen_control.hardware.plugins import Kind, kind_of
 from canopen_control.master.config import read_bus
+from canopen_control.runtime.bus_alone import controllers_of, description_of, doubts_about
 from canopen_control.runtime.robot_files import MAIN_BUS
 from canopen_control.urdf.description import DescriptionReader
 
@@ -23,10 +25,11 @@ if TYPE_CHECKING:
 
     from canopen_control.controllers.controllers_file import ControllersFile
     from canopen_control.master.config import BusConfig
+    from canopen_control.master.plan import NodePlan
     from canopen_control.runtime.robot_files import RobotFiles
     from canopen_control.urdf.description import Description
 
-__all__ = ["BUS_NAME", "RobotSetup", "clashes_of", "read_robot"]
+__all__ = ["BUS_NAME", "RobotSetup", "clashes_of", "plans_of", "read_robot"]
 
 BUS_NAME = MAIN_BUS
 
@@ -51,6 +54,12 @@ class RobotSetup:
     def bus(self) -> BusConfig:
         """The bus of bus.yml; all others have its SYNC period."""
         return self.buses[BUS_NAME]
+
+    @property
+    def runs(self) -> str:
+        """What runs once the robot does, in words: the controllers that it begins with, or the nodes of a bus alone."""
+        nodes = [name for bus in self.buses.values() for name in bus.nodes]
+        return ", ".join(nodes if self.files.bus_alone else self.to_activate)
 
     @property
     def cycle_ns(self) -> int:
@@ -81,25 +90,30 @@ def read_robot(
     real: bool = False,
     strict: bool = False,
     peer_merge: bool = False,
+    allow_unsupervised: bool = False,
     kernel_sync: bool = False,
 ) -> RobotSetup:
     """Read and check all three files; raises a ConfigError.
 
     `mock` and `real` overrule the hardware plugins of the description; with `strict`, what is suspicious in
-    ros2_controllers.yaml is an error; `peer_merge` lets `defaults` of bus.yml win over the nodes; `kernel_sync` leaves
-    SYNC to the kernel.
+    ros2_controllers.yaml is an error; `peer_merge` lets `defaults` of bus.yml win over the nodes;
+    `allow_unsupervised` accepts drives that nothing stops when the master dies; `kernel_sync` leaves SYNC to the
+    kernel.
     """
-    with DescriptionReader(
-        files.description, mappings=files.mappings(mock=mock)
-    ) as reader:  # xacro runs while the rest is read
-        buses = {each: read_bus(path, peer_merge=peer_merge) for each, path in files.buses.items()}
-        if problems := clashes_of(buses):
-            raise RobotConfigError("\n".join(problems))
-        control = read_controllers(files.controllers, strict=strict)
-        description = reader.result()
+    name = name or files.name
+    if files.bus_alone:
+        _refuse_for_a_bus(files, mock=mock)
+        buses = _buses(files, peer_merge, allow_unsupervised)
+        description = description_of(name, str(files.bus), buses)
+        control = controllers_of(str(files.bus), description)
+    else:
+        mappings = files.mappings(mock=mock)
+        with DescriptionReader(files.description, mappings=mappings) as reader:  # xacro runs while the rest is read
+            buses = _buses(files, peer_merge, allow_unsupervised)
+            control = read_controllers(files.controllers, strict=strict)
+            description = with_interfaces_of_plugins(reader.result(), plans_of(buses))
     if not buses:
         _refuse_drives(files, description, mock=mock, real=real)
-    name = name or files.name
     channels = _channels(name, buses, can)
     if kernel_sync:
         _require_kernel_sync(buses, channels, mock=mock)
@@ -116,6 +130,7 @@ def read_robot(
             *(note for bus in buses.values() for note in bus.notes),
             *control.warnings,
             *description.notes,
+            *(doubts_about(buses) if files.bus_alone else ()),
             *_sim_time(control, [kind_of(description, each, mock=mock, real=real) for each in description.hardware]),
             *(["SYNC is sent by the kernel, and the cycle follows it"] if kernel_sync else []),
             *([] if kernel_sync or mock else _sync_hints(buses, channels, description)),
@@ -123,6 +138,31 @@ def read_robot(
         real,
         kernel_sync,
     )
+
+
+def _refuse_for_a_bus(files: RobotFiles, *, mock: bool) -> None:
+    """Raise RobotConfigError for what has no meaning on a bus without controllers."""
+    if mock:
+        raise RobotConfigError(f"--mock: {files.bus} is a bus without controllers; leave the option away")
+    if files.arguments:
+        given = ", ".join(f"{name}:=" for name in files.arguments)
+        raise RobotConfigError(f"{given}: a bus without controllers has no description; leave the arguments away")
+
+
+def _buses(files: RobotFiles, peer_merge: bool, allow_unsupervised: bool) -> dict[str, BusConfig]:
+    """Read all buses; what keeps them from being one robot is a RobotConfigError."""
+    buses = {
+        each: read_bus(path, peer_merge=peer_merge, allow_unsupervised=allow_unsupervised)
+        for each, path in files.buses.items()
+    }
+    if problems := clashes_of(buses):
+        raise RobotConfigError("\n".join(problems))
+    return buses
+
+
+def plans_of(buses: Mapping[str, BusConfig]) -> list[NodePlan]:
+    """Return the plans of all nodes of a robot."""
+    return [plan for bus in buses.values() for plan in bus.plans.values()]
 
 
 def _sim_time(control: ControllersFile, kinds: Sequence[Kind]) -> list[str]:
@@ -216,6 +256,8 @@ def _wanted(files: RobotFiles, control: ControllersFile, asked: Sequence[str]) -
     for name in asked:
         if name not in control.controllers:
             raise RobotConfigError(f"{files.controllers}: no controller {name!r}{nearest(name, control.controllers)}")
+    if files.bus_alone:
+        return tuple(control.controllers)
     broadcasters = [name for name, config in control.controllers.items() if is_broadcaster(config.type)]
     others = [name for name in control.controllers if name not in broadcasters]
     if not others and not asked:

@@ -11,10 +11,10 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Protocol
 
-from canopen_control.hardware.interfaces import EFFORT, POSITION, VELOCITY
+from canopen_control.hardware.interfaces import EFFORT, POSITION, TARGET, VELOCITY
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Container, Iterable
+    from collections.abc import Callable, Container, Iterable, Mapping
 
     from canopen_control.hardware.interfaces import CommandInterface, InterfaceRegistry, StateInterface
     from canopen_control.hardware.joint import JointDrive
@@ -66,6 +66,26 @@ class _Effort:
             self._command.value = 0.0
 
 
+class _Target:
+    """What the present mode takes: a velocity within the cap, or a position or an effort as they are capped."""
+
+    __slots__ = ("_command", "_effort", "_limit", "_position")
+
+    def __init__(self, command: CommandInterface, here: StateInterface, speed: StateInterface, limit: float) -> None:
+        self._command, self._limit = command, limit
+        self._position, self._effort = _Position(command, here, limit), _Effort(command, speed, limit)
+
+    def enforce(self, period: float) -> None:
+        command, quantity = self._command, self._command.quantity
+        if quantity == VELOCITY:
+            if abs(command.value) > self._limit:  # False for nan
+                command.value = math.copysign(self._limit, command.value)
+        elif quantity == EFFORT:
+            self._effort.enforce(period)
+        else:
+            self._position.enforce(period)
+
+
 _NEEDS: dict[str, tuple[str, Callable[[CommandInterface, StateInterface, float], _Position | _Effort]]] = {
     POSITION: (POSITION, _Position),
     EFFORT: (VELOCITY, _Effort),
@@ -80,9 +100,11 @@ class SpeedCap:
     ) -> None:
         self.unlimited: list[str] = []
         self._before, self._limit = before, limit
-        self._capped: list[_Position | _Effort] = []
+        self._capped: list[_Position | _Effort | _Target] = []
         states = {each.name: each for each in registry.state_interfaces}
         for command in registry.command_interfaces:
+            if command.joint in joints and command.interface == TARGET:
+                self._cap_target(command, states)
             if command.joint not in joints or command.interface not in _NEEDS:
                 continue
             needed, make = _NEEDS[command.interface]
@@ -91,6 +113,13 @@ class SpeedCap:
                 self.unlimited.append(command.name)
             else:
                 self._capped.append(make(command, state, limit))
+
+    def _cap_target(self, command: CommandInterface, states: Mapping[str, StateInterface]) -> None:
+        here, speed = (states.get(f"{command.joint}/{each}") for each in (POSITION, VELOCITY))
+        if here is None or speed is None:
+            self.unlimited.append(command.name)
+        else:
+            self._capped.append(_Target(command, here, speed, self._limit))
 
     def bound(self, drives: Iterable[JointDrive]) -> None:
         """Bound the velocity targets of drives, for as long as they live."""

@@ -98,6 +98,7 @@ def nodes_message(robot: RobotCore) -> NodeListing:
                 remappings=_texts(node.config.ros.remappings),
                 channel_names=node.config.ros.channel_names,
                 joints=[joint.joint for joint in robot.joints.values() if joint.node is node],
+                axes=len(node.plan.axes),
             )
             for name, node in robot.nodes.items()
         ],

@@ -18,7 +18,7 @@ __all__ = ["BASES", "Base"]
 class Base:
     """A kind of base; `shapes` are its joints by number of drives, none where any number will do.
 
-    The first `steering` joints from the end are positions. `type_name` is its controller's, "" for none.
+    The last `steering` joints are positions. `type_name` is its controller's, "" for none.
     """
 
     name: str
@@ -38,11 +38,15 @@ class Base:
         """Return the command interfaces that joint `number`, from 0, may have, the best first."""
         if not self.type_name:
             return (VELOCITY, POSITION)
-        return (POSITION,) if number >= drives - self.steering else (VELOCITY,)
+        return (POSITION,) if self.steers(drives, number) else (VELOCITY,)
+
+    def steers(self, drives: int, number: int) -> bool:
+        """Whether joint `number`, from 0, turns a wheel's direction."""
+        return number >= drives - self.steering
 
     def mirrored(self, drives: int, number: int) -> bool:
         """Whether joint `number` is a wheel on the left, whose motor faces that on the right."""
-        return bool(self.type_name) and number < drives - self.steering and number % 2 == 0
+        return bool(self.type_name) and not self.steers(drives, number) and number % 2 == 0
 
     def problem(self, drives: int) -> str:
         """Say why there can be no such base on so many drives, "" where it can."""

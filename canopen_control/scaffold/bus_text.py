@@ -104,20 +104,20 @@ def _node_keys(robot: NewRobot, node: NewNode) -> list[str]:
         *_supervision(robot, node),
     ]
     if node.drive is None:
-        return [*lines, "# no drive: its PDOs stay as it has them, and no joint moves by it"]
+        return [*lines, "# no drive: its PDOs stay as it has them"]
     return [*lines, *_motion(node.drive), *_writes(node, node.drive), *_pdos(node.drive)]
 
 
 def _supervision(robot: NewRobot, node: NewNode) -> list[str]:
     watched, lines = node.supervision, list[str]()
-    if watched.producer:
+    if watched.producer and not watched.guarding:
         lines.append(remark("heartbeat_producer: 100", "ms (0x1017): by this the master notices when the device dies"))
     if watched.consumer:
         lines.append(remark("heartbeat_consumer: true", "0x1016: the device watches the master ..."))
-    if watched.producer or watched.consumer:
+    if watched.consumer or not watched.guarding:
         lines.append(remark("heartbeat_multiplier: 5", "... and either side waits for five heartbeats"))
     if watched.guarding:
-        lines.append(remark("guard_time: 100", "ms (0x100C): node guarding, where heartbeats are lacking"))
+        lines.append(remark("guard_time: 100", "ms (0x100C): node guarding, as it cannot watch heartbeats"))
         lines.append(remark("life_time_factor: 5", "0x100D: either side waits five guard times"))
     if robot.allow_unsupervised and node.drive is not None and not watched.stops_alone:
         lines.append(remark("allow_unsupervised: true", "NOTHING stops this drive when this computer dies"))

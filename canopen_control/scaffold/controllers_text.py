@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.scaffold.bus_text import remark
-from canopen_control.scaffold.description_text import RADIUS, SEPARATION
+from canopen_control.scaffold.description_text import RADIUS, SEPARATION, WHEELBASE
 from canopen_control.scaffold.drive_choice import POSITION, VELOCITY
 
 if TYPE_CHECKING:
@@ -74,7 +74,7 @@ def _diff(robot: NewRobot) -> list[str]:
         remark(f"wheel_separation: {SEPARATION}", "m, between the middles of the wheels; measure it"),
         remark(f"wheel_radius: {RADIUS}", "m; measure it"),
         "",
-        *_odometry(feedback),
+        *_odometry(feedback, "cmd_vel_timeout"),
         "",
         remark("linear.x.max_velocity: 0.5", "m/s"),
         "linear.x.min_velocity: -0.5",
@@ -87,8 +87,8 @@ def _diff(robot: NewRobot) -> list[str]:
     ]
 
 
-def _odometry(feedback: set[str]) -> list[str]:
-    """Return what says where odometry comes from: positions, else velocities, else commands."""
+def _odometry(feedback: set[str], timeout: str) -> list[str]:
+    """Return what says where odometry comes from: positions, else velocities, else commands; and when a base stops."""
     source = POSITION if POSITION in feedback else VELOCITY if VELOCITY in feedback else "the commands"
     return [
         "odom_frame_id: odom",
@@ -96,9 +96,53 @@ def _odometry(feedback: set[str]) -> list[str]:
         "enable_odom_tf: true",
         remark(f"open_loop: {'false' if feedback else 'true'}", f"odometry of {source}"),
         f"position_feedback: {'true' if POSITION in feedback else 'false'}",
-        remark("cmd_vel_timeout: 0.5", "s without a command, then the base stops"),
+        remark(f"{timeout}: 0.5", "s without a command, then the base stops"),
     ]
 
 
-_PARAMETERS: Final[dict[str, Callable[[NewRobot], list[str]]]] = {"diff": _diff}
+def _tricycle(robot: NewRobot) -> list[str]:
+    left, right, steering = (node.joint for node in robot.drives)
+    traction = {name for node in robot.drives[:2] if node.drive for name in node.drive.feedback}
+    return [
+        remark(f"traction_joints_names: [{right}, {left}]", "right, then left"),
+        f"steering_joints_names: [{steering}]",
+        "",
+        remark(f"wheelbase: {WHEELBASE}", "m, from the driven axle to the steered wheel; measure it"),
+        remark(f"traction_track_width: {SEPARATION}", "m, between the driven wheels; measure it"),
+        remark(f"traction_wheels_radius: {RADIUS}", "m; measure it"),
+        "",
+        *_odometry(traction, "reference_timeout"),
+        remark("reduce_wheel_speed_until_steering_reached: true", "slow while the steering is on its way"),
+    ]
+
+
+def _mecanum(robot: NewRobot) -> list[str]:
+    places = ("front_left", "front_right", "rear_left", "rear_right")
+    feedback = {name for node in robot.drives if node.drive for name in node.drive.feedback}
+    return [
+        *(f"{place}_wheel_command_joint_name: {node.joint}" for place, node in zip(places, robot.drives, strict=True)),
+        "",
+        remark(f"kinematics.wheels_radius: {RADIUS}", "m; measure it"),
+        remark(
+            f"kinematics.sum_of_robot_center_projection_on_X_Y_axis: {(WHEELBASE + SEPARATION) / 2:g}",
+            "m, how far ahead and how far aside of the middle a wheel is, summed; measure it",
+        ),
+        "",
+        *(line for line in _odometry(feedback, "reference_timeout") if not line.startswith(_NOT_MECANUM)),
+        "",
+        remark("linear.x.max_velocity: 0.5", "m/s"),
+        remark("linear.x.max_acceleration: 0.5", "m/s^2"),
+        "linear.y.max_velocity: 0.5",
+        "linear.y.max_acceleration: 0.5",
+        remark("angular.z.max_velocity: 1.0", "rad/s"),
+        remark("angular.z.max_acceleration: 1.0", "rad/s^2"),
+    ]
+
+
+_NOT_MECANUM: Final = ("open_loop", "position_feedback")
+_PARAMETERS: Final[dict[str, Callable[[NewRobot], list[str]]]] = {
+    "diff": _diff,
+    "tricycle": _tricycle,
+    "mecanum": _mecanum,
+}
 """What makes the parameters of a base's controller, by the base's name."""

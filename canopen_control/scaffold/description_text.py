@@ -9,6 +9,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Final
 from xml.sax.saxutils import quoteattr
 
+from canopen_control.profiles.device_type import Profile, profile_of
+from canopen_control.profiles.profile_tables import profile_signals
 from canopen_control.scaffold.drive_choice import POSITION, VELOCITY
 
 if TYPE_CHECKING:
@@ -41,8 +43,8 @@ def description_text(robot: NewRobot) -> str:
         "      <plugin>canopen_ros2_control/RobotSystem</plugin>",
         "    </hardware>",
     ]
-    for node in robot.drives:
-        lines += _control(node)
+    for node in robot.nodes:
+        lines += _control(node) if node.drive is not None else _signals(node)
     return "\n".join([*lines, "  </ros2_control>", "</robot>"]) + "\n"
 
 
@@ -74,7 +76,7 @@ def _joint(robot: NewRobot, number: int, node: NewNode) -> list[str]:
         '    <parent link="base_link"/>',
         f'    <child link="{link}"/>',
         f'    <origin xyz="{x:g} {y:g} {z:g}"/>',
-        '    <axis xyz="0 1 0"/>',
+        f'    <axis xyz="{"0 0 1" if robot.base.steers(len(robot.drives), number) else "0 1 0"}"/>',
         f'    <limit effort="10" velocity="{_FASTEST[node.drive.interface]:g}"/>  <!-- N m, rad/s -->',
         "  </joint>",
         f'  <link name="{link}">',
@@ -92,12 +94,36 @@ def _joint(robot: NewRobot, number: int, node: NewNode) -> list[str]:
 
 
 def _place(robot: NewRobot, number: int) -> tuple[float, float, float]:
-    """Return where on base_link a joint is: left and right in turn, the front pair first; or in a row."""
+    """Return where on base_link a joint is: left and right in turn, the front pair first; or in a row.
+
+    A steered wheel is in front of the one pair.
+    """
     if not robot.base.type_name:
         return 0.0, 0.1 * number, RADIUS
+    if robot.base.steers(len(robot.drives), number):
+        return WHEELBASE, 0.0, 0.0
     pairs = len(robot.drives) // 2
     side = SEPARATION / 2 if number % 2 == 0 else -SEPARATION / 2
     return (0.0 if pairs == 1 else WHEELBASE / 2 if number < 2 else -WHEELBASE / 2), side, 0.0
+
+
+def _signals(node: NewNode) -> list[str]:
+    """Return the inputs and outputs of a device that is no drive, none of a device whose profile is not known."""
+    profile = profile_of(node.device.od)
+    signals = profile_signals(node.device.od, profile).values()
+    if not signals:
+        return []
+    tag = "gpio" if profile is Profile.IO or any(each.output for each in signals) else "sensor"
+    return [
+        f'    <{tag} name="{node.name}">  <!-- the node of bus.yml of this name -->',
+        *(f'      <command_interface name="{each.name}"/>' for each in signals if each.output),
+        *(f'      <state_interface name="{each.name}"/>{_unit(each.unit)}' for each in signals),
+        f"    </{tag}>",
+    ]
+
+
+def _unit(unit: str) -> str:
+    return f"  <!-- {unit} -->" if unit else ""
 
 
 def _control(node: NewNode) -> list[str]:

@@ -44,6 +44,10 @@ _WITH_SYNC: Final = (OperationMode.CSP, OperationMode.CSV, OperationMode.IP)  # 
 _ON_ARRIVAL: Final = 255
 _CONTROLWORD, _STATUSWORD = (objects.CONTROLWORD, 0), (objects.STATUSWORD, 0)
 _MODE, _DISPLAY = (objects.MODES_OF_OPERATION, 0), (objects.MODES_OF_OPERATION_DISPLAY, 0)
+_MODE_OBJECTS: Final = {
+    _MODE: "by which a mode of operation is chosen",
+    _DISPLAY: "by which a drive confirms its mode of operation; nothing is enabled without",
+}
 _FEEDBACK: Final = {POSITION: (objects.POSITION_ACTUAL, 0), VELOCITY: (objects.VELOCITY_ACTUAL, 0)}
 _RPM: Final = 0xB447
 """Bits 8 to 23 of an SI unit (CiA 303-2): revolutions per minute."""
@@ -93,6 +97,9 @@ def choose_drive(od: ObjectDictionary, interfaces: Sequence[str] = (VELOCITY, PO
     tpdos, missing = choose_pdos(od, wish)
     if missing:
         raise RobotConfigError("no TPDO can carry its statusword (0x6041)")
+    for (index, subindex), why in _MODE_OBJECTS.items():
+        if (index, subindex) not in od:
+            raise RobotConfigError(f"no 0x{index:04X}, {why}")
     carried = {each for use in tpdos for each in use.objects}
     mode, rpdos, interface = _choose_mode(od, interfaces)
     counts = _counts(od)

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.errors import RobotConfigError
+from canopen_control.profiles.device_type import Profile, profile_of
 from canopen_control.scaffold.bases import BASES, Base
 from canopen_control.scaffold.drive_choice import DriveChoice, choose_drive, is_drive, supervision_of
 
@@ -25,6 +26,15 @@ __all__ = ["Device", "NewNode", "NewRobot", "check_robot_name", "plan_robot"]
 
 _NAME: Final = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 _LONGEST: Final = 32  # of a robot's name, which a socket has too
+_KINDS: Final = {
+    Profile.NONE: "device",
+    Profile.IO: "io",
+    Profile.MEASURING: "sensor",
+    Profile.ENCODER: "encoder",
+    Profile.INCLINOMETER: "inclinometer",
+    Profile.BATTERY: "battery",
+}
+"""What a node is called that is no drive, before its node id."""
 _MASTERS: Final = (1, *range(127, 1, -1))
 
 
@@ -98,7 +108,7 @@ def plan_robot(
     for device in devices:
         supervision = supervision_of(device.od)
         if not is_drive(device.od):
-            nodes.append(NewNode(f"device_{device.node_id}", device, supervision))
+            nodes.append(NewNode(f"{_KINDS[profile_of(device.od)]}_{device.node_id}", device, supervision))
             continue
         wanted = BASES[base].interfaces(len(drives), len(names) - len(taken))
         try:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Final
 from canopen_control.client.drive_client import DriveClient
 from canopen_control.errors import RemoteError
 from canopen_control.host.sockets import drive_name, list_sockets
-from canopen_control.rpc.messages.drive import ListFaults, SwitchFault
+from canopen_control.rpc.messages.drive import ListFaults, SetSignals, SwitchFault
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -46,6 +46,11 @@ class FaultClient:
         """Switch a fault and return those that are on; RemoteError if the drive refuses or is not there."""
         with self._connect(drive) as client:
             return client.ask(SwitchFault(name=fault, on=on)).active
+
+    def set_signals(self, drive: str, values: dict[str, float]) -> None:
+        """Set inputs of a device that is no drive; RemoteError if it has no such ones or is not there."""
+        with self._connect(drive) as client:
+            client.ask(SetSignals(values=values))
 
     def _connect(self, drive: str) -> DriveClient:
         node = self._nodes.get(drive)

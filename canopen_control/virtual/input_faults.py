@@ -1,7 +1,8 @@
 """Faults of a virtual device's inputs: stuck at what they show, noisy, or off by a sudden jump.
 
 A stuck input goes on to show the value it had; noise is up to 2 % of the full scale and changes every 20 ms, each time
-by the same course; a jump adds a quarter of the full scale. Lines that are bits can only be stuck.
+by the same course; a jump adds a quarter of the full scale, which of an encoder is a turn. Lines that are bits can only
+be stuck.
 """
 
 from __future__ import annotations

@@ -48,6 +48,10 @@ class Encoder(SensorDevice):
             return super().raw_of(signal, value, gain)
         return self._counted(value, gain) + self._shift if not self._range else self._wrapped(value, gain)
 
+    def full_scale(self, signal: Signal) -> float:
+        """Return one turn."""
+        return abs(self.gain(signal)) * (self.number((_STEPS, 0)) or 4096)
+
     def _counted(self, value: float, gain: float) -> float:
         """Return the steps of a position before preset and range."""
         operation = int(self.number((_OPERATION, 0), _SCALING))

@@ -72,6 +72,14 @@ def test_without_a_robot_it_says_what_to_name(capsys):
     assert "neither a folder nor one of the bundled ones" in capsys.readouterr().err
 
 
+def test_one_option_accepts_drives_that_nothing_would_stop_and_tells_which(tmp_path, capsys):
+    config = copy_robby(tmp_path, bus={"heartbeat_consumer: true": "heartbeat_consumer: false"})
+    assert main(["check", str(config)]) == 2
+    assert main(["check", str(config), "--allow-unsupervised"]) == 0
+    assert "--allow-unsupervised accepts" in capsys.readouterr().out
+    assert main(["plan", str(config), "--allow-unsupervised"]) == 0
+
+
 def test_an_argument_that_the_description_does_not_have_is_an_error_with_the_nearest(capsys):
     assert main(["check", "robby", "--strict", "use_mock_hardware:=true"]) == 0
     assert main(["check", "robby", "use_mok_hardware:=true"]) == 2

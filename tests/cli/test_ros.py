@@ -86,6 +86,16 @@ def test_a_service_is_called_and_its_answer_shown(scene, program):
 
 
 @pytest.mark.ros
+def test_a_nodes_parameters_are_listed_read_and_set(program):
+    assert program("param", "list", "/peer").splitlines()[0] == "use_sim_time"
+    assert program("param", "get", "peer", "use_sim_time") == "False\n"
+    assert json.loads(program("param", "get", "/peer", "use_sim_time", "--json")) is False
+    assert program("param", "set", "/peer", "use_sim_time", "false") == ""
+    said = program("param", "set", "/peer", "use_sim_time", "3", code=1)
+    assert said.startswith("canopen-control: /peer has not set use_sim_time: ")
+
+
+@pytest.mark.ros
 @pytest.mark.parametrize(
     ("arguments", "code", "sentence"),
     [
@@ -94,6 +104,10 @@ def test_a_service_is_called_and_its_answer_shown(scene, program):
         (["topic", "pub", "/x", TYPE, "{speed: 1}"], 2, "speed: there is no such field"),
         (["topic", "pub", "/x", TYPE, "{data: ["], 2, "<data>:1"),
         (["topic", "pub", "/x", "std_msgs/msg/Nothing"], 2, "this ROS has no interface std_msgs/msg/Nothing"),
+        (["param", "get", "/peer", "speed"], 1, "/peer has no parameter speed; see: canopen-control ros param list"),
+        (["param", "set", "/peer", "speed", "{a: 1}"], 1, "/peer has no parameter speed"),
+        (["param", "set", "/peer", "use_sim_time", "{a: 1}"], 2, "a parameter cannot be {'a': 1}: give true, false"),
+        (["param", "list", "/nobody", "--timeout", "0.5"], 1, "nobody serves /nobody/list_parameters"),
         (["service", "call", "/nobody", "std_srvs/srv/Trigger", "--timeout", "0.5"], 1, "nobody serves /nobody"),
     ],
 )

@@ -168,7 +168,7 @@ def test_a_robot_on_mock_hardware_has_no_bus(mock_robot, capsys):
     ("arguments", "code", "said"),
     [
         (["--can", "memory:empty", *FAST], 1, "nobody answers on memory:empty"),
-        (["--can", "memory:empty", "--config", "nope"], 2, "none of the bundled robots ("),
+        (["--can", "memory:empty", "--config", "nope"], 2, "nor one of the bundled ones ("),
         (["--can", "memory:empty", "--eds-dir", "/nope"], 2, "--eds-dir /nope: no such folder"),
         (["--can", "nonsense"], 2, "no such CAN interface"),
         (["--can", "memory:empty", "--timeout", "-1"], 2, "no time in seconds above 0"),

@@ -77,13 +77,26 @@ def test_what_the_joints_do_is_recorded_and_played_again(arm, wave, tmp_path, ca
         (["play", "x.yaml", "--waypoints", "0"], "say what to play"),
         (["play", "--waypoints", "0 0"], "'0 0', is not one position for each of the 6 joints"),
         (["play", "--waypoints", "0", "--controller", "leg"], "no controller 'leg' is loaded"),
-        (["record", "-o", "x.yaml", "--duration", "0.1"], "no joint has moved meanwhile"),
         (["record", "-o", "x.yaml", "--joints", "wrist"], "--joints wrist: the joints of the robot are joint_1, "),
+        (["record", "-o", "gone/x.yaml"], "gone/x.yaml: nothing can be written in "),
         (["record", "-o", "x.yaml", "--controller", "leg"], "no joint trajectory controller 'leg' is loaded"),
     ],
 )
 def test_what_cannot_be_played_or_recorded_is_a_sentence(arm, words, text, capsys):
     assert main(["trajectory", *words]) == 2
+    assert text in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "text"),
+    [
+        (["record", "-o", "x.yaml", "--duration", "0.1"], "no joint has moved meanwhile"),
+        (["cancel"], "follows no trajectory; there is nothing to cancel"),
+        (["cancel", "--controller", "joint_state_broadcaster"], "it is no joint trajectory controller"),
+    ],
+)
+def test_where_nothing_is_to_be_done_it_says_so(arm, words, text, capsys):
+    assert main(["trajectory", *words]) == 1
     assert text in capsys.readouterr().err
 
 

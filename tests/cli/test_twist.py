@@ -1,6 +1,7 @@
 import pytest
 from support.mockrobot import running
 
+from canopen_control import Robot
 from canopen_control.cli.main import main
 
 BASE = "robby_base_controller"
@@ -12,6 +13,17 @@ def test_a_base_drives_forward_and_stops():
         joints = robot.status().joints
         assert joints["left_wheel_joint"].position == pytest.approx(joints["right_wheel_joint"].position)
         assert joints["left_wheel_joint"].position > 0
+
+
+def test_a_base_that_can_drives_sideways_and_another_one_says_that_it_cannot(capsys):
+    with Robot.from_config("mecanum", mock=True, name="platform") as robot:
+        robot.start()
+        assert main(["twist", "mecanum_base_controller", "0", "0", "--lateral", "0.2", "--for", "0.3"]) == 0
+        joints = robot.status().joints
+        assert joints["front_left_wheel_joint"].position < 0 < joints["front_right_wheel_joint"].position
+    with running(controllers=[BASE]):
+        assert main(["twist", BASE, "0", "0", "--lateral", "0.2", "--once"]) == 1
+    assert f"{BASE} cannot drive sideways; it takes linear.x and angular.z" in capsys.readouterr().err
 
 
 def test_a_controller_without_twist_refuses(mock_robot, capsys):

@@ -5,8 +5,8 @@ import os
 import pytest
 from support.onbus import TMCM, OnBus
 
-from canopen_control.client.drive_client import DriveClient
-from canopen_control.errors import RemoteError
+from canopen_control.client.drive_client import DriveClient, signal_values
+from canopen_control.errors import ConfigError, RemoteError
 from canopen_control.rpc.messages.drive import GetDriveState, ListFaults, SetPlant, SwitchFault
 from canopen_control.virtual.control import NodeControl
 
@@ -44,3 +44,16 @@ def test_a_drive_that_is_not_there_is_named():
         DriveClient.connect(CHANNEL, 9)
     with pytest.raises(RemoteError, match="the left one is not running"):
         DriveClient.connect(CHANNEL, 9, label="the left one")
+
+
+@pytest.mark.parametrize(
+    ("text", "values"), [("di0=1", {"di0": 1.0}), (" di0 = 1 , ai0=-2.5e3", {"di0": 1.0, "ai0": -2500.0})]
+)
+def test_signals_are_read_as_people_write_them(text, values):
+    assert signal_values(text) == values
+
+
+@pytest.mark.parametrize("text", ["", "di0", "=1", "di0=", "di0=inf", "di0=1,"])
+def test_what_is_no_value_of_a_signal_is_refused(text):
+    with pytest.raises(ConfigError, match="write SIGNAL=NUMBER"):
+        signal_values(text)

@@ -110,3 +110,8 @@ def test_waypoints_rest_at_each_and_come_a_step_apart():
 def test_waypoints_that_are_none_are_told_with_an_example(text):
     with pytest.raises(ConfigError, match=r"is not one position for each of the 2 joints; write it as in: .*0\.1 0\.1"):
         read_waypoints(text, 2, 1.0)
+
+
+def test_a_file_of_too_many_points_is_refused_before_it_is_read(tmp_path):
+    with pytest.raises(ConfigError, match="20001 points are more than the 20000 of a trajectory"):
+        read(tmp_path, "time_from_start: [" * 20_001)

@@ -66,6 +66,11 @@ def test_the_gains_of_each_joint_have_its_name():
     assert rows["constraints.a.goal"].read_only
 
 
+def test_a_controller_without_a_rate_has_the_managers():
+    rows = {each.name: each.value for each in declared_by(GroupParams(), update_rate=50)}
+    assert (rows["update_rate"], rows["use_sim_time"]) == (50, False)
+
+
 def test_before_they_are_read_they_are_those_of_the_file():
     told = {
         each.name: (each.kind, each.value, each.read_only) for each in given_in(Params.of({**WHEELS, "type": "x/Y"}))

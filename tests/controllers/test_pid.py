@@ -14,7 +14,7 @@ NAMES = {"antiwindup_strategy": "anti_windup", "tracking_time_constant": "tracki
 
 def gains(values) -> Gains:
     named = {NAMES.get(key, key): value for key, value in values.items()}
-    return Gains(**{**named, "anti_windup": AntiWindup(named["anti_windup"])})
+    return Gains(**{**named, "anti_windup": AntiWindup(named.get("anti_windup", "undefined"))})
 
 
 def step(pid: Pid, verb, *values) -> float | None:
@@ -79,3 +79,11 @@ def test_an_error_that_is_no_number_gives_none_and_the_next_one_goes_on():
 def test_gains_that_cannot_be_are_refused(wrong):
     with pytest.raises(ValueError, match=r"give|excludes"):
         Gains(1.0, **wrong)
+
+
+@pytest.mark.parametrize(("u_max", "integral"), [(math.inf, math.nan), (0.5, -math.inf)])
+def test_a_back_calculation_without_a_time_constant_raises_nothing(u_max, integral):
+    pid = Pid(Gains(i=1.0, d=0.0, u_max=u_max, anti_windup=AntiWindup.BACK_CALCULATION))
+    pid.integral = 1.0
+    pid.compute(1.0, 0.1)
+    assert same(pid.integral, integral)

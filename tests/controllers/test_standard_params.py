@@ -5,6 +5,7 @@ from canopen_control.controllers.standard_params import (
     RENAMES,
     BroadcasterParams,
     ForwardParams,
+    LoopGains,
     MultiParams,
     SingleParams,
 )
@@ -33,3 +34,18 @@ def test_a_value_is_read_from_the_interface_that_the_map_names():
 
 def test_the_key_of_ros_1_is_the_rate():
     assert Params.of({"publish_rate": 50}).read(BroadcasterParams, RENAMES).update_rate == 50
+
+
+@pytest.mark.parametrize(
+    ("given", "text"),
+    [
+        ({"i": 1.0, "antiwindup_strategy": "back_calculation"}, "give tracking_time_constant"),
+        ({"p": 1.0, "i": 1.0, "d": -1.0, "antiwindup_strategy": "back_calculation"}, "give tracking_time_constant"),
+        ({"p": float("nan")}, "p is nan; give a finite number"),
+        ({"u_clamp_max": -1.0, "u_clamp_min": 1.0}, "give u_min < u_max"),
+    ],
+)
+def test_gains_that_make_a_command_of_no_number_are_refused(given, text):
+    with pytest.raises(RobotConfigError, match=text):
+        Params.of(given).read(LoopGains)
+    assert Params.of({"p": 1.0, "i": 1.0, "antiwindup_strategy": "back_calculation"}).read(LoopGains).p == 1.0

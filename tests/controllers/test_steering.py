@@ -67,6 +67,20 @@ def test_wheels_wait_for_the_steering_where_that_is_wanted():
     assert 0.0 < careful.values()[0] < 0.3 * eager.values()[0]
 
 
+@pytest.mark.parametrize("across", [math.pi / 2, 1.5707, -1.5, 1.2])
+@pytest.mark.parametrize("twist", [[0.5, 0.0], [0.5, 0.25], [-0.2, 0.5]])
+def test_with_the_steering_across_no_wheel_turns_faster_than_the_wanted_curve_needs(across, twist):
+    hardware, control, _ = base(TRICYCLE)
+    hardware.set("s/position", across)
+    control.switch(["base"], now=0)
+    for step in range(3):
+        control.command("base", twist, step * STEP)
+        control.update(step * STEP, 0.01)
+    right, left, steering = hardware.values()
+    assert 0.0 < max(abs(right), abs(left)) <= (abs(twist[0]) + 0.4 * abs(twist[1])) / 0.1 + 1e-9
+    assert steering == pytest.approx(math.atan(twist[1] * 1.2 / twist[0])), "and it is steered away from there"
+
+
 @pytest.mark.parametrize("feedback", [False, True])
 def test_its_sample_tells_wheels_and_commands(feedback):
     hardware, made = play(TRICYCLE, 1.0, [0.5, 0.0], position_feedback=feedback)

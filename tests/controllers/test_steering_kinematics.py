@@ -78,6 +78,47 @@ def test_the_first_position_is_where_it_starts_from_once_that_is_said():
     assert (base.x, base.y, base.linear) == (0.0, 0.0, 0.0)
 
 
+@pytest.mark.parametrize("kind", [TricycleKinematics, AckermannKinematics])
+@given(
+    linear=st.floats(-3.0, 3.0),
+    curvature=st.floats(-4.0, 4.0),
+)
+def test_the_fit_says_the_same_where_the_wheels_agree(kind, linear, curvature):
+    base = kind(0.1, 1.2, 0.8, 0.7)
+    base.fits = True
+    base.command(linear, linear * curvature, open_loop=True)
+    base.update_velocity(base.traction, base.steering, 0.01)
+    assert base.linear == pytest.approx(linear, rel=1e-6, abs=1e-9)
+    assert base.angular == pytest.approx(linear * curvature, rel=1e-6, abs=1e-4)
+
+
+@given(
+    angle=st.floats(-math.pi / 2, math.pi / 2),
+    right=st.floats(-10.0, 10.0),
+    left=st.floats(-10.0, 10.0),
+)
+def test_the_fit_has_no_pole_wherever_the_steering_stands(angle, right, left):
+    base = TricycleKinematics(0.1, 1.2, 0.8)
+    base.fits = True
+    base.update_velocity([right, left], [angle], 0.01)
+    assert abs(base.linear) <= 0.1 * 10.0 * 1.5
+    assert abs(base.angular) <= 0.1 * 20.0 / 0.8 * 1.5
+
+
+def test_bounded_wheels_keep_their_ratio():
+    base = TricycleKinematics(0.1, 1.2, 0.8)
+    base.update_velocity([0.0, 0.0], [1.4], 0.01)
+    base.command(0.5, 0.0, open_loop=False)
+    before = base.traction[0] / base.traction[1]
+    base.bound(0.5, 0.0)
+    assert max(map(abs, base.traction)) == pytest.approx(5.0)
+    assert base.traction[0] / base.traction[1] == pytest.approx(before)
+    base.command(0.5, 0.1, open_loop=True)
+    unbounded = list(base.traction)
+    base.bound(0.5, 0.1)
+    assert base.traction == pytest.approx(unbounded), "the wanted curve itself is not slowed down"
+
+
 def test_two_traction_wheels_stand_where_only_a_turn_is_wanted():
     base = TricycleKinematics(0.1, 1.2, 0.8)
     base.command(0.0, 1.0, open_loop=True)

@@ -81,3 +81,20 @@ def test_a_battery_is_told_in_units(robot):
     robot.start()
     robot.run(1100)
     assert states(robot, *STATES[418]) == [pytest.approx(25.6, abs=1e-3), 25.0, 80.0, 80.0]
+
+
+def test_an_encoder_that_jumps_is_told(tmp_path):
+    keys = {"signals": [{"name": "position", "max_rate": 20.0}]}
+    bench = DeviceBench("sensor-jump", with_device(tmp_path, "generic_cia406.eds", ("position",), keys=keys))
+    try:
+        bench.start()
+        bench.set(velocity=10.0)
+        bench.run(500)
+        assert bench.state("io/position") == pytest.approx(5.0, abs=0.5)
+        bench.device.switches.set("input_jump", True, bench.reactor.now())
+        bench.run(100)
+        assert math.isnan(bench.state("io/position"))
+        (told,) = bench.texts("input_jumped")
+        assert told.startswith("node 5 (io): io/position jumped from")
+    finally:
+        bench.close()

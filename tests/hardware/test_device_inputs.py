@@ -131,3 +131,23 @@ def test_what_no_tpdo_carries_is_asked_for_now_and_then_and_ages():
     assert len(node.asked) == 2
     node.now += 5 * POLL_NS
     assert math.isnan(node.value())
+
+
+def test_what_changes_faster_than_it_can_has_jumped_and_is_told_once():
+    node = Node(Signal("level", *VALUE, max_rate=100.0, unit="m"), {VALUE: 0})
+    for raw in (0, 5, 10):  # 5 in 50 ms
+        assert node.receives(raw) == raw
+        node.now += 50 * MS
+    assert math.isnan(node.receives(16))
+    node.now += S
+    assert math.isnan(node.receives(16))
+    assert node.inputs.jumps == ["io/level jumped from 10 to 16 m: it is nan until the node is booted again"]
+    node.node.boots, node.node.identity.presets[VALUE] = 2, 16
+    assert node.receives(16) == 16.0
+
+
+def test_frames_that_come_together_are_no_jump():
+    node = Node(Signal("level", *VALUE, max_rate=100.0))
+    node.receives(0)
+    node.now += 1
+    assert node.receives(5) == 5.0

@@ -4,6 +4,8 @@ import math
 from types import SimpleNamespace
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from support.virtualbench import T, entry
 
 from canopen_control.cia301.pdo import MappedObject
@@ -74,6 +76,31 @@ def test_what_was_commanded_before_the_node_was_lost_is_void(goes_on):
         assert [line.sends(0.0), line.sends(1.0)] == [0, 4]
     else:
         assert line.sends(1.0) == 4
+
+
+@given(
+    st.lists(st.tuples(st.sampled_from(["command", "lost", "back", "release"]), st.sampled_from([0.0, 1.0, math.nan])))
+)
+def test_whatever_was_before_a_restart_sends_nothing_by_what_stands_commanded(history):
+    line = Line(LAMP)
+    for what, value in history:
+        if what == "command":
+            line.sends(value)
+        elif what == "release":
+            line.output.release()
+        else:
+            line.node.ready = what == "back"
+            line.node.boots += 1
+            line.output.write()
+    line.pdo.start()  # what waited to be sent went with the node
+    standing = line.command.value
+    for ready in (False, True):
+        line.node.ready = ready
+        line.node.boots += ready
+        assert line.sends(standing) is None
+    assert [line.sends(standing) for _ in range(3)] == [None] * 3
+    other = 1.0 if standing != 1.0 else 0.0
+    assert line.sends(other) is not None
 
 
 def test_released_it_takes_its_safe_value_unless_it_keeps_what_it_has():

@@ -3,8 +3,9 @@
 import math
 
 import pytest
-from support.devices import IO, DeviceBench, with_device
+from support.devices import IO, DeviceBench, with_device, with_measured_joint
 
+from canopen_control.data_files import data_path
 from canopen_control.errors import RobotConfigError
 from canopen_control.frame import rpdo_cob_id
 
@@ -76,6 +77,54 @@ def test_an_output_is_not_restored_when_its_node_restarts(io):
     assert io.state("io/do0") == 0.0
     command(io, 0.0, 1.0, 0.0)
     assert [io.terminal("do0"), io.terminal("do1")] == [0.0, 1.0]
+
+
+def test_a_device_that_disappears_is_told_with_what_is_void(io):
+    io.start()
+    command(io, 1.0, 0.0, 2.0)
+    io.power_off(IO)
+    io.run(1500)
+    assert io.texts("device_lost") == [
+        "node 5 (io): lost: its inputs are unknown; of its outputs do0, do1, ao1 are void, "
+        "and not restored until commanded anew"
+    ]
+
+
+def test_the_end_of_the_robot_sends_safe_values_to_a_module_that_knows_no_error_modes(tmp_path):
+    text = data_path("eds", EDS).read_text()
+    for index in ("6206", "6207", "6443", "6444"):
+        text = text.replace(f"[{index}", f"[{int(index, 16) - 0x3000:04X}").replace(f"=0x{index}\n", "=0x3FFF\n")
+    config = with_device(tmp_path, "plain.eds", STATES, commands=COMMANDS)
+    (config / "plain.eds").write_text(text)
+    bench = DeviceBench("device-plain", config, controllers=("outputs",))  # no drive has to come to rest
+    try:
+        bench.start()
+        command(bench, 1.0, 1.0, 2.0)
+        bench.robot.shutdown("the test")
+        bench.run(300)
+        assert bench.robot.nodes["io"].sent[0].count == 2  # the command and the safe values
+        assert [bench.terminal(name) for name in COMMANDS] == [0.0] * 3
+    finally:
+        bench.close()
+
+
+def test_what_moves_an_axis_is_not_commanded_past_its_joint(tmp_path):
+    part = '<param name="device_name">left_drive</param><command_interface name="0x6040:00"/>'
+    with pytest.raises(RobotConfigError, match=r"'0x6040:00' of drive .* moves an axis; a joint commands it"):
+        DeviceBench("device-axis", with_device(tmp_path, EDS, (), parameters=part, name="io"))
+
+
+def test_a_joint_that_an_encoder_measures_stands_in_joint_states(tmp_path):
+    bench = DeviceBench("device-joint", with_measured_joint(tmp_path))
+    try:
+        bench.set(position=0.5)
+        bench.start()
+        bench.run(100)
+        sample = bench.robot.manager.running.samples(0)["joint_state_broadcaster"]
+        assert "arm_joint" in sample.names
+        assert sample.joints["arm_joint"]["position"] == pytest.approx(0.5, abs=1e-3)
+    finally:
+        bench.close()
 
 
 def test_outputs_take_their_error_values_when_the_master_dies(io):

@@ -4,11 +4,13 @@ import math
 from dataclasses import replace
 
 import pytest
+from support.busalone import AloneBench, write_drives
 from support.generic import write_generic
 from support.robots import Bench, copy_robby
 
 from canopen_control.cia402.modes import OperationMode
 from canopen_control.errors import DriveError, RobotConfigError, UnsupportedMode
+from canopen_control.hardware.joint import Action
 from canopen_control.hardware.joint_targets import choose_mode, listed_modes
 
 
@@ -136,3 +138,27 @@ def test_outputs_must_be_mapped(bench, tmp_path):
     config = copy_robby(tmp_path, description={'<command_interface name="velocity"/>': new})
     with pytest.raises(RobotConfigError, match="0x60FE"):
         bench(config)
+
+
+def test_a_target_begins_with_a_mode_in_which_the_drive_makes_the_ramp_or_with_that_of_bus_yml(tmp_path):
+    for number, (modes, first) in enumerate([("", "PP"), ("velocity_mode: 9", "CSV"), ("effort_mode: 4", "TQ")]):
+        folder = tmp_path / str(number)
+        folder.mkdir()
+        drives = AloneBench(f"firstmode{number}", config=write_drives(folder, modes=modes), drives=(2, 3))
+        drives.start()
+        assert drives.joint(2).targets.mode is None  # a claim alone asks for nothing
+        drives.enable("drive_one")
+        assert drives.joint(2).targets.mode is OperationMode[first]
+        drives.close()
+
+
+def test_a_mode_without_a_target_or_without_an_rpdo_is_refused_where_targets_are_given(tmp_path):
+    config = write_drives(tmp_path)
+    bus = config / "bus.yml"
+    bus.write_text(bus.read_text().replace("{index: 0x6071}, ", ""))
+    drives = AloneBench("nomode", config=config, drives=(2, 3))
+    drives.start()
+    for mode, words in (("HM", "takes no target"), ("CST", "0x6071")):
+        assert words in drives.axis(Action.MODE, "drive_one", mode=mode)
+    drives.mode("CSV")
+    drives.close()

@@ -5,8 +5,10 @@ import math
 from hypothesis import given
 from hypothesis import strategies as st
 from support.control import Hardware, same
+from support.robots import Bench
 
 from canopen_control.hardware.interfaces import ReturnType
+from canopen_control.hardware.joint import Action
 from canopen_control.hardware.transmitted_system import TransmittedSystem
 from canopen_control.urdf.transmission import Transmission
 
@@ -57,3 +59,44 @@ def test_no_command_stays_none_and_the_lifecycle_is_the_components():
     assert outer.simulated_ns is None
     inner.simulated_ns = 5
     assert outer.simulated_ns == 5
+
+
+def test_what_no_transmission_turns_is_the_components_own():
+    inner, outer = system(Transmission("t", "j", "m", 2.0, 0.0))
+    assert outer.command_interfaces[2] is inner.command_interfaces[2]
+    assert outer.state_interfaces[3] is inner.state_interfaces[3]
+    assert outer.command_interfaces[0] is not inner.command_interfaces[0]
+
+
+def test_a_joint_says_that_its_drive_follows_no_commands():
+    inner, outer = system(Transmission("t", "j", "m", 2.0, 0.0))
+    for enabled in (False, True):
+        inner.command_interfaces[0].enabled = enabled
+        outer.command_interfaces[0].set_aside = True
+        outer.read(0, 0.01)
+        assert outer.command_interfaces[0].enabled is enabled
+    assert not outer.command_interfaces[0].set_aside
+
+
+def test_a_wheel_behind_a_gear_does_not_turn_on_by_an_enable_with_the_command_from_before_its_fault():
+    bench = Bench("transmitted", config="mobile_base_ros1", drives=(2, 3), controllers=["wheels_velocity_controller"])
+    try:
+        bench.start()
+        bench.until(lambda: all(joint.enabled for joint in bench.robot.joints.values()))
+        bench.robot.command("wheels_velocity_controller", [0.3, 0.3], "test")
+        bench.run(300)
+        assert abs(bench.speed(2)) > 10000
+        switches = bench.drives[2].switches
+        for on in (True, False):
+            switches.set("drive_fault", on, bench.reactor.now())
+            bench.run(200)
+        for action in (Action.FAULT_RESET, Action.ENABLE):
+            bench.robot.axis(action, "all", lambda _error: None)
+            bench.run(300)
+        assert all(joint.enabled for joint in bench.robot.joints.values())
+        assert (bench.speed(2), bench.speed(3)) == (0, 0)
+        bench.robot.command("wheels_velocity_controller", [0.3, 0.3], "test")
+        bench.run(300)
+        assert abs(bench.speed(2)) > 10000
+    finally:
+        bench.close()

@@ -6,6 +6,7 @@ import pytest
 from support.configs import ROBOTS, changed
 from support.robots import Bench
 
+from canopen_control.errors import ControlError
 from canopen_control.host.reactor import Reactor
 from canopen_control.host.timer import ManualClock
 from canopen_control.runtime.core import RobotCore, RobotState
@@ -140,6 +141,49 @@ def test_a_forklift_steers_with_its_rear_wheel_and_knows_where_it_is():
     assert steering == pytest.approx(math.atan(0.25 * 1.2 / 0.5), abs=1e-3), "the angle is held"
     assert stood.linear == 0.0
     assert math.hypot(stood.x, stood.y) > 2.0
+    bench.close()
+
+
+def test_a_forklift_drives_off_with_its_steering_across_and_does_not_lose_its_way():
+    base = "forklift_base_controller"
+    bench, moving, _ = driven("forklift", (2, 3, 4), base, [0.0, 1.0], 1.5)
+    assert bench.robot.registry.state("steering_joint/position").value == pytest.approx(math.pi / 2, abs=1e-3)
+    assert (moving.x, moving.y, moving.heading) == (0.0, 0.0, 0.0)
+    for _ in range(15):
+        bench.robot.command(base, [0.5, 0.0], "test")
+        bench.run(100)
+        speeds = [bench.robot.registry.state(f"{side}_traction_joint/velocity").value for side in ("right", "left")]
+        assert max(map(abs, speeds)) < 0.5 / 0.15 * 1.01
+    right, left = (bench.robot.registry.state(f"{side}_traction_joint/position").value for side in ("right", "left"))
+    told = bench.robot.manager.get(base).sample(0)
+    assert told.heading == pytest.approx((right - left) * 0.15 / 0.9, rel=0.15)
+    assert told.linear == pytest.approx(0.5, rel=0.01)
+    bench.close()
+
+
+def test_a_forklift_whose_steering_is_lost_stands_and_goes_on_with_a_newer_twist_once_it_is_enabled():
+    base = "forklift_base_controller"
+    bench = Bench("lost", config="forklift", drives=(2, 3, 4))
+    bench.start()
+    for _ in range(20):
+        bench.robot.command(base, [0.5, 0.25], "test")
+        bench.run(100)
+    bench.power_off(4)
+    bench.run(3000)
+    assert bench.speed(2) == bench.speed(3) == 0
+    with pytest.raises(ControlError, match="steering"):
+        bench.robot.command(base, [0.5, 0.25], "test")
+    bench.power_on(4)
+    bench.run(3000)
+    for joint in bench.robot.joints.values():
+        joint.enable()
+    bench.run(1000)
+    assert bench.speed(2) == bench.speed(3) == 0, "nothing moves before a newer twist"
+    assert bench.robot.manager.states[base] == "active"
+    assert bench.drives[4].get(0x6064) == 0, "the drive, which began anew, is held where it is"
+    bench.robot.command(base, [0.5, 0.25], "test")
+    bench.run(300)
+    assert bench.speed(2) > 0
     bench.close()
 
 

@@ -38,7 +38,7 @@ from canopen_control.rpc.messages.hub import ClearFaults, GetHubStatus
 
 FORWARD, BASE = "robby_forward_controller", "robby_base_controller"
 #: Verbs that bring what they need, and so run where nothing else does.
-ALONE = ("run", "demo", "drive")
+ALONE = ("run", "demo", "drive", "device")
 #: But not with this: it asks what runs, and ends.
 ASKING = "--status"
 #: What does not end by itself, by its first words -> what it says when it works ("": it says nothing then).
@@ -46,6 +46,7 @@ ENDLESS = {
     ("run",): r" runs: ",
     ("demo",): r"^running, cycle",
     ("drive",): r"ready on",
+    ("device",): r"ready on",
     ("status", "--watch"): r"^running, cycle",
     ("trace", "--events"): r"",
     ("trace", "--node"): r"sdo",

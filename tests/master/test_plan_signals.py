@@ -101,6 +101,7 @@ MISTAKES = """\
       - {name: g, object: "0x6401:01", offset: .inf}
       - {name: di0, safe: 1}
       - {name: di0}
+      - {name: do1, max_rate: 5}
 """
 
 
@@ -119,6 +120,7 @@ def test_all_mistakes_are_told_at_once_with_their_places(tmp_path):
         (14, "inf gives no value: a finite number is wanted"),
         (15, "di0 is an input; only an output has a value without the master"),
         (16, "a second signal 'di0'; name each once"),
+        (17, "do1 is an output; only an input can jump"),
     ):
         assert any(f"bus.yml:{line}:" in each and text in each for each in said.splitlines()), text
 

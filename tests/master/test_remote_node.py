@@ -113,3 +113,22 @@ def test_an_error_that_is_reset_is_forgotten(robby):
     robby.run(20)
     assert left(robby).error is None
     assert robby.texts("emcy_reset")
+
+
+def test_a_reset_that_is_to_boot_it_again_does(robby):
+    boots = left(robby).boots
+    left(robby).command(NmtCommand.RESET_NODE, robby.reactor.now(), boot=True)
+    robby.robot.buses["can"].send_waiting()
+    assert not left(robby).ready
+    robby.until(lambda: left(robby).ready)
+    assert left(robby).boots == boots + 1
+    assert robby.texts("restarted") == []
+
+
+def test_a_node_that_does_not_come_back_from_its_reset_is_looked_for(robby):
+    robby.power_off(LEFT)
+    left(robby).command(NmtCommand.RESET_NODE, robby.reactor.now(), boot=True)
+    robby.robot.buses["can"].send_waiting()
+    robby.run(10_000)
+    robby.power_on(LEFT)
+    robby.until(lambda: left(robby).ready)

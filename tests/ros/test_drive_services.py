@@ -17,6 +17,7 @@ NODES = [
     {"name": "right_drive", "node_id": 2, "namespace": "/test1", "remappings": {"~/init": "/start"}},
 ]
 NODES.append({"name": "odd", "node_id": 9, "remappings": {"~/init": "/no name"}})  # it has none, the others have
+NODES.append({"name": "terminals", "node_id": 7})
 NODES.append({"name": "arm", "node_id": 5, "channel_names": ["shoulder"]})
 NODE_STATES = {"arm": {**ros.node(5, "left"), "axes": [{"joint": "left", "axis": 0}, {"joint": "right", "axis": 1}]}}
 TRIGGER, TARGET = "std_srvs/srv/Trigger", "canopen_interfaces/srv/COTargetDouble"
@@ -128,3 +129,15 @@ def test_a_target_is_refused_without_a_controller_or_when_it_is_no_number(fresh,
     fresh.robot.switch(forward="inactive")
     assert ros.eventually(lambda: call("/left_drive/target", TARGET, target=1.0) == {"success": False})
     assert all(math.isfinite(each["values"][0]) for each in fresh.robot.commands())
+
+
+def test_a_node_that_moves_nothing_has_the_services_of_a_proxy_alone(fresh, call):
+    assert call("/terminals/nmt_start_node")["success"]
+    services = fresh.peer.order("graph")["services"]
+    own = {name.rpartition("/")[2] for name in services if name.startswith("/terminals/")}
+    assert own == {"nmt_reset_node", "nmt_start_node", "sdo_read", "sdo_write", "get_objects", "set_objects"}
+
+
+def test_a_reset_is_asked_for_with_the_boot_after_it(fresh, call):
+    assert call("/terminals/nmt_reset_node")["success"]
+    assert fresh.robot.commands("nmt") == [{"node": "terminals", "command": "reset-node", "boot": True}]

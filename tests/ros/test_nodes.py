@@ -91,3 +91,10 @@ def test_any_name_becomes_one_that_ros_allows(name):
     made = ros_name(name)
     assert made.isascii()
     assert made.isidentifier()
+
+
+def test_a_node_that_moves_nothing_is_a_proxy_and_may_be_a_drive_all_the_same():
+    assert (only().joints, only().is_drive) == ((), False)
+    assert only(axes=1).is_drive
+    assert only(joints=["left_wheel_joint"]).joints == ("left_wheel_joint",)
+    assert two_axes().joints == ("shoulder", "elbow")

@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 import pytest
-from support.ros import run_ros
+from support.ros import domain, run_ros
 
 pytestmark = pytest.mark.ros
 
@@ -31,3 +31,26 @@ assert type(rcl.make_executor(context)).__name__ == "SingleThreadedExecutor"
 context.shutdown()
 """
     assert run_ros(code) == ""
+
+
+FURTHER = """
+from canopen_control.ros.rcl import further_node, start
+from std_msgs.msg import String
+arguments = ["--ros-args", "-r", "__node:=first", "-r", "chatter:=/all", "-p", "use_sim_time:=false"]
+context, node = start("bridge", "two", arguments)
+own = further_node("base", context, node.get_namespace(), ["--ros-args", "-r", "~/cmd_vel:=/cmd_vel"])
+names = [each.get_fully_qualified_name() for each in (node, own)]
+topics = [own.create_publisher(String, name, 1).topic_name for name in ("base/cmd_vel", "chatter", "base/odom")]
+print(names, topics, sorted(name for name, _ in own.get_service_names_and_types_by_node("base", "/two")))
+try:
+    further_node("no-node", context, "/two")
+except Exception as error:
+    print(type(error).__name__)
+"""
+
+
+def test_a_further_node_keeps_its_name_and_has_remappings_of_its_own_beside_those_of_all():
+    with domain() as number:
+        names, error = run_ros(FURTHER, number).splitlines()
+    assert names == "['/two/first', '/two/base'] ['/cmd_vel', '/all', '/two/base/odom'] []"
+    assert error == "InvalidNodeNameException"

@@ -23,7 +23,7 @@ def test_a_request_has_its_number_method_and_parameters():
     assert json.loads(line) == {
         "id": 7,
         "method": "command",
-        "params": {"controller": "c", "values": [1.0], "source": None, "dead_man": False},
+        "params": {"controller": "c", "values": [1.0], "source": None, "dead_man": False, "interface": None},
     }
     assert line.endswith(b"\n")
     assert b'"id"' not in wire.request_line(None, "status", {})

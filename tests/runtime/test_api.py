@@ -2,6 +2,7 @@
 
 import pytest
 from support.apiclient import Client
+from support.busalone import AloneBench, write_drives
 from support.robots import FORWARD, LEFT, RIGHT, Bench
 
 from canopen_control.runtime import api
@@ -258,3 +259,25 @@ def test_those_who_watch_or_hold_leave_places_for_the_others(client, robby, monk
     assert "end one of them" in other.ask("command", **twist, dead_man=True)["error"]["message"]
     assert other.ask("command", **twist)["result"] == {}
     other.close()
+
+
+def test_values_that_are_taken_for_something_else_than_they_are_now_are_refused(tmp_path):
+    drives = AloneBench("target", config=write_drives(tmp_path), drives=(2, 3))
+    drives.api = ApiServer(drives.robot)
+    drives.start()
+    client = Client(drives)
+    drives.enable("drive_one")
+    drives.mode("PV")
+    drives.run(50)
+    speed = {"controller": "drive_one", "values": [2.0], "interface": "velocity"}
+    assert client.ask("command", **speed)["result"] == {}
+    drives.mode("PP")
+    drives.run(50)
+    here = drives.at("position")
+    assert "takes a position now and no velocity" in client.ask("command", **speed)["error"]["message"]
+    drives.run(1000)
+    assert drives.at("position") == pytest.approx(here, abs=0.05)
+    assert "no controller" in client.ask("command", **{**speed, "controller": "nobody"})["error"]["message"]
+    client.close()
+    drives.api.close()
+    drives.close()

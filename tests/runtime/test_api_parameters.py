@@ -30,6 +30,7 @@ def test_a_controllers_parameters_have_types_and_say_what_may_be_set(client, bas
     assert "read_only" not in found["cmd_vel_timeout"]
     assert (found["cmd_vel_timeout"]["low"], found["cmd_vel_timeout"]["high"]) == (0.0, 1e9)
     assert read(client, FORWARD)["interface_name"]["value"] == "velocity"
+    assert read(client, FORWARD)["update_rate"]["value"] == 50, "the manager's"
 
 
 def test_what_is_set_is_read_back_and_reaches_the_controller(robby, client, base):

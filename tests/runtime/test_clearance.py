@@ -1,6 +1,7 @@
 """Clearance: a pass is for these files and these drives, and without one it is slow."""
 
 import pytest
+from support.devices import with_measured_joint
 from support.robots import Bench, copy_robby
 from support.samples import status_dict
 
@@ -136,3 +137,11 @@ def test_serial_numbers_are_asked_of_the_drives(private_folders):
         assert read_serials(setup) == {"left_drive": 3, "right_drive": None}
     finally:
         stage.end()
+
+
+@pytest.mark.usefixtures("private_folders")
+def test_a_joint_that_is_only_measured_is_no_doubt(tmp_path, monkeypatch):
+    setup = setup_of(with_measured_joint(tmp_path))
+    monkeypatch.setattr(clearance, "read_serials", lambda _setup: SERIALS)
+    keep_pass(setup, SERIALS, JOINTS)
+    assert doubt(setup) is None

@@ -52,6 +52,19 @@ def test_what_the_user_gives_is_for_the_launch_file_where_it_has_that_else_for_x
     assert launched_robot(path, {"use_mock_hardware": "true"}).arguments["use_mock_hardware"] == "true"
 
 
+def test_a_mistyped_argument_of_the_launch_file_is_refused_with_the_nearest(tmp_path):
+    path = make_package(tmp_path)
+    first = str(path.parents[1] / "config" / "first")
+    with pytest.raises(
+        RobotConfigError, match=r"no argument 'mok' of the launch file or of robby.*did you mean 'mock'"
+    ):
+        find_robot(first, launch=str(path), arguments=["mok:=true"])
+    assert find_robot(first, launch=str(path), arguments=["use_mock_hardware:=true"]).arguments == {
+        "use_mock_hardware?": "false",
+        "use_mock_hardware": "true",
+    }
+
+
 def test_an_argument_without_a_value_is_left_to_xacro(tmp_path):
     path = make_package(
         tmp_path, LAUNCH.replace('"use_mock_hardware:=", mock', '"a:=", LaunchConfiguration("channel")')

@@ -68,6 +68,16 @@ def test_a_text_is_followed_through_what_launch_files_write(expression, text):
     assert texts(f'WHERE = "here"\nx({expression})\n') == [text]
 
 
+def test_a_xacro_that_the_file_processes_itself_is_the_same_command():
+    source = (
+        'import xacro\nGIVEN = {"prefix": "left right", "mock": LaunchConfiguration("mock"), "side": f()}\n'
+        'doc = xacro.process_file(os.path.join(get_package_share_directory("p"), "a.urdf.xacro"), mappings=GIVEN)\n'
+    )
+    assert texts(source) == ["xacro $(find p)/a.urdf.xacro prefix:='left right' mock:=$(var mock)"]
+    assert computed(source) == [(2, "an argument of xacro")]
+    assert texts('xacro.process_file(f() + "a.xacro")') == ["a.xacro"]
+
+
 @pytest.mark.parametrize(
     "expression", ['glob("*.yaml")[0]', 'open("x").read() + ".yaml"', 'TWICE + "/b.yaml"', 'given + "/b.yaml"']
 )
@@ -89,6 +99,12 @@ def test_names_that_are_computed_are_told_with_their_lines():
 
 def test_names_that_stand_for_each_other_end():
     assert texts('A = B\nB = A\nx(A + ".yaml")\n') == [".yaml"]
+
+
+def test_names_that_double_each_other_end_too():
+    lines = [f"A{n} = A{n - 1} + A{n - 1}\n" for n in range(1, 39)]
+    assert texts("".join(['A0 = "ab"\n', *lines, 'x(A38 + ".yaml")\n'])) == [".yaml"]
+    assert texts("".join(['A0 = "ab"\n', *lines, 'x(A2 + ".yaml")\n'])) == ["abababab.yaml"]
 
 
 @pytest.mark.parametrize(("source", "line"), [("def f(:\n", 1), ("x = 1\n  y = 2\n", 2), ("a\0b", 1)])

@@ -138,6 +138,22 @@ def test_bus_files_are_found_without_the_rest_of_a_robot(tmp_path):
         find_buses(None)
 
 
+def test_a_bus_file_alone_is_a_bus_without_controllers(tmp_path):
+    files = find_robot(str(robot(tmp_path / "cell", "bus.yml", "bus_arm.yml")))
+    assert files.bus_alone
+    assert files.controllers == files.description == tmp_path / "cell" / "bus.yml"
+    assert list(files.buses) == ["can", "arm"]
+    assert find_robot(None, bus=str(tmp_path / "cell" / "bus.yml")).bus_alone
+
+
+@pytest.mark.parametrize("names", [("bus.yml", "x.urdf"), ("bus.yml", "ros2_controllers.yaml"), ("bus_arm.yml",)])
+def test_half_of_a_robot_is_no_bus_without_controllers(tmp_path, names):
+    with pytest.raises(RobotConfigError):
+        find_robot(str(robot(tmp_path / "r", *names)))
+    assert not find_robot("robby").bus_alone
+    assert not find_robot("diffbot_sim").bus_alone
+
+
 def test_arguments_of_the_description_are_pairs(tmp_path):
     folder = robot(tmp_path / "r", "bus.yml", "ros2_controllers.yaml", "x.urdf.xacro")
     files = find_robot(str(folder), arguments=["prefix:=a:=b", "side:=", "prefix:=c"])

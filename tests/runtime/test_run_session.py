@@ -2,6 +2,7 @@ import os
 import sys
 
 import pytest
+from support.busalone import write_drives, write_io
 
 from canopen_control.errors import CanopenError, ConfigError, RobotConfigError
 from canopen_control.host.reactor import Reactor
@@ -123,3 +124,18 @@ def test_a_robot_whose_drives_are_ready_boots_when_it_has_heard_them(monkeypatch
     heard.append(True)
     assert session.reactor.run_until(lambda: session.robot.pacer.running, 3_000_000_000)
     session.close()
+
+
+@pytest.mark.parametrize(("write", "nodes", "said"), [(write_drives, 2, True), (write_io, 1, False)])
+def test_a_demo_of_a_bus_without_controllers_moves_nothing_and_says_how(tmp_path, write, nodes, said):
+    found = read_robot(find_robot(str(write(tmp_path))), name="alone", can=["memory:alone"])
+    session = Session(found, RunOptions(duration=0.3, motion=True), reactor=Reactor())
+    events = []
+    session.robot.on_event = events.append
+    try:
+        assert session.run() is None
+        assert len(session.robot.nodes) == nodes
+        assert session.robot.commander is None
+        assert any(event.kind == "demo" and "axis enable" in event.text for event in events) is said
+    finally:
+        session.close()

@@ -113,6 +113,15 @@ def test_peer_merge_reaches_the_plan(tmp_path):
     assert read_robot(files, peer_merge=True).bus.nodes["left_drive"].supervision.heartbeat_producer == 100
 
 
+def test_one_option_accepts_drives_that_nothing_would_stop(tmp_path):
+    files = find_robot(str(copy_robby(tmp_path, bus={"heartbeat_consumer: true": "heartbeat_consumer: false"})))
+    with pytest.raises(ConfigError, match="or --allow-unsupervised"):
+        read_robot(files)
+    setup = read_robot(files, allow_unsupervised=True)
+    assert all(node.supervision.allow_unsupervised for node in setup.bus.nodes.values())
+    assert any("nothing stops this drive when the master dies" in each for each in setup.notes)
+
+
 @pytest.mark.parametrize("where", ["controller_manager", "robby_base_controller"])
 def test_use_sim_time_without_a_simulation_is_told_to_do_nothing(tmp_path, where):
     head = f"{where}:\n  ros__parameters:\n"

@@ -160,3 +160,21 @@ def test_a_robot_that_is_commanded_positions_is_slow_too():
 
 def positions(bench):
     return [bench.robot.registry.state(f"{joint}/position").value for joint in bench.robot.joints]
+
+
+@pytest.mark.parametrize(
+    ("quantity", "wanted", "left"),
+    [("velocity", 5.0, 1.0), ("velocity", -5.0, -1.0), ("velocity", 0.5, 0.5), ("velocity", math.nan, math.nan),
+     ("position", 5.0, PERIOD), ("position", math.nan, math.nan), ("effort", 5.0, 0.0), ("target", math.nan, math.nan)],
+)  # fmt: skip
+def test_a_target_is_capped_as_what_the_mode_makes_of_it(quantity, wanted, left):
+    registry, cap = capped(["target"], position=0.0, velocity=2.0)
+    command = registry.of("target")
+    command.quantity, command.value = quantity, wanted
+    cap.enforce(PERIOD)
+    assert command.value == pytest.approx(left, nan_ok=True)
+    assert cap.unlimited == []
+
+
+def test_a_target_of_which_nobody_knows_where_the_joint_is_is_named():
+    assert capped(["target"], velocity=0.0)[1].unlimited == ["joint/target"]

@@ -2,9 +2,11 @@
 
 from pathlib import Path
 
+import pytest
 import yaml
 from support.drive_shapes import modes, shape
 
+from canopen_control.scaffold import bases
 from canopen_control.scaffold.controllers_text import controllers_text
 from canopen_control.scaffold.new_robot import Device, plan_robot
 
@@ -46,3 +48,27 @@ def test_odometry_is_of_what_the_drives_tell():
     keys = keys_of(shape(**blind), shape(**blind), base="diff")
     assert keys["base_controller"]["ros__parameters"]["open_loop"] is True
     assert "joint_state_broadcaster" not in keys["controller_manager"]["ros__parameters"]
+
+
+@pytest.fixture
+def every_base(monkeypatch):
+    """Let every controller of a base be there."""
+    monkeypatch.setattr(bases, "TYPES", {base.type_name for base in bases.BASES.values()})
+
+
+@pytest.mark.usefixtures("every_base")
+def test_a_tricycle_names_its_wheels_from_right_to_left_and_its_steering():
+    keys = keys_of(*[shape()] * 3, base="tricycle")
+    parameters = keys["base_controller"]["ros__parameters"]
+    assert parameters["traction_joints_names"] == ["right_wheel_joint", "left_wheel_joint"]
+    assert parameters["steering_joints_names"] == ["steering_joint"]
+    assert parameters["reference_timeout"] == 0.5
+    assert keys["position_controller"]["ros__parameters"]["joints"] == ["steering_joint"]
+
+
+@pytest.mark.usefixtures("every_base")
+def test_a_mecanum_base_names_each_wheel_and_knows_no_other_odometry():
+    parameters = keys_of(*[shape()] * 4, base="mecanum")["base_controller"]["ros__parameters"]
+    assert parameters["rear_left_wheel_command_joint_name"] == "rear_left_wheel_joint"
+    assert parameters["kinematics.sum_of_robot_center_projection_on_X_Y_axis"] == 0.3
+    assert not {"open_loop", "position_feedback", "cmd_vel_timeout"} & parameters.keys()

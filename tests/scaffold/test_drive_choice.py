@@ -75,3 +75,9 @@ def test_a_dictionary_without_a_controlword_is_no_drive():
 
 def test_of_several_axes_the_first_is_used_and_all_are_counted():
     assert choose_drive(shape(axes=2)).axes == 2
+
+
+@pytest.mark.parametrize(("index", "why"), [(0x6060, "is chosen"), (0x6061, "nothing is enabled without")])
+def test_a_drive_without_a_mode_of_operation_is_refused(index, why):
+    with pytest.raises(RobotConfigError, match=f"no 0x{index:04X}, by which .*{why}"):
+        choose_drive(shape(drop=(index,)))

@@ -5,7 +5,9 @@ from pathlib import Path
 import pytest
 from support.drive_shapes import shape
 
+from canopen_control.data_files import data_path
 from canopen_control.errors import RobotConfigError
+from canopen_control.od.eds import read_eds
 from canopen_control.scaffold.new_robot import Device, plan_robot
 
 
@@ -60,6 +62,12 @@ def test_a_device_that_is_no_drive_has_no_joint():
     assert [(node.name, node.joint) for node in robot.nodes] == [("device_4", ""), ("joint_1_drive", "joint_1")]
     with pytest.raises(RobotConfigError, match=r"1 joints for 0 drives \(1 of the 1 nodes are no drives\)"):
         plan_robot("cell", [module(4)], joints=["lamp"])
+
+
+@pytest.mark.parametrize(("number", "name"), [(401, "io_9"), (404, "sensor_9"), (406, "encoder_9"), (418, "battery_9")])
+def test_a_device_is_called_by_its_profile(number, name):
+    path = data_path("eds", f"generic_cia{number}.eds")
+    assert plan_robot("cell", [Device(9, path, read_eds(path, 9).od)]).nodes[0].name == name
 
 
 def test_the_master_takes_an_id_that_is_free():

@@ -8,11 +8,13 @@ from support.eds import DEVIATIONS
 from support.robots import Bench
 
 from canopen_control.cia402.state import State
+from canopen_control.controllers.types import TYPES
 from canopen_control.data_files import data_path
 from canopen_control.errors import RobotConfigError
 from canopen_control.od.eds import read_eds
 from canopen_control.runtime.check import CheckOptions, check_robot
 from canopen_control.runtime.robot_files import find_robot
+from canopen_control.scaffold.bases import BASES
 from canopen_control.scaffold.new_robot import Device, plan_robot
 from canopen_control.scaffold.robot_folder import write_robot
 
@@ -81,23 +83,36 @@ def test_a_drive_that_nothing_stops_needs_a_word(tmp_path, what):
     assert "allow_unsupervised: true" in (written.folder / "bus.yml").read_text()
 
 
-def test_a_base_of_two_drives_passes_strictly_and_drives_forward(tmp_path):
+BUILT = [name for name, base in BASES.items() if base.type_name in TYPES]
+
+
+@pytest.mark.parametrize("name", BUILT)
+def test_a_base_passes_strictly_and_drives_forward(tmp_path, name):
     eds = data_path("eds", "generic_cia402.eds")
-    written = new_robot(tmp_path, eds, node_ids=(2, 3), base="diff")
+    ids = tuple(range(2, 2 + len(BASES[name].shapes[0])))
+    written = new_robot(tmp_path, eds, node_ids=ids, base=name)
     assert written.warnings == ()
-    bench = Bench("scaffold_base", config=str(written.folder), drives=(2, 3))
+    bench = Bench(f"scaffold_{name}", config=str(written.folder), drives=ids)
     try:
         bench.start()
-        for _ in range(20):
-            bench.robot.command("base_controller", [0.2, 0.0], "test")
+        values = [0.2, 0.0, 0.0] if name == "mecanum" else [0.2, 0.0]
+        for _ in range(15):
+            bench.robot.command("base_controller", values, "test")
             bench.run(100)
-        odometry = bench.robot.manager.get("base_controller").odometry
-        left, right = (bench.drives[node_id].drives[0].mover.plant.position for node_id in (2, 3))
+        speeds = {joint.joint: joint.states["velocity"].value for joint in bench.robot.joints.values()}
+        plants = [bench.drives[node_id].drives[0].mover.plant.position for node_id in ids[:2]]
     finally:
         bench.close()
-    assert 0.25 < odometry.x < 0.45
-    assert odometry.y == pytest.approx(0.0, abs=0.01)
-    assert left < 0 < right  # the left motor is mounted mirrored
+    wheels = [speed for joint, speed in speeds.items() if joint.endswith("wheel_joint")]
+    assert wheels == pytest.approx([0.2 / 0.05] * len(wheels), rel=0.02)
+    assert plants[0] < 0 < plants[1]  # the left motor is mounted mirrored
+
+
+@pytest.mark.parametrize("number", [401, 404, 406, 410, 418])
+def test_a_drive_and_a_device_beside_it_pass_strictly(tmp_path, number):
+    files = [data_path("eds", name) for name in ("generic_cia402.eds", f"generic_cia{number}.eds")]
+    written = new_robot(tmp_path, *files, node_ids=(2, 4))
+    assert check_robot(find_robot(str(written.folder)), CheckOptions()).passes(strict=True)
 
 
 def test_two_files_of_one_name_get_two_names(tmp_path):

@@ -11,7 +11,7 @@ from support.virtualbench import Bench as NodeBench
 from canopen_control.data_files import data_path
 from canopen_control.virtual.device import make_device
 
-__all__ = ["IO", "DeviceBench", "put", "virtual", "with_device"]
+__all__ = ["IO", "DeviceBench", "put", "virtual", "with_device", "with_measured_joint"]
 
 IO = 5
 _ANCHOR = '    <xacro:drive side="right"/>\n'
@@ -49,6 +49,20 @@ def with_device(folder, eds, part, *, commands=(), keys=None, name="io", tag="gp
         own += OUTPUTS.format(name="outputs", part=name, interfaces=", ".join(commands))
     anchor = "    robby_forward_controller:\n"
     control.write_text(control.read_text().replace(anchor, loaded + anchor, 1) + own)
+    return config
+
+
+def with_measured_joint(folder):
+    """Copy robby with an encoder that measures a joint of an arm, `arm_joint`."""
+    config = with_device(folder, "generic_cia406.eds", ("position", "velocity"), name="encoder")
+    description = config / "robby.urdf.xacro"
+    text = description.read_text().replace('<gpio name="encoder">', '<joint name="arm_joint">ENCODER')
+    text = text.replace("</gpio>", "</joint>").replace("ENCODER", '<param name="device_name">encoder</param>')
+    arm = '<link name="arm"/><joint name="arm_joint" type="continuous">'
+    arm += '<parent link="base_link"/><child link="arm"/></joint>'
+    description.write_text(text.replace("</robot>", f"{arm}</robot>"))
+    control = config / "ros2_controllers.yaml"
+    control.write_text(control.read_text().replace("joints: [encoder]", "joints: [arm_joint]"))
     return config
 
 

@@ -19,6 +19,7 @@ NOT_RUN = {
     r"\budp_can:": "an adapter that is installed first: tests/docs/test_adapter_howto.py",
     r"--realtime": "a processor for itself: tests/runtime/test_realtime.py",
     r"^trajectory\b": "an arm: tests/cli/test_trajectory.py has one",
+    r"^device .*--status|\bdi\d=": "an I/O module beside the robot: tests/cli/test_device.py has one",
     r"^bench\b": "minutes of measuring: tests/bench runs every family of it",
 }
 #: Other programs in the blocks of the pages -> why they are not run from there.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import yaml
 from support.robots import copy_robby
 
-__all__ = ["EDS_TEXT", "IO", "with_io_module"]
+__all__ = ["EDS_TEXT", "IO", "eds_of", "io_eds", "with_io_module"]
 
 IO = 5
 _OBJECTS = {
@@ -28,16 +28,23 @@ def _outputs(index):
     return [{"index": index, "sub_index": subindex} for subindex in (1, 2)]
 
 
-def _eds():
-    optional = [name for name in (*_OBJECTS, *_RECORDS) if name not in ("1000", "1001", "1018")]
-    text = "[FileInfo]\nFileName=io.eds\n[DeviceInfo]\nNrOfRXPDO=2\nNrOfTXPDO=0\nGranularity=8\n"
+def io_eds():
+    """Return its EDS."""
+    return eds_of("io.eds", _OBJECTS, _RECORDS)
+
+
+def eds_of(file, objects, records):
+    """Return an EDS of single objects (title, type, access, value, mapping) and records (title, their entries)."""
+    optional = [name for name in (*objects, *records) if name not in ("1000", "1001", "1018")]
+    rpdos, tpdos = (sum(name.startswith(first) for name in records) for first in ("14", "18"))
+    text = f"[FileInfo]\nFileName={file}\n[DeviceInfo]\nNrOfRXPDO={rpdos}\nNrOfTXPDO={tpdos}\nGranularity=8\n"
     text += "[MandatoryObjects]\nSupportedObjects=3\n1=0x1000\n2=0x1001\n3=0x1018\n"
     text += f"[OptionalObjects]\nSupportedObjects={len(optional)}\n"
     text += "".join(f"{place}=0x{name}\n" for place, name in enumerate(optional, 1))
-    for name, (title, kind, access, value, mapped) in _OBJECTS.items():
+    for name, (title, kind, access, value, mapped) in objects.items():
         text += f"[{name}]\nParameterName={title}\nObjectType=7\nDataType={kind}\nAccessType={access}\n"
         text += f"DefaultValue={value}\nPDOMapping={mapped}\n"
-    for name, (title, subs) in _RECORDS.items():
+    for name, (title, subs) in records.items():
         text += f"[{name}]\nParameterName={title}\nObjectType=9\nSubNumber={len(subs)}\n"
         for number, (kind, access, value) in enumerate(subs):
             text += f"[{name}sub{number}]\nParameterName={title} {number}\nObjectType=7\nDataType={kind}\n"
@@ -45,7 +52,7 @@ def _eds():
     return text
 
 
-EDS_TEXT = _eds()
+EDS_TEXT = io_eds()
 
 
 def with_io_module(folder, transmission=255):

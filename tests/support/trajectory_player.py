@@ -13,6 +13,7 @@ from canopen_control.controllers.params import Params
 from canopen_control.controllers.trajectory.controller import JointTrajectoryController
 from canopen_control.controllers.trajectory.goal import Goal
 from canopen_control.controllers.trajectory.params import read_params
+from canopen_control.controllers.trajectory.point import Point
 from canopen_control.controllers.trajectory.tolerances import GoalTolerances, JointTolerance
 from canopen_control.errors import ControlError, RobotConfigError
 from canopen_control.hardware.interfaces import CommandInterface, StateInterface
@@ -145,6 +146,9 @@ class Player:
         except ControlError:
             self.answer = False
 
+    def _query(self, now: int) -> None:
+        self.answer = self.controller.query(now, Point())
+
     def _params(self, values: dict[str, Any]) -> None:
         self.controller.change(read_params(Params.of({**values, **OURS}), "arm"))
 
@@ -157,6 +161,7 @@ class Player:
             "pending_goal": active is not None,
             "response": self.answer,
             "accepted": self.answer,
+            "success": self.answer,
             "factor": controller.speed.factor,
             "goals": self.told,
             "first_change_cycle": self.first_change,

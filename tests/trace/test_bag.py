@@ -175,6 +175,15 @@ def test_diagnostics_come_once_a_second_and_tell_the_loss(bag):
     assert "robby: left_drive" in last
 
 
+def test_odometry_of_a_base_that_drives_sideways_is_on_its_own_topic(story, tmp_path):
+    sample = {"kind": "mecanum", "time": 1000.25, "x": 1.0, "y": 2.0, "heading": 0.0, "linear": 0.5, "lateral": 0.25}
+    reading = {"name": "base", "state": "active", "topic": "reference", "tells": "mecanum"}
+    with BagWriter(tmp_path / "odom", "robby", controllers=controllers_of([reading]), urdf=story["urdf"]) as writer:
+        writer.state(sample_of({**states(story)[-1], "samples": {"base": sample}}))
+    ((_, odometry),) = read(tmp_path / "odom")["/base/odometry"]
+    assert (odometry.twist.twist.linear.x, odometry.twist.twist.linear.y) == (0.5, 0.25)
+
+
 def test_odometry_becomes_odom_tf_and_the_limited_twist(story, tmp_path):
     sample = {
         "kind": "odometry", "time": 1000.25, "x": 1.0, "y": 2.0, "heading": math.pi, "linear": 0.5, "angular": -0.25,

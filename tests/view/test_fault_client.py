@@ -49,3 +49,9 @@ def test_a_name_that_nobody_has_is_told():
 def test_who_goes_away_while_all_are_asked_is_left_out(left, monkeypatch):
     monkeypatch.setattr(FaultClient, "drives", lambda self: ["left", "right"])
     assert list(read_faults(FaultClient(NODES)).drives) == ["left"]
+
+
+@pytest.mark.usefixtures("left")
+def test_inputs_are_asked_of_the_device_which_may_have_none():
+    with pytest.raises(RemoteError, match="has no signals to set: it is a drive"):
+        FaultClient(NODES).set_signals("left", {"di0": 1.0})

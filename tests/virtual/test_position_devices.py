@@ -65,6 +65,12 @@ def test_a_velocity_turns_it_on():
     assert device.on(1.0).number(0x6004) == stands
 
 
+def test_a_jump_is_a_quarter_of_a_turn():
+    device = bench(406)
+    device.node.function.break_inputs("jump", on=True, now=device.now)
+    assert device.number(0x6004) == 1024
+
+
 def test_an_angle_is_rescaled_at_once_and_in_both_formats():
     device = bench(410)
     put(device, longitudinal=math.radians(10), lateral=math.radians(-20))

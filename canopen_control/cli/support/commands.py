@@ -27,13 +27,21 @@ if TYPE_CHECKING:
     from canopen_control.rpc.messages.robot import CommandController, TwistController
 
     Command = CommandController | TwistController
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Sequence
 
     from canopen_control.rpc.messages.state import ControllerReading
 
-__all__ = ["add_repeat_arguments", "positions_of", "send", "values_at_the_end"]
+__all__ = [
+    "add_repeat_arguments",
+    "ask_for_controllers",
+    "positions_of",
+    "send",
+    "target_interface",
+    "values_at_the_end",
+]
 
 PERIOD_S = 0.1
+TARGET = "target"
 ENABLING_S = 3.0  # for drives that are being enabled
 _LOOK_S = 0.05
 _COMING = "NotYetEnabled"
@@ -103,20 +111,33 @@ def _repeat(robot: RobotClient, moving: Command, end: float | None, stopped: thr
                 raise
 
 
-def values_at_the_end(robot: str | None, controller: str, values: list[float]) -> list[float]:
+def ask_for_controllers(robot: str | None) -> Sequence[ControllerReading]:
+    """Return the controllers of a robot."""
+    with RobotClient.connect(robot) as client:
+        return client.ask(ListControllers())
+
+
+def values_at_the_end(controllers: Iterable[ControllerReading], name: str, values: list[float]) -> list[float]:
     """Return what ends a command: zeros, but positions as they are, which the joints hold once the connection is gone.
 
     Where nothing is known of the controller, or it takes another number of values, these are zeros.
     """
-    with RobotClient.connect(robot) as client:
-        controllers = client.ask(ListControllers())
-    positions = positions_of(controllers, controller)
+    positions = positions_of(controllers, name)
     if len(positions) != len(values):
         return [0.0] * len(values)
     return [value if position else 0.0 for value, position in zip(values, positions, strict=True)]
 
 
+def target_interface(controllers: Iterable[ControllerReading], name: str) -> str | None:
+    """Return what a target is in the mode that its drive is in, which may change; None where that cannot."""
+    found = [one.interface for one in controllers if one.name == name and one.topic == TARGET]
+    return next((each for each in found if each != TARGET), None)
+
+
 def positions_of(controllers: Iterable[ControllerReading], name: str) -> list[bool]:
-    """Return for each value of a controller's command whether it is a position; nothing for an unknown controller."""
+    """Return for each value of a controller's command whether it is, or may be, a position; nothing for an unknown one.
+
+    What a target is depends on the mode that the drive is in then.
+    """
     interfaces = [each for one in controllers if one.name == name for each in one.required_command_interfaces]
-    return [interface.endswith("/position") for interface in interfaces]
+    return [interface.endswith(("/position", "/target")) for interface in interfaces]

@@ -182,6 +182,7 @@ _KINDS: Final[dict[tuple[str, str] | str, Callable[[argparse.Namespace], Found]]
     ("fault", "what"): lambda line: [("list", "explain all faults"), *_drives(line)],
     ("bus", "label"): lambda line: [*_drives(line), ("master", "the running robot")],
     ("drive", "--fault"): _faults,
+    ("device", "--fault"): _faults,
     ("axis", "mode"): _modes,
     ("axis", "node"): _nodes_or_all,
     ("nmt", "node"): _nodes_or_all,

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
-from canopen_control.errors import ConfigError
+from canopen_control.errors import CanopenError
 from canopen_control.rpc.messages.samples import TrajectoryPoint
 
 if TYPE_CHECKING:
@@ -50,12 +50,12 @@ class TrajectoryRecording:
         self._positions.append(list(positions))
 
     def points(self) -> list[TrajectoryPoint]:
-        """Return them as points, from the first motion to the last; ConfigError if nothing has moved."""
+        """Return them as points, from the first motion to the last; CanopenError if nothing has moved."""
         end = len(self)
         while end > 1 and _near(self._positions[end - 2], self._positions[-1]):
             end -= 1
         if end < 2:
-            raise ConfigError("no joint has moved meanwhile, so there is nothing to play; move one while it records")
+            raise CanopenError("no joint has moved meanwhile, so there is nothing to play; move one while it records")
         times, positions = self._times[:end], self._positions[:end]
         return [
             TrajectoryPoint(

@@ -6,7 +6,8 @@ its length costs the moment of the answer nothing.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import math
+from typing import TYPE_CHECKING, Final
 
 from canopen_control.controllers.trajectory.point_limiter import PointLimiter
 from canopen_control.controllers.trajectory.validation import (
@@ -16,6 +17,7 @@ from canopen_control.controllers.trajectory.validation import (
     beyond,
     broken_rule,
     far_start,
+    lost_start,
     survey_of,
 )
 from canopen_control.hardware.interfaces import POSITION
@@ -30,6 +32,9 @@ if TYPE_CHECKING:
     from canopen_control.urdf.joint_element import Joint
 
 __all__ = ["Acceptance"]
+
+_NEXT: Final = 20_000_000
+"""By then a trajectory has been taken up, in ns: two cycles at 100 Hz."""
 
 
 class Acceptance:
@@ -47,6 +52,23 @@ class Acceptance:
     def take_params(self, params: TrajectoryParams) -> None:
         """Judge by other parameters."""
         self._params = params
+
+    def cannot_brake(self) -> str | None:
+        """Say why `decelerate_on_cancel` has no effect, None if it has, or is not wanted."""
+        given = self._params
+        if not given.decelerate_on_cancel:
+            return None
+        lacks = None
+        if not self._group.knows_velocity:
+            lacks = "state_interfaces have no velocity; add it"
+        for joint, constraints in zip(given.joints, given.constraints, strict=True):
+            if not constraints.max_deceleration_on_cancel:
+                lacks = lacks or f"{joint} has no constraints.{joint}.max_deceleration_on_cancel; give it"
+            if not 0.0 < self.limits[joint].velocity < math.inf:
+                lacks = lacks or f"the description has no velocity limit of {joint}; give it"
+        return (
+            None if lacks is None else f"decelerate_on_cancel has no effect, what is cancelled is held at once: {lacks}"
+        )
 
     def point_limiter(self) -> PointLimiter | None:
         """Return what keeps each point within the limits, None where none is wanted."""
@@ -81,6 +103,7 @@ class Acceptance:
         here = dict(zip(given.joints, begin, strict=True))
         unbearable = (
             beyond(message, survey, self.limits)
+            or lost_start(message, now + _NEXT)
             or far_start(message, here, self.limits, given.allowed_start_tolerance)
             or self._misfit(message, survey)
         )

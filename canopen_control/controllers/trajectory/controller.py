@@ -8,7 +8,6 @@ sentence that names it; once all follow again they are held where they are, neve
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING, ClassVar
 
 from canopen_control.controllers.base import Controller
@@ -22,7 +21,7 @@ from canopen_control.controllers.trajectory.point import JointTrajectory, Point
 from canopen_control.controllers.trajectory.scaling import SpeedScaling
 from canopen_control.controllers.trajectory.tolerances import SegmentTolerances, resolve
 from canopen_control.controllers.trajectory.upsampling import positions_alone, upsampled
-from canopen_control.errors import RobotConfigError, TrajectoryRefused
+from canopen_control.errors import ControlError, RobotConfigError, TrajectoryRefused
 from canopen_control.hardware.interfaces import OK, POSITION, ReturnType
 from canopen_control.rpc.messages.samples import TrajectorySample
 from canopen_control.rpc.messages.trajectory import TrajectoryAt
@@ -88,6 +87,8 @@ class JointTrajectoryController(Controller):
         self._judgement = Judgement(group)
         group.wrap[:] = self._acceptance.continuous
         self._default = self.tolerances = given.tolerances()
+        if (useless := self._acceptance.cannot_brake()) is not None:
+            self.tell("decelerate_on_cancel", useless)
         positions = tuple(given.command_interfaces) == (POSITION,)
         self.speed = SpeedScaling(given.initial_scaling_factor, allowed=positions)
 
@@ -194,10 +195,15 @@ class JointTrajectoryController(Controller):
             self._brake()
 
     def cancel_goal(self, why: str | None = None, only: Goal | None = None) -> None:
-        """Cancel whatever goal is being executed, or `only` this one."""
+        """Cancel what is followed, be it a goal or none, or `only` this goal; ControlError if nothing is."""
         goal = only or self.goal
         if goal is not None:
             self.cancel(goal, why)
+        elif self.holding or self.state.value != "active":
+            raise ControlError(f"{self.name} follows no trajectory; there is nothing to cancel")
+        else:
+            self.tell("trajectory_ended", "the trajectory was cancelled; the joints are held")
+            self._brake()
 
     def set_speed_scaling(self, factor: float) -> None:
         """Let the time of trajectories run slower or faster; ControlError below 0 and where it cannot be scaled."""
@@ -340,13 +346,10 @@ class JointTrajectoryController(Controller):
     def _brake(self) -> None:
         """Come to rest: with the deceleration of each joint where all have one, else at once; then stay."""
         self.life.end()
-        given, group = self.params, self._group
-        slopes = [each.max_deceleration_on_cancel for each in given.constraints]
-        known = all(0.0 < each.velocity < math.inf for each in self._acceptance.limits.values())
-        if not (given.decelerate_on_cancel and group.knows_velocity and known and all(slopes)):
+        if not self.params.decelerate_on_cancel or self._acceptance.cannot_brake() is not None:
             self._follower.hold()
             return
-        self._follower.brake(slopes)
+        self._follower.brake([each.max_deceleration_on_cancel for each in self.params.constraints])
 
     def _end(self, state: GoalState, code: ResultCode, text: str) -> None:
         """Give the goal its result, where there is one."""

@@ -10,6 +10,7 @@ again when its time has come, as it does in the next cycle.
 
 from __future__ import annotations
 
+import math
 from bisect import bisect_right
 from typing import TYPE_CHECKING, Final
 
@@ -106,6 +107,8 @@ class Trajectory(Motion):
         self.before_time, self._fitted, self._seen = time, _NONE, None
         before = self.before
         before.take(point)
+        if not all(map(math.isfinite, before.effort)):  # what is commanded before the first cycle
+            before.effort[:] = [each if math.isfinite(each) else 0.0 for each in before.effort]
         if not self.size:
             return
         first = self.at(0)

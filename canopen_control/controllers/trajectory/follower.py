@@ -6,6 +6,7 @@ period ahead. Ours, and safer: a stop is computed as it is sampled, and a hold i
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.controllers.trajectory.blend import Blend
@@ -13,6 +14,7 @@ from canopen_control.controllers.trajectory.followed import Motion, Trajectory
 from canopen_control.controllers.trajectory.joint_group import Loops
 from canopen_control.controllers.trajectory.packed import SurveyedPoints
 from canopen_control.controllers.trajectory.point import Arrangement, JointTrajectory, Point
+from canopen_control.controllers.trajectory.scaling import scaled
 from canopen_control.controllers.trajectory.stop import Stop
 from canopen_control.hardware.interfaces import ACCELERATION, EFFORT, POSITION, VELOCITY
 from canopen_control.rpc.messages.samples import TrajectoryPoint, TrajectorySample
@@ -174,9 +176,9 @@ class Follower:
             return False
         self.fresh = not motion.sampled
         if self.fresh:
-            self._begin(motion, now)
+            self._begin(motion, now, scaling)
         else:
-            self._time += int(round(period * 1e9) * scaling)
+            self._time += scaled(round(period * 1e9), 1.0 if isinstance(motion, Stop) else scaling)
         motion.sample(self._time, self.desired)
         self.desired.time = self._time - motion.start
         found = motion.sample(self._time + self._period_ns, self.output, ahead=True)
@@ -197,7 +199,8 @@ class Follower:
         if loops is not None:
             commands = group.commands[VELOCITY if group.has_velocity else EFFORT]
             for index in range(len(commands)):
-                commands[index].value = loops.compute(index, output, group.error, period)
+                value = loops.compute(index, output, group.error, period)
+                commands[index].value = value if math.isfinite(value) else 0.0  # a velocity that nobody knows
         else:
             if group.has_velocity:
                 group.write(VELOCITY, output.velocities)
@@ -243,10 +246,12 @@ class Follower:
             speed_scaling_factor=factor,
         )
 
-    def _begin(self, motion: Motion, now: int) -> None:
+    def _begin(self, motion: Motion, now: int, scaling: float) -> None:
         """Take where the joints are, or were to be, before the first point."""
         if self._params.from_desired and self._last.positions:
             self._last_time = self._last_time or now
+            if isinstance(motion, Stop):
+                motion.pace = scaling  # what was commanded last ran so slowly; what is measured is real
             motion.set_before(self._last_time, self._last, self._group.wrap)
         else:
             motion.set_before(now, self._group.actual, self._group.wrap)

@@ -20,11 +20,12 @@ from canopen_control.controllers.trajectory.interfaces import (
     wrong_together,
 )
 from canopen_control.controllers.trajectory.tolerances import SegmentTolerances, StateTolerance
-from canopen_control.errors import RobotConfigError
 from canopen_control.urdf.joint_element import HardLimits
 from canopen_control.yamlfile.convert import derived, setting
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from canopen_control.controllers.params import Params
 
 __all__ = [
@@ -147,34 +148,37 @@ class TrajectoryParams(CommonParams):
         goal = tuple(StateTolerance(each.goal, self.stopped_velocity_tolerance) for each in self.constraints)
         return SegmentTolerances(path, goal, self.goal_time)
 
-    def mistake(self) -> str | None:
-        """Say what cannot be, None if nothing is wrong."""
+    def mistakes(self) -> Iterator[tuple[str, str]]:
+        """Yield what cannot be, by parameter."""
         if not self.joints:
-            return "no 'joints'; give it under ros__parameters: joints: [joint_1, joint_2]"
+            yield "joints", "no 'joints'; give it under ros__parameters: joints: [joint_1, joint_2]"
         for key, names in (("joints", self.joints), ("command_joints", self.command_joints)):
             if len(set(names)) != len(names):
-                return f"{key} names one twice: {', '.join(names)}; name each once"
-        return (
-            wrong_commands(self.command_interfaces)
-            or wrong_states(self.state_interfaces)
-            or wrong_joints(self.joints, self.commanded)
-            or wrong_together(self.command_interfaces, self.state_interfaces)
+                yield key, f"{key} names one twice: {', '.join(names)}; name each once"
+        commands, states = wrong_commands(self.command_interfaces), wrong_states(self.state_interfaces)
+        if commands is None and states is None:
+            states = wrong_together(self.command_interfaces, self.state_interfaces)
+        found = (
+            ("command_interfaces", commands),
+            ("state_interfaces", states),
+            ("command_joints", wrong_joints(self.joints, self.commanded)),
         )
+        for key, text in found:
+            if text is not None:
+                yield key, text
 
 
 def read_params(params: Params, name: str) -> TrajectoryParams:
     """Return the parameters of controller `name`; raise RobotConfigError with what is wrong in them."""
+    del name  # it stands in the place of each mistake
     node = params.flat.get("joints")
     joints = tuple(dict.fromkeys(each.text for each in node.elements())) if node is not None else ()
     old = OLD_KEYS | {key.format(joint): "" for joint in joints for key in _WITHOUT_EFFECT}
-    found = params.read(_with_joints(joints), old)
+    found = params.read(_with_joints(joints), old, TrajectoryParams.mistakes)
     gains = tuple(getattr(found, f"gains_{index}") for index in range(len(joints)))
     constraints = tuple(getattr(found, f"constraints_{index}") for index in range(len(joints)))
     limits = tuple(getattr(found, f"joint_limits_{index}") for index in range(len(joints)))
-    given = dataclasses.replace(found, gains=gains, constraints=constraints, joint_limits=limits)
-    if (mistake := given.mistake()) is not None:
-        raise RobotConfigError(f"{name}: {mistake}")
-    return given
+    return dataclasses.replace(found, gains=gains, constraints=constraints, joint_limits=limits)
 
 
 OLD_KEYS: Final[dict[str, str]] = dict.fromkeys(

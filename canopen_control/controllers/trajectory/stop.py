@@ -7,6 +7,7 @@ it is computed when it is sampled, so that the cycle in which it begins makes no
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.controllers.trajectory.followed import Motion
@@ -23,11 +24,15 @@ _AT_REST: Final = 2.0**-23
 
 
 class Stop(Motion):
-    """The way to rest of all joints from where they are with `set_before`; `decelerations` in rad/s2, above 0."""
+    """The way to rest of all joints from where they are with `set_before`; `decelerations` in rad/s2, above 0.
+
+    Its time is real, however slowly trajectories run; `pace` is by how much they did, where it begins from what was
+    commanded and not from what is measured.
+    """
 
     def __init__(self, decelerations: Sequence[float]) -> None:
         super().__init__(0, 1)
-        joints = len(decelerations)
+        joints, self.pace = len(decelerations), 1.0
         self._decelerations, self.duration = list(decelerations), 0
         self._positions, self._velocities = [0.0] * joints, [0.0] * joints
         self._slopes, self._times, self._targets = [0.0] * joints, [0.0] * joints, [0.0] * joints
@@ -38,7 +43,8 @@ class Stop(Motion):
         self._positions[:] = point.positions
         self._velocities[:] = point.velocities or [0.0] * len(self._decelerations)
         for index, deceleration in enumerate(self._decelerations):
-            velocity = self._velocities[index]
+            known = self._velocities[index]
+            velocity = self._velocities[index] = known * self.pace if math.isfinite(known) else 0.0
             sign = 1.0 if velocity >= 0.0 else -1.0
             self._slopes[index] = -sign * deceleration
             self._times[index] = abs(velocity) / deceleration

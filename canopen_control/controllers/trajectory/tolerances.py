@@ -7,7 +7,6 @@ same.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
@@ -103,4 +102,4 @@ def _resolved(given: float, default: float, what: str) -> float:
         return 0.0
     if given < 0.0:
         raise ValueError(f"{what} is {given:g}; it is above 0, 0 for that of the parameters, or -1 for none")
-    return 0.0 if math.isnan(default) else default
+    return default

@@ -23,11 +23,13 @@ if TYPE_CHECKING:
     from canopen_control.controllers.trajectory.point import JointTrajectory, Point, Points
     from canopen_control.controllers.trajectory.survey import Extremes, Range
 
-__all__ = ["JointLimits", "Refused", "Rule", "Rules", "beyond", "broken_rule", "far_start", "survey_of"]
+__all__ = ["JointLimits", "Refused", "Rule", "Rules", "beyond", "broken_rule", "far_start", "lost_start", "survey_of"]
 
 _FLOAT_EPSILON: Final = 2.0**-23
 _ROUNDING: Final = 1e-6
 """By how much a planner's numbers may exceed a limit, in rad or rad/s: it computes with its own rounding."""
+
+_DAY: Final = 86_400_000_000_000
 
 
 class Rule(enum.Enum):
@@ -161,8 +163,13 @@ def _wrong_end(message: JointTrajectory, rules: Rules, now: int) -> Refused | No
             )
     end = message.stamp + last.time
     if message.stamp and end < now:
-        return Refused(Rule.ENDS_IN_PAST, f"it ended {(now - end) / 1e9:g} s ago; stamp it with the time of its start")
+        return Refused(Rule.ENDS_IN_PAST, f"it ended {_long(now - end)} ago; stamp it with the time of its start")
     return None
+
+
+def _long(time: int) -> str:
+    """Return a time of ns in words: beyond a day it is another clock that it was stamped by."""
+    return f"{time / 1e9:g} s" if time < _DAY else f"{time / _DAY:.0f} days (by another clock?)"
 
 
 def _wrong_sizes(index: int, point: Point, joints: int, rules: Rules) -> Refused | None:
@@ -263,6 +270,19 @@ def far_start(
                 f"plan from where it is, or set allowed_start_tolerance"
             )
     return None
+
+
+def lost_start(message: JointTrajectory, begin: int) -> str | None:
+    """Say that nothing leads to a first point without positions, None if it follows from where the joints are.
+
+    `begin` is the time in ns at which it would be taken up.
+    """
+    if not len(message.points) or message.points[0].positions:
+        return None
+    arrival = message.points[0].time + (message.stamp or begin)
+    if arrival > begin:
+        return None
+    return "point 0 has no positions, and is to be reached at once or was before; give it positions or a later time"
 
 
 def _named(names: Sequence[str], index: int) -> str:

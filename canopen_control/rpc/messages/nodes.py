@@ -45,7 +45,10 @@ class NodeIdentity(msgspec.Struct, frozen=True):
 
 
 class NodePlace(msgspec.Struct, frozen=True, kw_only=True):
-    """A node: where it is, the path of its EDS, and what bus.yml says of it."""
+    """A node: where it is, the path of its EDS, and what bus.yml says of it.
+
+    `axes` counts those of CiA 402 that its EDS has, `joints` are what it moves: none for a proxy.
+    """
 
     name: str
     node_id: int
@@ -57,6 +60,7 @@ class NodePlace(msgspec.Struct, frozen=True, kw_only=True):
     remappings: dict[str, str] = {}
     channel_names: list[str] | None = None
     joints: list[str] = []
+    axes: int = 0
 
 
 class BusPlace(msgspec.Struct, frozen=True):
@@ -78,10 +82,14 @@ class GetNodes(Request[NodeListing], frozen=True):
 
 
 class NmtRequest(Request[Done], frozen=True, kw_only=True):
-    """`command`: start, stop, preop, reset-node, reset-comm; `node` may be "all"."""
+    """`command`: start, stop, preop, reset-node, reset-comm; `node` may be "all".
+
+    `boot` true: after a reset it is booted again; else that waits for `start`.
+    """
 
     command: str
     node: NodeName
+    boot: bool = False
 
 
 class SdoData(msgspec.Struct, frozen=True):

@@ -12,8 +12,19 @@ import msgspec
 
 from canopen_control.rpc.messages.declare import Done, Effect, Request
 
-__all__ = ["KINDS", "MANAGER", "PARAMETER_METHODS", "GetParameters", "ParameterReading", "ParameterValue",
-           "SetParameters", "Told", "number_of", "told"]  # fmt: skip
+__all__ = [
+    "KINDS",
+    "MANAGER",
+    "PARAMETER_METHODS",
+    "SCALARS",
+    "GetParameters",
+    "ParameterReading",
+    "ParameterValue",
+    "SetParameters",
+    "Told",
+    "number_of",
+    "told",
+]  # fmt: skip
 
 MANAGER: Final = "controller_manager"
 #: the types of a parameter, each with that of its elements where it is a list
@@ -21,6 +32,9 @@ KINDS: Final = {
     "not_set": None, "bool": None, "integer": None, "double": None, "string": None,
     "bool_array": "bool", "integer_array": "integer", "double_array": "double", "string_array": "string",
 }  # fmt: skip
+
+#: what they are in Python
+SCALARS: Final = {bool: "bool", int: "integer", float: "double", str: "string"}
 
 Scalar = bool | int | float | str
 Told = Scalar | list[Scalar] | None

@@ -132,13 +132,15 @@ class Tell(Request[Done], frozen=True, kw_only=True):
 class CommandController(Request[Done], frozen=True, kw_only=True):
     """A controller's command; `dead_man` true: it ends with this connection, whatever ends that.
 
-    Refused as NotEnabled while a drive of the controller is off, as NotYetEnabled while it comes up.
+    Refused as NotEnabled while a drive of the controller is off, as NotYetEnabled while it comes up. `interface` is
+    what the sender takes the values for; refused where they are something else now, as a target in another mode.
     """
 
     controller: str
     values: list[float]
     source: str | None = None
     dead_man: bool = False
+    interface: str | None = None
 
 
 @ROBOT.method("twist", Effect.MOVES)

@@ -112,9 +112,9 @@ class TrajectoryHeartbeat(Request[Done], frozen=True, kw_only=True):
 
 
 class CancelTrajectory(Request[Done], frozen=True, kw_only=True):
-    """End the goal that a controller executes, whoever sent it: the joints brake and are held.
+    """End the trajectory that a controller follows, whoever sent it: the joints brake and are held.
 
-    `own` true: only if it is this connection's. `why` is put into its result.
+    Refused where it follows none. `own` true: only a goal of this connection's. `why` is put into its result.
     """
 
     controller: str

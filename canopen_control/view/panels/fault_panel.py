@@ -1,4 +1,4 @@
-"""Switches that break the virtual drives; there is nothing to see where there are none."""
+"""Switches that break the virtual drives, and the inputs of virtual devices; nothing is there where none is virtual."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 
 from nicegui import ui
 
-from canopen_control.errors import RemoteError
+from canopen_control.client.drive_client import signal_values
+from canopen_control.errors import ConfigError, RemoteError
 from canopen_control.view.panels.panel import Html, tell
 from canopen_control.view.robot_connection import in_thread
 from canopen_control.view.words import active_faults, fault_text
@@ -36,6 +37,10 @@ class FaultPanel:
                 ui.button("Switch off", color="blue-grey-6", on_click=partial(self._switch, False)).props(
                     "dense outline"
                 )
+            self._inputs = ui.element("div").classes("cc-row")
+            with self._inputs:
+                self._signals = ui.input("inputs, as di0=1,ai0=16384").props("dense")
+                ui.button("Set", color="blue-grey-6", on_click=self._set).props("dense outline")
             self._active = Html()
 
     def show(self, content: PageContent) -> None:
@@ -54,6 +59,7 @@ class FaultPanel:
 
     def _follow(self) -> None:
         faults = self._board.drives.get(self._drive.value or "", ()) if self._board is not None else ()
+        self._inputs.set_visibility(any(fault.acts == "input" for fault in faults))
         names = [fault.name for fault in faults]
         if names != self._fault.options:
             self._fault.set_options(
@@ -64,6 +70,13 @@ class FaultPanel:
     def _explain(self) -> None:
         faults = self._board.drives.get(self._drive.value or "", ()) if self._board is not None else ()
         self._text.show(fault_text(next((fault for fault in faults if fault.name == self._fault.value), None)))
+
+    async def _set(self) -> None:
+        drive, client = self._drive.value, self._context.robot.fault_client
+        try:
+            await in_thread(partial(client.set_signals, drive or "", signal_values(self._signals.value or "")))
+        except (ConfigError, RemoteError) as error:
+            tell("Not set", str(error))
 
     async def _switch(self, on: bool) -> None:
         drive, fault, context = self._drive.value, self._fault.value, self._context.robot.fault_client

@@ -8,7 +8,14 @@ from support.mockrobot import running
 
 from canopen_control import Robot
 from canopen_control.cli.main import main
-from canopen_control.cli.support.commands import PERIOD_S, add_repeat_arguments, positions_of, send
+from canopen_control.cli.support.commands import (
+    PERIOD_S,
+    add_repeat_arguments,
+    positions_of,
+    send,
+    target_interface,
+    values_at_the_end,
+)
 from canopen_control.errors import RemoteError
 from canopen_control.rpc.messages.robot import CommandController
 from canopen_control.rpc.messages.state import ControllerReading
@@ -126,3 +133,26 @@ def test_the_list_shows_what_is_only_in_the_file(robby, capsys):
     assert main(["controller", "list"]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert next(line for line in lines if "robby_base_controller" in line).split()[2] == "unloaded"
+
+
+def reading(topic, interface):
+    names = ("lift/target",) if topic == "target" else ("lift/velocity",)
+    return [
+        ControllerReading(
+            name="lift", type="", state="", topic=topic, interface=interface, required_command_interfaces=names
+        )
+    ]
+
+
+@pytest.mark.parametrize(
+    ("topic", "interface", "meant"),
+    [("target", "velocity", "velocity"), ("target", "target", None), ("commands", "velocity", None)],
+)
+def test_a_target_is_sent_as_what_it_is_in_the_present_mode(topic, interface, meant):
+    assert target_interface(reading(topic, interface), "lift") == meant
+    assert target_interface(reading(topic, interface), "other") is None
+
+
+def test_a_target_does_not_end_with_a_zero_which_could_be_a_place_to_go_to():
+    assert values_at_the_end(reading("target", "position"), "lift", [2.0]) == [2.0]
+    assert values_at_the_end(reading("commands", "velocity"), "lift", [2.0]) == [0.0]

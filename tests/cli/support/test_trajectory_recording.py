@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from canopen_control.cli.support.trajectory_recording import STILL, TrajectoryRecording
-from canopen_control.errors import ConfigError
+from canopen_control.errors import CanopenError
 
 
 def recorded(*samples, most=1000):
@@ -43,7 +43,7 @@ def test_a_pause_on_the_way_is_kept():
     "samples", [[], [(0.0, 1.0)], [(0.1 * index, 1.0 + 0.4 * STILL * (index % 2)) for index in range(9)]]
 )
 def test_without_a_motion_there_is_nothing_to_play(samples):
-    with pytest.raises(ConfigError, match="no joint has moved"):
+    with pytest.raises(CanopenError, match="no joint has moved"):
         recorded(*samples).points()
 
 
@@ -57,7 +57,7 @@ def test_what_is_recorded_can_be_played_whatever_came(samples):
     recording = recorded(*samples)
     try:
         points = recording.points()
-    except ConfigError:
+    except CanopenError:
         assert all(abs(position - samples[0][1]) < 10.0 for _, position in samples)
         return
     times = [each.time_from_start for each in points]

@@ -276,6 +276,33 @@ def test_a_deactivation_ends_the_goal(arm):
     assert "deactivated" in goal.text
 
 
+def test_a_trajectory_that_is_no_goal_is_cancelled_too(arm):
+    arm.controller.set_trajectory(JointTrajectory(JOINTS, [Point([1.0, 1.0], time=S)]), arm.now)
+    arm.run(30)
+    arm.controller.cancel_goal()
+    where = arm.positions()
+    arm.run(50)
+    assert arm.positions() == pytest.approx(where, abs=0.011)  # where they were when that was read
+    assert arm.controller.holding
+    with pytest.raises(ControlError, match="nothing to cancel"):
+        arm.controller.cancel_goal()
+
+
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        ({"constraints": BRAKES}, None),
+        ({"constraints": {"decelerate_on_cancel": True}}, "a has no constraints.a.max_deceleration_on_cancel"),
+        ({"constraints": BRAKES, "state_interfaces": ["position"]}, "state_interfaces have no velocity"),
+        ({"constraints": BRAKES, "limits": (-3.0, 3.0, math.inf)}, "no velocity limit of a"),
+    ],
+)
+def test_a_deceleration_that_has_no_effect_is_told(given, told):
+    arm = Arm(**given)
+    texts = [each.text for each in arm.manager.events() if each.kind == "decelerate_on_cancel"]
+    assert (told in texts[0]) if told else not texts
+
+
 def test_a_scaling_that_nobody_knows_lets_the_time_stand():
     arm = Arm(speed_scaling__state_interface="a/velocity")
     arm.send((1.0, 1.0))

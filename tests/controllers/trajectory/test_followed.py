@@ -1,4 +1,5 @@
 import itertools
+import math
 
 import pytest
 from hypothesis import given
@@ -198,3 +199,12 @@ def test_when_it_is_over_the_last_point_stays(message, later):
     for each in itertools.accumulate(later):
         assert made.sample(10 * S + message.points[-1].time + each, out)
         assert out.positions == message.points[-1].positions
+
+
+def test_an_effort_that_was_never_commanded_is_none():
+    made = Trajectory(JointTrajectory(["a"], [Point([1.0], effort=[4.0], time=S)]))
+    made.set_before(10 * S, Point([0.0], effort=[math.nan]), [False])
+    out = Point()
+    assert made.sample(10 * S, out)
+    assert made.sample(10 * S + S // 2, out)
+    assert out.effort == [2.0]

@@ -1,4 +1,5 @@
 import gc
+import math
 import sys
 
 import pytest
@@ -146,3 +147,25 @@ def test_following_leaves_no_object_behind(kind):
         assert gc.get_count()[0] - waiting < 10
     finally:
         gc.enable()
+
+
+def test_a_velocity_that_nobody_knows_moves_nothing():
+    joints = Joints("velocity")
+    joints.states[1].value = math.nan
+    joints.cycle()
+    assert joints.commanded() == [0.0, 0.0]
+
+
+@pytest.mark.parametrize(("from_desired", "way"), [(False, 0.02 - 0.0004), (True, 0.0002 - 0.00001)])
+def test_a_stop_takes_its_own_time_however_slow_trajectories_run(from_desired, way):
+    joints = Joints("position", interpolate_from_desired_state=from_desired)
+    joints.cycle()
+    joints.follower.follow(line(1.0, 5.0))
+    for _ in range(3):
+        joints.cycle(0.1)
+    for each, value in zip(joints.states, (0.5, 2.0) * 2, strict=True):
+        each.value = value
+    before = joints.commanded()[0] if from_desired else 0.5
+    joints.follower.brake([8.0, 8.0] if not from_desired else [0.2, 0.2])
+    joints.cycle(0.1)
+    assert joints.commanded()[0] - before == pytest.approx(way, abs=1e-9)

@@ -76,6 +76,14 @@ def test_what_cannot_be_is_refused(wrong, text):
         read(**wrong)
 
 
+def test_all_that_cannot_be_is_told_at_once_and_where_it_stands():
+    with pytest.raises(RobotConfigError) as error:
+        read(joints=["a", "a"], command_interfaces=["torque"], state_interfaces=["velocity"])
+    lines = str(error.value).splitlines()
+    assert {line.split(": ")[1] for line in lines[:3]} == {"joints", "command_interfaces", "state_interfaces"}
+    assert lines[3] == "3 errors"
+
+
 @pytest.mark.parametrize("key", ["constraints.c.goal", "gains.c.p", "constraints.goal_tim", "joint"])
 def test_what_nobody_reads_is_told(key):
     params = Params.of({**LEAST, key: 1.0})

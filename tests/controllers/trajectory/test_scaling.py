@@ -2,7 +2,7 @@ import math
 
 import pytest
 
-from canopen_control.controllers.trajectory.scaling import SpeedScaling
+from canopen_control.controllers.trajectory.scaling import SpeedScaling, scaled
 from canopen_control.hardware.interfaces import CommandInterface, StateInterface
 
 
@@ -35,3 +35,12 @@ def test_where_more_than_positions_is_commanded_it_runs_at_its_own_speed():
     scaling = SpeedScaling(0.5, allowed=False)
     assert scaling.factor == 1.0
     assert "more than positions" in scaling.mistake(0.5)
+
+
+@pytest.mark.parametrize(
+    ("time", "factor", "wanted"),
+    [(10_000_000, 1.0, 10_000_000), (10_000_000, 0.3, 2_999_999), (10_000_000, 0.1, 1_000_000),
+     (3_333_333, 0.5, 1_666_666), (10_000_000, 0.0, 0)],
+)  # fmt: skip
+def test_a_scaled_time_is_cut_to_whole_nanoseconds(time, factor, wanted):
+    assert scaled(time, factor) == wanted

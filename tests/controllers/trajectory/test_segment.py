@@ -53,3 +53,14 @@ def test_beyond_its_ends_it_stands():
     a, b = Point([1.0], [3.0]), Point([2.0], [3.0])
     assert between(a, b, -1.0).positions == [1.0]
     assert between(a, b, 2.0).positions == [2.0]
+
+
+def test_points_in_the_wrong_order_are_joined_as_upstream_joins_them():
+    segment, out = Segment(), Point()
+    segment.fit(2 * S, Point([1.0], [3.0]), S, Point([2.0], [3.0]))
+    segment.evaluate(S, out)
+    assert out.positions == [2.0]
+
+
+def test_nothing_is_said_of_joints_whose_position_is_not_known():
+    assert between(Point(velocities=[1.0], accelerations=[1.0]), Point([], [1.0], [1.0]), 0.5).positions == []

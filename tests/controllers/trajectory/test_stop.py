@@ -1,4 +1,5 @@
 import itertools
+import math
 
 import pytest
 from hypothesis import given
@@ -50,3 +51,7 @@ def test_no_joint_jumps_turns_back_or_goes_faster_than_before(joints):
         for a, b in itertools.pairwise(way):
             assert abs(b - a) <= abs(velocity) / 1000 + 1e-9
             assert (b - a) * velocity >= -1e-9
+
+
+def test_a_joint_whose_speed_nobody_knows_stays_where_it_is():
+    assert course(stop([(1.0, math.nan, 4.0), (0.0, 1.0, 4.0)]), 500)[-1].positions == pytest.approx([1.0, 0.125])

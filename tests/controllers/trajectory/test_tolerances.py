@@ -1,8 +1,11 @@
+import math
+
 import pytest
 from support.trajectories import cases, close, point
 
 from canopen_control.controllers.params import Params
 from canopen_control.controllers.trajectory.params import read_params
+from canopen_control.controllers.trajectory.point import Point
 from canopen_control.controllers.trajectory.tolerances import (
     GoalTolerances,
     JointTolerance,
@@ -69,3 +72,9 @@ def test_minus_one_is_no_tolerance_and_zero_the_parameters():
     found, why = resolve(given, JOINTS, DEFAULT)
     assert why is None
     assert found.path == (StateTolerance(), StateTolerance(0.2, 0.3))
+
+
+def test_what_the_parameters_do_not_know_is_off():
+    default = SegmentTolerances((StateTolerance(math.nan),) * 2, (StateTolerance(),) * 2)
+    found, _ = resolve(GoalTolerances(), JOINTS, default)
+    assert within(found.path[0], Point([9.0], [], []), 0)

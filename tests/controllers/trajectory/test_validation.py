@@ -12,6 +12,7 @@ from canopen_control.controllers.trajectory.validation import (
     beyond,
     broken_rule,
     far_start,
+    lost_start,
     survey_of,
 )
 
@@ -81,3 +82,25 @@ def test_a_start_is_judged_by_the_short_way_round_and_not_at_all_with_a_toleranc
     assert far_start(to(0.0, 0.01 - math.pi, time=0.0), here, LIMITS, 0.1) is None
     assert far_start(to(0.0, 1.0, time=0.0), here, LIMITS, 0.1) is not None
     assert far_start(to(0.0, 1.0, time=0.0), here, LIMITS, 0.0) is None
+
+
+@pytest.mark.parametrize(
+    ("point", "stamp", "lost"),
+    [
+        (Point([0.0], time=0), 0, False),
+        (Point(velocities=[1.0], time=S), 0, False),
+        (Point(velocities=[1.0], time=0), 0, True),
+        (Point(velocities=[1.0], time=S), 5 * S, True),
+        (Point(velocities=[1.0], time=S), 9 * S + 1, False),
+    ],
+)
+def test_nothing_leads_to_a_first_point_of_velocities_that_is_past(point, stamp, lost):
+    text = lost_start(JointTrajectory(["a"], [point], stamp), 10 * S)
+    assert (text is not None) is lost
+    assert text is None or "give it positions" in text
+
+
+@pytest.mark.parametrize(("now", "word"), [(12 * S, "1 s ago"), (100_000 * S, "1 days (by another clock?) ago")])
+def test_how_long_ago_it_ended_is_said(now, word):
+    given = JointTrajectory(["a"], [Point([0.0], time=S)], 10 * S)
+    assert word in broken_rule(given, survey_of(given), Rules(("a",)), now).text

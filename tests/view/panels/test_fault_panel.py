@@ -6,6 +6,7 @@ from nicegui import ui
 from support.pages import FakeContext, html, seen, settle, visited
 
 from canopen_control.errors import RemoteError
+from canopen_control.rpc.messages.drive import FaultListing
 from canopen_control.view.fault_client import DriveFaults
 from canopen_control.view.panels.fault_panel import FaultPanel
 
@@ -63,3 +64,29 @@ def test_where_no_drive_is_virtual_nothing_is_offered():
         return html(user)
 
     assert "No virtual drive" in played(act)[0]
+
+
+def test_inputs_are_set_where_a_device_has_some():
+    given = []
+    context = FakeContext().with_faults()
+    board = context.content().faults
+    module = (*board.drives["left_drive"], FaultListing(name="input_stuck", acts="input"))
+    context.robot.faults = DriveFaults({"io": module, **board.drives})
+    context.robot.fault_client.set_signals = lambda *args: given.append(args)
+
+    async def show(user, panel):
+        panel.show(context.content())
+        drive = seen(ui.select)[0]
+        await user.should_see("inputs, as di0=1,ai0=16384")
+        user.find(ui.input).type("di0=1,ai0=2.5")
+        user.find("Set").click()
+        await settle()
+        user.find(ui.input).clear().type("di0")
+        user.find("Set").click()
+        await settle(turns=10)
+        await user.should_see("write SIGNAL=NUMBER")
+        drive.value = "left_drive"
+        await user.should_not_see("inputs, as di0=1,ai0=16384")
+
+    visited(lambda: FaultPanel(context), show)
+    assert given == [("io", {"di0": 1.0, "ai0": 2.5})]

@@ -1,0 +1,111 @@
+"""A bus without ros2_control: what its nodes are when there is neither a URDF nor a ros2_controllers.yaml.
+
+The law of the file (ros2_canopen's device container): a node is what `driver` of bus.yml says. A CiA 402 drive
+(`ros2_canopen::Cia402Driver`, or no driver and an EDS with a controlword) is a joint with the name of the node, or of a
+node with several axes one joint for each, by `channel_names`. It has a controller of its own, which takes targets in
+the mode that the drive is in and enables nothing. Every other node is a proxy: it is booted, watched and spoken to by
+SDO, NMT and PDO, and drives nothing. All drives of the bus are one stop group, as those of any robot.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+from canopen_control.cia402.objects import CONTROLWORD, axis_of
+from canopen_control.controllers.controllers_file import ControllerConfig, ControllersFile
+from canopen_control.controllers.drive_target import TYPE
+from canopen_control.controllers.params import Params
+from canopen_control.errors import RobotConfigError
+from canopen_control.hardware.interfaces import EFFORT, POSITION, TARGET, VELOCITY
+from canopen_control.urdf.declared_interface import InterfaceInfo
+from canopen_control.urdf.description import Description
+from canopen_control.urdf.robot_model import RobotModel
+from canopen_control.urdf.ros2_control import ControlJoint, Ros2ControlSystem
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Mapping
+
+    from canopen_control.master.config import BusConfig, NodeConfig
+
+__all__ = ["controllers_of", "description_of", "doubts_about", "unmoved_drives"]
+
+_PLUGIN: Final = "canopen_control/CanopenSystem"
+_DRIVERS: Final = ("Cia402", "MotionController")
+_URDF: Final = '<robot name="{name}"><link name="base_link"/></robot>'
+
+
+def description_of(name: str, path: str, buses: Mapping[str, BusConfig]) -> Description:
+    """Return what a URDF would say: a robot without a shape, whose joints are the drives; RobotConfigError."""
+    joints = tuple(joint for bus in buses.values() for joint in _joints(bus))
+    _refuse_doubles(path, joints)
+    states = {each: InterfaceInfo(each) for each in (POSITION, VELOCITY, EFFORT)}
+    parts = tuple(
+        ControlJoint(
+            joint, {"device_name": node.name, "axis": str(axis)}, {TARGET: InterfaceInfo(TARGET)}, dict(states)
+        )
+        for joint, node, axis in joints
+    )
+    system = Ros2ControlSystem(name, "system", _PLUGIN, joints=parts)
+    return Description(path, _URDF.format(name=name), RobotModel(name), (system,) if parts else ())
+
+
+def controllers_of(path: str, description: Description) -> ControllersFile:
+    """Return what a ros2_controllers.yaml would say: a controller for each drive, of the drive's own name."""
+    names = [joint.name for system in description.hardware for joint in system.joints]
+    configs = {name: ControllerConfig(name, TYPE, Params.of({"joint": name}, name), path=path) for name in names}
+    return ControllersFile(controllers=configs, path=path)
+
+
+def doubts_about(buses: Mapping[str, BusConfig]) -> Iterator[str]:
+    """Yield where `driver` and the EDS of a node disagree about what it is, each with its place."""
+    for bus in buses.values():
+        for node in bus.nodes.values():
+            place, driver, source = f"{bus.path}:{node.line}", node.ros.driver, bus.eds_paths[node.name].name
+            if _drives(driver) and not bus.plans[node.name].axes:
+                yield f"{place}: {node.name} has the driver {driver}, but {source} has no controlword: it is a proxy"
+            elif driver and not _drives(driver) and bus.plans[node.name].axes:
+                yield (
+                    f"{place}: {node.name} is a CiA 402 drive by {source} and has the driver {driver}: it is a proxy, "
+                    "and cannot be enabled; give it ros2_canopen::Cia402Driver to move it"
+                )
+
+
+def unmoved_drives(buses: Mapping[str, BusConfig], description: Description) -> Iterator[str]:
+    """Yield which drives no joint of a description names, each with its place: they are proxies beside the others."""
+    joints = [joint.parameters for tag in description.hardware for joint in tag.joints]
+    named = {each for one in joints for each in (one.get("device_name"), one.get("node_id", "").strip())}
+    for bus in buses.values():
+        for node in bus.nodes.values():
+            if bus.plans[node.name].axes and not named & {node.name, str(node.node_id)}:
+                text = f"{node.name} is a CiA 402 drive and no joint of {description.path} names it"
+                yield f"{bus.path}:{node.line}: {text}: it is a proxy, and cannot be enabled"
+
+
+def _drives(driver: str) -> bool:
+    """Whether a driver of ros2_canopen, of today or of before, is one of drives."""
+    return any(each in driver for each in _DRIVERS)
+
+
+def _joints(bus: BusConfig) -> Iterator[tuple[str, NodeConfig, int]]:
+    """Yield the axes of the drives: the name of the joint, the node, the number of the axis."""
+    for node in bus.nodes.values():
+        axes = bus.plans[node.name].axes
+        if not axes or (node.ros.driver and not _drives(node.ros.driver)):
+            continue
+        names = node.ros.channel_names or []
+        for offset in axes:
+            _, axis = axis_of(CONTROLWORD + offset)
+            own = names[axis] if axis < len(names) else f"{node.name}_{axis}"
+            yield own if len(axes) > 1 else node.name, node, axis
+
+
+def _refuse_doubles(path: str, joints: Iterable[tuple[str, NodeConfig, int]]) -> None:
+    owners: dict[str, str] = {}
+    doubled = [
+        f"{path}:{node.line}: {node.name} has an axis {name!r}, which is one of {owners[name]} too; "
+        "change channel_names"
+        for name, node, _ in joints
+        if name in owners or owners.setdefault(name, node.name) != node.name
+    ]
+    if doubled:
+        raise RobotConfigError("\n".join(doubled))

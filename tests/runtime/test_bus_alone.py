@@ -1,0 +1,198 @@
+"""A bus without ros2_control: which nodes are drives, what they are called, and that the others are good company."""
+
+import pytest
+from support.busalone import IO, AloneBench, write_drives, write_io, write_two_axis_drive
+from support.generic import write_generic
+
+from canopen_control.errors import ConfigError, ControlError, RobotConfigError
+from canopen_control.hardware.joint import Action
+from canopen_control.runtime.check import CheckOptions, Severity, check_robot
+from canopen_control.runtime.core import RobotState
+from canopen_control.runtime.robot_files import find_robot
+from canopen_control.runtime.setup import read_robot
+from canopen_control.runtime.status import nodes_message, status_message
+
+
+@pytest.fixture
+def bench(request):
+    benches = []
+
+    def make(config, drives):
+        benches.append(AloneBench(f"alone{abs(hash(request.node.nodeid)) % 10**8}", config=config, drives=drives))
+        benches[-1].start()
+        return benches[-1]
+
+    yield make
+    for each in benches:
+        each.close()
+
+
+def check(config, **how):
+    return check_robot(find_robot(str(config)), CheckOptions(**how))
+
+
+def errors(report):
+    return [str(each) for each in report.findings if each.severity is Severity.ERROR]
+
+
+@pytest.mark.parametrize("nested", [True, False])
+def test_a_bus_with_no_drive_at_all_runs_and_is_spoken_to(bench, tmp_path, nested):
+    robot = bench(write_io(tmp_path, nested=nested), (IO,))
+    assert robot.robot.state is RobotState.RUNNING
+    assert robot.robot.hint is None
+    assert robot.texts("running") == ["terminals runs: io_module"]
+    node = status_message(robot.robot).nodes["io_module"]
+    assert (node.nmt_state, node.ready, node.axes) == ("OPERATIONAL", True, ())
+    answers = []
+    robot.robot.nodes["io_module"].read(0x1000, 0, answers.append)
+    robot.until(lambda: answers)
+    assert answers[0].data == (0x30191).to_bytes(4, "little")
+
+
+def test_what_has_no_axis_says_so_and_a_stop_of_nothing_is_done(bench, tmp_path):
+    robot = bench(write_io(tmp_path), (IO,))
+    for name, word in (("all", "no axis"), ("io_module", "has no axis")):
+        with pytest.raises(ControlError, match=word):
+            robot.robot.axis(Action.ENABLE, name, print)
+    answers = []
+    robot.robot.stop(answers.append)
+    robot.until(lambda: answers)
+    assert answers == [None]
+    robot.robot.shutdown("the test is over")
+    robot.run(100)
+    assert robot.texts("stopped") == ["terminals has stopped"]
+    assert robot.robot.failure is None
+
+
+def test_each_drive_is_a_joint_of_its_own_name_and_off_until_it_is_enabled(bench, tmp_path):
+    robot = bench(write_drives(tmp_path, io=""), (2, 3, IO))
+    assert robot.robot.state is RobotState.DISABLED
+    assert "axis enable" in robot.robot.hint
+    assert list(robot.robot.joints) == ["drive_one", "drive_two"]
+    assert {each.name: each.joints for each in nodes_message(robot.robot).nodes} == {
+        "drive_one": ["drive_one"],
+        "drive_two": ["drive_two"],
+        "io_module": [],
+    }
+    assert not robot.powered(2)
+    assert not robot.powered(3)
+    robot.enable()
+    assert robot.robot.state is RobotState.RUNNING
+
+
+def test_the_axes_of_one_device_are_joints_by_its_channel_names(bench, tmp_path):
+    config = write_two_axis_drive(tmp_path)
+    bus = config / "bus.yml"
+    bus.write_text(bus.read_text().replace("{node_id: 2}", "{node_id: 2, channel_names: [shoulder]}"))
+    robot = bench(config, (2,))
+    assert list(robot.robot.joints) == ["shoulder", "drive_one_1"]
+    robot.enable("drive_one")
+    robot.mode("PV")
+    assert robot.target(1.0, "drive_one_1") is None
+    robot.run(1500)
+    assert robot.robot.joints["drive_one_1"].states["velocity"].value == pytest.approx(1.0, rel=0.05)
+    assert robot.robot.joints["shoulder"].states["velocity"].value == 0.0
+
+
+def test_a_drive_under_a_proxy_driver_is_not_moved_and_a_driver_without_a_drive_is_told(tmp_path):
+    config = write_drives(tmp_path, io="")
+    bus = config / "bus.yml"
+    text = bus.read_text().replace("ProxyDriver", "Cia402Driver")
+    bus.write_text(text.replace("  drive_two:\n", "  drive_two:\n    driver: ros2_canopen::ProxyDriver\n"))
+    setup = read_robot(find_robot(str(config)))
+    assert [joint.name for tag in setup.description.hardware for joint in tag.joints] == ["drive_one"]
+    told = [each.text for each in check(config).findings if each.severity is Severity.WARNING]
+    assert any("drive_two" in each and "cannot be enabled" in each for each in told)
+    assert any("io_module" in each and "no controlword" in each for each in told)
+
+
+def test_a_good_bus_is_good(tmp_path):
+    report = check(write_drives(tmp_path, io=""))
+    assert errors(report) == []
+    told = [each.text for each in report.findings if each.severity is Severity.WARNING]
+    assert all("outputs" in each for each in told)  # which this I/O module leaves as they are when the master dies
+    assert report.budgets["can"].fits
+
+
+def test_all_mistakes_are_told_at_once_with_their_places(tmp_path):
+    config = write_io(tmp_path, nested=False)
+    bus = config / "bus.yml"
+    bus.write_text(bus.read_text().replace("node_id: 5", "node_id: 300") + "other: {dcf: absent.eds, node_id: 7}\n")
+    told = errors(check(config))
+    assert len(told) == 2
+    assert all(str(bus) in each for each in told)
+    with pytest.raises(ConfigError, match="absent"):
+        read_robot(find_robot(str(config)))
+
+
+def test_a_drive_that_no_pdo_commands_is_refused_with_what_to_map(tmp_path):
+    config = write_drives(tmp_path)
+    bus = config / "bus.yml"
+    bus.write_text(bus.read_text().replace("mapping: [{index: 0x6040}, {index: 0x6060}]", "mapping: []"))
+    told = errors(check(config))
+    assert any("0x6040" in each and "map it in bus.yml" in each for each in told)
+
+
+def test_a_drive_that_no_joint_of_a_robot_names_is_a_proxy_beside_the_others_and_told(tmp_path):
+    config = write_generic(tmp_path)
+    bus = config / "bus.yml"
+    bus.write_text(bus.read_text() + "  spare:\n    node_id: 9\n")
+    told = [each.text for each in check(config, controllers=["velocity"]).findings if "spare" in each.text]
+    assert any("no joint of" in each and "cannot be enabled" in each for each in told)
+    setup = read_robot(find_robot(str(config)), controllers=["velocity"])
+    assert "spare" not in [joint.name for tag in setup.description.hardware for joint in tag.joints]
+
+
+def test_there_is_nothing_to_mock(tmp_path):
+    config = write_io(tmp_path)
+    with pytest.raises(RobotConfigError, match="--mock"):
+        read_robot(find_robot(str(config)), mock=True)
+    assert any("--mock" in each for each in errors(check(config, mock=True)))
+
+
+def test_a_folder_with_half_of_a_robot_still_says_what_is_missing(tmp_path):
+    config = write_io(tmp_path)
+    (config / "ros2_controllers.yaml").write_text("controller_manager: {ros__parameters: {}}\n")
+    with pytest.raises(RobotConfigError, match=r"has no .*urdf"):
+        find_robot(str(config))
+
+
+def test_a_node_that_is_not_there_ends_the_start_with_its_name(tmp_path):
+    config = write_io(tmp_path)
+    bus = config / "bus.yml"
+    bus.write_text(bus.read_text().replace("{node_id: 1}", "{node_id: 1, boot_time: 500}"))
+    robot = AloneBench("absent", config=config, drives=())
+    robot.robot.start()
+    robot.until(lambda: robot.robot.state is RobotState.STOPPED)
+    assert "not one frame came from io_module" in robot.robot.failure
+    robot.close()
+
+
+def test_one_that_is_not_required_is_gone_on_without_and_joins_when_it_comes(bench, tmp_path):
+    config = write_io(tmp_path)
+    bus = config / "bus.yml"
+    bus.write_text(bus.read_text().replace("node_id: 5,", "node_id: 5, required: false,"))
+    robot = bench(config, ())
+    assert robot.robot.state is RobotState.RUNNING
+    robot.power_on(IO)
+    robot.until(lambda: robot.robot.nodes["io_module"].ready)
+
+
+def test_drivers_of_ros2_canopen_before_its_time_are_known(tmp_path):
+    config = write_drives(tmp_path)
+    bus = config / "bus.yml"
+    driver = "    driver: ros2_canopen::LifecycleMotionControllerDriver\n"
+    bus.write_text(bus.read_text().replace("  drive_one:\n", f"  drive_one:\n{driver}"))
+    setup = read_robot(find_robot(str(config)))
+    assert list(setup.controllers.controllers) == ["drive_one", "drive_two"]
+
+
+def test_two_axes_of_one_name_are_refused_with_their_node(tmp_path):
+    config = write_two_axis_drive(tmp_path)
+    bus = config / "bus.yml"
+    bus.write_text(bus.read_text().replace("{node_id: 2}", "{node_id: 2, channel_names: [arm, arm]}"))
+    with pytest.raises(
+        RobotConfigError, match=r"bus.yml:\d+: drive_one has an axis 'arm', which is one of drive_one too"
+    ):
+        read_robot(find_robot(str(config)))
+    assert len(errors(check(config))) == 1
