@@ -7,6 +7,7 @@ Before the first command nothing is written; once the timeout has passed since t
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, ClassVar
 
 from canopen_control.controllers.base import WheelBase
@@ -121,9 +122,9 @@ class DiffDriveController(MobileBase):
         if self.params.open_loop:
             self.odometry.update_open_loop(self.limited[0], self.limited[1], now)
             return True
-        if not self.states_known():
-            return False
         left, right = _mean(self._left_states), _mean(self._right_states)
+        if not (math.isfinite(left) and math.isfinite(right)):
+            return False
         if self.params.position_feedback:
             self.odometry.update_position(left, right, now)
         else:

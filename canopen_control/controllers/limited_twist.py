@@ -45,15 +45,14 @@ class LimitedTwist:
 
     def limit(self, period: float) -> None:
         """Limit what is wanted against the last two steps; `period` in s."""
-        limited, previous, before = self.limited, self._previous, self._before
-        for index in range(len(limited)):
-            limiter = self._limiters[index]
-            limited[index] = limiter.limit(self.wanted[index], previous[index], before[index], period)
+        limited, wanted, previous, before = self.limited, self.wanted, self._previous, self._before
+        for index, limiter in enumerate(self._limiters):
+            limited[index] = limiter.limit(wanted[index], previous[index], before[index], period)
 
     def step(self) -> None:
         """Let the limited twist be the one before the next."""
-        for index in range(len(self.limited)):
-            self._before[index], self._previous[index] = self._previous[index], self.limited[index]
+        self._before[:] = self._previous
+        self._previous[:] = self.limited
 
     def forget(self) -> None:
         """Have no twist, and stand still before the next."""

@@ -312,15 +312,14 @@ class MobileBase(Controller):
 
     def _take_chain(self) -> bool:
         """Take the references, and return True, where another controller owns one."""
-        references = self._references
-        chained = False
-        for index in range(len(references)):
-            chained = chained or references[index].owner is not None
-        if not chained:
+        for reference in self._references:
+            if reference.owner is not None:
+                break
+        else:
             return False
         self.braking = False
-        for index in range(len(references)):
-            self.wanted[index] = references[index].value
+        for index, reference in enumerate(self._references):
+            self.wanted[index] = reference.value
         if self._writing and not self._twist.known:
             self._brake()  # who was driven by a topic does not go on by itself
         return True
@@ -362,10 +361,10 @@ class MobileBase(Controller):
             zero_targets(self.commands)
             return
         self.work_out(self.limited)
-        commands, targets = self.commands, self.targets
-        for index in range(len(commands)):
-            command, target = commands[index], targets[index]
-            if not (math.isfinite(target) and command.lowest <= target <= command.highest):
+        targets = self.targets
+        for index, command in enumerate(self.commands):
+            target = targets[index]
+            if not (command.lowest <= target <= command.highest and math.isfinite(target)):
                 self._stand(target)
                 return
             command.value = target

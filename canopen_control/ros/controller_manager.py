@@ -62,7 +62,11 @@ class ControllerManagerServices(Endpoint):
         return [
             ("list_controllers", "ListControllers", self._list_controllers),
             ("list_controller_types", "ListControllerTypes", self._list_types),
-            ("load_controller", "LoadController", self._by_name(lambda name: LoadController(controller=name))),
+            (
+                "load_controller",
+                "LoadController",
+                self._by_name(lambda name: LoadController(controller=name, configure=False)),
+            ),
             (
                 "configure_controller",
                 "ConfigureController",

@@ -11,7 +11,7 @@ from canopen_control.rpc.messages import robot as messages
 from canopen_control.rpc.messages.declare import Done
 from canopen_control.rpc.messages.robot import ComponentState, HardwareReading, InterfaceReading
 from canopen_control.rpc.messages.state import ControllerReading
-from canopen_control.runtime.startup_controllers import UNLOADED, load_controller
+from canopen_control.runtime.startup_controllers import UNLOADED, configure_controller, load_controller
 
 if TYPE_CHECKING:
     from canopen_control.hardware.interfaces import HardwareComponent
@@ -56,12 +56,12 @@ def _controllers(robot: RobotCore, *, unloaded: bool) -> tuple[ControllerReading
 
 
 def _load(robot: RobotCore, call: Call[messages.LoadController]) -> None:
-    load_controller(robot.setup, robot.manager, call.request.controller)
+    load_controller(robot.setup, robot.manager, call.request.controller, configure=call.request.configure)
     call.reply(Done())
 
 
 def _configure(robot: RobotCore, call: Call[messages.ConfigureController]) -> None:
-    robot.manager.configure(call.request.controller)
+    configure_controller(robot.setup, robot.manager, call.request.controller)
     call.reply(Done())
 
 

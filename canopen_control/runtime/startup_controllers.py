@@ -21,22 +21,28 @@ if TYPE_CHECKING:
     from canopen_control.hardware.interfaces import InterfaceRegistry
     from canopen_control.runtime.setup import RobotSetup
 
-__all__ = ["load_controller", "prepare_controllers", "require_active", "switch_controllers"]
+__all__ = ["configure_controller", "load_controller", "prepare_controllers", "require_active", "switch_controllers"]
 
 
 UNLOADED = "unloaded"  # of a controller that is only in the file
 
 
-def load_controller(setup: RobotSetup, manager: ControllerManager, name: str) -> None:
-    """Load and configure a controller of the file, and its fallbacks; raises ControlError or ConfigError."""
+def load_controller(setup: RobotSetup, manager: ControllerManager, name: str, *, configure: bool = True) -> None:
+    """Load and `configure` a controller of the file, and its fallbacks; raises ControlError or ConfigError."""
     config = setup.controllers.controllers.get(name)
     if config is None:
         known = setup.controllers.controllers
         raise UnknownName(f"no controller {name!r} in {setup.files.controllers}{nearest(name, known)}")
-    loaded = manager.states
     manager.load(name, config.type, config.params, config.fallbacks, config.node_options)
+    if configure:
+        configure_controller(setup, manager, name)
+
+
+def configure_controller(setup: RobotSetup, manager: ControllerManager, name: str) -> None:
+    """Configure a controller that is loaded, and load its fallbacks; raises ControlError or ConfigError."""
     manager.configure(name)
-    for fallback in config.fallbacks:
+    loaded, config = manager.states, setup.controllers.controllers.get(name)
+    for fallback in () if config is None else config.fallbacks:
         if fallback not in loaded and fallback not in setup.to_activate:
             load_controller(setup, manager, fallback)
 

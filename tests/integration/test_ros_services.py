@@ -91,6 +91,7 @@ def test_a_spawner_with_a_file_of_parameters_brings_up_a_controller_that_turns_t
     assert put("controller_manager", "wheels.node_options_args", type=9, string_array_value=options)["successful"]
     assert put("controller_manager", "wheels.type", type=4, string_value=kind)["successful"]
     assert manager("load_controller", "LoadController", name="wheels")["ok"]
+    assert states()["wheels"] == "unconfigured"
     assert manager("configure_controller", "ConfigureController", name="wheels")["ok"]
     swap = {"activate_controllers": ["wheels"], "deactivate_controllers": [FORWARD], "strictness": 2}
     assert manager("switch_controller", "SwitchController", **swap)["ok"]

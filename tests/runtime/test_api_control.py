@@ -23,6 +23,16 @@ def test_a_controller_is_loaded_switched_and_unloaded(robby, client):
     assert BASE not in states(client)
 
 
+def test_ros_loads_a_controller_before_it_is_configured(client):
+    assert client.ask("load", controller=BASE, configure=False)["result"] == {}
+    assert states(client)[BASE] == "unconfigured"
+    found = {each["name"]: each for each in client.ask("parameters", controller=BASE)["result"]}
+    assert (found["wheel_radius"]["value"], found["wheel_radius"]["read_only"]) == (0.035, True)
+    assert "it is unconfigured" in client.ask("switch", activate=[BASE], deactivate=[FORWARD])["error"]["message"]
+    assert client.ask("configure", controller=BASE)["result"] == {}
+    assert states(client)[BASE] == "inactive"
+
+
 def test_the_hardware_is_listed_with_what_is_claimed(client):
     (component,) = client.ask("hardware")["result"]
     assert component["state"] == "active"

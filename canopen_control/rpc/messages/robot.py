@@ -248,9 +248,10 @@ class ListControllerTypes(Request[list[str]], frozen=True):
 
 @ROBOT.method("load", Effect.CHANGES)
 class LoadController(Request[Done], frozen=True, kw_only=True):
-    """Load a controller of ros2_controllers.yaml."""
+    """Load a controller of ros2_controllers.yaml, and configure it; `configure` false: as ROS does, without."""
 
     controller: str
+    configure: bool = True
 
 
 @ROBOT.method("configure", Effect.CHANGES)
