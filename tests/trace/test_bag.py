@@ -15,6 +15,7 @@ from support.samples import controllers_of, event_of, sample_of
 from canopen_control.errors import ConfigError
 from canopen_control.runtime.api import ApiServer
 from canopen_control.trace.bag import BagWriter
+from canopen_control.trace.bag_messages import BagMessages
 
 rosbags = pytest.importorskip("rosbags.rosbag2", reason="rosbags is not installed: pip install canopen-control[bag]")
 
@@ -97,9 +98,7 @@ def states(story):
 
 
 def read(path):
-    from rosbags.typesys import Stores, get_typestore
-
-    store, found = get_typestore(Stores.ROS2_JAZZY), {}
+    store, found = BagMessages().store, {}
     with rosbags.Reader(path) as reader:
         for connection, stamp, data in reader.messages():
             found.setdefault(connection.topic, []).append((stamp, store.deserialize_cdr(data, connection.msgtype)))
@@ -176,9 +175,8 @@ def test_diagnostics_come_once_a_second_and_tell_the_loss(bag):
 
 
 def test_odometry_of_a_base_that_drives_sideways_is_on_its_own_topic(story, tmp_path):
-    sample = {"kind": "mecanum", "time": 1000.25, "x": 1.0, "y": 2.0, "heading": 0.0, "linear": 0.5, "lateral": 0.25}
-    sample |= {"wheels": [1.0, 2.0, 3.0, 4.0], "reference": [0.5, 0.25, 0.0]}
-    reading = {"name": "base", "state": "active", "topic": "reference", "tells": "mecanum"}
+    sample = {"kind": "odometry", "time": 1000.25, "x": 1.0, "y": 2.0, "heading": 0.0, "linear": 0.5, "lateral": 0.25}
+    reading = {"name": "base", "state": "active", "topic": "reference", "tells": "odometry"}
     with BagWriter(tmp_path / "odom", "robby", controllers=controllers_of([reading]), urdf=story["urdf"]) as writer:
         writer.state(sample_of({**states(story)[-1], "samples": {"base": sample}}))
     ((_, odometry),) = read(tmp_path / "odom")["/base/odometry"]
