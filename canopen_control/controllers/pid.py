@@ -153,4 +153,4 @@ def _quotient(a: float, b: float) -> float:
     """Return a / b as IEEE 754 has it: a time constant of 0 is no error of the cycle."""
     if b:
         return a / b
-    return math.copysign(math.inf, a) if a else math.nan
+    return math.copysign(math.inf, a) * math.copysign(1.0, b) if a else math.nan

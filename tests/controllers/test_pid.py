@@ -81,9 +81,11 @@ def test_gains_that_cannot_be_are_refused(wrong):
         Gains(1.0, **wrong)
 
 
-@pytest.mark.parametrize(("u_max", "integral"), [(math.inf, math.nan), (0.5, -math.inf)])
-def test_a_back_calculation_without_a_time_constant_raises_nothing(u_max, integral):
-    pid = Pid(Gains(i=1.0, d=0.0, u_max=u_max, anti_windup=AntiWindup.BACK_CALCULATION))
+@pytest.mark.parametrize(
+    ("i", "u_max", "integral"), [(1.0, math.inf, math.nan), (1.0, 0.5, -math.inf), (-1.0, 0.5, math.inf)]
+)
+def test_a_back_calculation_without_a_time_constant_raises_nothing(i, u_max, integral):
+    pid = Pid(Gains(i=i, d=0.0, u_max=u_max, anti_windup=AntiWindup.BACK_CALCULATION))
     pid.integral = 1.0
     pid.compute(1.0, 0.1)
     assert same(pid.integral, integral)

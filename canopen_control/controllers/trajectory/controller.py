@@ -49,9 +49,13 @@ class JointTrajectoryController(Controller):
 
     tells: ClassVar[type[Sample] | None] = TrajectorySample
     settable: ClassVar[tuple[str, ...]] = (
-        "gains.*", "constraints.stopped_velocity_tolerance", "constraints.goal_time", "constraints.*.trajectory",
-        "constraints.*.goal", "allow_partial_joints_goal", "allow_integration_in_goal_trajectories",
-        "allow_nonzero_velocity_at_trajectory_end",
+        "gains.*.p", "gains.*.i", "gains.*.d", "gains.*.i_clamp*", "gains.*.u_clamp*",
+        "gains.*.tracking_time_constant", "gains.*.error_deadband", "gains.*.ff_velocity_scale",
+        "constraints.stopped_velocity_tolerance",
+        "constraints.goal_time", "constraints.*.trajectory", "constraints.*.goal", "allow_partial_joints_goal",
+        "allow_integration_in_goal_trajectories", "allow_nonzero_velocity_at_trajectory_end", "cmd_timeout",
+        "set_last_command_interface_value_as_state_on_activation", "allow_trajectory_replacement",
+        "allowed_start_tolerance", "continue_without_client",
     )  # fmt: skip
 
     def __init__(self, name: str, type_name: str = "joint_trajectory_controller/JointTrajectoryController") -> None:
@@ -93,7 +97,7 @@ class JointTrajectoryController(Controller):
         self.speed = SpeedScaling(given.initial_scaling_factor, allowed=positions)
 
     def on_set(self, params: Params) -> None:
-        """Take other gains, and tolerances of trajectories to come, in the next cycle."""
+        """Take other gains, and tolerances of trajectories to come, in the next cycle; a time-out once activated."""
         self.change(read_params(params, self.name))
 
     def command_interface_names(self) -> list[str]:
@@ -107,6 +111,8 @@ class JointTrajectoryController(Controller):
     def on_activate(self, commands: list[CommandInterface], states: list[StateInterface], now: int) -> None:
         """Take the interfaces and hold the joints where they are."""
         super().on_activate(commands, states, now)
+        if self._changed is not None:  # while it was inactive
+            self._take_changes(self._changed)
         group = self._group
         group.take(commands[: len(group.command_names)], states[: len(group.state_names)])
         self.speed.take(

@@ -257,6 +257,28 @@ def test_a_command_time_out_does_not_make_a_goal_that_was_missed_a_success():
     assert (goal.state, goal.code) == (GoalState.ABORTED, ResultCode.GOAL_TOLERANCE_VIOLATED)
 
 
+def test_what_is_set_while_it_is_inactive_counts_once_it_is_active(arm):
+    arm.manager.switch((), ["arm"])
+    arm.manager.set_parameters("arm", [ParameterValue(name="cmd_timeout", kind="double", value=0.2)])
+    arm.manager.switch(["arm"], now=arm.now)
+    arm.run(5)
+    arm.controller.set_trajectory(JointTrajectory(JOINTS, [Point([0.1, 0.1], time=S // 10)]), arm.now)
+    arm.run(25)
+    assert not arm.controller.holding
+    arm.run(10)
+    assert arm.controller.holding
+
+
+@pytest.mark.parametrize(
+    "name", ["joints", "interpolation_method", "gains.a.antiwindup_strategy", "action_monitor_rate"]
+)
+def test_what_is_read_only_upstream_is_so_here(arm, name):
+    reading = {each.name: each for each in arm.manager.parameters("arm")}
+    assert reading[name].read_only
+    assert not reading["gains.a.p"].read_only
+    assert not reading["constraints.a.goal"].read_only
+
+
 def test_a_joint_that_is_held_back_ends_the_goal_with_its_name_and_what_it_was():
     arm = Arm(constraints={each: {"trajectory": 0.05} for each in JOINTS})
     goal = arm.send((1.0, 1.0))
