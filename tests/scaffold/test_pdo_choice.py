@@ -81,3 +81,9 @@ def test_the_predefined_identifier_is_given_to_the_first_four_alone():
         del od.entries[0x1400 + number, 1]
     uses, _ = choose_pdos(od, PdoWish(True, (WORD, SPEED)))
     assert [(use.number, use.auto) for use in uses] == [(4, True), (5, False)]
+
+
+def test_one_that_is_off_for_good_is_passed_over_for_one_that_is_not():
+    twice = [*FOUR_PAIRS, (True, 4, 0x640, [0x60400010, 0x60FF0020])]
+    od = shape(pdos=twice, access="const", s1403_01={"default": 0x80000505, "access": "const"})
+    assert chosen(od, COMMANDS) == ({5: (WORD, SPEED)}, ())
