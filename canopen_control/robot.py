@@ -13,6 +13,7 @@ it has over there, as far as one sentence says all of it.
 from __future__ import annotations
 
 import threading
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, Literal, TypeVar
 
@@ -24,7 +25,7 @@ from canopen_control.rpc.messages import robot as messages
 from canopen_control.rpc.messages.robot import MAX_OBJECT, SdoRead, SdoWrite
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Sequence
     from types import TracebackType
 
     from canopen_control.od.address import ObjectAddress
@@ -120,8 +121,14 @@ class Robot:
 
     # ------------------------------------------------------------------------------------------- motion
 
-    def command(self, controller: str, values: Sequence[float]) -> None:
-        """Command a controller, one value for each joint; a velocity or an effort ends after the command's life."""
+    def command(self, controller: str, values: Sequence[float] | Mapping[str, float]) -> None:
+        """Command a controller, one value for each joint; a velocity or an effort ends after the command's life.
+
+        The outputs of a GPIO command controller by name: `{"io/lamp": 1.0}`; those that are not named stay.
+        """
+        if isinstance(values, Mapping):
+            self._ask(messages.CommandByName(controller=controller, values=dict(values), source=_SOURCE))
+            return
         self._ask(messages.CommandController(controller=controller, values=list(values), source=_SOURCE))
 
     def twist(self, controller: str, linear: float, angular: float, lateral: float = 0.0) -> None:

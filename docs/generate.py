@@ -67,6 +67,7 @@ _TYPES = {
     r"list\[int\]": "list of integers",
     r"list\[(\w+)\]": r"list of \1",
     r"dict\[int, int\]": "number: number",
+    r"dict\[str, (.+)\]": r"by name: \1",
     r"dict\[int, (\w+)\]": r"number: \1",
     r"\bSix\b": "six numbers",
     r"\bstr\b": "text",
@@ -111,7 +112,8 @@ def parts_of(cls: type[Any]) -> list[type[Any]]:
 def own_entries(cls: type[Any]) -> Iterator[tuple[str, dataclasses.Field[Any]]]:
     """Yield every key that a dataclass itself is read from, with its field."""
     for field in dataclasses.fields(cls):
-        if not any(field.metadata.get(mark) for mark in ("part", "section", "derived", "here")):
+        marks = ("part", "derived", "here") if "dict" in str(field.type) else ("part", "section", "derived", "here")
+        if not any(field.metadata.get(mark) for mark in marks):
             yield field.metadata.get("key") or field.name, field
 
 
@@ -170,11 +172,16 @@ def bus_yml() -> str:
 def controllers() -> str:
     """Return the parameters of every controller."""
     from canopen_control.controllers import (
+        battery_params,
         broadcasters,
+        canopen_device,
         diff_drive_params,
+        gpio_params,
+        gripper_params,
         mecanum_params,
         omni_params,
         pid_params,
+        sensor_params,
         standard_params,
         steering_params,
         types,
@@ -201,6 +208,15 @@ def controllers() -> str:
         ("Joint trajectories", trajectory.TrajectoryParams, "JointTrajectory"),
         ("PID", pid_params.PidParams, "/PidController"),
         ("Joint states", BroadcasterParams, "JointState(Broadcaster|Controller)"),
+        ("Outputs and inputs of `<gpio>` parts", gpio_params.GpioParams, "GpioCommand"),
+        ("One node, as ros2_canopen shows it", canopen_device.DeviceParams, "canopen_ros2_controllers"),
+        ("Gripper, commanded by position", gripper_params.GripperParams, "position_controllers/Gripper"),
+        ("Gripper, commanded by effort", gripper_params.EffortGripperParams, "effort_controllers/Gripper"),
+        ("Parallel gripper", gripper_params.ParallelGripperParams, "parallel_gripper"),
+        ("IMU", sensor_params.ImuParams, "IMUSensorBroadcaster"),
+        ("Range sensor", sensor_params.RangeParams, "RangeSensorBroadcaster"),
+        ("Force and torque", sensor_params.ForceTorqueParams, "ForceTorqueSensorBroadcaster"),
+        ("Batteries", battery_params.BatteryParams, "BatteryState"),
         ("GPIO and diagnostics", broadcasters.StateParams, "(Gpio|Diagnostics)Broadcaster"),
     )
     text = ["# Controllers and their parameters\n", "Names, defaults and meaning are those of ros2_controllers.\n"]
@@ -225,6 +241,8 @@ def controllers() -> str:
                 "### Each degree of freedom: `gains.DOF.KEY`\n",
                 _keys(pid_params.DofGains, CONTROLLERS["DofGains"], {}),
             ]
+        if cls is battery_params.BatteryParams:
+            text += ["### Each battery: `BATTERY.KEY`\n", _keys(battery_params.Battery, CONTROLLERS["Battery"], {})]
         if cls is trajectory.TrajectoryParams:
             for part, title in (
                 (trajectory.JointGains, "gains"),

@@ -57,7 +57,8 @@ BUS_YML: dict[str, dict[str, str]] = {
         "sdo": "objects that the boot writes, in their order",
         "boot": "false: the node is not booted, nor driven",
         "mandatory": "ros2_canopen's word for `required`",
-        "required": "the robot does not start without the node; absent: what `mandatory` says, else true",
+        "required": "the robot does not start without the node; absent: what `mandatory` says, else true. Where one "
+        "of them says true, the loss of a node that moves nothing stops all axes",
         "allow_unsupervised": "accepts a drive that nothing would stop when the master dies",
         "reset_communication": "false: a node that runs already is kept alive instead of being reset",
         "software_version": "what 0x1F56:01 must show; 0: anything",
@@ -330,6 +331,68 @@ CONTROLLERS: dict[str, dict[str, str]] = {
         "use_urdf_to_filter": "only joints that the description moves, in alphabetical order",
         "frame_id": "frame of the headers",
         "publish_dynamic_joint_states": "publishes every state interface on `dynamic_joint_states` too",
+    },
+    "GpioParams": {
+        "gpios": "names of <gpio> parts of the description",
+        "command_interfaces": "`.GPIO.interfaces`: the command interfaces, its outputs; none: it only tells",
+        "state_interfaces": "`.GPIO.interfaces`: the state interfaces that are told; none: every one of that gpio",
+        "safe_values": "`.GPIO.INTERFACE`: where the output goes when commands end; absent: 0.0",
+        "kept_outputs": "`GPIO/INTERFACE`: outputs that stay as they are when commands end",
+        "command_timeout": "s after which a command ends; absent or 0: never (2 for interfaces named velocity, effort "
+        "or acceleration)",
+    },
+    "DeviceParams": {"joint": "a joint that a node drives, or the name of a node that drives none"},
+    "GripperParams": {
+        "joint": "the joint of the gripper",
+        "action_monitor_rate": "Hz of feedback to the action's client",
+        "goal_tolerance": "rad or m within which the goal is reached",
+        "max_effort": "Nm or N of a goal that gives none, or 0",
+        "allow_stalling": "a gripper that moves no more has succeeded, and goes on gripping",
+        "stall_velocity_threshold": "rad/s or m/s; what is no faster does not move",
+        "stall_timeout": "s without motion after which it has stalled",
+        "state_interfaces": "what is read of the joint; `effort` for the result's effort",
+        "max_effort_interface": "the command interface that limits the effort, by its full name; empty: none",
+        "max_velocity_interface": "the one that limits the velocity",
+        "max_velocity": "rad/s or m/s of a goal that gives none, or 0, for that interface",
+    },
+    "SensorParams": {
+        "sensor_name": "a <sensor> of the description, whose interfaces have the names of ros2_control",
+        "frame_id": "frame of the headers",
+    },
+    "ImuParams": {
+        "static_covariance_orientation": "nine numbers, row by row about x, y, z; all 0: not known",
+        "static_covariance_angular_velocity": "the same of the angular velocity; -1 first: it is not measured",
+        "static_covariance_linear_acceleration": "the same of the linear acceleration",
+    },
+    "RangeParams": {
+        "radiation_type": "0 ultrasound, 1 infrared",
+        "field_of_view": "rad, the arc for which the distance holds",
+        "min_range": "m, the least distance that is measured",
+        "max_range": "m, the largest",
+        "variance": "m^2; 0: not known",
+    },
+    "ForceTorqueParams": {
+        "interface_names": "`.force.x` to `.torque.z`: state interfaces by their full names, instead of `sensor_name`",
+        "offset": "`.force.x` to `.torque.z`: N or Nm that are added",
+        "multiplier": "`.force.x` to `.torque.z`: factor after that; absent: 1.0",
+    },
+    "BatteryParams": {
+        "batteries": "names of <sensor>, <gpio> or <joint> parts, each with `battery_voltage` at least",
+        "interfaces": "`.BATTERY.battery_temperature` and so on, true: that state interface is read too "
+        "(`battery_current`, `battery_charge`, `battery_percentage`, `battery_power_supply_status`, `..._health`, "
+        "`battery_present`)",
+        "sensor_name": "one battery alone, of which `voltage` is read (deprecated)",
+        "design_capacity": "Ah, of that one",
+        "power_supply_technology": "of that one",
+    },
+    "Battery": {
+        "minimum_voltage": "V of an empty battery, for the percentage of one that tells none",
+        "maximum_voltage": "V of a full one",
+        "capacity": "Ah, when it was full last",
+        "design_capacity": "Ah of a new battery",
+        "power_supply_technology": "its chemistry, a number of sensor_msgs/BatteryState",
+        "location": "where it is, such as a slot",
+        "serial_number": "its serial number",
     },
     "StateParams": {
         "joints": "only these joints; empty: all",

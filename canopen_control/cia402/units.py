@@ -22,6 +22,7 @@ __all__ = [
     "PositionUnwrapper",
     "Scale",
     "counts_per_revolution",
+    "rpm_of_unit",
     "to_object",
     "wrap_int32",
 ]
@@ -31,6 +32,7 @@ INT32_MIN, INT32_MAX = -(1 << 31), (1 << 31) - 1
 _SPAN: Final = 1 << 32
 _HALF: Final = 1 << 31
 _TURN: Final = 2.0 * math.pi
+_RPM: Final = 0xB447  # numerator and denominator, bits 8 to 23: revolutions per minute
 
 
 def to_object(raw: float, low: int, high: int) -> int | None:
@@ -58,6 +60,12 @@ def counts_per_revolution(
     if not all(part > 0 for pair in pairs for part in pair):
         raise ConfigError(f"0x608F {encoder_resolution}, 0x6091 {gear_ratio}, 0x6092 {feed_constant}: none may be 0")
     return math.prod(numerator / denominator for numerator, denominator in pairs)
+
+
+def rpm_of_unit(unit: int) -> float:
+    """Return how many revolutions per minute the SI unit of velocities (0x60A9) is; 0 for another unit (CiA 303-2)."""
+    exponent = (unit >> 24 & 0xFF ^ 0x80) - 0x80  # a power of ten, in two's complement
+    return 10.0**exponent if unit >> 8 & 0xFFFF == _RPM else 0.0
 
 
 class Scale:

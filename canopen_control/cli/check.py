@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from canopen_control.cli.run import add_file_arguments, add_kind_arguments, find_files
@@ -71,6 +70,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Print what was found; 0 good, 2 for errors, with --strict for warnings too."""
     from canopen_control.runtime.check import CheckOptions, check_robot
+    from canopen_control.runtime.robot_files import find_launch
 
     files = find_files(args)
     options = CheckOptions(
@@ -80,7 +80,7 @@ def run(args: argparse.Namespace) -> int:
         real=args.real,
         peer_merge=args.peer_merge,
         allow_unsupervised=args.allow_unsupervised,
-        launch=Path(args.launch) if args.launch else None,
+        launch=find_launch(args.launch) if args.launch else None,
     )
     report = check_robot(files, options)
     if args.json:

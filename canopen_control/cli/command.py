@@ -1,4 +1,8 @@
-"""`command`: send values to a controller, at 10 Hz until Ctrl-C, then zeros; positions are held where they are then."""
+"""`command`: send values to a controller, at 10 Hz until Ctrl-C, then zeros; positions are held where they are then.
+
+Outputs of a GPIO command controller may be named, `io/lamp=1`: the others stay; with the end they go to their safe
+values.
+"""
 
 from __future__ import annotations
 
@@ -12,35 +16,52 @@ from canopen_control.cli.support.commands import (
     target_interface,
     values_at_the_end,
 )
-from canopen_control.rpc.messages.robot import CommandController
+from canopen_control.errors import ConfigError
+from canopen_control.rpc.messages.robot import CommandByName, CommandController
 
 if TYPE_CHECKING:
     import argparse
 
 __all__ = ["add_arguments", "run"]
 
-EXAMPLE = "canopen-control command robby_forward_controller 10 10 --for 3"
+EXAMPLE = """canopen-control command robby_forward_controller 10 10 --for 3
+         canopen-control command io_controller io/lamp=1 --once"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     parser.add_argument("controller", help="its name in ros2_controllers.yaml")
     parser.add_argument(
-        "values", nargs="+", type=finite, metavar="VALUE", help="one for each joint, SI units (rad/s, rad, Nm)"
+        "values",
+        nargs="+",
+        type=_value,
+        metavar="VALUE",
+        help="one for each joint, SI units (rad/s, rad, Nm); or NAME=VALUE for some outputs of <gpio> parts",
     )
     add_repeat_arguments(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Run the verb."""
-    controllers = ask_for_controllers(args.name)
-    last = values_at_the_end(controllers, args.controller, args.values)
-    meant = target_interface(controllers, args.controller)
     dead_man = not args.once  # it ends as soon as the connection is gone
+    named = {name: value for name, value in args.values if name}
+    if named:
+        if len(named) != len(args.values):
+            raise ConfigError(f"{args.controller}: give every value as NAME=VALUE, each name once, or none")
+        outputs = CommandByName(controller=args.controller, values=named, source="command", dead_man=dead_man)
+        return send(args, outputs, None)
+    values = [value for _, value in args.values]
+    controllers = ask_for_controllers(args.name)
+    last = values_at_the_end(controllers, args.controller, values)
+    meant = target_interface(controllers, args.controller)
     moving, zeros = (
-        CommandController(
-            controller=args.controller, values=values, source="command", dead_man=dead_man, interface=meant
-        )
-        for values in (args.values, last)
+        CommandController(controller=args.controller, values=each, source="command", dead_man=dead_man, interface=meant)
+        for each in (values, last or [])
     )
-    return send(args, moving, zeros)
+    return send(args, moving, zeros if last is not None else None)
+
+
+def _value(text: str) -> tuple[str, float]:
+    """Read VALUE or NAME=VALUE."""
+    name, _, value = text.rpartition("=")
+    return name, finite(value)

@@ -96,7 +96,8 @@ def _commands(controller: ControllerReading) -> str:
     """Say what a controller commands; of one that is only in the file nothing is known yet."""
     if controller.state == "unloaded":
         return "-"
-    return controller.interface or ", ".join(controller.required_command_interfaces) or "nothing: it broadcasts"
+    nothing = "nothing: it broadcasts" if controller.is_broadcaster else "-"
+    return controller.interface or ", ".join(controller.required_command_interfaces) or nothing
 
 
 def _types(args: argparse.Namespace, robot: RobotClient) -> int:

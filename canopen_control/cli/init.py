@@ -9,12 +9,14 @@ Exit codes: 0 good, 2 wrong usage, a file that is none, or a robot that cannot b
 
 from __future__ import annotations
 
+import contextlib
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from canopen_control.cli.support.arguments import timeout_seconds
-from canopen_control.cli.support.target import find_eds
+from canopen_control.cli.support.target import LABEL, find_eds
 from canopen_control.data_files import data_names
 from canopen_control.errors import CanopenError, ConfigError
 from canopen_control.od.eds import read_eds
@@ -35,6 +37,7 @@ EXAMPLE = """canopen-control init my_robot --eds generic_cia402.eds --node-id 2,
          canopen-control init found --can can0 --eds my_drive.eds"""
 
 _NODE_IDS = range(1, 128)
+_TELLING = ((0x6502, 0), *((index, sub) for index in (0x608F, 0x6091, 0x6092) for sub in (1, 2)), (0x60A9, 0))
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -81,7 +84,8 @@ def run(args: argparse.Namespace) -> int:
     robot = plan_robot(
         args.robot, devices, joints=args.joint, base=args.base, allow_unsupervised=args.allow_unsupervised
     )
-    print("\n".join(_lines(write_robot(robot, Path(), force=args.force))))
+    on_can = args.can is not None and not args.can.startswith(("local:", "memory:"))
+    print("\n".join(_lines(write_robot(robot, Path(), force=args.force), args.can if on_can else "can0")))
     return 0
 
 
@@ -144,7 +148,28 @@ def _from_bus(args: argparse.Namespace) -> list[Device]:
             devices.append(_device(Path(node.eds), node.node_id, _who(node)))
     if not devices:
         raise ConfigError(f"no EDS fits anybody on {survey.channel}; give those of the makers: --eds FILE")
+    if survey.expected is None:  # no robot runs there, whose drives nobody else may ask
+        _ask_drives(survey.channel, devices, args.timeout)
     return devices
+
+
+def _ask_drives(channel: str, devices: Sequence[Device], timeout: float) -> None:
+    """Put what the drives themselves say of modes and units in place of the EDS's defaults."""
+    from canopen_control.master.direct import DirectBus
+    from canopen_control.od.codec import decode
+
+    wanted = [
+        (device.node_id, *address) for device in devices for address in _TELLING if device.od.get(*address) is not None
+    ]
+    dictionaries = {device.node_id: device.od for device in devices}
+    with DirectBus.open(channel, label=LABEL, timeout_s=timeout, retries=1) as bus:
+        answers = bus.read_many(wanted)
+    for (node_id, index, subindex), answer in answers.items():
+        entry = dictionaries[node_id][index, subindex]
+        with contextlib.suppress(ValueError):  # a number of another size than the EDS says: the EDS counts
+            if isinstance(answer, bytes):
+                value = decode(answer, entry.data_type)
+                dictionaries[node_id].entries[index, subindex] = replace(entry, default=value, parameter_value=None)
 
 
 def _who(node: FoundNode) -> str:
@@ -163,7 +188,7 @@ def _unknown(node: FoundNode) -> str:
     return f"node {node.node_id}, vendor 0x{vendor:08X}, product 0x{product:08X}: no EDS fits; add its file with --eds"
 
 
-def _lines(written: Written) -> list[str]:
+def _lines(written: Written, channel: str) -> list[str]:
     robot = written.robot
     lines = [f"{written.folder}/ is made: {', '.join(written.files)}"]
     lines += [_node_line(node) for node in robot.nodes]
@@ -173,12 +198,10 @@ def _lines(written: Written) -> list[str]:
         lines.append(f"counts_per_revolution in bus.yml is a guess for {_some(guessed)}: the EDS tells none")
     name = robot.name
     if not robot.drives:
-        return [*lines, "no drive is among them, so there are no joints and no controllers: a bus alone"]
-    return [*lines, f"turn it, on virtual drives: canopen-control demo {name}", _real_line(name)]
-
-
-def _real_line(name: str) -> str:
-    return f"real drives, after a look at bus.yml: canopen-control preflight {name} --can can0"
+        lines.append("no drive is among them, so there are no joints and no controllers: a bus alone")
+        return [*lines, f"boot it, on virtual devices: canopen-control run {name}"]
+    real = f"real drives, after a look at bus.yml: canopen-control preflight {name} --can {channel}"
+    return [*lines, f"turn it, on virtual drives: canopen-control demo {name}", real]
 
 
 def _node_line(node: NewNode) -> str:

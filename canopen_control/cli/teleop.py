@@ -259,7 +259,7 @@ def choose(controllers: Sequence[ControllerReading], wanted: str | None) -> Cont
         if not found:
             raise ConfigError(f"no controller {wanted!r}; there are: {_names(controllers)}")
         return _usable(found[0])
-    active = [each for each in controllers if each.active and each.topic is not None]
+    active = [each for each in controllers if each.active and each.topic is not None and not each.takes_outputs]
     bases = [each for each in active if each.is_base]
     candidates = bases or active
     if len(candidates) > 1:

@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.cli.support.arguments import number, seconds
+from canopen_control.cli.support.commands import the_controller
 from canopen_control.cli.support.output import Progress
 from canopen_control.cli.support.trajectory_recording import TrajectoryRecording
 from canopen_control.client import RobotClient
@@ -81,7 +82,7 @@ def run(args: argparse.Namespace) -> int:
     """Run the verb."""
     if args.action == "cancel":
         with RobotClient.connect(args.name) as robot:
-            robot.ask(CancelTrajectory(controller=_controller(robot, args.controller).name))
+            robot.ask(CancelTrajectory(controller=_controller(robot, args).name))
         return 0
     return _record(args) if args.action == "record" else _play(args)
 
@@ -91,7 +92,7 @@ def _play(args: argparse.Namespace) -> int:
         raise ConfigError("say what to play: a file, or --waypoints; as in: canopen-control trajectory play wave.yaml")
     joints, points = read_trajectory(args.file) if args.file is not None else ([], [])
     with RobotClient.connect(args.name) as robot:
-        controller = _controller(robot, args.controller)
+        controller = _controller(robot, args)
         if args.waypoints is not None:
             joints = list(controller.joints)
             points = read_waypoints(args.waypoints, len(joints), args.step)
@@ -180,18 +181,5 @@ def _joints(robot: RobotClient, args: argparse.Namespace) -> list[str]:
     return list(named[0].joints) if len(named) == 1 else list(known)
 
 
-def _controller(robot: RobotClient, name: str | None) -> ControllerReading:
-    """Return the controller that is meant: `name`, or the only one of the type that is active; ConfigError else."""
-    known = robot.ask(ListControllers())
-    if name is not None:
-        meant = next((each for each in known if each.name == name), None)
-        if meant is None:
-            loaded = ", ".join(each.name for each in known)
-            raise ConfigError(f"no controller {name!r} is loaded; there are {loaded}")
-        return meant
-    found = [each for each in known if each.type == _TYPE and each.state == "active"]
-    if len(found) != 1:
-        names = ", ".join(each.name for each in found)
-        what = f"several are active: {names}" if found else "no joint trajectory controller is active"
-        raise ConfigError(f"{what}; name one with --controller, see canopen-control controller list")
-    return found[0]
+def _controller(robot: RobotClient, args: argparse.Namespace) -> ControllerReading:
+    return the_controller(robot, args.controller, "trajectory", "joint trajectory controller")

@@ -28,6 +28,7 @@ VERBS = {
     "command": "send a command to a controller, repeatedly",
     "twist": "send a velocity to a base controller, repeatedly",
     "trajectory": "play a trajectory of a file on an arm, end the one under way",
+    "gripper": "move a gripper to a position, and wait until it is there",
     "teleop": "drive a base by keyboard",
     "stop": "ramp all wheels to zero and disable the drives",
     "shutdown": "stop, then end the runtime",

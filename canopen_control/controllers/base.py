@@ -27,6 +27,7 @@ from canopen_control.hardware.interfaces import OK, POSITION, ReturnType
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
+    from canopen_control.controllers.gripper_goal import GripperGoal
     from canopen_control.controllers.params import Params
     from canopen_control.controllers.trajectory.goal import Goal
     from canopen_control.controllers.trajectory.point import JointTrajectory
@@ -140,6 +141,8 @@ class Controller:
     is_broadcaster: ClassVar[bool] = False
     is_base: ClassVar[bool] = False
     """Whether its joints move one base (a vehicle): they stop together, and no verb acts on one of them alone."""
+    moves_joints: ClassVar[bool] = True
+    """Whether it is one to move joints; one that is not, as a broadcaster, is started beside the one that is."""
     twist_axes: ClassVar[tuple[str, ...]] = ()
     """The axes of the twists that a base takes, such as "linear.x"; empty if it takes values of joints."""
     independent: ClassVar[bool] = False
@@ -263,6 +266,11 @@ class Controller:
         del values, now, stamp
         raise self.refusal("takes no commands; it only reads states")
 
+    def set_named(self, values: Mapping[str, float], now: int) -> None:
+        """Take values for some of its command interfaces, by their names, see `set_command`; the others stay."""
+        del values, now
+        raise self.refusal("takes no values by the names of its interfaces; give one for each, in their order")
+
     def rests(self, values: Sequence[float]) -> bool:
         """Whether a command of these values moves nothing, and may outlive who gave it."""
         return not any(values) and all(each.quantity in MOVING for each in self.commands)
@@ -279,6 +287,14 @@ class Controller:
         """
         del why, only
         raise ControlError(f"{self.name} follows no trajectories; it is no joint trajectory controller")
+
+    def grip(self, goal: GripperGoal, now: int) -> None:
+        """Move a gripper to a position, `now` in ns; ControlError if it is refused."""
+        del goal, now
+        raise self.refusal("moves no gripper; it is no gripper action controller")
+
+    def cancel_grip(self, why: str | None = None, only: GripperGoal | None = None) -> None:
+        """End the goal of a gripper, or `only` this one; `why` is told."""
 
     def trajectory_at(self, t: int) -> TrajectoryAt:
         """Return what the trajectory that it follows says at `t`, in ns; ControlError if it follows none ever."""
@@ -312,6 +328,12 @@ class Controller:
         for name, value in zip(names, values, strict=True):
             if not _finite(value):
                 raise self.refusal(f"wants finite numbers, got {value!r} for {name}; nothing was applied")
+
+    @property
+    def standing(self) -> str:
+        """Where what it moves is once its command has ended, as a clause."""
+        stands = all(each.quantity in MOVING for each in self.commands)
+        return "its targets are 0" if stands else "what moves is stopped, positions are held where they are"
 
     def refuse_misfit(self, commands: Sequence[CommandInterface], value: float, now: int) -> None:
         """Refuse a value that an object behind these cannot hold; what was commanded before ends with that."""

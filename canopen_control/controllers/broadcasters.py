@@ -44,6 +44,7 @@ class _StateBroadcaster(Controller):
     """Copies chosen states; those of a kind by themselves."""
 
     is_broadcaster: ClassVar[bool] = True
+    moves_joints: ClassVar[bool] = False
     chosen: tuple[str, ...] = ()
 
     def __init__(self, name: str, type_name: str = "") -> None:

@@ -7,6 +7,7 @@ position is a place to stay at and has no end.
 
 from __future__ import annotations
 
+import enum
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.hardware.interfaces import ACCELERATION, EFFORT, VELOCITY
@@ -14,13 +15,22 @@ from canopen_control.hardware.interfaces import ACCELERATION, EFFORT, VELOCITY
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-__all__ = ["DEFAULT_LIFE_S", "ENDLESS", "MOVING", "CommandLife", "endless", "life_ns"]
+__all__ = ["DEFAULT_LIFE_S", "ENDLESS", "MOVING", "CommandLife", "GoalState", "endless", "life_ns"]
 
 DEFAULT_LIFE_S: Final = 2.0
 ENDLESS: Final = "endless_command"
 """The kind of the event that tells of commands without an end."""
 MOVING: Final = frozenset({VELOCITY, EFFORT, ACCELERATION})
 """The interfaces whose targets keep something moving."""
+
+
+class GoalState(enum.Enum):
+    """The states of a goal that was accepted, by action_msgs' names."""
+
+    EXECUTING = "executing"
+    SUCCEEDED = "succeeded"
+    ABORTED = "aborted"
+    CANCELED = "canceled"
 
 
 class CommandLife:

@@ -101,6 +101,9 @@ def _rows(taken: Any, prefix: str) -> Iterator[tuple[str, Any, Any, Mapping[str,
             continue
         if metadata.get("part"):
             yield from _rows(value, prefix)
+        elif metadata.get("section") and isinstance(value, dict):  # whose names the file gives
+            inner = typing.get_args(wanted)[-1]
+            yield from ((f"{prefix}{key_of(entry)}.{key}", inner, each, metadata) for key, each in value.items())
         elif metadata.get("section"):
             yield from _rows(value, f"{prefix}{key_of(entry)}.")
         else:

@@ -35,6 +35,7 @@ class JointStateBroadcaster(Controller):
     """Gathers the states of the joints; `names` are those of a JointState, in its order."""
 
     is_broadcaster: ClassVar[bool] = True
+    moves_joints: ClassVar[bool] = False
     tells: ClassVar[type[Sample] | None] = JointStatesSample
 
     def __init__(self, name: str, type_name: str = "joint_state_broadcaster/JointStateBroadcaster") -> None:

@@ -10,11 +10,13 @@ forgotten when a drive is no longer enabled, so that the first motion after ever
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Protocol
 
 from canopen_control.controllers.base import Controller, ControllerEvent, ControllerState, not_enabled, twist_axes_of
 from canopen_control.controllers.chain import joints_of
 from canopen_control.controllers.declared import checked, declared_by, given_in
+from canopen_control.controllers.gripper_goal import GripperGoal
 from canopen_control.controllers.params import Params
 from canopen_control.controllers.running import RunningControllers
 from canopen_control.controllers.switcher import Switched, Switcher
@@ -24,7 +26,7 @@ from canopen_control.rpc.messages.samples import kind_of
 from canopen_control.rpc.messages.state import ControllerReading
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Sequence
 
     from canopen_control.controllers.base import Geometry
     from canopen_control.controllers.trajectory.goal import Goal
@@ -36,6 +38,8 @@ if TYPE_CHECKING:
     )
     from canopen_control.rpc.messages.parameters import ParameterReading, ParameterValue
     from canopen_control.urdf.joint_element import Joint
+
+    AnyGoal = Goal | JointTrajectory | GripperGoal
 
 __all__ = ["ControllerEvent", "ControllerManager", "Switched"]
 
@@ -269,7 +273,7 @@ class ControllerManager:
     def command(
         self,
         name: str,
-        values: Sequence[float],
+        values: Sequence[float] | Mapping[str, float],
         now: int,
         stamp: int | None = None,
         *,
@@ -278,19 +282,30 @@ class ControllerManager:
     ) -> None:
         """Hand a command to a controller; raises ControlError if it is refused, NotEnabled for its drives. Times in ns.
 
-        `source` says who gives it; it ends with `holder`, see `let_go`, unless it is to stand still. A refusal is told
-        once, until one is taken.
+        `values` are all, or by the names of interfaces. `source` says who gives it; it ends with `holder`, see
+        `let_go`, unless it is to stand still. A refusal is told once, until one is taken.
         """
         controller = self.get(name)
-        self._hand(controller, lambda: controller.set_command(values, now, stamp), source)
+        if isinstance(values, Mapping):
+            named, values = values, list(values.values())
+            self._hand(controller, lambda: controller.set_named(named, now), source)
+        else:
+            given = values
+            self._hand(controller, lambda: controller.set_command(given, now, stamp), source)
         controller.life.source, controller.life.holder = source, None if controller.rests(values) else holder
 
-    def send_goal(
-        self, name: str, goal: Goal | JointTrajectory, now: int, *, source: str = "", holder: object = None
-    ) -> None:
-        """Hand a trajectory to a controller, see `command`; with its end the holder's hold on it ends."""
+    def send_goal(self, name: str, goal: AnyGoal, now: int, *, source: str = "", holder: object = None) -> None:
+        """Hand a trajectory or a goal of a gripper to a controller, see `command`.
+
+        With its end the holder's hold on it ends.
+        """
         controller = self.get(name)
-        self._hand(controller, lambda: controller.send_goal(goal, now), source)
+        if isinstance(goal, GripperGoal):
+            grip = goal
+            self._hand(controller, lambda: controller.grip(grip, now), source)
+        else:
+            trajectory = goal
+            self._hand(controller, lambda: controller.send_goal(trajectory, now), source)
         controller.life.source, controller.life.holder = source, holder
 
     def _hand(self, controller: Controller, take: Callable[[], None], source: str) -> None:

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Final
 
 from canopen_control.controllers.base import ControllerEvent, is_moving
 from canopen_control.controllers.chain import ends_of, in_order
-from canopen_control.controllers.command_life import MOVING
 from canopen_control.controllers.slots import Rate, Slot
 from canopen_control.hardware.interfaces import OK
 
@@ -150,9 +149,7 @@ class RunningControllers:
                 source, moving = controller.life.source, is_moving(controller.commands)
                 self._forget(slot, self.now, why=f"{source} {why}")
                 if moving:
-                    stands = all(each.quantity in MOVING for each in controller.commands)
-                    now = "its targets are 0" if stands else "what moves is stopped, positions are held where they are"
-                    text = f"{controller.name}: {source} {why}, and its command with it; {now}"
+                    text = f"{controller.name}: {source} {why}, and its command with it; {controller.standing}"
                     self._events.append(ControllerEvent("commander_gone", controller.name, text))
 
     def set_aside(self, joints: Iterable[str], now: int) -> None:

@@ -13,7 +13,7 @@ from typing import Final
 from canopen_control.controllers.base import Controller
 from canopen_control.errors import ControlError, nearest
 
-__all__ = ["GROUP", "TYPES", "is_broadcaster", "make_controller"]
+__all__ = ["GROUP", "TYPES", "is_broadcaster", "make_controller", "moves_joints"]
 
 GROUP: Final = "canopen_control.controllers"
 
@@ -37,8 +37,20 @@ TYPES: Final = {
     "omni_wheel_drive_controller/OmniWheelDriveController": f"{_HERE}.omni:OmniWheelDriveController",
     "joint_trajectory_controller/JointTrajectoryController": f"{_HERE}.trajectory.controller:JointTrajectoryController",
     "pid_controller/PidController": f"{_HERE}.pid_controller:PidController",
+    "gpio_controllers/GpioCommandController": f"{_HERE}.gpio_command:GpioCommandController",
     "joint_state_broadcaster/JointStateBroadcaster": f"{_HERE}.joint_state:JointStateBroadcaster",
     "joint_state_controller/JointStateController": f"{_HERE}.joint_state:JointStateBroadcaster",
+    "canopen_ros2_controllers/CanopenProxyController": f"{_HERE}.canopen_device:CanopenProxyController",
+    "canopen_ros2_controllers/Cia402DeviceController": f"{_HERE}.canopen_device:Cia402DeviceController",
+    "position_controllers/GripperActionController": f"{_HERE}.gripper:PositionGripperActionController",
+    "effort_controllers/GripperActionController": f"{_HERE}.gripper:EffortGripperActionController",
+    "parallel_gripper_action_controller/GripperActionController": f"{_HERE}.gripper:ParallelGripperActionController",
+    "imu_sensor_broadcaster/IMUSensorBroadcaster": f"{_HERE}.sensor_broadcasters:IMUSensorBroadcaster",
+    "range_sensor_broadcaster/RangeSensorBroadcaster": f"{_HERE}.sensor_broadcasters:RangeSensorBroadcaster",
+    "force_torque_sensor_broadcaster/ForceTorqueSensorBroadcaster": (
+        f"{_HERE}.sensor_broadcasters:ForceTorqueSensorBroadcaster"
+    ),
+    "battery_state_broadcaster/BatteryStateBroadcaster": f"{_HERE}.battery_broadcaster:BatteryStateBroadcaster",
     "canopen_control/TargetController": f"{_HERE}.drive_target:TargetController",
     "canopen_control/GpioBroadcaster": f"{_HERE}.broadcasters:GpioBroadcaster",
     "canopen_control/DiagnosticsBroadcaster": f"{_HERE}.broadcasters:DiagnosticsBroadcaster",
@@ -48,15 +60,13 @@ TYPES: Final = {
 
 def is_broadcaster(type_name: str) -> bool:
     """Whether controllers of this type only read states; False for a type nobody knows."""
-    target = TYPES.get(type_name) or _entry_point(type_name)
-    if target is None:
-        return False
-    module, _, class_name = target.partition(":")
-    try:
-        found = getattr(importlib.import_module(module), class_name, None)
-    except ImportError:
-        return False
-    return bool(getattr(found, "is_broadcaster", False))
+    return bool(getattr(_class_of(type_name), "is_broadcaster", False))
+
+
+def moves_joints(type_name: str) -> bool:
+    """Whether a controller of this type is one to move joints; True for a type nobody knows."""
+    found = _class_of(type_name)
+    return not is_broadcaster(type_name) and bool(getattr(found, "moves_joints", True))
 
 
 def make_controller(name: str, type_name: str) -> Controller:
@@ -72,6 +82,18 @@ def make_controller(name: str, type_name: str) -> Controller:
     if not isinstance(controller, Controller):
         raise ControlError(f"controller {name}: {target} is no canopen_control.controllers.base.Controller")
     return controller
+
+
+def _class_of(type_name: str) -> object:
+    """Return the class of a type, None if it cannot be had."""
+    target = TYPES.get(type_name) or _entry_point(type_name)
+    if target is None:
+        return None
+    module, _, class_name = target.partition(":")
+    try:
+        return getattr(importlib.import_module(module), class_name, None)
+    except ImportError:
+        return None
 
 
 def _entry_point(type_name: str) -> str | None:

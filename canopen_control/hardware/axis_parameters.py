@@ -37,15 +37,20 @@ _ASKED: Final = (
     (objects.FEED_CONSTANT, (1, 2)),
     (objects.SUPPORTED_HOMING_METHODS, tuple(range(1, 40))),
 )
+_PROFILE: Final = ((objects.PROFILE_VELOCITY, (0,)), (objects.PROFILE_ACCELERATION, (0,)))
 _UNLIMITED: Final = 0xFFFFFFFF
 # the values that the format itself takes where no scale is given
 _NOT_GIVEN: Final = {"pos_to_dev": 1000.0, "pos_from_dev": 0.001, "vel_to_dev": 1000.0, "vel_from_dev": 0.001}
 
 
 class AxisParameters:
-    """The parameters of one axis; `on_loaded` is called after each `load`, `failed` names what did not answer."""
+    """The parameters of one axis; `on_loaded` is called after each `load`, `failed` names what did not answer.
 
-    def __init__(self, axis: Axis, on_loaded: Callable[[], None]) -> None:
+    With `profile` the ramp is asked for too that the drive would make by itself (0x6081, 0x6083).
+    """
+
+    def __init__(self, axis: Axis, on_loaded: Callable[[], None], *, profile: bool = False) -> None:
+        self._asked = _ASKED + _PROFILE if profile else _ASKED
         self.loaded = False
         self.failed: list[str] = []
         self.values: dict[tuple[int, int], int] = {}
@@ -58,7 +63,7 @@ class AxisParameters:
         axis = self._axis
         self.loaded, self.failed = False, []
         self._round += 1
-        wanted = [(index, sub) for index, subs in _ASKED for sub in subs if axis.has(index, sub)]
+        wanted = [(index, sub) for index, subs in self._asked for sub in subs if axis.has(index, sub)]
         self._open = len(wanted)
         for index, subindex in wanted:
             axis.node.read(axis.index(index), subindex, self._answer(index, subindex, self._round))

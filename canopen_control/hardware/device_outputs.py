@@ -2,8 +2,8 @@
 
 An output is never restored: when its node was lost or has restarted, what stands commanded counts no more, and the
 output stays as the device has it (its error value, its default) until another value is commanded. It is sent when it is
-commanded first and when it changes. Released by its controller it takes its safe value, unless it is to keep what it
-has.
+commanded first and when it changes. Released by its controller it goes where that says, else it takes its safe value,
+unless it is to keep what it has.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class OutputSignal:
         keeps: bool = False,
     ) -> None:
         self.signal, self.command = signal, command
-        self._output, self._node, self._keeps = output, node, keeps
+        self._output, self._node = output, node
         entry = node.od[signal.address]
         self._whole = entry.data_type.is_integer
         self._lowest, self._highest = _bounds(entry)
@@ -47,6 +47,7 @@ class OutputSignal:
         self._void = math.nan  # what stood commanded when the node was not there
         self._commanded = math.nan  # what was sent last
         command.enabled = False
+        command.safe = math.nan if keeps or signal.safe is None else signal.safe
         command.lowest, command.highest = self._span()
 
     @property
@@ -69,11 +70,12 @@ class OutputSignal:
             self._send(value, always=first)
 
     def release(self) -> None:
-        """Take the safe value, being commanded by nobody any more."""
+        """Take the safe value, or that of the controller that lets go, being commanded by nobody any more."""
         self.command.value = math.nan
         commanded, self._commanded = self._commanded, math.nan
-        safe = self.signal.safe
-        if not math.isnan(commanded) and safe is not None and not self._keeps and self._node.ready:
+        told, self.command.let_go_at = self.command.let_go_at, None
+        safe = self.command.safe if told is None else told
+        if not math.isnan(commanded) and safe is not None and not math.isnan(safe) and self._node.ready:
             self._send(safe, always=False)
 
     def _away(self, value: float) -> None:

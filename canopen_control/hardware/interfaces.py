@@ -79,6 +79,8 @@ class CommandInterface:
     who is commanded together with it goes on, until it follows again. `lowest` to `highest` is what the object behind
     it can hold, which for a position depends on where the joint is: `span` returns it then. `quantity` is what it is
     that is commanded: the interface's name, and of a TARGET what the present mode takes, TARGET while there is none.
+    `safe` is where an output goes that nobody commands any more, nan for one that stays as it is, None where the
+    hardware does not say; `let_go_at` is the same in the words of the controller that lets it go, None for none.
     """
 
     __slots__ = (
@@ -86,12 +88,14 @@ class CommandInterface:
         "highest",
         "interface",
         "joint",
+        "let_go_at",
         "lowest",
         "maximum",
         "minimum",
         "name",
         "owner",
         "quantity",
+        "safe",
         "set_aside",
         "span",
         "value",
@@ -115,6 +119,8 @@ class CommandInterface:
         self.minimum, self.maximum = minimum, maximum
         self.lowest, self.highest = -math.inf, math.inf
         self.span: Callable[[], tuple[float, float]] | None = None
+        self.safe: float | None = None
+        self.let_go_at: float | None = None
 
     def misfit(self, value: float) -> str | None:
         """Return what fits where a value is none that the object behind can hold, else None."""

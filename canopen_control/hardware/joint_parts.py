@@ -15,7 +15,7 @@ from canopen_control.hardware.axis_power import AxisPower, AxisState
 from canopen_control.hardware.axis_status import BLIND_STOP_NS
 from canopen_control.hardware.feedback import Feedback
 from canopen_control.hardware.homing_run import HomingRun, Reference
-from canopen_control.hardware.interfaces import POSITION, VELOCITY, StateInterface
+from canopen_control.hardware.interfaces import POSITION, TARGET, VELOCITY, StateInterface
 from canopen_control.hardware.joint_events import FaultReason, JointEvent
 from canopen_control.hardware.joint_targets import DIGITAL_OUTPUTS, JointTargets
 from canopen_control.master.event_log import Level
@@ -40,7 +40,8 @@ class JointParts:
         self.joint, self.node = description.name, node
         self.axis = Axis(description.name, node, image, axis)
         self.machine: DriveMachine = configured_machine(node)
-        self.parameters = AxisParameters(self.axis, self._on_parameters)
+        profile = TARGET in description.command_interfaces
+        self.parameters = AxisParameters(self.axis, self._on_parameters, profile=profile)
         self.targets: JointTargets = JointTargets(description, self.axis, self.machine, self.parameters)
         self.commands = self.targets.commands
         self.reference = Reference(self.axis, self.machine, self.parameters)

@@ -49,6 +49,7 @@ __all__ = [
 UINT32_MAX: Final = (1 << 32) - 1
 DIGITAL_OUTPUTS: Final = "digital_outputs"
 MOTION: Final = (POSITION, VELOCITY, EFFORT)
+_PROFILE: Final = (objects.PROFILE_VELOCITY, objects.PROFILE_ACCELERATION)
 _M: Final = OperationMode
 _SERVED: Final = {
     POSITION: (*INTERFACE_MODES[POSITION], OperationMode.IP),
@@ -251,6 +252,9 @@ class JointTargets:
         self._track(command if current is not None and current.tracks else None)
         if current is None or command is None:
             return
+        if command.interface == TARGET:
+            velocity, slope = (self._parameters.get(each) or math.inf for each in _PROFILE)
+            current.ramp(velocity, slope)
         if command.quantity == POSITION:
             command.span = current.span
         else:

@@ -18,6 +18,7 @@ from canopen_control.cia402.modes import OperationMode
 from canopen_control.cia402.setpoint import SetPointHandshake
 from canopen_control.cia402.units import INT16_MAX, INT16_MIN, INT32_MAX, INT32_MIN, to_object
 from canopen_control.hardware.interfaces import EFFORT, POSITION, VELOCITY
+from canopen_control.hardware.place_ramp import PlaceRamp
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -59,6 +60,9 @@ class ModeTarget:
     def follow(self, value: float, now: int, period: float) -> None:
         """Take a target in SI units, nan for none."""
         raise NotImplementedError
+
+    def ramp(self, velocity: float, slope: float) -> None:
+        """Take a speed and an acceleration, in device units, for targets that are places to go to and no set-points."""
 
     def slow(self, period: float) -> bool:
         """Make one cycle of a controlled stop; True when the target stands."""
@@ -207,16 +211,27 @@ class PositionTarget(_PositionTarget):
         self._count: int | None = None  # of the target, turns of the counter included; None: where the axis is
         self._speed = 0.0  # counts per second
         self._slope = 0.0
+        self._ramp = PlaceRamp()
 
     def hold(self) -> None:
         """Target the actual position."""
         self._count, self._value = None, _NAN
         self._speed = self._slope = 0.0
+        self._ramp.rest()
         self.output.set(self._axis.raw_position)
+
+    def ramp(self, velocity: float, slope: float) -> None:
+        """See `ModeTarget`; infinite ones leave the way to the drive."""
+        counts = abs(self._axis.scale.pos_to_dev / self._axis.scale.vel_to_dev)
+        self._ramp.limit(velocity * counts, slope * counts)
 
     def follow(self, value: float, now: int, period: float) -> None:  # noqa: ARG002 - the verb of every mode
         """Send a position, no faster than the drive's largest velocity; without one stay."""
         if self._same(value) and self._speed == 0.0:
+            return
+        if self._ramp.speed and math.isnan(value):
+            if self.slow(period):
+                self._ramp.rest()
             return
         here = self._here()
         target = self._count_of(value, here)
@@ -243,7 +258,10 @@ class PositionTarget(_PositionTarget):
     def _towards(self, here: int, target: int, period: float) -> int:
         limits = self._axis.limits
         if (target - here) * limits.blocked > 0:
+            self._ramp.rest()
             return here
+        if self._ramp.limited:
+            return here + self._ramp.step(target - here, period, limits.velocity)
         step = max(1, int(limits.velocity * period))
         return max(here - step, min(here + step, target))
 

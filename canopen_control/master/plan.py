@@ -196,7 +196,7 @@ def _plan_error_control(builder: PlanBuilder, master: MasterConfig) -> int:
     keys, od = builder.node.supervision, builder.od
     if (CONSUMER, 1) in od and keys.heartbeat_consumer is not False:
         timeout = min(round(master.heartbeat_ms * keys.multiplier), 0xFFFF)
-        reason = "" if keys.heartbeat_consumer else "the drive notices when the master dies"
+        reason = "" if keys.heartbeat_consumer else "the node notices when the master dies"
         free = (sub for sub in od.subindices(CONSUMER)[1:] if builder.can_write(CONSUMER, sub))
         builder.write(CONSUMER, next(free, 1), consumer_entry(master.node_id, timeout), "heartbeat_consumer", reason)
     elif keys.heartbeat_consumer:

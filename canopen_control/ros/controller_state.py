@@ -1,4 +1,4 @@
-"""`~/controller_state` of a controller: a message for each update of it that the state stream carries.
+"""`~/controller_state` of a controller and topics like it: a message for each update that the state stream carries.
 
 The law of the file: a message is made only where somebody listens, and one object serves for all of them.
 """
@@ -25,11 +25,13 @@ S = TypeVar("S", bound=Sample)
 class ControllerState(Endpoint, Generic[S]):
     """The publisher of the samples of one `kind`, as messages named `message`; `fill` puts a sample into one."""
 
-    def __init__(self, ros: Ros, controller: ControllerReading, kind: type[S], message: str) -> None:
+    def __init__(
+        self, ros: Ros, controller: ControllerReading, kind: type[S], message: str, topic: str = "controller_state"
+    ) -> None:
         self._ros, self._controller, self._samples = ros, controller.name, NewSamples(kind)
         self._message: Any = interface(message)()
-        topic = f"{controller.name}/controller_state"
-        self._publisher = ros.node.create_publisher(type(self._message), topic, SYSTEM_DEFAULT)
+        name = f"{controller.name}/{topic}"
+        self._publisher = ros.node.create_publisher(type(self._message), name, SYSTEM_DEFAULT)
 
     def fill(self, message: Any, sample: S) -> None:  # noqa: ANN401 - a class made by somebody's generator
         """Put everything but the header's stamp into the message."""

@@ -89,14 +89,14 @@ class Targets:
 
 
 class DriveServices(Endpoint):
-    """The services of one node."""
+    """The services of one node, or of its axis of one `joint`."""
 
-    def __init__(self, ros: Ros, node: NodeView, targets: Targets) -> None:
-        self._ros, self._node, self._targets = ros, node, targets
+    def __init__(self, ros: Ros, node: NodeView, targets: Targets, joint: str | None = None) -> None:
+        self._ros, self._node, self._targets, self._own = ros, node, targets, joint
         self._state: StateSample | None = None
         trigger = interface("std_srvs/srv/Trigger")
         self._services = [
-            ros.serve(trigger, node.path(name), self._trigger(asking(node.name, None)))
+            ros.serve(trigger, node.path(name), self._trigger(asking(node.name, joint)))
             for name, asking in (TRIGGERS if node.joints else PROXY_TRIGGERS).items()
         ]
         self._services += [
@@ -161,6 +161,8 @@ class DriveServices(Endpoint):
             self._ros.ask(command, answer)
 
     def _joint(self) -> str | None:
+        if self._own is not None:
+            return self._own
         node = None if self._state is None else self._state.nodes.get(self._node.name)
         return node.axes[0].joint if node is not None and len(node.axes) == 1 else None
 

@@ -1,7 +1,7 @@
-"""`~/gpio_states` of a GPIO broadcaster: inputs and outputs of the drives and of <gpio> parts, by their names.
+"""`~/gpio_states` of GPIO controllers and broadcasters: inputs and outputs of drives and <gpio> parts, by their names.
 
-The law of the file: a control_msgs/DynamicJointState, as on `/dynamic_joint_states`, published once per update
-of the broadcaster; what is not known is nan. Bits are numbers, as 0x60FD and 0x60FE hold them.
+The law of the file (gpio_controllers, Jazzy): a control_msgs/DynamicInterfaceGroupValues, published once per update;
+what is not known is nan. Bits are numbers, as 0x60FD and 0x60FE hold them.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ __all__ = ["GpioStates"]
 
 
 class GpioStates(Endpoint):
-    """The publisher of one broadcaster."""
+    """The publisher of one controller."""
 
     def __init__(self, ros: Ros, controller: ControllerReading) -> None:
         self._ros, self._name, self._samples = ros, controller.name, NewSamples(GpioSample)
-        self._message = interface("control_msgs/msg/DynamicJointState")
+        self._message = interface("control_msgs/msg/DynamicInterfaceGroupValues")
         self._values = interface("control_msgs/msg/InterfaceValue")
         self._publisher = ros.node.create_publisher(self._message, f"{self._name}/gpio_states", SYSTEM_DEFAULT)
 
@@ -37,7 +37,8 @@ class GpioStates(Endpoint):
         if sample is None:
             return
         parts = sample.parts
-        message = self._message(joint_names=list(parts), interface_values=[self._of(each) for each in parts.values()])
+        values = [self._of(each) for each in parts.values()]
+        message = self._message(interface_groups=list(parts), interface_values=values)
         message.header.stamp = time_message(sample.time)
         self._publisher.publish(message)
 

@@ -44,6 +44,7 @@ class NodeView(NamedTuple):
 
     `rpdo` are the objects that its RPDOs map, with their bits, by index and subindex. `channels` is empty for a node
     with one axis or none. `joints` are what it moves, none for a proxy; `is_drive`: its EDS has a controlword.
+    `place` is what its services and topics are below where that is not its name.
     """
 
     name: str
@@ -55,10 +56,11 @@ class NodeView(NamedTuple):
     channels: tuple[Channel, ...] = ()
     joints: tuple[str, ...] = ()
     is_drive: bool = False
+    place: str = ""
 
     def path(self, what: str, channel: Channel | None = None) -> str:
         """Return the name of one of its services or topics, or of a channel's, remapped."""
-        below = ros_name(self.name) if channel is None else channel.name
+        below = (self.place or ros_name(self.name)) if channel is None else channel.name
         path = resolve(self.namespace, f"{below}/{what}".rstrip("/"))
         return dict(self.remappings).get(path, path)
 

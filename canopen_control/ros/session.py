@@ -238,7 +238,7 @@ class Session:
             for endpoint in self._all():
                 self._guarded(endpoint, endpoint.on_event, message)
         else:
-            for endpoint in self._common:
+            for endpoint in self._all():
                 self._guarded(endpoint, endpoint.on_process_data, message.nodes)
 
     def _guarded(self, endpoint: Endpoint, action: Callable[[A], object], message: A) -> None:

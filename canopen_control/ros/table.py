@@ -1,4 +1,4 @@
-"""Which topics a controller has: by the kind of its commands, by the kind of its samples, by what it says to publish.
+"""Which topics a controller has: by the kind of its commands and of its samples, by what it publishes, by its type.
 
 A new kind of command or sample gets a line here and an `Endpoint` in a file of its own.
 """
@@ -9,12 +9,17 @@ from typing import TYPE_CHECKING, Final
 
 from canopen_control.ros.base_states import MecanumState, SteeringState, TfOdometry
 from canopen_control.ros.base_topics import BaseOdometry, TwistCommands
+from canopen_control.ros.battery_topics import BatteryTopics
 from canopen_control.ros.dynamic_joint_states import DynamicJointStates
 from canopen_control.ros.follow_joint_trajectory import FollowJointTrajectory
 from canopen_control.ros.forward import ForwardCommands
+from canopen_control.ros.gpio_commands import GpioCommands
 from canopen_control.ros.gpio_states import GpioStates
+from canopen_control.ros.gripper_action import GripperAction, ParallelGripperAction
 from canopen_control.ros.joint_states import JointStates
+from canopen_control.ros.node_of_joint import DeviceNode, ProxyNode
 from canopen_control.ros.pid_topics import FeedForwardSwitch, PidReferences, PidState
+from canopen_control.ros.sensor_topics import ImuTopic, RangeTopic, WrenchTopic
 from canopen_control.ros.trajectory_topics import SpeedScaling, TrajectoryQuery, TrajectoryState, TrajectoryTopic
 
 if TYPE_CHECKING:
@@ -31,6 +36,7 @@ __all__ = ["endpoints_for"]
 BY_TOPIC: Final[dict[str | None, tuple[Factory, ...]]] = {
     "commands": (ForwardCommands,),
     "reference": (PidReferences,),
+    "gpio_commands": (GpioCommands,),
 }
 #: of a base, wherever its twists come
 OF_BASES: Final[tuple[Factory, ...]] = (TwistCommands,)
@@ -47,6 +53,18 @@ BY_SAMPLE: Final[dict[str | None, tuple[Factory, ...]]] = {
     "gpio": (GpioStates,),
     "trajectory": (FollowJointTrajectory, TrajectoryTopic, TrajectoryState, TrajectoryQuery, SpeedScaling),
     "pid": (PidState, FeedForwardSwitch),
+    "imu": (ImuTopic,),
+    "range": (RangeTopic,),
+    "wrench": (WrenchTopic,),
+    "batteries": (BatteryTopics,),
+}
+#: by its type: which action, or whose node
+BY_TYPE: Final[dict[str, tuple[Factory, ...]]] = {
+    "position_controllers/GripperActionController": (GripperAction,),
+    "effort_controllers/GripperActionController": (GripperAction,),
+    "parallel_gripper_action_controller/GripperActionController": (ParallelGripperAction,),
+    "canopen_ros2_controllers/CanopenProxyController": (ProxyNode,),
+    "canopen_ros2_controllers/Cia402DeviceController": (DeviceNode,),
 }
 
 
@@ -54,5 +72,6 @@ def endpoints_for(ros: Ros, controller: ControllerReading) -> list[Endpoint]:
     """Make the topics of one controller."""
     published = [make for kind, make in BY_PUBLISHED.items() if controller.published(kind) is not None]
     commands = OF_BASES if controller.is_base else BY_TOPIC.get(controller.topic, ())
-    factories = (*commands, *BY_SAMPLE.get(controller.tells, ()), *published)
+    own = (*commands, *BY_SAMPLE.get(controller.tells, ()))
+    factories = (*own, *published, *BY_TYPE.get(controller.type, ()))
     return [make(ros, controller) for make in factories]

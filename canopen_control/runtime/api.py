@@ -16,6 +16,7 @@ from canopen_control.rpc.messages.declare import PROTOCOL, Done
 from canopen_control.rpc.messages.robot import ROBOT, AxisDone, RobotHello, TouchProbe
 from canopen_control.rpc.server import Server
 from canopen_control.runtime.api_control import answer_control
+from canopen_control.runtime.api_gripper import GripperMethods
 from canopen_control.runtime.api_objects import ObjectMethods
 from canopen_control.runtime.api_parameters import ParameterMethods
 from canopen_control.runtime.api_trajectories import TrajectoryMethods
@@ -38,7 +39,7 @@ __all__ = ["ApiServer"]
 
 MAX_KIND, MAX_TEXT = 32, 500  # characters of what a client tells
 _PLANAR, _SIDEWAYS = ("linear.x", "angular.z"), "linear.y"
-Commands = TypeVar("Commands", messages.CommandController, messages.TwistController)
+Commands = TypeVar("Commands", messages.CommandController, messages.CommandByName, messages.TwistController)
 
 
 class _Subscription:
@@ -77,6 +78,7 @@ class ApiServer:
         self._answer()
         answer_control(robot, self._server)
         self._trajectories = TrajectoryMethods(robot, self._server, self._keep)
+        self._grippers = GripperMethods(robot, self._server, self._keep, self._trajectories.promise)
         ParameterMethods(robot, self._server)
         self._server.check()
         robot.after_cycle.append(self._after_cycle)
@@ -87,6 +89,7 @@ class ApiServer:
         answers(messages.GetStatus, lambda call: call.reply(status_message(robot)))
         answers(messages.Subscribe, self._subscribe)
         answers(messages.CommandController, self._command)
+        answers(messages.CommandByName, self._command_by_name)
         answers(messages.TwistController, self._twist)
         answers(messages.SetOdometry, self._set_odometry)
         answers(messages.SetFeedForward, self._set_feed_forward)
@@ -108,6 +111,7 @@ class ApiServer:
     def _on_close(self, connection: Connection) -> None:
         self._objects.forget(connection)
         self._trajectories.forget(connection)
+        self._grippers.forget(connection)
         self._robot.let_go(connection)
         subscription = self._subscriptions.pop(connection, None)
         if connection.reason == "slow" and subscription is not None:
@@ -178,6 +182,12 @@ class ApiServer:
         wanted = call.request
         source = wanted.source or call.who
         self._require_interface(wanted)
+        self._robot.command(wanted.controller, wanted.values, source, holder=self._holder(call))
+        call.reply(Done())
+
+    def _command_by_name(self, call: Call[messages.CommandByName]) -> None:
+        wanted = call.request
+        source = wanted.source or call.who
         self._robot.command(wanted.controller, wanted.values, source, holder=self._holder(call))
         call.reply(Done())
 

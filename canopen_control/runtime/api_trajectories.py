@@ -6,7 +6,7 @@ stopped by a signal.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, Generic, TypeVar
 
 from canopen_control.controllers.trajectory.goal import Goal, ResultCode
 from canopen_control.controllers.trajectory.packed import PackedPoints
@@ -39,9 +39,9 @@ if TYPE_CHECKING:
     from canopen_control.rpc.server import Call, Connection, Server
     from canopen_control.runtime.core import RobotCore
 
-__all__ = ["TrajectoryMethods"]
+__all__ = ["SentGoal", "TrajectoryMethods"]
 
-_Waiting: TypeAlias = "Call[Request[TrajectoryResult]]"
+R = TypeVar("R")
 
 
 class TrajectoryMethods:
@@ -52,7 +52,7 @@ class TrajectoryMethods:
     ) -> None:
         self._robot, self._keep = robot, keep
         self._coming: dict[Connection, PackedPoints] = {}
-        self._sent: dict[Connection, _SentGoal] = {}
+        self._sent: dict[Connection, _SentTrajectory] = {}
         self._promised: dict[Connection, _Promise] = {}
         server.answers(TrajectoryData, self._data)
         server.answers(FollowTrajectory, self._follow)
@@ -104,12 +104,19 @@ class TrajectoryMethods:
             self._keep(call.connection)
         holder = call.connection if wanted.dead_man else None
         self._robot.send_goal(wanted.controller, goal, wanted.source or call.who, holder=holder)
-        self._promised.pop(call.connection, None)
-        if wanted.dead_man and wanted.heartbeat is not None:
-            life = self._robot.manager.get(wanted.controller).life
-            self._promised[call.connection] = _Promise(life, round(wanted.heartbeat * 1e9), self._robot.reactor.now())
+        self.promise(call.connection, wanted.controller, wanted.heartbeat if wanted.dead_man else None)
 
     # ------------------------------------------------------------------------------------------------- heartbeats
+
+    def promise(self, connection: Connection, controller: str, heartbeat: float | None) -> None:
+        """Count a connection as gone when it has not sent a heartbeat for so many seconds; None: no more.
+
+        It counts for the command that `controller` has of it.
+        """
+        self._promised.pop(connection, None)
+        if heartbeat is not None:
+            life = self._robot.manager.get(controller).life
+            self._promised[connection] = _Promise(life, round(heartbeat * 1e9), self._robot.reactor.now())
 
     def _heartbeat(self, call: Call[TrajectoryHeartbeat]) -> None:
         promise = self._promised.get(call.connection)
@@ -143,7 +150,7 @@ class TrajectoryMethods:
                 TrajectoryVerdict(accepted=True, feedback_rate=goal.feedback_rate, outlives_client=goal.outlives_client)
             )
 
-    def _give(self, call: Call[FollowTrajectory] | Call[SendTrajectory]) -> _SentGoal:
+    def _give(self, call: Call[FollowTrajectory] | Call[SendTrajectory]) -> _SentTrajectory:
         """Have a goal executed, the connection's only one from now on; ControlError if it is refused."""
         wanted, robot = call.request, self._robot
         trajectory = self._trajectory(call)
@@ -151,7 +158,7 @@ class TrajectoryMethods:
             _tolerances(wanted.path_tolerance), _tolerances(wanted.goal_tolerance), wanted.goal_time_tolerance
         )
         goal = Goal(trajectory, tolerances, lambda: robot.reactor.call_soon(sent.settle))
-        sent = _SentGoal(goal)
+        sent = _SentTrajectory(goal)
         self._hand(call, goal)
         self._sent[call.connection] = sent
         return sent
@@ -204,26 +211,38 @@ class _Promise:
         return now - self.heard > self.within_ns
 
 
-class _SentGoal:
-    """A goal that came on a connection, and who waits to be told of its end."""
+class SentGoal(Generic[R]):
+    """A goal that came on a connection, and who waits to be told of its end; `result` is None until then."""
 
-    def __init__(self, goal: Goal) -> None:
-        self.goal = goal
-        self._waiting: list[_Waiting] = []
+    def __init__(self, result: Callable[[], R | None]) -> None:
+        self._result = result
+        self._waiting: list[Call[Request[R]]] = []
 
-    def tell(self, call: _Waiting) -> None:
+    def tell(self, call: Call[Request[R]]) -> None:
         """Answer when it has ended."""
         self._waiting.append(call)
         self.settle()
 
     def settle(self) -> None:
         """Answer those who wait, if it has ended."""
-        goal = self.goal
-        if goal.code is None:
+        result = self._result()
+        if result is None:
             return
         waiting, self._waiting = self._waiting, []
         for call in waiting:
-            call.reply(TrajectoryResult(state=goal.state.value, error_code=int(goal.code), text=goal.text))
+            call.reply(result)
+
+
+class _SentTrajectory(SentGoal[TrajectoryResult]):
+    def __init__(self, goal: Goal) -> None:
+        super().__init__(lambda: _result(goal))
+        self.goal = goal
+
+
+def _result(goal: Goal) -> TrajectoryResult | None:
+    if goal.code is None:
+        return None
+    return TrajectoryResult(state=goal.state.value, error_code=int(goal.code), text=goal.text)
 
 
 def _tolerances(given: Sequence[TrajectoryTolerance]) -> tuple[JointTolerance, ...]:

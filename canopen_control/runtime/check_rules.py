@@ -51,7 +51,7 @@ def find(
     controllers: Sequence[str] = (),
     launch: Path | None = None,
 ) -> list[Finding]:
-    """Return everything that the rules find; what could not be read is None. `launch` is a ROS launch file in XML."""
+    """Return everything that the rules find; what could not be read is None. `launch` is a ROS launch file."""
     robot = CheckedRobot(files, bus, control, description, controllers)
     found = list(_configure(robot))
     if launch is not None:

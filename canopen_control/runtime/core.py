@@ -49,10 +49,9 @@ from canopen_control.runtime.startup_controllers import prepare_controllers, req
 from canopen_control.urdf.wheels import WheelGeometry
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
+    from collections.abc import Callable, Iterable, Mapping, Sequence
 
-    from canopen_control.controllers.trajectory.goal import Goal
-    from canopen_control.controllers.trajectory.point import JointTrajectory
+    from canopen_control.controllers.manager import AnyGoal
     from canopen_control.host.reactor import Reactor
     from canopen_control.master.remote_node import RemoteNode
     from canopen_control.runtime.setup import RobotSetup
@@ -210,7 +209,7 @@ class RobotCore:
     def command(
         self,
         controller: str,
-        values: Sequence[float],
+        values: Sequence[float] | Mapping[str, float],
         source: str,
         stamp: float | None = None,
         *,
@@ -227,9 +226,9 @@ class RobotCore:
         self.manager.command(controller, values, self.reactor.now(), made, source=source, holder=holder)
         self.commander = source
 
-    def send_goal(self, controller: str, goal: Goal | JointTrajectory, source: str, *, holder: object = None) -> None:
-        """Hand a trajectory to a controller; with a `holder` it ends when `let_go` says that he is gone."""
-        self.latch.refuse("a trajectory to", controller)
+    def send_goal(self, controller: str, goal: AnyGoal, source: str, *, holder: object = None) -> None:
+        """Hand a goal to a controller; with a `holder` it ends when `let_go` says that he is gone."""
+        self.latch.refuse("a goal to", controller)
         if controller in self.setup.controllers.controllers:
             require_active(self.setup, self.manager, controller)
         self.manager.send_goal(controller, goal, self.reactor.now(), source=source, holder=holder)

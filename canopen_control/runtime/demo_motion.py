@@ -66,6 +66,8 @@ class DemoMotion:
     def _values(self) -> list[float]:
         """Return the commands of this step, none where there is nothing to play."""
         controller = self._robot.manager.get(self._controller)
+        if controller.topic is None:  # it takes goals
+            return []
         if axes := twist_axes_of(controller):
             return [_TWIST[axis] * _PHASES[self._step // _STEPS_EACH % len(_PHASES)] for axis in axes]
         names = controller.command_interface_names()

@@ -103,7 +103,8 @@ def launched_robot(path: Path, words: Mapping[str, str]) -> Launched:
     for each in launch.texts:
         if each.text is not None:
             _take(launch, each.text, arguments, files)
-    absent = [name for each in launch.texts if each.text for name in launch.absent_packages(each.text)]
+    named = [word for each in launch.texts if each.text for word in words_of(each.text) if _kind(word)]
+    absent = [package for word in named for package in launch.absent_packages(word)]
     doubts = [f"{path}:{line}: {what} is computed" for line, what in launch.computed if "command" in what]
     doubts += [f"{path}: package {name!r} is nowhere to be found" for name in dict.fromkeys(absent)]
     return Launched(arguments | rest, files, tuple(doubts), tuple(launch.arguments))

@@ -56,11 +56,11 @@ def hint(joints: Sequence[JointDrive]) -> str | None:
 
 
 def by_stop_group(joints: Mapping[str, JointDrive], ends: Sequence[CommandInterface]) -> list[Ends]:
-    """Return interfaces in parts that stop together; what has no drive is one part."""
-    groups: dict[int, list[CommandInterface]] = {}
+    """Return interfaces in parts that stop together; what has no drive is a part by its name."""
+    groups: dict[int | str, list[CommandInterface]] = {}
     for each in ends:
         joint = joints.get(each.joint)
-        groups.setdefault(0 if joint is None else id(joint.group), []).append(each)
+        groups.setdefault(each.joint if joint is None else id(joint.group), []).append(each)
     return [tuple(part) for part in groups.values()]
 
 

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from canopen_control.runtime.launch_file import Launched
 
-__all__ = ["BUS", "CONTROLLERS", "MAIN_BUS", "RobotFiles", "find_buses", "find_robot", "xacro_arguments"]
+__all__ = ["BUS", "CONTROLLERS", "MAIN_BUS", "RobotFiles", "find_buses", "find_launch", "find_robot", "xacro_arguments"]
 
 MAIN_BUS = "can"  # the name of the bus of bus.yml; that of bus_NAME.yml is NAME
 BUS, CONTROLLERS = "bus.yml", "ros2_controllers.yaml"
@@ -85,7 +85,7 @@ def find_robot(
     no_bus: list[str] = []
     missing: list[str] = []
     main = _one(bus, folder, BUS, "--bus", no_bus, files.get("bus"))
-    alone = controllers is None and description is None and launch is None and not no_bus and _is_alone(folder)
+    alone = _nobody_else(controllers, description, launched) and not no_bus and _is_alone(folder)
     control = (
         main if alone else _one(controllers, folder, CONTROLLERS, "--controllers", missing, files.get("controllers"))
     )
@@ -95,10 +95,14 @@ def find_robot(
     beside = folder if main == Path() else main.parent
     more = _more_buses(beside, missing) if beside is not None and bus is None else {}
     missing += _irregular((main, control, described, *more.values()))
+    if alone and words and launched is None:
+        missing.append(
+            f"{main} is a bus without a description, so it has no arguments; leave {next(iter(words))}:= away"
+        )
     if missing or (no_bus and (more or bus is not None)):
         doubts = launched.doubts if launched is not None else ()
         raise RobotConfigError("; ".join([*no_bus, *missing, *doubts]))
-    if launched is not None:
+    if launched is not None and not alone:
         from canopen_control.runtime.launch_file import refuse_mistyped
 
         refuse_mistyped(launched, words, described)
@@ -153,13 +157,21 @@ def _folder(config: str) -> Path:
     )
 
 
+def find_launch(text: str) -> Path:
+    """Return the launch file that a user means: a path, else one in a ROS package; it may not exist."""
+    path = Path(text).expanduser()
+    package, _, rest = text.partition("/")
+    inside = () if path.is_file() else (found / rest for found in installed_packages(package))
+    return next((each for each in inside if each.is_file()), path)
+
+
 def _launched(launch: str | None, words: dict[str, str]) -> Launched | None:
     """Return what a launch file gives with these arguments."""
     if launch is None:
         return None
     from canopen_control.runtime.launch_file import launched_robot  # most robots are run without
 
-    return launched_robot(Path(launch).expanduser(), words)
+    return launched_robot(find_launch(launch), words)
 
 
 def _one(
@@ -200,6 +212,13 @@ def _own(given: str | None, folder: Path | None, names: str | Sequence[str], opt
             return Path()
     missing.append(f"{folder} has no {wanted}{_elsewhere(folder, names)}")
     return Path()
+
+
+def _nobody_else(controllers: str | None, description: str | None, launched: Launched | None) -> bool:
+    """Whether neither the user nor a launch file names controllers or a description, or may mean some."""
+    if launched is not None and (launched.doubts or launched.files.keys() - {"bus"}):
+        return False
+    return controllers is None and description is None
 
 
 def _is_alone(folder: Path | None) -> bool:

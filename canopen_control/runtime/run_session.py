@@ -152,10 +152,11 @@ class Session:
         if self.options.motion and self.setup.files.bus_alone and self.robot.joints:
             text = "nothing moves by itself on a bus without controllers: axis enable NODE, then command NODE VALUE"
             self.robot.report(Event(self.reactor.now(), "demo", "", text))
-        elif self.options.motion and self.setup.to_activate:
-            broadcasting = {info.name for info in self.robot.manager.list() if info.is_broadcaster}
-            forward = [name for name in self.setup.to_activate if name not in broadcasting]
-            self._motion = DemoMotion(self.robot, forward[0])
+        elif self.options.motion:
+            manager = self.robot.manager
+            started = [manager.get(name) for name in self.setup.to_activate]
+            moving = [each.name for each in started if each.moves_joints and not each.is_broadcaster]
+            self._motion = DemoMotion(self.robot, moving[0]) if moving else None
         if self.options.duration is not None:
             self.reactor.call_later(round(self.options.duration * 1e9), lambda: self.robot.shutdown("its time is over"))
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from canopen_control.bus.channel import ChannelKind, parse_channel
 from canopen_control.controllers.controllers_file import read_controllers
-from canopen_control.controllers.types import is_broadcaster
+from canopen_control.controllers.types import is_broadcaster, moves_joints
 from canopen_control.errors import RobotConfigError, nearest
 from canopen_control.hardware.peer_interfaces import with_interfaces_of_plugins
 from canopen_control.hardware.plugins import Kind, kind_of
@@ -252,15 +252,15 @@ def _channels(name: str, buses: Mapping[str, BusConfig], can: Sequence[str]) -> 
 
 
 def _wanted(files: RobotFiles, control: ControllersFile, asked: Sequence[str]) -> tuple[str, ...]:
-    """Choose the controllers to activate: all broadcasters, and those asked for or else the first other one."""
+    """Choose the controllers to activate: those asked for, else the first that moves joints; and all that move none."""
     for name in asked:
         if name not in control.controllers:
             raise RobotConfigError(f"{files.controllers}: no controller {name!r}{nearest(name, control.controllers)}")
     if files.bus_alone:
         return tuple(control.controllers)
-    broadcasters = [name for name, config in control.controllers.items() if is_broadcaster(config.type)]
-    others = [name for name in control.controllers if name not in broadcasters]
-    if not others and not asked:
+    types = {name: config.type for name, config in control.controllers.items()}
+    if not asked and all(map(is_broadcaster, types.values())):
         raise RobotConfigError(f"{files.controllers}: no controller but broadcasters; nothing could command the robot")
-    chosen = list(asked) or others[:1]
-    return tuple(dict.fromkeys([*broadcasters, *chosen]))
+    moving = [name for name, type_name in types.items() if moves_joints(type_name)]
+    beside = [name for name in types if name not in moving]
+    return tuple(dict.fromkeys([*beside, *(asked or moving[:1])]))

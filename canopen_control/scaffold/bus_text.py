@@ -152,7 +152,7 @@ def _scales(node: NewNode, drive: DriveChoice) -> Iterator[str]:
 
 def _said(drive: DriveChoice) -> str:
     if drive.told:
-        return "position counts of one turn, by the defaults of the EDS; measure them"
+        return "position counts of one turn, as EDS or drive tells; measure them"
     return "A GUESS: position counts of one turn of the motor; the EDS tells none"
 
 

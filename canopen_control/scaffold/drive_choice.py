@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Final
 
 from canopen_control.cia402 import objects
 from canopen_control.cia402.modes import OperationMode, mode_name, supported_modes
-from canopen_control.cia402.units import counts_per_revolution
+from canopen_control.cia402.units import counts_per_revolution, rpm_of_unit
 from canopen_control.errors import ConfigError, RobotConfigError
 from canopen_control.scaffold.pdo_choice import PdoUse, PdoWish, choose_pdos
 
@@ -49,8 +49,6 @@ _MODE_OBJECTS: Final = {
     _DISPLAY: "by which a drive confirms its mode of operation; nothing is enabled without",
 }
 _FEEDBACK: Final = {POSITION: (objects.POSITION_ACTUAL, 0), VELOCITY: (objects.VELOCITY_ACTUAL, 0)}
-_RPM: Final = 0xB447
-"""Bits 8 to 23 of an SI unit (CiA 303-2): revolutions per minute."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,7 +109,7 @@ def choose_drive(od: ObjectDictionary, interfaces: Sequence[str] = (VELOCITY, PO
         feedback=tuple(name for name, address in _FEEDBACK.items() if address in carried),
         counts=counts or GUESSED_COUNTS,
         told=counts is not None,
-        rpm=_rpm(od),
+        rpm=rpm_of_unit(_number(od, objects.SI_UNIT_VELOCITY, 0) or 0),
         axes=sum((objects.axis_index(objects.CONTROLWORD, axis), 0) in od for axis in range(objects.AXES)),
     )
 
@@ -161,13 +159,6 @@ def _counts(od: ObjectDictionary) -> float | None:
         return counts_per_revolution(encoder or (1, 1), pair(objects.GEAR_RATIO) or (1, 1), feed)
     except ConfigError:
         return None
-
-
-def _rpm(od: ObjectDictionary) -> float:
-    """Return the unit of velocities in revolutions per minute; 0 for another one."""
-    unit = (_number(od, objects.SI_UNIT_VELOCITY, 0) or 0) & 0xFFFFFFFF
-    exponent = (unit >> 24 ^ 0x80) - 0x80
-    return 10.0**exponent if unit >> 8 & 0xFFFF == _RPM else 0.0
 
 
 def _number(od: ObjectDictionary, index: int, subindex: int) -> int | None:

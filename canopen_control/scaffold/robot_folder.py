@@ -12,9 +12,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from canopen_control.errors import CanopenError, RobotConfigError
+from canopen_control.errors import RobotConfigError
 from canopen_control.master.budget import HIGH
-from canopen_control.master.config import inspect_bus
 from canopen_control.runtime.check import CheckOptions, check_robot
 from canopen_control.runtime.check_data import Severity
 from canopen_control.runtime.robot_files import BUS, CONTROLLERS, find_robot
@@ -86,7 +85,7 @@ def _make_checked(robot: NewRobot, folder: Path) -> tuple[NewRobot, tuple[str, .
     for period in _PERIODS_US:
         robot = replace(robot, sync_us=period)
         _make(robot, folder)
-        errors, warnings, loaded = _judge(robot, folder)
+        errors, warnings, loaded = _judge(folder)
         if not loaded:
             break
     if errors:
@@ -112,14 +111,8 @@ def _make(robot: NewRobot, folder: Path) -> None:
             raise RobotConfigError(f"{path} cannot be copied: {error.strerror}") from error
 
 
-def _judge(robot: NewRobot, folder: Path) -> tuple[list[str], tuple[str, ...], bool]:
+def _judge(folder: Path) -> tuple[list[str], tuple[str, ...], bool]:
     """Return errors, warnings, and whether the bus is loaded too high."""
-    if not robot.drives:
-        try:
-            _, problems = inspect_bus(folder / BUS)
-        except CanopenError as error:
-            return [str(error)], (), False
-        return [each.message for each in problems.errors], tuple(each.message for each in problems.warnings), False
     report: CheckReport = check_robot(find_robot(str(folder)), CheckOptions())
     texts = {
         severity: [each.text for each in report.findings if each.severity is severity]

@@ -12,6 +12,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from canopen_control.cia402 import objects as o
+from canopen_control.cia402.units import rpm_of_unit
 
 if TYPE_CHECKING:
     from canopen_control.od.model import Value
@@ -29,7 +30,6 @@ UNIT_OBJECTS = (
     o.ACCELERATION_FACTOR,
     o.SI_UNIT_VELOCITY,
 )
-_RPM = 0xB447  # bits 8 to 23 of an SI unit (CiA 303-2), its power of ten above them
 _TURN_POSITION, _TURN_VELOCITY = 1 << 7, 1 << 6
 
 
@@ -118,9 +118,7 @@ class AxisObjects:
     @property
     def speed_unit(self) -> float:
         """Counts per second of the unit of velocities that 0x60A9 names, 0 where it names none but counts."""
-        unit = self.number(o.SI_UNIT_VELOCITY) & 0xFFFFFFFF
-        exponent = (unit >> 24 ^ 0x80) - 0x80
-        return self.counts_per_rpm * 10.0**exponent if unit >> 8 & 0xFFFF == _RPM else 0.0
+        return self.counts_per_rpm * rpm_of_unit(self.number(o.SI_UNIT_VELOCITY))
 
     @property
     def interpolation_s(self) -> float:

@@ -12,6 +12,7 @@ from canopen_control.cia402.units import (
     PositionUnwrapper,
     Scale,
     counts_per_revolution,
+    rpm_of_unit,
     to_object,
     wrap_int32,
 )
@@ -144,3 +145,11 @@ def test_no_stream_moves_the_count_by_more_than_the_largest_step(start, raws, ma
         before, count = count, unwrapper.update(raw)
         assert abs(count - before) <= max_step
         assert unwrapper.raw_of(count) == raw
+
+
+@pytest.mark.parametrize(
+    ("unit", "rpm"),
+    [(0x00B44700, 1.0), (0xFDB44700, 1e-3), (0x01B44700, 10.0), (0, 0.0), (0x00410300, 0.0), (-0x4BB900, 0.1)],
+)
+def test_the_unit_of_velocities_is_read_with_its_power_of_ten(unit, rpm):
+    assert rpm_of_unit(unit) == pytest.approx(rpm)

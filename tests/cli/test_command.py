@@ -1,6 +1,7 @@
 import pytest
 from support.host import eventually
 
+from canopen_control import Robot
 from canopen_control.cli.main import main
 
 FORWARD = "robby_forward_controller"
@@ -49,3 +50,43 @@ def test_a_value_that_is_no_number_is_a_usage_error(value):
     with pytest.raises(SystemExit) as caught:
         main(["command", FORWARD, value, "1"])
     assert caught.value.code == 2
+
+
+OUTPUTS = """<robot name="cell"><link name="base"/><ros2_control name="cell" type="system">
+<hardware><plugin>mock_components/GenericSystem</plugin></hardware>
+<gpio name="io"><command_interface name="lamp"/><command_interface name="horn"/>
+<state_interface name="lamp"/><state_interface name="horn"/></gpio></ros2_control></robot>"""
+GPIO = """controller_manager: {ros__parameters: {outputs: {type: gpio_controllers/GpioCommandController}}}
+outputs: {ros__parameters: {gpios: [io], command_interfaces: {io: {interfaces: [lamp, horn]}},
+  safe_values: {io: {horn: 0.5}}}}"""
+
+
+@pytest.fixture
+def cell(private_folders, tmp_path):
+    (tmp_path / "cell.urdf").write_text(OUTPUTS, encoding="utf-8")
+    (tmp_path / "ros2_controllers.yaml").write_text(GPIO, encoding="utf-8")
+    with Robot.from_config(tmp_path, name="cell") as robot:
+        yield robot
+
+
+def outputs(robot):
+    return list(robot.joints()["io"].others.values())
+
+
+def test_outputs_by_name_stay_after_once_and_the_others_are_left_alone(cell):
+    assert main(["command", "outputs", "io/lamp=1", "--once"]) == 0
+    assert eventually(lambda: outputs(cell) == [1.0, 0.0])
+    cell.command("outputs", {"io/horn": 0.25})
+    assert eventually(lambda: outputs(cell) == [1.0, 0.25])
+
+
+@pytest.mark.parametrize("values", [["io/lamp=1", "io/horn=1"], ["1", "1"]])
+def test_outputs_are_safe_when_a_command_that_repeats_has_ended(cell, values):
+    assert main(["command", "outputs", *values, "--for", "0.2"]) == 0
+    assert eventually(lambda: outputs(cell) == [0.0, 0.5])
+
+
+@pytest.mark.parametrize("values", [["io/lamp=1", "1"], ["io/lamp=1", "io/lamp=0"]])
+def test_values_are_all_named_or_none_is(cell, capsys, values):
+    assert main(["command", "outputs", *values]) == 2
+    assert "give every value as NAME=VALUE, each name once, or none" in capsys.readouterr().err

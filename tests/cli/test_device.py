@@ -2,23 +2,16 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
-import threading
+from functools import partial
 
 import pytest
 from support.host import use_private_folders
-from support.robots import dictionary_of
-from support.virtualbench import servo
+from support.onbus import TMCM, OnBus
 
-from canopen_control.bus.channel import open_port
 from canopen_control.cli import device, drive
 from canopen_control.cli.main import main
-from canopen_control.data_files import data_path
-from canopen_control.host.reactor import Reactor
 from canopen_control.virtual.control import NodeControl
-from canopen_control.virtual.device import make_device
-from canopen_control.virtual.nodehost import NodeHost
 
 CAN = "memory:cli-device"
 
@@ -26,25 +19,11 @@ CAN = "memory:cli-device"
 @pytest.fixture
 def node(tmp_path, monkeypatch):
     use_private_folders(monkeypatch, tmp_path)
-    module = make_device(dictionary_of(data_path("eds", "generic_cia401.eds")), 5)
-    ready, reactor, devices = threading.Event(), Reactor(), [module, servo(6)]
-
-    def serve():
-        with reactor, contextlib.closing(open_port(CAN)) as port:
-            host = NodeHost(reactor, port, devices)
-            controls = [NodeControl(host, each) for each in devices]
-            reactor.call_soon(ready.set)
-            reactor.run()
-            for control in controls:
-                control.close()
-            host.close()
-
-    thread = threading.Thread(target=serve)
-    thread.start()
-    assert ready.wait(10)
-    yield module
-    reactor.call_threadsafe(reactor.stop)
-    thread.join(10)
+    with OnBus(CAN, {5: "generic_cia401.eds", 6: TMCM}) as devices:
+        controls = [devices.call(partial(NodeControl, devices._host, each)) for each in devices.nodes.values()]
+        yield devices.nodes[5]
+        for control in controls:
+            devices.call(control.close)
 
 
 def test_it_is_the_verb_drive():
@@ -78,7 +57,7 @@ def test_they_are_told_as_json_too(node, capsys):
         (["5", "di0=1", "on"], "a signal is set with SIGNAL=VALUE alone"),
         (["5", "di77=1"], "no signal 'di77', did you mean"),
         (["5", "do0=1"], "do0 is an output: what it is the master says"),
-        (["6", "di0=1"], "node 6 (servo) has no signals to set: it is a drive"),
+        (["6", "di0=1"], "node 6 (TMCM-1270) has no signals to set: it is a drive"),
     ],
 )
 @pytest.mark.usefixtures("node")

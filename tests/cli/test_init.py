@@ -1,7 +1,9 @@
 """The verb init: what it makes and says, and how it answers what cannot be."""
 
+import contextlib
 import shlex
 from pathlib import Path
+from typing import ClassVar
 
 import pytest
 from support.drive_shapes import shape, write_shape
@@ -12,6 +14,8 @@ from canopen_control.cli.main import main
 from canopen_control.cli.scan import FoundNode, ScanResult
 from canopen_control.cli.support.identity import NodeIdentity
 from canopen_control.data_files import data_path
+from canopen_control.errors import SdoAbort
+from canopen_control.master import direct
 
 TMCM = ["--eds", "TMCM-1270.eds"]
 MALFORMED = DEVIATIONS.parent / "malformed"
@@ -65,7 +69,10 @@ def test_an_io_module_alone_is_a_bus_without_joints(here, capsys):
     module = write_shape(here, shape(drop=(0x6040, 0x6041), pdos=[(False, 0, 0x180, [0x60FD0020])]), "module.eds")
     assert main(["init", "lamps", "--eds", str(module), "--node-id", "7"]) == 0
     assert sorted(path.name for path in Path("lamps").iterdir()) == ["bus.yml", "module.eds"]
-    assert "no drive is among them, so there are no joints and no controllers" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "no drive is among them, so there are no joints and no controllers" in said
+    assert said.endswith("boot it, on virtual devices: canopen-control run lamps\n")
+    assert main(["check", "lamps"]) == 0
 
 
 BAD = {
@@ -117,6 +124,7 @@ def found(monkeypatch, *nodes):
     """Let a scan find these nodes."""
     survey = ScanResult("local:x", {node.node_id: node for node in nodes})
     monkeypatch.setattr(scan, "survey_channel", lambda _channel, _timeout: survey)
+    monkeypatch.setattr(init, "_ask_drives", lambda *_what: None)
 
 
 def who(product, vendor=0x286, **more):
@@ -145,6 +153,33 @@ def test_a_file_that_is_given_is_matched_too(here, monkeypatch):
     found(monkeypatch, FoundNode(4, who(0x1234, vendor=0x99)))
     assert main(["init", "found", "--can", "local:x", "--eds", str(own)]) == 0
     assert Path("found/own.eds").read_bytes() == own.read_bytes()
+
+
+class Answering:
+    """In place of a bus on which the drives answer with these bytes, and refuse everything else."""
+
+    answers: ClassVar = {}
+
+    @classmethod
+    def open(cls, *_where, **_how):
+        return contextlib.nullcontext(cls())
+
+    def read_many(self, wanted):
+        return {address: self.answers.get(address, SdoAbort(*address, 0x06020000)) for address in wanted}
+
+
+def test_what_a_drive_says_of_itself_goes_before_its_eds(here, monkeypatch):
+    ask = init._ask_drives
+    own = write_shape(here, shape(), "own.eds")
+    found(monkeypatch, FoundNode(4, who(0x1234, vendor=0x99)))
+    monkeypatch.setattr(init, "_ask_drives", ask)
+    monkeypatch.setattr(direct, "DirectBus", Answering)
+    said = {(4, 0x608F, 1): 2500, (4, 0x6502, 0): 0x81}
+    monkeypatch.setattr(Answering, "answers", {key: value.to_bytes(4, "little") for key, value in said.items()})
+    assert main(["init", "found", "--can", "local:x", "--eds", str(own)]) == 0
+    text = Path("found/bus.yml").read_text()
+    assert "counts_per_revolution: 2500 " in text
+    assert "position_mode: 8 " in text  # of positions alone, though the EDS has velocities too
 
 
 def test_a_bus_where_nobody_is_makes_nothing(monkeypatch, capsys):
@@ -178,4 +213,5 @@ def test_a_robot_is_made_of_the_drives_on_a_bus(stage):
     made = stage.call("init", "found", "--can", "local:initbus")
     assert made.wait() == 0, made
     assert "node 6 joint_1_drive: moves joint_1, velocity in PV" in made.out
+    assert "counts_per_revolution in bus.yml is a guess" in made.out
     assert stage.call("check", "found", "--strict").wait() == 0

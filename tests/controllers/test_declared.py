@@ -4,8 +4,12 @@ import math
 
 import pytest
 
+from canopen_control.controllers.battery_params import read_params as read_battery
 from canopen_control.controllers.declared import checked, declared_by, given_in
 from canopen_control.controllers.diff_drive_params import read_params
+from canopen_control.controllers.gpio_params import GpioParams
+from canopen_control.controllers.gripper_params import EffortGripperParams
+from canopen_control.controllers.gripper_params import read_params as read_gripper_params
 from canopen_control.controllers.params import Params
 from canopen_control.controllers.standard_params import BroadcasterParams, GroupParams
 from canopen_control.controllers.trajectory.params import read_params as read_trajectory_params
@@ -13,6 +17,14 @@ from canopen_control.errors import ControlError
 from canopen_control.rpc.messages.parameters import ParameterValue
 
 WHEELS = {"left_wheel_names": ["l"], "right_wheel_names": "r", "wheel_separation": 0.4, "wheel_radius": 0.1}
+
+
+def read_battery_params(params):
+    return read_battery(params, "power")
+
+
+def read_gripper(params):
+    return read_gripper_params(params, "gripper", EffortGripperParams)
 
 
 @pytest.fixture
@@ -103,3 +115,28 @@ def test_what_can_be_set_is_returned_by_name(base):
     found = checked("base", list(base.values()), wanted)
     assert found["cmd_vel_timeout"] == 0.2
     assert math.isnan(found["linear.x.max_velocity"])
+
+
+def test_a_section_whose_names_the_file_gives_is_one_parameter_for_each():
+    outputs = {"gpios": ["io"], "command_interfaces": {"io": {"interfaces": ["lamp"]}}, "safe_values": {"io.lamp": 0.5}}
+    rows = {each.name: each for each in declared_by(Params.of(outputs).read(GpioParams))}
+    lists = rows["command_interfaces.io.interfaces"]
+    assert (lists.kind, lists.plain, lists.read_only) == ("string_array", ["lamp"], True)
+    assert (rows["safe_values.io.lamp"].kind, rows["safe_values.io.lamp"].plain) == ("double", 0.5)
+    assert not any(name.startswith("state_interfaces") for name in rows)
+
+
+@pytest.mark.parametrize(
+    ("read", "given", "name", "plain"),
+    [
+        (read_battery_params, {"batteries": ["a"], "a": {"capacity": 2.0}}, "a.capacity", 2.0),
+        (read_battery_params, {"batteries": ["a"], "interfaces": {"a": {"battery_current": True}}},
+         "interfaces.a.battery_current", True),
+        (read_gripper, {"joint": "finger", "gains": {"finger": {"p": 3.0}}}, "gains.finger.p", 3.0),
+    ],
+)  # fmt: skip
+def test_sections_of_other_controllers_have_the_names_of_their_keys(read, given, name, plain):
+    params = Params.of(given)
+    read(params)
+    rows = {each.name: each for each in declared_by(params.taken)}
+    assert rows[name].plain == plain

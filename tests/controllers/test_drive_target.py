@@ -1,5 +1,6 @@
 """One number for a drive in whatever mode it is: what it means, how long it lives, what ends it."""
 
+import itertools
 import math
 
 import pytest
@@ -108,9 +109,9 @@ def test_a_target_is_forgotten_with_the_mode_it_was_given_in(drives):
     assert drives.at("position") == pytest.approx(0.0, abs=0.01)
 
 
-@pytest.mark.parametrize(("mode", "value"), [("PP", 50.0), ("PV", 2.0), ("CSV", 2.0)])
+@pytest.mark.parametrize(("mode", "value"), [("PP", 50.0), ("CSP", 50.0), ("PV", 2.0), ("CSV", 2.0)])
 def test_a_target_ends_with_who_gave_it(drives, mode, value):
-    """Of a position too, to which the drive makes its own way: it stops on the way."""
+    """Of a position too, whether the drive or the master makes the way: it stops on the way."""
     bridge = object()
     drives.enable("drive_one")
     drives.mode(mode)
@@ -139,6 +140,28 @@ def test_who_disables_and_enables_does_not_wake_an_old_target(drives, mode):
     here = drives.at("position")
     drives.run(2000)
     assert drives.at("position") == pytest.approx(here, abs=0.01)
+
+
+@pytest.mark.parametrize("mode", ["CSP", "IP"])
+def test_a_place_to_go_to_is_reached_along_the_profile_of_the_drive_where_the_mode_has_none(drives, mode):
+    """0x6081 and 0x6083 as the drive has them; a step would ask for what no motor can do."""
+    drives.enable("drive_one")
+    drives.mode(mode)
+    assert drives.target(10.0) is None
+    speeds = []
+    for _ in range(300):
+        drives.run(10)
+        speeds.append(drives.at("velocity"))
+    assert drives.at("position") == pytest.approx(10.0, abs=0.001)
+    assert 6.0 < max(speeds) < 6.5  # 65536 counts/s
+    changes = [after - before for before, after in itertools.pairwise(speeds)]
+    assert max(map(abs, changes)) < 0.6  # 262144 counts/s^2, in a cycle of 10 ms
+    assert drives.target(9.0) is None
+    drives.run(100)
+    assert drives.target(12.0) is None  # while it turns the other way
+    drives.run(3000)
+    assert drives.at("position") == pytest.approx(12.0, abs=0.001)
+    assert drives.found("fault") == []
 
 
 def test_a_target_that_its_object_cannot_hold_is_refused(drives):

@@ -115,3 +115,18 @@ def test_released_it_takes_its_safe_value_unless_it_keeps_what_it_has():
     keeping.sends(10.0)
     keeping.output.release()
     assert keeping.object.value == 18
+
+
+@pytest.mark.parametrize(("told", "raw"), [(None, 4), (5.0, 8), (math.nan, 20)])
+def test_let_go_it_goes_where_its_controller_says_else_to_its_safe_value(told, raw):
+    line = Line(VALVE, T.INTEGER16)
+    assert line.command.safe == 3.0
+    line.sends(11.0)
+    line.command.let_go_at = told
+    line.output.release()
+    assert line.object.value == raw
+    assert line.command.let_go_at is None
+
+
+def test_one_that_is_to_keep_what_it_has_says_so():
+    assert math.isnan(Line(VALVE, T.INTEGER16, keeps=True).command.safe)

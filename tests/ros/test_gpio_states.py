@@ -24,12 +24,12 @@ def test_inputs_and_outputs_are_told_by_part_and_name(fresh, maker):
         return bool(heard)
 
     try:
-        maker.order("subscribe", topic=TOPIC, of="control_msgs/msg/DynamicJointState", qos="default")
+        maker.order("subscribe", topic=TOPIC, of="control_msgs/msg/DynamicInterfaceGroupValues", qos="default")
         assert eventually(tell)
     finally:
         fresh.robot.controllers.remove(BROADCASTER)
     message = heard[0]
-    assert message["joint_names"] == ["left", "lamp"]
+    assert message["interface_groups"] == ["left", "lamp"]
     assert message["header"]["stamp"]["sec"] >= 1_700_000_000
     assert message["header"]["stamp"]["nanosec"] == 250_000_000
     left, lamp = message["interface_values"]

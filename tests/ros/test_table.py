@@ -27,7 +27,10 @@ assert names(broadcaster, None, "c/joint_states", "c/dynamic_joint_states") == [
 assert names(broadcaster, None, "joint_states") == ["JointStates"]
 assert names(broadcaster, None) == []  # not configured yet
 assert names("gpio", None) == ["GpioStates"]
+assert names("gpio", "gpio_commands") == ["GpioCommands", "GpioStates"]
 assert names("diagnostics", None) == []
 assert names(None, "dance") == []
+of_type = ControllerReading(name="c", type="canopen_ros2_controllers/CanopenProxyController", state="active")
+assert [each.__class__.__name__ for each in table.endpoints_for(Ros(), of_type)] == ["ProxyNode"]
 """
     assert run_ros(code) == ""

@@ -5,7 +5,7 @@ from support.launch_files import LAUNCH, make_package
 
 from canopen_control.errors import RobotConfigError
 from canopen_control.runtime.launch_file import launched_robot, read_launch, words_of
-from canopen_control.runtime.robot_files import find_robot
+from canopen_control.runtime.robot_files import find_launch, find_robot
 from canopen_control.runtime.setup import read_robot
 
 XML = """\
@@ -85,6 +85,17 @@ def test_a_robot_is_read_with_what_its_launch_file_gives(tmp_path):
     assert read_robot(drives).description.hardware[0].plugin == "canopen_ros2_control/RobotSystem"
 
 
+def test_a_launch_file_may_be_named_by_its_package(tmp_path, monkeypatch):
+    path = make_package(tmp_path)
+    monkeypatch.setenv("ROS_PACKAGE_PATH", str(tmp_path))
+    assert find_launch("robby_bringup/launch/robby.launch.py") == path
+    assert find_launch(str(path)) == path
+    files = find_robot("robby_bringup/config/first", launch="robby_bringup/launch/robby.launch.py")
+    assert files.description.is_file()
+    with pytest.raises(RobotConfigError, match=r"none\.launch\.py: cannot be read"):
+        find_robot("robby", launch="robby_bringup/launch/none.launch.py")
+
+
 def test_a_launch_file_alone_may_name_everything_but_the_bus(tmp_path):
     path = make_package(tmp_path)
     files = find_robot(None, launch=str(path), bus=str(path.parents[1] / "config/first/bus.yml"))
@@ -118,3 +129,22 @@ def test_a_command_is_split_as_a_shell_does_with_its_substitutions_whole():
         "xacro", "$(find-pkg-share a)/b.xacro", "n:=left right", "c:=$(var d)"
     ]  # fmt: skip
     assert words_of("a 'b") == ["a", "'b"]
+
+
+DEVICES = """\
+import os
+from ament_index_python import get_package_share_directory
+SHARE = get_package_share_directory("robby_bringup")
+def generate_launch_description():
+    return LaunchDescription([IncludeLaunchDescription(
+        PythonLaunchDescriptionSource([os.path.join(get_package_share_directory("other"), "launch"), "/x.launch.py"]),
+        launch_arguments={"bus_config": os.path.join(SHARE, "config", "first", "bus.yml")}.items(),
+    )])
+"""
+
+
+def test_a_launch_file_of_a_bus_alone_is_enough_for_one(tmp_path):
+    path = make_package(tmp_path, DEVICES)
+    files = find_robot(None, launch=str(path))
+    assert files.bus_alone
+    assert files.bus == tmp_path / "robby_bringup/config/first/bus.yml"

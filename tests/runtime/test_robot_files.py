@@ -221,3 +221,12 @@ def test_several_descriptions_are_named(package):
     robot(package / "urdf", "other.urdf.xacro")
     with pytest.raises(RobotConfigError, match=r"--description \(my_robot\.urdf\.xacro, other\.urdf\.xacro\)"):
         find_robot(str(package))
+
+
+def test_a_bus_alone_has_no_arguments(tmp_path):
+    folder = robot(tmp_path / "r", "bus.yml")
+    assert find_robot(str(folder)).bus_alone
+    with pytest.raises(
+        RobotConfigError, match="a bus without a description, so it has no arguments; leave side:= away"
+    ):
+        find_robot(str(folder), arguments=["side:=left"])

@@ -52,6 +52,9 @@ class Ros:
         self.publishers.append(Publisher(*what))
         return self.publishers[-1]
 
+    def watch_process_data(self, watcher, wanted):
+        self.watching = (watcher, wanted)
+
     def unsubscribe(self, which):
         self.left.append(which)
 

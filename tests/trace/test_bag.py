@@ -176,9 +176,8 @@ def test_diagnostics_come_once_a_second_and_tell_the_loss(bag):
 
 
 def test_odometry_of_a_base_that_drives_sideways_is_on_its_own_topic(story, tmp_path):
-    sample = {"kind": "mecanum", "time": 1000.25, "x": 1.0, "y": 2.0, "heading": 0.0, "linear": 0.5, "lateral": 0.25}
-    sample |= {"wheels": [1.0, 2.0, 3.0, 4.0], "reference": [0.5, 0.25, 0.0]}
-    reading = {"name": "base", "state": "active", "topic": "reference", "tells": "mecanum"}
+    sample = {"kind": "odometry", "time": 1000.25, "x": 1.0, "y": 2.0, "heading": 0.0, "linear": 0.5, "lateral": 0.25}
+    reading = {"name": "base", "state": "active", "topic": "reference", "tells": "odometry"}
     with BagWriter(tmp_path / "odom", "robby", controllers=controllers_of([reading]), urdf=story["urdf"]) as writer:
         writer.state(sample_of({**states(story)[-1], "samples": {"base": sample}}))
     ((_, odometry),) = read(tmp_path / "odom")["/base/odometry"]

@@ -16,20 +16,18 @@ from typing import TYPE_CHECKING
 
 from canopen_control.cli.support.arguments import seconds
 from canopen_control.client import RobotClient
-from canopen_control.errors import RemoteError
+from canopen_control.errors import ConfigError, RemoteError
 from canopen_control.host.signals import on_signals
 from canopen_control.rpc.messages.robot import ListControllers
 
 if TYPE_CHECKING:
     import argparse
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator, Sequence
 
-    from canopen_control.rpc.messages.robot import CommandController, TwistController
-
-    Command = CommandController | TwistController
-    from collections.abc import Iterable, Sequence
-
+    from canopen_control.rpc.messages.robot import CommandByName, CommandController, TwistController
     from canopen_control.rpc.messages.state import ControllerReading
+
+    Command = CommandByName | CommandController | TwistController
 
 __all__ = [
     "add_repeat_arguments",
@@ -37,6 +35,7 @@ __all__ = [
     "positions_of",
     "send",
     "target_interface",
+    "the_controller",
     "values_at_the_end",
 ]
 
@@ -58,8 +57,11 @@ def add_repeat_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--name", help="the robot (default: the only one that runs)")
 
 
-def send(args: argparse.Namespace, moving: Command, zeros: Command) -> int:
-    """Send `moving` once or at 10 Hz, and `zeros` at the end of it; RemoteError for what the robot refuses."""
+def send(args: argparse.Namespace, moving: Command, zeros: Command | None) -> int:
+    """Send `moving` once or at 10 Hz, and `zeros` at the end of it; RemoteError for what the robot refuses.
+
+    Without `zeros` it ends with the connection alone.
+    """
     stopped = threading.Event()
     with on_signals((signal.SIGTERM,), stopped.set), RobotClient.connect(args.name) as robot:
         _begin(robot, moving, stopped)
@@ -71,8 +73,9 @@ def send(args: argparse.Namespace, moving: Command, zeros: Command) -> int:
         except KeyboardInterrupt:
             pass  # the usual way to end it
         finally:
-            with _where_nothing_moves():
-                robot.ask(zeros)
+            if zeros is not None:
+                with _where_nothing_moves():
+                    robot.ask(zeros)
     return 0
 
 
@@ -117,11 +120,14 @@ def ask_for_controllers(robot: str | None) -> Sequence[ControllerReading]:
         return client.ask(ListControllers())
 
 
-def values_at_the_end(controllers: Iterable[ControllerReading], name: str, values: list[float]) -> list[float]:
+def values_at_the_end(controllers: Sequence[ControllerReading], name: str, values: list[float]) -> list[float] | None:
     """Return what ends a command: zeros, but positions as they are, which the joints hold once the connection is gone.
 
-    Where nothing is known of the controller, or it takes another number of values, these are zeros.
+    Where nothing is known of the controller, or it takes another number of values, these are zeros; None for outputs,
+    which have safe values of their own.
     """
+    if any(each.name == name and each.takes_outputs for each in controllers):
+        return None
     positions = positions_of(controllers, name)
     if len(positions) != len(values):
         return [0.0] * len(values)
@@ -141,3 +147,23 @@ def positions_of(controllers: Iterable[ControllerReading], name: str) -> list[bo
     """
     interfaces = [each for one in controllers if one.name == name for each in one.required_command_interfaces]
     return [interface.endswith(("/position", "/target")) for interface in interfaces]
+
+
+def the_controller(robot: RobotClient, name: str | None, tells: str, what: str) -> ControllerReading:
+    """Return the controller that is meant: `name`, or the only active one with such samples; ConfigError else.
+
+    `what` are its kind in words.
+    """
+    known = robot.ask(ListControllers())
+    if name is not None:
+        meant = next((each for each in known if each.name == name), None)
+        if meant is None:
+            loaded = ", ".join(each.name for each in known)
+            raise ConfigError(f"no controller {name!r} is loaded; there are {loaded}")
+        return meant
+    found = [each for each in known if each.tells == tells and each.active]
+    if len(found) != 1:
+        names = ", ".join(each.name for each in found)
+        problem = f"several are active: {names}" if found else f"no {what} is active"
+        raise ConfigError(f"{problem}; name one with --controller, see canopen-control controller list")
+    return found[0]

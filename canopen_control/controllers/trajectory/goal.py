@@ -5,6 +5,7 @@ from __future__ import annotations
 import enum
 from typing import TYPE_CHECKING
 
+from canopen_control.controllers.command_life import GoalState
 from canopen_control.controllers.trajectory.tolerances import GoalTolerances
 
 if TYPE_CHECKING:
@@ -24,15 +25,6 @@ class ResultCode(enum.IntEnum):
     OLD_HEADER_TIMESTAMP = -3
     PATH_TOLERANCE_VIOLATED = -4
     GOAL_TOLERANCE_VIOLATED = -5
-
-
-class GoalState(enum.Enum):
-    """The states of a goal that was accepted, by action_msgs' names."""
-
-    EXECUTING = "executing"
-    SUCCEEDED = "succeeded"
-    ABORTED = "aborted"
-    CANCELED = "canceled"
 
 
 class Goal:

@@ -14,6 +14,7 @@ from typing import Annotated, Final
 import msgspec
 
 from canopen_control.rpc.messages.declare import Api, Done, Effect, Request
+from canopen_control.rpc.messages.gripper import GRIPPER_METHODS
 from canopen_control.rpc.messages.layout import Layout
 from canopen_control.rpc.messages.nodes import (
     MAX_OBJECT,
@@ -53,9 +54,10 @@ from canopen_control.rpc.messages.trajectory import (
 
 __all__ = [
     "MAX_OBJECT", "MAX_POINTS", "MAX_RATE", "ROBOT", "STREAM_RATE", "AxisDone", "AxisRequest", "BusPlace",
-    "CancelTrajectory", "CleanupController", "CommandController", "ComponentState", "ConfigureController",
-    "Description", "FollowTrajectory", "GetDescription", "GetLayout", "GetNodes", "GetStatus", "HardwareReading",
-    "InterfaceReading", "ListControllerTypes", "ListControllers", "ListHardware", "LoadController", "MappedValue",
+    "CancelTrajectory", "CleanupController", "CommandByName", "CommandController", "ComponentState",
+    "ConfigureController", "Description", "FollowTrajectory", "GetDescription", "GetLayout", "GetNodes", "GetStatus",
+    "HardwareReading", "InterfaceReading", "ListControllerTypes", "ListControllers", "ListHardware", "LoadController",
+    "MappedValue",
     "NmtRequest", "NodeIdentity", "NodeListing", "NodePlace", "PdoWrite", "ProcessData", "QueryTrajectory",
     "ReadTouchProbe", "Release", "RobotHello", "RobotPush", "ScaleTrajectory", "SdoData", "SdoPiece", "SdoRead",
     "SdoWrite", "SendTrajectory", "SetFeedForward", "SetHardwareState", "SetOdometry", "SetTrajectory", "Shutdown",
@@ -142,6 +144,19 @@ class CommandController(Request[Done], frozen=True, kw_only=True):
     interface: str | None = None
 
 
+@ROBOT.method("command_by_name", Effect.MOVES)
+class CommandByName(Request[Done], frozen=True, kw_only=True):
+    """Values for some of a controller's command interfaces, by their names such as "io/lamp"; the others stay.
+
+    A GPIO command controller takes them. They end with `dead_man` as a command does.
+    """
+
+    controller: str
+    values: dict[str, float]
+    source: str | None = None
+    dead_man: bool = False
+
+
 @ROBOT.method("twist", Effect.MOVES)
 class TwistController(Request[Done], frozen=True, kw_only=True):
     """The same as velocities of a base: forward and, where it can, `lateral` to the left in m/s, `angular` in rad/s.
@@ -159,6 +174,7 @@ class TwistController(Request[Done], frozen=True, kw_only=True):
 
 
 ROBOT.declare(TRAJECTORY_METHODS)
+ROBOT.declare(GRIPPER_METHODS)
 
 
 @ROBOT.method("stop", Effect.STOPS)

@@ -10,9 +10,10 @@ from typing import Any, TypeAlias, TypeVar
 
 import msgspec
 
-__all__ = ["ControllerSample", "DiagnosticsSample", "DofReading", "GpioSample", "JointDiagnosis", "JointStatesSample",
-           "MecanumSample", "OdometrySample", "PidSample", "Sample", "SteeringSample", "TrajectoryPoint",
-           "TrajectorySample", "Values", "grown", "kind_of"]  # fmt: skip
+__all__ = ["BatteriesSample", "BatteryReading", "ControllerSample", "DiagnosticsSample", "DofReading", "GpioSample",
+           "GripperSample", "ImuSample", "JointDiagnosis", "JointStatesSample", "MecanumSample", "OdometrySample",
+           "PidSample", "RangeSample", "Sample", "SteeringSample", "TrajectoryPoint", "TrajectorySample", "Values",
+           "WrenchSample", "grown", "kind_of"]  # fmt: skip
 
 Values: TypeAlias = dict[str, float | None]
 S = TypeVar("S", bound="Sample")
@@ -148,6 +149,80 @@ class PidSample(Sample, frozen=True, kw_only=True, tag="pid"):
     dofs: list[DofReading]
 
 
+class GripperSample(Sample, frozen=True, kw_only=True, tag="gripper"):
+    """Where a gripper is and was to be: rad or m, rad/s or m/s, Nm or N; `target` is None where it holds by itself."""
+
+    joint: str
+    position: float | None
+    velocity: float | None
+    effort: float | None
+    target: float | None
+    executing: bool
+    stalled: bool
+    reached_goal: bool
+
+
+class ImuSample(Sample, frozen=True, kw_only=True, tag="imu"):
+    """What an IMU measures: `orientation` as (x, y, z, w), rad/s and m/s^2; covariances row by row about x, y, z."""
+
+    frame_id: str
+    orientation: tuple[float | None, ...]
+    angular_velocity: tuple[float | None, ...]
+    linear_acceleration: tuple[float | None, ...]
+    orientation_covariance: list[float] = []
+    angular_velocity_covariance: list[float] = []
+    linear_acceleration_covariance: list[float] = []
+
+
+class RangeSample(Sample, frozen=True, kw_only=True, tag="range"):
+    """A distance in m, and the sensor: `radiation_type` 0 ultrasound, 1 infrared, `field_of_view` in rad."""
+
+    frame_id: str
+    range: float | None
+    radiation_type: int = 0
+    field_of_view: float = 0.0
+    min_range: float = 0.0
+    max_range: float = 0.0
+    variance: float = 0.0
+
+
+class WrenchSample(Sample, frozen=True, kw_only=True, tag="wrench"):
+    """Forces in N along x, y, z and torques in Nm about them."""
+
+    frame_id: str
+    force: tuple[float | None, ...]
+    torque: tuple[float | None, ...]
+
+
+class BatteryReading(msgspec.Struct, frozen=True, kw_only=True):
+    """What is known of a battery: V, degC, A (negative while it is discharged), Ah; `percentage` from 0 to 1.
+
+    The enums are those of sensor_msgs/BatteryState, 0 is unknown. `name` is empty for all of them as one.
+    """
+
+    name: str
+    voltage: float | None = None
+    temperature: float | None = None
+    current: float | None = None
+    charge: float | None = None
+    capacity: float | None = None
+    design_capacity: float | None = None
+    percentage: float | None = None
+    power_supply_status: int = 0
+    power_supply_health: int = 0
+    power_supply_technology: int = 0
+    present: bool = False
+    location: str = ""
+    serial_number: str = ""
+
+
+class BatteriesSample(Sample, frozen=True, kw_only=True, tag="batteries"):
+    """The batteries of a robot, and all of them as one."""
+
+    batteries: list[BatteryReading]
+    together: BatteryReading
+
+
 ControllerSample: TypeAlias = (
     OdometrySample
     | SteeringSample
@@ -157,6 +232,11 @@ ControllerSample: TypeAlias = (
     | DiagnosticsSample
     | TrajectorySample
     | PidSample
+    | GripperSample
+    | ImuSample
+    | RangeSample
+    | WrenchSample
+    | BatteriesSample
 )
 """What a controller may tell."""
 

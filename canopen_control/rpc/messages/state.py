@@ -265,6 +265,11 @@ class ControllerReading(msgspec.Struct, frozen=True, kw_only=True, rename={"clai
         return self.state == "active"
 
     @property
+    def takes_outputs(self) -> bool:
+        """Whether its commands are values of outputs by name, and move no joint."""
+        return self.topic == "gpio_commands"
+
+    @property
     def is_base(self) -> bool:
         """Whether it is driven by twists."""
         return bool(self.twist_axes) or self.topic == "cmd_vel"

@@ -16,9 +16,10 @@ def test_every_method_says_what_it_does_and_declares_its_answer(method):
 def test_what_may_move_is_marked():
     moving = {name for name, method in ROBOT.methods.items() if method.effect is Effect.MOVES}
     trajectories = {"follow_trajectory", "send_trajectory", "set_trajectory", "scale_trajectory"}
-    assert moving == {"command", "twist", *trajectories, "axis", "nmt", "sdo_write"}
+    grippers = {"move_gripper", "send_gripper"}
+    assert moving == {"command", "command_by_name", "twist", *trajectories, *grippers, "axis", "nmt", "sdo_write"}
     stopping = {name for name, method in ROBOT.methods.items() if method.effect is Effect.STOPS}
-    assert stopping == {"stop", "shutdown", "cancel_trajectory"}
+    assert stopping == {"stop", "shutdown", "cancel_trajectory", "cancel_gripper"}
 
 
 @pytest.mark.parametrize(

@@ -3,19 +3,25 @@ import typing
 import pytest
 
 from canopen_control.rpc.messages.samples import (
+    BatteriesSample,
+    BatteryReading,
     ControllerSample,
     DiagnosticsSample,
     DofReading,
     GpioSample,
+    GripperSample,
+    ImuSample,
     JointDiagnosis,
     JointStatesSample,
     MecanumSample,
     OdometrySample,
     PidSample,
+    RangeSample,
     Sample,
     SteeringSample,
     TrajectoryPoint,
     TrajectorySample,
+    WrenchSample,
     grown,
     kind_of,
 )
@@ -38,6 +44,31 @@ SAMPLES = {
         error=TrajectoryPoint(positions=[0.1]),
         output=TrajectoryPoint(positions=[1.1]),
     ),
+    "gripper": GripperSample(
+        time=6.5,
+        joint="finger",
+        position=0.02,
+        velocity=0.0,
+        effort=None,
+        target=0.04,
+        executing=True,
+        stalled=False,
+        reached_goal=False,
+    ),
+    "power": BatteriesSample(
+        time=6.75,
+        batteries=[BatteryReading(name="main", voltage=24.5, percentage=0.5, present=True)],
+        together=BatteryReading(name=""),
+    ),
+    "imu": ImuSample(
+        time=7.0,
+        frame_id="imu_link",
+        orientation=(0.0, 0.0, 0.0, 1.0),
+        angular_velocity=(None, None, None),
+        linear_acceleration=(0.0, 0.0, 9.81),
+    ),
+    "sonar": RangeSample(time=8.0, frame_id="front", range=None, max_range=4.0),
+    "wrist": WrenchSample(time=9.0, frame_id="tool0", force=(1.0, None, 2.0), torque=(0.0, 0.0, 0.5)),
     "loops": PidSample(
         time=6.0,
         dofs=[
@@ -72,7 +103,10 @@ def test_a_sample_grows_into_a_kind_that_has_its_fields():
 
 def test_each_kind_has_a_word_of_its_own():
     kinds = [kind_of(each) for each in typing.get_args(ControllerSample)]
-    assert kinds == ["odometry", "steering", "mecanum", "joint_states", "gpio", "diagnostics", "trajectory", "pid"]
+    assert kinds == [
+        *("odometry", "steering", "mecanum", "joint_states", "gpio", "diagnostics", "trajectory", "pid", "gripper"),
+        *("imu", "range", "wrench", "batteries"),
+    ]
     assert plain(SAMPLES["io"])["kind"] == "gpio"
 
 

@@ -1,0 +1,53 @@
+"""`gripper`: move the joint of a gripper action controller to a position, and wait until it is there or has stalled.
+
+When this ends before the gripper does, by Ctrl-C or anything else, the joint is held where it is. A grip that succeeded
+stays: what was reached, and with `allow_stalling` what is gripped.
+
+Exit codes: 0 the goal was reached or gripped; 1 it was refused or ended before; 2 wrong usage, or no robot runs.
+"""
+
+from __future__ import annotations
+
+import sys
+from typing import TYPE_CHECKING, Final
+
+from canopen_control.cli.support.arguments import finite
+from canopen_control.cli.support.commands import the_controller
+from canopen_control.client import RobotClient
+from canopen_control.rpc.messages.gripper import MoveGripper
+
+if TYPE_CHECKING:
+    import argparse
+
+__all__ = ["EXAMPLE", "add_arguments", "run"]
+
+EXAMPLE = "canopen-control gripper 0.04 --max-effort 20"
+
+_PATIENCE_S: Final = 3600.0
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    parser.add_argument("position", type=finite, metavar="POSITION", help="rad or m")
+    parser.add_argument("--max-effort", type=finite, metavar="N", help="Nm or N (default: the controller's)")
+    parser.add_argument("--max-velocity", type=finite, metavar="V", help="rad/s or m/s (default: the controller's)")
+    parser.add_argument("--controller", help="its name (default: the only one that is active)")
+    parser.add_argument("--name", help="the robot (default: the only one that runs)")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the verb."""
+    with RobotClient.connect(args.name) as robot:
+        controller = the_controller(robot, args.controller, "gripper", "gripper action controller")
+        wanted = MoveGripper(
+            controller=controller.name,
+            position=args.position,
+            max_effort=args.max_effort,
+            max_velocity=args.max_velocity,
+            source="gripper",
+        )
+        result = robot.ask(wanted, _PATIENCE_S)
+    succeeded = result.state == "succeeded"
+    where = "" if result.position is None else f" ({controller.joints[0]} is at {result.position:.4g})"
+    print(f"{result.text}{where}", file=sys.stdout if succeeded else sys.stderr)
+    return 0 if succeeded else 1

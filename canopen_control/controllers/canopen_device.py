@@ -1,0 +1,54 @@
+"""CanopenProxyController and Cia402DeviceController of ros2_canopen: the node of one joint, under a controller's name.
+
+The law of the file (canopen_ros2_controllers): the parameter is `joint`; the topics and services are the controller's.
+Upstream's pass each word through interfaces that a hardware component looks at in its cycle. Here they claim none: what
+they serve are the services that every node of the bus has, with their answers and their safety, so that they are
+started beside the controller that moves the joint, and work whether they are active or not.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar, Final
+
+from canopen_control.controllers.base import Controller
+from canopen_control.controllers.params import CommonParams
+from canopen_control.errors import RobotConfigError
+
+if TYPE_CHECKING:
+    from canopen_control.controllers.params import Params
+
+__all__ = ["CanopenProxyController", "Cia402DeviceController", "DeviceParams"]
+
+PROXY: Final = "canopen_ros2_controllers/CanopenProxyController"
+DEVICE: Final = "canopen_ros2_controllers/Cia402DeviceController"
+
+
+@dataclass(frozen=True)
+class DeviceParams(CommonParams):
+    """Parameters of both: `joint` is one that a node drives, or the name of a node that drives none."""
+
+    joint: str = ""
+
+
+class CanopenProxyController(Controller):
+    """Shows one node: NMT, SDO and PDOs."""
+
+    moves_joints: ClassVar[bool] = False
+
+    def __init__(self, name: str, type_name: str = PROXY) -> None:
+        super().__init__(name, type_name)
+
+    def on_configure(self, params: Params) -> None:
+        """Read the joint; RobotConfigError if there is none."""
+        given = params.read(DeviceParams)
+        if not given.joint:
+            raise RobotConfigError(f"{self.name}: no 'joint'; give it under {self.name}: ros__parameters: joint: NAME")
+        self.joints, self.update_rate = (given.joint,), given.update_rate
+
+
+class Cia402DeviceController(CanopenProxyController):
+    """Shows one drive: what a proxy does, and its states and modes of CiA 402."""
+
+    def __init__(self, name: str, type_name: str = DEVICE) -> None:
+        super().__init__(name, type_name)

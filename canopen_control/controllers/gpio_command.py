@@ -1,0 +1,168 @@
+"""GpioCommandController: outputs of <gpio> parts commanded by name, their inputs and outputs told.
+
+The law of the file (gpio_controllers, Jazzy): a command names some of the command interfaces, the others stay as they
+are; what was commanded is written again in every update, and before the first command nothing is; without command
+interfaces it only tells. Ours, and safer: a command with an unknown name or a value that is not finite is refused
+whole. When commands end (a deactivation, a stop, a commander who is gone, `command_timeout`) each output that was
+commanded goes to its safe value at once, which is the hardware's unless the parameters say another, but those that are
+to be kept stay; the next command begins from there. Outputs of a node that is lost end alone.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, ClassVar
+
+from canopen_control.controllers.base import ALL_STATES, Controller, ControllerState
+from canopen_control.controllers.command_life import ENDLESS, endless, life_ns
+from canopen_control.controllers.gpio_params import GpioParams, read_params
+from canopen_control.controllers.state_copy import StateCopy
+from canopen_control.errors import ControlError, nearest
+from canopen_control.hardware.interfaces import OK, ReturnType
+from canopen_control.rpc.messages.samples import GpioSample
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from canopen_control.controllers.params import Params
+    from canopen_control.hardware.interfaces import CommandInterface, StateInterface
+    from canopen_control.rpc.messages.samples import Sample
+
+__all__ = ["GpioCommandController"]
+
+
+class GpioCommandController(Controller):
+    """Holds outputs at what was commanded last, and tells what inputs and outputs are."""
+
+    moves_joints: ClassVar[bool] = False
+    independent: ClassVar[bool] = True
+    topic: ClassVar[str | None] = "gpio_commands"
+    tells: ClassVar[type[Sample] | None] = GpioSample
+
+    def __init__(self, name: str, type_name: str = "gpio_controllers/GpioCommandController") -> None:
+        super().__init__(name, type_name)
+        self.params = GpioParams()
+        self._names: list[str] = []
+        self._safe: list[float] = []
+        self._values: list[float] = []
+        self._copy = StateCopy({})
+
+    def on_configure(self, params: Params) -> None:
+        """Read the parameters; RobotConfigError with everything that is wrong in them."""
+        given = read_params(params, self.name, self.description_joints or ())
+        self.params, self.update_rate, self.joints = given, given.update_rate, given.gpios
+        self._names = given.outputs
+        kinds = [each.rpartition("/")[2] for each in self._names]
+        self.life.limit_ns = life_ns(given.command_timeout, kinds)
+        if (text := endless("command_timeout", given.command_timeout, kinds)) is not None:
+            self.tell(ENDLESS, text)
+
+    def command_interface_names(self) -> list[str]:
+        """Return the outputs, in the order of the parameters."""
+        return list(self._names)
+
+    def state_interface_names(self) -> list[str]:
+        """Return the inputs that are named; where none of a gpio is, everything, to choose from at activation."""
+        return [ALL_STATES] if self.params.told_whole else self.params.inputs
+
+    def on_activate(self, commands: list[CommandInterface], states: list[StateInterface], now: int) -> None:
+        """Lay out what it tells; nothing is written before the first command."""
+        super().on_activate(commands, states, now)
+        wanted, whole = self.params.inputs, self.params.told_whole
+        found = {each.name: each for each in states if each.name in wanted or each.joint in whole}
+        if missing := [each for each in wanted if each not in found]:
+            raise ControlError(f"{self.name}: there is no state interface {missing[0]}{nearest(missing[0], found)}")
+        commanded = {each.joint for each in commands}
+        told = {each.joint for each in found.values()}
+        if strange := [gpio for gpio in whole if gpio not in commanded and gpio not in told]:
+            raise ControlError(f"{self.name}: there is no <gpio> {strange[0]!r} with interfaces; remove it")
+        layout: dict[str, dict[str, StateInterface | None]] = {gpio: {} for gpio in self.params.gpios}
+        for each in found.values():
+            layout[each.joint][each.interface] = each
+        self._copy, self.stamp = StateCopy(layout), now
+        self._values = [math.nan] * len(commands)
+        self._safe = [self.params.safe_value(each.name, each.safe) for each in commands]
+        self.life.end()
+
+    def on_deactivate(self, now: int) -> None:
+        """Let the outputs go to their safe values."""
+        for each, safe in zip(self.commands, self._safe, strict=True):
+            each.let_go_at = safe
+        self.forget(now)
+
+    def forget(self, now: int) -> None:
+        """End what was commanded: outputs go to their safe values, or are kept."""
+        self.life.end(self.life.ended_by)
+        self.forget_some(self.commands, now)
+
+    def forget_some(self, commands: Sequence[CommandInterface], now: int) -> None:
+        """End what was commanded to some; those that nobody has commanded are left as they are."""
+        del now
+        index = 0
+        for each in self.commands:
+            if each in commands and not math.isnan(self._values[index]):
+                if not math.isnan(self._safe[index]):
+                    each.value = self._safe[index]
+                self._values[index] = math.nan
+            index += 1  # noqa: SIM113 - enumerate makes a tuple per output in the cycle
+
+    def set_command(self, values: Sequence[float], now: int, stamp: int | None = None) -> None:
+        """Take a value for every output, in the order of the parameters."""
+        del stamp
+        self._refuse_unless_active()
+        self.checked(values, self._names)
+        self.set_named(dict(zip(self._names, values, strict=True)), now)
+
+    def set_named(self, values: Mapping[str, float], now: int) -> None:
+        """Take values for some outputs, by "gpio/interface"; all of them, or none and ControlError."""
+        self._refuse_unless_active()
+        for name in values:
+            if name not in self._names:
+                raise self.refusal(f"applies nothing: it has no output {name!r}{nearest(name, self._names)}")
+        self.checked(list(values.values()), list(values))
+        places = [self._names.index(name) for name in values]
+        for index, value in zip(places, values.values(), strict=True):
+            output = self.commands[index]
+            if not output.enabled:
+                raise self.refusal(f"applies nothing: {output.name} follows no commands, since its node is not there")
+            if (fits := output.misfit(value)) is not None:
+                raise self.refusal(f"cannot set {value:g}: {fits}; nothing was applied")
+        for index, value in zip(places, values.values(), strict=True):
+            self._values[index] = float(value)
+        self.life.give(now)
+
+    def rests(self, values: Sequence[float]) -> bool:
+        """Whether every output is where it goes anyway when who commanded it is gone."""
+        del values
+        held = zip(self._values, self._safe, strict=True)
+        return all(math.isnan(value) or math.isnan(safe) or value == safe for value, safe in held)
+
+    @property
+    def standing(self) -> str:
+        """Where its outputs are once a command has ended."""
+        return "its outputs are at their safe values" + (", others are kept" if self.params.kept_outputs else "")
+
+    def update(self, now: int, period: float) -> ReturnType:
+        """Write what was commanded, and copy the states: a publication."""
+        del period
+        if self.life.runs_out(now):
+            self.tell("command_timeout", f"no command for {(now - self.life.given) / 1e9:.2f} s, {self.standing}")
+            self.forget(now)
+        index = 0
+        for each in self.commands:
+            if not math.isnan(self._values[index]):
+                each.value = self._values[index]
+            index += 1  # noqa: SIM113 - as above
+        self._copy.take()
+        self.stamp = now
+        return OK
+
+    def sample(self, wall_offset_ns: int) -> GpioSample:
+        """Return what inputs and outputs were at the last update."""
+        return GpioSample(time=self.published(wall_offset_ns), parts=self._copy.by_joint())
+
+    def _refuse_unless_active(self) -> None:
+        if self.state is not ControllerState.ACTIVE:
+            raise self.refusal(f"is {self.state.value}; activate it before commanding it")
+        if not self._names:
+            raise self.refusal("has no command_interfaces; it only tells")

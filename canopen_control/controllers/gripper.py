@@ -1,0 +1,271 @@
+"""Gripper action controllers: a joint goes to a position with limited effort, and it is told whether it got there.
+
+The law of the file (gripper_controllers and parallel_gripper_controller, Jazzy): a goal is reached within
+`goal_tolerance`, and ends as stalled where the joint has not moved for `stall_timeout`, which is a success with
+`allow_stalling`. What was reached, and what an allowed stall grips, is held with the effort of the goal. Ours, and
+safer: any other end holds the joint where it is and presses no more; a goal ends with who gave it; a joint that is not
+enabled keeps no goal for later.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, ClassVar
+
+from canopen_control.controllers.base import Controller, ControllerState
+from canopen_control.controllers.command_life import GoalState
+from canopen_control.controllers.gripper_goal import GripperGoal, Progress, Way
+from canopen_control.controllers.gripper_params import (
+    EffortGripperParams,
+    GripperParams,
+    ParallelGripperParams,
+    read_params,
+)
+from canopen_control.controllers.pid import Pid
+from canopen_control.controllers.state_copy import finite
+from canopen_control.hardware.interfaces import EFFORT, OK, POSITION, VELOCITY, ReturnType
+from canopen_control.rpc.messages.samples import GripperSample
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from canopen_control.controllers.params import Params
+    from canopen_control.hardware.interfaces import CommandInterface, StateInterface
+    from canopen_control.rpc.messages.samples import Sample
+
+__all__ = ["EffortGripperActionController", "ParallelGripperActionController", "PositionGripperActionController"]
+
+
+class PositionGripperActionController(Controller):
+    """Commands the position of a gripper; `goal` is the one under way."""
+
+    tells: ClassVar[type[Sample] | None] = GripperSample
+    reads: ClassVar[type[GripperParams]] = GripperParams
+    commanded: ClassVar[str] = POSITION
+
+    def __init__(self, name: str, type_name: str = "") -> None:
+        super().__init__(name, type_name)
+        self.params = self.reads()
+        self.goal: GripperGoal | None = None
+        self._target = self._at = self._velocity = self._effort = math.nan
+        self._limits = (0.0, 0.0)
+        self._way = Way.MOVING
+        self._progress = Progress(0.0, 0.0, 0.0)
+        self._is_limited = False
+
+    def on_configure(self, params: Params) -> None:
+        """Read the parameters."""
+        self.params = given = read_params(params, self.name, self.reads)
+        self.update_rate, self.joints, self.interface = given.update_rate, (given.joint,), self.commanded
+        self._is_limited = self.commanded == EFFORT or bool(given.max_effort_interface)
+        self._progress = Progress(given.goal_tolerance, given.stall_velocity_threshold, given.stall_timeout)
+
+    def command_interface_names(self) -> list[str]:
+        """Return that of the joint, and those of its limits."""
+        return [f"{self.params.joint}/{self.commanded}", *self.params.limits]
+
+    def state_interface_names(self) -> list[str]:
+        """Return those of the joint."""
+        return [f"{self.params.joint}/{each}" for each in self.params.state_interfaces]
+
+    def on_activate(self, commands: list[CommandInterface], states: list[StateInterface], now: int) -> None:
+        """Take the interfaces; nothing is written before the first goal."""
+        super().on_activate(commands, states, now)
+        self._target, self._way = math.nan, Way.MOVING
+        self.life.end()
+        self._read()
+        self.stamp = now
+
+    def on_deactivate(self, now: int) -> None:
+        """End the goal; an effort becomes 0, a position stays as it is."""
+        self._end(GoalState.ABORTED, f"{self.name} was deactivated; activate it and send the goal again")
+        super().on_deactivate(now)
+        self._target = math.nan
+
+    def forget(self, now: int) -> None:
+        """End the goal, and hold the joint where it is."""
+        del now
+        why, who = self.life.ended_by or "it was to stop", self.life.source or "who sent it"
+        self._end(GoalState.ABORTED, f"{why}, so the goal of {who} was taken back; send it again once that is over")
+        self.life.end()
+        self._hold()
+
+    # -------------------------------------------------------------------------------------------------- goals
+
+    def grip(self, goal: GripperGoal, now: int) -> None:
+        """Go to a position from the next cycle on, in the place of the goal before; ControlError if it is refused."""
+        given = self.params
+        effort = given.max_effort if not goal.max_effort else goal.max_effort
+        velocity = given.max_velocity if not goal.max_velocity else goal.max_velocity
+        self._check(goal.position, effort, velocity)
+        self._tell_unlimited(goal)
+        self._end(GoalState.ABORTED, "another goal has taken its place")
+        goal.feedback_rate = given.action_monitor_rate
+        self.goal, self._target, self._limits, self._way = goal, goal.position, (effort, velocity), Way.MOVING
+        self._progress.begin(now)
+        self.life.give(now)
+
+    def set_command(self, values: Sequence[float], now: int, stamp: int | None = None) -> None:
+        """Refuse numbers: it takes goals, which have an end."""
+        del values, now, stamp
+        raise self.refusal("takes goals and no numbers; send one to ~/gripper_cmd, or by canopen-control gripper")
+
+    def cancel_grip(self, why: str | None = None, only: GripperGoal | None = None) -> None:
+        """Cancel the goal under way, or `only` this one: the joint is held where it is."""
+        if self.goal is not None and only in (None, self.goal):
+            self._end(GoalState.CANCELED, "the goal was cancelled" if why is None else f"the goal was cancelled: {why}")
+            self._hold()
+
+    def _check(self, position: float, effort: float, velocity: float) -> None:
+        if self.state is not ControllerState.ACTIVE:
+            raise self.refusal(f"is {self.state.value}; activate it before sending it goals")
+        joint = self.params.joint
+        if not math.isfinite(position):
+            raise self.refusal(f"cannot move {joint} to {position:g}; give a finite number")
+        for what, value in (("max_effort", effort), ("max_velocity", velocity)):
+            if not 0.0 <= value < math.inf:
+                raise self.refusal(f"cannot move {joint} with a {what} of {value:g}; give a finite number of 0 or more")
+        low, high = self.description[joint].span(POSITION) if joint in self.description else (-math.inf, math.inf)
+        if not low <= position <= high:
+            raise self.refusal(
+                f"takes {low:g} to {high:g}, the limits of {joint}, got {position:g}; nothing was applied"
+            )
+        if self.commanded == POSITION and (fits := self.commands[0].misfit(position)) is not None:
+            raise self.refusal(f"cannot send {position:g}: {fits}; nothing was applied")
+
+    def _tell_unlimited(self, goal: GripperGoal) -> None:
+        """Say once that nothing here limits the effort of a goal."""
+        if goal.max_effort and not self._is_limited:
+            self._is_limited = True
+            text = "the max_effort of goals has no effect: name a max_effort_interface, or limit the drive (0x6072)"
+            self.tell("max_effort", text)
+
+    def _end(self, state: GoalState, text: str, way: Way = Way.MOVING) -> None:
+        """Give the goal its result, where there is one."""
+        goal, self.goal = self.goal, None
+        if goal is not None:
+            goal.end(state, text, self._at, self._effort, way)
+            self.life.end()
+            if state is not GoalState.SUCCEEDED:
+                self.tell(f"goal_{state.value}", text)
+
+    # -------------------------------------------------------------------------------------------------- cycle
+
+    def update(self, now: int, period: float) -> ReturnType:
+        """Judge the goal, and command the joint."""
+        self._read()
+        if self.goal is not None:
+            self._judge(now)
+        if not self.commands[0].enabled:
+            self._target = math.nan
+        self._write(period)
+        self.stamp = now
+        return OK
+
+    def sample(self, wall_offset_ns: int) -> GripperSample:
+        """Return where the gripper was at the last update, and where it was to be."""
+        return GripperSample(
+            time=self.published(wall_offset_ns),
+            joint=self.params.joint,
+            position=finite(self._at),
+            velocity=finite(self._velocity),
+            effort=finite(self._effort),
+            target=finite(self._target),
+            executing=self.goal is not None,
+            stalled=self._way is Way.STALLED,
+            reached_goal=self._way is Way.REACHED,
+        )
+
+    def _read(self) -> None:
+        index = 0
+        for kind in self.params.state_interfaces:
+            value = self.states[index].value
+            if kind == POSITION:
+                self._at = value
+            elif kind == VELOCITY:
+                self._velocity = value
+            elif kind == EFFORT:
+                self._effort = value
+            index += 1  # noqa: SIM113 - enumerate makes a tuple per interface in the cycle
+
+    def _judge(self, now: int) -> None:
+        self._way = way = self._progress.look(now, self._target - self._at, self._velocity)
+        if way is Way.REACHED:
+            self._end(GoalState.SUCCEEDED, "the goal was reached", way)
+        elif way is Way.STALLED:
+            text = f"{self.params.joint} has stalled at {self._at:g}, {self._target - self._at:g} before the goal"
+            if self.params.allow_stalling:
+                self._end(GoalState.SUCCEEDED, text, way)
+            else:
+                self._end(GoalState.ABORTED, f"{text}; it is held there", way)
+                self._hold()
+
+    def _write(self, period: float) -> None:
+        """Command the target and the limits, where there is a target."""
+        del period
+        if not math.isnan(self._target):
+            self.commands[0].value = self._target
+            self._write_limits()
+
+    def _write_limits(self) -> None:
+        place = 1
+        if self.params.max_effort_interface:
+            self.commands[place].value = self._limits[0]
+            place += 1
+        if self.params.max_velocity_interface:
+            self.commands[place].value = self._limits[1]
+
+    def _hold(self) -> None:
+        """Stay where the joint is: the hardware holds a position that is not commanded."""
+        self._target = self.commands[0].value = math.nan
+
+
+class ParallelGripperActionController(PositionGripperActionController):
+    """parallel_gripper_action_controller/GripperActionController: the same, commanded as a JointState."""
+
+    reads: ClassVar[type[GripperParams]] = ParallelGripperParams
+
+
+class EffortGripperActionController(PositionGripperActionController):
+    """Commands the effort of a gripper by a loop over its position."""
+
+    reads: ClassVar[type[GripperParams]] = EffortGripperParams
+    commanded: ClassVar[str] = EFFORT
+
+    def __init__(self, name: str, type_name: str = "") -> None:
+        super().__init__(name, type_name)
+        self._loop = Pid(EffortGripperParams().gains.pid())
+
+    def on_configure(self, params: Params) -> None:
+        """Read the parameters, and the gains."""
+        super().on_configure(params)
+        if isinstance(self.params, EffortGripperParams):
+            self._loop = Pid(self.params.gains.pid())
+
+    def on_activate(self, commands: list[CommandInterface], states: list[StateInterface], now: int) -> None:
+        """Begin without a past."""
+        super().on_activate(commands, states, now)
+        self._loop.reset()
+
+    def _check(self, position: float, effort: float, velocity: float) -> None:
+        super()._check(position, effort, velocity)
+        if effort == 0.0:
+            raise self.refusal("would not move: max_effort is 0; give one with the goal, or among the parameters")
+
+    def _write(self, period: float) -> None:
+        """Command the effort of the loop within that of the goal; none where the position is not known."""
+        if math.isnan(self._target):
+            self.commands[0].value = 0.0
+            self._loop.reset()
+            return
+        wanted = self._loop.compute_with_rate(self._target - self._at, -self._velocity, period)
+        most = self._limits[0]
+        effort = 0.0 if math.isnan(wanted) else min(max(wanted, -most), most)
+        self.commands[0].value = effort
+        if EFFORT not in self.params.state_interfaces:
+            self._effort = effort
+        self._write_limits()
+
+    def _hold(self) -> None:
+        """Stay where the joint is, with the effort of the last goal."""
+        self._target = self._at if self.commands[0].enabled else math.nan

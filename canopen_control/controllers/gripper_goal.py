@@ -1,0 +1,76 @@
+"""A goal of a gripper, and whether it is reached or the gripper moves no more (control_msgs/GripperCommand).
+
+The law of the file (gripper_controllers, Jazzy): a goal is reached within its tolerance of the position; a gripper has
+stalled that was no faster than a threshold for a time since the goal came or since it moved last.
+"""
+
+from __future__ import annotations
+
+import enum
+import math
+from typing import TYPE_CHECKING
+
+from canopen_control.controllers.command_life import GoalState
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+__all__ = ["GripperGoal", "Progress", "Way"]
+
+
+class GripperGoal:
+    """A position in rad or m, with the most effort in Nm or N and the most velocity; None are the parameters'.
+
+    Once it has `ended`, the rest is its result: `at` is where the gripper was then, nan where that is not known.
+    `ended_now` is called then, in the cycle: whoever has more to do than to take note does it later.
+    """
+
+    def __init__(
+        self,
+        position: float,
+        max_effort: float | None = None,
+        max_velocity: float | None = None,
+        ended_now: Callable[[], object] = lambda: None,
+    ) -> None:
+        self.position, self.max_effort, self.max_velocity = position, max_effort, max_velocity
+        self.state, self.ended, self.text = GoalState.EXECUTING, False, ""
+        self.at = self.effort = math.nan
+        self.stalled = self.reached = False
+        self.feedback_rate = 20.0
+        self._ended_now = ended_now
+
+    def end(self, state: GoalState, text: str, at: float, effort: float, way: Way) -> None:
+        """Take the result; only the first one counts."""
+        if not self.ended:
+            self.state, self.text, self.at, self.effort = state, text, at, effort
+            self.reached, self.stalled = way is Way.REACHED, way is Way.STALLED
+            self.ended = True
+            self._ended_now()
+
+
+class Way(enum.Enum):
+    """How far a gripper is on its way to a goal."""
+
+    MOVING = "moving"
+    REACHED = "reached"
+    STALLED = "stalled"
+
+
+class Progress:
+    """Judges a gripper cycle by cycle; `timeout` in s."""
+
+    def __init__(self, tolerance: float, slowest: float, timeout: float) -> None:
+        self._tolerance, self._slowest, self._timeout_ns = tolerance, slowest, round(timeout * 1e9)
+        self._moved = 0
+
+    def begin(self, now: int) -> None:
+        """Begin with a goal, `now` in ns."""
+        self._moved = now
+
+    def look(self, now: int, error: float, velocity: float) -> Way:
+        """Judge the position that is missing and the velocity."""
+        if abs(error) < self._tolerance:
+            return Way.REACHED
+        if abs(velocity) > self._slowest:
+            self._moved = now
+        return Way.STALLED if now - self._moved > self._timeout_ns else Way.MOVING

@@ -1,0 +1,236 @@
+"""Goals of an action that the robot judges and executes: who sent each, the connection it lives by, and its end.
+
+The law of the file: a goal is accepted or refused by what the robot says of it, and cancelling is always accepted; the
+goal and its time are the robot's, here is only who is to be told. A goal lives by a connection of its own, so it ends
+when this bridge does, and when the action client that sent it leaves the graph, unless the controller lets it outlive
+him. Who asks for the result of a refused goal is told why it was refused.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import partial
+from typing import TYPE_CHECKING, Any, Final, Generic, Protocol, TypeVar
+
+from canopen_control.ros.action_server import JudgedActionServer
+from canopen_control.ros.endpoint import Endpoint
+from canopen_control.ros.participants import ActionClients
+from canopen_control.ros.throttle import without_numbers
+from canopen_control.ros.trajectory_sender import TrajectorySender
+from canopen_control.rpc.reactor_client import ENDLESS
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from canopen_control.ros.action_server import GoalRequest
+    from canopen_control.ros.endpoint import Ros, RosMessage
+    from canopen_control.rpc.messages.declare import Done, Request
+    from canopen_control.rpc.messages.state import ControllerReading, StateSample
+
+__all__ = ["ActionGoals", "FollowedGoal"]
+
+_WATCH_S: Final = 0.25
+"""How often it is looked whether the clients are still there."""
+_CLIENT_GONE: Final = "the action client that sent it is gone"
+
+
+class Verdict(Protocol):
+    """What the robot says of a goal when it comes."""
+
+    @property
+    def accepted(self) -> bool:
+        """Whether it is executed."""
+        ...
+
+    @property
+    def text(self) -> str:
+        """Why not."""
+        ...
+
+    @property
+    def feedback_rate(self) -> float:
+        """How often the client is told of it, in Hz."""
+        ...
+
+    @property
+    def outlives_client(self) -> bool:
+        """Whether it goes on when he is gone."""
+        ...
+
+
+class Result(Protocol):
+    """How a goal ended."""
+
+    @property
+    def state(self) -> str:
+        """Return "succeeded", "aborted" or "canceled"."""
+        ...
+
+
+V = TypeVar("V", bound=Verdict)
+E = TypeVar("E", bound=Result)
+
+
+class FollowedGoal(Generic[V]):
+    """A goal that came from ROS: who sent it, the connection it lives by, and what the robot said when it took it."""
+
+    def __init__(self, request: GoalRequest, sender: TrajectorySender, clients: ActionClients) -> None:
+        self.uuid, self.client, self.sender = request.uuid, request.client, sender
+        self.verdict: V | None = None
+        self.is_to_end = False
+        self.cancelled = False
+        self.told = -math.inf
+        self._clients = clients
+        self._was_present = False
+        self._ran_here = self.client is not None and clients.runs_here(self.client)
+
+    def is_alone(self, present: set[bytes]) -> bool:
+        """Whether its client has been there and is no more; where it cannot be told from others, all of them."""
+        if self._ran_here and self.client is not None and not self._clients.runs_here(self.client):
+            return True
+        here = bool(present) if self.client is None else self.client in present
+        self._was_present |= here
+        return self._was_present and not here
+
+    def wants_feedback(self, time: float) -> bool:
+        """Whether it is time to tell the client again; `time` in s."""
+        rate = self.verdict.feedback_rate if self.verdict is not None else math.inf
+        if self.told <= time < self.told + 1.0 / rate:
+            return False
+        self.told = time
+        return True
+
+
+class ActionGoals(Endpoint, Generic[V, E]):
+    """The action server of one controller; a class for each action says what its goals are to the robot."""
+
+    def __init__(self, ros: Ros, controller: ControllerReading, action: type, name: str) -> None:
+        self._ros, self._controller = ros, controller.name
+        self._topic = f"{controller.name}/{name}"
+        self._goals: dict[bytes, FollowedGoal[V]] = {}
+        self._watched = -math.inf
+        self._server = JudgedActionServer(
+            ros.node,
+            action,
+            self._topic,
+            lambda request: ros.hand_over(lambda: self._begin(request)),
+            lambda uuid: ros.hand_over(lambda: self._cancel(uuid)),
+            lambda uuid: ros.hand_over(lambda: self._give_up(uuid, _CLIENT_GONE)),
+        )
+        self._clients = ActionClients(ros.node, ros.node.resolve_service_name(self._topic))
+
+    # ------------------------------------------------------------------------------------------------------- hooks
+
+    def send(
+        self, sender: TrajectorySender, goal: RosMessage, answer: Callable[[V | None, str | None], object]
+    ) -> None:
+        """Have the robot judge a goal; ValueError with why it need not be asked."""
+        raise NotImplementedError
+
+    def refused(self, verdict: V | None, text: str) -> RosMessage:
+        """Return the result of a goal that was refused."""
+        raise NotImplementedError
+
+    def asks_for_end(self) -> Request[E]:
+        """Return what is answered when the goal of a connection has ended."""
+        raise NotImplementedError
+
+    def cancels(self, why: str | None) -> Request[Done]:
+        """Return what ends the goal of a connection."""
+        raise NotImplementedError
+
+    def failed(self, text: str) -> E:
+        """Return the end of a goal of which the robot tells nothing any more."""
+        raise NotImplementedError
+
+    def told(self, result: E, *, by_others: bool) -> RosMessage:
+        """Return the result for the client; `by_others` says that he did not ask for it to be cancelled."""
+        raise NotImplementedError
+
+    # ------------------------------------------------------------------------------------------------ goals that come
+
+    def _begin(self, request: GoalRequest) -> None:
+        """Have the robot judge a goal."""
+        followed = FollowedGoal[V](request, TrajectorySender(self._ros.connect), self._clients)
+        self._goals[request.uuid] = followed
+        try:
+            self.send(followed.sender, request.goal, partial(self._on_verdict, followed))
+        except ValueError as error:
+            self._refuse(followed, None, f"{self._controller} refuses the goal: {error}")
+        except Exception as error:  # noqa: BLE001 - whatever is in it, it is answered
+            self._refuse(followed, None, f"{type(error).__name__}: {error}")
+
+    def _on_verdict(self, followed: FollowedGoal[V], verdict: V | None, error: str | None) -> None:
+        if verdict is None:
+            self._refuse(followed, None, f"{self._controller} refuses the goal: {error}")
+        elif not verdict.accepted:
+            self._refuse(followed, verdict, verdict.text)
+        else:
+            followed.verdict = verdict
+            self._ros.call(partial(self._server.answer, followed.uuid, None))
+            followed.sender.client.ask(self.asks_for_end(), partial(self._on_end, followed), ENDLESS)
+
+    def _refuse(self, followed: FollowedGoal[V], verdict: V | None, text: str) -> None:
+        self._goals.pop(followed.uuid, None)
+        followed.sender.close()
+        self._ros.warn(f"{self._topic}: {without_numbers(text)}", f"{self._topic}: {text}")
+        self._ros.call(partial(self._server.answer, followed.uuid, self.refused(verdict, text)))
+
+    # --------------------------------------------------------------------------------------------- goals that end
+
+    def _on_end(self, followed: FollowedGoal[V], result: E | None, error: str | None) -> None:
+        self._end(followed, result or self.failed(str(error)))
+
+    def _end(self, followed: FollowedGoal[V], result: E) -> None:
+        """Tell the client; only once."""
+        if self._goals.pop(followed.uuid, None) is None:
+            return
+        followed.sender.close()
+        told = self.told(result, by_others=result.state == "canceled" and not followed.cancelled)
+        self._ros.call(partial(self._server.finish, followed.uuid, result.state, told))
+
+    def _cancel(self, uuid: bytes) -> None:
+        """Have a goal cancelled, as its client wishes."""
+        if uuid in self._goals:
+            self._goals[uuid].cancelled = True
+            self._give_up(uuid, None)
+
+    def _give_up(self, uuid: bytes, why: str | None) -> None:
+        followed = self._goals.get(uuid)
+        if followed is None or followed.verdict is None or followed.is_to_end:
+            return
+        followed.is_to_end = True
+        followed.sender.client.ask(self.cancels(why), lambda _done, error: self._tell(error))
+
+    def _tell(self, error: str | None) -> None:
+        if error is not None:
+            self._ros.warn(self._topic, f"{self._topic}: {error}")
+
+    def close(self) -> None:
+        """Leave the graph; goals end, and their clients are told."""
+        for followed in list(self._goals.values()):
+            self._end(followed, self.failed("the ROS bridge leaves, and the goal ends with it"))
+        self._ros.call(self._server.destroy)
+
+    # ------------------------------------------------------------------------------------------ goals that are followed
+
+    def _followed(self, state: StateSample) -> list[FollowedGoal[V]]:
+        """Return the goals that are executed, and look whether their clients are still there."""
+        followed = [each for each in self._goals.values() if each.verdict is not None]
+        if followed and not self._watched <= state.time < self._watched + _WATCH_S:  # a clock may be set back
+            self._watched = state.time
+            self._watch(followed)
+        return followed
+
+    def _feedback(self, followed: FollowedGoal[V], time: float) -> Any:  # noqa: ANN401 - rclpy's
+        """Return the handle of a goal if its client is to be told of it now."""
+        handle = self._server.known(followed.uuid)
+        return handle if handle is not None and followed.wants_feedback(time) else None
+
+    def _watch(self, followed: list[FollowedGoal[V]]) -> None:
+        """End the goals whose client is gone."""
+        watched = [each for each in followed if each.verdict is not None and not each.verdict.outlives_client]
+        present = self._clients.present() if watched else set()
+        for each in watched:
+            if each.is_alone(present):
+                self._give_up(each.uuid, _CLIENT_GONE)

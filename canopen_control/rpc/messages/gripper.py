@@ -1,0 +1,86 @@
+"""What a running robot may be asked of a gripper action controller.
+
+A goal has an end that is told; a connection has one at a time, the one that it sent last. SI units: rad or m, Nm or N.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Final, Generic, TypeVar
+
+import msgspec
+
+from canopen_control.rpc.messages.declare import Done, Effect, Request
+
+__all__ = ["GRIPPER_METHODS", "CancelGripper", "GripperEnd", "GripperResult", "GripperVerdict", "MoveGripper",
+           "SendGripper"]  # fmt: skip
+
+A = TypeVar("A")
+
+
+class GripperVerdict(msgspec.Struct, frozen=True, kw_only=True):
+    """Whether a goal was accepted, and if not, why; `feedback_rate` in Hz is how often the client is told of it.
+
+    `outlives_client` is false: no gripper goes on without who sent the goal.
+    """
+
+    accepted: bool
+    text: str = ""
+    feedback_rate: float = 20.0
+    outlives_client: bool = False
+
+
+class GripperResult(msgspec.Struct, frozen=True, kw_only=True):
+    """How a goal ended: "succeeded", "canceled" or "aborted", where the gripper was then, and why."""
+
+    state: str
+    text: str
+    position: float | None = None
+    effort: float | None = None
+    stalled: bool = False
+    reached_goal: bool = False
+
+
+class _Goal(Request[A], Generic[A], frozen=True, kw_only=True):
+    controller: str
+    position: float
+    max_effort: float | None = None
+    max_velocity: float | None = None
+    source: str | None = None
+    dead_man: bool = True
+    heartbeat: Annotated[float, msgspec.Meta(gt=0.0, le=3600.0)] | None = None
+
+
+class MoveGripper(_Goal[GripperResult], frozen=True, kw_only=True):
+    """A position as a goal of a gripper action controller; answered when it has ended.
+
+    `max_effort` and `max_velocity` null or 0 are the controller's. With `dead_man` the joint is held where it is as
+    soon as this connection is gone, unless the goal has succeeded; with `heartbeat` besides when it has sent no
+    `trajectory_heartbeat` for so many seconds.
+    """
+
+
+class SendGripper(_Goal[GripperVerdict], frozen=True, kw_only=True):
+    """The same, answered at once, also where it is refused; `gripper_end` tells of its end."""
+
+
+class GripperEnd(Request[GripperResult], frozen=True, kw_only=True):
+    """The end of the goal that this connection has sent last; answered when it has ended."""
+
+
+class CancelGripper(Request[Done], frozen=True, kw_only=True):
+    """End the goal that a gripper controller executes, whoever sent it: the joint is held.
+
+    `own` true: only if it is this connection's. `why` is put into its result.
+    """
+
+    controller: str
+    own: bool = False
+    why: str | None = None
+
+
+GRIPPER_METHODS: Final = (
+    ("move_gripper", Effect.MOVES, MoveGripper),
+    ("send_gripper", Effect.MOVES, SendGripper),
+    ("gripper_end", Effect.READS, GripperEnd),
+    ("cancel_gripper", Effect.STOPS, CancelGripper),
+)

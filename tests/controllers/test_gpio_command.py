@@ -1,0 +1,288 @@
+from __future__ import annotations
+
+import math
+from functools import partial
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from support.control import Hardware, S, add, manager
+
+from canopen_control.errors import ControlError, UnknownInterface
+from canopen_control.runtime.readiness import by_stop_group
+
+GPIO = "gpio_controllers/GpioCommandController"
+OUTPUTS = ("io/lamp", "io/horn", "valve/open")
+STATES = ("io/pressed", "io/lamp", "valve/open", "valve/pressure", "wheel/position")
+BOTH = {"io": {"interfaces": ["lamp", "horn"]}, "valve": {"interfaces": ["open"]}}
+NAN = math.nan
+
+
+def robot(**params):
+    """Return three outputs, and an active controller of them."""
+    hardware = Hardware(*OUTPUTS, states=STATES)
+    control = manager(hardware)
+    add(control, "outputs", GPIO, **{"gpios": ["io", "valve"], "command_interfaces": BOTH, **params})
+    control.switch(["outputs"], now=0)
+    return hardware, control
+
+
+def same(found, wanted):
+    return [repr(each) for each in found] == [repr(each) for each in wanted]
+
+
+def test_nothing_is_written_before_the_first_command():
+    hardware, control = robot()
+    control.update(S, 0.01)
+    assert same(hardware.values(), [NAN, NAN, NAN])
+
+
+def test_a_command_by_name_changes_what_it_names_and_the_others_stay():
+    hardware, control = robot()
+    control.command("outputs", {"io/lamp": 1.0}, 0)
+    control.update(S, 0.01)
+    assert same(hardware.values(), [1.0, NAN, NAN])
+    control.command("outputs", {"valve/open": 0.25, "io/horn": 1.0}, S)
+    control.update(2 * S, 0.01)
+    assert hardware.values() == [1.0, 1.0, 0.25]
+
+
+def test_the_last_command_is_written_again_in_every_update():
+    hardware, control = robot()
+    control.command("outputs", {"io/lamp": 1.0}, 0)
+    for now in range(1, 1000):
+        hardware.command_interfaces[0].value = 7.0
+        control.update(now * S, 1.0)
+        assert hardware.command_interfaces[0].value == 1.0
+
+
+def test_a_command_of_all_is_in_the_order_of_the_parameters():
+    hardware, control = robot()
+    control.command("outputs", [1.0, 0.0, 0.5], 0)
+    control.update(S, 0.01)
+    assert hardware.values() == [1.0, 0.0, 0.5]
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ({"io/lamp": 1.0, "io/lam": 1.0}, "applies nothing: it has no output 'io/lam', did you mean 'io/lamp'?"),
+        ({"io/lamp": 1.0, "io/horn": NAN}, "wants finite numbers, got nan for io/horn; nothing was applied"),
+        ({"io/lamp": math.inf}, "wants finite numbers, got inf for io/lamp"),
+        ([1.0, 1.0], "wants 3 values (io/lamp, io/horn, valve/open), got 2"),
+        ([1.0, 1.0, NAN], "wants finite numbers, got nan for valve/open"),
+    ],
+)
+def test_a_command_that_does_not_fit_is_refused_whole(values, words):
+    hardware, control = robot()
+    control.command("outputs", [0.5, 0.5, 0.5], 0)
+    with pytest.raises(ControlError) as caught:
+        control.command("outputs", values, 1)
+    control.update(S, 0.01)
+    assert hardware.values() == [0.5, 0.5, 0.5]
+    assert words in str(caught.value)
+    assert (control.list()[0].rejected, control.list()[0].state) == (1, "active")
+
+
+def test_a_value_that_the_object_behind_cannot_hold_is_refused_and_the_others_stay():
+    hardware, control = robot()
+    control.command("outputs", [0.5, 0.5, 0.5], 0)
+    hardware.command_interfaces[2].lowest, hardware.command_interfaces[2].highest = 0.0, 1.0
+    with pytest.raises(ControlError, match="cannot set 2: valve/open holds 0 to 1; nothing was applied"):
+        control.command("outputs", {"io/lamp": 1.0, "valve/open": 2.0}, 1)
+    control.update(S, 0.01)
+    assert hardware.values() == [0.5, 0.5, 0.5]
+
+
+ENDS = {
+    "deactivation": lambda control, sender: control.switch((), ["outputs"], now=S),
+    "stop": lambda control, sender: control.running.forget(S, "stop was commanded"),
+    "sender": lambda control, sender: control.running.let_go(sender),
+    "time-out": lambda control, sender: control.update(60 * S, 0.01),
+}
+
+
+@pytest.mark.parametrize("end", ENDS.values(), ids=list(ENDS))
+def test_when_commands_end_outputs_go_to_their_safe_values_and_kept_ones_stay(end):
+    hardware, control = robot(safe_values={"io": {"horn": 0.75}}, kept_outputs=["valve/open"], command_timeout=50.0)
+    sender = object()
+    control.command("outputs", [1.0, 1.0, 1.0], 0, source="a panel", holder=sender)
+    control.update(S, 0.01)
+    end(control, sender)
+    assert hardware.values() == [0.0, 0.75, 1.0]
+    control.update(61 * S, 0.01)
+    assert hardware.values() == [0.0, 0.75, 1.0]
+
+
+def test_after_an_end_an_output_that_nobody_commands_anew_stays_safe():
+    hardware, control = robot()
+    control.command("outputs", [1.0, 1.0, 1.0], 0)
+    control.running.forget(S, "stop was commanded")
+    control.command("outputs", {"io/horn": 1.0}, S)
+    control.update(2 * S, 0.01)
+    assert hardware.values() == [0.0, 1.0, 0.0]
+
+
+def test_who_is_gone_is_told_with_where_the_outputs_are():
+    _, control = robot(kept_outputs=["valve/open"])
+    control.events()
+    control.command("outputs", {"io/lamp": 1.0}, 0, source="a panel", holder=control)
+    control.update(S, 0.01)
+    control.running.let_go(control)
+    (event,) = control.events()
+    assert event.text == (
+        "outputs: a panel is gone, and its command with it; its outputs are at their safe values, others are kept"
+    )
+
+
+def test_the_safe_value_of_the_hardware_is_the_default_and_it_is_told_where_an_output_is_let_go():
+    hardware = Hardware(*OUTPUTS, states=STATES)
+    for each, safe in zip(hardware.command_interfaces, (1.0, math.nan, None), strict=True):
+        each.safe = safe
+    control = manager(hardware)
+    add(control, "outputs", GPIO, gpios=["io", "valve"], command_interfaces=BOTH)
+    control.switch(["outputs"], now=0)
+    control.command("outputs", [0.5, 0.5, 0.5], 0)
+    control.update(S, 0.01)
+    control.running.forget(S, "stop was commanded")
+    assert hardware.values() == [1.0, 0.5, 0.0]
+    assert [each.let_go_at for each in hardware.command_interfaces] == [None] * 3
+    control.switch((), ["outputs"], now=S)
+    assert same([each.let_go_at for each in hardware.command_interfaces], [1.0, math.nan, 0.0])
+
+
+def test_an_output_that_nobody_has_commanded_is_left_as_it_is():
+    hardware, control = robot()
+    control.command("outputs", {"io/horn": 1.0}, 0)
+    control.update(S, 0.01)
+    control.running.forget(S, "stop was commanded")
+    assert same(hardware.values(), [NAN, 0.0, NAN])
+
+
+def test_outputs_of_a_node_that_is_lost_end_alone():
+    hardware = Hardware(*OUTPUTS, states=STATES)
+    control = manager(hardware)
+    control.running.divide = partial(by_stop_group, {})
+    add(control, "outputs", GPIO, gpios=["io", "valve"], command_interfaces=BOTH)
+    control.switch(["outputs"], now=0)
+    control.command("outputs", [1.0, 1.0, 1.0], 0)
+    control.update(S, 0.01)
+    hardware.command_interfaces[2].enabled = False
+    control.update(2 * S, 0.01)
+    assert hardware.values() == [1.0, 1.0, 0.0]
+    with pytest.raises(ControlError, match="valve/open follows no commands, since its node is not there"):
+        control.command("outputs", {"io/lamp": 0.0, "valve/open": 1.0}, 2 * S)
+    control.command("outputs", {"io/lamp": 0.5}, 2 * S)
+    hardware.command_interfaces[2].enabled = True
+    control.update(3 * S, 0.01)
+    assert hardware.values() == [0.5, 1.0, 0.0]
+
+
+def test_a_command_that_is_safe_outlives_who_gave_it():
+    _, control = robot(kept_outputs=["valve/open"])
+    control.command("outputs", {"io/lamp": 0.0, "valve/open": 1.0}, 0, holder=control)
+    assert control.running.holders == set()
+    control.command("outputs", {"io/horn": 1.0}, 0, holder=control)
+    assert control.running.holders == {control}
+
+
+def test_a_command_has_no_end_by_itself_unless_one_is_written():
+    hardware, control = robot()
+    control.command("outputs", {"io/lamp": 1.0}, 0)
+    control.update(3600 * S, 0.01)
+    assert hardware.values()[0] == 1.0
+
+
+def test_a_time_out_is_told_once_and_the_next_command_takes_over():
+    hardware, control = robot(command_timeout=0.5)
+    control.events()
+    control.command("outputs", {"io/lamp": 1.0}, 0)
+    for step in range(4):
+        control.update((1 + step) * S, 0.01)
+    (event,) = control.events()
+    assert event.text == "outputs: no command for 1.00 s, its outputs are at their safe values"
+    control.command("outputs", {"io/lamp": 1.0}, 5 * S)
+    control.update(5 * S, 0.01)
+    assert hardware.values()[0] == 1.0
+
+
+def test_inputs_and_outputs_are_told_by_part_and_name():
+    hardware, control = robot(state_interfaces={"io": {"interfaces": ["pressed"]}})
+    hardware.set("io/pressed", 1.0)
+    assert control.list()[0].required_state_interfaces == ("*",)
+    control.update(S, 0.01)
+    sample = control.get("outputs").sample(0)
+    assert (sample.time, control.list()[0].tells) == (1.0, "gpio")
+    assert sample.parts == {"io": {"pressed": 1.0}, "valve": {"open": None, "pressure": None}}
+
+
+def test_named_inputs_are_all_that_it_reads():
+    names = {"io": {"interfaces": ["pressed"]}, "valve": {"interfaces": ["pressure"]}}
+    _, control = robot(state_interfaces=names)
+    assert control.list()[0].required_state_interfaces == ("io/pressed", "valve/pressure")
+    assert control.get("outputs").sample(0).parts == {"io": {"pressed": None}, "valve": {"pressure": None}}
+
+
+def test_without_command_interfaces_it_only_tells():
+    hardware, control = robot(command_interfaces={})
+    control.update(S, 0.01)
+    assert control.get("outputs").sample(0).parts["io"] == {"pressed": None, "lamp": None}
+    with pytest.raises(ControlError, match="has no command_interfaces; it only tells"):
+        control.command("outputs", {"io/lamp": 1.0}, 0)
+    control.switch((), ["outputs"], now=S)
+    assert same(hardware.values(), [NAN, NAN, NAN])
+
+
+@pytest.mark.parametrize(
+    ("params", "error", "words"),
+    [
+        ({"command_interfaces": {"io": {"interfaces": ["bell"]}}}, UnknownInterface, "io/bell"),
+        ({"state_interfaces": {"io": {"interfaces": ["presed"]}}}, ControlError, "io/presed"),
+        ({"gpios": ["io", "valve", "pump"]}, ControlError, "there is no <gpio> 'pump' with interfaces"),
+    ],
+)
+def test_an_interface_that_is_not_there_is_refused_when_it_is_activated(params, error, words):
+    with pytest.raises(error, match=words):
+        robot(**params)
+
+
+def test_who_is_not_active_takes_no_command():
+    _, control = robot()
+    control.switch((), ["outputs"], now=0)
+    with pytest.raises(ControlError, match="is inactive; activate it before commanding it"):
+        control.command("outputs", {"io/lamp": 1.0}, 0)
+
+
+def test_other_controllers_take_nothing_by_name():
+    control = manager(Hardware("l/velocity"))
+    add(control, "forward", "forward_command_controller/ForwardCommandController", joints=["l"],
+        interface_name="velocity")  # fmt: skip
+    control.switch(["forward"], now=0)
+    with pytest.raises(ControlError, match="takes no values by the names of its interfaces"):
+        control.command("forward", {"l/velocity": 1.0}, 0)
+
+
+@given(
+    st.lists(
+        st.one_of(
+            st.dictionaries(st.sampled_from(OUTPUTS), st.floats(-2, 2), min_size=1),
+            st.sampled_from(["stop", "bad", "update"]),
+        ),
+        max_size=20,
+    )
+)
+def test_outputs_are_what_was_commanded_last_since_the_last_stop_else_safe(steps):
+    hardware, control = robot()
+    wanted = dict.fromkeys(OUTPUTS, NAN)
+    for at, step in enumerate(steps, 1):
+        if isinstance(step, dict):
+            control.command("outputs", step, at)
+            wanted.update(step)
+        elif step == "stop":
+            control.running.forget(at, "stop")
+            wanted = {name: value if math.isnan(value) else 0.0 for name, value in wanted.items()}
+        elif step == "bad":
+            with pytest.raises(ControlError):
+                control.command("outputs", {"io/lamp": 1.5, "io/horn": NAN}, at)
+        control.update(at, 0.01)
+        assert same(hardware.values(), wanted.values())

@@ -1,0 +1,284 @@
+from __future__ import annotations
+
+import math
+
+import pytest
+from support.control import FORWARD, Hardware, add, manager
+
+from canopen_control.controllers.gripper_goal import GripperGoal
+from canopen_control.controllers.trajectory.goal import GoalState
+from canopen_control.errors import ControlError, UnknownInterface
+from canopen_control.urdf.joint_element import Joint, Limits
+
+POSITION = "position_controllers/GripperActionController"
+EFFORT = "effort_controllers/GripperActionController"
+PARALLEL = "parallel_gripper_action_controller/GripperActionController"
+MS = 1_000_000
+SUCCEEDED, ABORTED, CANCELED = GoalState.SUCCEEDED, GoalState.ABORTED, GoalState.CANCELED
+LIMITS = {"max_effort_interface": "finger/max_effort", "max_velocity_interface": "finger/max_velocity"}
+
+
+class Gripper:
+    """A gripper with an active controller; `step` is a cycle of 10 ms in which the joint is somewhere."""
+
+    def __init__(self, type_name=POSITION, *extra, limits=None, **params):
+        commanded = "effort" if type_name == EFFORT else "position"
+        states = tuple(f"finger/{each}" for each in ("position", "velocity", "effort"))
+        self.hardware = Hardware(f"finger/{commanded}", *extra, states=states)
+        self.control, self.now = manager(self.hardware), 0
+        if limits is not None:
+            self.control._description = {"finger": Joint("finger", "prismatic", "base", "finger", limits=limits)}
+        self.controller = add(self.control, "gripper", type_name, joint="finger", **params)
+        self.set(0.0)
+        self.control.switch(["gripper"], now=0)
+        self.control.events()
+
+    def set(self, position, velocity=0.0, effort=0.0):
+        for name, value in (("position", position), ("velocity", velocity), ("effort", effort)):
+            self.hardware.set(f"finger/{name}", value)
+
+    def send(self, position, max_effort=None, max_velocity=None, **how):
+        goal = GripperGoal(position, max_effort, max_velocity)
+        self.control.send_goal("gripper", goal, self.now, **how)
+        return goal
+
+    def step(self, position=None, velocity=0.0, *, count=1):
+        for _ in range(count):
+            self.now += 10 * MS
+            if position is not None:
+                self.set(position, velocity)
+            self.control.update(self.now, 0.01)
+        return [each.value for each in self.hardware.command_interfaces]
+
+
+def same(found, *wanted):
+    return [repr(each) for each in found] == [repr(each) for each in wanted]
+
+
+def test_nothing_is_written_before_the_first_goal():
+    assert same(Gripper().step(count=5), math.nan)
+    assert Gripper(EFFORT, gains={"finger": {"p": 10.0}}, max_effort=5.0).step(0.3) == [0.0]
+
+
+def test_a_goal_is_reached_within_its_tolerance_and_held():
+    gripper = Gripper(state_interfaces=["position", "velocity", "effort"])
+    goal = gripper.send(0.05)
+    assert gripper.step(0.02, 0.1) == [0.05]
+    assert not goal.ended
+    gripper.set(0.0405, 0.1, effort=3.5)
+    assert gripper.step() == [0.05]
+    assert (goal.state, goal.reached, goal.stalled) == (SUCCEEDED, True, False)
+    assert (goal.at, goal.effort) == (0.0405, 3.5)
+    assert gripper.step(count=100) == [0.05]
+
+
+def test_a_stall_aborts_and_the_joint_is_held_where_it_is():
+    gripper = Gripper(stall_timeout=0.5)
+    goal = gripper.send(0.05)
+    gripper.step(0.02, 0.1, count=10)
+    gripper.step(0.03, 0.0, count=50)
+    assert not goal.ended
+    assert same(gripper.step(), math.nan)
+    assert (goal.state, goal.reached, goal.stalled, goal.at) == (ABORTED, False, True, 0.03)
+    assert goal.text == "finger has stalled at 0.03, 0.02 before the goal; it is held there"
+    assert [each.kind for each in gripper.control.events()] == ["goal_aborted"]
+
+
+def test_a_stall_that_is_allowed_succeeds_and_goes_on_gripping():
+    gripper = Gripper(stall_timeout=0.1, allow_stalling=True)
+    goal = gripper.send(0.05)
+    assert gripper.step(0.03, 0.0, count=12) == [0.05]
+    assert (goal.state, goal.reached, goal.stalled) == (SUCCEEDED, False, True)
+    assert gripper.step(count=100) == [0.05]
+
+
+def test_a_grip_outlives_who_asked_for_it_and_a_goal_does_not():
+    gripper = Gripper(stall_timeout=0.1, allow_stalling=True)
+    gripper.send(0.05, holder="me")
+    gripper.step(0.03, count=12)
+    gripper.control.running.let_go("me")
+    assert gripper.step() == [0.05]
+    goal = gripper.send(0.0, source="ros", holder="me")
+    gripper.step(0.03, -0.1)
+    gripper.control.running.let_go("me")
+    assert same(gripper.step(), math.nan)
+    assert goal.state is ABORTED
+    assert goal.text == "ros is gone, so the goal of ros was taken back; send it again once that is over"
+
+
+def test_cancelling_holds_and_only_what_is_meant_is_cancelled():
+    gripper = Gripper()
+    goal = gripper.send(0.05)
+    gripper.step(0.01, 0.1)
+    gripper.controller.cancel_grip("no more", only=GripperGoal(0.0))
+    assert not goal.ended
+    gripper.controller.cancel_grip("the client is gone", only=goal)
+    assert (goal.state, goal.text) == (CANCELED, "the goal was cancelled: the client is gone")
+    assert same(gripper.step(), math.nan)
+    gripper.controller.cancel_grip()
+
+
+def test_a_newer_goal_takes_the_place_of_the_one_under_way():
+    gripper = Gripper()
+    first, second = gripper.send(0.05), gripper.send(0.02)
+    assert (first.state, first.text) == (ABORTED, "another goal has taken its place")
+    assert gripper.step(0.0, 0.1) == [0.02]
+    assert not second.ended
+
+
+def test_the_stall_of_a_goal_counts_from_when_it_came():
+    gripper = Gripper(stall_timeout=0.2)
+    gripper.step(0.0, count=100)
+    goal = gripper.send(0.05)
+    gripper.step(0.0, count=19)
+    assert not goal.ended
+
+
+def test_limits_go_with_the_goal_through_their_interfaces():
+    gripper = Gripper(PARALLEL, "finger/max_effort", "finger/max_velocity", **LIMITS)
+    assert same(gripper.step(), math.nan, math.nan, math.nan)
+    gripper.send(0.05)
+    assert gripper.step(0.0, 0.1) == [0.05, 10.0, 0.1]
+    gripper.send(0.05, 25.0, 0.02)
+    assert gripper.step(0.0, 0.1) == [0.05, 25.0, 0.02]
+    gripper.send(0.05, 0.0, 0.0)
+    assert gripper.step(0.0, 0.1) == [0.05, 10.0, 0.1]
+
+
+def test_an_effort_that_nothing_limits_is_told_once():
+    gripper = Gripper()
+    gripper.send(0.05)
+    assert gripper.control.events() == ()
+    gripper.send(0.05, 20.0)
+    gripper.send(0.05, 20.0)
+    texts = [each.text for each in gripper.control.events() if each.kind == "max_effort"]
+    assert texts == [
+        "gripper: the max_effort of goals has no effect: name a max_effort_interface, or limit the drive (0x6072)"
+    ]
+
+
+@pytest.mark.parametrize("end", ["deactivate", "stop", "disable"])
+def test_any_other_end_takes_the_goal_back(end):
+    gripper = Gripper()
+    goal = gripper.send(0.05)
+    gripper.step(0.01, 0.1)
+    if end == "deactivate":
+        gripper.control.switch((), ["gripper"], now=gripper.now)
+    elif end == "stop":
+        gripper.control.running.forget(gripper.now, "stop was commanded by me")
+    else:
+        gripper.hardware.command_interfaces[0].enabled = False
+        gripper.step()
+        gripper.hardware.command_interfaces[0].enabled = True
+    assert goal.state is ABORTED
+    if end != "deactivate":
+        assert same(gripper.step(count=5), math.nan)
+
+
+@pytest.mark.parametrize(
+    ("sent", "words"),
+    [
+        ((math.nan,), "cannot move finger to nan; give a finite number"),
+        ((math.inf,), "cannot move finger to inf; give a finite number"),
+        ((0.01, -1.0), "with a max_effort of -1"),
+        ((0.01, math.inf), "with a max_effort of inf"),
+        ((0.01, 1.0, -0.5), "with a max_velocity of -0.5"),
+        ((0.09,), "takes 0 to 0.08, the limits of finger, got 0.09; nothing was applied"),
+        ((-0.01,), "takes 0 to 0.08, the limits of finger, got -0.01"),
+    ],
+)
+def test_a_goal_that_cannot_be_is_refused_and_the_one_before_goes_on(sent, words):
+    gripper = Gripper(limits=Limits(0.0, 0.08))
+    before = gripper.send(0.05)
+    with pytest.raises(ControlError) as caught:
+        gripper.send(*sent)
+    assert words in str(caught.value)
+    assert gripper.step(0.0, 0.1) == [0.05]
+    assert not before.ended
+
+
+def test_a_position_that_the_object_behind_cannot_hold_is_refused():
+    gripper = Gripper()
+    gripper.hardware.command_interfaces[0].highest = 0.04
+    with pytest.raises(ControlError, match=r"cannot send 0\.05: finger/position holds"):
+        gripper.send(0.05)
+
+
+def test_who_is_not_active_or_no_gripper_takes_no_goal():
+    gripper = Gripper()
+    gripper.control.switch((), ["gripper"], now=0)
+    with pytest.raises(ControlError, match="is inactive; activate it before sending it goals"):
+        gripper.send(0.05)
+    other = add(gripper.control, "forward", FORWARD, joints=["finger"], interface_name="position")
+    with pytest.raises(ControlError, match="is no gripper action controller"):
+        other.grip(GripperGoal(0.0), 0)
+
+
+def test_an_interface_that_is_not_there_is_refused():
+    with pytest.raises(UnknownInterface, match="finger/max_effort"):
+        Gripper(PARALLEL, **LIMITS)
+
+
+class TestEffort:
+    def gripper(self, **params):
+        return Gripper(EFFORT, gains={"finger": {"p": 100.0, "d": 2.0}}, **params)
+
+    def test_the_loop_is_limited_by_the_effort_of_the_goal(self):
+        gripper = self.gripper()
+        gripper.send(0.05, 3.0)
+        assert gripper.step(0.03, 0.1) == [pytest.approx(100.0 * 0.02 - 2.0 * 0.1)]
+        assert gripper.step(0.0, 0.0) == [3.0]
+        assert gripper.step(0.2, 0.0) == [-3.0]
+
+    def test_without_any_effort_a_goal_is_refused(self):
+        with pytest.raises(ControlError, match="would not move: max_effort is 0"):
+            self.gripper().send(0.05)
+
+    def test_the_effort_of_the_parameters_is_the_default(self):
+        gripper = self.gripper(max_effort=1.5)
+        gripper.send(0.05)
+        assert gripper.step(0.0) == [1.5]
+
+    def test_an_end_holds_the_joint_where_it_is_with_the_effort_of_the_goal(self):
+        gripper = self.gripper(stall_timeout=0.1)
+        goal = gripper.send(0.05, 3.0)
+        gripper.step(0.03, count=12)
+        assert (goal.state, goal.stalled) == (ABORTED, True)
+        assert gripper.step(0.03) == [0.0]
+        assert gripper.step(0.02) == [pytest.approx(1.0)]
+
+    def test_a_joint_that_is_disabled_has_nothing_to_go_on_with(self):
+        gripper = self.gripper()
+        goal = gripper.send(0.05, 3.0)
+        gripper.step(0.0)
+        gripper.hardware.command_interfaces[0].enabled = False
+        assert gripper.step(0.0) == [0.0]
+        gripper.hardware.command_interfaces[0].enabled = True
+        assert gripper.step(0.0, count=5) == [0.0]
+        assert goal.state is ABORTED
+
+    def test_a_position_that_nobody_knows_has_no_effort(self):
+        gripper = self.gripper()
+        gripper.send(0.05, 3.0)
+        assert gripper.step(math.nan) == [0.0]
+
+    def test_a_deactivation_ends_every_effort(self):
+        gripper = self.gripper()
+        gripper.send(0.05, 3.0)
+        gripper.step(0.0)
+        gripper.control.switch((), ["gripper"], now=gripper.now)
+        assert gripper.hardware.values() == [0.0]
+
+
+def test_where_it_is_and_was_to_be_is_told():
+    gripper = Gripper(state_interfaces=["position", "velocity", "effort"])
+    assert gripper.control.list()[0].tells == "gripper"
+    gripper.send(0.05)
+    gripper.set(0.02, 0.1, 4.0)
+    gripper.step()
+    sample = gripper.controller.sample(0)
+    assert (sample.time, sample.joint, sample.position, sample.velocity) == (0.01, "finger", 0.02, 0.1)
+    assert (sample.effort, sample.target, sample.executing) == (4.0, 0.05, True)
+    gripper.step(0.05)
+    sample = gripper.controller.sample(0)
+    assert (sample.executing, sample.reached_goal, sample.stalled) == (False, True, False)

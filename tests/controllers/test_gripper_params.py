@@ -1,0 +1,50 @@
+from __future__ import annotations
+
+import pytest
+
+from canopen_control.controllers.gripper_params import (
+    EffortGripperParams,
+    GripperParams,
+    ParallelGripperParams,
+    read_params,
+)
+from canopen_control.controllers.params import Params
+from canopen_control.errors import RobotConfigError
+
+
+def read(cls=GripperParams, **params):
+    return read_params(Params.of({"joint": "finger", **params}), "gripper", cls)
+
+
+def test_the_defaults_are_upstreams():
+    given = read()
+    assert (given.action_monitor_rate, given.goal_tolerance, given.max_effort) == (20.0, 0.01, 0.0)
+    assert (given.allow_stalling, given.stall_velocity_threshold, given.stall_timeout) == (False, 0.001, 1.0)
+    assert given.limits == []
+    parallel = read(ParallelGripperParams)
+    assert (parallel.max_effort, parallel.max_velocity) == (10.0, 0.1)
+    assert parallel.state_interfaces == ("position", "velocity")
+
+
+def test_the_gains_of_the_joint_stand_below_its_name():
+    given = read(EffortGripperParams, gains={"finger": {"p": 20.0, "d": 0.5, "i_clamp_max": 3.0, "i_clamp_min": -3.0}})
+    assert (given.gains.p, given.gains.i, given.gains.d) == (20.0, 0.0, 0.5)
+    assert (given.gains.i_clamp_max, given.gains.i_clamp_min) == (3.0, -3.0)
+    assert read(EffortGripperParams).gains.p == 0.0
+
+
+@pytest.mark.parametrize(
+    ("params", "words"),
+    [
+        ({"joint": ""}, "no 'joint'; give it under"),
+        ({"state_interfaces": ["position"]}, "state_interfaces lacks velocity"),
+        ({"state_interfaces": ["position", "velocity", "position"]}, "name one twice"),
+        ({"max_effort_interface": "f/x", "max_velocity_interface": "f/x"}, "name one twice"),
+        ({"max_effort": -1.0}, "max_effort"),
+        ({"goal_tolerance": -0.1}, "goal_tolerance"),
+        ({"action_monitor_rate": 0.05}, "action_monitor_rate"),
+    ],
+)
+def test_what_cannot_be_is_told(params, words):
+    with pytest.raises(RobotConfigError, match=words):
+        read(**params)

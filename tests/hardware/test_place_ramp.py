@@ -1,0 +1,72 @@
+"""The ramp to a place: never faster, never steeper, always there in the end."""
+
+import math
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from canopen_control.hardware.place_ramp import PlaceRamp
+
+PERIOD = 0.01
+PLACES = st.lists(st.tuples(st.integers(-5_000, 5_000), st.integers(0, 30)), min_size=1, max_size=4)
+
+
+def ramp(most=50_000.0, rise=200_000.0):
+    made = PlaceRamp()
+    made.limit(most, rise)
+    return made
+
+
+@settings(max_examples=60, deadline=None)
+@given(PLACES, st.floats(2000.0, 1e5), st.floats(2e4, 1e6))
+def test_whatever_the_places_it_is_never_faster_nor_steeper_and_gets_there(places, most, rise):
+    made, here, before = ramp(most, rise), 0, 0.0
+    for place, cycles in places:
+        for _ in range(cycles):
+            step = made.step(place - here, PERIOD)
+            assert abs(step) <= max(1.0, most * PERIOD + 0.5)
+            rising = abs(made.speed) - abs(before)
+            assert rising <= rise * PERIOD * 1.001 + 1e-6
+            here, before = here + step, made.speed
+    last = places[-1][0]
+    for _ in range(2_000):
+        here += made.step(last - here, PERIOD)
+        if here == last and made.speed == 0.0:
+            break
+    assert here == last
+
+
+def test_a_way_up_from_rest_rises_holds_and_falls_without_overshoot():
+    made, here, steps = ramp(), 0, []
+    while here != 30_000:
+        steps.append(made.step(30_000 - here, PERIOD))
+        here += steps[-1]
+        assert here <= 30_000
+    assert max(steps) == 500
+    assert steps[0] == 20
+    assert len(steps) * PERIOD == pytest.approx(30_000 / 50_000 + 50_000 / 200_000, rel=0.15)
+
+
+def test_a_place_behind_is_gone_to_after_the_speed_has_fallen():
+    made, here = ramp(), 0
+    for _ in range(20):
+        here += made.step(100_000 - here, PERIOD)
+    turning = made.step(-here, PERIOD)
+    assert turning > 0
+    assert made.speed < 40_000
+
+
+def test_the_drives_own_limit_holds_too_and_rest_begins_anew():
+    made = ramp()
+    for _ in range(50):
+        assert made.step(1_000_000, PERIOD, 10_000.0) <= 100
+    made.rest()
+    assert made.step(1_000_000, PERIOD) == 20
+
+
+def test_without_limits_there_is_no_ramp():
+    made = PlaceRamp()
+    assert not made.limited
+    made.limit(math.inf, 1.0)
+    assert made.limited

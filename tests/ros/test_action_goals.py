@@ -1,0 +1,57 @@
+"""When a goal's client is gone, and how often he is told; what goals do in ROS: the tests of the two actions."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+from canopen_control.ros.action_goals import FollowedGoal
+from canopen_control.ros.action_server import GoalRequest
+from canopen_control.rpc.messages.gripper import GripperVerdict
+
+pytestmark = pytest.mark.ros
+
+
+class Clients:
+    def __init__(self, here=False):
+        self.here = here
+
+    def runs_here(self, _participant):
+        return self.here
+
+
+def goal(clients=None, client=b"me"):
+    return FollowedGoal(GoalRequest(b"uuid", SimpleNamespace(), client), None, clients or Clients())
+
+
+def test_a_client_that_was_never_seen_is_not_gone():
+    followed = goal()
+    assert not followed.is_alone(set())
+    assert not followed.is_alone({b"me"})
+    assert followed.is_alone({b"another"})
+
+
+def test_a_client_of_this_host_is_gone_as_soon_as_its_process_is():
+    clients = Clients(here=True)
+    followed = goal(clients)
+    assert not followed.is_alone(set())
+    clients.here = False
+    assert followed.is_alone({b"me"})
+
+
+def test_one_that_cannot_be_told_from_others_is_gone_with_the_last_of_them():
+    followed = goal(client=None)
+    assert not followed.is_alone({b"a", b"b"})
+    assert not followed.is_alone({b"b"})
+    assert followed.is_alone(set())
+
+
+def test_he_is_told_at_the_rate_of_the_verdict():
+    followed = goal()
+    followed.verdict = GripperVerdict(accepted=True, feedback_rate=10.0)
+    told = [time for time in range(100) if followed.wants_feedback(5.0 + time / 100)]
+    assert len(told) == 10
+    assert followed.wants_feedback(1.0), "the clock was set back"
