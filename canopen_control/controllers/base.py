@@ -261,6 +261,11 @@ class Controller:
         del enabled
         raise ControlError(f"{self.name} has no feed-forward to switch; it is no PID controller")
 
+    def set_measured_states(self, values: Sequence[float], now: int) -> None:
+        """Take what others have measured, `now` in ns; ControlError if it measures by its interfaces."""
+        del values, now
+        raise ControlError(f"{self.name} takes no measured states; it is no PID controller")
+
     def set_command(self, values: Sequence[float], now: int, stamp: int | None = None) -> None:
         """Take a command; `stamp` is when it was made, `now` when it came, both in ns. ControlError if refused."""
         del values, now, stamp

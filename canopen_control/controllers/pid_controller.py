@@ -3,8 +3,9 @@
 The law of the file (ros2_controllers jazzy): the reference is the last message, or that of the controller that claims
 `NAME/DOF/INTERFACE` (chaining); with a second interface, the derivative, the loop takes the error's rate from there.
 Ours, and safer: without a reference, or without a state, the target is 0, where upstream leaves what stands; a drive
-that is not enabled loses its reference and its integral, and is held where it is once it follows again; a reference
-that moves ends by itself (`command_timeout`, see `command_life`).
+that is not enabled, or whose measured state stays away (`use_external_measured_states`), loses its reference and its
+integral, and is held where it is once it follows again; a reference that moves ends by itself (`command_timeout`, see
+`command_life`).
 """
 
 from __future__ import annotations
@@ -97,6 +98,8 @@ class PidController(Controller):
         self._dofs: list[_Dof] = []
         self._follows: list[bool] = []
         self._period = 0.0
+        self._measured: list[StateInterface] = []  # by messages; empty where the interfaces measure
+        self._measured_at = 0
 
     @property
     def chained(self) -> bool:
@@ -125,6 +128,8 @@ class PidController(Controller):
             for dof in given.measured
         ]
         self._exported = [StateInterface(each.joint, each.interface) for each in self._references]
+        external = given.use_external_measured_states
+        self._measured = [StateInterface(each.joint, each.interface) for each in self._exported if external]
         count = len(given.dof_names)
         self._follows = [False] * count
         self._dofs = [
@@ -148,7 +153,9 @@ class PidController(Controller):
         return [f"{dof}/{self.params.command_interface}" for dof in self.params.dof_names]
 
     def state_interface_names(self) -> list[str]:
-        """Return what is controlled of each degree of freedom, then the derivatives of all."""
+        """Return what is controlled of each degree of freedom, then the derivatives of all; nothing if by messages."""
+        if self.params.use_external_measured_states:
+            return []
         return [f"{dof}/{each}" for each in self.params.reference_and_state_interfaces for dof in self.params.measured]
 
     def reference_interfaces(self) -> Sequence[CommandInterface]:
@@ -161,7 +168,9 @@ class PidController(Controller):
 
     def on_activate(self, commands: list[CommandInterface], states: list[StateInterface], now: int) -> None:
         """Take the interfaces; the first reference is where the joints are, unless the parameters want none."""
+        states = self._measured or states
         super().on_activate(commands, states, now)
+        self._lose_states()
         self._export()
         count = len(self._dofs)
         for index, dof in enumerate(self._dofs):
@@ -197,12 +206,29 @@ class PidController(Controller):
 
     # -------------------------------------------------------------------------------------------------- commands
 
+    def set_measured_states(self, values: Sequence[float], now: int) -> None:
+        """Take what was measured of each degree of freedom, or that and then the derivatives (~/measured_state)."""
+        if not self._measured:
+            raise self.refusal("measures by its state interfaces; set use_external_measured_states for messages")
+        names = [each.name for each in self._measured]
+        self.checked(values, names if len(values) > len(self._dofs) else names[: len(self._dofs)])
+        for index, state in enumerate(self._measured):
+            state.value = float(values[index]) if index < len(values) else math.nan
+        self._measured_at = now
+
+    def _lose_states(self) -> None:
+        self._measured_at = 0
+        for each in self._measured:
+            each.value = math.nan
+
     def set_command(self, values: Sequence[float], now: int, stamp: int | None = None) -> None:
         """Take a reference for each degree of freedom, or those and then their derivatives; `now` in ns."""
         del stamp  # MultiDOFCommand has none
         names = [f"{each.joint.removeprefix(f'{self.name}/')}/{each.interface}" for each in self._references]
         count = len(self._dofs)
         self.checked(values, names if len(values) > count else names[:count])
+        if self._measured and not self._measured_at:
+            raise self.refusal("knows no measured states; send them first, to its measured_state")
         if self.chained:
             owner = next(each.owner for each in self._references if each.owner is not None)
             raise self.refusal(f"is commanded by {owner}; deactivate that controller first")
@@ -248,13 +274,20 @@ class PidController(Controller):
     def update(self, now: int, period: float) -> ReturnType:
         """Write the target of each degree of freedom; `period` in s."""
         self.stamp, self._period = now, period
+        if self._measured_at and now - self._measured_at > self.params.measured_state_timeout * 1e9:
+            self._lose_states()
+            text = (
+                f"no measured state for {self.params.measured_state_timeout:g} s, targets are 0; send references anew"
+            )
+            self.tell("measured_state_lost", text)
         self._export()
         if self.life.runs_out(now) and not self.chained:
             self._stop(now)
         dofs, follows = self._dofs, self._follows
         for index in range(len(dofs)):
             dof = dofs[index]
-            enabled = dof.command.enabled
+            state = dof.state
+            enabled = dof.command.enabled and (not self._measured or (state is not None and math.isfinite(state.value)))
             if enabled is not follows[index] or enabled is not dof.reference.enabled:
                 self._turn(index, enabled)
             target = dof.step(period, self.feed_forward) if enabled else math.nan

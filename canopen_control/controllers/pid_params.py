@@ -40,6 +40,8 @@ class DofGains(LoopGains):
 class PidParams(CommonParams):
     """Parameters of the controller; `command_timeout` in s ends velocities and efforts that nobody renews.
 
+    With `use_external_measured_states` states come by messages, and count for `measured_state_timeout` in s.
+
     `gains` are in the order of `dof_names`.
     """
 
@@ -49,6 +51,7 @@ class PidParams(CommonParams):
     reference_and_state_interfaces: tuple[str, ...] = ()
     set_current_state_as_first_setpoint: bool = True
     use_external_measured_states: bool = False
+    measured_state_timeout: float = setting(0.2, low=0.001, high=60.0)
     enable_feedforward: bool = False
     command_timeout: float | None = setting(None, low=0.0, high=1e9)
     gains: tuple[DofGains, ...] = derived(())
@@ -78,8 +81,6 @@ class PidParams(CommonParams):
             return f"reference_and_state_interfaces has {given}; give one, and its derivative: [position, velocity]"
         if len(set(self.reference_and_state_interfaces)) != len(self.reference_and_state_interfaces):
             return "reference_and_state_interfaces names one twice; give its derivative: [position, velocity]"
-        if self.use_external_measured_states:
-            return "use_external_measured_states: states are those of the interfaces here; set it to false"
         return None
 
 

@@ -2,9 +2,9 @@
 
 The law of the file (pid_controller, Jazzy): a MultiDOFCommand is a reference for each degree of freedom, and with a
 second reference interface its derivative, by their names or, without names, in their order; `~/controller_state` comes
-with every update that the state stream carries; `~/measured_state` is not there, since states are those of the
-interfaces. While another controller commands the references, messages are refused by the robot. Ours: a message that
-is not whole and finite is dropped, and does not refresh the reference; a reference ends with this bridge.
+with every update that the state stream carries; `~/measured_state` is there with `use_external_measured_states`. While
+another controller commands the references, messages are refused by the robot. Ours: a message that is not whole and
+finite is dropped, and does not refresh the reference; a reference ends with this bridge.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from canopen_control.ros.conversions import unknown_as_nan
 from canopen_control.ros.endpoint import COMMANDER, Endpoint
 from canopen_control.ros.interfaces import interface
 from canopen_control.ros.qos import REFERENCE
-from canopen_control.rpc.messages.robot import CommandController, SetFeedForward
+from canopen_control.rpc.messages.robot import CommandController, SetFeedForward, SetMeasuredStates
 from canopen_control.rpc.messages.samples import PidSample
 
 if TYPE_CHECKING:
@@ -27,24 +27,36 @@ if TYPE_CHECKING:
     from canopen_control.rpc.messages.samples import DofReading
     from canopen_control.rpc.messages.state import ControllerReading
 
-__all__ = ["FeedForwardSwitch", "PidReferences", "PidState"]
+__all__ = ["FeedForwardSwitch", "PidMeasuredStates", "PidReferences", "PidState"]
 
 
 class PidReferences(Endpoint):
     """The subscription of `~/reference`."""
 
+    topic = "reference"
+
     def __init__(self, ros: Ros, controller: ControllerReading) -> None:
-        self._ros, self._controller, self._topic = ros, controller, f"{controller.name}/reference"
-        message: Any = interface("control_msgs/msg/MultiDOFCommand")
-        self._subscription = ros.subscribe(message, self._topic, self._on_message, REFERENCE)
+        self._ros, self._controller, self._topic = ros, controller, f"{controller.name}/{self.topic}"
+        self._subscription: object = None
+        self.on_controller(controller)
 
     def on_controller(self, controller: ControllerReading) -> None:
-        """Know whether it is active, and its degrees of freedom."""
+        """Know whether it is active, and its degrees of freedom; be there once it is wanted."""
         self._controller = controller
+        if self._subscription is None and self.is_wanted(controller):
+            message: Any = interface("control_msgs/msg/MultiDOFCommand")
+            self._subscription = self._ros.subscribe(message, self._topic, self._on_message, REFERENCE)
 
     def close(self) -> None:
         """Leave the topic."""
-        self._ros.unsubscribe(self._subscription)
+        if self._subscription is not None:
+            self._ros.unsubscribe(self._subscription)
+
+    @staticmethod
+    def is_wanted(controller: ControllerReading) -> bool:
+        """Whether there is something to hear; references are always."""
+        del controller
+        return True
 
     def _on_message(self, message: RosMessage) -> None:
         try:
@@ -52,12 +64,15 @@ class PidReferences(Endpoint):
         except ValueError as error:
             self._ros.warn(self._topic, f"{self._topic}: {error}; the message was dropped")
             return
+        self._hand_over(values)
+
+    def _hand_over(self, values: list[float]) -> None:
         self._ros.command(
             CommandController(controller=self._controller.name, values=values, source=COMMANDER, dead_man=True)
         )
 
     def _values_of(self, message: RosMessage) -> list[float]:
-        """Return the references, then their derivatives where it has some; ValueError with why there are none."""
+        """Return the values, then their derivatives where it has some; ValueError with why there are none."""
         controller = self._controller
         if not controller.active:
             raise ValueError(f"{controller.name} is {controller.state}; activate it before commanding it")
@@ -72,6 +87,25 @@ class PidReferences(Endpoint):
             self._ros.warn(f"{self._topic} values_dot", f"{self._topic}: {text}")
             return values
         return values + _sorted("values_dot", message.values_dot, order, dofs)
+
+
+class PidMeasuredStates(PidReferences):
+    """The subscription of `~/measured_state`, of a controller that claims no states of its own."""
+
+    topic = "measured_state"
+
+    def _hand_over(self, values: list[float]) -> None:
+        request = SetMeasuredStates(controller=self._controller.name, values=values)
+        self._ros.ask(request, lambda _done, error: self._refused(error))
+
+    def _refused(self, error: str | None) -> None:
+        if error is not None:
+            self._ros.warn(self._topic, f"{self._topic}: {error}")
+
+    @staticmethod
+    def is_wanted(controller: ControllerReading) -> bool:
+        """Whether it is configured to measure by messages."""
+        return bool(controller.required_command_interfaces) and not controller.required_state_interfaces
 
 
 class PidState(ControllerState[PidSample]):

@@ -18,7 +18,7 @@ from canopen_control.ros.gpio_states import GpioStates
 from canopen_control.ros.gripper_action import GripperAction, ParallelGripperAction
 from canopen_control.ros.joint_states import JointStates
 from canopen_control.ros.node_of_joint import DeviceNode, ProxyNode
-from canopen_control.ros.pid_topics import FeedForwardSwitch, PidReferences, PidState
+from canopen_control.ros.pid_topics import FeedForwardSwitch, PidMeasuredStates, PidReferences, PidState
 from canopen_control.ros.sensor_topics import ImuTopic, RangeTopic, WrenchTopic
 from canopen_control.ros.trajectory_topics import SpeedScaling, TrajectoryQuery, TrajectoryState, TrajectoryTopic
 
@@ -52,7 +52,7 @@ BY_SAMPLE: Final[dict[str | None, tuple[Factory, ...]]] = {
     "mecanum": (BaseOdometry, TfOdometry, MecanumState),
     "gpio": (GpioStates,),
     "trajectory": (FollowJointTrajectory, TrajectoryTopic, TrajectoryState, TrajectoryQuery, SpeedScaling),
-    "pid": (PidState, FeedForwardSwitch),
+    "pid": (PidState, PidMeasuredStates, FeedForwardSwitch),
     "imu": (ImuTopic,),
     "range": (RangeTopic,),
     "wrench": (WrenchTopic,),

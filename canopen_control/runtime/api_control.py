@@ -35,6 +35,7 @@ def answer_control(robot: RobotCore, server: Server[RobotHello, RobotPush]) -> N
     answers(messages.CleanupController, lambda call: _unload(robot, call))  # it keeps nothing between two loads
     answers(messages.UnloadController, lambda call: _unload(robot, call))
     answers(messages.SwitchControllers, lambda call: _switch(robot, call))
+    answers(messages.SetMeasuredStates, lambda call: _set_measured_states(robot, call))
     answers(
         messages.ListHardware,
         lambda call: call.reply([_component(robot, each) for each in robot.registry.components]),
@@ -72,6 +73,12 @@ def _unload(robot: RobotCore, call: Call[messages.UnloadController] | Call[messa
 def _switch(robot: RobotCore, call: Call[messages.SwitchControllers]) -> None:
     wanted = call.request
     robot.switch(wanted.activate, wanted.deactivate, strict=wanted.strict)
+    call.reply(Done())
+
+
+def _set_measured_states(robot: RobotCore, call: Call[messages.SetMeasuredStates]) -> None:
+    controller = robot.manager.get(call.request.controller)
+    controller.set_measured_states(call.request.values, robot.reactor.now())
     call.reply(Done())
 
 

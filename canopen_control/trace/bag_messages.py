@@ -128,10 +128,11 @@ class BagMessages:
 
     def _mecanum(self, sample: MecanumSample) -> object:
         """Return the wheels of a mecanum base, and the twist that is wanted."""
-        ahead, lateral, turning = map(unknown_as_nan, sample.reference)
+        unknown = (None,) * 4  # of a base that has not told them yet
+        ahead, lateral, turning = map(unknown_as_nan, (*sample.reference, *unknown)[:3])
         return self.make(
             "control_msgs/MecanumDriveControllerState",
             self.header(sample.time, sample.frame_id),
-            *map(unknown_as_nan, sample.wheels),
+            *map(unknown_as_nan, (*sample.wheels, *unknown)[:4]),
             self.twist(ahead, turning, lateral),
         )

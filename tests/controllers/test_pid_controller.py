@@ -332,3 +332,79 @@ def test_gains_that_are_set_act_in_the_next_cycle():
     assert robot.cycle() == [pytest.approx(2.0), pytest.approx(5.0)]
     with pytest.raises(ControlError, match="'command_interface' cannot be set because it is read-only"):
         robot.manager.set_parameters("pid", [ParameterValue(name="command_interface", kind="string", value="effort")])
+
+
+# ------------------------------------------------------------------------------------------- states by messages
+
+
+def external(**params):
+    robot = Robot(use_external_measured_states=True, **params).start()
+    robot.cycle()
+    return robot
+
+
+def test_measured_states_come_by_messages_and_none_are_claimed():
+    robot = external()
+    assert robot.pid.state_interface_names() == []
+    robot.state("a/position").value = 9.0  # nobody looks there
+    robot.pid.set_measured_states([0.5, -0.5], robot.now)
+    assert robot.cycle() == [0.0, 0.0]  # it holds where they are
+    robot.command(1.0, 0.0)
+    assert robot.cycle() == [1.0, 1.0]  # p: 2.0
+    assert [each.feedback for each in robot.pid.sample(0).dofs] == [0.5, -0.5]
+
+
+def test_without_a_measured_state_no_reference_is_taken_and_nothing_moves():
+    robot = external()
+    with pytest.raises(ControlError, match="knows no measured states; send them first"):
+        robot.command(1.0, 1.0)
+    assert robot.cycle(5) == [0.0, 0.0]
+
+
+def test_measured_states_that_stay_away_end_the_reference_and_later_ones_move_nothing():
+    robot = external(measured_state_timeout=0.05)
+    robot.pid.set_measured_states([0.0, 0.0], robot.now)
+    robot.cycle()
+    robot.command(1.0, 1.0)
+    assert robot.cycle(4) == [2.0, 2.0]
+    assert robot.cycle(2) == [0.0, 0.0]
+    assert [each.text for each in robot.manager.events() if each.kind == "measured_state_lost"] == [
+        "pid: no measured state for 0.05 s, targets are 0; send references anew"
+    ]
+    assert [each.value for each in robot.pid.exported_states()] == pytest.approx([math.nan] * 2, nan_ok=True)
+    robot.pid.set_measured_states([0.3, 0.3], robot.now)
+    assert robot.cycle() == [0.0, 0.0]
+    assert [each.reference for each in robot.pid.sample(0).dofs] == [0.3, 0.3]
+
+
+@pytest.mark.parametrize(
+    ("values", "text"), [([1.0], "wants 2 values"), ([1.0, math.nan], "finite"), ([0.0] * 3, "wants 4 values")]
+)
+def test_measured_states_that_are_not_whole_are_refused(values, text):
+    robot = external(interfaces=("position", "velocity"))
+    with pytest.raises(ControlError, match=text):
+        robot.pid.set_measured_states(values, robot.now)
+    robot.pid.set_measured_states([0.0, 0.0, 1.0, 2.0], robot.now)
+    robot.cycle()
+    assert [each.feedback_dot for each in robot.pid.sample(0).dofs] == [1.0, 2.0]
+
+
+def test_who_measures_by_interfaces_takes_no_messages():
+    with pytest.raises(ControlError, match="set use_external_measured_states for messages"):
+        Robot().start().pid.set_measured_states([0.0, 0.0], S)
+    with pytest.raises(ControlError, match="takes no measured states"):
+        Controller("idle").set_measured_states([0.0], S)
+
+
+def test_a_controller_above_is_told_when_measured_states_stay_away_and_holds_once_they_are_back():
+    robot = chained("velocity", ("position",), ("position",), use_external_measured_states=True).start("pid", "arm")
+    robot.cycle()
+    assert [each.enabled for each in robot.pid.reference_interfaces()] == [False, False]
+    for _ in range(5):
+        robot.pid.set_measured_states([0.0, 0.2], robot.now)
+        robot.cycle()
+    assert [each.enabled for each in robot.pid.reference_interfaces()] == [True, True]
+    assert robot.hardware.values() == [0.0, -0.4]  # above, the interfaces say 0 of b
+    robot.cycle(30)
+    assert [each.enabled for each in robot.pid.reference_interfaces()] == [False, False]
+    assert robot.hardware.values() == [0.0, 0.0]

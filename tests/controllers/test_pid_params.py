@@ -41,7 +41,6 @@ def test_references_and_states_may_have_other_names():
         ({"reference_and_state_interfaces": []}, "give one, and its derivative"),
         ({"reference_and_state_interfaces": ["position", "velocity", "effort"]}, "has 3"),
         ({"reference_and_state_interfaces": ["position", "position"]}, "names one twice"),
-        ({"use_external_measured_states": True}, "states are those of the interfaces"),
         ({"gains": {"a": {"u_clamp_max": -1.0, "u_clamp_min": 1.0}}}, "u_min < u_max"),
         ({"gains": {"a": {"antiwindup_strategy": "some"}}}, "antiwindup_strategy"),
     ],

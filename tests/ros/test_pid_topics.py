@@ -5,15 +5,16 @@ from __future__ import annotations
 import math
 
 import pytest
+from msgspec.structs import replace
 
 pytest.importorskip("std_msgs")
 
 from support.endpoints import Ros, interface
 
 from canopen_control.ros import controller_state, pid_topics, table
-from canopen_control.ros.pid_topics import FeedForwardSwitch, PidReferences, PidState
+from canopen_control.ros.pid_topics import FeedForwardSwitch, PidMeasuredStates, PidReferences, PidState
 from canopen_control.rpc.messages.declare import Done
-from canopen_control.rpc.messages.robot import CommandController, SetFeedForward
+from canopen_control.rpc.messages.robot import CommandController, SetFeedForward, SetMeasuredStates
 from canopen_control.rpc.messages.samples import DofReading, PidSample
 from canopen_control.rpc.messages.state import ControllerReading, StateSample
 
@@ -40,7 +41,7 @@ def ros(monkeypatch):
 
 def test_a_pid_controller_has_them(ros):
     made = table.endpoints_for(ros, reading("position"))
-    assert [type(each) for each in made] == [PidReferences, PidState, FeedForwardSwitch]
+    assert [type(each) for each in made] == [PidReferences, PidState, PidMeasuredStates, FeedForwardSwitch]
 
 
 class TestReferences:
@@ -146,3 +147,33 @@ class TestFeedForward:
         assert self.ask(ros, True, "no controller 'pid' is loaded") == [(False, "no controller 'pid' is loaded")]
         switch.close()
         assert ros.left == [self.NAME]
+
+
+class TestMeasuredStates:
+    TOPIC = "pid/measured_state"
+
+    def test_the_topic_is_there_once_the_controller_claims_no_states(self, ros):
+        measured = PidMeasuredStates(ros, replace(reading("position"), required_state_interfaces=("x/position",)))
+        assert self.TOPIC not in ros.subscriptions
+        measured.on_controller(reading("position"))
+        kind, _, quality = ros.subscriptions[self.TOPIC]
+        assert (kind.__name__, quality.depth, quality.reliability.name) == ("MultiDOFCommand", 1, "BEST_EFFORT")
+        measured.close()
+        assert ros.left == [self.TOPIC]
+
+    def test_a_message_becomes_what_was_measured_in_the_order_of_the_degrees_of_freedom(self, ros):
+        PidMeasuredStates(ros, reading("position", "velocity"))
+        made = interface("control_msgs/msg/MultiDOFCommand")
+        message = made(dof_names=["left/y", "x"], values=[1.0, 2.0], values_dot=[0.1, 0.2])
+        ros.publish(self.TOPIC, message)
+        ((request, answer),) = ros.asked
+        assert request == SetMeasuredStates(controller="pid", values=[2.0, 1.0, 0.2, 0.1])
+        assert ros.commanded == []
+        answer(None, "no")
+        assert ros.told == [f"{self.TOPIC}: no"]
+
+    def test_one_that_is_not_finite_is_dropped(self, ros):
+        PidMeasuredStates(ros, reading("position"))
+        ros.publish(self.TOPIC, interface("control_msgs/msg/MultiDOFCommand")(values=[1.0, NAN]))
+        assert ros.asked == []
+        assert "give finite numbers" in ros.told[0]

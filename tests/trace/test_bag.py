@@ -15,6 +15,7 @@ from support.samples import controllers_of, event_of, sample_of
 from canopen_control.errors import ConfigError
 from canopen_control.runtime.api import ApiServer
 from canopen_control.trace.bag import BagWriter
+from canopen_control.trace.bag_messages import BagMessages
 
 rosbags = pytest.importorskip("rosbags.rosbag2", reason="rosbags is not installed: pip install canopen-control[bag]")
 
@@ -97,9 +98,7 @@ def states(story):
 
 
 def read(path):
-    from rosbags.typesys import Stores, get_typestore
-
-    store, found = get_typestore(Stores.ROS2_JAZZY), {}
+    store, found = BagMessages().store, {}
     with rosbags.Reader(path) as reader:
         for connection, stamp, data in reader.messages():
             found.setdefault(connection.topic, []).append((stamp, store.deserialize_cdr(data, connection.msgtype)))

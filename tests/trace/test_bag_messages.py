@@ -86,6 +86,12 @@ def test_bases_tell_their_wheels_beside_their_odometry(found):
     assert (wanted.linear.x, wanted.linear.y, wanted.angular.z) == (0.5, -0.25, 0.125)
 
 
+def test_a_mecanum_base_that_has_told_no_wheels_yet_is_nan_throughout():
+    message = BagMessages().states[MecanumSample](MecanumSample(time=1.0, x=0.0, y=0.0, heading=0.0))
+    assert math.isnan(message.front_left_wheel_velocity)
+    assert math.isnan(message.reference_velocity.angular.z)
+
+
 def test_the_types_are_upstreams_by_their_hashes():
     hashes = json.loads((Path(__file__).parents[1] / "data" / "control_msgs_hashes.json").read_text())
     store = BagMessages().store

@@ -60,7 +60,8 @@ __all__ = [
     "MappedValue",
     "NmtRequest", "NodeIdentity", "NodeListing", "NodePlace", "PdoWrite", "ProcessData", "QueryTrajectory",
     "ReadTouchProbe", "Release", "RobotHello", "RobotPush", "ScaleTrajectory", "SdoData", "SdoPiece", "SdoRead",
-    "SdoWrite", "SendTrajectory", "SetFeedForward", "SetHardwareState", "SetOdometry", "SetTrajectory", "Shutdown",
+    "SdoWrite", "SendTrajectory", "SetFeedForward", "SetHardwareState", "SetMeasuredStates", "SetOdometry",
+    "SetTrajectory", "Shutdown",
     "Stop", "Subscribe", "SwitchControllers", "Tell", "TouchProbe", "TrajectoryData", "TrajectoryEnd",
     "TrajectoryHeartbeat", "TrajectoryResult", "TrajectoryTolerance", "TwistController", "UnloadController",
 ]  # fmt: skip
@@ -216,6 +217,14 @@ class SetFeedForward(Request[Done], frozen=True, kw_only=True):
 
     controller: str
     enabled: bool
+
+
+@ROBOT.method("set_measured_states", Effect.MOVES)
+class SetMeasuredStates(Request[Done], frozen=True, kw_only=True):
+    """What others measured of each degree of freedom of a PID controller, then the derivatives (`~/measured_state`)."""
+
+    controller: str
+    values: list[float]
 
 
 class AxisDone(msgspec.Struct, frozen=True, omit_defaults=True):

@@ -17,7 +17,8 @@ def test_what_may_move_is_marked():
     moving = {name for name, method in ROBOT.methods.items() if method.effect is Effect.MOVES}
     trajectories = {"follow_trajectory", "send_trajectory", "set_trajectory", "scale_trajectory"}
     grippers = {"move_gripper", "send_gripper"}
-    assert moving == {"command", "command_by_name", "twist", *trajectories, *grippers, "axis", "nmt", "sdo_write"}
+    commands = {"command", "command_by_name", "twist", "set_measured_states"}
+    assert moving == {*commands, *trajectories, *grippers, "axis", "nmt", "sdo_write"}
     stopping = {name for name, method in ROBOT.methods.items() if method.effect is Effect.STOPS}
     assert stopping == {"stop", "shutdown", "cancel_trajectory", "cancel_gripper"}
 
