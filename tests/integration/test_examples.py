@@ -7,9 +7,11 @@ support/examples.py.
 
 import contextlib
 import re
+import shutil
 import signal
 import sys
 import time
+from pathlib import Path
 
 import pytest
 from support.examples import (
@@ -19,6 +21,7 @@ from support.examples import (
     help_examples,
     page_commands,
     page_examples,
+    page_file,
     reason_not_to_run,
 )
 from support.host import eventually
@@ -36,6 +39,7 @@ from canopen_control.errors import CanopenError
 from canopen_control.rpc.messages.drive import GetDriveState, SwitchFault
 from canopen_control.rpc.messages.hub import ClearFaults, GetHubStatus
 
+EDS = Path(__file__).parents[2] / "eds"
 FORWARD, BASE = "robby_forward_controller", "robby_base_controller"
 #: Verbs that bring what they need, and so run where nothing else does.
 ALONE = ("run", "demo", "drive", "device")
@@ -83,6 +87,7 @@ def home(tmp_path_factory):
         patch.setenv("ROS_DOMAIN_ID", str(number))
         patch.setenv("ROS_LOG_DIR", str(folder / "log"))
         stage = Stage(folder, place)
+        make_cell(stage)
         make_files(start_robby(stage))
         yield stage
         stage.end()
@@ -91,6 +96,24 @@ def home(tmp_path_factory):
 def start_robby(stage):
     stage.start("run", "robby").until("robby runs")
     return stage
+
+
+def make_cell(stage):
+    """Make the folder that the page on a bus without controllers shows."""
+    cell = stage.place / "cell"
+    cell.mkdir()
+    (cell / "bus.yml").write_text(page_file("bus_alone.md", "cell/bus.yml"), encoding="utf-8")
+    for eds, name in (("TMCM-1270.eds", "lift.eds"), ("generic_cia401.eds", "terminals.eds")):
+        shutil.copy(EDS / eds, cell / name)
+
+
+def make_own_robot(stage):
+    """Make the robot that the pages make of an EDS."""
+    assert stage.call(*next(words for words in PAGES if words[0] == "init")).wait() == 0
+
+
+#: The folders that examples start -> how each comes to be.
+FOLDERS = {"cell": make_cell, "my_robot": make_own_robot}
 
 
 def make_files(stage):
@@ -248,6 +271,8 @@ STARTING = [words for words in ALL_OF_HELP if words[0] in ALONE and ASKING not i
 STARTING += [words for words in PAGES if words[0] in ALONE and ASKING not in words and words not in STARTING]
 OTHERS = [words for words in PAGES if words[0] not in (*ALONE, "ros") and words not in ALL_OF_HELP]
 OTHERS += [words for words in ALL_OF_HELP if words[0] in ALONE and ASKING in words]
+OF_CELL = [words for words in OTHERS if "lift" in words]
+OF_ROBBY = [words for words in OTHERS if words not in OF_CELL and words[0] != "init"]
 
 
 def as_parameters(examples):
@@ -258,10 +283,24 @@ def as_parameters(examples):
 def test_what_starts_something_runs_where_nothing_else_does(stage, words, monkeypatch):
     with domain() as number:
         monkeypatch.setenv("ROS_DOMAIN_ID", str(number))
+        for name in FOLDERS.keys() & set(words):
+            FOLDERS[name](stage)
         run(stage, words)
 
 
-@pytest.mark.parametrize("words", as_parameters(OTHERS))
+def test_the_commands_of_a_bus_without_controllers_move_its_drive(stage):
+    make_cell(stage)
+    stage.start("run", "cell").until("cell runs")
+    *before, moving = OF_CELL
+    for words in before:
+        run(stage, words)
+    program = stage.start(*moving)
+    with Robot.attach("cell") as robot:
+        assert eventually(lambda: abs(robot.joints()["lift"].position - float(moving[-1])) < 0.01, TIMEOUT_S)
+    assert program.end(signal.SIGINT) in (0, 130), program
+
+
+@pytest.mark.parametrize("words", as_parameters(OF_ROBBY))
 def test_the_other_commands_of_the_pages_run(robby, words):
     run(robby, words)
 

@@ -20,6 +20,10 @@ NOT_RUN = {
     r"--realtime": "a processor for itself: tests/runtime/test_realtime.py",
     r"^trajectory\b": "an arm: tests/cli/test_trajectory.py has one",
     r"^device .*--status|\bdi\d=": "an I/O module beside the robot: tests/cli/test_device.py has one",
+    r"^gripper\b|--controller gripper\b": "a gripper: tests/cli/test_gripper.py has one",
+    r"\bmecanum_base_controller\b": "a base that goes sideways: tests/cli/test_twist.py has one",
+    r"^command .*\bio/lamp=": "outputs: tests/cli/test_command.py has some",
+    r" /outputs/commands ": "outputs and a bridge: tests/ros/test_gpio_commands.py has what it sends",
     r"^bench\b": "minutes of measuring: tests/bench runs every family of it",
 }
 #: Other programs in the blocks of the pages -> why they are not run from there.
@@ -56,6 +60,14 @@ def page_commands() -> list[str]:
     text = "\n".join(path.read_text(encoding="utf-8") for path in pages())
     found = re.findall(rf"^ {{4,}}((?:{programs})(?: .*)?)$", text, re.MULTILINE)
     return [line.replace(" docs/examples/", f" {EXAMPLES}/") for line in found]
+
+
+def page_file(page: str, name: str) -> str:
+    """Return the file that a page shows, a block whose first line is a comment with its name."""
+    text = next(path.read_text(encoding="utf-8") for path in pages() if path.name == page)
+    block = re.search(rf"^```\w+\n(# {re.escape(name)}\b.*?)^```$", text, re.MULTILINE | re.DOTALL)
+    assert block is not None, f"{page} shows no {name}"
+    return block[1]
 
 
 def words_of(line: str) -> list[str]:

@@ -195,6 +195,7 @@ class FakeRobot:
 
     def __init__(self, name="fake"):
         self.reactor, self.raised, self.told = Reactor(), [], []
+        self.listed = {}  # the state of each controller as it was answered last
         self.reactor.on_error = self.raised.append
         self.controllers = json.loads(json.dumps(CONTROLLERS))
         self.joints = {"right": {"position": 2.0, "velocity": 20.0, "effort": None, "command": None},
@@ -259,6 +260,10 @@ class FakeRobot:
             "samples": {**self._joint_states(), **self.samples},
             **self.more,
         }
+
+    def _list_controllers(self):
+        self.listed = {each["name"]: each["state"] for each in self.controllers}
+        return self.controllers
 
     def _joint_states(self):
         self._published += 1
@@ -325,7 +330,7 @@ class FakeRobot:
             return _wired(answer(_plain(params)) if callable(answer) else answer)
         known = {
             "status": lambda: {**self.state(), "robot": self._name, "events": []},
-            "controllers": lambda: self.controllers,
+            "controllers": self._list_controllers,
             "description": lambda: {"urdf": self.urdf},
             "nodes": lambda: {"buses": {}, "nodes": self.bus_nodes},
             "layout": lambda: _laid_out(self.layout),
