@@ -235,7 +235,7 @@ def test_a_log_that_grows_is_rotated_while_the_child_is_watched(children):
         child = children(python("import os; os.write(1, b'x' * 50_000); import time; time.sleep(60)"))
         child._log._limit = 10_000
         child.watch(loop, lambda *_: None)
-        assert eventually(lambda: child.log_path.stat().st_size > 50_000)
+        assert eventually(lambda: child.log_path.stat().st_size > 50_000, 30)  # Python starts first
         loop.run_for(4 * SECOND_NS)
         assert child.log_path.stat().st_size > 50_000
         loop.run_for(2 * SECOND_NS)
