@@ -1,5 +1,6 @@
 """SYNC from a real kernel: its rhythm, another period, its end with the process, and a robot whose cycle follows it."""
 
+import bisect
 import itertools
 import signal
 import statistics
@@ -112,7 +113,8 @@ def test_a_robot_follows_the_kernels_sync_and_stops_it_at_the_end(stage, robby, 
     found = sorted(gaps(hears, since))
     assert found[len(found) * 3 // 4] < 1.1 * scaled(0.02), "by the kernel; the guest itself may be held up at times"
     syncs = [when for when, _ in hears.of(SYNC)]
-    phases = [(when - syncs[0]) % scaled(0.02) / scaled(0.02) for when, _ in hears.of(0x200 + LEFT)][-20:]
+    sent = [when for when, _ in hears.of(0x200 + LEFT) if when > since][-20:]
+    phases = [(when - syncs[bisect.bisect(syncs, when) - 1]) / scaled(0.02) for when in sent]
     assert 0.4 < statistics.median(phases) < 0.75, "RPDOs go out in the middle between two SYNCs"
     with RobotClient.connect("led") as client:
         status = client.ask(GetStatus())
