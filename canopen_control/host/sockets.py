@@ -15,6 +15,7 @@ from __future__ import annotations
 import contextlib
 import errno
 import fcntl
+import math
 import os
 import re
 import socket
@@ -325,16 +326,27 @@ def close_listener(sock: socket.socket) -> None:
     sock.close()
 
 
+def _timeval(seconds: float) -> bytes:
+    """Return a `struct timeval`, at least 1 us where it is a time at all."""
+    whole, part = divmod(math.ceil(seconds * 1_000_000), 1_000_000)
+    return struct.pack("@ll", whole, part)
+
+
 def connect(path: Path, timeout: float | None = 5.0) -> socket.socket:
     """Return a connection to `path` with this timeout set.
 
-    OSError from the system: FileNotFoundError and ConnectionRefusedError mean that nobody is there. CanopenError when
-    the server is another user's.
+    OSError from the system: FileNotFoundError and ConnectionRefusedError mean that nobody is there, BlockingIOError
+    that the server has let it wait for all of the timeout. CanopenError when the server is another user's.
     """
     sock = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     try:
-        sock.settimeout(timeout)
+        if timeout:
+            # A socket with a timeout of Python's would not wait where the queue of connections is full: a STOP was
+            # refused at once while strangers came and went.
+            sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, _timeval(timeout))
         sock.connect(str(path))
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, _timeval(0.0))
+        sock.settimeout(timeout)
         if not same_user(sock):
             raise CanopenError(f"{path} is served by another user; not talking to it")
     except BaseException:

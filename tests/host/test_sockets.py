@@ -532,3 +532,18 @@ def test_a_claim_whose_holder_is_not_known_has_the_number_0(tmp_path):
         sockets.claim(path)
     assert raised.value.pid == 0
     os.close(held)
+
+
+def test_who_connects_waits_for_a_place_in_the_queue_as_long_as_it_says(run_folder):
+    path = run_folder / "full.sock"
+    with contextlib.ExitStack() as stack:
+        server = listen(path, backlog=0)
+        stack.callback(close_listener, server)
+        stack.enter_context(connect(path))
+        with pytest.raises(BlockingIOError):
+            connect(path, 0.05)
+        late = threading.Timer(0.1, lambda: stack.enter_context(server.accept()[0]))
+        late.start()
+        client = stack.enter_context(connect(path, 10.0))
+        late.join()
+        assert client.gettimeout() == 10.0
