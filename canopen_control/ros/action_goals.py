@@ -13,10 +13,11 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, Final, Generic, Protocol, TypeVar
 
 from canopen_control.ros.action_server import JudgedActionServer
-from canopen_control.ros.endpoint import Endpoint
+from canopen_control.ros.endpoint import Endpoint, NewSamples
 from canopen_control.ros.participants import ActionClients
 from canopen_control.ros.throttle import without_numbers
 from canopen_control.ros.trajectory_sender import TrajectorySender
+from canopen_control.rpc.messages.samples import GripperSample, TrajectorySample
 from canopen_control.rpc.reactor_client import ENDLESS
 
 if TYPE_CHECKING:
@@ -69,6 +70,7 @@ class Result(Protocol):
 
 V = TypeVar("V", bound=Verdict)
 E = TypeVar("E", bound=Result)
+S = TypeVar("S", GripperSample, TrajectorySample)
 
 
 class FollowedGoal(Generic[V]):
@@ -101,11 +103,15 @@ class FollowedGoal(Generic[V]):
         return True
 
 
-class ActionGoals(Endpoint, Generic[V, E]):
-    """The action server of one controller; a class for each action says what its goals are to the robot."""
+class ActionGoals(Endpoint, Generic[V, E, S]):
+    """The action server of one controller; a class for each action says what its goals are to the robot.
 
-    def __init__(self, ros: Ros, controller: ControllerReading, action: type, name: str) -> None:
+    `kind` is what the controller tells while it executes one.
+    """
+
+    def __init__(self, ros: Ros, controller: ControllerReading, action: type, name: str, kind: type[S]) -> None:
         self._ros, self._controller = ros, controller.name
+        self._samples: NewSamples[S] = NewSamples(kind)
         self._topic = f"{controller.name}/{name}"
         self._goals: dict[bytes, FollowedGoal[V]] = {}
         self._watched = -math.inf
@@ -145,6 +151,10 @@ class ActionGoals(Endpoint, Generic[V, E]):
 
     def told(self, result: E, *, by_others: bool) -> RosMessage:
         """Return the result for the client; `by_others` says that he did not ask for it to be cancelled."""
+        raise NotImplementedError
+
+    def feedback(self, sample: S) -> RosMessage:
+        """Return the feedback of a sample."""
         raise NotImplementedError
 
     # ------------------------------------------------------------------------------------------------ goals that come
@@ -214,6 +224,15 @@ class ActionGoals(Endpoint, Generic[V, E]):
 
     # ------------------------------------------------------------------------------------------ goals that are followed
 
+    def on_state(self, state: StateSample) -> None:
+        """Send feedback, and look whether the clients are still there."""
+        sample = self._samples.of(state).get(self._controller)
+        followed = self._followed(state)
+        if followed and sample is not None and sample.executing:
+            handle = self._handle(followed[-1], sample.time)
+            if handle is not None:
+                handle.publish_feedback(self.feedback(sample))
+
     def _followed(self, state: StateSample) -> list[FollowedGoal[V]]:
         """Return the goals that are executed, and look whether their clients are still there."""
         followed = [each for each in self._goals.values() if each.verdict is not None]
@@ -222,7 +241,7 @@ class ActionGoals(Endpoint, Generic[V, E]):
             self._watch(followed)
         return followed
 
-    def _feedback(self, followed: FollowedGoal[V], time: float) -> Any:  # noqa: ANN401 - rclpy's
+    def _handle(self, followed: FollowedGoal[V], time: float) -> Any:  # noqa: ANN401 - rclpy's
         """Return the handle of a goal if its client is to be told of it now."""
         handle = self._server.known(followed.uuid)
         return handle if handle is not None and followed.wants_feedback(time) else None

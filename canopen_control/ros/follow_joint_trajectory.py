@@ -12,7 +12,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, Final
 
 from canopen_control.ros.action_goals import ActionGoals
-from canopen_control.ros.endpoint import COMMANDER, NewSamples
+from canopen_control.ros.endpoint import COMMANDER
 from canopen_control.ros.interfaces import interface
 from canopen_control.ros.joint_states import time_message
 from canopen_control.ros.trajectory_messages import (
@@ -40,20 +40,19 @@ if TYPE_CHECKING:
     from canopen_control.ros.trajectory_sender import TrajectorySender
     from canopen_control.rpc.messages.declare import Done, Request
     from canopen_control.rpc.messages.samples import TrajectoryPoint
-    from canopen_control.rpc.messages.state import ControllerReading, StateSample
+    from canopen_control.rpc.messages.state import ControllerReading
 
 __all__ = ["FollowJointTrajectory"]
 
 _INVALID_GOAL: Final = -1
 
 
-class FollowJointTrajectory(ActionGoals[TrajectoryVerdict, TrajectoryResult]):
+class FollowJointTrajectory(ActionGoals[TrajectoryVerdict, TrajectoryResult, TrajectorySample]):
     """The action server of one controller."""
 
     def __init__(self, ros: Ros, controller: ControllerReading) -> None:
         self._action: Any = interface("control_msgs/action/FollowJointTrajectory")
-        self._samples = NewSamples(TrajectorySample)
-        super().__init__(ros, controller, self._action, "follow_joint_trajectory")
+        super().__init__(ros, controller, self._action, "follow_joint_trajectory", TrajectorySample)
 
     def send(
         self,
@@ -102,16 +101,8 @@ class FollowJointTrajectory(ActionGoals[TrajectoryVerdict, TrajectoryResult]):
         code = _INVALID_GOAL if by_others else result.error_code
         return self._action.Result(error_code=code, error_string=result.text)
 
-    def on_state(self, state: StateSample) -> None:
-        """Send feedback, and look whether the clients are still there."""
-        sample = self._samples.of(state).get(self._controller)
-        followed = self._followed(state)
-        if followed and sample is not None and sample.executing:
-            handle = self._feedback(followed[-1], sample.time)
-            if handle is not None:
-                handle.publish_feedback(self._feedback_of(sample))
-
-    def _feedback_of(self, sample: TrajectorySample) -> RosMessage:
+    def feedback(self, sample: TrajectorySample) -> RosMessage:
+        """Return where the joints are to be, and where they are."""
         feedback = self._action.Feedback(joint_names=list(sample.joints))
         feedback.header.stamp = time_message(sample.time)
         fill_point(feedback.desired, sample.reference)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from canopen_control.ros.action_goals import ActionGoals
 from canopen_control.ros.conversions import unknown_as_nan
-from canopen_control.ros.endpoint import COMMANDER, NewSamples
+from canopen_control.ros.endpoint import COMMANDER
 from canopen_control.ros.interfaces import interface
 from canopen_control.ros.joint_states import time_message
 from canopen_control.ros.trajectory_sender import HEARTBEAT_S
@@ -31,21 +31,20 @@ if TYPE_CHECKING:
     from canopen_control.ros.endpoint import Ros, RosMessage
     from canopen_control.ros.trajectory_sender import TrajectorySender
     from canopen_control.rpc.messages.declare import Done, Request
-    from canopen_control.rpc.messages.state import ControllerReading, StateSample
+    from canopen_control.rpc.messages.state import ControllerReading
 
 __all__ = ["GripperAction", "ParallelGripperAction"]
 
 
-class GripperAction(ActionGoals[GripperVerdict, GripperResult]):
+class GripperAction(ActionGoals[GripperVerdict, GripperResult, GripperSample]):
     """The action server of one controller, with GripperCommand."""
 
     name: ClassVar[str] = "control_msgs/action/GripperCommand"
 
     def __init__(self, ros: Ros, controller: ControllerReading) -> None:
         self._action: Any = interface(self.name)
-        self._samples = NewSamples(GripperSample)
         self._joint = next(iter(controller.joints), "")
-        super().__init__(ros, controller, self._action, "gripper_cmd")
+        super().__init__(ros, controller, self._action, "gripper_cmd", GripperSample)
 
     def on_controller(self, controller: ControllerReading) -> None:
         """Know its joint."""
@@ -98,15 +97,6 @@ class GripperAction(ActionGoals[GripperVerdict, GripperResult]):
         if result.state != "succeeded":
             self._ros.warn(self._topic, f"{self._topic}: {result.text}")
         return self.result(result, self._action.Result())
-
-    def on_state(self, state: StateSample) -> None:
-        """Send feedback, and look whether the clients are still there."""
-        sample = self._samples.of(state).get(self._controller)
-        followed = self._followed(state)
-        if followed and sample is not None and sample.executing:
-            handle = self._feedback(followed[-1], sample.time)
-            if handle is not None:
-                handle.publish_feedback(self.feedback(sample))
 
     def _wanted(self, position: float, effort: float, velocity: float = 0.0) -> SendGripper:
         for what, value in (("position", position), ("max_effort", effort), ("max_velocity", velocity)):

@@ -7,7 +7,7 @@ three files are held against each other.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from canopen_control.bus.channel import ChannelKind, parse_channel
 from canopen_control.controllers.controllers_file import read_controllers
@@ -80,6 +80,9 @@ class RobotSetup:
         return min(self.controllers.update_rate, cycle) if "update_rate" in self.controllers.manager_lines else cycle
 
 
+_KERNEL_SYNC: Final = "SYNC is sent by the kernel, and the cycle follows it"
+
+
 def read_robot(
     files: RobotFiles,
     *,
@@ -117,6 +120,7 @@ def read_robot(
     channels = _channels(name, buses, can)
     if kernel_sync:
         _require_kernel_sync(buses, channels, mock=mock)
+    sync = [_KERNEL_SYNC] if kernel_sync else [] if mock else _sync_hints(buses, channels, description)
     return RobotSetup(
         name,
         files,
@@ -126,18 +130,29 @@ def read_robot(
         control,
         _wanted(files, control, controllers),
         mock,
-        (
-            *(note for bus in buses.values() for note in bus.notes),
-            *control.warnings,
-            *description.notes,
-            *(doubts_about(buses) if files.bus_alone else ()),
-            *_sim_time(control, [kind_of(description, each, mock=mock, real=real) for each in description.hardware]),
-            *(["SYNC is sent by the kernel, and the cycle follows it"] if kernel_sync else []),
-            *([] if kernel_sync or mock else _sync_hints(buses, channels, description)),
-        ),
+        (*_told_by_files(files, buses, control, description, mock=mock, real=real), *sync),
         real,
         kernel_sync,
     )
+
+
+def _told_by_files(
+    files: RobotFiles,
+    buses: Mapping[str, BusConfig],
+    control: ControllersFile,
+    description: Description,
+    *,
+    mock: bool,
+    real: bool,
+) -> Iterator[str]:
+    """Yield what is suspicious in the files, or has no effect."""
+    for bus in buses.values():
+        yield from bus.notes
+    yield from control.warnings
+    yield from description.notes
+    if files.bus_alone:
+        yield from doubts_about(buses)
+    yield from _sim_time(control, [kind_of(description, each, mock=mock, real=real) for each in description.hardware])
 
 
 def _refuse_for_a_bus(files: RobotFiles, *, mock: bool) -> None:
