@@ -60,6 +60,11 @@ MAY_IMPORT = {
         },
         STDLIB,
     ),
+    "simulation": (  # the only room that joins both sides of the wire
+        {"od", "bus", "host", "rpc", "yamlfile", "master", "virtual", "hardware", "controllers", "runtime", "urdf"}
+        | {"cia301", "cia402", "data_files"},
+        STDLIB,
+    ),
     "scaffold": ({"od", "cia402", "profiles", "controllers", "master", "runtime"}, STDLIB),
     "client": ({"host", "rpc", "yamlfile"}, STDLIB),  # files of what is sent
     "robot": ({"client", "rpc", "runtime", "od"}, STDLIB),  # the library: a client, of a runtime that it starts too

@@ -55,6 +55,12 @@ class PacedWire:
         if self._on_wire is None:
             self._begin(max(now, self._done_ns))
 
+    def again(self, sender: int, record: bytes, now: int) -> None:
+        """Queue a record that was disturbed before all others of `sender`."""
+        self._queues.setdefault(sender, deque()).appendleft(record)
+        if self._on_wire is None:
+            self._begin(max(now, self._done_ns))
+
     def forget(self, sender: int) -> int:
         """Drop what `sender` has waiting and return the number of frames; one on the wire is finished."""
         return len(self._queues.pop(sender, ()))
