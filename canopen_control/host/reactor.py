@@ -263,6 +263,11 @@ class Reactor:
         """
         return self.run_until(self.now() + duration_ns)
 
+    def serve(self) -> None:
+        """Serve all that is ready and due now; a manual clock stays where it is."""
+        while self._turn(0):
+            pass
+
     def stop(self) -> None:
         """End `run`, `run_until` or `run_for` after this turn; when none of them runs, end the next at its start."""
         self._stopping = True

@@ -26,7 +26,7 @@ from canopen_control.virtual.device import make_device
 from canopen_control.virtual.nodehost import NodeHost
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
     from canopen_control.bus.port import Port
     from canopen_control.master.event_log import Event
@@ -38,16 +38,17 @@ __all__ = ["MASTER", "SimulatedDrive", "SimulatedRobot", "Timings", "dictionary_
 
 MASTER: Final = "master"
 _LED_NS: Final = 20_000_000  # `run` starts the robot when its drives are there
-_PPM: Final = 50.0  # a cheap oscillator
+_HOST: Final = Timing(latency_ns=30_000, jitter_ns=120_000, spike_ns=5_000_000)
+_DRIVE: Final = Timing(latency_ns=10_000, jitter_ns=60_000)
 
 
 @dataclass(frozen=True, slots=True)
 class Timings:
-    """How late processes wake, without their oscillators, which each seed draws within `ppm`."""
+    """How late processes wake, and by how many `ppm` their oscillators may be off, which each seed draws."""
 
-    host: Timing = Timing(latency_ns=30_000, jitter_ns=120_000, spike_ns=5_000_000)
-    drive: Timing = Timing(latency_ns=10_000, jitter_ns=60_000)
-    ppm: float = _PPM
+    host: Timing = _HOST
+    drive: Timing = _DRIVE
+    ppm: float = 50.0
 
 
 def dictionary_of(path: Path) -> ObjectDictionary:
@@ -200,7 +201,7 @@ class SimulatedRobot:
         self.time.later(_LED_NS, lambda: host.call(core.start))
 
     @contextlib.contextmanager
-    def _buses(self) -> object:
+    def _buses(self) -> Iterator[None]:
         with contextlib.ExitStack() as stack:
             for wire in self.wires.values():
                 stack.enter_context(provide(wire.name, wire))

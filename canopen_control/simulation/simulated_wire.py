@@ -50,6 +50,7 @@ class SimulatedWire:
         self._off: set[str] = set()
         self._errors: dict[str, int] = {}  # transmit error counters
         self._time, self._wire = time, PacedWire(bitrate)
+        self._wire.disturbed = self._is_disturbed
         self._ports: dict[int, SimulatedPort] = {}
         self._opened = 0
         self._due: int | None = None
@@ -118,43 +119,50 @@ class SimulatedWire:
         self._plan()
 
     def _judge(self, port: SimulatedPort, record: bytes) -> None:
-        """Disturb, lose or double a frame where a rule says so, else carry it."""
+        """Lose or double a frame where a rule says so, else carry it."""
         label = port.label
-        if not (self.disturbed or self.lost or self.doubled or self._errors):
+        if not (self.lost or self.doubled or self._errors):
             self._carry(label, record, port)
             return
         can_id: int = RECORD.unpack(record)[0]
-        if any([rule.takes(label, can_id) for rule in self.disturbed]):
-            self._disturb(port, record)
-            return
         if self._errors.get(label):
             self._errors[label] -= 1
-        if any([rule.takes(label, can_id) for rule in self.lost]):
+        if _taken(self.lost, label, can_id):
             return
         self._carry(label, record, port)
-        if any([rule.takes(label, can_id) for rule in self.doubled]):
+        if _taken(self.doubled, label, can_id):
             self._carry(label, record, port)
 
-    def _disturb(self, port: SimulatedPort, record: bytes) -> None:
-        """Count an error of the sender, and let it send the frame again while it may."""
+    def _is_disturbed(self, number: int, record: bytes) -> bool:
+        """Whether a rule disturbs a frame; counts the error of its sender."""
+        port = self._ports.get(number)
+        if not self.disturbed or port is None or self.silences(port.label):
+            return False
+        if not _taken(self.disturbed, port.label, RECORD.unpack(record)[0]):
+            return False
         count = self._errors[port.label] = self._errors.get(port.label, 0) + _AT_ERROR
         if count >= _BUS_OFF:
             self.bus_off(port.label)
-            return
-        if _PASSIVE <= count < _PASSIVE + _AT_ERROR:
+        elif _PASSIVE <= count < _PASSIVE + _AT_ERROR:
             self._report(port.label, error_frames.passive_frame())
-        self._wire.again(port.number, record, self._time.now_ns)
+        return True
 
     def _carry(self, label: str, record: bytes, sender: SimulatedPort | None) -> None:
         self.frames += 1
         for hear in self.heard:
             hear(self._time.now_ns, label, record)
         can_id = RECORD.unpack(record)[0]
+        broken = bool(self.cut or self._off)
         for port in self._ports.values():
-            if port is not sender and (port.wanted is None or can_id in port.wanted):
-                if (self.cut or self._off) and self.silences(port.label):
-                    continue
+            if port is sender or (port.wanted is not None and can_id not in port.wanted):
+                continue
+            if not (broken and self.silences(port.label)):
                 port.put(record)
+
+
+def _taken(rules: list[DropRule], label: str, can_id: int) -> bool:
+    """Whether a rule takes a frame; all of them count it."""
+    return sum(rule.takes(label, can_id) for rule in rules) > 0
 
 
 class SimulatedPort:

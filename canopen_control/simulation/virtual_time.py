@@ -141,7 +141,7 @@ class Actor:
             self._wake(now)
             return
         self.clock.now_ns = self.local(now)
-        self.reactor.run_for(0)
+        self.reactor.serve()
         deadline = self.reactor.next_deadline
         if deadline is not None and not self._ended:
             self._wake(self._shared(deadline))
