@@ -39,8 +39,8 @@ if TYPE_CHECKING:
 
 __all__ = ["EXAMPLE", "add_arguments", "run"]
 
-EXAMPLE = """canopen-control simulate robby --for 30s --seed 7
-         canopen-control simulate robby --for 10s --faults heartbeat_lost,silent --json"""
+EXAMPLE = """canopen-control simulate robby --for 3 --seed 7
+         canopen-control simulate robby --for 3 --faults heartbeat_lost,silent --json"""
 
 DEFAULT_NS: Final = 60_000_000_000
 _LARGEST_SEED: Final = 1 << 63

@@ -1,3 +1,5 @@
+from pathlib import Path
+
 from canopen_control.simulation.acts import KINDS, Act
 
 
@@ -10,3 +12,10 @@ def test_an_act_in_words_says_when_what_and_how_long():
 def test_every_kind_says_whom_it_takes_and_what_it_does():
     assert {kind.target for kind in KINDS.values()} == {"node", "member", "controller", ""}
     assert all(kind.does for kind in KINDS.values())
+
+
+def test_the_page_lists_every_kind():
+    page = (Path(__file__).parents[2] / "docs" / "guide" / "simulation.md").read_text(encoding="utf-8")
+    for name, kind in KINDS.items():
+        assert f"| `{name}` |" in page
+        assert f"| {kind.does} |" in page
