@@ -31,13 +31,14 @@ _MARGIN: Final = 0.9  # of a limit, so that commands are legal
 class Motion:
     """A controller that moves joints: how it is commanded (`command` or `trajectory`) and the range of each value.
 
-    `starts`: it is active from the start.
+    `starts`: it is active from the start. `life_ns` is that of a command, 0 for one without an end.
     """
 
     controller: str
     kind: str
     ranges: tuple[tuple[float, float], ...]
     starts: bool
+    life_ns: int = 0
 
 
 def motions_of(setup: RobotSetup) -> tuple[Motion, ...]:
@@ -59,14 +60,14 @@ def _motion(setup: RobotSetup, core: RobotCore, name: str, type_name: str) -> Mo
         names = controller.command_interface_names()
     except CanopenError:
         return None
-    starts = name in setup.to_activate
+    starts, life_ns = name in setup.to_activate, controller.life.limit_ns
     if axes := twist_axes_of(controller):
-        return Motion(name, "command", tuple((-_TWIST[axis], _TWIST[axis]) for axis in axes), starts)
+        return Motion(name, "command", tuple((-_TWIST[axis], _TWIST[axis]) for axis in axes), starts, life_ns)
     joints = setup.description.joints
     if controller.topic is None or "trajectory" in type_name:
         return _trajectory(controller, joints, starts=starts)
     ranges = [_range(joints.get(each.partition("/")[0]), each.rpartition("/")[2]) for each in names]
-    return Motion(name, "command", tuple(ranges), starts) if ranges and None not in ranges else None  # type: ignore[arg-type]
+    return Motion(name, "command", tuple(ranges), starts, life_ns) if ranges and None not in ranges else None  # type: ignore[arg-type]
 
 
 def _trajectory(controller: Controller, joints: object, *, starts: bool) -> Motion | None:

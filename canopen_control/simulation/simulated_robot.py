@@ -106,8 +106,9 @@ class SimulatedDrive:
 class SimulatedRobot:
     """Runtime, buses and drives under one virtual clock; nothing happens before `start`.
 
-    `core` is the runtime, `drives` those of the nodes by node id, `wires` the buses by name; `events` are the robot's
-    last ones, and `on_event` hears each.
+    `core` is the runtime, `drives` those of the nodes by node id, `wires` the buses by name; `on_event`
+    hears the robot's events; `started_ns` is when its process was started last, `up` whether it is
+    there, `errors` what its program did wrong.
     """
 
     def __init__(self, setup: RobotSetup, seed: int = 0, timings: Timings | None = None) -> None:
@@ -116,6 +117,8 @@ class SimulatedRobot:
         self.time = VirtualTime()
         self.digest = EventDigest()
         self.errors: list[BaseException] = []
+        self.started_ns = 0
+        self.up = False
         self.on_event: Callable[[Event], None] | None = None
         self.setup = dataclasses.replace(setup, channels={name: f"memory:{name}" for name in setup.channels})
         self._ppm = Random(f"{seed}/ppm")
@@ -158,6 +161,7 @@ class SimulatedRobot:
 
     def kill(self) -> None:
         """End the robot's process as SIGKILL does."""
+        self.up = False
         self.core.on_event = self.core.on_stopped = None
         self.core.close()
         self.host.end()
@@ -196,6 +200,7 @@ class SimulatedRobot:
 
     def _join(self) -> None:
         core, host = self.core, self.host
+        self.started_ns, self.up = self.time.now_ns, True
         with self._buses():
             core.join()
         self.time.later(_LED_NS, lambda: host.call(core.start))

@@ -60,6 +60,11 @@ class SimulatedWire:
         """How many bits have passed since the start."""
         return self._wire.bits
 
+    @property
+    def tampered(self) -> bool:
+        """Whether something happens to frames or cables now."""
+        return bool(self.lost or self.doubled or self.disturbed or self.cut or self._off)
+
     def open(self, label: str) -> SimulatedPort:
         """Join the bus as the process of this label."""
         self._opened += 1

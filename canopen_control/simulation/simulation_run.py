@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.simulation.act_player import ActPlayer
+from canopen_control.simulation.invariants import Invariants, user_rules
+from canopen_control.simulation.motions import motions_of
 from canopen_control.simulation.simulated_robot import SimulatedRobot
 
 if TYPE_CHECKING:
@@ -14,6 +16,7 @@ if TYPE_CHECKING:
 
     from canopen_control.runtime.setup import RobotSetup
     from canopen_control.simulation.acts import Act
+    from canopen_control.simulation.motions import Motion
 
 __all__ = ["Outcome", "SimulationRun"]
 
@@ -39,10 +42,21 @@ class SimulationRun:
     `speed` is how much faster than real time it may be, None: as fast as it can.
     """
 
-    def __init__(self, setup: RobotSetup, seed: int, acts: Sequence[Act], *, speed: float | None = None) -> None:
+    def __init__(
+        self,
+        setup: RobotSetup,
+        seed: int,
+        acts: Sequence[Act],
+        *,
+        speed: float | None = None,
+        motions: Sequence[Motion] | None = None,
+    ) -> None:
         self.seed, self.speed = seed, speed
         self.robot = SimulatedRobot(setup, seed)
         self.player = ActPlayer(self.robot)
+        self.invariants = Invariants(
+            self.robot, self.player, motions_of(setup) if motions is None else motions, user_rules()
+        )
         self.player.plan(acts)
         self._began_ns = self.robot.now_ns
         self._began = time.perf_counter()
@@ -54,8 +68,6 @@ class SimulationRun:
         end = self._began_ns + duration_ns
         while (now := self.robot.now_ns) < end:
             self.robot.time.run_until(min(end, now + _SLICE_NS))
-            if self.robot.errors:
-                raise self.robot.errors[0]
             progress(self.robot_s, self.real_s)
             if self.speed is not None and (ahead := self.robot_s / self.speed - self.real_s) > 0:
                 time.sleep(ahead)
@@ -82,7 +94,7 @@ class SimulationRun:
     @property
     def breaches(self) -> tuple[str, ...]:
         """What must not be and was, in sentences."""
-        return ()
+        return tuple(each.sentence for each in self.invariants.breaches)
 
     def close(self) -> None:
         """Give everything back."""

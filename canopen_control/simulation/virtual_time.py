@@ -73,7 +73,10 @@ class VirtualTime:
 
 
 class Actor:
-    """A process in virtual time: its reactor, its clock, how late it wakes; it may be stalled, and end for good."""
+    """A process in virtual time: its reactor, its clock, how late it wakes; it may be stalled, and end for good.
+
+    `stalled_until` is until when it does nothing.
+    """
 
     def __init__(self, time: VirtualTime, name: str, timing: Timing, seed: str) -> None:
         self.name, self.timing = name, timing
@@ -84,7 +87,7 @@ class Actor:
         self.selector = MarkedSelector()
         self.reactor = Reactor(self.clock, self.selector)
         self._wake_at = _NEVER
-        self._stalled_until = 0
+        self.stalled_until = 0
         self._ended = False
 
     def local(self, now_ns: int) -> int:
@@ -109,7 +112,7 @@ class Actor:
 
     def stall(self, duration_ns: int) -> None:
         """Let it do nothing for a while, as a process that is stopped or gets no processor."""
-        self._stalled_until = max(self._stalled_until, self._time.now_ns + duration_ns)
+        self.stalled_until = max(self.stalled_until, self._time.now_ns + duration_ns)
 
     def end(self) -> None:
         """End it as SIGKILL does: nothing of it runs any more."""
@@ -118,7 +121,7 @@ class Actor:
             self.reactor.close()
 
     def _wake(self, due_ns: int) -> None:
-        at = max(due_ns, self._stalled_until) + self._lateness()
+        at = max(due_ns, self.stalled_until) + self._lateness()
         if at < self._wake_at and not self._ended:
             self._wake_at = at
             self._time.at(at, self._woken)
@@ -137,7 +140,7 @@ class Actor:
         if self._wake_at != now or self._ended:
             return  # an earlier one came in between
         self._wake_at = _NEVER
-        if now < self._stalled_until:
+        if now < self.stalled_until:
             self._wake(now)
             return
         self.clock.now_ns = self.local(now)
