@@ -1,4 +1,4 @@
-"""Invariants of motion: nothing moves without an enable and a fresh command, stops end in time, no enable comes unasked.
+"""Invariants of motion: it takes an enable and a fresh command, stops end in time, and no enable comes unasked.
 
 Judged by the wire, the drives' shafts, and what clients have asked; never by what the runtime says. A reason to stop is
 a stop or disable that was asked, a drive in fault, a node that boots or falls silent, a master that falls silent. From

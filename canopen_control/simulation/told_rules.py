@@ -1,4 +1,4 @@
-"""Invariants of what the runtime tells: the state told is the state that is, its memory is bounded, its program has no error.
+"""Invariants of the runtime itself: the state told is the state that is, memory is bounded, the program has no error.
 
 What a face of the robot claims (state, axes, velocities) is held against the wire and the shafts. Times in ns.
 """
@@ -21,7 +21,6 @@ __all__ = ["ToldRules"]
 _MS: Final = 1_000_000
 _SECOND: Final = 1_000_000_000
 _SOON_NS: Final = 400 * _MS  # in which what has happened is told
-_STEADY_NS: Final = 1500 * _MS
 _FRESH_NS: Final = 100 * _MS
 _MEMORY_NS: Final = 60 * _SECOND
 _BLOCKS: Final = 60_000  # of memory, that a robot may have more than a while after its start
@@ -55,7 +54,7 @@ class ToldRules:
             self._judge_axes(node, now)
 
     def _judge_state(self, state: RobotState, node: NodeView, now: int) -> None:
-        """RUNNING means that every node is there and no drive is in fault."""
+        """Judge that RUNNING means that every node is there and no drive is in fault."""
         name = f"node {node.node_id}"
         limit = node.plan.heartbeat_timeout_ns
         running = state is RobotState.RUNNING
@@ -65,7 +64,7 @@ class ToldRules:
         self._hold(f"running, and {name} is in fault", running and fault, now)
 
     def _judge_axes(self, node: NodeView, now: int) -> None:
-        """An axis told as enabled shows it on the wire, and its velocity is that of its shaft."""
+        """Judge that an axis told as enabled shows it on the wire."""
         for joint in self._robot.core.joints.values():
             if joint.node.node_id != node.node_id:
                 continue

@@ -30,7 +30,7 @@ _ABORT, _BLOCK = 4, (5, 6)
 
 
 class WireRules:
-    """Judges one bus; `tell(rule, text)` takes breaches. `heard` gets every frame, `sampled` is called as time passes."""
+    """Judges one bus; `tell(rule, text)` takes breaches. `heard` gets all frames, `sampled` the time now and then."""
 
     def __init__(
         self, robot: SimulatedRobot, wire: SimulatedWire, view: WireView, tell: Callable[[str, str], None]
@@ -70,9 +70,7 @@ class WireRules:
         last, self._last[what] = self._last.get(what, 0), now
         gap = now - last
         if period and last > self._excused(now) and gap > period * _LATE:
-            self._tell(
-                "late", f"{what} of the master came {gap / 1e6:.1f} ms after the last, every {period / 1e6:g} ms"
-            )
+            self._tell("late", f"{what} of the master came after {gap / 1e6:.1f} ms, its period is {period / 1e6:g} ms")
 
     def _request(self, node: int, data: bytes, now: int) -> None:
         """Judge an SDO request: one at a time, a new one only after the answer, an abort, or the time-out."""

@@ -30,8 +30,9 @@ _FAULT_RESET: Final = 0x80
 class NodeView:
     """What was heard of a node: `controlword` and `targets` (by object) sent to it, `statusword` of it.
 
-    `alive_at` is its last sign of life, `booted_at` its last boot-up, `status_at` when the statusword came; `enabled_at`
-    when a controlword began to enable it; `shown_enabled_at` when it last showed that it is. 0: never.
+    `alive_at` is its last sign of life, `booted_at` its last boot-up, `status_at` when the statusword came, `fault_at`
+    when it began to show a fault; `enabled_at` when a controlword began to enable it, `shown_enabled_at` when it last
+    showed that it is. 0: never.
     """
 
     def __init__(self, plan: NodePlan) -> None:
