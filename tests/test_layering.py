@@ -65,6 +65,7 @@ MAY_IMPORT = {
         | {"cia301", "cia402", "data_files"},
         STDLIB,
     ),
+    "testing": ({"simulation", "runtime", "virtual", "master"}, STDLIB | {"pytest"}),
     "scaffold": ({"od", "cia402", "profiles", "controllers", "master", "runtime"}, STDLIB),
     "client": ({"host", "rpc", "yamlfile"}, STDLIB),  # files of what is sent
     "robot": ({"client", "rpc", "runtime", "od"}, STDLIB),  # the library: a client, of a runtime that it starts too

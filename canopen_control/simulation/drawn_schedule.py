@@ -86,7 +86,7 @@ class DrawnSchedule:
             still = self._random() < 0.15
             values = tuple(0.0 if still and motion.kind == "command" else round(each, 3) for each in drawn)
             self._add(now, motion.kind, motion.controller, values=values, for_ns=lasts)
-        return now + lasts + (self._between(0, 3 * _S) if self._random() < 0.25 else 0)
+        return now + lasts + (self._between(0, 6 * _S) if self._random() < 0.25 else 0)
 
     def _client(self, now: int) -> int:
         kind = self._one(_CLIENTS)
@@ -98,6 +98,7 @@ class DrawnSchedule:
             self._add(now, kind)
         later = now + self._between(_S // 5, 2 * _S)
         if kind == "latch":
+            self._add(now + 100 * _MS, "axis", name="enable")  # in vain
             self._add(later, "release")
         return self._recover(later + 50 * _MS)
 

@@ -24,7 +24,7 @@ __all__ = ["GRACE_NS", "MotionRules"]
 
 _MS: Final = 1_000_000
 GRACE_NS: Final = 200 * _MS  # some cycles, and how late processes wake
-CONTROL_RAMP_NS: Final = 1500 * _MS  # by which a controller may ramp down what ran out
+CONTROL_RAMP_NS: Final = 1000 * _MS  # by which a controller may ramp down what ran out
 PLACE_NS: Final = 8_000 * _MS  # for a position to be reached
 _UNASKED_NS: Final = 100 * _MS
 _STOPS: Final = ("stop", "latch", "axis disable", "axis quick-stop", "axis halt")
@@ -58,6 +58,7 @@ class MotionRules:
         self._enabled_ns = robot.now_ns
         self._followed_ns = 0  # when a drive was first seen to be enabled since then
         self._stop: _Stop | None = None
+        self._latched = False
         self._fastest: dict[int, float] = {}
         self._moving: set[int] = set()  # nodes whose motion was told
         self._judged: dict[int, int] = {}  # node -> when it was commanded to enable, judged already
@@ -67,7 +68,9 @@ class MotionRules:
         """Take what a client asks for; a process that is stalled hears it when it goes on."""
         heard = max(now, self._robot.host.stalled_until)
         what = f"{act.kind} {act.name}".strip()
-        if what in _ENABLES:
+        if act.kind in ("latch", "release"):
+            self._latched = act.kind == "latch"
+        if what in _ENABLES and not self._latched:
             self._enabled_ns, self._stop = heard, None
         elif what in _STOPS:
             self._stop_by(heard, f"{what} was asked", heard)
