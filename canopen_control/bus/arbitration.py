@@ -30,6 +30,12 @@ def priority(can_id: int) -> int:
     return (can_id & 0x7FF) << 21 | remote << 20
 
 
+def _rank(waiting: tuple[int, deque[bytes]]) -> tuple[int, int]:
+    """Return what the lowest of which wins the bus."""
+    sender, queue = waiting
+    return priority(RECORD.unpack_from(queue[0])[0]), sender
+
+
 def _never(_sender: int, _record: bytes) -> bool:
     return False
 
@@ -94,12 +100,12 @@ class PacedWire:
         return self._last_load
 
     def _begin(self, now: int) -> None:
-        heads = [(priority(RECORD.unpack(queue[0])[0]), sender) for sender, queue in self._queues.items() if queue]
-        if not heads:
+        waiting = [(sender, queue) for sender, queue in self._queues.items() if queue]
+        if not waiting:
             self._on_wire = None
             return
-        sender = min(heads)[1]
-        record = self._queues[sender].popleft()
+        sender, queue = waiting[0] if len(waiting) == 1 else min(waiting, key=_rank)
+        record = queue.popleft()
         can_id, length, data = RECORD.unpack(record)
         bits = frame_bits(can_id, data[:length])
         self._on_wire = sender, record

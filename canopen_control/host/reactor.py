@@ -23,7 +23,7 @@ from collections import deque
 from typing import TYPE_CHECKING, Final, Protocol, TypeAlias, cast
 
 from canopen_control.errors import LocalProtocolError
-from canopen_control.host.selection import open_epoll
+from canopen_control.host.selection import open_asker
 from canopen_control.host.timer import Clock, ManualClock, MonotonicClock, Timer, TimerQueue, open_alarm
 
 if TYPE_CHECKING:
@@ -100,7 +100,7 @@ class Reactor:
         self._timers = TimerQueue()
         self._soon: deque[Callable[[], object]] = deque()
         self._from_threads: deque[Callable[[], object]] = deque()
-        self._epoll = open_epoll(self._selector)
+        self._epoll = open_asker(self._selector)
         self._poll = self._select if self._epoll is None else self._epoll.poll
         self._turns = 0
         self._alarm = None if self.clock.is_manual else open_alarm()

@@ -6,21 +6,34 @@ import os
 import select
 import selectors
 import sys
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, Protocol
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
-__all__ = ["MarkedSelector", "open_epoll"]
+__all__ = ["MarkedSelector", "open_asker"]
 
 _FIRST: Final = 1 << 30  # no file has such a number
+_READABLE: Final = getattr(select, "EPOLLIN", 1)
 
 
-def open_epoll(selector: selectors.BaseSelector) -> select.epoll | None:
-    """Return the kernel's object behind a selector, None for another kind: asking it is three times as fast.
+class Asker(Protocol):
+    """Whom a reactor asks what is ready."""
 
-    It is a descriptor of its own, so that both can be closed.
+    def poll(self, timeout: float | None, maxevents: int, /) -> Sequence[tuple[int, int]]:
+        """Return descriptors, and what they are ready for as epoll says it."""
+
+    def close(self) -> None:
+        """Give the descriptor back."""
+
+
+def open_asker(selector: selectors.BaseSelector) -> Asker | None:
+    """Return who knows faster than a selector what is ready, None for a kind without one: the kernel's object, marks.
+
+    The former is a descriptor of its own, so that both can be closed.
     """
+    if isinstance(selector, MarkedSelector):
+        return selector
     if sys.platform == "linux" and isinstance(selector, selectors.EpollSelector):
         return select.epoll.fromfd(os.dup(selector.fileno()))
     return None
@@ -67,6 +80,10 @@ class MarkedSelector(selectors.BaseSelector):
             for number in self._marked
             if (key := keys.get(number)) is not None and key.events & selectors.EVENT_READ
         ]
+
+    def poll(self, _timeout: float | None, _most: int) -> Sequence[tuple[int, int]]:
+        """Return what is marked as epoll does, for a reactor; each is readable."""
+        return [(number, _READABLE) for number in self._marked if number in self._keys] if self._marked else ()
 
     def get_map(self) -> Mapping[Any, selectors.SelectorKey]:
         """Return what is watched."""

@@ -6,6 +6,7 @@ counted. Times in ns from the start.
 
 from __future__ import annotations
 
+from collections import Counter
 from functools import partial
 from typing import TYPE_CHECKING, Final
 
@@ -31,19 +32,21 @@ __all__ = ["SOURCE", "ActPlayer"]
 
 SOURCE: Final = "simulate"
 PUBLISH_NS: Final = 100_000_000
+_TROUBLES: Final = ("fault", "power", "stall", "kill", "cut", "bus_off", "lose", "double", "disturb", "frame")
 _BRIEFLY_NS: Final = 100_000_000
 
 
 class ActPlayer:
     """Plays acts from now on; `played` are those that have begun, `refused` counts what the robot refused.
 
-    `on_asked` hears each thing that a client asks for, when it is asked.
+    `troubles` counts what went wrong, with the state that the robot was in; `on_asked` hears what clients ask for.
     """
 
     def __init__(self, robot: SimulatedRobot) -> None:
         self.robot = robot
         self.played: list[Act] = []
         self.refused = 0
+        self.troubles: Counter[tuple[str, str]] = Counter()
         self.on_asked: Callable[[int, Act], object] = lambda _now, _act: None
         self._publishing: dict[str, int] = {}  # controller -> whose turn it is to command it
         self._down = False
@@ -57,6 +60,8 @@ class ActPlayer:
     def play(self, act: Act) -> None:
         """Begin an act now."""
         self.played.append(act)
+        if act.kind in _TROUBLES:
+            self.troubles[act.name or act.kind, self.robot.core.state.value] += 1
         _PLAY[act.kind](self, act)
 
     # -- drives

@@ -92,6 +92,8 @@ class DrawnSchedule:
         kind = self._one(_CLIENTS)
         if kind == "switch":
             return self._switch(now)
+        moved = self._move(now)  # what is stopped moves
+        now += self._between(0, moved - now)
         if kind == "axis":
             self._add(now, "axis", name=self._one(("disable", "halt", "quick-stop")))
         else:
@@ -100,7 +102,7 @@ class DrawnSchedule:
         if kind == "latch":
             self._add(now + 100 * _MS, "axis", name="enable")  # in vain
             self._add(later, "release")
-        return self._recover(later + 50 * _MS)
+        return self._recover(max(later, moved) + 50 * _MS)
 
     def _switch(self, now: int) -> int:
         if len(self._motions) > 1:

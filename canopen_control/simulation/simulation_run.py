@@ -61,12 +61,20 @@ class SimulationRun:
         self._began_ns = self.robot.now_ns
         self._began = time.perf_counter()
 
-    def run(self, duration_ns: int, progress: Callable[[float, float], object] = lambda _robot, _real: None) -> None:
-        """Start and run; `progress` hears how far it is now and then, in s of the robot and of the computer."""
+    def run(
+        self,
+        duration_ns: int,
+        progress: Callable[[float, float], object] = lambda _robot, _real: None,
+        stop: Callable[[], bool] = lambda: False,
+    ) -> None:
+        """Start and run; `progress` hears how far it is now and then, in s of the robot and of the computer.
+
+        It ends early where `stop` says so.
+        """
         self._began = time.perf_counter()
         self.robot.start()
         end = self._began_ns + duration_ns
-        while (now := self.robot.now_ns) < end:
+        while (now := self.robot.now_ns) < end and not stop():
             self.robot.time.run_until(min(end, now + _SLICE_NS))
             progress(self.robot_s, self.real_s)
             if self.speed is not None and (ahead := self.robot_s / self.speed - self.real_s) > 0:

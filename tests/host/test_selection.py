@@ -1,7 +1,7 @@
 import selectors
 
 from canopen_control.host.reactor import ManualClock, Reactor
-from canopen_control.host.selection import MarkedSelector, open_epoll
+from canopen_control.host.selection import MarkedSelector, open_asker
 
 
 def test_who_is_marked_is_readable_until_it_is_unmarked():
@@ -49,10 +49,13 @@ def test_a_reactor_on_marks_serves_what_is_marked():
         assert seen == [7]
 
 
-def test_epoll_is_behind_the_selector_of_the_system_alone():
-    assert open_epoll(MarkedSelector()) is None
+def test_marks_and_epoll_are_asked_themselves_other_selectors_are_not():
+    marked = MarkedSelector()
+    assert open_asker(marked) is marked
+    with selectors.SelectSelector() as selector:
+        assert open_asker(selector) is None
     with selectors.DefaultSelector() as selector:
-        epoll = open_epoll(selector)
+        epoll = open_asker(selector)
         if epoll is not None:
             epoll.close()
             assert isinstance(selector, selectors.EpollSelector)

@@ -1,6 +1,6 @@
 import pytest
 from support.mutants import MUTANTS
-from support.simulated import S, Played, setup_of
+from support.simulated import Played, S, setup_of
 
 from canopen_control.simulation import invariants
 from canopen_control.simulation.drawn_schedule import draw_schedule, known_faults
@@ -10,6 +10,18 @@ from canopen_control.simulation.simulation_run import SimulationRun
 
 #: mutant -> the first seed that catches it, and the rules that may tell; all are caught within a hundred seeds
 CAUGHT = {
+    "stop_is_late": (6, "stop_late"),
+    "stop_does_nothing": (6, "stop_late"),
+    "enabled_again_when_its_node_is_back": (9, "enable_unasked"),
+    "enabled_again_after_a_stop": (9, "enable_unasked"),
+    "reset_chains_into_enable": (4, "enable_unasked"),
+    "stale_commands": (3, "motion_uncommanded"),
+    "latch_does_not_refuse": (6, "enable_unasked"),
+    "told_as_running": (1, "state_told"),
+    "told_as_enabled": (1, "state_told"),
+    "skipped_cycles": (0, "late"),
+    "commands_sent_again_and_again": (0, "bus_budget"),
+    "exceptions": (0, "program_error"),
 }
 
 

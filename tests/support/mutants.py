@@ -1,11 +1,9 @@
 """Runtimes with a mistake each, for the tests of the invariants."""
 
-from canopen_control.cia301.heartbeat import HeartbeatConsumer
 from canopen_control.controllers.command_life import CommandLife
 from canopen_control.controllers.manager import ControllerManager
 from canopen_control.hardware.joint import JointDrive
 from canopen_control.hardware.recovery import Recovery
-from canopen_control.hardware.system import CanopenSystem
 from canopen_control.master.network import Network
 from canopen_control.runtime.core import RobotCore, RobotState
 from canopen_control.runtime.latch import StopLatch
@@ -63,14 +61,6 @@ def latch_does_not_refuse(patch):
     patch.setattr(StopLatch, "refuse", lambda self, *what: None)
 
 
-def lost_nodes_are_not_noticed(patch):
-    patch.setattr(HeartbeatConsumer, "_check", lambda self, node_id, node, now: None)
-
-
-def trouble_stops_nobody(patch):
-    patch.setattr(CanopenSystem, "_stop_group", lambda self, cause, now, event: None)
-
-
 def told_as_running(patch):
     patch.setattr(RobotCore, "state", property(lambda self: RobotState.RUNNING))
 
@@ -109,18 +99,6 @@ def exceptions(patch):
     patch.setattr(ControllerManager, "command", command)
 
 
-def slow_heartbeat(patch):
-    from canopen_control.cia301.heartbeat import HeartbeatProducer
-
-    real = HeartbeatProducer.tick
-
-    def tick(self, now):
-        if now % 3_000_000_000 > 300_000_000:
-            real(self, now)
-
-    patch.setattr(HeartbeatProducer, "tick", tick)
-
-
 MUTANTS = {
     each.__name__: each
     for each in (
@@ -131,13 +109,10 @@ MUTANTS = {
         reset_chains_into_enable,
         stale_commands,
         latch_does_not_refuse,
-        lost_nodes_are_not_noticed,
-        trouble_stops_nobody,
         told_as_running,
         told_as_enabled,
         skipped_cycles,
         commands_sent_again_and_again,
         exceptions,
-        slow_heartbeat,
     )
 }
