@@ -141,10 +141,12 @@ class VelocityTarget(ModeTarget):
 
     def follow(self, value: float, now: int, period: float) -> None:  # noqa: ARG002 - the verb of every mode
         """Send a velocity within the drive's limits."""
-        if self._same(value):
-            return
-        self._slope = 0.0
         axis = self._axis
+        blocked = axis.limits.blocked
+        if value == self._value and blocked == self._blocked:
+            return  # as `_same`, without the call
+        self._value, self._blocked = value, blocked
+        self._slope = 0.0
         raw = self._scaled(value, self._factor(), self._low, self._high)
         self.output.set(axis.limits.of_velocity(raw))
 

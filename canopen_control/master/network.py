@@ -154,8 +154,9 @@ class Network:
 
     def synced(self, now: int) -> None:
         """Count what the SYNC before the one just sent was not answered; whoever sends it."""
-        for pdo in self.pdo_watch.sync(now):
-            self._pdo_owner[pdo].on_pdo(pdo, now)
+        if changed := self.pdo_watch.sync(now):
+            for pdo in changed:
+                self._pdo_owner[pdo].on_pdo(pdo, now)
 
     def hear_sync(self, on_sync: Callable[[int], None]) -> None:
         """Leave SYNC to somebody else and call `on_sync(now)` for each that comes."""
