@@ -79,7 +79,10 @@ class Feedback:
                 self._velocity_count = pdo.count
                 raw: int = pdo.values[velocity.position]  # type: ignore[assignment]  # mapped drive objects are integers
                 if raw != self._raw_velocity:
-                    self._take_velocity(raw)
+                    self._raw_velocity = raw
+                    # + 0.0: a mirrored drive that stands still has no velocity of -0.0
+                    self._velocity_state.value = speed = raw * self._axis.scale.vel_from_dev + 0.0
+                    self.standing = -STANDSTILL <= speed <= STANDSTILL
         position = self._position
         if position is not None:
             pdo = position.pdo
@@ -106,13 +109,6 @@ class Feedback:
         self._slack = round(abs(self._axis.scale.pos_to_dev) * _SLACK) + 1
         self._raw_position = self._raw_velocity = self._raw_effort = None
         self._position_count = self._velocity_count = self._effort_count = -1
-
-    def _take_velocity(self, raw: int) -> None:
-        self._raw_velocity = raw
-        # + 0.0: a mirrored drive that stands still has no velocity of -0.0
-        value = raw * self._axis.scale.vel_from_dev + 0.0
-        self._velocity_state.value = value
-        self.standing = -STANDSTILL <= value <= STANDSTILL
 
     def _take_position(self, raw: int, stamp: int) -> int:
         axis = self._axis
