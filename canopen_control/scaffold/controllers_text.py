@@ -36,7 +36,7 @@ def controllers_text(robot: NewRobot) -> str:
     groups = {interface: names for interface, names in joints.items() if names}
     rate = round(1_000_000 / robot.sync_us)
     lines = [
-        f"# The controllers of {robot.name}: the broadcaster and the first other one are activated;",
+        f"# The controllers of {robot.name}: those that move no joint and the first that does are activated;",
         f"# another one by canopen-control run {robot.name} --controller NAME.",
         "",
         "controller_manager:",
