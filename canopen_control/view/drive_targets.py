@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from canopen_control.cia402.modes import OperationMode
-
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
@@ -17,14 +15,14 @@ __all__ = ["MODES", "DriveTarget", "drive_targets"]
 _TOPIC: Final = "target"
 _POSITION, _VELOCITY, _EFFORT = "position", "velocity", "effort"
 MODES: Final = {
-    OperationMode.PP.name: _POSITION,
-    OperationMode.PV.name: _VELOCITY,
-    OperationMode.VL.name: _VELOCITY,
-    OperationMode.CSP.name: _POSITION,
-    OperationMode.CSV.name: _VELOCITY,
-    OperationMode.IP.name: _POSITION,
-    OperationMode.TQ.name: _EFFORT,
-    OperationMode.CST.name: _EFFORT,
+    "PP": _POSITION,
+    "PV": _VELOCITY,
+    "VL": _VELOCITY,
+    "CSP": _POSITION,
+    "CSV": _VELOCITY,
+    "IP": _POSITION,
+    "TQ": _EFFORT,
+    "CST": _EFFORT,
 }
 """What a target is in each mode of operation that takes one."""
 _UNITS: Final = {_POSITION: "rad", _VELOCITY: "rad/s", _EFFORT: "effort"}

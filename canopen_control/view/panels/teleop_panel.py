@@ -64,9 +64,8 @@ class TeleopPanel:
             return
         self._positions = {name: joint.position for name, joint in content.state.joints.items()}
         takers = tuple(each for each in content.controllers if each.is_base or each.topic == "commands")
-        self._frame.visible = bool(takers) or not drive_targets(
-            content.state, content.controllers
-        )  # drives of a bus alone have a panel of theirs
+        drives = drive_targets(content.state, content.controllers)  # which have a panel of their own
+        self._frame.visible = bool(takers) or not drives
         key = tuple((each.name, each.state) for each in takers)
         if key != self._shown:
             self._shown = key
