@@ -3,7 +3,7 @@
 import math
 
 import pytest
-from support.drive_shapes import NODE, SHAPES, UNWATCHED, write_shape
+from support.drive_shapes import MAKERS, NODE, SHAPES, UNWATCHED, write_shape
 from support.eds import DEVIATIONS
 from support.robots import Bench
 
@@ -43,9 +43,9 @@ def turned(folder, controller, node_id=NODE, *, seconds=1.0):
         bench.close()
 
 
-@pytest.mark.parametrize("what", SHAPES)
+@pytest.mark.parametrize("what", [*SHAPES, *MAKERS])
 def test_a_drive_as_vendors_describe_theirs_is_enabled_and_turns(tmp_path, what):
-    make, interface, mode = SHAPES[what]
+    make, interface, mode = (SHAPES | MAKERS)[what]
     written = new_robot(tmp_path, write_shape(tmp_path, make()))
     axis = written.robot.joints[0].axis
     assert (axis.interface, axis.mode.name) == (interface, mode)
