@@ -128,7 +128,7 @@ def read_robot(
         channels,
         description,
         control,
-        _wanted(files, control, controllers),
+        _wanted(files, control, description, controllers),
         mock,
         (*_told_by_files(files, buses, control, description, mock=mock, real=real), *sync),
         real,
@@ -266,7 +266,9 @@ def _channels(name: str, buses: Mapping[str, BusConfig], can: Sequence[str]) -> 
     return channels
 
 
-def _wanted(files: RobotFiles, control: ControllersFile, asked: Sequence[str]) -> tuple[str, ...]:
+def _wanted(
+    files: RobotFiles, control: ControllersFile, description: Description, asked: Sequence[str]
+) -> tuple[str, ...]:
     """Choose the controllers to activate: those asked for, else the first that moves joints; and all that move none."""
     for name in asked:
         if name not in control.controllers:
@@ -274,7 +276,9 @@ def _wanted(files: RobotFiles, control: ControllersFile, asked: Sequence[str]) -
     if files.bus_alone:
         return tuple(control.controllers)
     types = {name: config.type for name, config in control.controllers.items()}
-    if not asked and all(map(is_broadcaster, types.values())):
+    parts = [part for tag in description.hardware for part in (*tag.joints, *tag.sensors, *tag.gpios)]
+    commanded = any(part.command_interfaces for part in parts)
+    if not asked and all(map(is_broadcaster, types.values())) and (commanded or not types):
         raise RobotConfigError(f"{files.controllers}: no controller but broadcasters; nothing could command the robot")
     moving = [name for name, type_name in types.items() if moves_joints(type_name)]
     beside = [name for name in types if name not in moving]
