@@ -69,7 +69,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--eds",
         action="append",
         metavar="[N[,N]=]FILE",
-        help="a path, or the name of a bundled file; needed to run drives; with N= that of some of the nodes (repeatable)",
+        help="a path, or the name of a bundled file; needed to run drives; N=FILE: of these nodes (repeatable)",
     )
     parser.add_argument("--can", required=True, metavar="CHANNEL", help="local:NAME, vcan0, can0, ...")
     parser.add_argument(

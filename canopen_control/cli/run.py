@@ -263,6 +263,7 @@ def read_setup(args: argparse.Namespace) -> RobotSetup:
         peer_merge=args.peer_merge,
         allow_unsupervised=args.allow_unsupervised,
         kernel_sync=getattr(args, "kernel_sync", False),
+        physics=getattr(args, "physics", False),
     )
 
 

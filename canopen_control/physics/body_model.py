@@ -178,7 +178,7 @@ def _touch_floor(spec: Any, ground: Ground, floor: Floor, step: float) -> None: 
         if touch is None or part is Part.CASTER:
             continue
         if part is Part.ROLLER:
-            geom = _loosened(spec, geom, step, floor.friction)
+            geom = _loosened(geom, step, floor.friction)
         if geom.type == mujoco.mjtGeom.mjGEOM_CYLINDER:
             radius, half = geom.size[0], geom.size[1]
             geom.type, geom.size = mujoco.mjtGeom.mjGEOM_ELLIPSOID, [radius, radius, half]
@@ -190,13 +190,14 @@ def _set_contact(geom: Any, friction: float, step: float) -> None:  # noqa: ANN4
     geom.friction = [friction, 0.005, 0.0001]
 
 
-def _loosened(spec: Any, geom: Any, step: float, friction: float) -> Any:  # noqa: ANN401 - as above
-    """Put a cylinder on an axle of its own, on which it turns freely."""
+def _loosened(geom: Any, step: float, friction: float) -> Any:  # noqa: ANN401 - as above
+    """Put half of a cylinder on an axle of its own, on which it turns freely; the other half is the hub."""
+    geom.contype = geom.conaffinity = 0
+    geom.density = 0.5 * geom.density
     wheel = geom.parent.add_body(name=f"{geom.name} rolling", pos=geom.pos, quat=geom.quat)
     wheel.add_joint(name=f"{geom.name} axle", type=mujoco.mjtJoint.mjJNT_HINGE, axis=[0.0, 0.0, 1.0])
     rolling = wheel.add_geom(name=f"{geom.name} tyre", type=geom.type, size=geom.size, density=geom.density)
     _set_contact(rolling, friction, step)
-    spec.delete(geom)
     return rolling
 
 
@@ -247,7 +248,7 @@ def _motor(axis: AxisSettings, effort: float, inertia: float, need: float, *, wh
 
 
 def _in_postures(model: Any, axes: Mapping[str, AxisSettings]) -> tuple[dict[str, float], dict[str, float]]:  # noqa: ANN401
-    """Return the inertia of each joint, the geometric mean of several postures, and the greatest torque of its weight."""
+    """Return the inertia of each joint, a geometric mean over postures, and the greatest torque of its weight."""
     data = mujoco.MjData(model)
     matrix = np.zeros((model.nv, model.nv))
     logs, weights = dict.fromkeys(axes, 0.0), dict.fromkeys(axes, 0.0)
@@ -274,7 +275,7 @@ def _place(model: Any, name: str, motor: Motor) -> JointPlace:  # noqa: ANN401 -
 def _told(axes: Mapping[str, AxisSettings], motors: Mapping[str, Motor], ground: Ground, free: bool) -> list[str]:
     """Return in words what was found and guessed."""
     wheels = [touch.joint for touch in ground.touches if touch.part is Part.WHEEL]
-    others = [touch.geom for touch in ground.touches if touch.part is Part.ROLLER]
+    others = [touch.geom.partition(" shape ")[0] for touch in ground.touches if touch.part is Part.ROLLER]
     what = f"on wheels: {', '.join(wheels)}" if wheels else "on no driven wheels"
     rolling = f", {', '.join(others)} turning freely" if others else ""
     lines = [f"the robot stands {what}{rolling}" if free else "no wheel carries the robot: it is bolted to the ground"]
@@ -283,4 +284,3 @@ def _told(axes: Mapping[str, AxisSettings], motors: Mapping[str, Motor], ground:
         told = ", ".join(f"{name} {motors[name].rated_torque:.3g} Nm" for name in guessed)
         lines.append(f"rated torques are estimated: {told}")
     return lines
-

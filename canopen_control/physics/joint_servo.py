@@ -70,7 +70,6 @@ class ServoLoop:
             self._integral += self._ki * lacking
         return held
 
-
     def _hold(self, limit: float) -> float:
         """Return the torque at a place that is right to a count: without hunting for less than the encoder sees."""
         return max(-limit, min(limit, self._integral - self.kp * self._velocity))

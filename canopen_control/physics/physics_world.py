@@ -2,8 +2,8 @@
 
 The world lives on a grid of its own steps. Who brings one axis to a time brings all of them there, each timer of the
 others at its own time, in order; what a drive wants is read at each point of the grid. So what happens depends on what
-the drives are told and when, to the bit, and not on who looked how often. Where nothing moves and nothing wants to, time
-passes without a step.
+the drives are told and when, to the bit, and not on who looked how often. Where nothing moves and nothing wants to,
+time passes without a step.
 """
 
 from __future__ import annotations
@@ -36,9 +36,7 @@ _SETTLE_STEPS: Final = 300
 class PhysicsWorld:
     """The `World` of one body; `axes` are the settings of the axes by node id and number, `notes` what was guessed."""
 
-    def __init__(
-        self, body: Body, axes: Mapping[tuple[int, int], AxisSettings], notes: tuple[str, ...] = ()
-    ) -> None:
+    def __init__(self, body: Body, axes: Mapping[tuple[int, int], AxisSettings], notes: tuple[str, ...] = ()) -> None:
         self._body, self._axes, self.model, self.notes = body, axes, body.model, notes
         self.data = mujoco.MjData(body.model)
         self.angles, self.speeds, self.efforts = self.data.qpos, self.data.qvel, self.data.qfrc_applied

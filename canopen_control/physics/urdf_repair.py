@@ -38,7 +38,7 @@ class RepairedUrdf:
 
 def repaired(description: Description) -> RepairedUrdf:
     """Return a description as MuJoCo can read it; PhysicsError for what it could not make up."""
-    root = ET.fromstring(description.urdf_xml)  # noqa: S314 - the description was read already
+    root = ET.fromstring(description.urdf_xml)
     notes: list[str] = []
     for tag in _FOREIGN:
         for each in root.findall(tag):
@@ -99,13 +99,12 @@ def _resolve(mesh: ET.Element, path: str) -> str:
 def _check_masses(root: ET.Element, description: Description) -> None:
     """Tell the moving links without a mass or a shape of which one could be made, with the lines of their joints."""
     heavy = {link.get("name", "") for link in root.findall("link") if _weighs(link)}
-    problems = []
-    for joint in description.joints.values():
-        if not joint.fixed and not heavy.intersection(_rigid(description, joint.child)):
-            problems.append(
-                f"{description.path}:{joint.place.line}:{joint.place.column}: joint {joint.name} moves link "
-                f"{joint.child}, which has neither a mass nor a shape; give it <inertial>, or a <collision>"
-            )
+    problems = [
+        f"{description.path}:{joint.place.line}:{joint.place.column}: joint {joint.name} moves link {joint.child}, "
+        "which has neither a mass nor a shape; give it <inertial>, or a <collision>"
+        for joint in description.joints.values()
+        if not joint.fixed and not heavy.intersection(_rigid(description, joint.child))
+    ]
     if problems:
         raise PhysicsError("\n".join(problems))
 

@@ -40,16 +40,15 @@ def check_physics(setup: RobotSetup) -> None:
         )
     for channel in setup.channels.values():
         if parse_channel(channel).kind.in_process:
-            raise RobotConfigError(f"--physics: the drives on {channel} are no process of their own; use --can local:NAME")
+            raise RobotConfigError(
+                f"--physics: the drives on {channel} are no process of their own; use --can local:NAME"
+            )
 
 
 def write_plant(setup: RobotSetup, joints: Mapping[str, JointDrive]) -> Path:
     """Write the plant file and the description for the joints of a robot; return its path. ConfigError if it cannot."""
     if not joints:
-        raise RobotConfigError(
-            f"--physics: no joint of {setup.description.path} is moved by a drive of bus.yml; with a simulation plugin, "
-            "there are none to simulate"
-        )
+        raise RobotConfigError(f"--physics: no joint of {setup.description.path} is moved by a drive of bus.yml")
     folder = state_dir(setup.name)
     folder.mkdir(parents=True, exist_ok=True)
     write_whole(folder / _URDF, setup.description.urdf_xml.encode())

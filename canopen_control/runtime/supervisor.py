@@ -141,8 +141,13 @@ class Supervisor:
             is_drive = child is not self._recorder
             late = partial(self._late, child, fail) if is_drive else partial(self._without_recorder, child)
             self._awaited[child] = self._reactor.call_later(drives_ns if is_drive else _LISTENING_NS, late)
-            child.watch_ready(self._reactor, partial(self._arrived, child))
+            child.watch_ready(self._reactor, partial(self._heard, child))
         self._look_whether_ready()
+
+    def _heard(self, child: Child) -> None:
+        """Go on without a child that cannot say that it is ready; that of a world tells by its end why."""
+        if child.heard_at is not None or self._world is None or child is not self._world[0]:
+            self._arrived(child)
 
     def _arrived(self, child: Child) -> None:
         timer = self._awaited.pop(child, None)

@@ -18,7 +18,17 @@ from canopen_control.rpc.messages.drive import WorldState
 if TYPE_CHECKING:
     from canopen_control.virtual.trajectory import Piece, Trajectory
 
-__all__ = ["CoupledPlant", "IdealPlant", "LagPlant", "Leader", "LoadedPlant", "PlainWorld", "Plant", "TellingWorld", "World"]
+__all__ = [
+    "CoupledPlant",
+    "IdealPlant",
+    "LagPlant",
+    "Leader",
+    "LoadedPlant",
+    "PlainWorld",
+    "Plant",
+    "TellingWorld",
+    "World",
+]
 
 
 class Plant(Protocol):
