@@ -49,6 +49,12 @@ class RobotSetup:
     notes: tuple[str, ...]
     real: bool = False
     kernel_sync: bool = False
+    physics: bool = False
+
+    @property
+    def on_drives(self) -> bool:
+        """Whether drives, real or virtual, move the joints whatever the plugins of the description are."""
+        return self.real or self.physics
 
     @property
     def bus(self) -> BusConfig:
@@ -95,13 +101,14 @@ def read_robot(
     peer_merge: bool = False,
     allow_unsupervised: bool = False,
     kernel_sync: bool = False,
+    physics: bool = False,
 ) -> RobotSetup:
     """Read and check all three files; raises a ConfigError.
 
     `mock` and `real` overrule the hardware plugins of the description; with `strict`, what is suspicious in
     ros2_controllers.yaml is an error; `peer_merge` lets `defaults` of bus.yml win over the nodes;
     `allow_unsupervised` accepts drives that nothing stops when the master dies; `kernel_sync` leaves SYNC to the
-    kernel.
+    kernel; with `physics` virtual drives move the robot in a world.
     """
     name = name or files.name
     if files.bus_alone:
@@ -116,7 +123,7 @@ def read_robot(
             control = read_controllers(files.controllers, strict=strict)
             description = with_interfaces_of_plugins(reader.result(), plans_of(buses))
     if not buses:
-        _refuse_drives(files, description, mock=mock, real=real)
+        _refuse_drives(files, description, mock=mock, real=real or physics)
     channels = _channels(name, buses, can)
     if kernel_sync:
         _require_kernel_sync(buses, channels, mock=mock)
@@ -130,9 +137,10 @@ def read_robot(
         control,
         _wanted(files, control, description, controllers),
         mock,
-        (*_told_by_files(files, buses, control, description, mock=mock, real=real), *sync),
+        (*_told_by_files(files, buses, control, description, mock=mock, real=real or physics), *sync),
         real,
         kernel_sync,
+        physics,
     )
 
 
