@@ -13,8 +13,8 @@ import msgspec
 from canopen_control.rpc.messages.declare import Api, Done, Effect, Request
 
 __all__ = ["DRIVE", "ActiveFaults", "AxisState", "BasePose", "DriveEvent", "DriveHello", "DriveState", "FaultListing",
-           "GetDriveState", "ListFaults", "PlantState", "RestartQuality", "SetInputs", "SetPlant", "SetPointQuality",
-           "SetSignals", "SignalState", "Spread", "SwitchFault", "WorldState"]  # fmt: skip
+           "GetDriveState", "GetWorld", "ListFaults", "PlantState", "RestartQuality", "SetInputs", "SetPlant",
+           "SetPointQuality", "SetSignals", "SignalState", "Spread", "SwitchFault", "WorldState"]  # fmt: skip
 
 Inputs = Annotated[int, msgspec.Meta(ge=0, le=0xFFFFFFFF)]
 
@@ -138,17 +138,27 @@ class AxisState(msgspec.Struct, frozen=True, kw_only=True):
     set_points: SetPointQuality | None = None
 
 
-class BasePose(msgspec.Struct, frozen=True):
-    """Where a base is on its floor: m and rad, the heading not wrapped, at monotonic ns."""
+class BasePose(msgspec.Struct, frozen=True, omit_defaults=True):
+    """The true pose of a base in its world, whatever its odometry believes: m and rad, at monotonic ns.
+
+    `x`, `y`, `z` are those of the root of its description, `heading` is about z and not wrapped, `pitch` and `roll` are
+    about y and x of the base after it; an engine that knows a floor alone leaves `z`, `roll` and `pitch` at 0.
+    """
 
     x: float
     y: float
     heading: float
     time_ns: int
+    z: float = 0.0
+    roll: float = 0.0
+    pitch: float = 0.0
 
 
 class WorldState(msgspec.Struct, frozen=True, omit_defaults=True):
-    """What the axes do together: the `base` that they move; `others` are what an engine of its own tells, by name."""
+    """What the axes do together: the true pose of the `base` that they move, None where they move none.
+
+    `others` are what an engine of its own tells, by name.
+    """
 
     base: BasePose | None = None
     others: dict[str, float] = {}
@@ -224,3 +234,11 @@ class RestartQuality(Request[Done], frozen=True, kw_only=True):
     """Begin to count and measure the set-points of an axis anew."""
 
     axis: int = 0
+
+
+# -- what the axes do together
+
+
+@DRIVE.method("world", Effect.READS)
+class GetWorld(Request[WorldState], frozen=True):
+    """The true pose of the world: where the base is that the node's axes move, as every node of that world says it."""
