@@ -139,10 +139,10 @@ class AxisState(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class BasePose(msgspec.Struct, frozen=True, omit_defaults=True):
-    """The true pose of a base in its world, whatever its odometry believes: m and rad, at monotonic ns.
+    """Where a base is in its world: m and rad, the heading not wrapped, at monotonic ns.
 
-    `x`, `y`, `z` are those of the root of its description, `heading` is about z and not wrapped, `pitch` and `roll` are
-    about y and x of the base after it; an engine that knows a floor alone leaves `z`, `roll` and `pitch` at 0.
+    `z` is above the floor that it started on, `roll` and `pitch` are those of REP 103, positive to the right side and
+    to the front down.
     """
 
     x: float
@@ -155,10 +155,7 @@ class BasePose(msgspec.Struct, frozen=True, omit_defaults=True):
 
 
 class WorldState(msgspec.Struct, frozen=True, omit_defaults=True):
-    """What the axes do together: the true pose of the `base` that they move, None where they move none.
-
-    `others` are what an engine of its own tells, by name.
-    """
+    """What the axes do together: the `base` that they move; `others` are what an engine of its own tells, by name."""
 
     base: BasePose | None = None
     others: dict[str, float] = {}

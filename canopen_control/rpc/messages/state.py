@@ -155,9 +155,9 @@ class RobotEvent(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 class TruePose(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Where the base of a simulated robot truly is at `time`: m and rad in the frame of its world.
 
-    `heading` is about z and not wrapped, `pitch` and `roll` about y and x of the base after it. `odom` is where the
-    frame of odometry is in the world: there the two agreed when both were known first, or odometry was set. `error` is
-    the true pose less odometry, seen in odometry's frame; None while no base controller is active.
+    `heading` is not wrapped, `z`, `roll` and `pitch` are as the drives' BasePose has them. `odom` is where the frame of
+    odometry is in the world: there the two agreed when both were known first, or odometry was set. `error` is the true
+    pose less odometry, seen in odometry's frame; None while no base controller is active.
     """
 
     time: UnixTime
