@@ -81,7 +81,7 @@ class DiffDriveController(MobileBase):
         self.set_up(given, given.cmd_vel_timeout, len(self.joints), limits, given.publish_rate, given.open_loop)
 
     def on_set(self, params: Params) -> None:
-        """Take other limits, another timeout, other things to publish, from the next update on; at rest other wheels."""
+        """Take other limits, another timeout, what to publish, from the next update on; at rest other wheels."""
         given = read_params(params, self.geometry)
         wheels = (given.separation, given.left_radius, given.right_radius)
         if wheels != self._wheels and self.state is ControllerState.ACTIVE and any(self.limited):
