@@ -13,8 +13,8 @@ import msgspec
 from canopen_control.rpc.messages.declare import Api, Done, Effect, Request
 
 __all__ = ["DRIVE", "ActiveFaults", "AxisState", "BasePose", "DriveEvent", "DriveHello", "DriveState", "FaultListing",
-           "GetDriveState", "ListFaults", "PlantState", "RestartQuality", "SetInputs", "SetPlant", "SetPointQuality",
-           "SetSignals", "SignalState", "Spread", "SwitchFault", "WorldState"]  # fmt: skip
+           "GetDriveState", "GetWorld", "ListFaults", "PlantState", "RestartQuality", "SetInputs", "SetPlant",
+           "SetPointQuality", "SetSignals", "SignalState", "Spread", "SwitchFault", "WorldState"]  # fmt: skip
 
 Inputs = Annotated[int, msgspec.Meta(ge=0, le=0xFFFFFFFF)]
 
@@ -237,3 +237,11 @@ class RestartQuality(Request[Done], frozen=True, kw_only=True):
     """Begin to count and measure the set-points of an axis anew."""
 
     axis: int = 0
+
+
+# -- what the axes do together
+
+
+@DRIVE.method("world", Effect.READS)
+class GetWorld(Request[WorldState], frozen=True):
+    """The true pose of the world: where the base is that the node's axes move, as every node of that world says it."""
