@@ -1,7 +1,7 @@
 """The rhythm of SYNC as the phase lock (PLL) of a drive recovers it from SYNCs that come early and late.
 
 A filter of growing memory, up to `_MEMORY` SYNCs: the least-squares line through the times at which they came, the way
-a drive's own clock is pulled to SYNC. A SYNC off by more than half a period, or after a long silence, begins it anew.
+a drive's own clock is pulled to SYNC. A SYNC off by almost half a period, or after a long silence, begins it anew.
 SYNCs that come in time are taken as they are, to the nanosecond. Times are monotonic nanoseconds.
 """
 
@@ -13,7 +13,7 @@ __all__ = ["SyncRhythm"]
 
 _MEMORY: Final = 256  # SYNCs: 2.6 s at 100 Hz
 _LOCKED: Final = 3  # SYNCs until a period is known
-_MOST_MISSED: Final = 8
+_MOST_MISSED: Final = 8  # one after the other
 _SAME: Final = 0.02  # by which two periods may differ
 _FORGETS: Final = 1.0 / 256
 _MARGIN: Final = 1.25  # the next one may be later than any before
@@ -25,14 +25,14 @@ class SyncRhythm:
     `slack_ns` is how late the next one may be, by those before: 0 where all came in time.
     """
 
-    __slots__ = ("_count", "_edge", "_latest", "late_ns", "period_ns")
+    __slots__ = ("_count", "_edge", "_latest", "_missed", "late_ns", "period_ns")
 
     def __init__(self) -> None:
         self._begin(0)
         self._count = 0
 
     def _begin(self, now: int) -> None:
-        self._count, self._edge = 1, float(now)
+        self._count, self._edge, self._missed = 1, float(now), 0
         self.period_ns = self.late_ns = self._latest = 0.0
 
     @property
@@ -57,7 +57,8 @@ class SyncRhythm:
     def _judge(self, now: int, gap: float, period: float) -> None:
         steps = round(gap / period)
         error = gap - steps * period
-        if not 1 <= steps <= _MOST_MISSED or abs(error) >= 0.45 * period:
+        self._missed = self._missed + steps - 1 if steps > 1 else 0  # in a row: of another period by now
+        if steps < 1 or self._missed > _MOST_MISSED or abs(error) >= 0.45 * period:
             self._begin(now)
         else:
             self._follow(steps, error, now)
