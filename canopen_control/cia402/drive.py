@@ -50,7 +50,7 @@ if TYPE_CHECKING:
 
     from canopen_control.cia402.events import DriveEvent
 
-__all__ = ["DriveMachine", "Goal"]  # Goal lives in goal.py: whoever has a machine speaks of its goals
+__all__ = ["DriveMachine", "Goal"]  # Goal lives in drive_goal.py: whoever has a machine speaks of its goals
 
 _NEVER: Final = (1 << 62) - 1  # small enough to stay unboxed where this is compiled
 _AT_ONCE: Final = -1
@@ -251,7 +251,7 @@ class DriveMachine:
 
     @property
     def reached(self) -> bool:
-        """Whether the goal is reached; the way of a stop is `goal.is_stopped`."""
+        """Whether the goal is reached; the way of a stop is `drive_goal.is_stopped`."""
         if self.goal is Goal.ENABLED:
             return self.enabled and self._mode.confirmed
         return is_stopped(self.goal, self.disabled_state, self.state)
