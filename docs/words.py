@@ -261,6 +261,8 @@ CONTROLLERS: dict[str, dict[str, str]] = {
         "constraints.stopped_velocity_tolerance": "rad/s at the end, where velocity or effort is commanded",
         "constraints.goal_time": "s after the end in which the goal must be reached; 0: no limit",
         "constraints.decelerate_on_cancel": "brakes with `max_deceleration_on_cancel` where a trajectory is given up",
+        "unreachable_points": "what happens to a trajectory with a point that a joint cannot reach in time from the "
+        "one before within its velocity limit: `refuse`, `warn` (taken, and told), `off`",
         "allowed_start_tolerance": "rad or m from a joint to the first point, beyond what it can go until then; 0: any",
         "continue_without_client": "a goal goes on when the action client that sent it is gone, as upstream's does",
         "joint_limiter_type": "keeps each commanded point within the limits (rolling); empty: nothing does",

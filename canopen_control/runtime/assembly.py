@@ -97,7 +97,7 @@ class Assembly:
         why = bus.why_no_kernel_sync()
         if why:
             text = f"{why}; this program sends it, as evenly as the machine lets it"
-            self.report(Event(self.reactor.now(), "note", "", text))
+            self.report(Event(self.reactor.now(), "sync", "", text))
         return why is None
 
     def _add_system(self, tag: Ros2ControlSystem) -> None:

@@ -68,6 +68,15 @@ class RobotSetup:
         return ", ".join(nodes if self.files.bus_alone else self.to_activate)
 
     @property
+    def told_of_sync(self) -> Iterator[str]:
+        """That the kernel sends SYNC, and what a late process does to the motion of a drive that is real."""
+        for name, choice in self.sync.items() if not self.mock else ():
+            if choice.sender is SyncSender.KERNEL:
+                yield choice.words
+            elif choice.hint and not is_simulated(self.channels[name]):
+                yield choice.hint
+
+    @property
     def cycle_ns(self) -> int:
         """The period of the cycle: SYNC's, else that of the controllers."""
         sync = self.bus.master.sync_period * 1000 if self.buses else 0
@@ -137,10 +146,7 @@ def read_robot(
         control,
         _wanted(files, control, controllers),
         mock,
-        (
-            *_told_by_files(files, buses, control, description, mock=mock, real=real),
-            *(() if mock else _told_of_sync(sync, channels)),
-        ),
+        tuple(_told_by_files(files, buses, control, description, mock=mock, real=real)),
         real,
         kernel_sync,
         sync,
@@ -244,15 +250,6 @@ def _require_kernel_sync(buses: Mapping[str, BusConfig], channels: Mapping[str, 
                 f"--kernel-sync: the kernel cannot send SYNC on {channels[name]}, where this program does it; "
                 "leave the option away, or use a SocketCAN interface such as --can vcan0"
             )
-
-
-def _told_of_sync(sync: Mapping[str, SyncChoice], channels: Mapping[str, str]) -> Iterator[str]:
-    """Yield that the kernel sends SYNC, and what a late process does to the motion of a drive that is real."""
-    for name, choice in sync.items():
-        if choice.sender is SyncSender.KERNEL:
-            yield choice.words
-        elif choice.hint and not is_simulated(channels[name]):
-            yield choice.hint
 
 
 def _channels(name: str, buses: Mapping[str, BusConfig], can: Sequence[str]) -> dict[str, str]:

@@ -1,7 +1,7 @@
 """Set-points of an arm on the CAN of a real kernel while its machine is busy: as evenly as the kernel sends SYNC.
 
-What was on the wire, by the kernel's own times, is given to a drive that takes each SYNC as the exact time; how unevenly
-it moves is compared with the same set-points on SYNCs that come in time.
+What was on the wire, by the kernel's own times, is given to a drive that takes each SYNC as the exact time; how
+unevenly it moves is compared with the same set-points on SYNCs that come in time.
 """
 
 import itertools
