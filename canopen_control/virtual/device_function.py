@@ -1,4 +1,4 @@
-"""What a virtual device does that is no drive: its inputs come from outside, its outputs go there (CiA 401 to 418).
+"""What a virtual device does that is no drive: its inputs come from outside, its outputs go there (CiA 401 to 419).
 
 The dictionary decides which function a node has; a drive, and a device of an unknown profile, has none and is a plain
 node. Inputs are set in the units of their signals by name, such as `di3` or `position`.
@@ -77,4 +77,5 @@ _KINDS: Final = {
     Profile.ENCODER: ("position_devices", "Encoder"),
     Profile.INCLINOMETER: ("position_devices", "Inclinometer"),
     Profile.BATTERY: ("sensor_device", "Battery"),
+    Profile.CHARGER: ("sensor_device", "Charger"),
 }

@@ -1,10 +1,10 @@
-"""Virtual sensors: values from outside, in units, shown in the objects of their profile (CiA 404 and 418).
+"""Virtual sensors: values from outside, in units, shown in the objects of their profile (CiA 404, 418 and 419).
 
 What a value is in raw numbers follows the device's own objects (digits, resolution, steps per turn) at once when they
 are written. A measured value (404) that its object cannot hold is an overload: bits 1 and 2 of its status (0x6150);
 `status0` sets the others, as 1 for a broken wire. A battery (418) that is given a `battery_current` (A, negative when
 it is discharged) counts its charge by its capacity (0x6020:02), and its voltage sags. Encoders and inclinometers are
-made of the same.
+made of the same. A charger (419) that misses its master forgets the current that was requested of it.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from canopen_control.virtual.node_outbox import Clock, NodeOutbox
     from canopen_control.virtual.object_store import ObjectStore
 
-__all__ = ["Battery", "MeasuringDevice", "SensorDevice"]
+__all__ = ["Battery", "Charger", "MeasuringDevice", "SensorDevice"]
 
 _NS: Final = 1e9
 
@@ -238,3 +238,14 @@ class Battery(SensorDevice):
         flowed = self.outside["battery_current"] * seconds / 3600.0 / capacity * 100.0
         present = self.outside.get("battery_percentage", 0.0)
         self.outside["battery_percentage"] = min(max(present + flowed, 0.0), 100.0)
+
+
+class Charger(SensorDevice):
+    """A battery charger (CiA 419), which charges by what it is told of the battery."""
+
+    def _fail(self, _now: int) -> None:
+        """Request nothing of it: who asked for a current may be gone with the battery."""
+        requested = self.signals.get("charge_current_requested")
+        if requested is not None and requested.output:
+            self.store.set(*requested.address, 0)
+            self._outbox.values_changed()
