@@ -26,6 +26,9 @@ __all__ = ["DeviceFunction", "make_function"]
 class DeviceFunction(Protocol):
     """The function of one device. The gate of its event-driven TPDOs too: who maps inputs asks whether to send."""
 
+    overloaded: bool
+    """Whether its protection has switched its outputs off, at the terminals."""
+
     def power_on(self, now: int) -> None:
         """Begin anew, after a reset of the node."""
 

@@ -46,7 +46,7 @@ class SensorDevice:
         }
         self.outside.update(dict.fromkeys(self.moving, 0.0))
         self.outside.update({name: each for name, each in self.begins_with.items() if name in self._inputs})
-        self.faults = InputFaults()
+        self.faults, self.overloaded = InputFaults(), False
         self._statuses = {signal.status for signal in self.signals.values()}
         self._moved_at: int | None = None
         scaled_by = {address[0] for signal in self.signals.values() for address in signal.needs}
@@ -71,9 +71,8 @@ class SensorDevice:
         found = [SignalState(name, self.outside[name], unit=unit) for name, unit in self.moving.items()]
         for name, signal in self.signals.items():
             if signal.output:
-                found.append(
-                    SignalState(name, signal.value(self.number(signal.address), self.gain(signal)), output=True)
-                )
+                value = signal.value(self.number(signal.address), self.gain(signal))
+                found.append(SignalState(name, 0.0 if self.overloaded else value, output=True))
             else:
                 found.append(SignalState(name, self.outside[name], unit=signal.unit))
         return tuple(found)
