@@ -7,20 +7,20 @@ node. Inputs are set in the units of their signals by name, such as `di3` or `po
 from __future__ import annotations
 
 import importlib
-from typing import TYPE_CHECKING, Final, Protocol
+from typing import TYPE_CHECKING, Final, Protocol, runtime_checkable
 
 from canopen_control.profiles.device_type import Profile, profile_of
 from canopen_control.profiles.profile_tables import profile_signals
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Mapping
+    from collections.abc import Callable, Collection, Mapping
 
     from canopen_control.od.model import Address, ObjectDictionary
     from canopen_control.rpc.messages.drive import SignalState
     from canopen_control.virtual.node_outbox import Clock, NodeOutbox
     from canopen_control.virtual.object_store import ObjectStore
 
-__all__ = ["DeviceFunction", "make_function"]
+__all__ = ["DeviceFunction", "Follower", "make_function"]
 
 
 class DeviceFunction(Protocol):
@@ -61,6 +61,14 @@ class DeviceFunction(Protocol):
 
     def break_inputs(self, kind: str, *, on: bool, now: int) -> None:
         """Switch a fault of the inputs: stuck, noise or jump."""
+
+
+@runtime_checkable
+class Follower(Protocol):
+    """A function that can be moved by a shaft."""
+
+    def follow(self, shaft: Callable[[], float | None]) -> None:
+        """Be where the shaft is from now on, in rad (m); None: it is not known."""
 
 
 def make_function(od: ObjectDictionary, store: ObjectStore, outbox: NodeOutbox, clock: Clock) -> DeviceFunction | None:
