@@ -102,13 +102,15 @@ class ForwardCommandController(Controller):
     def update(self, now: int, period: float) -> ReturnType:
         """Write the targets."""
         del period
-        if self._runs_out(now):
-            self._stop(now)
-        if not self.life.live:
+        life = self.life
+        if not life.live:
             return OK
-        index = 0
+        if life.limit_ns and now - life.given > life.limit_ns and self._runs_out(now):
+            self._stop(now)
+            return OK
+        index, values = 0, self._values
         for each in self.commands:
-            each.value = self._values[index]
+            each.value = values[index]
             index += 1  # noqa: SIM113 - enumerate makes a tuple per joint in the cycle
         return OK
 
