@@ -8,9 +8,9 @@ robot that is simulated publishes `/clock` itself, and its time is its own.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING
 
-import msgspec
+from canopen_control.rpc.messages.samples import stamped
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from canopen_control.rpc.messages.state import RobotEvent, StateSample
 
 __all__ = ["RosTime"]
-
-M = TypeVar("M", bound=msgspec.Struct)
 
 
 class RosTime:
@@ -41,13 +39,13 @@ class RosTime:
         if now is None:
             return message
         self._known = {name: self._of(name, each.time, now) for name, each in message.samples.items()}
-        samples = {name: _at(each, self._known[name][1]) for name, each in message.samples.items()}
-        return msgspec.structs.replace(message, time=now, samples=samples)
+        samples = {name: stamped(each, self._known[name][1]) for name, each in message.samples.items()}
+        return stamped(message, now, samples=samples)
 
     def event(self, message: RobotEvent) -> RobotEvent:
         """Return an event with ROS's time."""
         now = self._now()
-        return message if now is None else _at(message, now)
+        return message if now is None else stamped(message, now)
 
     def unix(self, stamp: float | None) -> float | None:
         """Return a stamp of ROS in the robot's time; None: there is none."""
@@ -60,7 +58,3 @@ class RosTime:
     def _of(self, name: str, time: float, now: float) -> tuple[float, float]:
         known = self._known.get(name)
         return known if known is not None and known[0] == time else (time, now)
-
-
-def _at(message: M, time: float) -> M:
-    return msgspec.structs.replace(message, time=time)
