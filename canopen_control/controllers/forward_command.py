@@ -40,6 +40,9 @@ class ForwardCommandController(Controller):
 
     independent: ClassVar[bool] = True
     topic: ClassVar[str | None] = "commands"
+    settable: ClassVar[tuple[str, ...]] = ("command_timeout",)
+    kind: ClassVar[type[GroupParams | SingleParams | MultiParams]] = ForwardParams
+    renames: ClassVar[dict[str, str]] = {}
 
     def __init__(self, name: str, type_name: str = "forward_command_controller/ForwardCommandController") -> None:
         super().__init__(name, type_name)
@@ -58,6 +61,11 @@ class ForwardCommandController(Controller):
         if not given.interface_name:
             raise RobotConfigError(_missing(self.name, "interface_name", "velocity"))
         self._set_up(given, given.joints, given.interface_name, given.command_timeout)
+
+    def on_set(self, params: Params) -> None:
+        """Take another command_timeout, which counts for the command that is there too."""
+        interfaces = [name.rpartition("/")[2] for name in self._names]
+        self._set_life(params.read(self.kind, self.renames).command_timeout, interfaces)
 
     def command_interface_names(self) -> list[str]:
         """Return one interface per value, in the order of the values."""
@@ -141,6 +149,8 @@ class ForwardCommandController(Controller):
 class MultiInterfaceForwardCommandController(ForwardCommandController):
     """Forwards numbers to several interfaces of one joint."""
 
+    kind: ClassVar[type[GroupParams | SingleParams | MultiParams]] = MultiParams
+
     def on_configure(self, params: Params) -> None:
         """Read joint, interface_names and command_timeout."""
         given = params.read(MultiParams)
@@ -156,6 +166,7 @@ class _JointGroupController(ForwardCommandController):
     """A forward command controller whose interface is fixed by its type."""
 
     fixed_interface = VELOCITY
+    kind: ClassVar[type[GroupParams | SingleParams | MultiParams]] = GroupParams
 
     def on_configure(self, params: Params) -> None:
         """Read joints and command_timeout."""
@@ -179,20 +190,22 @@ class JointGroupEffortController(_JointGroupController):
     fixed_interface = EFFORT
 
 
+_GAINS = ("p", "i", "d", "i_clamp", "i_clamp_min", "i_clamp_max", "antiwindup")
+
+
 class _JointController(ForwardCommandController):
     """ROS 1's controller of one joint, its interface fixed by its type."""
 
     fixed_interface = VELOCITY
+    kind: ClassVar[type[GroupParams | SingleParams | MultiParams]] = SingleParams
+    renames: ClassVar[dict[str, str]] = {f"pid.{gain}": "" for gain in _GAINS}
 
     def on_configure(self, params: Params) -> None:
         """Read joint and command_timeout."""
-        given = params.read(SingleParams, {f"pid.{gain}": "" for gain in _GAINS})
+        given = params.read(SingleParams, self.renames)
         if not given.joint:
             raise RobotConfigError(_missing(self.name, "joint", "left_wheel_joint"))
         self._set_up(given, (given.joint,), self.fixed_interface, given.command_timeout)
-
-
-_GAINS = ("p", "i", "d", "i_clamp", "i_clamp_min", "i_clamp_max", "antiwindup")
 
 
 class JointVelocityController(_JointController):

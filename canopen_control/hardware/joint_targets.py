@@ -316,8 +316,8 @@ def require_targets(axis: Axis, interfaces: Collection[str]) -> None:
         if name == DIGITAL_OUTPUTS:
             if axis.digital_outputs is None:
                 raise _unmapped(axis, name, "0x60FE:01")
-        elif name in FEED_FORWARD and POSITION in interfaces and _feeds(axis, name):
-            continue
+        elif name == TARGET or (name in FEED_FORWARD and POSITION in interfaces and _feeds(axis, name)):
+            continue  # a drive on a bus alone may be there to be looked at: its enable says what is missing
         elif name not in _SERVED:
             raise RobotConfigError(
                 f"joint {axis.joint}: no command interface {name!r}; there are: {', '.join((*MOTION, DIGITAL_OUTPUTS))}"
