@@ -4,6 +4,7 @@
     urdf: robby.urdf.xacro           # beside this file; or mjcf: scene.xml
     step_ms: 1                       # of the simulation
     floor: {friction: 0.8, caster_friction: 0.02}
+    world: hall.yml                  # what stands on the floor and what happens, see `world_file`
     axes:
       "3": {joint: left_wheel_joint, scale_pos_to_dev: -254.65, rated_torque: 0.5, peak_torque: 1.0}
       "3/1": {joint: lift_joint, scale_pos_to_dev: 1000}         # axis 1 of node 3
@@ -83,6 +84,7 @@ class PhysicsFile:
     base: Literal["free", "fixed"] | None = None
     density: float = setting(1000.0, low=1.0, high=30_000.0)
     floor: Floor = Floor()
+    world: str = ""
     here: Node = position()  # noqa: RUF009 - makes a field
 
 

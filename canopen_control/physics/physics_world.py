@@ -21,7 +21,9 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
     from canopen_control.physics.body_model import Body, JointPlace
+    from canopen_control.physics.disturbances import Disturbances
     from canopen_control.physics.physics_file import AxisSettings
+    from canopen_control.rpc.messages.drive import WorldAct
 
 __all__ = ["PhysicsWorld"]
 
@@ -36,7 +38,13 @@ _SETTLE_STEPS: Final = 300
 class PhysicsWorld:
     """The `World` of one body; `axes` are the settings of the axes by node id and number, `notes` what was guessed."""
 
-    def __init__(self, body: Body, axes: Mapping[tuple[int, int], AxisSettings], notes: tuple[str, ...] = ()) -> None:
+    def __init__(
+        self,
+        body: Body,
+        axes: Mapping[tuple[int, int], AxisSettings],
+        disturbances: Disturbances,
+        notes: tuple[str, ...] = (),
+    ) -> None:
         self._body, self._axes, self.model, self.notes = body, axes, body.model, notes
         self.data = mujoco.MjData(body.model)
         self.angles, self.speeds, self.efforts = self.data.qpos, self.data.qvel, self.data.qfrc_applied
@@ -50,7 +58,12 @@ class PhysicsWorld:
         self._asleep = False
         self._orders: list[tuple[object, ...]] = []
         self._heading, self._turns = 0.0, 0
+        self._began: int | None = None  # point of the grid from which the world's own times count
         self._settle()
+        self._disturbances = disturbances
+        disturbances.block = self._block
+        disturbances.begin(self.data)
+        disturbances.look_at_grip()
 
     def _settle(self) -> None:
         """Let it sink onto the floor before anybody looks, its driven joints held."""
@@ -137,13 +150,15 @@ class PhysicsWorld:
             return
         last, plants = now // self.step_ns, list(self._plants.values())
         if self._point is None:
-            self._point = last
+            self._point = self._began = last
         if self._asleep and self._orders != [plant.order() for plant in plants]:
             self.wake()
         while self._point < last:
+            if self._disturbances.advance(self._age_ns()):
+                self.wake()
             if self._asleep:
-                self._point = last
-                break
+                self._point = self._sleep_until(last)
+                continue
             self._step(self._point * self.step_ns, plants)
             self._point += 1
             if not self._point % _LOOK:
@@ -153,9 +168,30 @@ class PhysicsWorld:
         for plant in plants:
             plant.show(beyond)
 
+    def _age_ns(self) -> int:
+        """How old the world is."""
+        return ((self._point or 0) - (self._began or 0)) * self.step_ns
+
+    def _sleep_until(self, last: int) -> int:
+        """Return the point of the grid to which nothing happens."""
+        due = self._disturbances.next_ns()
+        return last if due is None else min(last, (self._began or 0) - (-due // self.step_ns))
+
+    def act(self, what: WorldAct) -> None:
+        """Let something happen now, at the time to which the world was brought."""
+        self._disturbances.act(what, self._age_ns())
+        self.wake()
+
+    def _block(self, joint: str, on: bool) -> None:
+        for plant in self._plants.values():
+            if plant.joint == joint:
+                plant.stalled = on
+
     def _step(self, clock: int, plants: Iterable[JointPlant]) -> None:
         for plant in plants:
             plant.control(clock)
+        if self._disturbances.patched:
+            self._disturbances.look_at_grip()
         mujoco.mj_step(self.model, self.data)
         self.steps += 1
 

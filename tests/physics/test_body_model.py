@@ -6,6 +6,7 @@ from support.physicsbench import BRAKED, robby_urdf
 from canopen_control.physics.body_model import BASE_JOINT, build, read_spec
 from canopen_control.physics.physics_file import AxisSettings, Floor, PhysicsError
 from canopen_control.physics.urdf_repair import repaired
+from canopen_control.physics.world_file import WorldDescription
 from canopen_control.urdf.description import parse_description
 
 WHEELS = {side: AxisSettings(f"{side}_wheel_joint", 100.0) for side in ("left", "right")}
@@ -23,6 +24,7 @@ def body(urdf, *axes, free=None, floor=None):
         density=1000.0,
         free=free,
         path="physics.yml",
+        world=WorldDescription(),
     )
 
 
