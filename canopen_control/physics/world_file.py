@@ -22,8 +22,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from canopen_control.physics.physics_file import Floor, PhysicsError
-from canopen_control.rpc.messages.drive import AddPayload, BlockJoint, PushRobot, SetGrip
+from canopen_control.rpc.messages.drive import BlockJoint
 from canopen_control.virtual.scenario import seconds_of
+from canopen_control.virtual.world_acts import Happening
 from canopen_control.yamlfile.convert import position, setting
 from canopen_control.yamlfile.node import Node  # noqa: TC001 - the type of a field is looked up at run time
 from canopen_control.yamlfile.reader import load
@@ -102,48 +103,20 @@ class Wall:
 
 
 @dataclass(frozen=True)
-class Payload:
-    """See `AddPayload`."""
-
-    mass: float
-    on: str = ""
-    position: tuple[float, float, float] = (0.0, 0.0, 0.0)
-
-
-@dataclass(frozen=True)
-class Push:
-    """See `PushRobot`."""
-
-    force: tuple[float, float, float]
-    on: str = ""
-    seconds: float = setting(0.2, low=1e-3)
-
-
-@dataclass(frozen=True)
-class WorldStep:
-    """Something that happens at a time: one of payload, push, block and friction."""
+class WorldStep(Happening):
+    """Something that happens at a time."""
 
     at: float | str
-    payload: Payload | None = None
-    push: Push | None = None
-    block: str = ""
-    friction: float | None = setting(None, low=0.0, high=10.0)
     length: float | str | None = setting(None, key="for")
     here: Node = position()
 
-    def acts(self) -> Iterator[tuple[int, WorldAct]]:
+    def timed(self) -> Iterator[tuple[int, WorldAct]]:
         """Yield what happens, each with its time in ns."""
         at_ns = round(seconds_of(self.at) * 1e9)
-        if self.payload is not None:
-            yield at_ns, AddPayload(mass=self.payload.mass, on=self.payload.on, position=self.payload.position)
-        if self.push is not None:
-            yield at_ns, PushRobot(force=self.push.force, on=self.push.on, seconds=self.push.seconds)
-        if self.friction is not None:
-            yield at_ns, SetGrip(friction=self.friction)
-        if self.block:
-            yield at_ns, BlockJoint(joint=self.block)
-            if self.length is not None:
-                yield at_ns + round(seconds_of(self.length) * 1e9), BlockJoint(joint=self.block, on=False)
+        for act in self.acts():
+            yield at_ns, act
+        if self.length is not None:
+            yield at_ns + round(seconds_of(self.length) * 1e9), BlockJoint(joint=self.block, on=False)
 
 
 @dataclass(frozen=True)
@@ -160,7 +133,7 @@ class WorldDescription:
 
     def timeline(self) -> list[tuple[int, WorldAct]]:
         """Return what happens, in order; times in ns from the beginning."""
-        return sorted((each for step in self.steps for each in step.acts()), key=lambda each: each[0])
+        return sorted((each for step in self.steps for each in step.timed()), key=lambda each: each[0])
 
 
 def read_world_description(path: Path) -> WorldDescription:
@@ -176,8 +149,7 @@ def _check(file: WorldDescription, _problems: Problems) -> None:
         if min(box.size) <= 0.0:
             box.here.error("size: the three lengths of a box are above 0")
     for step in file.steps:
-        given = [step.payload is not None, step.push is not None, bool(step.block), step.friction is not None]
-        if sum(given) != 1:
+        if len(step.acts()) != 1:
             step.here.error("a step has one of payload, push, block and friction")
         if step.length is not None and not step.block:
             step.here.error("for: goes with block")

@@ -45,7 +45,7 @@ def check_physics(setup: RobotSetup) -> None:
             )
 
 
-def write_plant(setup: RobotSetup, joints: Mapping[str, JointDrive]) -> Path:
+def write_plant(setup: RobotSetup, joints: Mapping[str, JointDrive], world: Path | None = None) -> Path:
     """Write the plant file and the description for the joints of a robot; return its path. ConfigError if it cannot."""
     if not joints:
         raise RobotConfigError(f"--physics: no joint of {setup.description.path} is moved by a drive of bus.yml")
@@ -53,14 +53,15 @@ def write_plant(setup: RobotSetup, joints: Mapping[str, JointDrive]) -> Path:
     folder.mkdir(parents=True, exist_ok=True)
     write_whole(folder / _URDF, setup.description.urdf_xml.encode())
     path = folder / PLANT_FILE
-    write_whole(path, plant_text(setup, joints.values()).encode())
+    write_whole(path, plant_text(setup, joints.values(), world).encode())
     return path
 
 
-def plant_text(setup: RobotSetup, joints: Iterable[JointDrive]) -> str:
+def plant_text(setup: RobotSetup, joints: Iterable[JointDrive], world: Path | None = None) -> str:
     """Return the plant file as text."""
     ratios = {each.joint: each.reduction for tag in setup.description.hardware for each in tag.transmissions}
-    lines = [f"# of {setup.description.path} and bus.yml", "engine: mujoco", f"urdf: {_URDF}", "axes:"]
+    lines = [f"# of {setup.description.path} and bus.yml", "engine: mujoco", f"urdf: {_URDF}"]
+    lines += [*([] if world is None else [f"world: {json.dumps(str(world))}"]), "axes:"]
     for joint in joints:
         axis = joint.axis.number
         address = f"{joint.node.node_id}/{axis}" if axis else f"{joint.node.node_id}"
