@@ -19,6 +19,7 @@ import numpy as np
 
 from canopen_control.errors import nearest
 from canopen_control.physics.ground_contact import Ground, Part, stand
+from canopen_control.physics.mecanum_contact import RollerWheel
 from canopen_control.physics.physics_file import PhysicsError
 from canopen_control.physics.scenery import add_scenery
 from canopen_control.urdf.geometry import from_yaw
@@ -83,6 +84,7 @@ class Body:
     notes: tuple[str, ...]
     wheels: tuple[int, ...] = ()
     casters: tuple[int, ...] = ()
+    rollers: tuple[RollerWheel, ...] = ()
 
 
 def read_spec(urdf: RepairedUrdf, path: str) -> Any:  # noqa: ANN401 - MuJoCo has no types
@@ -153,7 +155,7 @@ def build(
         {name: _place(model, name, motor) for name, motor in motors.items()},
         int(model.body(root).id) if is_free else None,
         tuple(_told(axes, motors, ground, is_free)),
-        *_on_floor(model, ground),
+        *_on_floor(model, ground, axes),
     )
 
 
@@ -181,10 +183,14 @@ def _set_options(spec: Any, step: float) -> None:  # noqa: ANN401 - as above
 def _touch_floor(spec: Any, ground: Ground, floor: Floor, step: float) -> None:  # noqa: ANN401 - as above
     """Give each shape what it does on the floor."""
     touches = {touch.geom: touch for touch in ground.touches}
+    rolling = {touch.geom for touch in ground.touches if touch.part is not Part.CASTER}
+    turning = {geom.parent.name for geom in spec.geoms if geom.name in rolling}
     for geom in list(spec.geoms):
         touch = touches.get(geom.name)
         part = Part.CASTER if touch is None else touch.part
         _set_contact(geom, floor.caster_friction if part is Part.CASTER else floor.friction, step)
+        if touch is None and geom.parent.name in turning:  # spokes and treads that are drawn turn with it
+            geom.contype = geom.conaffinity = 0
         if touch is None or part is Part.CASTER:
             continue
         if part is Part.ROLLER:
@@ -223,13 +229,25 @@ def _lay_floor(spec: Any, step: float, height: float) -> None:  # noqa: ANN401 -
     floor.contype, floor.conaffinity = _WORLD, _ROBOT
 
 
-def _on_floor(model: Any, ground: Ground) -> tuple[tuple[int, ...], tuple[int, ...]]:  # noqa: ANN401 - as above
-    """Return the numbers of the shapes that roll on the floor, and of those that slide on it."""
+def _on_floor(
+    model: Any,  # noqa: ANN401 - as above
+    ground: Ground,
+    axes: Mapping[str, AxisSettings],
+) -> tuple[tuple[int, ...], tuple[int, ...], tuple[RollerWheel, ...]]:
+    """Return the numbers of the shapes that roll on the floor, of those that slide on it, and the mecanum wheels."""
     places: dict[bool, list[int]] = {True: [], False: []}
+    rollers = []
     for touch in ground.touches:
+        angle = None if touch.joint not in axes else axes[touch.joint].roller
+        if angle is not None:
+            geom = int(model.geom(touch.geom).id)
+            model.geom_friction[geom, 0] = 0.0
+            frame = int(model.body_parentid[int(model.joint(touch.joint).bodyid[0])])
+            rollers.append(RollerWheel(geom, frame, angle, touch.radius))
+            continue
         name = f"{touch.geom}{_TYRE}" if touch.part is Part.ROLLER else touch.geom
         places[touch.part is not Part.CASTER].append(int(model.geom(name).id))
-    return tuple(places[True]), tuple(places[False])
+    return tuple(places[True]), tuple(places[False]), tuple(rollers)
 
 
 # -- motors

@@ -64,6 +64,14 @@ class Disturbances:
         """Whether the grip depends on where the robot is."""
         return bool(self._patches)
 
+    def grip_at(self, x: float, y: float) -> float:
+        """Return the grip of a wheel at a place of the floor."""
+        grip = self._grip
+        for patch in self._patches:
+            if patch.covers(x, y):
+                grip = patch.friction
+        return grip
+
     def next_ns(self) -> int | None:
         """Return when the next thing happens, None: nothing will."""
         return self._due[0][0] if self._due else None
@@ -143,15 +151,9 @@ class Disturbances:
 
     def look_at_grip(self) -> None:
         """Give each wheel and caster the grip of the floor where it is."""
-        for geoms, usual in ((self._wheels, self._grip), (self._casters, self._slide)):
-            for geom in geoms:
-                friction = usual
-                if self._patches:
-                    x, y = float(self._data.geom_xpos[geom, 0]), float(self._data.geom_xpos[geom, 1])
-                    for patch in self._patches:
-                        if patch.covers(x, y):
-                            friction = patch.friction if geoms is self._wheels else min(usual, patch.friction)
-                self._model.geom_friction[geom, 0] = friction
+        for geom in (*self._wheels, *self._casters):
+            grip = self.grip_at(float(self._data.geom_xpos[geom, 0]), float(self._data.geom_xpos[geom, 1]))
+            self._model.geom_friction[geom, 0] = grip if geom in self._wheels else min(self._slide, grip)
 
 
 def _steiner(way: NDArray[np.float64]) -> NDArray[np.float64]:

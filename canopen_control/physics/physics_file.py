@@ -44,7 +44,8 @@ class AxisSettings:
     `scale_pos_to_dev` are counts of the drive for each rad, as in bus.yml, negative where it is mounted mirrored.
     `encoder` are counts for a turn of the motor (for a metre of its way), `rotor_inertia` that of the motor before the
     `gear`; `inertia` is what the velocity loop, of so much `bandwidth` in rad/s, was tuned for. A `brake` holds the
-    joint while there is no power. None: estimated.
+    joint while there is no power. A mecanum wheel has a `roller` on the ground, whose axle is turned so many degrees
+    from ahead to the left. None: estimated, or there is none.
     """
 
     joint: str
@@ -60,6 +61,7 @@ class AxisSettings:
     bandwidth: float = setting(80.0, low=1.0, high=1000.0)
     position_gain: float = setting(30.0, low=0.0, high=1000.0)
     brake: bool | None = None
+    roller: float | None = setting(None, low=-90.0, high=90.0)
     here: Node = position()  # noqa: RUF009 - makes a field
 
 

@@ -15,6 +15,7 @@ import mujoco
 import numpy as np
 
 from canopen_control.physics.joint_servo import JointPlant
+from canopen_control.physics.mecanum_contact import MecanumContact
 from canopen_control.rpc.messages.drive import BasePose, WorldState
 
 if TYPE_CHECKING:
@@ -33,6 +34,7 @@ _LOOK: Final = 16  # steps between two looks whether all is at rest, and at the 
 _REST_S: Final = 0.5
 _AT_REST: Final = 1e-3  # rad/s, m/s
 _SETTLE_STEPS: Final = 300
+_BASE_DOFS: Final = 6  # of a free root, which come first
 
 
 class PhysicsWorld:
@@ -61,9 +63,17 @@ class PhysicsWorld:
         self._began: int | None = None  # point of the grid from which the world's own times count
         self._settle()
         self._disturbances = disturbances
+        load = self._weight() / max(1, len(body.rollers))
+        self._rollers = [MecanumContact(self.model, self.data, each, load) for each in body.rollers]
         disturbances.block = self._block
         disturbances.begin(self.data)
         disturbances.look_at_grip()
+
+    def _weight(self) -> float:
+        """Return the weight of the robot in N."""
+        if self._body.base is None:
+            return 0.0
+        return float(self.model.body_subtreemass[self._body.base] * np.linalg.norm(self.model.opt.gravity))
 
     def _settle(self) -> None:
         """Let it sink onto the floor before anybody looks, its driven joints held."""
@@ -190,6 +200,10 @@ class PhysicsWorld:
     def _step(self, clock: int, plants: Iterable[JointPlant]) -> None:
         for plant in plants:
             plant.control(clock)
+        if self._rollers:
+            self.efforts[:_BASE_DOFS] = 0.0  # the joints' own are there anew
+            for roller in self._rollers:
+                roller.add_force(self._disturbances.grip_at(float(self.angles[0]), float(self.angles[1])))
         if self._disturbances.patched:
             self._disturbances.look_at_grip()
         mujoco.mj_step(self.model, self.data)

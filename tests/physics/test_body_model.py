@@ -1,4 +1,5 @@
 import dataclasses
+import re
 
 import pytest
 from support.physicsbench import BRAKED, robby_urdf
@@ -100,6 +101,13 @@ def test_a_steered_wheel_without_an_axle_rolls():
     made = body(f'<robot name="r">{wheel}</robot>', AxisSettings("steer", 1.0))
     assert "the robot stands on no driven wheels, wheel turning freely" in made.notes
     assert made.model.njnt == 3  # the root, the steering, the axle
+
+
+def test_what_is_drawn_on_a_wheel_touches_nothing():
+    seen_only = re.sub(r"<collision>.*?</collision>", "", robby_urdf(), flags=re.DOTALL)
+    model = body(seen_only, *WHEELS.values()).model
+    shapes = [index for index in range(model.ngeom) if model.geom(index).name.startswith("left_wheel")]
+    assert sorted(int(model.geom_contype[index]) for index in shapes) == [0, 2]
 
 
 def test_what_mujoco_refuses_is_one_sentence():
