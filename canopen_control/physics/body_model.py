@@ -40,7 +40,8 @@ _LOCK: Final = "lock of "
 _SOLIMP: Final = (0.95, 0.99, 0.0005, 0.5, 2.0)
 _ROBOT, _WORLD = 2, 1  # kinds of contact: the robot touches the world, and not itself
 _TYRE: Final = " tyre"
-_ROTOR: Final = 0.2  # of the inertia at the joint
+_ROTOR: Final = 0.2  # of the inertia at the joint; a motor and gear for more torque than that needs have more,
+_ROTOR_ACCELERATION: Final = 500.0  # rad/s2 by its rated torque, alone
 _POSTURES: Final = 8
 _GOLDEN: Final = 0.6180339887498949
 _RATED: Final = 0.8  # of the weight on a wheel, as a force at its rim
@@ -277,7 +278,9 @@ def _motors(
 def _motor(axis: AxisSettings, effort: float, inertia: float, need: float, *, wheel: bool) -> Motor:
     peak = axis.peak_torque or (effort if 0.0 < effort < math.inf else 2.0 * need)
     rated = axis.rated_torque or 0.5 * peak
-    rotor = _ROTOR * inertia if axis.rotor_inertia is None else axis.rotor_inertia * axis.gear**2
+    rotor = max(_ROTOR * inertia, rated / _ROTOR_ACCELERATION)
+    if axis.rotor_inertia is not None:
+        rotor = axis.rotor_inertia * axis.gear**2
     return Motor(
         rated,
         axis.peak_torque or max(peak, rated),

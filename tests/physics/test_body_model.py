@@ -63,7 +63,8 @@ def test_the_motor_of_a_wheel_is_estimated_by_what_it_moves():
     share = 3.314 / 2
     assert motor.rated_torque == pytest.approx(0.8 * share * 9.81 * 0.035, rel=0.01)
     assert motor.peak_torque == pytest.approx(2 * motor.rated_torque)
-    assert motor.inertia == pytest.approx(1.2 * (share * 0.035**2 + 9e-5), rel=0.05)
+    assert motor.rotor == pytest.approx(motor.rated_torque / 500.0)
+    assert motor.inertia == pytest.approx(share * 0.035**2 + 9e-5 + motor.rotor, rel=0.05)
     assert not motor.brake
 
 
