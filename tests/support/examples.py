@@ -22,6 +22,7 @@ NOT_RUN = {
     r"^device .*--status|\bdi\d=": "an I/O module beside the robot: tests/cli/test_device.py has one",
     r"^gripper\b|--controller gripper\b": "a gripper: tests/cli/test_gripper.py has one",
     r"\bmecanum_base_controller\b": "a base that goes sideways: tests/cli/test_twist.py has one",
+    r"^world \w": "a robot in physics: tests/cli/test_world.py has a world",
     r"^command .*\bio/lamp=": "outputs: tests/cli/test_command.py has some",
     r" /outputs/commands ": "outputs and a bridge: tests/ros/test_gpio_commands.py has what it sends",
     r"^bench\b": "minutes of measuring: tests/bench runs every family of it",
