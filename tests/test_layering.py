@@ -63,6 +63,7 @@ MAY_IMPORT = {
     ),
     "scaffold": ({"od", "cia402", "profiles", "controllers", "master", "runtime"}, STDLIB),
     "client": ({"host", "rpc", "yamlfile"}, STDLIB),  # files of what is sent
+    "calibration": ({"client", "controllers", "rpc", "yamlfile"}, STDLIB),
     "robot": ({"client", "rpc", "runtime", "od"}, STDLIB),  # the library: a client, of a runtime that it starts too
     "ros": ({"client", "host", "rpc", "urdf"}, None),
     "trace": (

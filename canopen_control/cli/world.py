@@ -18,13 +18,13 @@ from canopen_control.cli.support.output import json_line
 from canopen_control.client.drive_client import DriveClient
 from canopen_control.errors import ConfigError, RemoteError
 from canopen_control.host.sockets import drive_name, list_sockets
-from canopen_control.rpc.messages.drive import AddPayload, BlockJoint, GetDriveState, PushRobot, SetGrip, WorldState
+from canopen_control.rpc.messages.drive import AddPayload, BlockJoint, GetWorld, PushRobot, SetGrip
 
 if TYPE_CHECKING:
     import argparse
     from collections.abc import Callable
 
-    from canopen_control.rpc.messages.drive import WorldAct
+    from canopen_control.rpc.messages.drive import WorldAct, WorldState
 
 __all__ = ["EXAMPLE", "add_arguments", "run"]
 
@@ -59,7 +59,7 @@ def run(args: argparse.Namespace) -> int:
     with DriveClient.connect(channel, node_id) as client:
         if act is not None:
             client.ask(act)
-        world = client.ask(GetDriveState()).world or WorldState()
+        world = client.ask(GetWorld())
     print(json_line(world) if args.json else _told(world))
     return 0
 

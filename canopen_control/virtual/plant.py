@@ -264,7 +264,7 @@ class World(Protocol):
         """Return the plant of an axis; asked once for each."""
 
     def describe(self) -> WorldState:
-        """Return what there is beyond the axes."""
+        """Return what there is beyond the axes: the true pose of the base, as far as all of its axes have come."""
 
     def close(self) -> None:
         """End it."""

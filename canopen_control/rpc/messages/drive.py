@@ -13,9 +13,9 @@ import msgspec
 from canopen_control.rpc.messages.declare import Api, Done, Effect, Request
 
 __all__ = ["DRIVE", "ActiveFaults", "AddPayload", "AxisState", "BasePose", "BlockJoint", "DriveEvent", "DriveHello",
-           "DriveState", "FaultListing", "GetDriveState", "ListFaults", "PlantState", "PushRobot", "RestartQuality",
-           "SetGrip", "SetInputs", "SetPlant", "SetPointQuality", "SetSignals", "SignalState", "Spread", "SwitchFault",
-           "WorldAct", "WorldState"]  # fmt: skip
+           "DriveState", "FaultListing", "GetDriveState", "GetWorld", "ListFaults", "PlantState", "PushRobot",
+           "RestartQuality", "SetGrip", "SetInputs", "SetPlant", "SetPointQuality", "SetSignals", "SignalState",
+           "Spread", "SwitchFault", "WorldAct", "WorldState"]  # fmt: skip
 
 Inputs = Annotated[int, msgspec.Meta(ge=0, le=0xFFFFFFFF)]
 
@@ -47,8 +47,8 @@ class FaultListing(msgspec.Struct, frozen=True, kw_only=True):
     """A fault that can be switched on, and whether it is.
 
     `row` is its number in the catalogue of real drives' behaviour (0: not in it), `acts` where it acts, "wire", "node",
-    "axis" or "input", `does` what the drive does, `reaction` what a good master makes of it; `once`: it goes off by
-    itself.
+    "axis", "input" or "output", `does` what the drive does, `reaction` what a good master makes of it; `once`: it goes
+    off by itself.
     """
 
     name: str
@@ -281,3 +281,11 @@ class SetGrip(Request[Done], frozen=True, kw_only=True):
 
 WorldAct = AddPayload | PushRobot | BlockJoint | SetGrip
 """What may happen in a world, at a time or when somebody asks for it."""
+
+
+# -- what the axes do together
+
+
+@DRIVE.method("world", Effect.READS)
+class GetWorld(Request[WorldState], frozen=True):
+    """The true pose of the world: where the base is that the node's axes move, as every node of that world says it."""
