@@ -28,6 +28,7 @@ _BOOTED_NS: Final = 600 * _MS
 TROUBLES: Final = ("fault", "fault", "fault", "fault", "power", "stall", "cut", "lose", "double", "disturb", "bus_off")
 """What goes wrong, as often as it is named here, beside the rarer `kill` and `frame`."""
 _RARE: Final = ("kill", "frame")
+_OF_DEVICES: Final = ("input", "output")  # that are no drives
 _CLIENTS: Final = ("stop", "latch", "axis", "axis", "switch")
 
 
@@ -151,6 +152,6 @@ class DrawnSchedule:
         return [float(base + (int(self._one(self._nodes)) if base not in (0, 0x7E5) else 0)), *data]
 
 
-def known_faults(*, has_axes: bool = True) -> list[str]:
+def known_faults() -> list[str]:
     """Return the faults that drives can show."""
-    return [each.name for each in FAULTS.values() if each.fits(has_inputs=False, has_axes=has_axes)]
+    return [each.name for each in FAULTS.values() if each.acts not in _OF_DEVICES]

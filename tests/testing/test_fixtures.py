@@ -4,14 +4,14 @@ from pathlib import Path
 import pytest
 from support.mutants import MUTANTS
 
-from canopen_control.testing import plugin
+from canopen_control.testing import fixtures
 
 pytest_plugins = ["pytester"]
 EXAMPLES = Path(__file__).parents[2] / "docs" / "examples" / "robot_tests" / "test_robby.py"
 
 
 def run(pytester, *words):
-    return pytester.runpytest_inprocess("-p", "canopen_control.testing.plugin", "-p", "no:cacheprovider", *words)
+    return pytester.runpytest_inprocess("-p", "canopen_control.testing.fixtures", "-p", "no:cacheprovider", *words)
 
 
 def test_the_tests_of_the_guide_pass(pytester):
@@ -28,7 +28,7 @@ def test_without_a_robot_it_says_what_is_missing(pytester):
 
 
 def test_a_folder_beside_the_ini_file_is_found(pytester):
-    shutil.copytree(plugin.find_robot("robby").controllers.parent, pytester.path / "mine")
+    shutil.copytree(fixtures.find_robot("robby").controllers.parent, pytester.path / "mine")
     pytester.makeini("[pytest]\ncanopen_robot = mine\n")
     pytester.makepyfile("def test_it(robot):\n    assert robot.simulated.setup.name == 'mine'\n")
     run(pytester).assert_outcomes(passed=1)
