@@ -114,7 +114,6 @@ def pytest_collection_modifyitems(items):
                 item.add_marker("alone")  # it measures
         if room in ROBOT_ROOMS or takes_a_robot(item.module) or not ROBOTS.isdisjoint(item.fixturenames):
             item.add_marker("robot")
-    skip_what_is_missing(items)
 
 
 @functools.cache
@@ -163,10 +162,39 @@ def pytest_configure(config):
         config.pluginmanager.register(Watchman(), "watchman")
 
 
-def pytest_collection_finish():
-    """Keep the tests themselves out of every look for garbage: with ten thousand of them each takes half a second."""
-    gc.collect()
-    gc.freeze()
+def pytest_collection_finish(session):
+    skip_what_is_missing(session.items)  # of those that are selected: to look for ROS takes a second
+    Seen.put_aside()
+
+
+class Seen:
+    """Keeps what is there before a test out of every look for garbage: of ten thousand tests that takes half a second.
+
+    A robot that has run in this process ends with `gc.unfreeze`, which brings all of it back: what is there is put
+    aside once more after such a test.
+    """
+
+    back = False
+    unfreeze = staticmethod(gc.unfreeze)
+
+    @classmethod
+    def put_aside(cls):
+        gc.collect()
+        gc.freeze()
+        cls.back = False
+
+    @classmethod
+    def bring_back(cls):
+        cls.unfreeze()
+        cls.back = True
+
+
+gc.unfreeze = Seen.bring_back
+
+
+def pytest_runtest_logfinish():
+    if Seen.back:
+        Seen.put_aside()
 
 
 def skip_what_is_missing(items):
