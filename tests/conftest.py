@@ -89,6 +89,8 @@ FOLDERS = itertools.count()
 WHOLE = ("integration", "socketcan", "hardware_can", "tools")
 #: Of the bench, what starts programs and measures nothing.
 ONLY_STAGED = ("test_stage.py", "test_clients.py")
+#: Kinds whose files tools/test finds by the mark in them; the bench's by their folder.
+FOUND_BY_MARK = ("alone", "timed")
 #: Rooms of screens, and of what becomes of whole robots.
 ROBOT_ROOMS = ("faults", "monitor", "view")
 #: The benches of tests/support with a bus or the sockets of a robot in them.
@@ -112,8 +114,18 @@ def pytest_collection_modifyitems(items):
             item.add_marker("process")
             if room == "bench" and item.path.name not in ONLY_STAGED:
                 item.add_marker("alone")  # it measures
+        for kind in FOUND_BY_MARK:
+            if item.get_closest_marker(kind) is not None and room != "bench" and not says(item.path, f"mark.{kind}"):
+                raise pytest.UsageError(
+                    f"{item.nodeid} is marked {kind}: write the mark in its file, tools/test looks there"
+                )
         if room in ROBOT_ROOMS or takes_a_robot(item.module) or not ROBOTS.isdisjoint(item.fixturenames):
             item.add_marker("robot")
+
+
+@functools.cache
+def says(path, words):
+    return words in path.read_text(encoding="utf-8")
 
 
 @functools.cache
