@@ -26,6 +26,7 @@ VERBS = {
     "status": "what a running robot is doing",
     "monitor": "drives, joints, events and frames as live tables, with a STOP key",
     "command": "send a command to a controller, repeatedly",
+    "calibrate": "wheel radii and track of a base, by squares driven both ways (UMBmark)",
     "twist": "send a velocity to a base controller, repeatedly",
     "trajectory": "play a trajectory of a file on an arm, end the one under way",
     "gripper": "move a gripper to a position, and wait until it is there",

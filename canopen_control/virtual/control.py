@@ -13,7 +13,15 @@ from canopen_control.errors import ConfigError
 from canopen_control.host.sockets import drive_name, socket_path
 from canopen_control.rpc.messages import drive as messages
 from canopen_control.rpc.messages.declare import PROTOCOL, Done
-from canopen_control.rpc.messages.drive import DRIVE, ActiveFaults, DriveEvent, DriveHello, DriveState, FaultListing
+from canopen_control.rpc.messages.drive import (
+    DRIVE,
+    ActiveFaults,
+    DriveEvent,
+    DriveHello,
+    DriveState,
+    FaultListing,
+    WorldState,
+)
 from canopen_control.rpc.server import Server
 from canopen_control.version import __version__
 from canopen_control.virtual.fault_switches import FaultSwitches
@@ -23,7 +31,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from canopen_control.rpc.messages.declare import Request
-    from canopen_control.rpc.messages.drive import WorldState
     from canopen_control.rpc.server import Call
     from canopen_control.virtual.nodehost import NodeHost
     from canopen_control.virtual.plant import Plant, World
@@ -75,6 +82,7 @@ class NodeControl:
         self._answer(messages.SetSignals, self._set_signals)
         self._answer(messages.SetPlant, self._set_plant)
         self._answer(messages.RestartQuality, self._restart_quality)
+        self._answer(messages.GetWorld, self._tell_world)
         self._server.check()
 
     def close(self) -> None:
@@ -111,6 +119,9 @@ class NodeControl:
 
     def _state(self, _request: messages.GetDriveState) -> DriveState:
         return describe(self._node, None if self._world is None else self._world.describe())
+
+    def _tell_world(self, _request: messages.GetWorld) -> WorldState:
+        return WorldState() if self._world is None else self._world.describe()
 
     def _restart_quality(self, request: messages.RestartQuality) -> Done:
         self._axis(request.axis).meter.restart()

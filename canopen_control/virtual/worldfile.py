@@ -10,12 +10,14 @@ An engine is a `plant.World`; ours is `OwnWorld`, another one is named in the fi
     base:                          # a diff-drive base on a floor
       left: 3
       right: 2
-      wheel_radius: 0.1            # m
+      wheel_radius: 0.1            # m, the true one, whatever ros2_controllers.yaml says
+      left_wheel_radius: 0.1005    # m, where this wheel's is another one; likewise right_wheel_radius
       wheel_separation: 0.4        # m
       counts_per_revolution: 51200
       reversed: [right]            # wheels whose positive direction is backwards
       slip: 0.01                   # standard deviation of each step's way, relative
       share: /tmp/robby.floor      # where the wheels' drives are processes of their own: the same file for all
+    engine: mujoco                     # physics, see `canopen_control.physics`; the rest is then its own
     engine: package.module:function    # called with this file's Path, returns a World; the rest is then its own
 
 The other keys of an axis are the numbers of its plant, see `plant`.
@@ -48,6 +50,7 @@ if TYPE_CHECKING:
 
 __all__ = ["OwnWorld", "WorldError", "WorldFile", "read_world"]
 
+_ENGINES = {"mujoco": "canopen_control.physics.engine:make"}  # imported only when a file asks for it
 _KINDS: dict[str, Callable[..., Plant]] = {"ideal": IdealPlant, "lag": LagPlant, "loaded": LoadedPlant}
 _STATE = frozenset(
     ("position", "velocity", "torque", "stiff", "load_position", "fed_velocity", "fed_torque")
@@ -105,10 +108,17 @@ class BaseFile:
     wheel_radius: float = setting(low=1e-6)
     wheel_separation: float = setting(low=1e-6)
     counts_per_revolution: float = setting(low=1e-6)
+    left_wheel_radius: float | None = setting(None, low=1e-6)
+    right_wheel_radius: float | None = setting(None, low=1e-6)
     reversed: list[Literal["left", "right"]] = setting(factory=list)  # noqa: RUF009 - makes a field
     slip: float = setting(0.0, low=0.0, high=0.5)
     share: str = ""
     here: Node = position()  # noqa: RUF009 - makes a field
+
+    def radius(self, side: int) -> float:
+        """Return the true radius of the wheel of a side, in m."""
+        own = (self.left_wheel_radius, self.right_wheel_radius)[side]
+        return self.wheel_radius if own is None else own
 
 
 @dataclass(frozen=True)
@@ -142,7 +152,7 @@ class OwnWorld:
             return inner
         side = LEFT if node_id == base.left else RIGHT
         sign = -1.0 if ("left", "right")[side] in base.reversed else 1.0
-        metres = sign * base.wheel_radius * math.tau / base.counts_per_revolution
+        metres = sign * base.radius(side) * math.tau / base.counts_per_revolution
         wheel = WheelPlant(inner, self._base, side, metres, slip=base.slip, seed=self._file.seed)
         self._wheels.append(wheel)
         return wheel
@@ -197,7 +207,7 @@ def _engine(path: Path) -> World | None:
     entry = root.get("engine") if root.kind == "mapping" else None
     if entry is None:
         return None
-    module, _, name = str(entry.value).partition(":")
+    module, _, name = _ENGINES.get(str(entry.value), str(entry.value)).partition(":")
     try:
         world: World = getattr(importlib.import_module(module), name)(path)
     except (ImportError, AttributeError, ValueError) as error:

@@ -103,7 +103,8 @@ def test_the_kernel_sends_sync_only_where_there_is_one(tmp_path):
     with pytest.raises(RobotConfigError, match=r"bus\.yml has no sync_period, so that there is no SYNC to send"):
         read_robot(files, can=["vcan0"], kernel_sync=True)
     setup = read_robot(find_robot("robby"), can=["vcan0"], kernel_sync=True)
-    assert (setup.kernel_sync, setup.notes[-1]) == (True, "SYNC is sent by the kernel, and the cycle follows it")
+    told = "SYNC is sent by the kernel, and the cycle follows it: --kernel-sync"
+    assert (setup.kernel_sync, list(setup.told_of_sync)) == (True, [told])
 
 
 def test_peer_merge_reaches_the_plan(tmp_path):

@@ -13,8 +13,8 @@ import msgspec
 from canopen_control.rpc.messages.declare import Api, Done, Effect, Request
 
 __all__ = ["DRIVE", "ActiveFaults", "AxisState", "BasePose", "DriveEvent", "DriveHello", "DriveState", "FaultListing",
-           "GetDriveState", "ListFaults", "PlantState", "RestartQuality", "SetInputs", "SetPlant", "SetPointQuality",
-           "SetSignals", "SignalState", "Spread", "SwitchFault", "WorldState"]  # fmt: skip
+           "GetDriveState", "GetWorld", "ListFaults", "PlantState", "RestartQuality", "SetInputs", "SetPlant",
+           "SetPointQuality", "SetSignals", "SignalState", "Spread", "SwitchFault", "WorldState"]  # fmt: skip
 
 Inputs = Annotated[int, msgspec.Meta(ge=0, le=0xFFFFFFFF)]
 
@@ -138,20 +138,33 @@ class AxisState(msgspec.Struct, frozen=True, kw_only=True):
     set_points: SetPointQuality | None = None
 
 
-class BasePose(msgspec.Struct, frozen=True):
-    """Where a base is on its floor: m and rad, the heading not wrapped, at monotonic ns."""
+class BasePose(msgspec.Struct, frozen=True, omit_defaults=True):
+    """Where a base is in its world: m and rad, the heading not wrapped, at monotonic ns.
+
+    `z` is above the floor that it started on, `roll` and `pitch` are those of REP 103, positive to the right side and
+    to the front down.
+    """
 
     x: float
     y: float
     heading: float
     time_ns: int
+    z: float = 0.0
+    roll: float = 0.0
+    pitch: float = 0.0
 
 
 class WorldState(msgspec.Struct, frozen=True, omit_defaults=True):
-    """What the axes do together: the `base` that they move; `others` are what an engine of its own tells, by name."""
+    """What the axes do together: the `base` that they move, and what the `sensors` of the world measure, by name.
+
+    An IMU has its quaternion (w, x, y, z), the angular velocities in rad/s and the accelerations in m/s2, ten numbers;
+    a range finder one in m, negative for nothing in reach; a force-torque sensor forces in N and torques in Nm, six.
+    `others` are what an engine of its own tells, by name.
+    """
 
     base: BasePose | None = None
     others: dict[str, float] = {}
+    sensors: dict[str, tuple[float, ...]] = {}
 
 
 class SignalState(msgspec.Struct, frozen=True, omit_defaults=True):
@@ -224,3 +237,11 @@ class RestartQuality(Request[Done], frozen=True, kw_only=True):
     """Begin to count and measure the set-points of an axis anew."""
 
     axis: int = 0
+
+
+# -- what the axes do together
+
+
+@DRIVE.method("world", Effect.READS)
+class GetWorld(Request[WorldState], frozen=True):
+    """The true pose of the world: where the base is that the node's axes move, as every node of that world says it."""
