@@ -87,8 +87,12 @@ MISSING = {
 FOLDERS = itertools.count()
 #: Where tests are about whole processes.
 WHOLE = ("integration", "socketcan", "hardware_can", "tools")
-#: Of the bench, what starts programs and measures nothing.
-ONLY_STAGED = ("test_stage.py", "test_clients.py")
+#: Of the bench, what starts programs and asks of what they have measured nothing that a busy machine changes.
+ONLY_STAGED = frozenset(
+    f"test_{name}.py"
+    for name in ("boot", "clients", "cycle", "machine", "memory", "ros_latency", "sdo_canopen", "sdo_client", "stage",
+                 "witness")
+)  # fmt: skip
 #: Kinds whose files tools/test finds by the mark in them; the bench's by their folder.
 FOUND_BY_MARK = ("alone", "timed")
 #: Rooms of screens, and of what becomes of whole robots.
