@@ -134,7 +134,8 @@ CONTROLLERS: dict[str, dict[str, str]] = {
     "CommonParams": {
         "type": "the type of the controller; it may stand in the controller manager's block instead",
         "update_rate": "Hz; 0: the controller manager's",
-        "use_sim_time": "for simulated robots, which publish /clock; elsewhere it is told to have no effect",
+        "use_sim_time": "for simulated robots, which publish /clock; elsewhere it is told to have no effect: "
+        "stamps that follow a `/clock` are the bridge's `use_sim_time`",
         "is_async": "has no effect: all controllers run in the cycle",
         "thread_priority": "has no effect: `run --realtime` sets the priority of the cycle",
     },

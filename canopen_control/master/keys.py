@@ -355,7 +355,7 @@ class NodeConfig:
     units: UnitKeys = part()  # noqa: RUF009 - makes a field
     motion: MotionKeys = part()  # noqa: RUF009 - makes a field
     ros: RosKeys = part()  # noqa: RUF009 - makes a field
-    profile: Literal[401, 402, 404, 406, 410, 418] | None = None
+    profile: Literal[401, 402, 404, 406, 410, 418, 419, 454] | None = None
     signals: list[SignalKeys] = field(default_factory=list)
     node_id: int = setting(0, low=1, high=MAX_NODE_ID)
     name: str = derived("")

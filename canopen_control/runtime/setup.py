@@ -206,14 +206,15 @@ def plans_of(buses: Mapping[str, BusConfig]) -> list[NodePlan]:
 
 
 def _sim_time(control: ControllersFile, kinds: Sequence[Kind]) -> list[str]:
-    """Say that `use_sim_time` does nothing where nothing is simulated."""
+    """Say that `use_sim_time` in the file does nothing where nothing is simulated."""
     wanted = [each.params.flat.get("use_sim_time") for each in control.controllers.values()]
     given = control.manager.use_sim_time or any(each is not None and each.value is True for each in wanted)
     if not given or Kind.SIMULATION in kinds:
         return []
     return [
         f"{control.path}: use_sim_time has no effect: nothing of this robot is simulated, so its stamps are this "
-        "computer's time; start the other nodes without it"
+        "computer's time; start the other nodes without it, or the bridge with --ros-args -p use_sim_time:=true where "
+        "somebody publishes /clock"
     ]
 
 
