@@ -50,7 +50,8 @@ class RobotBus:
 
     `watched`: what comes wakes the process. Else it is read at the next edge: while all nodes are ready and no answer
     is waited for, nothing that a frame says has a consequence before that, and a wake-up costs more than the cycle.
-    A missed heartbeat is found on an edge either way, and on the same one where its time is whole periods.
+    A heartbeat or event timer that stays away is found on an edge either way, on the same one if its time is whole
+    periods.
     """
 
     def __init__(
@@ -88,6 +89,7 @@ class RobotBus:
             self.network.pdo_watch.least_ns = _SIMULATED_NS
         self.watched = True
         times = [plan.heartbeat_timeout_ns for plan in config.plans.values()]
+        times += [pdo.age_limit_ns for pdo in self.network.image.inputs.values()]
         self._may_rest = cycle_ns <= _LONGEST_NS and not any(time % cycle_ns for time in times)
         self._look_at = 0
         self._window: tuple[int, int] | None = None  # since when, and the bits until then
