@@ -26,6 +26,7 @@ __all__ = ["POLL_NS", "InputSignal", "NodeInputs", "RawInput"]
 POLL_NS: Final = 1_000_000_000
 _POLLED_AGE_NS: Final = 5 * POLL_NS
 _SHORTEST_NS: Final = 50_000_000  # frames that come together were not sent together
+_STANDSTILL_NS: Final = 500_000_000  # of an input that only comes when it changes
 
 
 class RawInput:
@@ -46,6 +47,11 @@ class RawInput:
     def polled(self) -> bool:
         """Whether no TPDO carries it."""
         return self._input is None
+
+    @property
+    def comes_by_change(self) -> bool:
+        """Whether it is sent when it changes and at no other time, so that silence is standstill."""
+        return self._input is not None and self._input.pdo.age_limit_ns == 0
 
     def begin(self, now: int) -> None:
         """Take what the boot has read."""
@@ -185,7 +191,10 @@ class InputSignal:
         stamp, signal = self._raw.stamp, self.signal
         if self._jumped or stamp == self._came:
             return self._jumped
-        limit = (signal.max_rate or 0.0) * max(stamp - self._came, _SHORTEST_NS) / 1e9
+        passed = max(stamp - self._came, _SHORTEST_NS)
+        if passed > _STANDSTILL_NS and self._raw.comes_by_change:
+            passed = _SHORTEST_NS  # it stood until now, and has not had the whole time for its way
+        limit = (signal.max_rate or 0.0) * passed / 1e9
         if abs(value - self._before) > limit:  # false for the first one, which is compared with nan
             self._jumped = True
             text = f"{self.state.name} jumped from {self._before:g} to {value:g} {signal.unit}".rstrip()
