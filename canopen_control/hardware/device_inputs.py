@@ -103,6 +103,7 @@ class NodeInputs:
         self.boots = -1
         self.ready = self.lost = False  # lost: since somebody was told
         self.jumps: list[str] = []  # sentences, until somebody tells them
+        self._jumped: dict[str, int] = {}  # signals, by the boot since which that was told
 
     def of(self, address: Address) -> RawInput:
         """Return the raw input of an object of the dictionary."""
@@ -126,6 +127,12 @@ class NodeInputs:
                 each.begin(now)
         for each in self._inputs.values():
             each.read(now)
+
+    def tell_jump(self, signal: str, text: str) -> None:
+        """Take that a signal jumped: once for each boot, however many interfaces it is shown in."""
+        if self._jumped.get(signal) != self.boots:
+            self._jumped[signal] = self.boots
+            self.jumps.append(text)
 
     def poll(self, now: int) -> None:
         """Ask for one of those that no TPDO carries."""
@@ -198,7 +205,7 @@ class InputSignal:
         if abs(value - self._before) > limit:  # false for the first one, which is compared with nan
             self._jumped = True
             text = f"{self.state.name} jumped from {self._before:g} to {value:g} {signal.unit}".rstrip()
-            self._inputs.jumps.append(f"{text}: it is nan until the node is booted again")
+            self._inputs.tell_jump(signal.name, f"{text}: it is nan until the node is booted again")
         self._before, self._came = value, stamp
         return self._jumped
 
