@@ -24,7 +24,7 @@ TEXTS: Final[Mapping[str, Mapping[str, str]]] = {
         "lock_memory": "has no effect: `run --realtime` locks it",
         "thread_priority": "has no effect here: `run --realtime` sets that of the cycle",
         "cpu_affinity": "has no effect: `run --cpu` sets it",
-        "robot_description": "has no effect: the description is that of the robot's folder",
+        "robot_description": "what the file gives; the description is that of the robot's folder",
         "hardware_components_initial_state.unconfigured": "hardware that is left unconfigured at the start",
         "hardware_components_initial_state.inactive": "hardware that is configured at the start and not activated",
     },

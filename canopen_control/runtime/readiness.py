@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Final
 from canopen_control.cia402.state import POWERED_STATES
 from canopen_control.controllers.base import not_enabled
 from canopen_control.errors import NotEnabled, NotYetEnabled
+from canopen_control.hardware.interfaces import TARGET
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Mapping, Sequence
@@ -40,8 +41,13 @@ def is_rising(joint: JointDrive) -> bool:
 
 
 def claimed_off(joints: Iterable[JointDrive]) -> list[JointDrive]:
-    """Return the drives that a running controller claims and that are off."""
-    return [joint for joint in joints if joint.claimed is not None and is_off(joint)]
+    """Return the drives that a running controller claims and that are off.
+
+    A drive that takes targets by itself is enabled by a user's word alone, and keeps no other one from being ready.
+    """
+    claimed = [joint for joint in joints if joint.claimed is not None]
+    meant = [joint for joint in claimed if joint.claimed != TARGET] or claimed
+    return [joint for joint in meant if is_off(joint)]
 
 
 def hint(joints: Sequence[JointDrive]) -> str | None:
