@@ -144,10 +144,16 @@ def _system(name: str, axes: Iterable[tuple[str, NodeConfig, int]]) -> Ros2Contr
     states = {each: InterfaceInfo(each) for each in (POSITION, VELOCITY, EFFORT)}
     target = {TARGET: InterfaceInfo(TARGET)}
     joints = tuple(
-        ControlJoint(joint, {"device_name": node.name, "axis": str(axis)}, dict(target), dict(states))
+        ControlJoint(joint, _parameters(node, axis, beside=name == _BESIDE), dict(target), dict(states))
         for joint, node, axis in axes
     )
     return Ros2ControlSystem(name, "system", _PLUGIN, joints=joints)
+
+
+def _parameters(node: NodeConfig, axis: int, *, beside: bool) -> dict[str, str]:
+    """Return what binds a joint; one beside others that the robot can do without has a stop group of its own."""
+    bound = {"device_name": node.name, "axis": str(axis)}
+    return bound | {"stop_group": node.name} if beside and not node.required else bound
 
 
 def _target_controllers(names: Iterable[str], path: str) -> dict[str, ControllerConfig]:

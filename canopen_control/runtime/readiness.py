@@ -41,13 +41,17 @@ def is_rising(joint: JointDrive) -> bool:
 
 
 def claimed_off(joints: Iterable[JointDrive]) -> list[JointDrive]:
-    """Return the drives that a running controller claims and that are off.
+    """Return the drives that a running controller claims and that are off."""
+    return [joint for joint in _claimed(joints) if is_off(joint)]
 
-    A drive that takes targets by itself is enabled by a user's word alone, and keeps no other one from being ready.
+
+def _claimed(joints: Iterable[JointDrive]) -> list[JointDrive]:
+    """Return the drives that running controllers claim.
+
+    One that takes targets by itself is enabled by a user's word alone: beside others nobody waits for it.
     """
     claimed = [joint for joint in joints if joint.claimed is not None]
-    meant = [joint for joint in claimed if joint.claimed != TARGET] or claimed
-    return [joint for joint in meant if is_off(joint)]
+    return [joint for joint in claimed if joint.claimed != TARGET] or claimed
 
 
 def hint(joints: Sequence[JointDrive]) -> str | None:
@@ -87,7 +91,7 @@ def in_fault(nodes: Iterable[RemoteNode], joints: Iterable[JointDrive]) -> bool:
 def settled(nodes: Iterable[RemoteNode], joints: Iterable[JointDrive]) -> bool:
     """Whether no drive is on its way to be enabled any more: it is, or it has a reason not to be."""
     drives = tuple(joints)
-    claimed = [joint for joint in drives if joint.claimed is not None]
+    claimed = _claimed(drives)
     # one that is not there and need not be, and with it all that move together
     waits = any(not joint.node.ready and not joint.node.config.required for joint in claimed)
     return waits or in_fault(nodes, drives) or all(joint.enabled or not joint.wanted for joint in claimed)

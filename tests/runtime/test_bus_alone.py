@@ -219,6 +219,26 @@ def test_a_robot_may_have_a_drive_that_takes_targets_beside_its_joints(tmp_path)
         robot.close()
 
 
+def test_a_drive_beside_the_others_that_need_not_be_there_stops_and_keeps_none_of_them(tmp_path):
+    config = with_spare(tmp_path)
+    (config / "bus.yml").write_text((config / "bus.yml").read_text() + "    required: false\n")
+    robot = AloneBench("mixed", config=config, drives=(2, 3), controllers=["velocity"])
+    try:
+        robot.start()
+        assert robot.robot.state is RobotState.RUNNING
+        robot.power_on(9)
+        robot.until(lambda: robot.robot.nodes["spare"].ready)
+        robot.enable("spare")
+        robot.power_off(9)
+        robot.run(2000)
+        assert robot.powered(2)
+        robot.robot.stop(print)
+        robot.run(2000)
+        assert not robot.powered(2)
+    finally:
+        robot.close()
+
+
 @pytest.mark.parametrize(
     ("how", "why"),
     [
