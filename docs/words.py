@@ -31,9 +31,11 @@ BUS_YML: dict[str, dict[str, str]] = {
         "sync_overflow": "the SYNC carries a counter up to this; written to the nodes (0x1019) too; 0: none",
         "sync_order": "`last`: SYNC follows the RPDOs of its cycle, and drives act on them at once; `first`: SYNC "
         "begins the cycle, and its RPDOs have a whole period to arrive, which is when drives act on them. A cycle that "
-        "follows another's SYNC comes half a period after it, with `first` an eighth",
+        "follows another's SYNC comes an eighth of a period after it, with `last` half a one. `auto`: `last` for a "
+        "SYNC of the master, `first` for that of others",
         "sync_producer": "who sends SYNC: the `master`; the `kernel`, where the channel is a SocketCAN interface, else "
-        "the master; `other`, a node of the bus. The cycle follows the SYNC of others",
+        "the master; `other`, a node of the bus; `auto`: the kernel where a joint is commanded in CSP or CSV, its "
+        "drive watches the master, and `sync_order` is not `last`. The cycle follows the SYNC of others",
         "heartbeat_multiplier": "as in `options`, for the nodes of this bus",
         "heartbeat_producer": "ms between two heartbeats of the master; 0: 100",
         "boot_time": "ms that required nodes may take until they run; 0: for ever",

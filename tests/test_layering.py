@@ -36,6 +36,7 @@ MAY_IMPORT = {
     "bus": ({"host", "rpc"}, STDLIB | {"can"}),
     "master": ({"od", "cia301", "cia402", "profiles", "bus", "yamlfile", "data_files"}, STDLIB),
     "virtual": ({"od", "cia301", "cia402", "profiles", "bus", "host", "rpc", "yamlfile"}, STDLIB | {"numpy"}),
+    "physics": ({"virtual", "urdf", "yamlfile", "rpc"}, STDLIB | {"mujoco", "numpy"}),
     "hardware": (
         {"od", "cia301", "cia402", "profiles", "master", "yamlfile", "urdf"},
         STDLIB | MARKS,
@@ -62,6 +63,7 @@ MAY_IMPORT = {
     ),
     "scaffold": ({"od", "cia402", "profiles", "controllers", "master", "runtime"}, STDLIB),
     "client": ({"host", "rpc", "yamlfile"}, STDLIB),  # files of what is sent
+    "calibration": ({"client", "controllers", "rpc", "yamlfile"}, STDLIB),
     "robot": ({"client", "rpc", "runtime", "od"}, STDLIB),  # the library: a client, of a runtime that it starts too
     "ros": ({"client", "host", "rpc", "urdf"}, None),
     "trace": (
@@ -94,6 +96,7 @@ ONLY = {
     "canopen": "interop",
     "yaml": "yamlfile",
     "xacro": "urdf",
+    "mujoco": "physics",
     "nicegui": "view",
     "fastapi": "view",
     "starlette": "view",

@@ -251,6 +251,10 @@ class Controller:
         """Return what it assumes of the robot's wheels, once it is configured; None if it drives none."""
         return None
 
+    def dead_reckoning(self, ahead: float) -> tuple[float, float, float] | None:  # noqa: ARG002 - of a base
+        """Return where odometry is in some seconds, as x and y in m and heading in rad; None where there is none."""
+        return None
+
     def set_odometry(self, x: float, y: float, heading: float) -> None:
         """Have its odometry go on from a pose, in m and rad; ControlError if it is no base controller."""
         del x, y, heading

@@ -10,10 +10,11 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, ClassVar
 
-from canopen_control.controllers.base import WheelBase
+from canopen_control.controllers.base import ControllerState, WheelBase
 from canopen_control.controllers.diff_drive_params import DiffDriveParams, read_params
 from canopen_control.controllers.mobile_base import MobileBase
 from canopen_control.controllers.odometry import Odometry
+from canopen_control.errors import RobotConfigError
 from canopen_control.hardware.interfaces import VELOCITY
 
 if TYPE_CHECKING:
@@ -45,6 +46,7 @@ class DiffDriveController(MobileBase):
     waits_for_a_twist: ClassVar[bool] = True
     settable: ClassVar[tuple[str, ...]] = (
         "cmd_vel_timeout", "enable_odom_tf", "publish_limited_velocity", "linear.x.*", "angular.z.*",
+        "wheel_separation_multiplier", "left_wheel_radius_multiplier", "right_wheel_radius_multiplier",
     )  # fmt: skip
 
     def __init__(self, name: str, type_name: str = "diff_drive_controller/DiffDriveController") -> None:
@@ -79,10 +81,14 @@ class DiffDriveController(MobileBase):
         self.set_up(given, given.cmd_vel_timeout, len(self.joints), limits, given.publish_rate, given.open_loop)
 
     def on_set(self, params: Params) -> None:
-        """Take other limits, another timeout, other things to publish, from the next update on."""
+        """Take other limits, another timeout, what to publish, from the next update on; at rest other wheels."""
         given = read_params(params, self.geometry)
+        wheels = (given.separation, given.left_radius, given.right_radius)
+        if wheels != self._wheels and self.state is ControllerState.ACTIVE and any(self.limited):
+            raise RobotConfigError(f"{self.name} moves; the multipliers of its wheels are set while it stands")
         self.take(given, given.cmd_vel_timeout, (given.linear, given.angular))
-        self.params = given
+        self.params, self._wheels = given, wheels
+        self.odometry.resize(*wheels)
 
     def command_interface_names(self) -> list[str]:
         """Return the velocity of every wheel, the left ones first."""

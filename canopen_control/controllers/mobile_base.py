@@ -201,6 +201,16 @@ class MobileBase(Controller):
             raise ControlError(f"{self.name}: a pose is three finite numbers, got {x}, {y}, {heading}")
         self.pose.set_pose(x, y, heading)
 
+    def dead_reckoning(self, ahead: float) -> tuple[float, float, float] | None:
+        """Return its pose `ahead` seconds from now (before now: negative) at the velocities of now, if it has begun."""
+        if not self.begun:
+            return None
+        forward, left, angular = self.velocities()
+        cosine, sine = math.cos(self.pose.heading), math.sin(self.pose.heading)
+        x = self.pose.x + (cosine * forward - sine * left) * ahead
+        y = self.pose.y + (sine * forward + cosine * left) * ahead
+        return x, y, self.pose.heading + angular * ahead
+
     def odometry_sample(self, wall_offset_ns: int, limited: bool = False) -> OdometrySample | None:
         """Return the odometry as it was published last, with the `limited` twist where that is published."""
         return self._publication.sample(self.published(wall_offset_ns), self._odometry_params, limited)

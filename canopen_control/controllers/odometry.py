@@ -41,6 +41,12 @@ class Odometry(PlanarPose):
         """The velocity of its heading, in rad/s."""
         return self._angular.mean
 
+    def resize(self, separation: float, left_radius: float, right_radius: float) -> None:
+        """Count with other wheels from now on, all in m; the pose stays."""
+        self._left *= left_radius / self._left_radius
+        self._right *= right_radius / self._right_radius
+        self._separation, self._left_radius, self._right_radius = separation, left_radius, right_radius
+
     def begin(self, left: float, right: float, now: int) -> None:
         """Take the wheels' angles (rad) at `now` (ns) as the baseline; the pose stays."""
         self._left, self._right, self._time = left * self._left_radius, right * self._right_radius, now

@@ -31,7 +31,8 @@ TEXTS: Final[Mapping[str, Mapping[str, str]]] = {
     "CommonParams": {
         "type": "the type of the controller; it may stand in the controller manager's block instead",
         "update_rate": "Hz; 0: the controller manager's",
-        "use_sim_time": "for simulated robots, which publish /clock; elsewhere it is told to have no effect",
+        "use_sim_time": "for simulated robots, which publish /clock; elsewhere it is told to have no effect: "
+        "stamps that follow a `/clock` are the bridge's `use_sim_time`",
         "is_async": "has no effect: all controllers run in the cycle",
         "thread_priority": "has no effect: `run --realtime` sets the priority of the cycle",
     },
@@ -158,6 +159,8 @@ TEXTS: Final[Mapping[str, Mapping[str, str]]] = {
         "constraints.stopped_velocity_tolerance": "rad/s at the end, where velocity or effort is commanded",
         "constraints.goal_time": "s after the end in which the goal must be reached; 0: no limit",
         "constraints.decelerate_on_cancel": "brakes with `max_deceleration_on_cancel` where a trajectory is given up",
+        "unreachable_points": "what happens to a trajectory with a point that a joint cannot reach in time from the "
+        "one before within its velocity limit: `refuse`, `warn` (taken, and told), `off`",
         "allowed_start_tolerance": "rad or m from a joint to the first point, beyond what it can go until then; 0: any",
         "continue_without_client": "a goal goes on when the action client that sent it is gone, as upstream's does",
         "joint_limiter_type": "keeps each commanded point within the limits (rolling); empty: nothing does",
@@ -275,6 +278,16 @@ TEXTS: Final[Mapping[str, Mapping[str, str]]] = {
         "interface_names": "`.force.x` to `.torque.z`: state interfaces by their full names, instead of `sensor_name`",
         "offset": "`.force.x` to `.torque.z`: N or Nm that are added",
         "multiplier": "`.force.x` to `.torque.z`: factor after that; absent: 1.0",
+    },
+    "PoseParams": {
+        "frame_id": "frame in which the pose is told",
+        "pose_name": "a <sensor> of the description with `position.x` to `orientation.w`",
+        "interface_names": "`.position.x` to `.orientation.w`: state interfaces by their full names, instead of it",
+    },
+    "PoseTransform": {
+        "enable": "whether the pose is a transform in `/tf` too",
+        "child_frame_id": "the frame that is there; empty: `pose_name`",
+        "publish_rate": "has no effect: there is a transform at every update",
     },
     "BatteryParams": {
         "batteries": "names of <sensor>, <gpio> or <joint> parts, each with `battery_voltage` at least",

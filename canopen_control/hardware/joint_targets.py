@@ -86,6 +86,7 @@ class JointTargets:
         self.tracking = Tracking()
         self.tracked: CommandInterface | None = None
         self._axis, self._machine, self._parameters = axis, machine, parameters
+        self._request = machine.mode_request
         self._outputs = self.commands.get(DIGITAL_OUTPUTS)
         if self._outputs is not None:
             self._outputs.lowest, self._outputs.highest = float(INT32_MIN), float(UINT32_MAX)
@@ -228,7 +229,7 @@ class JointTargets:
 
     def write_mode(self) -> None:
         """Send the mode, and the digital outputs."""
-        output, mode = self._axis.mode, self._machine.mode
+        output, mode = self._axis.mode, self._request.mode
         if output is not None and mode is not None and mode != output.value:
             output.set(mode)
         if self._outputs is not None and self._axis.digital_outputs is not None:

@@ -228,6 +228,7 @@ class ApiServer:
     def _set_odometry(self, call: Call[messages.SetOdometry]) -> None:
         wanted = call.request
         self._robot.manager.get(wanted.controller).set_odometry(wanted.x, wanted.y, wanted.heading)
+        self._robot.truth.align()
         call.reply(Done())
 
     def _set_feed_forward(self, call: Call[messages.SetFeedForward]) -> None:

@@ -46,6 +46,7 @@ from canopen_control.runtime.readiness import (
 from canopen_control.runtime.robot_bus import RobotBus
 from canopen_control.runtime.robot_cycle import RobotCycle
 from canopen_control.runtime.startup_controllers import prepare_controllers, require_active, switch_controllers
+from canopen_control.runtime.true_pose import TruePoseTracker
 from canopen_control.urdf.wheels import WheelGeometry
 
 if TYPE_CHECKING:
@@ -90,7 +91,7 @@ class RobotCore:
         self.after_cycle: list[Callable[[int], None]] = []
         self.wall_offset_ns = time.time_ns() - reactor.now()
         self.commander: str | None = None
-        self.latch = StopLatch(self.report)
+        self.latch, self.truth = StopLatch(self.report), TruePoseTracker()
         self.pacer = Pacer(reactor, setup.cycle_ns)
         self.pacer.phase.behind_ns = setup.phase_ns
         made = Assembly(setup, reactor, self.report, self._on_bus_lost, self.pacer.lead)
@@ -156,6 +157,8 @@ class RobotCore:
         now = self.reactor.now()
         for note in self.setup.notes:
             self.report(Event(now, "note", "", note))
+        for text in self.setup.told_of_sync:
+            self.report(Event(now, "sync", "", text))
         for bus in self.buses.values():
             bus.network.start(now)
             bus.send_waiting()

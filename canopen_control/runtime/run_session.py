@@ -17,16 +17,21 @@ from typing import TYPE_CHECKING
 from canopen_control.errors import CanopenError, RobotConfigError
 from canopen_control.host.files import state_dir
 from canopen_control.host.reactor import Reactor
-from canopen_control.host.sockets import SocketInUse, claim, runtime_dir
+from canopen_control.host.sockets import SocketInUse, claim, drive_name, runtime_dir
 from canopen_control.master.event_log import Event
 from canopen_control.runtime.api import ApiServer
 from canopen_control.runtime.core import RobotCore
 from canopen_control.runtime.demo_motion import DemoMotion
+from canopen_control.runtime.physics_plant import write_plant
 from canopen_control.runtime.program_errors import ProgramErrors
 from canopen_control.runtime.realtime import RealTime, keep_garbage_small
 from canopen_control.runtime.supervisor import Restarts, Supervisor, hosts_virtual_drives
+from canopen_control.runtime.true_pose import TruePoseQuery, odometry_at
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
+    from canopen_control.rpc.messages.drive import BasePose
     from canopen_control.runtime.setup import RobotSetup
 
 __all__ = ["RunOptions", "Session"]
@@ -43,10 +48,13 @@ class RunOptions:
 
     `ros_arguments` are those of the bridge, which `ros` starts; `view` is the page in a browser, from which `teleop`
     drives; `recorder` is the flight recorder. `realtime` is a priority of SCHED_FIFO, `cpu` the processor that the
-    robot's thread stays on.
+    robot's thread stays on. `physics`: the virtual drives move the robot in a
+    world, that of a file where one is given.
     """
 
     drives: bool = True
+    physics: bool = False
+    world: Path | None = None
     ros: bool = False
     ros_arguments: tuple[str, ...] = ()
     view: bool = False
@@ -94,6 +102,9 @@ class Session:
             ) from error
         cleanup.callback(self.api.close)
         cleanup.callback(self.robot.close)
+        drives = [drive_name(self.robot.bus_of(node).channel, node.node_id) for node in self.robot.nodes.values()]
+        self._true_pose = TruePoseQuery(drives, self.reactor, self._take_true_pose)
+        cleanup.callback(self._true_pose.close)
         self.robot.on_stopped = self.reactor.stop
         self.robot.on_running = self._on_running
 
@@ -104,7 +115,8 @@ class Session:
         self.robot.latch.tell(self.reactor.now())
         keep_garbage_small(self._cleanup, self.robot.after_cycle, by_hand=self.options.realtime is not None)
         if self.options.drives and self.robot.buses and hosts_virtual_drives(self.setup):
-            self.supervisor.start_drives(self.setup)
+            plant = write_plant(self.setup, self.robot.joints, self.options.world) if self.options.physics else None
+            self.supervisor.start_drives(self.setup, plant)
         if self.options.recorder:
             self.supervisor.start_recorder({name: bus.channel for name, bus in self.robot.buses.items()})
         if self.options.ros:
@@ -147,7 +159,13 @@ class Session:
         """Leave nothing behind; a second call does nothing."""
         self._cleanup.close()
 
+    def _take_true_pose(self, base: BasePose) -> None:
+        """Put the true pose beside what odometry says of the same time."""
+        odometry = odometry_at(self.robot.manager, base.time_ns - self.reactor.now())
+        self.robot.truth.take(base, odometry, self.robot.wall_offset_ns)
+
     def _on_running(self) -> None:
+        self._true_pose.start()
         gc.freeze()  # what booting has made stays as well
         if self.options.motion and self.setup.files.bus_alone and self.robot.joints:
             text = "nothing moves by itself on a bus without controllers: axis enable NODE, then command NODE VALUE"

@@ -6,24 +6,32 @@ Whatever is asked, the node is brought to the present before it is answered, and
 from __future__ import annotations
 
 import os
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar, get_args
 
 from canopen_control.cia301.nmt import NmtState
 from canopen_control.errors import ConfigError
 from canopen_control.host.sockets import drive_name, socket_path
 from canopen_control.rpc.messages import drive as messages
 from canopen_control.rpc.messages.declare import PROTOCOL, Done
-from canopen_control.rpc.messages.drive import DRIVE, ActiveFaults, DriveEvent, DriveHello, DriveState, FaultListing
+from canopen_control.rpc.messages.drive import (
+    DRIVE,
+    ActiveFaults,
+    DriveEvent,
+    DriveHello,
+    DriveState,
+    FaultListing,
+    WorldState,
+)
 from canopen_control.rpc.server import Server
 from canopen_control.version import __version__
 from canopen_control.virtual.fault_switches import FaultSwitches
 from canopen_control.virtual.fault_table import FAULTS
+from canopen_control.virtual.plant import ChangeableWorld
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from canopen_control.rpc.messages.declare import Request
-    from canopen_control.rpc.messages.drive import WorldState
     from canopen_control.rpc.server import Call
     from canopen_control.virtual.nodehost import NodeHost
     from canopen_control.virtual.plant import Plant, World
@@ -75,6 +83,9 @@ class NodeControl:
         self._answer(messages.SetSignals, self._set_signals)
         self._answer(messages.SetPlant, self._set_plant)
         self._answer(messages.RestartQuality, self._restart_quality)
+        for act in get_args(messages.WorldAct):
+            self._answer(act, self._act)
+        self._answer(messages.GetWorld, self._tell_world)
         self._server.check()
 
     def close(self) -> None:
@@ -100,9 +111,8 @@ class NodeControl:
         self._server.answers(kind, answer)
 
     def _faults(self, _request: messages.ListFaults) -> tuple[FaultListing, ...]:
-        active, node = self._switches.active, self._node
-        has_inputs, has_axes = node.function is not None, bool(node.drives)
-        shown = [each for each in FAULTS.values() if each.fits(has_inputs=has_inputs, has_axes=has_axes)]
+        active = self._switches.active
+        shown = [each for each in FAULTS.values() if each.fits(self._node)]
         return tuple(fault.listing(on=fault.name in active) for fault in shown)
 
     def _switch_fault(self, request: messages.SwitchFault) -> ActiveFaults:
@@ -111,6 +121,9 @@ class NodeControl:
 
     def _state(self, _request: messages.GetDriveState) -> DriveState:
         return describe(self._node, None if self._world is None else self._world.describe())
+
+    def _tell_world(self, _request: messages.GetWorld) -> WorldState:
+        return WorldState() if self._world is None else self._world.describe()
 
     def _restart_quality(self, request: messages.RestartQuality) -> Done:
         self._axis(request.axis).meter.restart()
@@ -129,6 +142,12 @@ class NodeControl:
             raise ConfigError(f"node {node.node_id} ({node.name}) has no signals to set: it is {what}")
         node.function.set_signals(request.values, now)
         node.tick(now)
+        return Done()
+
+    def _act(self, request: messages.WorldAct) -> Done:
+        if not isinstance(self._world, ChangeableWorld):
+            raise ConfigError(f"node {self._node.node_id} is in no world with physics: run the robot with --physics")
+        self._world.act(request)
         return Done()
 
     def _set_plant(self, request: messages.SetPlant) -> Done:

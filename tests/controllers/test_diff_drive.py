@@ -364,5 +364,32 @@ def test_limits_and_timeout_that_are_set_act_in_the_next_update():
     ]
 
 
+def test_multipliers_of_the_wheels_are_set_at_rest_and_the_pose_stays():
+    hardware, control, base = robot(left_wheel_radius_multiplier=1.1)
+    control.switch(["base"], now=0)
+    left, right = hardware.state_interfaces[:2]
+    left.value = right.value = 10.0
+    control.command("base", [0.0, 0.0], S // 100)
+    control.update(S // 50, 0.02)
+    left.value, right.value = 10.0, 11.0
+    control.update(2 * S // 50, 0.02)
+    before = (base.odometry.x, base.odometry.y, base.odometry.heading)
+    wheels = {"wheel_separation_multiplier": 2.0, "left_wheel_radius_multiplier": 0.9}
+    control.set_parameters("base", [_double(name, value) for name, value in wheels.items()])
+    control.update(3 * S // 50, 0.02)
+    assert (base.odometry.x, base.odometry.y, base.odometry.heading) == pytest.approx(before)
+    left.value = 11.0
+    control.update(4 * S // 50, 0.02)
+    assert base.odometry.heading - before[2] == pytest.approx(-0.035 * 0.9 / 0.48)
+    control.command("base", [0.0, 0.5], 4 * S // 50)
+    control.update(5 * S // 50, 0.02)
+    assert [each.value for each in hardware.command_interfaces] == pytest.approx([-0.12 / 0.0315, 0.12 / 0.035])
+    with pytest.raises(RobotConfigError, match="base moves; the multipliers of its wheels are set while it stands"):
+        control.set_parameters("base", [_double("wheel_separation_multiplier", 1.0)])
+    control.set_parameters("base", [_double("cmd_vel_timeout", 1.0)])
+    with pytest.raises(RobotConfigError, match="not above 0"):
+        control.set_parameters("base", [_double("wheel_separation_multiplier", 0.0)])
+
+
 def _double(name, value):
     return ParameterValue(name=name, kind="double", value=value)

@@ -20,10 +20,14 @@ NOT_RUN = {
     r"--realtime": "a processor for itself: tests/runtime/test_realtime.py",
     r"^trajectory\b": "an arm: tests/cli/test_trajectory.py has one",
     r"^device .*--status|\bdi\d=": "an I/O module beside the robot: tests/cli/test_device.py has one",
+    r"--plant\b": "a plant file: tests/cli/test_drive.py and tests/virtual/test_shaft.py have some",
     r"^gripper\b|--controller gripper\b": "a gripper: tests/cli/test_gripper.py has one",
     r"\bmecanum_base_controller\b": "a base that goes sideways: tests/cli/test_twist.py has one",
+    r"^world \w": "a robot in physics: tests/cli/test_world.py has a world",
     r"^command .*\bio/lamp=": "outputs: tests/cli/test_command.py has some",
     r" /outputs/commands ": "outputs and a bridge: tests/ros/test_gpio_commands.py has what it sends",
+    r"^calibrate\b": "a base that errs, and minutes of squares: tests/cli/test_calibrate.py has one",
+    r"--plant floor\.yml|^run .*--no-drives": "drives with a plant beside a robot: tests/support/floor.py has them",
     r"^bench\b": "minutes of measuring: tests/bench runs every family of it",
 }
 #: Other programs in the blocks of the pages -> why they are not run from there.

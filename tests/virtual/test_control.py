@@ -4,6 +4,7 @@ import json
 import os
 from types import SimpleNamespace
 
+import msgspec
 import pytest
 from support.virtualbench import S, servo
 
@@ -90,7 +91,9 @@ def test_it_says_who_it_is(controlled):
 
 def test_it_lists_all_faults_with_what_a_good_master_makes_of_them(controlled):
     listed = controlled().call("faults")
-    assert [each["name"] for each in listed] == [name for name, each in FAULTS.items() if each.acts != "input"]
+    assert [each["name"] for each in listed] == [
+        name for name, each in FAULTS.items() if each.acts not in ("input", "output")
+    ]
     assert all(set(each) == {"name", "row", "acts", "does", "reaction", "once", "on"} for each in listed)
     assert all(each["does"] and each["reaction"] for each in listed)
 
@@ -138,6 +141,17 @@ def test_what_the_axes_do_together_is_told(controlled):
     world = SimpleNamespace(describe=lambda: WorldState(BasePose(1.5, 0.0, 0.25, 7), {"spring": 2.0}))
     told = {"base": {"x": 1.5, "y": 0.0, "heading": 0.25, "time_ns": 7}, "others": {"spring": 2.0}}
     assert controlled(world=world).call("state")["world"] == told
+
+
+def test_the_true_pose_of_the_base_is_told_by_itself(controlled):
+    pose = BasePose(1.5, 0.5, 0.25, 7, z=0.1, pitch=-0.2)
+    told = controlled(world=SimpleNamespace(describe=lambda: WorldState(pose))).call("world")
+    assert told == {"base": {"x": 1.5, "y": 0.5, "heading": 0.25, "time_ns": 7, "z": 0.1, "pitch": -0.2}}
+    assert msgspec.convert(told, WorldState).base == pose
+
+
+def test_a_node_that_moves_no_base_has_no_true_pose(controlled):
+    assert controlled().call("world") == {}
 
 
 @pytest.mark.parametrize(

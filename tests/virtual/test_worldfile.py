@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import math
 import sys
 
 import pytest
@@ -8,6 +9,7 @@ from support.virtualbench import Bench, S, servo_od
 from canopen_control.rpc.messages.drive import WorldState
 from canopen_control.virtual.device import make_device
 from canopen_control.virtual.plant import IdealPlant, LagPlant, LoadedPlant
+from canopen_control.virtual.trajectory import hold, move_to
 from canopen_control.virtual.wheel import WheelPlant
 from canopen_control.virtual.worldfile import WorldError, read_world
 
@@ -75,6 +77,18 @@ def test_two_drives_move_the_base_they_are_wheels_of(tmp_path, share):
     assert right.number(0x6064, signed=True) == -left.number(0x6064, signed=True)
     for each in worlds:
         each.close()
+
+
+def test_each_wheel_may_have_a_radius_of_its_own(tmp_path):
+    made = world(tmp_path, BASE.replace("reversed", "left_wheel_radius: 0.11, reversed"))
+    wheels = [made.plant(node_id, 0) for node_id in (5, 6)]
+    for wheel in wheels:
+        wheel.follow(hold(0, 0.0), 0, S)  # the first point is where it begins
+        wheel.follow(move_to(S, 0.0, 0.0, 1000.0, 1000.0, 1e9, 1e9), S, 3 * S)
+    made.describe()
+    ways = [wheel._way for wheel in wheels]
+    assert ways == pytest.approx([0.11 * math.tau, -0.1 * math.tau])
+    assert made.describe().base.heading == pytest.approx((ways[1] - ways[0]) / 0.4)
 
 
 def test_a_wheel_has_the_plant_of_its_axis_inside(tmp_path):

@@ -12,9 +12,10 @@ import msgspec
 
 from canopen_control.rpc.messages.declare import Api, Done, Effect, Request
 
-__all__ = ["DRIVE", "ActiveFaults", "AxisState", "BasePose", "DriveEvent", "DriveHello", "DriveState", "FaultListing",
-           "GetDriveState", "ListFaults", "PlantState", "RestartQuality", "SetInputs", "SetPlant", "SetPointQuality",
-           "SetSignals", "SignalState", "Spread", "SwitchFault", "WorldState"]  # fmt: skip
+__all__ = ["DRIVE", "ActiveFaults", "AddPayload", "AxisState", "BasePose", "BlockJoint", "DriveEvent", "DriveHello",
+           "DriveState", "FaultListing", "GetDriveState", "GetWorld", "ListFaults", "PlantState", "PushRobot",
+           "RestartQuality", "SetGrip", "SetInputs", "SetPlant", "SetPointQuality", "SetSignals", "SignalState",
+           "Spread", "SwitchFault", "WorldAct", "WorldState"]  # fmt: skip
 
 Inputs = Annotated[int, msgspec.Meta(ge=0, le=0xFFFFFFFF)]
 
@@ -46,8 +47,8 @@ class FaultListing(msgspec.Struct, frozen=True, kw_only=True):
     """A fault that can be switched on, and whether it is.
 
     `row` is its number in the catalogue of real drives' behaviour (0: not in it), `acts` where it acts, "wire", "node",
-    "axis" or "input", `does` what the drive does, `reaction` what a good master makes of it; `once`: it goes off by
-    itself.
+    "axis", "input" or "output", `does` what the drive does, `reaction` what a good master makes of it; `once`: it goes
+    off by itself.
     """
 
     name: str
@@ -138,20 +139,33 @@ class AxisState(msgspec.Struct, frozen=True, kw_only=True):
     set_points: SetPointQuality | None = None
 
 
-class BasePose(msgspec.Struct, frozen=True):
-    """Where a base is on its floor: m and rad, the heading not wrapped, at monotonic ns."""
+class BasePose(msgspec.Struct, frozen=True, omit_defaults=True):
+    """Where a base is in its world: m and rad, the heading not wrapped, at monotonic ns.
+
+    `z` is above the floor that it started on, `roll` and `pitch` are those of REP 103, positive to the right side and
+    to the front down.
+    """
 
     x: float
     y: float
     heading: float
     time_ns: int
+    z: float = 0.0
+    roll: float = 0.0
+    pitch: float = 0.0
 
 
 class WorldState(msgspec.Struct, frozen=True, omit_defaults=True):
-    """What the axes do together: the `base` that they move; `others` are what an engine of its own tells, by name."""
+    """What the axes do together: the `base` that they move, and what the `sensors` of the world measure, by name.
+
+    An IMU has its quaternion (w, x, y, z), the angular velocities in rad/s and the accelerations in m/s2, ten numbers;
+    a range finder one in m, negative for nothing in reach; a force-torque sensor forces in N and torques in Nm, six.
+    `others` are what an engine of its own tells, by name.
+    """
 
     base: BasePose | None = None
     others: dict[str, float] = {}
+    sensors: dict[str, tuple[float, ...]] = {}
 
 
 class SignalState(msgspec.Struct, frozen=True, omit_defaults=True):
@@ -224,3 +238,54 @@ class RestartQuality(Request[Done], frozen=True, kw_only=True):
     """Begin to count and measure the set-points of an axis anew."""
 
     axis: int = 0
+
+
+# -- what happens in a world that has physics
+
+
+@DRIVE.method("payload", Effect.CHANGES)
+class AddPayload(Request[Done], frozen=True, kw_only=True):
+    """Put `mass` kg on a link at once, or take them off where it is negative.
+
+    `on` is the link, "" the heaviest one; `position` in m in its frame.
+    """
+
+    mass: float
+    on: str = ""
+    position: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+@DRIVE.method("push", Effect.CHANGES)
+class PushRobot(Request[Done], frozen=True, kw_only=True):
+    """Push a link at its centre of mass, "" the heaviest one, with a `force` in N along the axes of the world."""
+
+    force: tuple[float, float, float]
+    on: str = ""
+    seconds: Annotated[float, msgspec.Meta(gt=0)] = 0.2
+
+
+@DRIVE.method("block", Effect.CHANGES)
+class BlockJoint(Request[Done], frozen=True, kw_only=True):
+    """Block a joint that a drive moves, or let it go again."""
+
+    joint: str
+    on: bool = True
+
+
+@DRIVE.method("grip", Effect.CHANGES)
+class SetGrip(Request[Done], frozen=True, kw_only=True):
+    """Change the sliding friction of wheels on the floor, that of patches excepted."""
+
+    friction: Annotated[float, msgspec.Meta(ge=0)]
+
+
+WorldAct = AddPayload | PushRobot | BlockJoint | SetGrip
+"""What may happen in a world, at a time or when somebody asks for it."""
+
+
+# -- what the axes do together
+
+
+@DRIVE.method("world", Effect.READS)
+class GetWorld(Request[WorldState], frozen=True):
+    """The true pose of the world: where the base is that the node's axes move, as every node of that world says it."""

@@ -6,7 +6,8 @@ description. On the wire keys may be added, never renamed.
 
 from __future__ import annotations
 
-from typing import TypeVar
+import math
+from typing import TypeAlias, TypeVar
 
 import msgspec
 
@@ -14,10 +15,12 @@ from canopen_control.rpc.messages.declare import Count, NodeId, UnixTime
 from canopen_control.rpc.messages.samples import ControllerSample, Sample, Values
 
 __all__ = ["AxisReading", "BootStep", "BusTraffic", "ControllerReading", "CycleTimes", "EventDetails",
-           "JointReading", "NodeReading", "RobotEvent", "SdoCounts", "Snapshot", "StateSample", "Status",
-           "TimedSnapshot", "TrackingReading"]  # fmt: skip
+           "JointReading", "NodeReading", "Planar", "RobotEvent", "SdoCounts", "Snapshot", "StateSample", "Status",
+           "TimedSnapshot", "TrackingReading", "TruePose"]  # fmt: skip
 
 S = TypeVar("S", bound=Sample)
+Planar: TypeAlias = tuple[float, float, float]
+"""x and y in m, heading in rad."""
 
 
 class SdoCounts(msgspec.Struct, frozen=True):
@@ -151,10 +154,48 @@ class RobotEvent(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
         return self.time if self.since is None else self.since
 
 
+class TruePose(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """Where the base of a simulated robot truly is at `time`: m and rad in the frame of its world.
+
+    `heading` is not wrapped, `z`, `roll` and `pitch` are as the drives' BasePose has them. `odom` is where the frame of
+    odometry is in the world: there the two agreed when both were known first, or odometry was set. `error` is the true
+    pose less odometry, seen in odometry's frame; None while no base controller is active.
+    """
+
+    time: UnixTime
+    x: float
+    y: float
+    heading: float
+    z: float = 0.0
+    roll: float = 0.0
+    pitch: float = 0.0
+    odom: Planar | None = None
+    error: Planar | None = None
+
+    @property
+    def in_odometry(self) -> Planar | None:
+        """The true pose in the frame of odometry, None where that is not known."""
+        if self.odom is None:
+            return None
+        x, y, turn = self.odom
+        cosine, sine = math.cos(turn), math.sin(turn)
+        along, across = self.x - x, self.y - y
+        return cosine * along + sine * across, cosine * across - sine * along, self.heading - turn
+
+    def beside(self, odometry: Planar) -> TruePose:
+        """Return the same with the error of what odometry said at that time."""
+        seen = self.in_odometry
+        if seen is None:
+            return self
+        turn = math.remainder(seen[2] - odometry[2], math.tau)
+        return msgspec.structs.replace(self, error=(seen[0] - odometry[0], seen[1] - odometry[1], turn))
+
+
 class Snapshot(msgspec.Struct, frozen=True, kw_only=True):
     """What a sample and the status have in common; `controllers` are their states by name.
 
-    `hint` is what keeps the robot from moving and what to call, while it runs; `latched_by` who latched a stop.
+    `hint` is what keeps the robot from moving and what to call, while it runs; `latched_by` who latched a stop;
+    `true_pose` is there where a simulation moves its base.
     """
 
     state: str = ""
@@ -165,6 +206,7 @@ class Snapshot(msgspec.Struct, frozen=True, kw_only=True):
     nodes: dict[str, NodeReading] = {}
     joints: dict[str, JointReading] = {}
     controllers: dict[str, str] = {}
+    true_pose: TruePose | None = None
 
     @property
     def active(self) -> list[str]:

@@ -16,6 +16,7 @@ from canopen_control.rpc.messages.samples import (
     MecanumSample,
     OdometrySample,
     PidSample,
+    PoseSample,
     RangeSample,
     Sample,
     SteeringSample,
@@ -24,6 +25,7 @@ from canopen_control.rpc.messages.samples import (
     WrenchSample,
     grown,
     kind_of,
+    stamped,
 )
 from canopen_control.rpc.messages.state import StateSample
 from canopen_control.rpc.wire import convert, plain
@@ -69,6 +71,7 @@ SAMPLES = {
     ),
     "sonar": RangeSample(time=8.0, frame_id="front", range=None, max_range=4.0),
     "wrist": WrenchSample(time=9.0, frame_id="tool0", force=(1.0, None, 2.0), torque=(0.0, 0.0, 0.5)),
+    "gps": PoseSample(time=9.5, frame_id="map", position=(1.0, 2.0, None), orientation=(0.0, 0.0, 0.0, 1.0)),
     "loops": PidSample(
         time=6.0,
         dofs=[
@@ -105,7 +108,7 @@ def test_each_kind_has_a_word_of_its_own():
     kinds = [kind_of(each) for each in typing.get_args(ControllerSample)]
     assert kinds == [
         *("odometry", "steering", "mecanum", "joint_states", "gpio", "diagnostics", "trajectory", "pid", "gripper"),
-        *("imu", "range", "wrench", "batteries"),
+        *("imu", "range", "wrench", "pose", "batteries"),
     ]
     assert plain(SAMPLES["io"])["kind"] == "gpio"
 
@@ -114,3 +117,9 @@ def test_a_kind_that_nobody_knows_is_told():
     with pytest.raises(Exception, match="Invalid value 'dance'"):
         convert({"samples": {"dancer": {"kind": "dance", "time": 1.0}}}, StateSample)
     assert issubclass(OdometrySample, Sample)
+
+
+def test_a_message_is_stamped_anew_and_what_it_says_stays():
+    moved = stamped(SAMPLES["base"], 9.0, x=5.0)
+    assert (moved.time, moved.x, moved.y) == (9.0, 5.0, SAMPLES["base"].y)
+    assert SAMPLES["base"].time == 1.5

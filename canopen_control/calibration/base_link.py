@@ -1,0 +1,216 @@
+"""The base of a running robot, as a calibration drives it: twists with a dead man, its odometry, its wheel values.
+
+The law of the file: it commands on one connection, by twists that end with it and by the controller's own time-out; a
+command that is refused, a stop, a fault, or a robot that says nothing more ends the drive with a sentence.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import time
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+from canopen_control.calibration.umbmark import relative
+from canopen_control.errors import ConfigError, ControlError, RemoteError
+from canopen_control.rpc.messages.parameters import GetParameters, ParameterValue, SetParameters
+from canopen_control.rpc.messages.robot import ListControllers, Subscribe, TwistController
+from canopen_control.rpc.messages.samples import OdometrySample
+from canopen_control.rpc.messages.state import StateSample
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from canopen_control.calibration.square_path import SquarePath
+    from canopen_control.client import RobotClient
+    from canopen_control.rpc.messages.state import ControllerReading, Planar, TruePose
+
+__all__ = ["FACTORS", "BaseLink", "Driven", "WheelValues", "choose_base"]
+
+#: the parameters that a calibration changes: track, left and right radius
+FACTORS: Final = ("wheel_separation_multiplier", "left_wheel_radius_multiplier", "right_wheel_radius_multiplier")
+_SOURCE: Final = "calibrate"
+_TYPE: Final = "diff_drive_controller/DiffDriveController"
+_RATE: Final = 50.0  # Hz of odometry at most
+_SILENT_S: Final = 1.0  # a robot that tells nothing for so long hangs
+_BEGIN_S: Final = 3.0  # for the first odometry, which comes after the first twist
+_REST_S: Final = 3.0  # for a base to come to rest before its values are set
+_ENDING: Final = ("stopping", "stopped")
+
+
+@dataclass(frozen=True, slots=True)
+class WheelValues:
+    """The wheels as a controller has them: the track in m after its multiplier, and the multipliers by `FACTORS`."""
+
+    separation: float
+    factors: tuple[float, float, float]
+    most_linear: float = math.inf  # m/s
+    most_angular: float = math.inf  # rad/s
+    linear_ramp: float = math.inf  # m/s^2
+    angular_ramp: float = math.inf  # rad/s^2
+
+
+@dataclass(frozen=True, slots=True)
+class Driven:
+    """Where a square ended, as seen from its start: by odometry, and in truth where that is known."""
+
+    odometry: Planar
+    truth: Planar | None = None
+
+
+def choose_base(controllers: tuple[ControllerReading, ...], wanted: str | None) -> ControllerReading:
+    """Return the diff drive controller to calibrate: the one wanted, or the only one; ConfigError with what to do."""
+    names = ", ".join(each.name for each in controllers)
+    bases = [each for each in controllers if each.type == _TYPE]
+    found = [each for each in bases if each.name == wanted] if wanted is not None else bases
+    if wanted is not None and not found:
+        raise ConfigError(f"{wanted!r} is no diff drive controller of the robot; it has: {names}")
+    if not found:
+        raise ConfigError(f"the robot has no {_TYPE}, which is what UMBmark calibrates; it has: {names}")
+    active = [each for each in found if each.active] or found
+    if len(active) > 1:
+        raise ConfigError(f"several could be meant: {', '.join(each.name for each in active)}; give --controller NAME")
+    if not active[0].active:
+        raise ConfigError(
+            f"{active[0].name} is {active[0].state}; activate it: canopen-control controller switch --activate "
+            f"{active[0].name}, with --deactivate for who holds its wheels"
+        )
+    return active[0]
+
+
+class BaseLink:
+    """A connection to the robot; `controller` is its base."""
+
+    def __init__(self, robot: RobotClient, wanted: str | None = None) -> None:
+        self._robot = robot
+        self.controller = choose_base(robot.ask(ListControllers()), wanted).name
+
+    def wheel_values(self) -> WheelValues:
+        """Return the wheels as the controller has them; ConfigError where one value overrides both sides' own."""
+        found = {each.name: each.plain for each in self._robot.ask(GetParameters(controller=self.controller))}
+
+        def value(name: str, otherwise: float = math.nan) -> float:
+            given = found.get(name)
+            number = float(given) if isinstance(given, int | float) else math.nan
+            return otherwise if math.isnan(number) else number
+
+        if not math.isnan(value("wheel_radius_multiplier")):
+            raise ConfigError(
+                f"{self.controller} has a wheel_radius_multiplier, which overrides those of both sides; fold it into "
+                "wheel_radius first"
+            )
+        separation, left, right = (value(name, 1.0) for name in FACTORS)
+        return WheelValues(
+            value("wheel_separation") * separation,
+            (separation, left, right),
+            abs(value("linear.x.max_velocity", math.inf)),
+            abs(value("angular.z.max_velocity", math.inf)),
+            abs(value("linear.x.max_deceleration", math.inf)),
+            abs(value("angular.z.max_deceleration", math.inf)),
+        )
+
+    def set_factors(self, factors: tuple[float, float, float]) -> None:
+        """Have the controller use other multipliers, once the base stands; RemoteError where it refuses."""
+        values = tuple(
+            ParameterValue(name=name, kind="double", value=value) for name, value in zip(FACTORS, factors, strict=True)
+        )
+        until = time.monotonic() + _REST_S
+        while True:
+            try:
+                self._robot.ask(SetParameters(controller=self.controller, values=values))
+            except RemoteError as error:
+                if "stands" not in str(error) or time.monotonic() > until:
+                    raise
+                time.sleep(0.1)
+            else:
+                return
+
+    def true_pose(self) -> TruePose | None:
+        """Return where the base truly is, None where that is not known: it is no simulation."""
+        with self._watching():
+            for state in self._states():
+                return state.true_pose
+        return None
+
+    def drive(self, path: SquarePath) -> Driven:
+        """Drive a square to its end; ControlError or RemoteError where it cannot go on, and then the base stops."""
+        starts: tuple[Planar, TruePose | None] | None = None
+        begun = time.monotonic()
+        with self._watching():
+            self._twist(0.0, 0.0)
+            try:
+                for state in self._states():
+                    odometry = self._odometry(state, begun)
+                    if odometry is None:
+                        continue
+                    pose = odometry.x, odometry.y, odometry.heading
+                    starts = starts or (pose, state.true_pose)
+                    twist = path.twist(pose, odometry.linear, odometry.angular, state.time)
+                    self._twist(*twist)
+                    if path.done:
+                        return Driven(relative(pose, starts[0]), _true_way(starts[1], state.true_pose))
+            finally:
+                with contextlib.suppress(RemoteError):  # who is gone or refuses does not move by us
+                    self._twist(0.0, 0.0)
+        raise ControlError("the robot tells nothing more")
+
+    def _odometry(self, state: StateSample, begun: float) -> OdometrySample | None:
+        """Return the odometry of a sample, None before there is any; ControlError where the base may not move."""
+        if state.latched:
+            raise ControlError(f"STOP, by {state.latched_by or 'somebody'}")
+        if state.hint is not None:
+            raise ControlError(state.hint)
+        if state.state in _ENDING:
+            raise ControlError(f"the robot is {state.state}")
+        if state.state == "fault":
+            wrong = [f"{name}: {each.error or 'not there'}" for name, each in state.nodes.items()
+                     if each.error or not each.ready]  # fmt: skip
+            raise ControlError(
+                f"the robot is in fault: {'; '.join(wrong) or 'a drive is silent, see canopen-control status'}"
+            )
+        found = state.samples.get(self.controller)
+        if isinstance(found, OdometrySample):
+            return found
+        if time.monotonic() - begun > _BEGIN_S:
+            raise ControlError(f"{self.controller} publishes no odometry; is it active, with a publish_rate?")
+        self._twist(0.0, 0.0)
+        return None
+
+    def _twist(self, linear: float, angular: float) -> None:
+        request = TwistController(
+            controller=self.controller, linear=linear, angular=angular, source=_SOURCE, dead_man=True
+        )
+        self._robot.ask(request, _SILENT_S)
+
+    @contextlib.contextmanager
+    def _watching(self) -> Iterator[None]:
+        """Have samples of the state while this lasts: nobody reads them in between."""
+        self._robot.ask(Subscribe(state_rate=_RATE))
+        try:
+            yield
+        finally:
+            with contextlib.suppress(RemoteError):
+                self._robot.ask(Subscribe(state_rate=None))
+                for _ in self._robot.messages(0):
+                    pass
+
+    def _states(self) -> Iterator[StateSample]:
+        """Yield samples as they come, of several that wait the newest; ControlError where none comes any more."""
+        while True:
+            newest: StateSample | None = None
+            for message in self._robot.messages(_SILENT_S):
+                if isinstance(message, StateSample):
+                    newest = message
+                    break
+            if newest is None:
+                raise ControlError(f"the robot has told nothing for {_SILENT_S:g} s; does it hang?")
+            for message in self._robot.messages(0):
+                newest = message if isinstance(message, StateSample) else newest
+            yield newest
+
+
+def _true_way(start: TruePose | None, end: TruePose | None) -> Planar | None:
+    if start is None or end is None:
+        return None
+    return relative((end.x, end.y, end.heading), (start.x, start.y, start.heading))

@@ -1,0 +1,146 @@
+"""A copy of a ros2_controllers.yaml with other values of a few parameters of one controller; all else stays as it was.
+
+The law of the file: the text is changed in the places of the values alone, so that comments and layout stay; what is
+not there yet is put in front of the wheels' own keys. The copy is read back and compared: one that says anything else
+than the file and the changes is not left behind.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from canopen_control.controllers.controllers_file import read_controllers
+from canopen_control.errors import ConfigError, nearest
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from canopen_control.controllers.controllers_file import ControllersFile
+    from canopen_control.yamlfile.node import Node
+
+__all__ = ["Change", "given_in", "write_corrected"]
+
+_ANCHORS: Final = ("wheel_separation", "wheel_radius", "left_wheel_names", "right_wheel_names")
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """A parameter that was changed, or added where `before` is None, at a line of the copy."""
+
+    name: str
+    before: float | None
+    after: float
+    line: int
+
+    def __str__(self) -> str:
+        before = "not given" if self.before is None else f"{self.before:.9g}"
+        return f"line {self.line}: {self.name}: {before} -> {self.after:.9g}"
+
+
+@dataclass(frozen=True, slots=True)
+class _Edit:
+    """A piece of text that takes the place of `length` characters at a line and column, both from 0."""
+
+    line: int
+    column: int
+    length: int
+    text: str
+
+
+def given_in(path: Path, controller: str, names: Sequence[str]) -> dict[str, float | None]:
+    """Return what a file says of parameters of a controller, None where it does not; ConfigError without it."""
+    flat = _flat(read_controllers(path), controller)
+    return {name: _number(flat, name) for name in names}
+
+
+def write_corrected(path: Path, copy: Path, controller: str, values: Mapping[str, float]) -> list[Change]:
+    """Write the copy; returns what was changed, by line. ConfigError where it cannot be, and then there is no copy."""
+    if copy.exists() and copy.samefile(path):
+        raise ConfigError(f"{copy} is the robot's own file; the values go to a copy, give another name with --output")
+    file = read_controllers(path)
+    flat = _flat(file, controller)
+    before = {name: _number(flat, name) for name in values}
+    with path.open(encoding="utf-8", newline="") as opened:
+        lines = opened.read().splitlines(keepends=True)
+    text = "".join(_applied(lines, [_edit(path, lines, flat, name, value) for name, value in values.items()]))
+    try:
+        copy.write_text(text, encoding="utf-8", newline="")
+    except OSError as error:
+        raise ConfigError(f"{copy} cannot be written: {error.strerror}; give another name with --output") from error
+    _check(file, copy, controller, values)
+    written = _flat(read_controllers(copy), controller).keys()
+    return [Change(name, before[name], value, written[name].line) for name, value in values.items()]
+
+
+def _flat(file: ControllersFile, controller: str) -> Node:
+    config = file.controllers.get(controller)
+    if config is None:
+        raise ConfigError(f"{file.path} has no controller {controller!r}{nearest(controller, file.controllers)}")
+    return config.params.flat
+
+
+def _number(flat: Node, name: str) -> float | None:
+    node = flat.get(name)
+    if node is None:
+        return None
+    if isinstance(node.value, bool) or not isinstance(node.value, int | float):
+        raise ConfigError(f"{node.path}:{node.line}:{node.column}: {name} is no number")
+    return float(node.value)
+
+
+def _edit(path: Path, lines: Sequence[str], flat: Node, name: str, value: float) -> _Edit:
+    """Return what writes a value: in the place of the old one, or in front of another key of the same block."""
+    node = flat.get(name)
+    if node is not None:
+        _require_same(path, node, name)
+        return _Edit(node.line - 1, node.column - 1, len(node.text), f"{value:.9g}")
+    anchor = next((key for each in _ANCHORS if (key := flat.keys().get(each)) is not None), None)
+    if anchor is None:
+        raise ConfigError(f"{path}: nothing there names the wheels of the base; write {name}: {value:.9g} by hand")
+    _require_same(path, anchor, name)
+    indent = lines[anchor.line - 1][: anchor.column - 1]
+    if indent.strip():  # within braces
+        return _Edit(anchor.line - 1, anchor.column - 1, 0, f"{name}: {value:.9g}, ")
+    end = "\r\n" if lines[anchor.line - 1].endswith("\r\n") else "\n"
+    return _Edit(anchor.line - 1, 0, 0, f"{indent}{name}: {value:.9g}{end}")
+
+
+def _require_same(path: Path, node: Node, name: str) -> None:
+    if Path(node.path) != path:
+        raise ConfigError(
+            f"{name} of the base is said in {node.path}:{node.line}, a params_file of {path}; give that file the value "
+            "by hand"
+        )
+
+
+def _applied(lines: Sequence[str], edits: Sequence[_Edit]) -> list[str]:
+    """Return the lines after all edits, the last place first."""
+    changed = list(lines)
+    for each in sorted(edits, key=lambda edit: (edit.line, edit.column))[::-1]:
+        old = changed[each.line]
+        changed[each.line] = old[: each.column] + each.text + old[each.column + each.length :]
+    return changed
+
+
+def _check(file: ControllersFile, copy: Path, controller: str, values: Mapping[str, float]) -> None:
+    """Raise ConfigError, and remove the copy, where it says anything else than the file and the values."""
+    wanted = _values(file)
+    wanted[controller] |= {name: float(f"{value:.9g}") for name, value in values.items()}
+    try:
+        found = _values(read_controllers(copy))
+    except ConfigError as error:
+        copy.unlink()
+        raise ConfigError(f"no copy was written, it could not be read: {error}") from error
+    if found != wanted:
+        copy.unlink()
+        text = ", ".join(f"{name}: {value:.9g}" for name, value in values.items())
+        raise ConfigError(f"{file.path} is laid out in a way that no copy could be made of; write by hand: {text}")
+
+
+def _values(file: ControllersFile) -> dict[str, dict[str, object]]:
+    """Return all parameters of all controllers."""
+    return {
+        name: {key: node.value for key, node in each.params.flat.items()} for name, each in file.controllers.items()
+    }

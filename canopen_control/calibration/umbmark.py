@@ -1,0 +1,162 @@
+"""UMBmark (Borenstein, Feng 1996): wheel radii and track of a differential drive base, from squares driven both ways.
+
+The base drives squares of one side clockwise and counter-clockwise, by its odometry. The error of a run is where it
+truly ended less where odometry says it ended, both seen from its start: x ahead and y to the left, in m. A wrong track
+turns both ways alike and unequal wheels bend both ways to one side, so that the two are told apart by both directions
+together; one direction alone may hide both. The mean radius, the scale of distances, is not seen by a closed square.
+"""
+
+from __future__ import annotations
+
+import enum
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+from canopen_control.errors import ConfigError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+__all__ = ["Correction", "Direction", "ImplausibleEnds", "SquareRun", "WheelFactors", "correction", "relative"]
+
+Planar = tuple[float, float, float]
+_CORNER: Final = math.pi / 2
+_FAR: Final = 0.5  # of the side; what ends further away was not measured right, or did not drive that square
+
+
+class ImplausibleEnds(ConfigError):
+    """Runs that no calibration can be made of."""
+
+
+class Direction(enum.Enum):
+    """Which way round a square is driven; the sign is that of its turns."""
+
+    CCW = 1
+    CW = -1
+
+    @property
+    def word(self) -> str:
+        """The direction in words."""
+        return "counter-clockwise" if self is Direction.CCW else "clockwise"
+
+
+@dataclass(frozen=True, slots=True)
+class SquareRun:
+    """One square: where it truly ended less where odometry says, m ahead and to the left of its start."""
+
+    direction: Direction
+    x: float
+    y: float
+
+
+@dataclass(frozen=True, slots=True)
+class WheelFactors:
+    """What the wheel values in use are multiplied by: the track, and the radius of each side."""
+
+    separation: float = 1.0
+    left: float = 1.0
+    right: float = 1.0
+
+    def after(self, before: WheelFactors) -> WheelFactors:
+        """Return these on top of others."""
+        return WheelFactors(self.separation * before.separation, self.left * before.left, self.right * before.right)
+
+
+@dataclass(frozen=True, slots=True)
+class Correction:
+    """What squares tell: E_b is the true track by the one in use, E_d the right wheel's diameter by the left one's.
+
+    `largest` is the systematic error E_max,syst in m, the larger distance of the two directions' mean ends from no
+    error; `scatter` in m is three standard deviations of the single runs about them, what no calibration takes away,
+    None where there is one run of each direction.
+    """
+
+    e_b: float
+    e_d: float
+    largest: float
+    scatter: float | None
+
+    @property
+    def factors(self) -> WheelFactors:
+        """What to multiply the wheel values by; the mean of both radii stays."""
+        return WheelFactors(self.e_b, 2.0 / (self.e_d + 1.0), 2.0 / (1.0 / self.e_d + 1.0))
+
+
+def relative(end: Planar, start: Planar) -> Planar:
+    """Return a pose as it is seen from another one."""
+    cosine, sine = math.cos(start[2]), math.sin(start[2])
+    x, y = end[0] - start[0], end[1] - start[1]
+    return cosine * x + sine * y, cosine * y - sine * x, end[2] - start[2]
+
+
+def correction(runs: Sequence[SquareRun], side: float, separation: float, least: int = 1) -> Correction:
+    """Return what runs around squares of `side` tell of a base whose track is believed to be `separation`, both in m.
+
+    Raises ImplausibleEnds for numbers that are none, ends that are further away than half the side, or fewer than
+    `least` runs of a direction.
+    """
+    _refuse_sizes(side, separation)
+    for number, run in enumerate(runs, 1):
+        _refuse_run(number, run, side)
+    by_direction = {each: [run for run in runs if run.direction is each] for each in Direction}
+    _refuse_count(by_direction, least)
+    means = {each: _mean(found) for each, found in by_direction.items()}
+    (x_ccw, y_ccw), (x_cw, y_cw) = means[Direction.CCW], means[Direction.CW]
+    # in rad; x and y give both, each off by the second order of the other error, so that their mean is taken
+    alpha = ((x_cw + x_ccw) + (y_cw - y_ccw)) / (-8.0 * side)
+    beta = ((x_cw - x_ccw) + (y_cw + y_ccw)) / (-8.0 * side)
+    e_b = _CORNER / (_CORNER - alpha)
+    bend = 2.0 * math.sin(beta / 2.0) * (separation / 2.0) / side  # half the track by the radius of the bent leg
+    largest = max(math.hypot(x, y) for x, y in means.values())
+    return Correction(e_b, (1.0 + bend) / (1.0 - bend), largest, _scatter(by_direction, means))
+
+
+def _refuse_sizes(side: float, separation: float) -> None:
+    for name, value in (("side of the square", side), ("wheel separation", separation)):
+        if not (math.isfinite(value) and value > 0.0):
+            raise ImplausibleEnds(f"the {name} is {value:g} m; give a length above 0")
+    if side < separation:
+        raise ImplausibleEnds(f"a side of {side:g} m is shorter than the wheels are apart; drive a larger square")
+
+
+def _refuse_run(number: int, run: SquareRun, side: float) -> None:
+    if not (math.isfinite(run.x) and math.isfinite(run.y)):
+        raise ImplausibleEnds(
+            f"run {number} ({run.direction.word}) ended at {run.x}, {run.y}: that is no place; measure it again"
+        )
+    if (away := math.hypot(run.x, run.y)) > _FAR * side:
+        raise ImplausibleEnds(
+            f"run {number} ({run.direction.word}) ended {away:.2f} m from where odometry says, more than half of the "
+            f"side of {side:g} m; were metres measured, from where that run began, x ahead and y to the left?"
+        )
+
+
+def _refuse_count(by_direction: dict[Direction, list[SquareRun]], least: int) -> None:
+    for direction, runs in by_direction.items():
+        if not runs:
+            raise ImplausibleEnds(
+                f"no run is {direction.word}; one direction alone may hide both errors, drive as many of each"
+            )
+        if len(runs) < least:
+            count = "1 run is" if len(runs) == 1 else f"{len(runs)} runs are"
+            raise ImplausibleEnds(f"{count} {direction.word}; {least} of each direction are needed at least")
+
+
+def _mean(runs: Sequence[SquareRun]) -> tuple[float, float]:
+    return math.fsum(run.x for run in runs) / len(runs), math.fsum(run.y for run in runs) / len(runs)
+
+
+def _scatter(
+    by_direction: dict[Direction, list[SquareRun]], means: dict[Direction, tuple[float, float]]
+) -> float | None:
+    """Return three standard deviations of the distance of runs from the mean of their direction."""
+    freedom = sum(len(runs) - 1 for runs in by_direction.values())
+    if freedom == 0:
+        return None
+    squares = (_squares(runs, means[direction]) for direction, runs in by_direction.items())
+    return 3.0 * math.sqrt(math.fsum(squares) / freedom)
+
+
+def _squares(runs: Iterable[SquareRun], mean: tuple[float, float]) -> float:
+    return math.fsum((run.x - mean[0]) ** 2 + (run.y - mean[1]) ** 2 for run in runs)

@@ -1,0 +1,194 @@
+"""A calibration from its first square to the gain: drive both ways, correct, drive again with the corrected values.
+
+The law of the file: the values that a robot began with are given back to it unless the calibration ends with a gain.
+Where the true pose is known the ends are measured by it, else somebody is asked.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Final, Protocol
+
+from canopen_control.calibration.base_link import FACTORS
+from canopen_control.calibration.square_path import Pace, SquarePath
+from canopen_control.calibration.umbmark import Correction, Direction, SquareRun, WheelFactors, correction
+from canopen_control.errors import CanopenError, ControlError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from canopen_control.calibration.base_link import Driven, WheelValues
+
+__all__ = ["EXACT", "Base", "CalibrationPlan", "Ends", "Outcome", "TrueEnds", "calibrate", "fitting_pace", "space"]
+
+EXACT: Final = 0.0002  # m; an error that is nothing to correct
+_OF_LIMIT: Final = 0.8  # of the ramps that a controller allows: the rest is for its own delay
+_MARGIN: Final = 0.3  # of the side, at least 0.2 m: where a square that goes wrong is ended
+
+
+class Base(Protocol):
+    """What is calibrated."""
+
+    def wheel_values(self) -> WheelValues:
+        """Return the wheels as they are believed to be."""
+
+    def set_factors(self, factors: tuple[float, float, float]) -> None:
+        """Believe in other multipliers."""
+
+    def drive(self, path: SquarePath) -> Driven:
+        """Drive a square to its end."""
+
+
+class Ends(Protocol):
+    """Who knows where the base ended."""
+
+    def before(self, text: str) -> None:
+        """Wait until the next square may begin, which `text` names."""
+
+    def end(self, text: str, driven: Driven) -> tuple[float, float]:
+        """Return where the base truly ended, m ahead and to the left of where that square began."""
+
+
+class TrueEnds:
+    """The true pose of a simulated base."""
+
+    def __init__(self, say: Callable[[str], object]) -> None:
+        self._say = say
+
+    def before(self, text: str) -> None:
+        """Tell it, and go on."""
+        self._say(text)
+
+    def end(self, text: str, driven: Driven) -> tuple[float, float]:
+        """Return what the simulation says."""
+        if driven.truth is None:
+            raise ControlError(f"{text}: the simulation has told no true pose")
+        return driven.truth[0], driven.truth[1]
+
+
+@dataclass(frozen=True, slots=True)
+class CalibrationPlan:
+    """Squares of `side` m: so many `runs` of each direction, `passes` of corrections, at a pace."""
+
+    side: float = 1.0
+    runs: int = 1
+    passes: int = 1
+    pace: Pace = field(default_factory=Pace)
+
+    @property
+    def squares(self) -> int:
+        """How many squares are driven in all."""
+        return 2 * self.runs * (self.passes + 1)
+
+    @property
+    def seconds(self) -> float:
+        """About how long the driving takes."""
+        pace = self.pace
+        side = self.side / pace.speed + pace.speed / pace.ramp + pace.settle
+        turn = math.pi / 2 / pace.turn + pace.turn / pace.turn_ramp + pace.settle
+        return self.squares * 4.0 * (side + turn)
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What a calibration has come to: the first and the last squares, and the multipliers that the last had."""
+
+    first: Correction
+    last: Correction
+    factors: dict[str, float]
+
+    @property
+    def gain(self) -> float:
+        """How many times smaller the largest error has become."""
+        return self.first.largest / self.last.largest if self.last.largest else math.inf
+
+
+def fitting_pace(wanted: Pace, wheels: WheelValues) -> Pace:
+    """Return a pace that the controller's own limits let through."""
+    return replace(
+        wanted,
+        speed=min(wanted.speed, wheels.most_linear),
+        turn=min(wanted.turn, wheels.most_angular),
+        ramp=min(wanted.ramp, _OF_LIMIT * wheels.linear_ramp),
+        turn_ramp=min(wanted.turn_ramp, _OF_LIMIT * wheels.angular_ramp),
+    )
+
+
+def space(side: float) -> str:
+    """Return the room that the squares need, in words."""
+    margin = max(0.2, _MARGIN * side)
+    return (
+        f"{side + margin:.2f} m ahead of its start and as much to its left and to its right, {margin:.2f} m behind it, "
+        "and the robot's own size beyond"
+    )
+
+
+def calibrate(
+    base: Base,
+    ends: Ends,
+    plan: CalibrationPlan,
+    say: Callable[[str], object],
+    corrected: Callable[[dict[str, float]], object] = lambda _: None,
+) -> Outcome:
+    """Calibrate a base; `say` is told each step, `corrected` each set of new multipliers, by parameter.
+
+    Raises ControlError, RemoteError or ImplausibleEnds where it cannot go on; the robot then has its old values again.
+    """
+    wheels = base.wheel_values()
+    original = wheels.factors
+    try:
+        first = last = _round(base, ends, plan, wheels.separation, f"as it is, 1 of {plan.passes + 1}", say)
+        for number in range(1, plan.passes + 1):
+            if last.largest <= EXACT:
+                break
+            factors = last.factors.after(WheelFactors(*wheels.factors))
+            new = (_written(factors.separation), _written(factors.left), _written(factors.right))
+            wheels = replace(wheels, factors=new, separation=wheels.separation * last.e_b)
+            corrected(dict(zip(FACTORS, new, strict=True)))
+            base.set_factors(new)
+            last = _round(base, ends, plan, wheels.separation, f"corrected, {number + 1} of {plan.passes + 1}", say)
+        if wheels.factors != original and last.largest >= first.largest:
+            raise ControlError(
+                f"the largest error is {1e3 * last.largest:.1f} mm with the corrected values and was "
+                f"{1e3 * first.largest:.1f} mm before: they are no gain; measure again, with more runs"
+            )
+    except BaseException:
+        if wheels.factors != original:
+            with contextlib.suppress(CanopenError):  # a robot that is gone has forgotten them anyway
+                base.set_factors(original)
+        raise
+    return Outcome(first, last, dict(zip(FACTORS, wheels.factors, strict=True)))
+
+
+def _round(
+    base: Base, ends: Ends, plan: CalibrationPlan, separation: float, what: str, say: Callable[[str], object]
+) -> Correction:
+    """Drive all squares once with the values in use; returns what they tell."""
+    found = []
+    for number in range(1, plan.runs + 1):
+        for direction in Direction:
+            text = f"{what}: run {number} of {plan.runs}, {direction.word}"
+            ends.before(text)
+            driven = base.drive(SquarePath(plan.side, direction, plan.pace))
+            x, y = ends.end(text, driven)
+            run = SquareRun(direction, x - driven.odometry[0], y - driven.odometry[1])
+            say(f"  ended {1e3 * math.hypot(run.x, run.y):.1f} mm from odometry: {_millimetres(run.x, run.y)}")
+            found.append(run)
+    told = correction(found, plan.side, separation, least=plan.runs)
+    scatter = "" if told.scatter is None else f", scatter (3 sigma) {1e3 * told.scatter:.1f} mm"
+    say(
+        f"  largest systematic error {1e3 * told.largest:.1f} mm{scatter}; right wheel to left {told.e_d:.6f}, "
+        f"track to the one in use {told.e_b:.6f}"
+    )
+    return told
+
+
+def _written(value: float) -> float:
+    """Return a value as a file says it, so that robot and file have the same."""
+    return float(f"{value:.9g}")
+
+
+def _millimetres(x: float, y: float) -> str:
+    return f"{1e3 * x:+.1f} mm ahead, {1e3 * y:+.1f} mm to the left"

@@ -1,0 +1,206 @@
+"""`calibrate`: wheel radii and track of a differential drive base, by squares driven both ways (UMBmark).
+
+The base of a running robot drives squares by its odometry, counter-clockwise and clockwise, and stops at each corner.
+Where it truly ends tells how unequal its wheels are and how far they are apart. In simulation (drives with a `base` in
+their plant file, or physics) the true pose is known and it goes by itself. On a real base you are asked: put it at its
+start, press Enter, and type where it ended as X Y, in metres ahead and to the left of that start. --ends FILE holds
+these answers instead, one a line, in their order.
+
+The values go to a copy of ros2_controllers.yaml, and into the running controller, which then drives again with them.
+The controller's own limits hold. STOP, a fault, Ctrl-C, or the end of this process end it: the base stops, and the
+controller has its old values again.
+
+Exit codes: 0 the error has become smaller, or there was none; 1 it was stopped, or nothing was gained; 2 wrong usage,
+no robot runs, or ends that cannot be.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from canopen_control.cli.support.arguments import number, whole_number
+
+if TYPE_CHECKING:
+    import argparse
+
+    from canopen_control.calibration.base_link import BaseLink
+    from canopen_control.calibration.umbmark_session import CalibrationPlan, Ends, Outcome
+
+__all__ = ["EXAMPLE", "add_arguments", "run"]
+
+EXAMPLE = """canopen-control calibrate robby
+         canopen-control calibrate robby --side 2 --runs 5 -o robby_calibrated.yaml"""
+OUTPUT: Final = "ros2_controllers_calibrated.yaml"
+_AFTER: Final = "; the base stops, and its controller has the values that it had before"
+_RUNS: Final = (1, 5)  # of each direction: in simulation, where every square is like the other, and on a floor
+
+_length = number("length in m from 0.2 to 20", lambda value: 0.2 <= value <= 20.0)
+_speed = number("speed above 0", lambda value: value > 0.0)
+_count = whole_number("number from 1 to 50", range(1, 51))
+_passes = whole_number("number from 1 to 5", range(1, 6))
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    parser.add_argument(
+        "config", nargs="?", metavar="ROBOT", help="the robot's folder, or a bundled one: whose YAML is copied"
+    )
+    parser.add_argument("--controllers", metavar="FILE", help="ros2_controllers.yaml, instead of the folder's")
+    parser.add_argument(
+        "-o", "--output", metavar="FILE", default=OUTPUT, help=f"the copy with the new values (default: {OUTPUT})"
+    )
+    parser.add_argument("--overwrite", action="store_true", help="a copy that is there already is replaced")
+    parser.add_argument("--controller", metavar="NAME", help="default: the only diff drive controller that is active")
+    parser.add_argument("--name", help="the robot (default: the only one that runs)")
+    parser.add_argument("--side", type=_length, default=1.0, metavar="M", help="of the square, m (default: 1)")
+    parser.add_argument("--speed", type=_speed, default=0.2, metavar="V", help="along the sides, m/s (default: 0.2)")
+    parser.add_argument("--turn", type=_speed, default=0.6, metavar="W", help="at the corners, rad/s (default: 0.6)")
+    parser.add_argument(
+        "--runs",
+        type=_count,
+        metavar="N",
+        help=f"squares of each direction (default: {_RUNS[0]} in simulation, {_RUNS[1]} on a floor)",
+    )
+    parser.add_argument("--passes", type=_passes, default=1, metavar="N", help="corrections (default: 1)")
+    parser.add_argument("--ends", metavar="FILE", help="measured ends, instead of asking: X Y a line, m")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the verb."""
+    from canopen_control.calibration.base_link import BaseLink
+    from canopen_control.client import RobotClient
+    from canopen_control.errors import ControlError, RemoteError
+
+    with RobotClient.connect(args.name) as robot:
+        link = BaseLink(robot, args.controller)
+        try:
+            return _calibrate(args, link, robot.robot)
+        except KeyboardInterrupt:
+            raise ControlError(f"the calibration was interrupted{_AFTER}") from None
+        except (ControlError, RemoteError) as error:
+            if error.of_usage:
+                raise
+            raise ControlError(f"the calibration has ended: {error}{_AFTER}") from None
+
+
+def _calibrate(args: argparse.Namespace, link: BaseLink, robot: str) -> int:
+    from canopen_control.calibration.square_path import Pace
+    from canopen_control.calibration.umbmark_session import CalibrationPlan, calibrate, fitting_pace
+
+    wheels = link.wheel_values()
+    copy = _YamlCopy(args, link)
+    simulated = link.true_pose() is not None and args.ends is None
+    runs = args.runs or _RUNS[0 if simulated else 1]
+    pace = fitting_pace(Pace(speed=args.speed, turn=args.turn), wheels)
+    plan = CalibrationPlan(args.side, runs, args.passes, pace)
+    ends = _ends(args, plan, simulated=simulated)
+    _announce(plan, link.controller, robot)
+    _tell(calibrate(link, ends, plan, _say, copy.write), link.controller, copy)
+    return 0
+
+
+def _announce(plan: CalibrationPlan, controller: str, robot: str) -> None:
+    from canopen_control.calibration.umbmark_session import space
+
+    pace = plan.pace
+    _say(
+        f"{controller} of {robot}: {plan.squares} squares of {plan.side:g} m at {pace.speed:g} m/s and "
+        f"{pace.turn:g} rad/s, about {plan.seconds / 60.0:.0f} min of driving"
+    )
+    _say(f"free space it needs: {space(plan.side)}")
+    _say("STOP: canopen-control stop, or Ctrl-C here")
+
+
+def _tell(outcome: Outcome, controller: str, copy: _YamlCopy) -> None:
+    """Print what was gained, and what to do with it."""
+    if outcome.first is outcome.last:
+        _say(f"nothing to correct: the largest error is {1e3 * outcome.first.largest:.1f} mm")
+        return
+    first, last = outcome.first.largest, outcome.last.largest
+    gain = f"{outcome.gain:.0f} times smaller" if last else "no error is left"
+    _say(f"largest error {1e3 * first:.1f} mm before, {1e3 * last:.1f} mm now: {gain}")
+    _say(f"{controller} runs with the new values until the robot ends" + (copy.hint if copy.path else ", which are:"))
+    for name, value in () if copy.path else outcome.factors.items():
+        _say(f"    {name}: {value:.9g}")
+
+
+def _ends(args: argparse.Namespace, plan: CalibrationPlan, *, simulated: bool) -> Ends:
+    """Return who knows the ends; ConfigError where nobody does."""
+    from canopen_control.calibration.typed_ends import TypedEnds, read_ends
+    from canopen_control.calibration.umbmark_session import TrueEnds
+    from canopen_control.errors import ConfigError
+
+    if args.ends is not None:
+        return read_ends(Path(args.ends), plan.squares, _say)
+    if simulated:
+        return TrueEnds(_say)
+    if not sys.stdin.isatty():
+        raise ConfigError(
+            "the true pose of this base is not known, and nobody can be asked where it ends: run it in a terminal, or "
+            "give --ends FILE"
+        )
+    return TypedEnds(input, _say)
+
+
+class _YamlCopy:
+    """The copy of the robot's YAML; `path` is None where no file was named."""
+
+    def __init__(self, args: argparse.Namespace, link: BaseLink) -> None:
+        from canopen_control.errors import ConfigError
+
+        self.path: Path | None = None
+        self._controller, self._copy = link.controller, Path(args.output)
+        if args.config is None and args.controllers is None:
+            if args.output != OUTPUT:
+                raise ConfigError("--output is for a copy of a robot's YAML; name the robot's folder, or --controllers")
+            return
+        self.path = _controllers_file(args)
+        self._require_the_robots(link)
+        if self._copy.exists() and not args.overwrite:
+            raise ConfigError(f"{self._copy} is there already; give another --output, or --overwrite")
+
+    def _require_the_robots(self, link: BaseLink) -> None:
+        """Raise ConfigError where the file says other values than the robot that runs has."""
+        from canopen_control.calibration.base_link import FACTORS
+        from canopen_control.calibration.corrected_file import given_in
+        from canopen_control.errors import ConfigError
+
+        assert self.path is not None
+        given = given_in(self.path, self._controller, FACTORS)
+        for name, runs in zip(FACTORS, link.wheel_values().factors, strict=True):
+            says = 1.0 if given[name] is None else given[name]
+            if says != runs:
+                raise ConfigError(
+                    f"{self.path} says {name} {says:g} and the robot that runs has {runs:g}; calibrate with the file "
+                    "that it was started from, or start it again"
+                )
+
+    @property
+    def hint(self) -> str:
+        """What to do with the copy."""
+        return f"; for good: canopen-control run ROBOT --controllers {self._copy}"
+
+    def write(self, values: dict[str, float]) -> None:
+        """Write new values, and tell what was changed."""
+        from canopen_control.calibration.corrected_file import write_corrected
+
+        if self.path is None:
+            return
+        changes = write_corrected(self.path, self._copy, self._controller, values)
+        _say(f"{self._copy}, a copy of {self.path}:")
+        for each in changes:
+            _say(f"  {each}")
+
+
+def _controllers_file(args: argparse.Namespace) -> Path:
+    if args.controllers is not None:
+        return Path(args.controllers)
+    from canopen_control.runtime.robot_files import find_robot
+
+    return Path(find_robot(args.config).controllers)
+
+
+def _say(text: str) -> None:
+    print(text, flush=True)

@@ -1,0 +1,137 @@
+"""The true pose of a simulated base beside its odometry: asked of the virtual drives, told with the robot's state.
+
+The law of the file: a robot on virtual drives that move a base (the `base` of a plant file, an engine of physics) knows
+by how much its odometry errs; every other one has no true pose. The world's frame and that of odometry are brought
+together when both poses are known first, when another base controller becomes active, and when odometry is set. While
+the base moves, odometry is about a period of the bus older than the truth; at rest the two are of one time.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Final
+
+from canopen_control.errors import CanopenError
+from canopen_control.host.sockets import socket_path
+from canopen_control.rpc.messages.drive import DRIVE, GetWorld
+from canopen_control.rpc.messages.state import TruePose
+from canopen_control.rpc.reactor_client import ReactorClient
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+
+    from canopen_control.controllers.manager import ControllerManager
+    from canopen_control.host.reactor import Reactor
+    from canopen_control.rpc.messages.drive import BasePose, WorldState
+    from canopen_control.rpc.messages.state import Planar
+
+__all__ = ["PERIOD_NS", "TruePoseQuery", "TruePoseTracker", "odometry_at"]
+
+PERIOD_NS: Final = 50_000_000
+_TIMEOUT_NS: Final = 2_000_000_000
+_RETRY_NS: Final = 1_000_000_000
+_LOOK_BACK_S: Final = 0.2  # the most that odometry is carried to the time of a true pose
+
+
+class TruePoseTracker:
+    """Puts true poses and odometry side by side; `reading` is the newest, None while nothing is known. Sans-IO."""
+
+    def __init__(self) -> None:
+        self.reading: TruePose | None = None
+        self._controller: str | None = None
+        self._odom: Planar | None = None
+
+    def align(self) -> None:
+        """Bring the two frames together with the next true pose: odometry was set."""
+        self._odom = None
+
+    def take(self, base: BasePose, odometry: tuple[str, Planar] | None, wall_offset_ns: int) -> None:
+        """Take a true pose, and what odometry of which base controller said at that time (None: none is active)."""
+        name, pose = (None, None) if odometry is None else odometry
+        if name is not None and (self._odom is None or name != self._controller):
+            self._controller, self._odom = name, _frame_of(base, pose or (0.0, 0.0, 0.0))
+        if name is None:
+            self._controller = None  # when it is active again it counts from there
+        time = (base.time_ns + wall_offset_ns) / 1e9
+        x, y, heading = base.x, base.y, base.heading
+        truth = TruePose(
+            time=time, x=x, y=y, heading=heading, z=base.z, roll=base.roll, pitch=base.pitch, odom=self._odom
+        )
+        self.reading = truth if pose is None else truth.beside(pose)
+
+
+def _frame_of(base: BasePose, odometry: Planar) -> Planar:
+    """Return where the frame of odometry is in the world, when the base is in both where it is said to be."""
+    x, y, heading = odometry
+    turn = base.heading - heading
+    cosine, sine = math.cos(turn), math.sin(turn)
+    return base.x - (cosine * x - sine * y), base.y - (sine * x + cosine * y), turn
+
+
+def odometry_at(manager: ControllerManager, ahead_ns: int) -> tuple[str, Planar] | None:
+    """Return the name and the pose of the active base controller, carried by a short time; None without one."""
+    ahead = max(-_LOOK_BACK_S, min(0.0, ahead_ns / 1e9))
+    for name in manager.bases:
+        pose = manager.get(name).dead_reckoning(ahead)
+        return None if pose is None else (name, pose)
+    return None
+
+
+class TruePoseQuery:
+    """Asks `drives`, by the names of their sockets, until one moves a base, and then that one every `PERIOD_NS`.
+
+    `take` gets what it answers.
+    """
+
+    def __init__(self, drives: Sequence[str], reactor: Reactor, take: Callable[[BasePose], object]) -> None:
+        self._names, self._reactor, self._take = tuple(drives), reactor, take
+        self._found = False
+        self._client: ReactorClient | None = None
+        self._drives: Iterator[str] = iter(())
+        self._closed = False
+
+    def start(self) -> None:
+        """Begin; the drives of a robot that move no base are asked once, and then no more."""
+        if not self._closed:
+            self._drives = iter(self._names)
+            self._try_next()
+
+    def _try_next(self) -> None:
+        self._leave()
+        name = next(self._drives, None)
+        if name is None:
+            if self._found:  # a drive that has died may be there again
+                self._reactor.call_later(_RETRY_NS, self.start)
+            return
+        try:
+            self._client = ReactorClient(
+                DRIVE, socket_path("drive", name), self._reactor, label=name, timeout_ns=_TIMEOUT_NS
+            )
+        except CanopenError:
+            self._reactor.call_soon(self._try_next)
+        else:
+            self._client.ask(GetWorld(), self._answered)
+
+    def _answered(self, world: WorldState | None, _why_not: str | None) -> None:
+        if self._client is None:
+            return
+        if world is None or world.base is None:
+            self._reactor.call_soon(self._try_next)
+            return
+        self._found = True
+        self._take(world.base)
+        self._reactor.call_later(PERIOD_NS, self._again)
+
+    def _again(self) -> None:
+        if self._client is not None:
+            self._client.ask(GetWorld(), self._answered)
+
+    def _leave(self) -> None:
+        client, self._client = self._client, None
+        if client is not None:
+            client.close()
+
+    def close(self) -> None:
+        """Ask no more."""
+        self._closed, self._drives = True, iter(())
+        self._leave()
