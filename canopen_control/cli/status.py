@@ -73,7 +73,8 @@ def render(state: Snapshot) -> list[str]:
         table.add(("no drive", "-", "-", name, *_numbers(joint), "-"))  # mock, or simulated
     held = [state.hint] if state.hint else []
     active = ", ".join(state.active) or "none"
-    return [f"{head}, active: {active}", *held, *table.lines(), *_tracking(state), *_errors(state).values()]
+    truth = [] if state.true_pose is None else [state.true_pose.words]
+    return [f"{head}, active: {active}", *held, *truth, *table.lines(), *_tracking(state), *_errors(state).values()]
 
 
 def _tracking(state: Snapshot) -> list[str]:
