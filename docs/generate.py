@@ -216,6 +216,7 @@ def controllers() -> str:
         ("IMU", sensor_params.ImuParams, "IMUSensorBroadcaster"),
         ("Range sensor", sensor_params.RangeParams, "RangeSensorBroadcaster"),
         ("Force and torque", sensor_params.ForceTorqueParams, "ForceTorqueSensorBroadcaster"),
+        ("Pose", sensor_params.PoseParams, "/PoseBroadcaster"),
         ("Batteries", battery_params.BatteryParams, "BatteryState"),
         ("GPIO and diagnostics", broadcasters.StateParams, "(Gpio|Diagnostics)Broadcaster"),
     )
@@ -241,6 +242,9 @@ def controllers() -> str:
                 "### Each degree of freedom: `gains.DOF.KEY`\n",
                 _keys(pid_params.DofGains, CONTROLLERS["DofGains"], {}),
             ]
+        if cls is sensor_params.PoseParams:
+            part = sensor_params.PoseTransform
+            text += ["### Its transform: `tf.KEY`\n", _keys(part, CONTROLLERS[part.__name__], {})]
         if cls is battery_params.BatteryParams:
             text += ["### Each battery: `BATTERY.KEY`\n", _keys(battery_params.Battery, CONTROLLERS["Battery"], {})]
         if cls is trajectory.TrajectoryParams:

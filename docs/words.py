@@ -377,6 +377,16 @@ CONTROLLERS: dict[str, dict[str, str]] = {
         "offset": "`.force.x` to `.torque.z`: N or Nm that are added",
         "multiplier": "`.force.x` to `.torque.z`: factor after that; absent: 1.0",
     },
+    "PoseParams": {
+        "frame_id": "frame in which the pose is told",
+        "pose_name": "a <sensor> of the description with `position.x` to `orientation.w`",
+        "interface_names": "`.position.x` to `.orientation.w`: state interfaces by their full names, instead of it",
+    },
+    "PoseTransform": {
+        "enable": "whether the pose is a transform in `/tf` too",
+        "child_frame_id": "the frame that is there; empty: `pose_name`",
+        "publish_rate": "has no effect: there is a transform at every update",
+    },
     "BatteryParams": {
         "batteries": "names of <sensor>, <gpio> or <joint> parts, each with `battery_voltage` at least",
         "interfaces": "`.BATTERY.battery_temperature` and so on, true: that state interface is read too "

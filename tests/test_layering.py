@@ -36,6 +36,7 @@ MAY_IMPORT = {
     "bus": ({"host", "rpc"}, STDLIB | {"can"}),
     "master": ({"od", "cia301", "cia402", "profiles", "bus", "yamlfile", "data_files"}, STDLIB),
     "virtual": ({"od", "cia301", "cia402", "profiles", "bus", "host", "rpc", "yamlfile"}, STDLIB | {"numpy"}),
+    "physics": ({"virtual", "urdf", "yamlfile", "rpc"}, STDLIB | {"mujoco", "numpy"}),
     "hardware": (
         {"od", "cia301", "cia402", "profiles", "master", "yamlfile", "urdf"},
         STDLIB | MARKS,
@@ -95,6 +96,7 @@ ONLY = {
     "canopen": "interop",
     "yaml": "yamlfile",
     "xacro": "urdf",
+    "mujoco": "physics",
     "nicegui": "view",
     "fastapi": "view",
     "starlette": "view",

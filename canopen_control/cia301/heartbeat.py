@@ -194,6 +194,19 @@ class HeartbeatConsumer:
         node = self._nodes.get(node_id)
         return node is not None and node.missed
 
+    def goes_on(self, node_id: int, state: NmtState, now: int, since: int | None = None) -> bool:
+        """Take a heartbeat of a watched node, in time and of the state that it had; False: `receive` has to look at it.
+
+        It came between `since`, when none waited, and `now`.
+        """
+        node = self._nodes.get(node_id)
+        if node is None or node.state is not state or node.deadline_ns is None:
+            return False
+        if (now if since is None else since) >= node.deadline_ns:
+            return False
+        node.last_ns, node.deadline_ns = now, now + node.timeout_ns
+        return True
+
     def receive(self, frame: CanFrame, now: int, since: int | None = None) -> None:
         """Take a heartbeat or boot-up of any node; it came between `since`, when none waited, and `now`."""
         node_id = frame.can_id - ERROR_CONTROL_COB_ID

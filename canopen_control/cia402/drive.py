@@ -73,6 +73,7 @@ class DriveMachine:
     `undefined` (the number of undefined statuswords), `evaluations` (updates that had something to decide: while it
     stays the same, so does everything else). `ignore_remote` is for drives that leave bit 9 alone. `standstill` may be
     set by who knows that the motor stands; it shortens the wait for the end of a quick stop, nothing else.
+    `mode_request` is what became of the mode that was asked for.
     """
 
     def __init__(
@@ -107,7 +108,7 @@ class DriveMachine:
         self._always_remote = REMOTE if ignore_remote else 0
         self._running_word = REMOTE  # the last one of a drive that had started: its bit 9 means something
         self._events: list[DriveEvent] = []
-        self._mode = ModeRequest(mode_timeout_ns)
+        self.mode_request = ModeRequest(mode_timeout_ns)
         self._mode_bits = 0
         self._reset = FaultReset(fault_reset_timeout_ns)
         self._deadline = _NEVER
@@ -132,7 +133,7 @@ class DriveMachine:
             return
         if self.fault:
             raise DriveError(f"{self.name}: cannot be enabled in a fault{self._seen()}; reset the fault first")
-        if self._mode.failed:
+        if self.mode_request.failed:
             raise DriveError(f"{self.name}: cannot be enabled, its mode was not confirmed; set a mode first")
 
     def disable(self) -> None:
@@ -171,7 +172,7 @@ class DriveMachine:
 
         Whether the drive has it (0x6502) was asked before: `modes.require_mode`.
         """
-        if self._mode.ask(mode):
+        if self.mode_request.ask(mode):
             self._due = _AT_ONCE
 
     @property
@@ -206,23 +207,23 @@ class DriveMachine:
     @property
     def mode(self) -> int | None:
         """What to write to 0x6060; None: nobody asked for a mode, leave it as it is."""
-        return self._mode.mode
+        return self.mode_request.mode
 
     @property
     def mode_confirmed(self) -> bool:
         """Whether 0x6061 shows `mode`, or none was asked for."""
-        return self._mode.confirmed
+        return self.mode_request.confirmed
 
     @property
     def mode_failed(self) -> bool:
         """Whether the last mode asked for was not confirmed in time."""
-        return self._mode.failed
+        return self.mode_request.failed
 
     @property
     def waiting(self) -> bool:
         """Whether nothing but `hold` keeps the drive from being enabled by the next controlword."""
         ready = self.state is State.SWITCHED_ON or self.state is State.QUICK_STOP_ACTIVE
-        return ready and self.goal is Goal.ENABLED and self._mode.confirmed
+        return ready and self.goal is Goal.ENABLED and self.mode_request.confirmed
 
     @property
     def enabled(self) -> bool:
@@ -232,7 +233,7 @@ class DriveMachine:
     @property
     def may_move(self) -> bool:
         """Whether a target may be sent: enabled, in the mode that was asked for, not halted."""
-        return self.enabled and self._mode.confirmed and not self.halted
+        return self.enabled and self.mode_request.confirmed and not self.halted
 
     @property
     def fault(self) -> bool:
@@ -253,7 +254,7 @@ class DriveMachine:
     def reached(self) -> bool:
         """Whether the goal is reached; the way of a stop is `drive_goal.is_stopped`."""
         if self.goal is Goal.ENABLED:
-            return self.enabled and self._mode.confirmed
+            return self.enabled and self.mode_request.confirmed
         return is_stopped(self.goal, self.disabled_state, self.state)
 
     def events(self) -> list[DriveEvent]:
@@ -272,7 +273,7 @@ class DriveMachine:
 
         Call it once per cycle. Never raises. A statusword that becomes None again is a drive that is gone.
         """
-        mode = self._mode
+        mode = self.mode_request
         if mode_display == mode.display and now < self._due:
             last = self.statusword
             if statusword == last:
@@ -313,7 +314,7 @@ class DriveMachine:
         self.statusword = None
         self._running_word = REMOTE
         self._undefined_run = 0
-        self._mode.forget_display()
+        self.mode_request.forget_display()
         self._reset.cancel()
         if self.state is not None:
             self._enter(None, now)
@@ -369,12 +370,12 @@ class DriveMachine:
         self._fire(IntentTrigger.LOST)
 
     def _supervise_mode(self, display: int | None, now: int) -> None:
-        event = self._mode.update(display, now)
+        event = self.mode_request.update(display, now)
         if event is None:
             return
         self._events.append(event)
         # A drive that stayed in its old mode goes on in it; one that is not enabled yet, or in neither mode, does not.
-        stayed = self._mode.confirmed and self.state is State.OPERATION_ENABLED
+        stayed = self.mode_request.confirmed and self.state is State.OPERATION_ENABLED
         if isinstance(event, ModeTimedOut) and self.goal is Goal.ENABLED and not stayed:
             self._lose(now, self.state)
 
@@ -385,7 +386,7 @@ class DriveMachine:
             self._fire(IntentTrigger.LOST if event.gave_up else IntentTrigger.ARRIVED)
 
     def _choose(self) -> Command | None:
-        may_enable = self._mode.confirmed and not self.held
+        may_enable = self.mode_request.confirmed and not self.held
         command = self._intent.choose(self.state, self.statusword, self.standstill, may_enable)
         if self.state is State.QUICK_STOP_ACTIVE and self._intent.waits:
             self._due = _AT_ONCE  # `standstill` is no input of update
@@ -401,7 +402,7 @@ class DriveMachine:
                 self._due = _AT_ONCE
             return self._reset.bit
         enabled = self.enabled
-        if not (enabled and self._mode.confirmed):
+        if not (enabled and self.mode_request.confirmed):
             self._mode_bits = 0
         if command is None:
             return 0

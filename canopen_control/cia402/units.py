@@ -42,7 +42,7 @@ def to_object(raw: float, low: int, high: int) -> int | None:
 
 def wrap_int32(value: int) -> int:
     """Return the int32 that has the same 32 low bits."""
-    return (value + _HALF) % _SPAN - _HALF
+    return value if -_HALF <= value < _HALF else (value + _HALF) % _SPAN - _HALF
 
 
 def counts_per_revolution(
@@ -178,7 +178,9 @@ class PositionUnwrapper:
         if last is None:
             self.count = raw
             return raw
-        step = (raw - last + _HALF) % _SPAN - _HALF
+        step = raw - last
+        if not -_HALF <= step < _HALF:
+            step = (step + _HALF) % _SPAN - _HALF
         if self._pending:
             self._pending = False
             self.offset = self.count - raw

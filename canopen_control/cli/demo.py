@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from canopen_control.cli.run import add_arguments as add_run_arguments
 from canopen_control.cli.run import run_robot
@@ -13,14 +13,16 @@ if TYPE_CHECKING:
 __all__ = ["add_arguments", "run"]
 
 EXAMPLE = "canopen-control demo --ros"
+ROBOT: Final = "robby"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options: those of `run`, for robby unless another is named."""
+    """Declare the options: those of `run`."""
     add_run_arguments(parser)
-    parser.set_defaults(config="robby")
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the verb."""
+    """Run the verb: robby, unless a robot, a launch file or files of one are named."""
+    if all(each is None for each in (args.config, args.launch, args.bus, args.controllers, args.description)):
+        args.config = ROBOT
     return run_robot(args, motion=True, table=True)

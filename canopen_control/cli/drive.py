@@ -43,6 +43,7 @@ from canopen_control.rpc.messages.drive import GetDriveState
 
 if TYPE_CHECKING:
     import argparse
+    from collections.abc import Sequence
 
 __all__ = ["EXAMPLE", "add_arguments", "parse_node_ids", "run"]
 
@@ -50,6 +51,7 @@ EXAMPLE = """canopen-control drive --node-id 3 --eds TMCM-1270.eds --can local:r
          canopen-control drive --node-id 3 --can local:robby --status"""
 
 _RANGE = re.compile(r"(\d+)(?:-(\d+))?")
+_NUMBERS = re.compile(r"[\d,\- ]+")
 _LAST_NODE_ID = 127
 _NO_NODE_ID = "255"
 _FILES = ("store", "scenario", "plant")
@@ -63,7 +65,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="N[,N|-N]",
         help="1 to 127; several as 2,3 or 1-64, in one process; 255: none, LSS gives it one",
     )
-    parser.add_argument("--eds", metavar="FILE", help="a path, or the name of a bundled file; needed to run drives")
+    parser.add_argument(
+        "--eds",
+        action="append",
+        metavar="[N[,N]=]FILE",
+        help="a path, or the name of a bundled file; needed to run drives; N=FILE: of these nodes (repeatable)",
+    )
     parser.add_argument("--can", required=True, metavar="CHANNEL", help="local:NAME, vcan0, can0, ...")
     parser.add_argument(
         "--fault",
@@ -92,9 +99,11 @@ def run(args: argparse.Namespace) -> int:
         raise ConfigError("drive needs --eds FILE: which device it is; --status asks a drive that runs already")
     from canopen_control.virtual.launch import Options, run_drives
 
+    node_ids = parse_node_ids(args.node_id)
+    eds, others = _eds_files(args.eds, node_ids)
     files = {name: None if (text := getattr(args, name)) is None else Path(text) for name in _FILES}
-    options = Options(faults=args.fault, serial=args.serial, **files)
-    return run_drives(parse_node_ids(args.node_id), _eds(args.eds), args.can, options, _say)
+    options = Options(faults=args.fault, serial=args.serial, others=others, **files)
+    return run_drives(node_ids, eds, args.can, options, _say)
 
 
 def _tell_status(args: argparse.Namespace) -> int:
@@ -123,6 +132,26 @@ def parse_node_ids(text: str) -> list[int]:
     if len(set(node_ids)) != len(node_ids):
         raise ConfigError(f"--node-id {text!r}: a node id is named twice")
     return node_ids
+
+
+def _eds_files(texts: Sequence[str], node_ids: Sequence[int]) -> tuple[Path, dict[int, Path]]:
+    """Return the file of all nodes, and those of the nodes that have another one; ConfigError for what fits none."""
+    common: list[Path] = []
+    others: dict[int, Path] = {}
+    for text in texts:
+        numbers, equals, file = text.partition("=")
+        if not equals or _NUMBERS.fullmatch(numbers) is None:
+            common.append(_eds(text))
+            continue
+        for node_id in parse_node_ids(numbers):
+            if node_id not in node_ids or others.setdefault(node_id, _eds(file)) != _eds(file):
+                why = "it has another one already" if node_id in others else "--node-id does not name it"
+                raise ConfigError(f"--eds {text}: node {node_id}: {why}")
+    left = [node_id for node_id in node_ids if node_id not in others]
+    if len(common) > 1 or (left and not common):
+        what = f"node {left[0]} has none" if not common else f"{common[0]} and {common[1]} are both for all nodes"
+        raise ConfigError(f"--eds: {what}; write --eds FILE for all, and --eds N=FILE for a node with another one")
+    return (common or list(others.values()))[0], others
 
 
 def _eds(text: str) -> Path:

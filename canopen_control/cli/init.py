@@ -1,4 +1,4 @@
-"""`init`: the folder of a new robot, made of the EDS files of its drives, or of who is on a bus.
+"""`init`: the folder of a new robot, made of the EDS files of its devices, or of who is on a bus.
 
 It writes bus.yml, a URDF with <ros2_control> and ros2_controllers.yaml, commented, and copies the EDS. `check --strict`
 passes it, and `demo NAME` turns it at once on virtual drives. What the EDS does not tell is written as a guess and
@@ -48,7 +48,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="FILE",
         action="append",
         default=[],
-        help="EDS of the drive, a file or a bundled one (repeatable: the next --node-id is its)",
+        help="EDS of the device, a file or a bundled one (repeatable: the next --node-id is its)",
     )
     parser.add_argument(
         "--node-id", metavar="N[,N..]", action="append", default=[], help="node ids of the devices with that EDS"
@@ -57,7 +57,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--can", metavar="CHANNEL", help="instead: who is on this bus, with the EDS that fits, given or bundled"
     )
     parser.add_argument(
-        "--joint", metavar="NAME", action="append", default=[], help="name of a joint, one for each drive in order"
+        "--joint",
+        metavar="NAME",
+        action="append",
+        default=[],
+        help="name of a joint, one for each axis in order",
     )
     parser.add_argument(
         "--base", choices=list(BASES), default="none", help="what the drives move together (default: none)"
@@ -193,24 +197,30 @@ def _lines(written: Written, channel: str) -> list[str]:
     lines = [f"{written.folder}/ is made: {', '.join(written.files)}"]
     lines += [_node_line(node) for node in robot.nodes]
     lines += [f"check warns: {text}" for text in written.warnings]
-    guessed = [node.name for node in robot.drives if node.drive is not None and not node.drive.told]
+    guessed = list(dict.fromkeys(joint.node for joint in robot.joints if not joint.axis.told))
     if guessed:
         lines.append(f"counts_per_revolution in bus.yml is a guess for {_some(guessed)}: the EDS tells none")
     name = robot.name
-    if not robot.drives:
-        lines.append("no drive is among them, so there are no joints and no controllers: a bus alone")
+    if robot.is_bus_alone:
+        lines.append("nothing of them is a drive or a signal that is known, so there are no controllers: a bus alone")
         return [*lines, f"boot it, on virtual devices: canopen-control run {name}"]
-    real = f"real drives, after a look at bus.yml: canopen-control preflight {name} --can {channel}"
-    return [*lines, f"turn it, on virtual drives: canopen-control demo {name}", real]
+    lines.append(f"{'turn' if robot.drives else 'see'} it, on virtual devices: canopen-control demo {name}")
+    if not robot.drives:
+        return [*lines, f"real ones, after a look at bus.yml: canopen-control run {name} --can {channel} --real"]
+    return [*lines, f"real drives, after a look at bus.yml: canopen-control preflight {name} --can {channel}"]
 
 
 def _node_line(node: NewNode) -> str:
-    if node.drive is None:
-        return f"  node {node.device.node_id} {node.name}: {node.device.eds.name}, no drive"
-    drive = node.drive
-    mode = f"{drive.interface} in {drive.mode.name}"
-    more = f", the first of its {drive.axes} axes" if drive.axes > 1 else ""
-    return f"  node {node.device.node_id} {node.name}: moves {node.joint}, {mode}{more}"
+    who = f"  node {node.device.node_id} {node.name}:"
+    if node.drive is not None:
+        moved = [f"{joint.name}, {joint.axis.interface} in {joint.axis.mode.name}" for joint in node.joints]
+        return f"{who} moves {'; '.join(moved)}"
+    if node.measured:
+        return f"{who} measures {node.measured}"
+    if not node.signals:
+        return f"{who} {node.device.eds.name}, no profile that is known: a proxy"
+    outputs = f"{len(node.outputs)} of them outputs" if node.outputs else "all inputs"
+    return f"{who} {node.profile.words}, {len(node.signals)} signals, {outputs}"
 
 
 def _some(names: Sequence[str]) -> str:

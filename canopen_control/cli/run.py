@@ -44,6 +44,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--ros", action=argparse.BooleanOptionalAction, default=False, help="start the ROS 2 bridge (default: off)"
     )
     parser.add_argument("--namespace", metavar="NS", help="with --ros: of all its ROS names and frames")
+    parser.add_argument(
+        "--physics",
+        action="store_true",
+        help="the virtual drives move the robot on a floor: weight, friction, slip (needs the extra [physics])",
+    )
     parser.add_argument("--view", action="store_true", help="show the robot on a page of this computer")
     parser.add_argument("--teleop", action="store_true", help="with --view: buttons that drive while they are held")
     parser.add_argument(
@@ -161,10 +166,13 @@ def run_robot(args: argparse.Namespace, *, motion: bool = False, table: bool = F
         require_view()
     elif args.teleop:
         raise ConfigError("--teleop is for the page; show it with --view, or drive by keyboard: canopen-control teleop")
+    if args.physics:
+        _check_physics(args, setup)
     from canopen_control.cli.support.output import Announcer
     from canopen_control.runtime.run_session import RunOptions, Session
 
     options = RunOptions(
+        physics=args.physics,
         drives=not (args.real or args.mock or args.no_drives),
         ros=args.ros,
         ros_arguments=bridge_arguments(args),
@@ -193,8 +201,19 @@ def run_robot(args: argparse.Namespace, *, motion: bool = False, table: bool = F
         session.close()
         announcer.close()
     if failure is not None:
-        raise CanopenError(failure)
+        raise (ConfigError if session.supervisor.refused else CanopenError)(failure)
     return 0
+
+
+def _check_physics(args: argparse.Namespace, setup: RobotSetup) -> None:
+    """Raise ConfigError where there is no physics, or nothing that it could move."""
+    from canopen_control.physics import require_physics
+    from canopen_control.runtime.physics_plant import check_physics
+
+    require_physics()
+    check_physics(setup)
+    if args.no_drives:
+        raise ConfigError("--physics is of the virtual drives that a run starts; leave --no-drives away")
 
 
 def bridge_arguments(args: argparse.Namespace) -> tuple[str, ...]:
@@ -244,6 +263,7 @@ def read_setup(args: argparse.Namespace) -> RobotSetup:
         peer_merge=args.peer_merge,
         allow_unsupervised=args.allow_unsupervised,
         kernel_sync=getattr(args, "kernel_sync", False),
+        physics=getattr(args, "physics", False),
     )
 
 

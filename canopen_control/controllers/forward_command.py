@@ -40,6 +40,9 @@ class ForwardCommandController(Controller):
 
     independent: ClassVar[bool] = True
     topic: ClassVar[str | None] = "commands"
+    settable: ClassVar[tuple[str, ...]] = ("command_timeout",)
+    kind: ClassVar[type[GroupParams | SingleParams | MultiParams]] = ForwardParams
+    renames: ClassVar[dict[str, str]] = {}
 
     def __init__(self, name: str, type_name: str = "forward_command_controller/ForwardCommandController") -> None:
         super().__init__(name, type_name)
@@ -58,6 +61,11 @@ class ForwardCommandController(Controller):
         if not given.interface_name:
             raise RobotConfigError(_missing(self.name, "interface_name", "velocity"))
         self._set_up(given, given.joints, given.interface_name, given.command_timeout)
+
+    def on_set(self, params: Params) -> None:
+        """Take another command_timeout, which counts for the command that is there too."""
+        interfaces = [name.rpartition("/")[2] for name in self._names]
+        self._set_life(params.read(self.kind, self.renames).command_timeout, interfaces)
 
     def command_interface_names(self) -> list[str]:
         """Return one interface per value, in the order of the values."""
@@ -94,13 +102,15 @@ class ForwardCommandController(Controller):
     def update(self, now: int, period: float) -> ReturnType:
         """Write the targets."""
         del period
-        if self._runs_out(now):
-            self._stop(now)
-        if not self.life.live:
+        life = self.life
+        if not life.live:
             return OK
-        index = 0
+        if life.limit_ns and now - life.given > life.limit_ns and self._runs_out(now):
+            self._stop(now)
+            return OK
+        index, values = 0, self._values
         for each in self.commands:
-            each.value = self._values[index]
+            each.value = values[index]
             index += 1  # noqa: SIM113 - enumerate makes a tuple per joint in the cycle
         return OK
 
@@ -139,6 +149,8 @@ class ForwardCommandController(Controller):
 class MultiInterfaceForwardCommandController(ForwardCommandController):
     """Forwards numbers to several interfaces of one joint."""
 
+    kind: ClassVar[type[GroupParams | SingleParams | MultiParams]] = MultiParams
+
     def on_configure(self, params: Params) -> None:
         """Read joint, interface_names and command_timeout."""
         given = params.read(MultiParams)
@@ -154,6 +166,7 @@ class _JointGroupController(ForwardCommandController):
     """A forward command controller whose interface is fixed by its type."""
 
     fixed_interface = VELOCITY
+    kind: ClassVar[type[GroupParams | SingleParams | MultiParams]] = GroupParams
 
     def on_configure(self, params: Params) -> None:
         """Read joints and command_timeout."""
@@ -177,20 +190,22 @@ class JointGroupEffortController(_JointGroupController):
     fixed_interface = EFFORT
 
 
+_GAINS = ("p", "i", "d", "i_clamp", "i_clamp_min", "i_clamp_max", "antiwindup")
+
+
 class _JointController(ForwardCommandController):
     """ROS 1's controller of one joint, its interface fixed by its type."""
 
     fixed_interface = VELOCITY
+    kind: ClassVar[type[GroupParams | SingleParams | MultiParams]] = SingleParams
+    renames: ClassVar[dict[str, str]] = {f"pid.{gain}": "" for gain in _GAINS}
 
     def on_configure(self, params: Params) -> None:
         """Read joint and command_timeout."""
-        given = params.read(SingleParams, {f"pid.{gain}": "" for gain in _GAINS})
+        given = params.read(SingleParams, self.renames)
         if not given.joint:
             raise RobotConfigError(_missing(self.name, "joint", "left_wheel_joint"))
         self._set_up(given, (given.joint,), self.fixed_interface, given.command_timeout)
-
-
-_GAINS = ("p", "i", "d", "i_clamp", "i_clamp_min", "i_clamp_max", "antiwindup")
 
 
 class JointVelocityController(_JointController):

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Sequence
 
     from canopen_control.controllers.base import Controller
-    from canopen_control.controllers.slots import Ends
+    from canopen_control.controllers.slots import Ends, Part
     from canopen_control.rpc.messages.samples import ControllerSample
 
 __all__ = ["RunningControllers"]
@@ -93,15 +93,19 @@ class RunningControllers:
         """
         self.now = now
         for slot in self._commanding:
-            self._follow_power(slot, now)
-        elapsed = self._commanding_rate.step(now, period)
+            for part in slot.parts:
+                if part.follows() is not part.enabled:
+                    self._power_changed(slot, part, now)
+        rate = self._commanding_rate
+        elapsed = rate.step(now, period) if rate.hz else period
         if elapsed >= 0.0:
             self._run(self._commanding, now, elapsed)
         return elapsed
 
     def broadcast(self, now: int, period: float) -> None:
         """Run those that only tell, once the commands of the cycle are on their way."""
-        elapsed = self._telling_rate.step(now, period)
+        rate = self._telling_rate
+        elapsed = rate.step(now, period) if rate.hz else period
         if elapsed >= 0.0:
             self._run(self._telling, now, elapsed)
 
@@ -118,14 +122,12 @@ class RunningControllers:
             if result is not OK:
                 self.failed.append((slot.controller, "update reported an error"))
 
-    def _follow_power(self, slot: Slot, now: int) -> None:
+    def _power_changed(self, slot: Slot, part: Part, now: int) -> None:
         """Forget a command in the cycle in which one of the drives that it moves is no longer enabled."""
-        for part in slot.parts:
-            enabled = part.follows()
-            if part.enabled and not enabled:
-                off = [each for each in part.ends if not each.enabled]
-                self._forget(slot, now, part.ends if len(slot.parts) > 1 else None, slot.controller.explain(off))
-            part.enabled = enabled
+        if part.enabled:
+            off = [each for each in part.ends if not each.enabled]
+            self._forget(slot, now, part.ends if len(slot.parts) > 1 else None, slot.controller.explain(off))
+        part.enabled = not part.enabled
 
     # ------------------------------------------------------------------------------------------------ their commands
 

@@ -1,4 +1,4 @@
-"""Broadcasters of sensors: IMU, range, force and torque, over the state interfaces of a <sensor> of any hardware.
+"""Broadcasters of sensors: IMU, range, force and torque, pose, over the state interfaces of a <sensor> of any hardware.
 
 The law of the file (ros2_controllers, Jazzy): the names of the interfaces are fixed (`orientation.x`, `range`,
 `force.x` ...), and a broadcaster is not activated before all that it reads are there; a force-torque broadcaster whose
@@ -16,19 +16,26 @@ from canopen_control.controllers.sensor_params import (
     AXES,
     ForceTorqueParams,
     ImuParams,
+    PoseParams,
     RangeParams,
     SensorParams,
 )
 from canopen_control.controllers.state_copy import finite
 from canopen_control.hardware.interfaces import OK, ReturnType
-from canopen_control.rpc.messages.samples import ImuSample, RangeSample, WrenchSample
+from canopen_control.rpc.messages.samples import ImuSample, PoseSample, RangeSample, WrenchSample
 
 if TYPE_CHECKING:
     from canopen_control.controllers.params import Params
     from canopen_control.hardware.interfaces import CommandInterface, StateInterface
     from canopen_control.rpc.messages.samples import Sample
 
-__all__ = ["ForceTorqueSensorBroadcaster", "IMUSensorBroadcaster", "RangeSensorBroadcaster", "SensorBroadcaster"]
+__all__ = [
+    "ForceTorqueSensorBroadcaster",
+    "IMUSensorBroadcaster",
+    "PoseBroadcaster",
+    "RangeSensorBroadcaster",
+    "SensorBroadcaster",
+]
 
 _IMU: Final = (
     *(f"orientation.{axis}" for axis in "xyzw"),
@@ -69,7 +76,7 @@ class SensorBroadcaster(Controller):
         self.stamp = now
         return OK
 
-    def _set_up(self, given: SensorParams, names: list[str]) -> None:
+    def _set_up(self, given: SensorParams | PoseParams, names: list[str]) -> None:
         """Take checked parameters."""
         given.check(self.name)
         self.update_rate, self.frame_id, self._names = given.update_rate, given.frame_id, names
@@ -167,4 +174,34 @@ class ForceTorqueSensorBroadcaster(SensorBroadcaster):
             frame_id=self.frame_id,
             force=self._known(0, 3),
             torque=self._known(3, 6),
+        )
+
+
+class PoseBroadcaster(SensorBroadcaster):
+    """Tells a position and an orientation, and the transform that they are."""
+
+    tells: ClassVar[type[Sample] | None] = PoseSample
+
+    def __init__(self, name: str, type_name: str = "") -> None:
+        super().__init__(name, type_name)
+        self.params = PoseParams()
+
+    def on_configure(self, params: Params) -> None:
+        """Read the parameters; RobotConfigError with everything that is wrong in them."""
+        self.params = given = params.read(PoseParams)
+        given.check(self.name)
+        self._set_up(given, given.names)
+        if given.tf.publish_rate:
+            self.tell(
+                "parameter", "tf.publish_rate has no effect: a transform goes out at every update; set update_rate"
+            )
+
+    def sample(self, wall_offset_ns: int) -> PoseSample:
+        """Return what was measured at the last update."""
+        return PoseSample(
+            time=self.published(wall_offset_ns),
+            frame_id=self.frame_id,
+            position=self._known(0, 3),
+            orientation=self._known(3, 7),
+            child_frame_id=self.params.child_frame_id,
         )

@@ -1,4 +1,4 @@
-"""The parameters of the broadcasters of sensors: IMU, range, force and torque.
+"""The parameters of the broadcasters of sensors: IMU, range, force and torque, pose.
 
 Keys, defaults and meaning are those of ros2_controllers (jazzy).
 """
@@ -16,9 +16,19 @@ from canopen_control.yamlfile.convert import setting
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-__all__ = ["AXES", "ForceTorqueParams", "ImuParams", "RangeParams", "SensorParams"]
+__all__ = [
+    "AXES",
+    "POSE",
+    "ForceTorqueParams",
+    "ImuParams",
+    "PoseParams",
+    "PoseTransform",
+    "RangeParams",
+    "SensorParams",
+]
 
 AXES: Final = ("force.x", "force.y", "force.z", "torque.x", "torque.y", "torque.z")
+POSE: Final = (*(f"position.{axis}" for axis in "xyz"), *(f"orientation.{axis}" for axis in "xyzw"))
 _UNKNOWN: Final = (0.0,) * 9
 _COVARIANCE: Final = 9
 
@@ -39,9 +49,7 @@ class SensorParams(CommonParams):
 
     def check(self, name: str) -> None:
         """Raise RobotConfigError with everything that cannot be; `name` is the controller's."""
-        mistakes = list(self.mistakes())
-        if mistakes:
-            raise RobotConfigError(f"{name}: {'; '.join(mistakes)}")
+        refuse_all(name, self.mistakes())
 
 
 @dataclass(frozen=True)
@@ -108,3 +116,56 @@ class ForceTorqueParams(SensorParams):
         for key, numbers in (("offset", self.offset), ("multiplier", self.multiplier)):
             yield from (f"{key}.{axis} is {each}; give a finite number" for axis, each in numbers.items()
                         if not math.isfinite(each))  # fmt: skip
+
+
+@dataclass(frozen=True)
+class PoseTransform:
+    """Whether a pose is a transform too, and to which frame; that of its name unless another is given."""
+
+    enable: bool = True
+    child_frame_id: str = ""
+    publish_rate: float = setting(0.0, low=0.0)
+
+
+@dataclass(frozen=True)
+class PoseParams(CommonParams):
+    """Parameters of pose_broadcaster/PoseBroadcaster: the state interfaces of `pose_name`, or each by its own name."""
+
+    frame_id: str = ""
+    pose_name: str = ""
+    interface_names: dict[str, str] = setting(key="interface_names", section=True, factory=dict)  # noqa: RUF009 - makes a field
+    tf: PoseTransform = setting(PoseTransform(), key="tf", section=True)  # noqa: RUF009 - makes a field
+
+    @property
+    def names(self) -> list[str]:
+        """The seven state interfaces in the order of `POSE`."""
+        if self.pose_name:
+            return [f"{self.pose_name}/{each}" for each in POSE]
+        return [self.interface_names[each] for each in POSE]
+
+    @property
+    def child_frame_id(self) -> str | None:
+        """The frame whose transform a pose is, None where it is none."""
+        return (self.tf.child_frame_id or self.pose_name or None) if self.tf.enable else None
+
+    def mistakes(self) -> Iterator[str]:
+        """Yield what cannot be."""
+        named = any(self.interface_names.values())
+        if bool(self.pose_name) == named:
+            both = "both 'pose_name' and interface_names" if named else "neither 'pose_name' nor interface_names"
+            yield f"{both}; give pose_name for all seven, or interface_names.position.x to orientation.w"
+        elif named and (missing := [each for each in POSE if not self.interface_names.get(each)]):
+            yield f"interface_names.{missing[0]} is missing; a pose has all of position.x to orientation.w"
+        if not self.frame_id:
+            yield "no 'frame_id'; give it under ros__parameters: frame_id: map"
+        yield from (f"interface_names.{each}{nearest(each, POSE)}" for each in self.interface_names if each not in POSE)
+
+    def check(self, name: str) -> None:
+        """Raise RobotConfigError with everything that cannot be; `name` is the controller's."""
+        refuse_all(name, self.mistakes())
+
+
+def refuse_all(name: str, mistakes: Iterator[str]) -> None:
+    """Raise RobotConfigError with all sentences, if there is one; `name` is the controller's."""
+    if found := list(mistakes):
+        raise RobotConfigError(f"{name}: {'; '.join(found)}")

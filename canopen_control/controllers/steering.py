@@ -13,7 +13,9 @@ from typing import TYPE_CHECKING, ClassVar
 
 from mypy_extensions import mypyc_attr
 
+from canopen_control.controllers.ackermann_ros1 import is_ros1, read_ros1
 from canopen_control.controllers.base import WheelBase
+from canopen_control.controllers.base_params import refuse
 from canopen_control.controllers.mobile_base import MobileBase
 from canopen_control.controllers.state_copy import finite
 from canopen_control.controllers.steering_kinematics import SteeringKinematics
@@ -70,19 +72,23 @@ class SteeringController(MobileBase):
 
     def on_configure(self, params: Params) -> None:
         """Read the parameters; the pose becomes 0."""
-        self.params = given = read_params(params, self.kind)
+        self.params = given = self.read(params)
         self.kinematics = given.made()
         self.pose = self.kinematics
         self.joints = (*given.traction_joints_names, *given.steering_joints_names)
         count = len(self.joints)
         self._traction, self._steering = [0.0] * self.kinematics.traction_count, [0.0] * self.kinematics.steering_count
         self._reading, self._driven = [0.0] * count, [0.0] * count
-        self.set_up(given, given.reference_timeout, count, open_loop=given.open_loop)
+        self.set_up(given, given.reference_timeout, count, given.limits, open_loop=given.open_loop)
+
+    def read(self, params: Params) -> SteeringParams:
+        """Return checked parameters; RobotConfigError with every mistake."""
+        return read_params(params, self.kind)
 
     def on_set(self, params: Params) -> None:
         """Take another timeout, from the next update on."""
-        given = read_params(params, self.kind)
-        self.take(given, given.reference_timeout)
+        given = self.read(params)
+        self.take(given, given.reference_timeout, given.limits)
         self.params = given
 
     def command_interface_names(self) -> list[str]:
@@ -182,9 +188,17 @@ class TricycleSteeringController(SteeringController):
 
 
 class AckermannSteeringController(SteeringController):
-    """Two traction wheels and two steered wheels."""
+    """Two traction wheels and two steered wheels; one of each with the keys of ROS 1, see `ackermann_ros1`."""
 
     kind: ClassVar[type[SteeringParams]] = AckermannParams
+
+    def read(self, params: Params) -> SteeringParams:
+        """Return checked parameters of ROS 2's controller, or of ROS 1's."""
+        if not is_ros1(params):
+            return super().read(params)
+        given = read_ros1(params)
+        refuse(self.name, given.mistakes())
+        return given
 
     def __init__(self, name: str, type_name: str = "ackermann_steering_controller/AckermannSteeringController") -> None:
         super().__init__(name, type_name)

@@ -21,6 +21,7 @@ from canopen_control.yamlfile.convert import setting
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from canopen_control.controllers.base_params import AxisLimits
     from canopen_control.controllers.params import Params
 
 __all__ = ["AckermannParams", "BicycleParams", "SteeringParams", "TricycleParams", "read_params"]
@@ -60,6 +61,11 @@ class SteeringParams(BaseParams):
     def tracks(self) -> tuple[float, float]:
         """The distances of the traction wheels and of the steered wheels, 0 for one wheel."""
         return 0.0, 0.0
+
+    @property
+    def limits(self) -> tuple[AxisLimits, ...]:
+        """The limits of each axis of the twist; upstream has none."""
+        return ()
 
     @property
     def traction_states(self) -> tuple[str, ...]:

@@ -50,6 +50,7 @@ TYPES: Final = {
     "force_torque_sensor_broadcaster/ForceTorqueSensorBroadcaster": (
         f"{_HERE}.sensor_broadcasters:ForceTorqueSensorBroadcaster"
     ),
+    "pose_broadcaster/PoseBroadcaster": f"{_HERE}.sensor_broadcasters:PoseBroadcaster",
     "battery_state_broadcaster/BatteryStateBroadcaster": f"{_HERE}.battery_broadcaster:BatteryStateBroadcaster",
     "canopen_control/TargetController": f"{_HERE}.drive_target:TargetController",
     "canopen_control/GpioBroadcaster": f"{_HERE}.broadcasters:GpioBroadcaster",

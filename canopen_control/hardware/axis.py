@@ -120,7 +120,10 @@ class Axis:
     @property
     def raw_position(self) -> int:
         """The newest 0x6064; 0 where none is known."""
-        return self.position.value if self.position is not None and self.position.fresh else 0
+        position = self.position
+        if position is None or position.pdo.stamp < 0:
+            return 0
+        return position.pdo.values[position.position]  # type: ignore[return-value]  # as `Input.value`, without a call
 
     def index(self, index: int) -> int:
         """Return the index of a profile object for this axis."""

@@ -171,7 +171,8 @@ class _HeldOutput:
 class DeviceParts:
     """All <gpio> and <sensor> of a tag that stand for devices; RobotConfigError with everything that is wrong there.
 
-    A part that names no device has no interfaces: other stacks have such parts for their own plugins.
+    A part that names no device has no interfaces: other stacks have such parts for their own plugins. Without `present`
+    there are none, and nothing to be done in a cycle.
     """
 
     def __init__(self, parts: Sequence[ControlJoint], nodes: Mapping[str, tuple[RemoteNode, ProcessImage]]) -> None:
@@ -195,6 +196,7 @@ class DeviceParts:
         self.states: list[StateInterface] = [state for part in self._parts for state in part.states]
         self.commands: list[CommandInterface] = [command for part in self._parts for command in part.commands]
         self._owner = {command.name: part for part in self._parts for command in part.commands}
+        self.present = bool(self._parts)
 
     @property
     def sending(self) -> bool:
@@ -204,7 +206,10 @@ class DeviceParts:
     @property
     def has_news(self) -> bool:
         """Whether `take_news` has something to tell."""
-        return any(each.lost or each.jumps for each in self._nodes.values())
+        for each in self._nodes.values():  # noqa: SIM110 - `any` would make a generator in the cycle
+            if each.lost or each.jumps:
+                return True
+        return False
 
     def take_news(self) -> list[tuple[RemoteNode, str, str]]:
         """Return node, kind and sentence of what happened since the last call: a node was lost, an input jumped."""

@@ -47,6 +47,7 @@ class Feedback:
         self._raw_effort: int | None = None
         self._more = self._effort is not None or bool(self._extras)
         self._position_state = self.states.get(POSITION, StateInterface(description.name, POSITION))
+        self._velocity_state = self.states.get(VELOCITY, StateInterface(description.name, VELOCITY))
         self._slack = round(abs(axis.scale.pos_to_dev) * _SLACK) + 1
         self._stamp = self._moved_at = 0
         self._jumps = 0
@@ -78,7 +79,10 @@ class Feedback:
                 self._velocity_count = pdo.count
                 raw: int = pdo.values[velocity.position]  # type: ignore[assignment]  # mapped drive objects are integers
                 if raw != self._raw_velocity:
-                    self._take_velocity(raw)
+                    self._raw_velocity = raw
+                    # + 0.0: a mirrored drive that stands still has no velocity of -0.0
+                    self._velocity_state.value = speed = raw * self._axis.scale.vel_from_dev + 0.0
+                    self.standing = -STANDSTILL <= speed <= STANDSTILL
         position = self._position
         if position is not None:
             pdo = position.pdo
@@ -106,22 +110,15 @@ class Feedback:
         self._raw_position = self._raw_velocity = self._raw_effort = None
         self._position_count = self._velocity_count = self._effort_count = -1
 
-    def _take_velocity(self, raw: int) -> None:
-        self._raw_velocity = raw
-        # + 0.0: a mirrored drive that stands still has no velocity of -0.0
-        value = self._axis.scale.velocity_from_device(raw) + 0.0
-        self.states[VELOCITY].value = value
-        self.standing = -STANDSTILL <= value <= STANDSTILL
-
     def _take_position(self, raw: int, stamp: int) -> int:
         axis = self._axis
         unwrap, last = axis.unwrap, self._raw_position
         # a step within a revolution is always plausible: no need to work out what else would be
         if last is None or not -self._slack <= raw - last <= self._slack:
             unwrap.max_step = self._largest_step(stamp - self._stamp)
-        count = unwrap.update(raw)
+        count, scale = unwrap.update(raw), axis.scale
         self._raw_position, self._stamp = raw, stamp
-        self._position_state.value = axis.scale.position_from_device(count)
+        self._position_state.value = count * scale.pos_from_dev + scale.offset_pos_from_dev
         if self._velocity is None:
             self.standing, self._moved_at = False, stamp
         if unwrap.jumps == self._jumps:

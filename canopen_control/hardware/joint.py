@@ -78,6 +78,7 @@ class JointDrive(JointParts):
         """What it was stopped by since it was last enabled, none of its user's."""
         self._watch = StatusWatch(self.axis, node.config.motion.following_error_action)
         self._status = AxisStatus(self.axis, self.machine, holds_load=self.power.holds_load)
+        self._limits, self._controlword = self.axis.limits, self.axis.controlword  # for every cycle
         self._evaluations = -1
         self._link: Link = _GONE
         self._now = 0
@@ -160,7 +161,7 @@ class JointDrive(JointParts):
     def step(self, now: int) -> bool:
         """Advance the state machine by one cycle; returns whether `events` tells anything."""
         self._now = now
-        machine, axis, status = self.machine, self.axis, self._status
+        machine, status = self.machine, self._status
         status.update(now)
         word, before = status.word, machine.statusword
         machine.standstill = self.feedback.standing
@@ -176,12 +177,13 @@ class JointDrive(JointParts):
             self._take_events()
         if self.power.watched:
             self._look_on(now)
-        if axis.limits.blocked and not self._events and machine.may_move and self._pushes():
+        if self._limits.blocked and not self._events and machine.may_move and self._pushes():
             self._events.append(self._watch.pressed())
         if word is None:
             control = status.blind_word(now)
-        if control != axis.controlword.value:
-            axis.controlword.set(control)
+        output = self._controlword
+        if control != output.value:
+            output.set(control)
         return bool(self._events)
 
     def write(self, now: int, period: float) -> None:

@@ -70,8 +70,9 @@ class JointLimiter:
     def _begin(self, actual: list[float], desired: list[float]) -> None:
         """Where no command is known yet, measure from where the joint is, or from what is wanted first."""
         before = self.before
-        if not all(map(math.isnan, before)):
-            return
+        for known in before:
+            if known == known:  # is not nan
+                return
         for at in range(len(desired)):
             if not math.isnan(desired[at]):
                 before[at] = desired[at] if math.isnan(actual[at]) else actual[at]

@@ -86,6 +86,7 @@ class JointTargets:
         self.tracking = Tracking()
         self.tracked: CommandInterface | None = None
         self._axis, self._machine, self._parameters = axis, machine, parameters
+        self._request = machine.mode_request
         self._outputs = self.commands.get(DIGITAL_OUTPUTS)
         if self._outputs is not None:
             self._outputs.lowest, self._outputs.highest = float(INT32_MIN), float(UINT32_MAX)
@@ -228,7 +229,7 @@ class JointTargets:
 
     def write_mode(self) -> None:
         """Send the mode, and the digital outputs."""
-        output, mode = self._axis.mode, self._machine.mode
+        output, mode = self._axis.mode, self._request.mode
         if output is not None and mode is not None and mode != output.value:
             output.set(mode)
         if self._outputs is not None and self._axis.digital_outputs is not None:
@@ -315,8 +316,8 @@ def require_targets(axis: Axis, interfaces: Collection[str]) -> None:
         if name == DIGITAL_OUTPUTS:
             if axis.digital_outputs is None:
                 raise _unmapped(axis, name, "0x60FE:01")
-        elif name in FEED_FORWARD and POSITION in interfaces and _feeds(axis, name):
-            continue
+        elif name == TARGET or (name in FEED_FORWARD and POSITION in interfaces and _feeds(axis, name)):
+            continue  # a drive on a bus alone may be there to be looked at: its enable says what is missing
         elif name not in _SERVED:
             raise RobotConfigError(
                 f"joint {axis.joint}: no command interface {name!r}; there are: {', '.join((*MOTION, DIGITAL_OUTPUTS))}"

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Final
 from canopen_control.cia402 import objects
 from canopen_control.cia402.modes import OperationMode
 from canopen_control.cia402.setpoint import SetPointHandshake
-from canopen_control.cia402.units import INT16_MAX, INT16_MIN, INT32_MAX, INT32_MIN, to_object
+from canopen_control.cia402.units import INT16_MAX, INT16_MIN, INT32_MAX, INT32_MIN, to_object, wrap_int32
 from canopen_control.hardware.interfaces import EFFORT, POSITION, VELOCITY
 from canopen_control.hardware.place_ramp import PlaceRamp
 
@@ -34,6 +34,7 @@ _NAN: Final = math.nan
 _VL_RUN: Final = 0x70  # bits 4, 5 and 6: enable ramp, unlock ramp, use the reference
 _INTERPOLATE: Final = 0x10
 _DEFAULT_STOP_S: Final = 0.5  # of a ramp where the drive tells no deceleration
+_NEAR: Final = 1 << 30  # counts: closer than this no rounding makes a target lie beyond half a turn of its counter
 
 
 class ModeTarget:
@@ -105,12 +106,18 @@ class _PositionTarget(ModeTarget):
 
     def _count_of(self, value: float, none: int) -> int:
         """Return the count of a target; `none` without one, and for one that does not fit, which is noted."""
-        if math.isnan(value):
+        axis = self._axis
+        scale = axis.scale
+        count = value * scale.pos_to_dev + scale.offset_pos_to_dev
+        if -_NEAR <= count - (axis.raw_position + axis.unwrap.offset) <= _NEAR:  # False for nan
+            axis.misfit = _NAN
+            return round(count)
+        if value != value:
             return none
         low, high = self.span()
         fits = low <= value <= high
-        self._axis.misfit = _NAN if fits else value
-        return self._axis.scale.position_count(value) if fits else none
+        axis.misfit = _NAN if fits else value
+        return scale.position_count(value) if fits else none
 
 
 class VelocityTarget(ModeTarget):
@@ -134,10 +141,12 @@ class VelocityTarget(ModeTarget):
 
     def follow(self, value: float, now: int, period: float) -> None:  # noqa: ARG002 - the verb of every mode
         """Send a velocity within the drive's limits."""
-        if self._same(value):
-            return
-        self._slope = 0.0
         axis = self._axis
+        blocked = axis.limits.blocked
+        if value == self._value and blocked == self._blocked:
+            return  # as `_same`, without the call
+        self._value, self._blocked = value, blocked
+        self._slope = 0.0
         raw = self._scaled(value, self._factor(), self._low, self._high)
         self.output.set(axis.limits.of_velocity(raw))
 
@@ -229,13 +238,12 @@ class PositionTarget(_PositionTarget):
         """Send a position, no faster than the drive's largest velocity; without one stay."""
         if self._same(value) and self._speed == 0.0:
             return
-        if self._ramp.speed and math.isnan(value):
+        if self._ramp.speed and value != value:
             if self.slow(period):
                 self._ramp.rest()
             return
-        here = self._here()
-        target = self._count_of(value, here)
-        self._go(self._towards(here, target, period), period)
+        here = self._here() if self._count is None else self._count
+        self._go(here, self._towards(here, self._count_of(value, here), period), period)
 
     def slow(self, period: float) -> bool:
         """Let the target run out along the drive's deceleration."""
@@ -246,7 +254,7 @@ class PositionTarget(_PositionTarget):
         self._slope = self._slope or _deceleration(self._axis, abs(self._speed))
         left = max(0.0, abs(self._speed) - self._slope * period)
         speed = math.copysign(left, self._speed)
-        self._go(here + round(speed * period), period)
+        self._go(here, here + round(speed * period), period)
         self._speed = speed
         return left == 0.0
 
@@ -256,22 +264,31 @@ class PositionTarget(_PositionTarget):
         return self._count
 
     def _towards(self, here: int, target: int, period: float) -> int:
-        limits = self._axis.limits
-        if (target - here) * limits.blocked > 0:
+        limits, way = self._axis.limits, target - here
+        if way * limits.blocked > 0:
             self._ramp.rest()
             return here
         if self._ramp.limited:
-            return here + self._ramp.step(target - here, period, limits.velocity)
-        step = max(1, int(limits.velocity * period))
+            return here + self._ramp.step(way, period, limits.velocity)
+        step = int(limits.velocity * period)
+        if -step <= way <= step:
+            return target
+        step = max(1, step)
         return max(here - step, min(here + step, target))
 
-    def _go(self, count: int, period: float) -> None:
+    def _go(self, here: int, count: int, period: float) -> None:
+        """Send a count, as far as the software limits let it, instead of the one sent last."""
         axis = self._axis
-        raw = axis.limits.of_position(axis.unwrap.raw_of(count))
-        count = raw + axis.unwrap.offset if raw != axis.unwrap.raw_of(count) else count
-        self._speed = (count - self._here()) / period if period > 0 else 0.0
+        limits, offset = axis.limits, axis.unwrap.offset
+        raw = wrap_int32(count - offset)
+        if not limits.low <= raw <= limits.high:
+            bounded = limits.of_position(raw)
+            if bounded != raw:
+                raw, count = bounded, bounded + offset
+        self._speed = (count - here) / period if period > 0 else 0.0
         self._count = count
-        self.output.set(raw)
+        if raw != self.output.value:
+            self.output.set(raw)
 
 
 class SetPointTarget(_PositionTarget):

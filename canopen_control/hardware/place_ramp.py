@@ -20,22 +20,18 @@ _LEAST: Final = 1  # count in a cycle: slower than this is not told to the drive
 
 
 class PlaceRamp:
-    """The ramp of one axis; `speed` is the present one, below 0 on a way down. Infinite limits are no ramp at all."""
+    """The ramp of one axis; `speed` is the present one, below 0 on a way down; `limited` whether there is any."""
 
-    __slots__ = ("_most", "_rise", "speed")
+    __slots__ = ("_most", "_rise", "limited", "speed")
 
     def __init__(self) -> None:
-        self._most = self._rise = math.inf
         self.speed = 0.0
+        self.limit(math.inf, math.inf)
 
     def limit(self, most: float, rise: float) -> None:
         """Take other limits; they hold from the next step on."""
         self._most, self._rise = most, rise
-
-    @property
-    def limited(self) -> bool:
-        """Whether there is a ramp."""
-        return self._most < math.inf or self._rise < math.inf
+        self.limited = most < math.inf or rise < math.inf
 
     def rest(self) -> None:
         """Begin the next way at rest."""

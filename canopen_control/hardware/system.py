@@ -122,9 +122,11 @@ class CanopenSystem(Lifecycle):
         self._now = now
         for joint in self.joints:
             joint.read(now)
-        self.devices.read(now)
-        if self.devices.has_news:
-            self._tell_of_devices(now)
+        devices = self.devices
+        if devices.present:
+            devices.read(now)
+            if devices.has_news:
+                self._tell_of_devices(now)
         return OK
 
     def write(self, now: int, period: float) -> ReturnType:
@@ -138,7 +140,8 @@ class CanopenSystem(Lifecycle):
                     self._tell(joint, event, now)
         for joint in self.joints:
             joint.write(now, period)
-        self.devices.write()
+        if self.devices.present:
+            self.devices.write()
         return OK
 
     def supervise(self, now: int) -> None:

@@ -7,7 +7,7 @@ from. What is to be sent waits in `take`; RPDOs and SYNC come from `cycle`.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from canopen_control.cia301.guarding import GuardingMaster
 from canopen_control.cia301.heartbeat import HeartbeatConsumer, HeartbeatProducer
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Network"]
 
+_OPERATIONAL: Final = NmtState.OPERATIONAL  # for every heartbeat, see `hardware.interfaces.OK`
 REFRESH_NS = 100_000_000  # an unchanged RPDO is repeated this often
 TIMERS_MISSED = 3  # after so many event timers without its TPDO what it carries is stale
 
@@ -154,8 +155,9 @@ class Network:
 
     def synced(self, now: int) -> None:
         """Count what the SYNC before the one just sent was not answered; whoever sends it."""
-        for pdo in self.pdo_watch.sync(now):
-            self._pdo_owner[pdo].on_pdo(pdo, now)
+        if changed := self.pdo_watch.sync(now):
+            for pdo in changed:
+                self._pdo_owner[pdo].on_pdo(pdo, now)
 
     def hear_sync(self, on_sync: Callable[[int], None]) -> None:
         """Leave SYNC to somebody else and call `on_sync(now)` for each that comes."""
@@ -231,6 +233,11 @@ class Network:
             self._stale = True
 
         def on_heartbeat(data: bytes, length: int, now: int) -> None:
+            usual = length == 1 and data[0] == _OPERATIONAL and node.ready and self._guarding is None
+            if usual and self._consumer.goes_on(node_id, _OPERATIONAL, now, self._since):
+                node.nmt_state, node.last_seen = _OPERATIONAL, now  # as `on_state` does while it is ready
+                node.log.heartbeat(now, self._since)
+                return
             frame = CanFrame(error_control, data[:length])
             self._consumer.receive(frame, now, self._since)
             if self._guarding is not None:

@@ -1,11 +1,12 @@
-"""The topics of base controllers: twists come, odometry goes.
+"""The topics and the service of base controllers: twists come, odometry goes, and is set.
 
 The law of the file (ros2_controllers, Jazzy): twists are TwistStamped on `~/cmd_vel` (diff drive, omni) or
 `~/reference` (steering, mecanum); where Twist alone is published there, as for the controller of ROS 1, it is that, and
 `~/cmd_vel_unstamped` takes it too. Only the axes that the base has count, the frame of a command is not looked at, a
 stamp of zero means now; how old a stamp may be is the controller's timeout, so the stamp goes to the runtime with the
 command. A twist that is not finite is dropped, and does not refresh the timeout. Odometry is planar: z is 0, and the
-covariances are diagonals. Where upstream has `~/tf_odometry` to be remapped to `/tf`, both are there.
+covariances are diagonals. `~/set_odometry` takes a pose in the plane from the next update on, while the controller is
+active. Where upstream has `~/tf_odometry` to be remapped to `/tf`, both are there.
 """
 
 from __future__ import annotations
@@ -18,18 +19,19 @@ from nav_msgs.msg import Odometry
 
 from canopen_control.ros.conversions import diagonal, seconds_of
 from canopen_control.ros.endpoint import COMMANDER, Endpoint, NewSamples
+from canopen_control.ros.interfaces import interface
 from canopen_control.ros.joint_states import time_message
 from canopen_control.ros.qos import REFERENCE, SYSTEM_DEFAULT
 from canopen_control.ros.twist_subscription import TwistSubscription
-from canopen_control.rpc.messages.robot import TwistController
+from canopen_control.rpc.messages.robot import SetOdometry, TwistController
 from canopen_control.rpc.messages.samples import OdometrySample
 from canopen_control.urdf.geometry import from_yaw
 
 if TYPE_CHECKING:
-    from canopen_control.ros.endpoint import Ros
+    from canopen_control.ros.endpoint import Reply, Ros, RosMessage
     from canopen_control.rpc.messages.state import ControllerReading, StateSample
 
-__all__ = ["BaseOdometry", "TwistCommands", "send_twist"]
+__all__ = ["BaseOdometry", "OdometrySetting", "TwistCommands", "send_twist"]
 
 
 _QUALITIES: Final[dict[str | None, Any]] = {"reference": REFERENCE}
@@ -96,6 +98,31 @@ class BaseOdometry(Endpoint):
         message.header.frame_id = sample.child_frame_id
         message.twist.linear.x, message.twist.angular.z = linear, angular
         self._limited.publish(message)
+
+
+class OdometrySetting(Endpoint):
+    """The service `~/set_odometry`."""
+
+    def __init__(self, ros: Ros, controller: ControllerReading) -> None:
+        self._ros, self._controller = ros, controller.name
+        kind: Any = interface("control_msgs/srv/SetOdometry")
+        self._service = ros.serve(kind, f"{controller.name}/set_odometry", self._answer)
+
+    def close(self) -> None:
+        """Leave the graph."""
+        self._ros.unserve(self._service)
+
+    def _answer(self, request: RosMessage, response: RosMessage, reply: Reply) -> None:
+        def fill(_done: object, error: str | None) -> None:
+            response.success, response.message = error is None, error or ""
+            reply(response)
+
+        tilted = [axis for axis in ("z", "roll", "pitch") if getattr(request, axis) != 0.0]
+        if tilted:
+            fill(None, f"{self._controller} drives in the plane; {', '.join(tilted)} must be 0")
+        else:
+            wanted = SetOdometry(controller=self._controller, x=request.x, y=request.y, heading=request.yaw)
+            self._ros.ask(wanted, fill)
 
 
 def send_twist(ros: Ros, controller: ControllerReading, message: Twist | TwistStamped) -> None:

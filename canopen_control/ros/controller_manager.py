@@ -37,6 +37,7 @@ __all__ = ["STATES", "ControllerManagerServices"]
 A = TypeVar("A")
 
 _STRICT: Final = 2
+_ALL_STATES: Final = "*"  # the API's word for every state interface of the robot
 _BASE_CLASS: Final = "controller_interface::ControllerInterface"
 #: lifecycle_msgs/msg/State
 STATES: Final = {"unknown": 0, "unconfigured": 1, "inactive": 2, "active": 3, "finalized": 4}
@@ -86,6 +87,7 @@ class ControllerManagerServices(Endpoint):
     def _list_controllers(self, _request: RosMessage, response: RosMessage, reply: Reply) -> None:
         make = interface("controller_manager_msgs/msg/ControllerState")
         connection = interface("controller_manager_msgs/msg/ChainConnection")
+        states: list[str] = []  # of the robot, which are what "*" stands for
 
         def fill(answer: tuple[ControllerReading, ...]) -> None:
             commanded = {name for each in answer for name in each.claims}
@@ -97,7 +99,9 @@ class ControllerManagerServices(Endpoint):
                     update_rate=each.update_rate,
                     claimed_interfaces=list(each.claims),
                     required_command_interfaces=list(each.required_command_interfaces),
-                    required_state_interfaces=list(each.required_state_interfaces),
+                    required_state_interfaces=sorted(states)
+                    if each.required_state_interfaces == (_ALL_STATES,)
+                    else list(each.required_state_interfaces),
                     is_chainable=bool(each.reference_interfaces),
                     is_chained=not commanded.isdisjoint(each.reference_interfaces),
                     reference_interfaces=_without_owner(each, each.reference_interfaces),
@@ -111,7 +115,11 @@ class ControllerManagerServices(Endpoint):
                 for each in answer
             ]
 
-        self._ask(ListControllers(), fill, response, reply)
+        def known(hardware: list[HardwareReading] | None, _error: str | None) -> None:
+            states.extend(one.name for each in hardware or () for one in each.state_interfaces)
+            self._ask(ListControllers(), fill, response, reply)
+
+        self._ros.ask(ListHardware(), known)
 
     def _list_types(self, _request: RosMessage, response: RosMessage, reply: Reply) -> None:
         def fill(answer: list[str]) -> None:

@@ -9,20 +9,27 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, NamedTuple
 
+from canopen_control.rpc.messages.samples import OdometrySample, PoseSample
+from canopen_control.urdf.geometry import Pose, from_yaw
+from canopen_control.urdf.joint_element import Transform
+
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from canopen_control.rpc.messages.samples import JointStatesSample, Values
-    from canopen_control.rpc.messages.state import ControllerReading, JointReading
+    from canopen_control.rpc.messages.samples import JointStatesSample, Sample, Values
+    from canopen_control.rpc.messages.state import ControllerReading, JointReading, StateSample
 
 __all__ = [
     "JointArrays",
     "arrays_of",
     "diagonal",
+    "frames_with_a_place",
     "joint_arrays",
+    "place_of",
     "positions_of",
     "seconds_of",
     "stamp_of",
+    "transform_of",
     "unknown_as_nan",
     "wrong",
 ]
@@ -72,6 +79,31 @@ def diagonal(values: Sequence[float]) -> list[float]:
     for row, value in enumerate(values[:6]):
         covariance[7 * row] = float(value)
     return covariance
+
+
+def place_of(sample: OdometrySample) -> Transform:
+    """Return where a base believes to be, in the frames that its controller names."""
+    pose = Pose((sample.x, sample.y, 0.0), from_yaw(sample.heading))
+    return Transform(sample.frame_id, sample.child_frame_id, pose)
+
+
+def transform_of(sample: Sample) -> Transform | None:
+    """Return the transform that odometry or a pose is; None for others, where none is wanted, or it is not known."""
+    if isinstance(sample, OdometrySample):
+        return place_of(sample) if sample.enable_odom_tf and math.isfinite(sample.x) else None
+    if not isinstance(sample, PoseSample) or sample.child_frame_id is None:
+        return None
+    known = [each for each in (*sample.position, *sample.orientation) if each is not None]
+    if len(known) < len(sample.position) + len(sample.orientation):
+        return None
+    x, y, z, *around, w = known
+    return Transform(sample.frame_id, sample.child_frame_id, Pose((x, y, z), (w, around[0], around[1], around[2])))
+
+
+def frames_with_a_place(state: StateSample) -> frozenset[str]:
+    """Return the frames that odometry or a pose says the place of: no joint of the description may lead to them."""
+    told = (*state.told(OdometrySample).values(), *state.told(PoseSample).values())
+    return frozenset(transform.child for transform in map(transform_of, told) if transform is not None)
 
 
 def wrong(values: Sequence[float], controller: ControllerReading) -> str | None:

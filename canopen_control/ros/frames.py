@@ -1,31 +1,29 @@
-"""`/tf` and `/tf_static`: the odometry of a base, and robot_state_publisher's job for the joints of the description.
+"""`/tf` and `/tf_static`: odometry, poses, and robot_state_publisher's job for the joints of the description.
 
 The law of the file: both topics are absolute; static ones are kept for who comes later, moving ones are reliable and
-come once for each joint state and each odometry that a controller publishes, with its stamp. Frames get the prefix of
-the namespace, so that two robots fit into one graph. A frame has one parent: a joint that leads to the base of an
-active odometry is left out.
+come once for each joint state, each odometry and each pose that a controller publishes, with its stamp. Frames get the
+prefix of the namespace, so that two robots fit into one graph. A frame has one parent: a joint that leads to one whose
+place odometry or a pose tells is left out.
 """
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING
 
 from geometry_msgs.msg import TransformStamped
 
-from canopen_control.ros.conversions import positions_of
+from canopen_control.ros.conversions import frames_with_a_place, place_of, positions_of, transform_of
 from canopen_control.ros.endpoint import Endpoint, NewSamples
 from canopen_control.ros.interfaces import interface
 from canopen_control.ros.joint_states import time_message
 from canopen_control.ros.qos import TF, TF_STATIC
-from canopen_control.rpc.messages.samples import JointStatesSample, OdometrySample
-from canopen_control.urdf.geometry import Pose, from_yaw
-from canopen_control.urdf.joint_element import Joint, Transform
+from canopen_control.rpc.messages.samples import JointStatesSample, OdometrySample, PoseSample
 from canopen_control.urdf.robot_model import read_model
 
 if TYPE_CHECKING:
     from canopen_control.ros.endpoint import Ros
     from canopen_control.rpc.messages.state import StateSample
+    from canopen_control.urdf.joint_element import Joint, Transform
 
 __all__ = ["Frames", "odometry_transform", "transform_message"]
 
@@ -39,15 +37,16 @@ class Frames(Endpoint):
         joints = read_model(urdf).joints.values()
         self._moving = [each for each in joints if not each.fixed]
         self._fixed = [each for each in joints if each.fixed]
-        self._based: frozenset[str] = frozenset()  # the frames whose parent is an odometry frame
-        self._joint_states, self._odometry = NewSamples(JointStatesSample), NewSamples(OdometrySample)
+        self._based: frozenset[str] = frozenset()  # the frames whose place odometry or a pose tells
+        self._joint_states = NewSamples(JointStatesSample)
+        self._odometry, self._poses = NewSamples(OdometrySample), NewSamples(PoseSample)
         self._publisher = ros.node.create_publisher(self._tf_message, "/tf", TF)
         self._static = ros.node.create_publisher(self._tf_message, "/tf_static", TF_STATIC)
         self._publish_fixed(0.0)
 
     def on_state(self, state: StateSample) -> None:
         """Publish what has moved."""
-        based = frozenset(each.child_frame_id for each in state.told(OdometrySample).values() if _broadcast(each))
+        based = frames_with_a_place(state)
         if based != self._based:
             self._based = based
             self._publish_fixed(state.time)
@@ -57,9 +56,9 @@ class Frames(Endpoint):
             for transform in self._of(self._moving, positions_of(each))
         ]
         transforms += [
-            self._message(_of_odometry(each), each.time)
-            for each in self._odometry.of(state).values()
-            if _broadcast(each)
+            self._message(transform, each.time)
+            for each in (*self._odometry.of(state).values(), *self._poses.of(state).values())
+            if (transform := transform_of(each)) is not None
         ]
         if transforms:
             self._publisher.publish(self._tf_message(transforms=transforms))
@@ -95,13 +94,4 @@ def transform_message(transform: Transform, time: float, prefix: str) -> Transfo
 
 def odometry_transform(sample: OdometrySample) -> TransformStamped:
     """Return where a base believes to be as a transform, in the frames that its controller names."""
-    return transform_message(_of_odometry(sample), sample.time, "")
-
-
-def _broadcast(sample: OdometrySample) -> bool:
-    return sample.enable_odom_tf and math.isfinite(sample.x)
-
-
-def _of_odometry(sample: OdometrySample) -> Transform:
-    pose = Pose((sample.x, sample.y, 0.0), from_yaw(sample.heading))
-    return Transform(sample.frame_id, sample.child_frame_id, pose)
+    return transform_message(place_of(sample), sample.time, "")

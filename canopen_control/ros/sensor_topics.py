@@ -1,4 +1,4 @@
-"""`~/imu`, `~/range` and `~/wrench` of the broadcasters of sensors.
+"""`~/imu`, `~/range`, `~/wrench` and `~/pose` of the broadcasters of sensors.
 
 The law of the file (ros2_controllers, Jazzy): names, types and quality are upstream's; a message for each update of the
 broadcaster that the state stream carries; what is not known is nan.
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from canopen_control.ros.controller_state import ControllerState
 from canopen_control.ros.conversions import unknown_as_nan
-from canopen_control.rpc.messages.samples import ImuSample, RangeSample, WrenchSample
+from canopen_control.rpc.messages.samples import ImuSample, PoseSample, RangeSample, WrenchSample
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from canopen_control.ros.endpoint import Ros, RosMessage
     from canopen_control.rpc.messages.state import ControllerReading
 
-__all__ = ["ImuTopic", "RangeTopic", "WrenchTopic"]
+__all__ = ["ImuTopic", "PoseTopic", "RangeTopic", "WrenchTopic"]
 
 
 class ImuTopic(ControllerState[ImuSample]):
@@ -65,6 +65,19 @@ class WrenchTopic(ControllerState[WrenchSample]):
         message.header.frame_id = sample.frame_id
         _put(message.wrench.force, "xyz", sample.force)
         _put(message.wrench.torque, "xyz", sample.torque)
+
+
+class PoseTopic(ControllerState[PoseSample]):
+    """The publisher of `~/pose`; its transform is on `/tf`, see `frames`."""
+
+    def __init__(self, ros: Ros, controller: ControllerReading) -> None:
+        super().__init__(ros, controller, PoseSample, "geometry_msgs/msg/PoseStamped", "pose")
+
+    def fill(self, message: RosMessage, sample: PoseSample) -> None:
+        """Put the measurement into the message."""
+        message.header.frame_id = sample.frame_id
+        _put(message.pose.position, "xyz", sample.position)
+        _put(message.pose.orientation, "xyzw", sample.orientation)
 
 
 def _put(into: RosMessage, axes: str, values: Sequence[float | None]) -> None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.ros.base_states import MecanumState, SteeringState, TfOdometry
-from canopen_control.ros.base_topics import BaseOdometry, TwistCommands
+from canopen_control.ros.base_topics import BaseOdometry, OdometrySetting, TwistCommands
 from canopen_control.ros.battery_topics import BatteryTopics
 from canopen_control.ros.dynamic_joint_states import DynamicJointStates
 from canopen_control.ros.follow_joint_trajectory import FollowJointTrajectory
@@ -19,7 +19,7 @@ from canopen_control.ros.gripper_action import GripperAction, ParallelGripperAct
 from canopen_control.ros.joint_states import JointStates
 from canopen_control.ros.node_of_joint import DeviceNode, ProxyNode
 from canopen_control.ros.pid_topics import FeedForwardSwitch, PidMeasuredStates, PidReferences, PidState
-from canopen_control.ros.sensor_topics import ImuTopic, RangeTopic, WrenchTopic
+from canopen_control.ros.sensor_topics import ImuTopic, PoseTopic, RangeTopic, WrenchTopic
 from canopen_control.ros.trajectory_topics import SpeedScaling, TrajectoryQuery, TrajectoryState, TrajectoryTopic
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ BY_TOPIC: Final[dict[str | None, tuple[Factory, ...]]] = {
     "gpio_commands": (GpioCommands,),
 }
 #: of a base, wherever its twists come
-OF_BASES: Final[tuple[Factory, ...]] = (TwistCommands,)
+OF_BASES: Final[tuple[Factory, ...]] = (TwistCommands, OdometrySetting)
 #: by the last word of each topic that it tells (`publishes` of the API)
 BY_PUBLISHED: Final[dict[str, Factory]] = {
     "joint_states": JointStates,
@@ -56,6 +56,7 @@ BY_SAMPLE: Final[dict[str | None, tuple[Factory, ...]]] = {
     "imu": (ImuTopic,),
     "range": (RangeTopic,),
     "wrench": (WrenchTopic,),
+    "pose": (PoseTopic,),
     "batteries": (BatteryTopics,),
 }
 #: by its type: which action, or whose node

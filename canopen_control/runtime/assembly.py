@@ -58,7 +58,7 @@ class Assembly:
                 f"{setup.files.description}: no <ros2_control> tag; it says which drive moves which joint"
             )
         kinds = [
-            kind_of(setup.description, tag, mock=setup.mock, real=setup.real) for tag in setup.description.hardware
+            kind_of(setup.description, tag, mock=setup.mock, real=setup.on_drives) for tag in setup.description.hardware
         ]
         if Kind.CANOPEN in kinds or setup.files.bus_alone:
             self._add_buses()

@@ -4,19 +4,30 @@ The law of the file (ros2_canopen's device container): a node is what `driver` o
 (`ros2_canopen::Cia402Driver`, or no driver and an EDS with a controlword) is a joint with the name of the node, or of a
 node with several axes one joint for each, by `channel_names`. It has a controller of its own, which takes targets in
 the mode that the drive is in and enables nothing. Every other node is a proxy: it is booted, watched and spoken to by
-SDO, NMT and PDO, and drives nothing. All drives of the bus are one stop group, as those of any robot.
+SDO, NMT and PDO, and drives nothing. All drives of the bus are one stop group, as those of any robot. A drive whose
+PDOs carry no controlword or no statusword is a proxy too; one whose RPDOs carry no target is watched, and refuses what
+needs one. Both are told once, as doubts: who only wants to look needs no other bus.yml.
 """
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
-from canopen_control.cia402.objects import CONTROLWORD, axis_of
+from canopen_control.cia402.objects import (
+    CONTROLWORD,
+    STATUSWORD,
+    TARGET_POSITION,
+    TARGET_VELOCITY,
+    axis_index,
+    axis_of,
+    object_name,
+)
 from canopen_control.controllers.controllers_file import ControllerConfig, ControllersFile
 from canopen_control.controllers.drive_target import TYPE
 from canopen_control.controllers.params import Params
 from canopen_control.errors import RobotConfigError
 from canopen_control.hardware.interfaces import EFFORT, POSITION, TARGET, VELOCITY
+from canopen_control.hardware.joint_targets import serving_objects
 from canopen_control.urdf.declared_interface import InterfaceInfo
 from canopen_control.urdf.description import Description
 from canopen_control.urdf.robot_model import RobotModel
@@ -26,6 +37,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
 
     from canopen_control.master.config import BusConfig, NodeConfig
+    from canopen_control.master.plan import NodePlan
 
 __all__ = ["controllers_of", "description_of", "doubts_about", "unmoved_drives"]
 
@@ -68,6 +80,9 @@ def doubts_about(buses: Mapping[str, BusConfig]) -> Iterator[str]:
                     f"{place}: {node.name} is a CiA 402 drive by {source} and has the driver {driver}: it is a proxy, "
                     "and cannot be enabled; give it ros2_canopen::Cia402Driver to move it"
                 )
+        for joint, node, axis in _axes(bus):
+            if lack := _uncontrolled(bus.plans[node.name], axis) or _untargeted(bus.plans[node.name], axis):
+                yield f"{bus.path}:{node.line}: {joint}: {lack}"
 
 
 def unmoved_drives(buses: Mapping[str, BusConfig], description: Description) -> Iterator[str]:
@@ -87,6 +102,13 @@ def _drives(driver: str) -> bool:
 
 
 def _joints(bus: BusConfig) -> Iterator[tuple[str, NodeConfig, int]]:
+    """Yield the axes that are joints: those whose controlword and statusword are in PDOs."""
+    for joint, node, axis in _axes(bus):
+        if not _uncontrolled(bus.plans[node.name], axis):
+            yield joint, node, axis
+
+
+def _axes(bus: BusConfig) -> Iterator[tuple[str, NodeConfig, int]]:
     """Yield the axes of the drives: the name of the joint, the node, the number of the axis."""
     for node in bus.nodes.values():
         axes = bus.plans[node.name].axes
@@ -97,6 +119,30 @@ def _joints(bus: BusConfig) -> Iterator[tuple[str, NodeConfig, int]]:
             _, axis = axis_of(CONTROLWORD + offset)
             own = names[axis] if axis < len(names) else f"{node.name}_{axis}"
             yield own if len(axes) > 1 else node.name, node, axis
+
+
+def _uncontrolled(plan: NodePlan, axis: int) -> str:
+    """Say that an axis is a proxy for want of a controlword or statusword in its PDOs, "" where it has both."""
+    for base, pdos, kind in ((CONTROLWORD, plan.rpdos, "RPDO"), (STATUSWORD, plan.tpdos, "TPDO")):
+        index = axis_index(base, axis)
+        if not any(each.index == index for pdo in pdos for each in pdo.objects):
+            return (
+                f"no {kind} carries 0x{index:04X} {object_name(index)}: it is a proxy, and cannot be enabled; "
+                "map it in bus.yml to move it"
+            )
+    return ""
+
+
+def _untargeted(plan: NodePlan, axis: int) -> str:
+    """Say that no RPDO carries a target of an axis, "" where one does."""
+    carried = {(each.index, each.subindex) for pdo in plan.rpdos for each in pdo.objects}
+    if any((axis_index(index, axis), subindex) in carried for index, subindex in serving_objects(TARGET)):
+        return ""
+    place, speed = (axis_index(index, axis) for index in (TARGET_POSITION, TARGET_VELOCITY))
+    return (
+        f"no RPDO carries a target: it is watched and answers SDO and NMT, and cannot be enabled; map 0x{place:04X} "
+        f"or 0x{speed:04X} in bus.yml to move it"
+    )
 
 
 def _refuse_doubles(path: str, joints: Iterable[tuple[str, NodeConfig, int]]) -> None:

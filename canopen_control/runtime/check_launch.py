@@ -97,6 +97,9 @@ def _walk(launch: _Launch, element: Element, namespace: str) -> None:
         _walk(launch, child, space)
 
 
+_GIVE: Final = "give what it is with NAME:=VALUE"
+
+
 def _check_python(launch: _Launch, path: Path) -> None:
     """Tell what a launch file in Python declares, starts and names, and what is wrong with it."""
     try:
@@ -119,7 +122,8 @@ def _check_python(launch: _Launch, path: Path) -> None:
             _python_files(launch, file, each.text, each.line)
     for line, what in dict.fromkeys(found.computed):
         text = f"{what} is computed, and not known without running the file"
-        launch.findings.append(Finding(launch.path, line, Severity.NOTE, text, "give what it is with NAME:=VALUE"))
+        fix = "give it by --bus, --controllers or --description" if " file " in what else _GIVE
+        launch.findings.append(Finding(launch.path, line, Severity.NOTE, text, fix))
 
 
 def findings_at(error: RobotConfigError, path: str) -> list[Finding]:

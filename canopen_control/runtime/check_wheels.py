@@ -170,7 +170,9 @@ def _drive(robot: CheckedRobot, joint: str) -> tuple[NodeConfig, bool] | None:
         for part in tag.joints:
             node = robot.bus.nodes.get(part.parameters.get("device_name", ""))
             if part.name == joint and node is not None:
-                return node, node.units.scale_vel_to_dev * ratios.get(joint, 1.0) < 0.0
+                axis = part.parameters.get("axis", "0").strip()
+                scale = node.units.of_axis(int(axis) if axis.isdigit() else 0)["vel_to_dev"]
+                return node, scale * ratios.get(joint, 1.0) < 0.0
     return None
 
 

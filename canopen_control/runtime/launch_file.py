@@ -105,8 +105,15 @@ def launched_robot(path: Path, words: Mapping[str, str]) -> Launched:
             _take(launch, each.text, arguments, files)
     named = [word for each in launch.texts if each.text for word in words_of(each.text) if _kind(word)]
     absent = [package for word in named for package in launch.absent_packages(word)]
-    doubts = [f"{path}:{line}: {what} is computed" for line, what in launch.computed if "command" in what]
-    doubts += [f"{path}: package {name!r} is nowhere to be found" for name in dict.fromkeys(absent)]
+    told = [(line, what) for line, what in launch.computed if "command" in what or "file" in what]
+    doubts = [f"{path}:{line}: {what} is computed, which only running it would tell" for line, what in told]
+    doubts += [
+        f"{path}: package {name!r} is nowhere to be found; source its workspace, or add the folder that holds it to "
+        "ROS_PACKAGE_PATH"
+        for name in dict.fromkeys(absent)
+    ]
+    if not files and not doubts:
+        doubts.append(f"{path}: no file of a robot is named in it")
     return Launched(arguments | rest, files, tuple(doubts), tuple(launch.arguments))
 
 

@@ -155,8 +155,26 @@ class _Reader:
                 return
             if text is None and _is_command(node):
                 self.launch.computed.append((node.lineno, "a command"))
+            elif text is None and (ending := self._ending(node)):
+                self.launch.computed.append((node.lineno, f"the name of a file that ends in {ending!r}"))
+                return
         for child in ast.iter_child_nodes(node):
             self._files(child)
+
+    def _ending(self, node: ast.expr) -> str:
+        """Return the last part of the name of a file that is put together of parts, "" for what is none."""
+        if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add | ast.Div):
+            last: ast.expr | None = node.right
+        elif isinstance(node, ast.JoinedStr):
+            last = node.values[-1] if node.values else None
+        elif isinstance(node, ast.Call) and _called(node) == "join" and node.args:
+            last = node.args[-1]
+        else:
+            return ""
+        text = None if last is None else self.text(last)
+        if text is None and last is not None:
+            return self._ending(last)
+        return text.rpartition("/")[2] if text and text.endswith(_SUFFIXES) else ""
 
     def _processed(self, call: ast.Call) -> str | None:
         """Return xacro.process_file(FILE, mappings={NAME: VALUE}) as the command that does the same."""

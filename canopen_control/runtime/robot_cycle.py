@@ -54,7 +54,9 @@ class RobotCycle:
 
     def step(self, now: int) -> None:
         """Do a cycle; the reactor serves the ports in every turn and before its timers, so all that came is read."""
-        period = self._begin(now)
+        for bus in self._sync_first:
+            bus.send_sync(now)
+        period = self._skip(skipped) if (skipped := self._pacer.skipped) else self._period
         components, manager, edge = self._registry.components, self._manager, self._pacer.edge
         for component in components:
             if component.read(now, period) is ERROR:
@@ -72,13 +74,8 @@ class RobotCycle:
         self._supervise(now)
         self._after(now)
 
-    def _begin(self, now: int) -> float:
-        """Send SYNC where it goes first, and return the time on the grid since the last cycle in s."""
-        for bus in self._sync_first:
-            bus.send_sync(now)
-        skipped = self._pacer.skipped
-        if not skipped:
-            return self._period
+    def _skip(self, skipped: int) -> float:
+        """Take that edges were skipped; return the time on the grid since the last cycle in s."""
         if not self._following:
             self._skipped(skipped)
         return self._period * (1 + min(skipped, CAUGHT_UP))

@@ -22,6 +22,7 @@ from canopen_control.master.event_log import Event
 from canopen_control.runtime.api import ApiServer
 from canopen_control.runtime.core import RobotCore
 from canopen_control.runtime.demo_motion import DemoMotion
+from canopen_control.runtime.physics_plant import write_plant
 from canopen_control.runtime.program_errors import ProgramErrors
 from canopen_control.runtime.realtime import RealTime, keep_garbage_small
 from canopen_control.runtime.supervisor import Restarts, Supervisor, hosts_virtual_drives
@@ -45,10 +46,11 @@ class RunOptions:
 
     `ros_arguments` are those of the bridge, which `ros` starts; `view` is the page in a browser, from which `teleop`
     drives; `recorder` is the flight recorder. `realtime` is a priority of SCHED_FIFO, `cpu` the processor that the
-    robot's thread stays on.
+    robot's thread stays on. `physics`: the virtual drives move the robot in a world.
     """
 
     drives: bool = True
+    physics: bool = False
     ros: bool = False
     ros_arguments: tuple[str, ...] = ()
     view: bool = False
@@ -109,7 +111,8 @@ class Session:
         self.robot.latch.tell(self.reactor.now())
         keep_garbage_small(self._cleanup, self.robot.after_cycle, by_hand=self.options.realtime is not None)
         if self.options.drives and self.robot.buses and hosts_virtual_drives(self.setup):
-            self.supervisor.start_drives(self.setup)
+            plant = write_plant(self.setup, self.robot.joints) if self.options.physics else None
+            self.supervisor.start_drives(self.setup, plant)
         if self.options.recorder:
             self.supervisor.start_recorder({name: bus.channel for name, bus in self.robot.buses.items()})
         if self.options.ros:

@@ -49,6 +49,12 @@ class RobotSetup:
     notes: tuple[str, ...]
     real: bool = False
     kernel_sync: bool = False
+    physics: bool = False
+
+    @property
+    def on_drives(self) -> bool:
+        """Whether drives, real or virtual, move the joints whatever the plugins of the description are."""
+        return self.real or self.physics
 
     @property
     def bus(self) -> BusConfig:
@@ -95,13 +101,14 @@ def read_robot(
     peer_merge: bool = False,
     allow_unsupervised: bool = False,
     kernel_sync: bool = False,
+    physics: bool = False,
 ) -> RobotSetup:
     """Read and check all three files; raises a ConfigError.
 
     `mock` and `real` overrule the hardware plugins of the description; with `strict`, what is suspicious in
     ros2_controllers.yaml is an error; `peer_merge` lets `defaults` of bus.yml win over the nodes;
     `allow_unsupervised` accepts drives that nothing stops when the master dies; `kernel_sync` leaves SYNC to the
-    kernel.
+    kernel; with `physics` virtual drives move the robot in a world.
     """
     name = name or files.name
     if files.bus_alone:
@@ -116,7 +123,7 @@ def read_robot(
             control = read_controllers(files.controllers, strict=strict)
             description = with_interfaces_of_plugins(reader.result(), plans_of(buses))
     if not buses:
-        _refuse_drives(files, description, mock=mock, real=real)
+        _refuse_drives(files, description, mock=mock, real=real or physics)
     channels = _channels(name, buses, can)
     if kernel_sync:
         _require_kernel_sync(buses, channels, mock=mock)
@@ -128,11 +135,12 @@ def read_robot(
         channels,
         description,
         control,
-        _wanted(files, control, controllers),
+        _wanted(files, control, description, controllers),
         mock,
-        (*_told_by_files(files, buses, control, description, mock=mock, real=real), *sync),
+        (*_told_by_files(files, buses, control, description, mock=mock, real=real or physics), *sync),
         real,
         kernel_sync,
+        physics,
     )
 
 
@@ -266,7 +274,9 @@ def _channels(name: str, buses: Mapping[str, BusConfig], can: Sequence[str]) -> 
     return channels
 
 
-def _wanted(files: RobotFiles, control: ControllersFile, asked: Sequence[str]) -> tuple[str, ...]:
+def _wanted(
+    files: RobotFiles, control: ControllersFile, description: Description, asked: Sequence[str]
+) -> tuple[str, ...]:
     """Choose the controllers to activate: those asked for, else the first that moves joints; and all that move none."""
     for name in asked:
         if name not in control.controllers:
@@ -274,7 +284,9 @@ def _wanted(files: RobotFiles, control: ControllersFile, asked: Sequence[str]) -
     if files.bus_alone:
         return tuple(control.controllers)
     types = {name: config.type for name, config in control.controllers.items()}
-    if not asked and all(map(is_broadcaster, types.values())):
+    parts = [part for tag in description.hardware for part in (*tag.joints, *tag.sensors, *tag.gpios)]
+    commanded = any(part.command_interfaces for part in parts)
+    if not asked and all(map(is_broadcaster, types.values())) and (commanded or not types):
         raise RobotConfigError(f"{files.controllers}: no controller but broadcasters; nothing could command the robot")
     moving = [name for name, type_name in types.items() if moves_joints(type_name)]
     beside = [name for name in types if name not in moving]

@@ -18,9 +18,11 @@ from canopen_control.errors import CanopenError
 from canopen_control.host.environment import MODULE, lean_python
 from canopen_control.host.spawn import spawn, state_dir
 from canopen_control.master.event_log import Event, Level
+from canopen_control.virtual.device import WORLD_NOTE
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
+    from pathlib import Path
 
     from canopen_control.bus.port import Port
     from canopen_control.host.reactor import Reactor
@@ -36,6 +38,8 @@ MOST: Final = 3  # restarts of a child within the window, then it is given up
 WINDOW_NS: Final = 60_000_000_000
 DELAY_NS: Final = 500_000_000  # before each restart, so that what the last one left behind is gone
 _DRIVE = "drive-"
+_NOTES = 50  # lines of a process of drives, before it is ready
+_USAGE, _COMPLAINT = 2, "canopen-control: "  # how a command ends whose files are wrong, and what it says
 _READY_NS = 20_000_000_000  # for drives to be on the bus; a busy machine needs some
 _READY_EACH_NS = 500_000_000  # and for each of them, of a hundred
 _LISTENING_NS = 2_000_000_000  # for the recorder, which the robot can do without
@@ -52,6 +56,9 @@ class Supervisor:
         self._name, self._reactor, self._report = name, reactor, report
         self.on_started: Callable[[int], None] = lambda _pid: None
         self._drives: list[Child] = []
+        self._world: tuple[Child, tuple[str, ...]] | None = None  # the drives of one world, and their names
+        self._fail: Callable[[str], object] = lambda _text: None
+        self.refused = False  # the drives could not begin, by their files
         self._clients: list[Child] = []
         self._recorder: Child | None = None
         self._hosts: list[tuple[NodeHost, Port]] = []
@@ -61,10 +68,15 @@ class Supervisor:
         self._ending = self._over = False
         self._again: dict[Child, Callable[[], None]] = {}
 
-    def start_drives(self, setup: RobotSetup) -> None:
-        """Start a virtual drive for every node of bus.yml: a process each, or inside this one where the bus is."""
+    def start_drives(self, setup: RobotSetup, plant: Path | None = None) -> None:
+        """Start a virtual drive for every node of bus.yml: a process each, or inside this one where the bus is.
+
+        With a `plant` file they are one process, since they move one world.
+        """
         for name, channel in setup.channels.items():
-            if parse_channel(channel).kind.in_process:
+            if plant is not None:
+                self._spawn_world(setup.buses[name], channel, plant)
+            elif parse_channel(channel).kind.in_process:
                 self._host_drives(setup.buses[name], channel)
             else:
                 self._spawn_drives(setup.buses[name], channel)
@@ -123,20 +135,33 @@ class Supervisor:
 
         `fail(sentence)` is called instead for a drive that is not ready in time.
         """
-        self._when_ready = begin
+        self._when_ready, self._fail = begin, fail
         drives_ns = _READY_NS + _READY_EACH_NS * len(self._drives)
         for child in [child for child in (*self._drives, self._recorder) if child is not None]:
             is_drive = child is not self._recorder
             late = partial(self._late, child, fail) if is_drive else partial(self._without_recorder, child)
             self._awaited[child] = self._reactor.call_later(drives_ns if is_drive else _LISTENING_NS, late)
-            child.watch_ready(self._reactor, partial(self._arrived, child))
+            child.watch_ready(self._reactor, partial(self._heard, child))
         self._look_whether_ready()
+
+    def _heard(self, child: Child) -> None:
+        """Go on without a child that cannot say that it is ready; that of a world tells by its end why."""
+        if child.heard_at is not None or self._world is None or child is not self._world[0]:
+            self._arrived(child)
 
     def _arrived(self, child: Child) -> None:
         timer = self._awaited.pop(child, None)
         if timer is not None:
             timer.cancel()
+            if self._world is not None and child is self._world[0]:
+                self._tell_notes(child)
             self._look_whether_ready()
+
+    def _tell_notes(self, child: Child) -> None:
+        """Tell what the world of the drives had to guess."""
+        for line in child.last_lines(_NOTES):
+            if line.startswith(WORLD_NOTE):
+                self._report(Event(self._reactor.now(), "physics", "", line.removeprefix(WORLD_NOTE)))
 
     def _look_whether_ready(self) -> None:
         if not self._awaited and self._when_ready is not None:
@@ -202,6 +227,8 @@ class Supervisor:
     @property
     def driven(self) -> list[str]:
         """The names of the nodes whose drives are processes that run."""
+        if self._world is not None and self._world[0] in self._drives:
+            return list(self._world[1])
         return [child.name.removeprefix(_DRIVE) for child in self._drives]
 
     @property
@@ -223,6 +250,16 @@ class Supervisor:
                 channel,
             ]
             self._drives.append(self._start([*MODULE, *arguments], f"{_DRIVE}{node.name}", reports=True))
+
+    def _spawn_world(self, bus: BusConfig, channel: str, plant: Path) -> None:
+        """Start all drives of a bus as one process, which has a world."""
+        ids = ",".join(str(node.node_id) for node in sorted(bus.nodes.values(), key=lambda each: each.node_id))
+        arguments = ["canopen_control", "drive", "--node-id", ids, "--can", channel, "--plant", str(plant)]
+        for node in bus.nodes.values():
+            arguments += ["--eds", f"{node.node_id}={bus.eds_paths[node.name]}"]
+        child = self._start([*MODULE, *arguments], "drives", reports=True)
+        self._world = child, tuple(bus.nodes)
+        self._drives.append(child)
 
     def _host_drives(self, bus: BusConfig, channel: str) -> None:
         from canopen_control.virtual.device import make_device
@@ -258,6 +295,11 @@ class Supervisor:
                 children.remove(child)
         how = f"was ended by signal {-returncode}" if returncode < 0 else f"ended with exit code {returncode}"
         said = f"; it said: {' | '.join(lines[-3:])}" if lines else ""
+        if returncode == _USAGE and child in self._awaited and self._world is not None and child is self._world[0]:
+            self.refused = True
+            self._wait_no_more()
+            self._fail("\n".join(line.removeprefix(_COMPLAINT) for line in lines if not line.startswith(WORLD_NOTE)))
+            return
         text = f"process {child.name} (pid {child.pid}) {how}{said}"
         self._report(Event(self._reactor.now(), "process_ended", "", text, Level.ERROR))
         self._arrived(child)  # nobody else can be waited for

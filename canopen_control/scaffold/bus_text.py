@@ -23,8 +23,8 @@ from canopen_control.scaffold.drive_choice import POSITION
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from canopen_control.scaffold.drive_choice import DriveChoice
-    from canopen_control.scaffold.new_robot import NewNode, NewRobot
+    from canopen_control.scaffold.drive_choice import AxisChoice, DriveChoice
+    from canopen_control.scaffold.new_robot import NewJoint, NewNode, NewRobot
     from canopen_control.scaffold.pdo_choice import PdoUse
 
 __all__ = ["bus_text", "remark"]
@@ -89,10 +89,11 @@ def _head(robot: NewRobot) -> list[str]:
 
 def _own_keys(node: NewNode) -> Iterator[str]:
     yield remark(f"node_id: {node.device.node_id}", node.device.remark or "as the device is set")
-    if node.drive is not None and _by_scale(node.drive):
-        yield from _scales(node, node.drive)
-    elif node.drive is not None:
-        yield remark(f"reversed: {'true' if node.mirrored else 'false'}", "true for a motor that is mounted mirrored")
+    if _by_scale(node):
+        yield from _scales(node)
+    elif node.joints:
+        mirrored = node.joints[0].mirrored
+        yield remark(f"reversed: {'true' if mirrored else 'false'}", "true for a motor that is mounted mirrored")
 
 
 def _node_keys(robot: NewRobot, node: NewNode) -> list[str]:
@@ -104,8 +105,9 @@ def _node_keys(robot: NewRobot, node: NewNode) -> list[str]:
         *_supervision(robot, node),
     ]
     if node.drive is None:
-        return [*lines, "# no drive: its PDOs stay as it has them"]
-    return [*lines, *_motion(node.drive), *_writes(node, node.drive), *_pdos(node.drive)]
+        what = f"{node.profile.words}: " if node.signals else "no profile that is known here, a proxy: "
+        return [*lines, f"# {what}its PDOs stay as it has them"]
+    return [*lines, *_motion(node, node.drive), *_writes(node, node.drive), *_pdos(node.drive)]
 
 
 def _supervision(robot: NewRobot, node: NewNode) -> list[str]:
@@ -125,33 +127,47 @@ def _supervision(robot: NewRobot, node: NewNode) -> list[str]:
     return lines
 
 
-def _motion(drive: DriveChoice) -> list[str]:
-    lines = ["", remark(f"{drive.interface}_mode: {int(drive.mode)}", _MODE_WORDS[drive.mode])]
-    if _by_scale(drive):
+def _motion(node: NewNode, drive: DriveChoice) -> list[str]:
+    lines = [""]
+    for interface, mode in drive.modes.items():
+        lines.append(remark(f"{interface}_mode: {int(mode)}", _MODE_WORDS[mode]))
+    if _by_scale(node):
         return lines
     return [
         *lines,
-        remark(f"counts_per_revolution: {drive.counts:g}", _said(drive)),
+        remark(f"counts_per_revolution: {drive.axes[0].counts:g}", _said(drive.axes[0])),
         remark("gear_ratio: 1.0", "turns of the motor for one of the joint"),
         "# A drive that counts velocities in another unit than counts/s, such as rpm, needs four scales instead:",
         "# scale_pos_to_dev and scale_pos_from_dev (counts per rad and back), scale_vel_to_dev, scale_vel_from_dev",
     ]
 
 
-def _scales(node: NewNode, drive: DriveChoice) -> Iterator[str]:
-    """Yield the scales of a drive whose velocities are no counts per second."""
-    sign = -1.0 if node.mirrored else 1.0
-    position, velocity = sign * drive.counts / math.tau, sign * 60.0 / math.tau / drive.rpm
+def _scales(node: NewNode) -> Iterator[str]:
+    """Yield the scales of a drive whose velocities are no counts per second, or whose axes differ."""
     yield "# Multiply both ..._to_dev by the gear ratio, divide both ..._from_dev by it; all four are negative for a"
     yield "# motor that is mounted mirrored."
-    yield remark(f"scale_pos_to_dev: {position!r}", f"for each rad: {_said(drive)} ({drive.counts:g})")
+    several = len(node.joints) > 1
+    if several:
+        yield "channels:  # the units of the axes, in their order"
+    for joint in node.joints:
+        lines = list(_axis_scales(joint))
+        yield from (f"  {'- ' if not place else '  '}{line}" if several else line for place, line in enumerate(lines))
+
+
+def _axis_scales(joint: NewJoint) -> Iterator[str]:
+    axis, sign = joint.axis, -1.0 if joint.mirrored else 1.0
+    position = sign * axis.counts / math.tau
+    rpm = axis.rpm if _in_rpm(axis) else 0.0
+    velocity = sign * 60.0 / math.tau / rpm if rpm else position
+    unit = f"velocities are in {rpm:g} rpm (0x60A9)" if rpm else f"of {joint.name}"
+    yield remark(f"scale_pos_to_dev: {position!r}", f"for each rad: {_said(axis)} ({axis.counts:g})")
     yield f"scale_pos_from_dev: {1 / position!r}"
-    yield remark(f"scale_vel_to_dev: {velocity!r}", f"for each rad/s: velocities are in {drive.rpm:g} rpm (0x60A9)")
+    yield remark(f"scale_vel_to_dev: {velocity!r}", f"for each rad/s: {unit}")
     yield f"scale_vel_from_dev: {1 / velocity!r}"
 
 
-def _said(drive: DriveChoice) -> str:
-    if drive.told:
+def _said(axis: AxisChoice) -> str:
+    if axis.told:
         return "position counts of one turn, as EDS or drive tells; measure them"
     return "A GUESS: position counts of one turn of the motor; the EDS tells none"
 
@@ -161,12 +177,13 @@ def _writes(node: NewNode, drive: DriveChoice) -> list[str]:
     lines = []
     if _takes(node, ABORT_CONNECTION_OPTION, _QUICK_STOP):
         lines.append(remark("  - {index: 0x6007, sub_index: 0, value: 3}", "when the master is lost: quick stop"))
-    unit = 60.0 / math.tau / drive.rpm if drive.rpm else drive.counts / math.tau
-    for index, value, words, modes in _RAMPS:
-        raw = round(value * unit)
-        if drive.mode in modes and not _told(node, index) and _takes(node, index, raw):
-            said = f"{words}: {value:g} {'rad/s' if index == PROFILE_VELOCITY else 'rad/s^2'}"
-            lines.append(remark(f"  - {{index: 0x{index:04X}, sub_index: 0, value: {raw}}}", said))
+    for axis in drive.axes:
+        unit = 60.0 / math.tau / axis.rpm if axis.rpm else axis.counts / math.tau
+        for base, value, words, modes in _RAMPS:
+            index, raw = axis.index(base), round(value * unit)
+            if axis.mode in modes and not _told(node, index) and _takes(node, index, raw):
+                said = f"{words}: {value:g} {'rad/s' if base == PROFILE_VELOCITY else 'rad/s^2'}"
+                lines.append(remark(f"  - {{index: 0x{index:04X}, sub_index: 0, value: {raw}}}", said))
     if len(lines) > 1:
         lines.append("  # the EDS tells no ramps, without which a drive may not move; left out, its own hold")
     return ["sdo:", *lines] if lines else []
@@ -207,9 +224,14 @@ def _pdo(use: PdoUse) -> list[str]:
     return [*lines, "  # the mapping is the device's own:", *(remark(f"  #   {text}", words) for text, words in named)]
 
 
-def _by_scale(drive: DriveChoice) -> bool:
-    """Whether positions and velocities need scales of their own."""
-    return drive.rpm > 0 and drive.mode is not OperationMode.VL and drive.interface != POSITION
+def _by_scale(node: NewNode) -> bool:
+    """Whether positions and velocities need scales of their own, or each axis those of its own."""
+    units = {(joint.mirrored, joint.axis.counts, joint.axis.rpm) for joint in node.joints}
+    return len(units) > 1 or any(_in_rpm(joint.axis) for joint in node.joints)
+
+
+def _in_rpm(axis: AxisChoice) -> bool:
+    return axis.rpm > 0 and axis.mode is not OperationMode.VL and axis.interface != POSITION
 
 
 def _quoted(text: str) -> str:

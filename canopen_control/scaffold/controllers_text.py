@@ -10,12 +10,13 @@ from typing import TYPE_CHECKING, Final
 
 from canopen_control.scaffold.bus_text import remark
 from canopen_control.scaffold.description_text import RADIUS, SEPARATION, WHEELBASE
+from canopen_control.scaffold.device_controllers import device_controller
 from canopen_control.scaffold.drive_choice import POSITION, VELOCITY
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
-    from canopen_control.scaffold.new_robot import NewRobot
+    from canopen_control.scaffold.new_robot import NewJoint, NewRobot
 
 __all__ = ["controllers_text"]
 
@@ -30,13 +31,12 @@ _UNITS: Final = {VELOCITY: "rad/s", POSITION: "rad"}
 def controllers_text(robot: NewRobot) -> str:
     """Return the whole file."""
     joints = {
-        interface: [node.joint for node in robot.drives if node.drive and node.drive.interface == interface]
-        for interface in _TYPES
+        interface: [joint.name for joint in robot.joints if joint.axis.interface == interface] for interface in _TYPES
     }
     groups = {interface: names for interface, names in joints.items() if names}
     rate = round(1_000_000 / robot.sync_us)
     lines = [
-        f"# The controllers of {robot.name}: the broadcaster and the first other one are activated;",
+        f"# The controllers of {robot.name}: those that move no joint and the first that does are activated;",
         f"# another one by canopen-control run {robot.name} --controller NAME.",
         "",
         "controller_manager:",
@@ -45,12 +45,15 @@ def controllers_text(robot: NewRobot) -> str:
     ]
     if POSITION in groups:
         lines.append(remark("    enforce_command_limits: true", "positions change as fast as the URDF allows, at most"))
-    if any(node.drive.feedback for node in robot.drives if node.drive):
+    if _feedback(robot.joints) or any(node.measured for node in robot.nodes):
         lines += ["", "    joint_state_broadcaster:", "      type: joint_state_broadcaster/JointStateBroadcaster"]
     if robot.base.type_name:
         lines += ["", f"    {BASE_CONTROLLER}:", f"      type: {robot.base.type_name}"]
     for interface in groups:
         lines += ["", f"    {interface}_controller:", f"      type: {_TYPES[interface]}"]
+    told = [(node, *device_controller(node)) for node in robot.nodes if node.signals and not node.measured]
+    for node, each, _ in told:
+        lines += ["", f"    {node.name}_{each.suffix}:", f"      type: {each.type_name}"]
     if robot.base.type_name:
         lines += ["", f"{BASE_CONTROLLER}:", "  ros__parameters:"]
         lines += [f"    {line}" if line else "" for line in _PARAMETERS[robot.base.name](robot)]
@@ -61,12 +64,19 @@ def controllers_text(robot: NewRobot) -> str:
         )
         if interface == VELOCITY:
             lines.append(remark("    command_timeout: 1.0", "s without a command, then the motors stop"))
+    for node, each, parameters in told:
+        lines += ["", f"{node.name}_{each.suffix}:", "  ros__parameters:", *(f"    {line}" for line in parameters)]
     return "\n".join(lines) + "\n"
 
 
+def _feedback(joints: Sequence[NewJoint]) -> set[str]:
+    """Return what is measured of some joints."""
+    return {name for joint in joints for name in joint.axis.feedback}
+
+
 def _diff(robot: NewRobot) -> list[str]:
-    joints = [node.joint for node in robot.drives]
-    feedback = {name for node in robot.drives if node.drive for name in node.drive.feedback}
+    joints = [joint.name for joint in robot.joints]
+    feedback = _feedback(robot.joints)
     return [
         f"left_wheel_names: [{', '.join(joints[0::2])}]",
         f"right_wheel_names: [{', '.join(joints[1::2])}]",
@@ -101,8 +111,8 @@ def _odometry(feedback: set[str], timeout: str) -> list[str]:
 
 
 def _tricycle(robot: NewRobot) -> list[str]:
-    left, right, steering = (node.joint for node in robot.drives)
-    traction = {name for node in robot.drives[:2] if node.drive for name in node.drive.feedback}
+    left, right, steering = (joint.name for joint in robot.joints)
+    traction = _feedback(robot.joints[:2])
     return [
         remark(f"traction_joints_names: [{right}, {left}]", "right, then left"),
         f"steering_joints_names: [{steering}]",
@@ -118,9 +128,9 @@ def _tricycle(robot: NewRobot) -> list[str]:
 
 def _mecanum(robot: NewRobot) -> list[str]:
     places = ("front_left", "front_right", "rear_left", "rear_right")
-    feedback = {name for node in robot.drives if node.drive for name in node.drive.feedback}
+    feedback = _feedback(robot.joints)
     return [
-        *(f"{place}_wheel_command_joint_name: {node.joint}" for place, node in zip(places, robot.drives, strict=True)),
+        *(f"{place}_wheel_command_joint_name: {joint.name}" for place, joint in zip(places, robot.joints, strict=True)),
         "",
         remark(f"kinematics.wheels_radius: {RADIUS}", "m; measure it"),
         remark(

@@ -9,12 +9,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Final
 from xml.sax.saxutils import quoteattr
 
-from canopen_control.profiles.device_type import Profile, profile_of
-from canopen_control.profiles.profile_tables import profile_signals
+from canopen_control.profiles.device_type import Profile
 from canopen_control.scaffold.drive_choice import POSITION, VELOCITY
 
 if TYPE_CHECKING:
-    from canopen_control.scaffold.new_robot import NewNode, NewRobot
+    from canopen_control.scaffold.new_robot import NewJoint, NewNode, NewRobot
 
 __all__ = ["RADIUS", "SEPARATION", "WHEELBASE", "description_text"]
 
@@ -23,6 +22,7 @@ SEPARATION: Final = 0.3  # m, between left and right
 WHEELBASE: Final = 0.3  # m, between front and rear
 _WIDTH: Final = 0.02
 _FASTEST: Final = {VELOCITY: 30.0, POSITION: 1.0}  # rad/s
+_MEASURED: Final = 100.0  # rad/s, of what an encoder measures: nothing limits it
 
 
 def description_text(robot: NewRobot) -> str:
@@ -34,17 +34,22 @@ def description_text(robot: NewRobot) -> str:
         f"<robot name={quoteattr(robot.name)}>",
         *(_chassis() if robot.base.type_name else ['  <link name="base_link"/>', ""]),
     ]
-    for number, node in enumerate(robot.drives):
-        lines += _joint(robot, number, node)
+    for number, joint in enumerate(robot.joints):
+        axis = "0 0 1" if robot.base.steers(len(robot.joints), number) else "0 1 0"
+        lines += _joint(joint.name, _place(robot, number), axis, _FASTEST[joint.axis.interface])
+    for number, node in enumerate(node for node in robot.nodes if node.measured):
+        lines += _joint(node.measured, (0.0, -0.1 * (number + 1), RADIUS), "0 1 0", _MEASURED)
     lines += [
         f'  <ros2_control name={quoteattr(robot.name)} type="system">',
         "    <hardware>",
-        "      <!-- the drives of bus.yml, virtual or real -->",
+        "      <!-- the nodes of bus.yml, virtual or real -->",
         "      <plugin>canopen_ros2_control/RobotSystem</plugin>",
         "    </hardware>",
     ]
     for node in robot.nodes:
-        lines += _control(node) if node.drive is not None else _signals(node)
+        for joint in node.joints:
+            lines += _control(joint)
+        lines += _measured(node) if node.measured else _signals(node)
     return "\n".join([*lines, "  </ros2_control>", "</robot>"]) + "\n"
 
 
@@ -67,17 +72,16 @@ def _chassis() -> list[str]:
     ]
 
 
-def _joint(robot: NewRobot, number: int, node: NewNode) -> list[str]:
-    assert node.drive is not None  # a node with a joint
-    link, size = f"{node.joint.removesuffix('_joint')}_link", f'radius="{RADIUS}" length="{_WIDTH}"'
-    x, y, z = _place(robot, number)
+def _joint(joint: str, place: tuple[float, float, float], axis: str, fastest: float) -> list[str]:
+    link, size = f"{joint.removesuffix('_joint')}_link", f'radius="{RADIUS}" length="{_WIDTH}"'
+    x, y, z = place
     return [
-        f'  <joint name="{node.joint}" type="continuous">',
+        f'  <joint name="{joint}" type="continuous">',
         '    <parent link="base_link"/>',
         f'    <child link="{link}"/>',
         f'    <origin xyz="{x:g} {y:g} {z:g}"/>',
-        f'    <axis xyz="{"0 0 1" if robot.base.steers(len(robot.drives), number) else "0 1 0"}"/>',
-        f'    <limit effort="10" velocity="{_FASTEST[node.drive.interface]:g}"/>  <!-- N m, rad/s -->',
+        f'    <axis xyz="{axis}"/>',
+        f'    <limit effort="10" velocity="{fastest:g}"/>  <!-- N m, rad/s -->',
         "  </joint>",
         f'  <link name="{link}">',
         "    <visual>",
@@ -100,24 +104,33 @@ def _place(robot: NewRobot, number: int) -> tuple[float, float, float]:
     """
     if not robot.base.type_name:
         return 0.0, 0.1 * number, RADIUS
-    if robot.base.steers(len(robot.drives), number):
+    if robot.base.steers(len(robot.joints), number):
         return WHEELBASE, 0.0, 0.0
-    pairs = len(robot.drives) // 2
+    pairs = len(robot.joints) // 2
     side = SEPARATION / 2 if number % 2 == 0 else -SEPARATION / 2
     return (0.0 if pairs == 1 else WHEELBASE / 2 if number < 2 else -WHEELBASE / 2), side, 0.0
 
 
+def _measured(node: NewNode) -> list[str]:
+    """Return the joint that an encoder measures; nothing commands it."""
+    return [
+        f'    <joint name="{node.measured}">',
+        f'      <param name="device_name">{node.name}</param>  <!-- an encoder of bus.yml -->',
+        '      <state_interface name="position"/>',
+        '      <state_interface name="velocity"/>',
+        "    </joint>",
+    ]
+
+
 def _signals(node: NewNode) -> list[str]:
     """Return the inputs and outputs of a device that is no drive, none of a device whose profile is not known."""
-    profile = profile_of(node.device.od)
-    signals = profile_signals(node.device.od, profile).values()
-    if not signals:
+    if not node.signals:
         return []
-    tag = "gpio" if profile is Profile.IO or any(each.output for each in signals) else "sensor"
+    tag = "gpio" if node.profile is Profile.IO or node.outputs else "sensor"
     return [
         f'    <{tag} name="{node.name}">  <!-- the node of bus.yml of this name -->',
-        *(f'      <command_interface name="{each.name}"/>' for each in signals if each.output),
-        *(f'      <state_interface name="{each.name}"/>{_unit(each.unit)}' for each in signals),
+        *(f'      <command_interface name="{each.name}"/>' for each in node.outputs),
+        *(f'      <state_interface name="{each.name}"/>{_unit(each.unit)}' for each in node.signals),
         f"    </{tag}>",
     ]
 
@@ -126,12 +139,14 @@ def _unit(unit: str) -> str:
     return f"  <!-- {unit} -->" if unit else ""
 
 
-def _control(node: NewNode) -> list[str]:
-    assert node.drive is not None  # a node with a joint
+def _control(joint: NewJoint) -> list[str]:
+    axis = joint.axis
+    more = [f'      <param name="axis">{axis.number}</param>  <!-- of that device -->'] if axis.number else []
     return [
-        f'    <joint name="{node.joint}">',
-        f'      <param name="device_name">{node.name}</param>  <!-- a node of bus.yml -->',
-        f'      <command_interface name="{node.drive.interface}"/>',
-        *(f'      <state_interface name="{name}"/>' for name in node.drive.feedback),
+        f'    <joint name="{joint.name}">',
+        f'      <param name="device_name">{joint.node}</param>  <!-- a node of bus.yml -->',
+        *more,
+        f'      <command_interface name="{axis.interface}"/>',
+        *(f'      <state_interface name="{name}"/>' for name in axis.feedback),
         "    </joint>",
     ]

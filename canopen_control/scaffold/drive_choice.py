@@ -1,5 +1,7 @@
-"""Chooses how a new robot moves a drive: interface, mode of operation, PDOs, units, supervision, from its EDS alone.
+"""Chooses how a new robot moves a drive: interfaces, modes of operation, PDOs, units, supervision, from its EDS alone.
 
+A device may have several axes, the profile again 0x800 higher for each: all of them are moved, in one mode for each
+kind of interface, since bus.yml has one for a node, and their objects share the device's PDOs.
 Velocity before position, as far as 0x6502 and the mappable targets let it. What the drive ramps itself (PV, PP is after
 CSP, which ros2_control's position controllers expect) needs no set-point every cycle. Units are those of the EDS's
 defaults (0x608F, 0x6091, 0x6092, 0x60A9), else a guess that is called one.
@@ -17,11 +19,21 @@ from canopen_control.errors import ConfigError, RobotConfigError
 from canopen_control.scaffold.pdo_choice import PdoUse, PdoWish, choose_pdos
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Container, Sequence
 
     from canopen_control.od.model import Address, ObjectDictionary
 
-__all__ = ["POSITION", "VELOCITY", "DriveChoice", "Supervision", "choose_drive", "is_drive", "supervision_of"]
+__all__ = [
+    "POSITION",
+    "VELOCITY",
+    "AxisChoice",
+    "DriveChoice",
+    "Supervision",
+    "axes_of",
+    "choose_drive",
+    "is_drive",
+    "supervision_of",
+]
 
 POSITION: Final = "position"
 VELOCITY: Final = "velocity"
@@ -42,13 +54,11 @@ _CANDIDATES: Final[dict[str, tuple[tuple[OperationMode, Address], ...]]] = {
 }
 _WITH_SYNC: Final = (OperationMode.CSP, OperationMode.CSV, OperationMode.IP)  # their set-points act with SYNC
 _ON_ARRIVAL: Final = 255
-_CONTROLWORD, _STATUSWORD = (objects.CONTROLWORD, 0), (objects.STATUSWORD, 0)
-_MODE, _DISPLAY = (objects.MODES_OF_OPERATION, 0), (objects.MODES_OF_OPERATION_DISPLAY, 0)
 _MODE_OBJECTS: Final = {
-    _MODE: "by which a mode of operation is chosen",
-    _DISPLAY: "by which a drive confirms its mode of operation; nothing is enabled without",
+    objects.MODES_OF_OPERATION: "by which a mode of operation is chosen",
+    objects.MODES_OF_OPERATION_DISPLAY: ("by which a drive confirms its mode of operation; nothing is enabled without"),
 }
-_FEEDBACK: Final = {POSITION: (objects.POSITION_ACTUAL, 0), VELOCITY: (objects.VELOCITY_ACTUAL, 0)}
+_FEEDBACK: Final = {POSITION: objects.POSITION_ACTUAL, VELOCITY: objects.VELOCITY_ACTUAL}
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,52 +76,102 @@ class Supervision:
 
 
 @dataclass(frozen=True, slots=True)
-class DriveChoice:
-    """How a drive is moved; `feedback` are its state interfaces, `counts` those of one turn of the joint.
+class AxisChoice:
+    """How axis `number` is moved; `feedback` are its state interfaces, `counts` those of one turn of the joint.
 
     `told` is whether the EDS says so; `rpm` how many revolutions per minute the unit of its velocities is (0x60A9), 0
     where it is counts per second.
     """
 
+    number: int
     interface: str
     mode: OperationMode
-    rpdos: tuple[PdoUse, ...]
-    tpdos: tuple[PdoUse, ...]
     feedback: tuple[str, ...]
     counts: float
     told: bool
     rpm: float
-    axes: int
+
+    def index(self, index: int) -> int:
+        """Return the index of a profile object for this axis."""
+        return objects.axis_index(index, self.number)
+
+
+@dataclass(frozen=True, slots=True)
+class DriveChoice:
+    """How the axes of a drive are moved, and the PDOs that carry what they need."""
+
+    axes: tuple[AxisChoice, ...]
+    rpdos: tuple[PdoUse, ...]
+    tpdos: tuple[PdoUse, ...]
+
+    @property
+    def modes(self) -> dict[str, OperationMode]:
+        """The mode of operation for each command interface that is used."""
+        return {axis.interface: axis.mode for axis in self.axes}
+
+
+def axes_of(od: ObjectDictionary) -> tuple[int, ...]:
+    """Return the numbers of the axes of a CiA 402 drive, from 0: those with a controlword and a statusword."""
+    return tuple(
+        axis
+        for axis in range(objects.AXES)
+        if all((objects.axis_index(index, axis), 0) in od for index in (objects.CONTROLWORD, objects.STATUSWORD))
+    )
 
 
 def is_drive(od: ObjectDictionary) -> bool:
-    """Whether a dictionary is that of a CiA 402 drive: it has a controlword and a statusword."""
-    return _CONTROLWORD in od and _STATUSWORD in od
+    """Whether a dictionary is that of a CiA 402 drive."""
+    return bool(axes_of(od))
 
 
-def choose_drive(od: ObjectDictionary, interfaces: Sequence[str] = (VELOCITY, POSITION)) -> DriveChoice:
-    """Choose for the first of `interfaces` that the drive can do; RobotConfigError says why there is none."""
-    wish = PdoWish(False, (_STATUSWORD,), (_DISPLAY, *_FEEDBACK.values(), (objects.ERROR_CODE, 0)))
-    tpdos, missing = choose_pdos(od, wish)
-    if missing:
-        raise RobotConfigError("no TPDO can carry its statusword (0x6041)")
-    for (index, subindex), why in _MODE_OBJECTS.items():
-        if (index, subindex) not in od:
-            raise RobotConfigError(f"no 0x{index:04X}, {why}")
-    carried = {each for use in tpdos for each in use.objects}
-    mode, rpdos, interface = _choose_mode(od, interfaces)
-    counts = _counts(od)
+def choose_drive(od: ObjectDictionary, interfaces: Sequence[Sequence[str]] = ()) -> DriveChoice:
+    """Choose for each axis the first of its `interfaces` that it can do; RobotConfigError says why there is none.
+
+    `interfaces` are those of the axes in their order, velocity before position for one that has none there.
+    """
+    axes = axes_of(od)
+    tpdos = _feedback_pdos(od, axes)
+    chosen, rpdos = _choose_modes(od, axes, [*interfaces, *[(VELOCITY, POSITION)] * len(axes)])
+    carried = {index for use in tpdos for index, _ in use.objects}
     return DriveChoice(
+        tuple(_axis_choice(od, axis, *how, carried) for axis, how in zip(axes, chosen, strict=True)), rpdos, tpdos
+    )
+
+
+def _axis_choice(
+    od: ObjectDictionary, axis: int, interface: str, mode: OperationMode, carried: Container[int]
+) -> AxisChoice:
+    counts = _counts(od, axis)
+    return AxisChoice(
+        number=axis,
         interface=interface,
         mode=mode,
-        rpdos=rpdos,
-        tpdos=tpdos,
-        feedback=tuple(name for name, address in _FEEDBACK.items() if address in carried),
+        feedback=tuple(name for name, index in _FEEDBACK.items() if objects.axis_index(index, axis) in carried),
         counts=counts or GUESSED_COUNTS,
         told=counts is not None,
-        rpm=rpm_of_unit(_number(od, objects.SI_UNIT_VELOCITY, 0) or 0),
-        axes=sum((objects.axis_index(objects.CONTROLWORD, axis), 0) in od for axis in range(objects.AXES)),
+        rpm=rpm_of_unit(_number(od, objects.axis_index(objects.SI_UNIT_VELOCITY, axis), 0) or 0),
     )
+
+
+def _feedback_pdos(od: ObjectDictionary, axes: Sequence[int]) -> tuple[PdoUse, ...]:
+    """Choose TPDOs; RobotConfigError where a statusword, a mode or its display is missing."""
+
+    def each(*indices: int) -> tuple[Address, ...]:
+        return tuple((objects.axis_index(index, axis), 0) for axis in axes for index in indices)
+
+    useful = each(objects.MODES_OF_OPERATION_DISPLAY, *_FEEDBACK.values(), objects.ERROR_CODE)
+    tpdos, missing = choose_pdos(od, PdoWish(False, each(objects.STATUSWORD), useful))
+    if missing:
+        raise RobotConfigError(f"no TPDO can carry its statusword ({_named(missing)})")
+    for axis in axes:
+        for index, why in _MODE_OBJECTS.items():
+            if (objects.axis_index(index, axis), 0) not in od:
+                raise RobotConfigError(f"no 0x{objects.axis_index(index, axis):04X}, {why}")
+    return tpdos
+
+
+def _named(addresses: Sequence[Address]) -> str:
+    return ", ".join(f"0x{index:04X}" for index, _ in addresses)
 
 
 def supervision_of(od: ObjectDictionary) -> Supervision:
@@ -126,29 +186,59 @@ def supervision_of(od: ObjectDictionary) -> Supervision:
     return Supervision(producer, consumer, not (producer and consumer) and writable(0x100C) and writable(0x100D))
 
 
-def _choose_mode(od: ObjectDictionary, interfaces: Sequence[str]) -> tuple[OperationMode, tuple[PdoUse, ...], str]:
-    listed = supported_modes(_number(od, objects.SUPPORTED_DRIVE_MODES, 0) or 0)
+_Chosen = list[tuple[str, OperationMode]]
+
+
+def _choose_modes(
+    od: ObjectDictionary, axes: Sequence[int], interfaces: Sequence[Sequence[str]]
+) -> tuple[_Chosen, tuple[PdoUse, ...]]:
+    """Choose interface and mode of each axis, then the RPDOs that carry all of them."""
+    chosen: _Chosen = []
+    for axis, wanted in zip(axes, interfaces, strict=False):
+        chosen.append(_choose_mode(od, axis, wanted, dict(chosen)))
+    rpdos, missing = _rpdos(od, axes, chosen)
+    if missing:
+        raise RobotConfigError(f"its RPDOs cannot carry what {len(axes)} axes need: {_named(missing)} are left over")
+    return chosen, rpdos
+
+
+def _choose_mode(
+    od: ObjectDictionary, axis: int, interfaces: Sequence[str], taken: dict[str, OperationMode]
+) -> tuple[str, OperationMode]:
+    """Choose for one axis; `taken` are the modes that other axes of the device have."""
+    listed = supported_modes(_number(od, objects.axis_index(objects.SUPPORTED_DRIVE_MODES, axis), 0) or 0)
     for interface in interfaces:
-        for mode, target in _CANDIDATES[interface]:
-            if listed and mode not in listed:
+        for mode, _ in _CANDIDATES[interface]:
+            if (listed and mode not in listed) or taken.get(interface, mode) is not mode:
                 continue
-            transmission = 1 if mode in _WITH_SYNC else _ON_ARRIVAL
-            rpdos, missing = choose_pdos(od, PdoWish(True, (_CONTROLWORD, target), (_MODE,), transmission))
-            if not missing:
-                return mode, rpdos, interface
+            if not _rpdos(od, (axis,), [(interface, mode)])[1]:
+                return interface, mode
     modes = f"its modes are {', '.join(map(mode_name, listed))} (0x6502), and " if listed else ""
-    targets = {f"0x{index:04X}" for each in interfaces for _, (index, _) in _CANDIDATES[each]}
+    indices = {objects.axis_index(index, axis) for each in interfaces for _, (index, _) in _CANDIDATES[each]}
     raise RobotConfigError(
-        f"{modes}no RPDO can carry the controlword (0x6040) and a target of {' or '.join(interfaces)} "
-        f"({', '.join(sorted(targets))})"
+        f"{modes}no RPDO can carry the controlword (0x{objects.axis_index(objects.CONTROLWORD, axis):04X}) and a "
+        f"target of {' or '.join(interfaces)} ({', '.join(f'0x{index:04X}' for index in sorted(indices))})"
     )
 
 
-def _counts(od: ObjectDictionary) -> float | None:
+def _rpdos(
+    od: ObjectDictionary, axes: Sequence[int], chosen: _Chosen
+) -> tuple[tuple[PdoUse, ...], tuple[Address, ...]]:
+    """Return the RPDOs for controlwords, targets and modes of some axes, and what they cannot carry."""
+    needed: list[Address] = []
+    for axis, (interface, mode) in zip(axes, chosen, strict=True):
+        index, subindex = next(target for each, target in _CANDIDATES[interface] if each is mode)
+        needed += [(objects.axis_index(objects.CONTROLWORD, axis), 0), (objects.axis_index(index, axis), subindex)]
+    useful = tuple((objects.axis_index(objects.MODES_OF_OPERATION, axis), 0) for axis in axes)
+    transmission = 1 if any(mode in _WITH_SYNC for _, mode in chosen) else _ON_ARRIVAL
+    return choose_pdos(od, PdoWish(True, tuple(needed), useful, transmission))
+
+
+def _counts(od: ObjectDictionary, axis: int) -> float | None:
     """Return the position units of one turn of the shaft by the EDS's defaults, None where it tells none."""
 
     def pair(index: int) -> tuple[int, int] | None:
-        first, second = _number(od, index, 1), _number(od, index, 2)
+        first, second = (_number(od, objects.axis_index(index, axis), subindex) for subindex in (1, 2))
         return (first, second) if first and second and first > 0 and second > 0 else None
 
     encoder, feed = pair(objects.POSITION_ENCODER_RESOLUTION), pair(objects.FEED_CONSTANT)

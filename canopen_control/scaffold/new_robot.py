@@ -1,7 +1,8 @@
 """What a new robot is made of: its nodes, joints and base, chosen from EDS files and checked before a file is written.
 
-Names of joints and controllers are names of ROS: letters, digits and _. A node that is no drive gets no joint; a bus
-without any drive has no description and no controllers.
+Names of joints and controllers are names of ROS: letters, digits and _. Each axis of a drive is a joint. A device that
+is no drive is what its profile says: inputs and outputs by name, or of an encoder a joint that is measured; one whose
+profile nobody knows is a proxy. A bus of proxies alone has no description and no controllers.
 """
 
 from __future__ import annotations
@@ -12,17 +13,19 @@ from typing import TYPE_CHECKING, Final
 
 from canopen_control.errors import RobotConfigError
 from canopen_control.profiles.device_type import Profile, profile_of
+from canopen_control.profiles.profile_tables import profile_signals
 from canopen_control.scaffold.bases import BASES, Base
-from canopen_control.scaffold.drive_choice import DriveChoice, choose_drive, is_drive, supervision_of
+from canopen_control.scaffold.drive_choice import POSITION, axes_of, choose_drive, supervision_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
     from canopen_control.od.model import ObjectDictionary
-    from canopen_control.scaffold.drive_choice import Supervision
+    from canopen_control.profiles.device_signal import Signal
+    from canopen_control.scaffold.drive_choice import AxisChoice, DriveChoice, Supervision
 
-__all__ = ["Device", "NewNode", "NewRobot", "check_robot_name", "plan_robot"]
+__all__ = ["Device", "NewJoint", "NewNode", "NewRobot", "check_robot_name", "plan_robot"]
 
 _NAME: Final = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 _LONGEST: Final = 32  # of a robot's name, which a socket has too
@@ -49,18 +52,37 @@ class Device:
 
 
 @dataclass(frozen=True, slots=True)
-class NewNode:
-    """A node of the new bus.yml; `drive` None for a device that is none, which has no `joint`.
+class NewJoint:
+    """A joint that axis `axis` of `node` moves; `mirrored`: its motor faces that of the other side, and turns so."""
 
-    `mirrored`: its motor faces that of the other side, and turns the other way round.
-    """
+    name: str
+    node: str
+    axis: AxisChoice
+    mirrored: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class NewNode:
+    """A node of the new bus.yml; `drive` None and no `joints` for a device that is none, which may have `signals`."""
 
     name: str
     device: Device
     supervision: Supervision
     drive: DriveChoice | None = None
-    joint: str = ""
-    mirrored: bool = False
+    joints: tuple[NewJoint, ...] = ()
+    signals: tuple[Signal, ...] = ()
+    profile: Profile = Profile.NONE
+
+    @property
+    def measured(self) -> str:
+        """The joint that an encoder measures, "" for other devices."""
+        turns = any(signal.name == POSITION and signal.unit == "rad" for signal in self.signals)
+        return f"{self.name}_joint" if self.profile is Profile.ENCODER and turns else ""
+
+    @property
+    def outputs(self) -> tuple[Signal, ...]:
+        """The signals that can be commanded."""
+        return tuple(signal for signal in self.signals if signal.output)
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,8 +107,18 @@ class NewRobot:
 
     @property
     def drives(self) -> tuple[NewNode, ...]:
-        """The nodes that move a joint."""
+        """The nodes that move joints."""
         return tuple(node for node in self.nodes if node.drive is not None)
+
+    @property
+    def joints(self) -> tuple[NewJoint, ...]:
+        """The joints that are moved, in the order of nodes and axes."""
+        return tuple(joint for node in self.nodes for joint in node.joints)
+
+    @property
+    def is_bus_alone(self) -> bool:
+        """Whether there is nothing that a description could say: no drive, and no signal."""
+        return not any(node.drive is not None or node.signals for node in self.nodes)
 
 
 def plan_robot(
@@ -99,27 +131,26 @@ def plan_robot(
 ) -> NewRobot:
     """Choose everything; RobotConfigError says all that is wrong, one sentence a line."""
     check_robot_name(name)
-    drives = [device for device in devices if is_drive(device.od)]
-    problems = [*_wrong_ids(devices), *_wrong_joints(joints, len(drives), len(devices)), *_wrong_base(base, drives)]
+    axes = sum(len(axes_of(device.od)) for device in devices)
+    problems = [*_wrong_ids(devices), *_wrong_joints(joints, axes, devices), *_wrong_base(base, axes)]
     if problems:
         raise RobotConfigError("\n".join(problems))
-    names = [*joints, *BASES[base].joints(len(drives))[len(joints) :]]
-    nodes, taken = list[NewNode](), list(names)
+    names = [*joints, *BASES[base].joints(axes)[len(joints) :]]
+    nodes, number = list[NewNode](), 0
     for device in devices:
-        supervision = supervision_of(device.od)
-        if not is_drive(device.od):
-            nodes.append(NewNode(f"{_KINDS[profile_of(device.od)]}_{device.node_id}", device, supervision))
+        count = len(axes_of(device.od))
+        if not count:
+            nodes.append(_device_node(device))
             continue
-        wanted = BASES[base].interfaces(len(drives), len(names) - len(taken))
+        wanted = [BASES[base].interfaces(axes, each) for each in range(number, number + count)]
+        mirrored = [BASES[base].mirrored(axes, each) for each in range(number, number + count)]
         try:
-            drive = choose_drive(device.od, wanted)
+            nodes.append(_drive_node(device, names[number : number + count], wanted, mirrored))
         except RobotConfigError as error:
             problems.append(f"{device.eds}: {error}; write its bus.yml by hand, or leave node {device.node_id} out")
             continue
-        mirrored = BASES[base].mirrored(len(drives), len(names) - len(taken))
-        joint = taken.pop(0)
-        nodes.append(NewNode(f"{joint.removesuffix('_joint')}_drive", device, supervision, drive, joint, mirrored))
-        if not supervision.stops_alone and not allow_unsupervised:
+        number += count
+        if not nodes[-1].supervision.stops_alone and not allow_unsupervised:
             problems.append(
                 f"{device.eds}: nothing stops node {device.node_id} when this computer dies: no heartbeat consumer "
                 "(0x1016) that can be set, no node guarding; with an emergency stop in reach, add --allow-unsupervised"
@@ -135,6 +166,26 @@ def plan_robot(
         _baudrate(devices),
         allow_unsupervised=allow_unsupervised,
     )
+
+
+def _device_node(device: Device) -> NewNode:
+    """Return the node of a device that is no drive."""
+    profile = profile_of(device.od)
+    signals = tuple(profile_signals(device.od, profile).values())
+    name = f"{_KINDS[profile]}_{device.node_id}"
+    return NewNode(name, device, supervision_of(device.od), signals=signals, profile=profile)
+
+
+def _drive_node(
+    device: Device, names: Sequence[str], interfaces: Sequence[Sequence[str]], mirrored: Sequence[bool]
+) -> NewNode:
+    """Return the node of a drive, a joint for each axis; RobotConfigError where it cannot be moved."""
+    drive = choose_drive(device.od, interfaces)
+    name = f"{names[0].removesuffix('_joint')}_drive" if len(names) == 1 else f"drive_{device.node_id}"
+    joints = tuple(
+        NewJoint(joint, name, axis, mirror) for joint, axis, mirror in zip(names, drive.axes, mirrored, strict=True)
+    )
+    return NewNode(name, device, supervision_of(device.od), drive, joints, profile=Profile.DRIVE)
 
 
 def check_robot_name(name: str) -> None:
@@ -158,22 +209,25 @@ def _wrong_ids(devices: Sequence[Device]) -> list[str]:
     return problems
 
 
-def _wrong_joints(joints: Sequence[str], drives: int, devices: int) -> list[str]:
+def _wrong_joints(joints: Sequence[str], axes: int, devices: Sequence[Device]) -> list[str]:
     problems = [
         f"--joint {joint}: a joint's name is a letter, then letters, digits and _"
         for joint in joints
         if not _NAME.fullmatch(joint)
     ]
     problems += [f"--joint {joint} is given twice" for joint in dict.fromkeys(joints) if joints.count(joint) > 1]
-    if len(joints) > drives:
-        others = f" ({devices - drives} of the {devices} nodes are no drives)" if devices > drives else ""
-        few = f"{drives} drive{'' if drives == 1 else 's'}"
+    if len(joints) > axes:
+        drives = sum(bool(axes_of(device.od)) for device in devices)
+        others = (
+            f" ({len(devices) - drives} of the {len(devices)} nodes are no drives)" if len(devices) > drives else ""
+        )
+        few = f"{drives} drive{'' if drives == 1 else 's'}" if axes == drives else f"{axes} axes"
         problems.append(f"{len(joints)} joints for {few}{others}; give a node id for each, or fewer --joint")
     return problems
 
 
-def _wrong_base(name: str, drives: Sequence[Device]) -> list[str]:
-    return [text] if (text := BASES[name].problem(len(drives))) else []
+def _wrong_base(name: str, axes: int) -> list[str]:
+    return [text] if (text := BASES[name].problem(axes)) else []
 
 
 def _baudrate(devices: Sequence[Device]) -> int:

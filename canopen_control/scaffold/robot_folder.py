@@ -99,7 +99,7 @@ def _make_checked(robot: NewRobot, folder: Path) -> tuple[NewRobot, tuple[str, .
 def _make(robot: NewRobot, folder: Path) -> None:
     folder.mkdir(exist_ok=True)
     texts = {BUS: bus_text(robot)}
-    if robot.drives:
+    if not robot.is_bus_alone:
         texts[CONTROLLERS] = controllers_text(robot)
         texts[f"{robot.name}.urdf"] = description_text(robot)
     for name, text in texts.items():

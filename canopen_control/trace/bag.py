@@ -9,6 +9,7 @@ rqt, Foxglove, PlotJuggler and `ros2 bag` find what they know:
     /CONTROLLER/cmd_vel_out          geometry_msgs/TwistStamped     the twist that its limits left of a command
     /CONTROLLER/commands_out         std_msgs/Float64MultiArray     what a forward controller writes, when it changes
     /CONTROLLER/controller_state     control_msgs/...               every update: trajectory, PID, steering, mecanum
+    /CONTROLLER/imu, range, wrench, pose, battery_state, gpio_states    every update of a broadcaster (`bag_sensors`)
     /diagnostics                     diagnostic_msgs/DiagnosticArray   once a second
     /rosout                          rcl_interfaces/Log             the robot's events
     /robot_description               std_msgs/String                once
@@ -24,12 +25,19 @@ from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 from canopen_control.errors import ConfigError
 from canopen_control.host.files import failed, telling
-from canopen_control.ros.conversions import arrays_of, diagonal, positions_of, stamp_of
+from canopen_control.ros.conversions import (
+    arrays_of,
+    diagonal,
+    frames_with_a_place,
+    positions_of,
+    stamp_of,
+    transform_of,
+)
 from canopen_control.ros.diagnosis import diagnose
-from canopen_control.rpc.messages.samples import JointStatesSample, OdometrySample
+from canopen_control.rpc.messages.samples import JointStatesSample, OdometrySample, PoseSample
 from canopen_control.trace.bag_messages import BagMessages
-from canopen_control.urdf.geometry import Pose, from_yaw
-from canopen_control.urdf.joint_element import Transform
+from canopen_control.trace.bag_sensors import SENSORS
+from canopen_control.urdf.geometry import from_yaw
 from canopen_control.urdf.robot_model import read_model
 
 if TYPE_CHECKING:
@@ -39,6 +47,7 @@ if TYPE_CHECKING:
     from canopen_control.rpc.messages.samples import Sample
     from canopen_control.rpc.messages.state import ControllerReading, RobotEvent, StateSample
     from canopen_control.urdf.geometry import Quaternion
+    from canopen_control.urdf.joint_element import Transform
 
 __all__ = ["BagWriter"]
 
@@ -99,6 +108,9 @@ class BagWriter:
         for kind, make in self._ros.states.items():
             for name, told in self._new(state.told(kind), "state").items():
                 self._write(f"/{name}/controller_state", told.time, make(told))
+        for row in SENSORS:
+            for name, told in self._new(state.told(row.kind), row.topic).items():
+                self._write(f"/{name}/{row.topic}", told.time, row.make(self._ros, told))
         self._transforms(state, joint_states.values(), odometry.values())
 
     def event(self, event: RobotEvent) -> None:
@@ -127,15 +139,15 @@ class BagWriter:
     def _transforms(
         self, state: StateSample, joint_states: Iterable[JointStatesSample], odometry: Iterable[OdometrySample]
     ) -> None:
-        told = state.told(OdometrySample).values()
-        based = frozenset(each.child_frame_id for each in told if each.enable_odom_tf)
+        based = frames_with_a_place(state)
         joints = [each for each in self._joints if each.child not in based]
         if self._is_new("/tf_static", based):
             fixed = (each.transform({}) for each in joints if each.fixed)
             self._send_transforms("/tf_static", ((state.time, each) for each in fixed))
         moving = [each for each in joints if not each.fixed]
         moved = [(sample.time, each.transform(positions_of(sample))) for sample in joint_states for each in moving]
-        based_on = [(sample.time, _of_odometry(sample)) for sample in odometry if sample.enable_odom_tf]
+        poses = self._new(state.told(PoseSample), "transform").values()
+        based_on = [(sample.time, transform_of(sample)) for sample in (*odometry, *poses)]
         self._send_transforms("/tf", [*moved, *based_on])
 
     def _send_transforms(self, topic: str, transforms: Iterable[tuple[float, Transform | None]]) -> None:
@@ -269,8 +281,3 @@ def _latched() -> object:
         unset,
         False,  # the ROS conventions of names hold
     )
-
-
-def _of_odometry(sample: OdometrySample) -> Transform:
-    pose = Pose((sample.x, sample.y, 0.0), from_yaw(sample.heading))
-    return Transform(sample.frame_id, sample.child_frame_id, pose)

@@ -24,6 +24,9 @@ _ADDED: Final = tuple(
         "MultiDOFStateStamped",
         "SteeringControllerStatus",
         "MecanumDriveControllerState",
+        "InterfaceValue",
+        "DynamicInterfaceGroupValues",
+        "BatteryStateArray",
     )
 )
 
@@ -31,7 +34,8 @@ _ADDED: Final = tuple(
 class BagMessages:
     """The messages of Jazzy as rosbags makes them; one short method for each that is nested in several.
 
-    `states` makes the `controller_state` of what a controller tells, by the kind of that.
+    `states` makes the `controller_state` of what a controller tells, by the kind of that; what broadcasters tell is in
+    `bag_sensors`.
     """
 
     def __init__(self) -> None:

@@ -108,7 +108,8 @@ def _run(path: str, given: Mapping[str, str]) -> tuple[bytes, str]:
                 text = str(xacro.process_file(path, mappings=arguments).toprettyxml(indent="  "))
     except Exception as error:  # noqa: BLE001 - a xacro file runs its author's expressions: anything may come
         reason = next((words for kind, words in _TOO_MUCH.items() if _has_cause(error, kind)), "")
-        text = f"{reason or str(error).strip() or type(error).__name__}{_where(said.getvalue())}"
+        reason = reason or _absent_package(error) or str(error).strip() or type(error).__name__
+        text = f"{reason}{_where(said.getvalue())}"
         return REFUSED, "; ".join(each for each in (text, arguments.unknown()) if each)
     if strange := arguments.unknown():
         return REFUSED, strange
@@ -125,12 +126,19 @@ _TOO_MUCH = {
 
 def _has_cause(error: BaseException, kind: type[BaseException]) -> bool:
     """Whether an exception is of a kind, or was raised while one was handled: xacro tells the expression instead."""
+    return any(isinstance(each, kind) for each in _causes(error))
+
+
+def _absent_package(error: BaseException) -> str:
+    """Return what `find_package` said, "" where nothing was sought in vain; xacro says it twice, with its class."""
+    return next((str(each) for each in _causes(error) if type(each) is LookupError), "")
+
+
+def _causes(error: BaseException) -> Iterator[BaseException]:
     each: BaseException | None = error
     while each is not None:
-        if isinstance(each, kind):
-            return True
+        yield each
         each = each.__cause__ or each.__context__
-    return False
 
 
 _LONGEST_STACK = 5  # lines of a macro stack that are told; an endless one has hundreds

@@ -42,10 +42,15 @@ def twist_motion(controller: str, linear: float, angular: float, lateral: float 
     return Motion(moving, resting)
 
 
-def joint_motion(controller: str, values: Sequence[float], resting: Sequence[float]) -> Motion:
-    """Return the motion of joints to `values`; they rest at zero, or where they are if these are positions."""
+def joint_motion(
+    controller: str, values: Sequence[float], resting: Sequence[float], interface: str | None = None
+) -> Motion:
+    """Return the motion of joints to `values`; they rest at zero, or where they are if these are positions.
+
+    `interface` is what the values are, where the controller may take something else by the time they come.
+    """
     moved, rested = (
-        CommandController(controller=controller, values=list(each), source=SOURCE, dead_man=True)
+        CommandController(controller=controller, values=list(each), source=SOURCE, dead_man=True, interface=interface)
         for each in (values, resting)
     )
     return Motion(moved, rested)

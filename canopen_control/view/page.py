@@ -19,6 +19,7 @@ from canopen_control.view.panels.fault_panel import FaultPanel
 from canopen_control.view.panels.power import PowerPanel
 from canopen_control.view.panels.read_only import DrivesPanel, EventsPanel, JointsPanel
 from canopen_control.view.panels.scene_and_plots import PlotsPanel, ScenePanel
+from canopen_control.view.panels.target_panel import TargetPanel
 from canopen_control.view.panels.teleop_panel import TeleopPanel
 from canopen_control.view.panels.trajectory_panel import TrajectoryPanel
 from canopen_control.view.sampling import titles
@@ -48,6 +49,7 @@ class PanelSlot:
 PANELS: Final = (
     PanelSlot("banner", "side", "", BannerPanel),
     PanelSlot("drive", "side", "Drive: hold a button", TeleopPanel),
+    PanelSlot("targets", "side", "Drives by their targets", TargetPanel),
     PanelSlot("trajectory", "side", "Trajectory", TrajectoryPanel),
     PanelSlot("power", "side", "Power", PowerPanel),
     PanelSlot("faults", "side", "", FaultPanel),

@@ -59,7 +59,7 @@ class PageContent:
     commanded: dict[str, str] = field(init=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "commanded", commanded_interfaces(self.controllers))
+        object.__setattr__(self, "commanded", commanded_interfaces(self.controllers, self.state))
 
     @property
     def banner(self) -> Banner:

@@ -50,7 +50,7 @@ class RobotView:
     def take(self, state: StateSample) -> SceneChange:
         """Take a sample of the stream; returns what of the scene has changed."""
         self.state = state
-        self.history.add(state.time, self._sampler.take(state, commanded_interfaces(self.controllers)))
+        self.history.add(state.time, self._sampler.take(state, commanded_interfaces(self.controllers, state)))
         if (pose := pose_of(state)) is not None:
             self.trail.add(pose)
         if (truth := true_pose_of(state)) is not None:

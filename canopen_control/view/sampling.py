@@ -9,8 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
+from canopen_control.view.drive_targets import drive_targets
+
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
 
     from canopen_control.rpc.messages.state import ControllerReading, StateSample
 
@@ -82,9 +84,12 @@ def titles(interfaces: Mapping[str, str], linear: frozenset[str]) -> dict[str, s
     return found | {"error": f"Following error{', ' + ' and '.join(units) if units else ''}"}
 
 
-def commanded_interfaces(controllers: Iterable[ControllerReading]) -> dict[str, str]:
-    """Return the interface that is commanded of each joint, by the active controllers."""
-    found: dict[str, str] = {}
+def commanded_interfaces(controllers: Sequence[ControllerReading], state: StateSample) -> dict[str, str]:
+    """Return the interface that is commanded of each joint, by the active controllers.
+
+    Of a drive that takes targets it is what its mode of operation makes of them.
+    """
+    found = {drive.joint: drive.quantity for drive in drive_targets(state, controllers) if drive.quantity}
     for controller in controllers:
         for claimed in controller.claims if controller.state == "active" else ():
             joint, _, interface = claimed.rpartition("/")

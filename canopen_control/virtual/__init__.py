@@ -9,7 +9,7 @@ From the outside in; a file imports those of its own line and of lines further d
   `error_control`, `node_lss`
 - a device that is no drive: `device_function`, `position_devices`, `sensor_device`, `io_device`,
   `input_faults`
-- a drive: `virtual_drive`, of `drive_modes`, `axis_readings`, `touch_probes`
+- a drive: `virtual_drive`, of `drive_modes`, `axis_readings`, `touch_probes`, `overload`
 - its modes of operation: `profile_modes`, `interpolated_mode`, `cyclic_modes`, `set_point_stream`, `homing_mode`,
   `mode_base`
 - what moves and stops an axis, and how evenly: `axis_limits`, `power_machine`, `mover`, `switches`, `set_point_meter`

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from canopen_control.cia301.lss import UNCONFIGURED
 from canopen_control.errors import ConfigError
@@ -16,18 +16,21 @@ from canopen_control.od.eds import read_eds
 from canopen_control.virtual.device_model import GENERIC, DeviceModel, vendor_model
 from canopen_control.virtual.fault_switches import FaultSwitches
 from canopen_control.virtual.parameter_file import ParameterFile
-from canopen_control.virtual.plant import PlainWorld, World
+from canopen_control.virtual.plant import PlainWorld, TellingWorld, World
 from canopen_control.virtual.tmcm1270 import TMCM1270, is_tmcm1270
 from canopen_control.virtual.virtual_node import VirtualNode
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
+    from collections.abc import Callable, Iterable, Mapping, Sequence
 
     from canopen_control.od.model import ObjectDictionary
     from canopen_control.virtual.plant import Plant
     from canopen_control.virtual.scenario import Switching
 
-__all__ = ["Devices", "device_model_of", "make_device", "make_devices"]
+__all__ = ["WORLD_NOTE", "Devices", "device_model_of", "make_device", "make_devices"]
+
+WORLD_NOTE: Final = "world: "
+"""What a line begins with that tells what the world had to guess."""
 
 
 def device_model_of(od: ObjectDictionary) -> DeviceModel:
@@ -76,20 +79,25 @@ def make_devices(
     store: Path | None = None,
     scenario: Path | None = None,
     plant: Path | None = None,
+    others: Mapping[int, Path] | None = None,
 ) -> Devices:
     """Make all that a process of virtual drives consists of; what is wrong in a file is told before anything runs.
 
-    Raises EdsError and ConfigError, `say` takes warnings. `serial` is the first node's, see `launch.Options`. A node
-    that LSS gave another id, in an earlier process with the same store, starts with that one.
+    Raises EdsError and ConfigError, `say` takes warnings and what the world had to guess. `serial` is the first
+    node's, see `launch.Options`; `others` are the EDS files of nodes that have another one. A node that LSS gave
+    another id, in an earlier process with the same store, starts with that one.
     """
-    od = read_eds(eds, node_ids[0]).od
-    if UNCONFIGURED in node_ids and not od.device.lss_supported:
-        raise ConfigError(f"{eds}: it has no LSS, so a node without an id (255) could never get one")
+    files = {node_id: eds if others is None else others.get(node_id, eds) for node_id in node_ids}
+    ods = {file: read_eds(file, node_ids[0]).od for file in files.values()}
+    if UNCONFIGURED in node_ids and not ods[files[UNCONFIGURED]].device.lss_supported:
+        raise ConfigError(f"{files[UNCONFIGURED]}: it has no LSS, so a node without an id (255) could never get one")
     timeline = () if scenario is None else _timeline(scenario, node_ids)
     world = PlainWorld() if plant is None else _world(plant)
+    for note in world.notes if isinstance(world, TellingWorld) else ():
+        say(f"{WORLD_NOTE}{note}")
     file = None if store is None else ParameterFile(store, say)
     nodes = [
-        _node(od, node_id, faults, node_id if serial is None else serial + number, world, file)
+        _node(ods[files[node_id]], node_id, faults, node_id if serial is None else serial + number, world, file)
         for number, node_id in enumerate(node_ids)
     ]
     return Devices(tuple(nodes), world, timeline)

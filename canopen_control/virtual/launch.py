@@ -6,7 +6,7 @@ A node id that answers on the bus already is refused.
 from __future__ import annotations
 
 import contextlib
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from canopen_control.bus.channel import open_port, parse_channel
@@ -15,7 +15,7 @@ from canopen_control.host.reactor import Reactor
 from canopen_control.virtual.node_id_check import NodeIdCheck
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Mapping, Sequence
     from pathlib import Path
 
     from canopen_control.bus.port import Port
@@ -27,7 +27,8 @@ __all__ = ["Options", "run_drives"]
 class Options:
     """What to start besides the nodes: files, and faults ``name`` or ``name@seconds``.
 
-    `serial` is 0x1018:04, of several nodes the first one's; None: the node id.
+    `serial` is 0x1018:04, of several nodes the first one's; None: the node id. `others` are the EDS files of the nodes
+    that have another one.
     """
 
     faults: Sequence[str] = ()
@@ -35,6 +36,7 @@ class Options:
     store: Path | None = None
     scenario: Path | None = None
     plant: Path | None = None
+    others: Mapping[int, Path] = field(default_factory=dict)
 
 
 def run_drives(node_ids: Sequence[int], eds: Path, channel: str, options: Options, say: Callable[[str], None]) -> int:
@@ -59,6 +61,7 @@ def run_drives(node_ids: Sequence[int], eds: Path, channel: str, options: Option
                 store=options.store,
                 scenario=options.scenario,
                 plant=options.plant,
+                others=options.others,
             )
             check.finish()
             with contextlib.closing(devices.world):

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Protocol
 
+from canopen_control.virtual.plant import CoupledPlant
 from canopen_control.virtual.switches import Switches
 from canopen_control.virtual.trajectory import Trajectory, hold
 
@@ -37,6 +38,9 @@ class Reactions(Protocol):
     def judge_following_error(self, error: float, now: int) -> None:
         """Judge a following error, in counts; called while the plant lags."""
 
+    def judge_load(self, torque: float, now: int) -> None:
+        """Judge the torque of a motor in per mille of the rated one; called while a coupled plant has power."""
+
     def sampled(self) -> None:
         """Look at values that change with the motion."""
 
@@ -60,8 +64,12 @@ class Mover:
         self.torque: Trajectory | None = None  # set: the plant is pushed, not led
         self.powered = False
         self.now: int | None = None  # None: not started
+        self.torque_limit = math.inf  # per mille; heeded by a coupled plant
         self._fed = (0.0, 0.0)
         self.timers: dict[str, tuple[int, Callable[[int], None]]] = {}
+        self._coupled = plant if isinstance(plant, CoupledPlant) else None
+        if self._coupled is not None:
+            self._coupled.lead(self)
 
     # -- timers
 
@@ -85,9 +93,18 @@ class Mover:
             callback(due)
         self._move(now)
 
-    def next_deadline(self) -> int | None:
-        """Return when something happens by itself, None: nothing will."""
+    def next_event(self) -> int | None:
+        """Return the time of the next timer, None: there is none."""
         return min((due for due, _ in self.timers.values()), default=None)
+
+    def next_deadline(self) -> int | None:
+        """Return when somebody has to look, None: nothing happens by itself.
+
+        What a coupled plant has become is judged at the times for that, but by whoever looks next.
+        """
+        if self._coupled is None:
+            return self.next_event()
+        return min((due for name, (due, _) in self.timers.items() if name != "follow"), default=None)
 
     def _move(self, now: int) -> None:
         start, self.now = self.now, max(now, self.now or 0)
@@ -162,7 +179,9 @@ class Mover:
         self.at("arrive", max(torque.end_ns, now + 1), self.owner.arrived)
 
     def _watch(self, now: int) -> None:
-        if not self.plant.stiff and self.torque is None:
+        if self._coupled is not None:
+            self._judge_again(self._coupled, now)
+        elif not self.plant.stiff and self.torque is None:
             self.at("follow", now + FOLLOW_NS, self._follow)
         hit = self.switches.next_hit(self.demand, now) if self.torque is None else None
         if hit is None:
@@ -197,6 +216,20 @@ class Mover:
         self.owner.judge_following_error(error, now)
         if velocity or now < self.demand.end_ns or abs(error) >= 0.5 or not self.standing:
             self.at("follow", now + FOLLOW_NS, self._follow)
+
+    def _judge_again(self, plant: CoupledPlant, now: int) -> None:
+        """Judge a coupled plant at the next of its times, which are the same for all axes."""
+        every = plant.follow_ns
+        self.at("follow", (now // every + 1) * every, lambda then: self._judge(plant, then))
+
+    def _judge(self, plant: CoupledPlant, now: int) -> None:
+        if not self.powered:
+            return
+        if self.torque is None:
+            self.owner.judge_following_error(self.demand.at(now)[0] - plant.position, now)
+        self.owner.judge_load(plant.torque, now)
+        if self.powered:
+            self._judge_again(plant, now)
 
     def _sample(self, now: int) -> None:
         self.owner.sampled()

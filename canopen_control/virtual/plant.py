@@ -11,14 +11,24 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 from canopen_control.rpc.messages.drive import WorldState
 
 if TYPE_CHECKING:
     from canopen_control.virtual.trajectory import Piece, Trajectory
 
-__all__ = ["IdealPlant", "LagPlant", "LoadedPlant", "PlainWorld", "Plant", "World"]
+__all__ = [
+    "CoupledPlant",
+    "IdealPlant",
+    "LagPlant",
+    "Leader",
+    "LoadedPlant",
+    "PlainWorld",
+    "Plant",
+    "TellingWorld",
+    "World",
+]
 
 
 class Plant(Protocol):
@@ -40,6 +50,32 @@ class Plant(Protocol):
 
     def feed_forward(self, velocity: float, torque: float) -> None:
         """Take what the loops get beside the demand from now on: 0x60B1 in counts/s and 0x60B2 in per mille."""
+
+
+class Leader(Protocol):
+    """The axis of a drive, as a plant sees it that is moved together with others: what it wants now, and its timers."""
+
+    powered: bool
+    torque: Trajectory | None  # set: pushed, in per mille; else led along `demand`
+    demand: Trajectory
+    torque_limit: float  # per mille of the rated torque that the drive lets its motor have
+
+    def advance(self, now: int) -> None:
+        """Bring the axis to `now`, each of its timers at its own time."""
+
+    def next_event(self) -> int | None:
+        """Return the time of the next timer, None: there is none."""
+
+
+@runtime_checkable
+class CoupledPlant(Plant, Protocol):
+    """A plant of a world that moves all its axes at a time: it reads at any time of it what its drive wants."""
+
+    rated_torque: float  # N m, or N
+    follow_ns: int  # how often its drive judges position and load; it need not be woken for that
+
+    def lead(self, leader: Leader) -> None:
+        """Know whose demand it follows from now on; called once."""
 
 
 def _lag(velocity: float, piece: Piece, time_constant: float) -> tuple[float, float]:
@@ -231,6 +267,13 @@ class World(Protocol):
 
     def close(self) -> None:
         """End it."""
+
+
+@runtime_checkable
+class TellingWorld(World, Protocol):
+    """An engine that has something to tell before it begins: what it had to guess, in sentences."""
+
+    notes: tuple[str, ...]
 
 
 class PlainWorld:

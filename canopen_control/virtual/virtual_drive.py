@@ -6,6 +6,7 @@ before its controlword is looked at. Set-points are taken only in OPERATION_ENAB
 
 from __future__ import annotations
 
+import math
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -24,6 +25,7 @@ from canopen_control.virtual.device_model import GENERIC, DeviceModel
 from canopen_control.virtual.drive_modes import MODES, DriveModes, possible_modes
 from canopen_control.virtual.mode_base import Axis
 from canopen_control.virtual.mover import Mover
+from canopen_control.virtual.overload import OVERLOAD, TORQUE_LIMITS, OverloadGuard
 from canopen_control.virtual.plant import IdealPlant, Plant
 from canopen_control.virtual.power_machine import PowerMachine
 from canopen_control.virtual.set_point_meter import SetPointMeter
@@ -69,6 +71,7 @@ class VirtualDrive:
         self.power = PowerMachine(objects, mover, outbox, nmt, self)
         self.limits = AxisLimits(objects, mover, outbox, self.power)
         self.meter = SetPointMeter()
+        self._overload = OverloadGuard()
         parts = Axis(objects, mover, self.power, self.limits, outbox, clock, self.meter)
         self.modes = DriveModes(parts)
         self.readings = AxisReadings(parts, self.modes)
@@ -118,6 +121,7 @@ class VirtualDrive:
         store.on_write([index + shift for index in UNIT_OBJECTS], lambda _entry, _value: objects.units.update(objects))
         store.on_write([o.TOUCH_PROBE_FUNCTION + shift], lambda _entry, _value: self.probes.update(self._clock.now))
         store.on_write([controlword], lambda _entry, _value: self.refresh(self._clock.now, controlword=True))
+        store.on_write([index + shift for index in TORQUE_LIMITS], lambda _entry, _value: self._limit_torque())
         store.on_write([o.INTERPOLATION_DATA + shift], self._record_written)
         mine = {entry.index for entry in store.od if 0x6000 <= entry.index - shift < 0x6800} - {controlword}
         store.on_write(mine, lambda _entry, _value: self.refresh(self._clock.now))
@@ -161,6 +165,7 @@ class VirtualDrive:
         self.readings.statusword.warning.heal()
         self.probes.reset()
         objects.units.update(objects)
+        self._limit_torque()
         self.modes.clear()
         power.enter(State.NOT_READY_TO_SWITCH_ON, now)
         power.enter(State.SWITCH_ON_DISABLED, now)
@@ -197,6 +202,11 @@ class VirtualDrive:
         """Note that a SYNC came without a set-point."""
         if self.power.live:
             self.modes.active.missed()
+
+    def _limit_torque(self) -> None:
+        """Let the loops have the torque that 0x6072 and 0x6073 allow; 0 is no limit."""
+        limits = [float(limit) for index in TORQUE_LIMITS if (limit := self.objects.number(index)) > 0]
+        self.mover.torque_limit = min(limits, default=math.inf)
 
     def _record_written(self, entry: Entry, _value: Value) -> None:
         interpolated = self.modes.interpolated
@@ -290,6 +300,11 @@ class VirtualDrive:
     def judge_following_error(self, error: float, now: int) -> None:
         """Judge a following error."""
         self.limits.judge_following_error(error, now)
+
+    def judge_load(self, torque: float, now: int) -> None:
+        """Judge the heat of a motor; too much of it is fault 0x2310."""
+        if self._overload.exceeded(torque, now) and self.power.running:
+            self.fault(OVERLOAD, now, register=ErrorRegister.GENERIC | ErrorRegister.CURRENT)
 
     def sampled(self) -> None:
         """Look at values that move with the motor."""

@@ -17,6 +17,7 @@ An engine is a `plant.World`; ours is `OwnWorld`, another one is named in the fi
       reversed: [right]            # wheels whose positive direction is backwards
       slip: 0.01                   # standard deviation of each step's way, relative
       share: /tmp/robby.floor      # where the wheels' drives are processes of their own: the same file for all
+    engine: mujoco                     # physics, see `canopen_control.physics`; the rest is then its own
     engine: package.module:function    # called with this file's Path, returns a World; the rest is then its own
 
 The other keys of an axis are the numbers of its plant, see `plant`.
@@ -49,6 +50,7 @@ if TYPE_CHECKING:
 
 __all__ = ["OwnWorld", "WorldError", "WorldFile", "read_world"]
 
+_ENGINES = {"mujoco": "canopen_control.physics.engine:make"}  # imported only when a file asks for it
 _KINDS: dict[str, Callable[..., Plant]] = {"ideal": IdealPlant, "lag": LagPlant, "loaded": LoadedPlant}
 _STATE = frozenset(
     ("position", "velocity", "torque", "stiff", "load_position", "fed_velocity", "fed_torque")
@@ -205,7 +207,7 @@ def _engine(path: Path) -> World | None:
     entry = root.get("engine") if root.kind == "mapping" else None
     if entry is None:
         return None
-    module, _, name = str(entry.value).partition(":")
+    module, _, name = _ENGINES.get(str(entry.value), str(entry.value)).partition(":")
     try:
         world: World = getattr(importlib.import_module(module), name)(path)
     except (ImportError, AttributeError, ValueError) as error:

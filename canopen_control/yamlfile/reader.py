@@ -137,7 +137,8 @@ class _Walk:
             elif key.tag == _MERGE:
                 _check_merge(here, value)
             elif key.value in first:
-                self._problems.suspect(here, f"duplicate key {key.value!r} (first at line {first[key.value]})")
+                text = f"duplicate key {key.value!r} (first at line {first[key.value]}); rename or remove one"
+                self._problems.suspect(here, text)
             else:
                 first[key.value] = here.line
 

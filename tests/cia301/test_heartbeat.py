@@ -14,6 +14,7 @@ from canopen_control.cia301.heartbeat import (
 )
 from canopen_control.cia301.nmt import NmtState
 from canopen_control.errors import LocalProtocolError
+from canopen_control.frame import CanFrame
 
 KIND = HeartbeatEventKind
 STATES = {
@@ -237,3 +238,34 @@ def test_a_heartbeat_that_waited_for_a_late_reader_is_none_that_came_late():
     assert kinds(consumer) == [KIND.STARTED]
     consumer.receive(frame("703#05"), 700 * MS, since=690 * MS)
     assert kinds(consumer) == [KIND.MISSED, KIND.RESOLVED], "nobody was late here"
+
+
+@pytest.mark.parametrize("states", [(0x05, 0x05, 0x05), (0x00, 0x05, 0x05), (0x7F, 0x05, 0x05, 0x7F, 0x05)])
+@pytest.mark.parametrize("times", [(0, 50, 120, 190, 260), (0, 50, 150, 200, 260), (0, 50, 151, 400, 401)])
+@pytest.mark.parametrize("waited", [0, 60])
+def test_a_heartbeat_that_only_goes_on_changes_what_taking_it_in_full_would(states, times, waited):
+    quick, full = watching(), watching()
+    for state, time in zip(states, times, strict=False):
+        now, since = time * MS, None if not waited else max(0, time - waited) * MS
+        beat = CanFrame(0x703, bytes([state]))
+        full.receive(beat, now, since)
+        if state != 0x05 or not quick.goes_on(3, NmtState.OPERATIONAL, now, since):
+            quick.receive(beat, now, since)
+        assert quick.events() == full.events()
+        assert (quick.state_of(3), quick.age_ns(3, now + 5), quick.next_deadline()) == (
+            full.state_of(3),
+            full.age_ns(3, now + 5),
+            full.next_deadline(),
+        )
+        for consumer in (quick, full):
+            consumer.tick(now + 30 * MS)
+
+
+def test_only_a_watched_node_in_time_and_in_its_state_goes_on():
+    consumer = watching()
+    assert not consumer.goes_on(3, NmtState.OPERATIONAL, 0)
+    consumer.receive(CanFrame(0x703, b"\x05"), 0)
+    assert consumer.goes_on(3, NmtState.OPERATIONAL, 99 * MS)
+    assert not consumer.goes_on(3, NmtState.OPERATIONAL, 199 * MS)
+    assert not consumer.goes_on(3, NmtState.STOPPED, 150 * MS)
+    assert not consumer.goes_on(4, NmtState.OPERATIONAL, 150 * MS)

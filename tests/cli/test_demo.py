@@ -2,15 +2,27 @@ import argparse
 
 import pytest
 
-from canopen_control.cli.demo import add_arguments
+from canopen_control.cli import demo
 from canopen_control.cli.main import main
 
 
-def test_it_runs_robby_unless_another_robot_is_named():
+@pytest.mark.parametrize(
+    ("words", "config"),
+    [
+        ([], "robby"),
+        (["other"], "other"),
+        (["--launch", "my.launch.py"], None),
+        (["--bus", "bus.yml"], None),
+        (["--description", "a.urdf"], None),
+    ],
+)
+def test_it_runs_robby_unless_another_robot_or_its_launch_file_is_named(monkeypatch, words, config):
+    ran = []
+    monkeypatch.setattr(demo, "run_robot", lambda args, **_: ran.append(args.config) or 0)
     parser = argparse.ArgumentParser()
-    add_arguments(parser)
-    assert parser.parse_args([]).config == "robby"
-    assert parser.parse_args(["other"]).config == "other"
+    demo.add_arguments(parser)
+    assert demo.run(parser.parse_args(words)) == 0
+    assert ran == [config]
 
 
 @pytest.mark.process

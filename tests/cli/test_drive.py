@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import re
 import signal
 import subprocess
 import sys
@@ -13,7 +14,7 @@ from support.onbus import TMCM as EDS
 from support.onbus import OnBus
 
 from canopen_control.bus.channel import open_port
-from canopen_control.cli.drive import parse_node_ids, run
+from canopen_control.cli.drive import _eds_files, parse_node_ids, run
 from canopen_control.cli.verbs import parser_of
 from canopen_control.errors import ConfigError
 from canopen_control.frame import CanFrame, pack_records
@@ -180,3 +181,32 @@ def test_a_running_drive_tells_its_status(capsys):
     assert first.startswith("node 3, TMCM-1270: ")
     assert second.startswith("  axis 0: SWITCH_ON_DISABLED")
     assert json.loads(document)["axes"][0]["set_points"] is None
+
+
+@pytest.mark.parametrize(
+    ("given", "others"),
+    [
+        (["a.eds"], {}),
+        (["a.eds", "3=b.eds"], {3: "b.eds"}),
+        (["2=a.eds", "3,4=b.eds"], {2: "a.eds", 3: "b.eds", 4: "b.eds"}),
+        (["with=sign.eds"], {}),
+    ],
+)
+def test_nodes_of_one_process_may_have_an_eds_each(given, others):
+    common, found = _eds_files(given, [2, 3, 4])
+    assert {node: str(path) for node, path in found.items()} == others
+    assert str(common) == given[0].removeprefix("2=")
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        (["3=b.eds"], "node 2 has none"),
+        (["a.eds", "b.eds"], "a.eds and b.eds are both for all nodes"),
+        (["a.eds", "9=b.eds"], "--node-id does not name it"),
+        (["a.eds", "3=b.eds", "2-3=c.eds"], "node 3: it has another one already"),
+    ],
+)
+def test_an_eds_that_fits_no_node_or_too_many_is_told(given, words):
+    with pytest.raises(ConfigError, match=re.escape(words)):
+        _eds_files(given, [2, 3])

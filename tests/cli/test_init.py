@@ -43,7 +43,7 @@ def test_a_robot_is_made_and_the_next_commands_are_named(capsys):
         "turntable/ is made: TMCM-1270.eds, bus.yml, ros2_controllers.yaml, turntable.urdf",
         "  node 5 table_drive: moves table_joint, velocity in PV",
         "counts_per_revolution in bus.yml is a guess for table_drive: the EDS tells none",
-        "turn it, on virtual drives: canopen-control demo turntable",
+        "turn it, on virtual devices: canopen-control demo turntable",
         "real drives, after a look at bus.yml: canopen-control preflight turntable --can can0",
     ]
     assert main(["check", "turntable", "--strict"]) == 0
@@ -70,7 +70,7 @@ def test_an_io_module_alone_is_a_bus_without_joints(here, capsys):
     assert main(["init", "lamps", "--eds", str(module), "--node-id", "7"]) == 0
     assert sorted(path.name for path in Path("lamps").iterdir()) == ["bus.yml", "module.eds"]
     said = capsys.readouterr().out
-    assert "no drive is among them, so there are no joints and no controllers" in said
+    assert "nothing of them is a drive or a signal that is known, so there are no controllers" in said
     assert said.endswith("boot it, on virtual devices: canopen-control run lamps\n")
     assert main(["check", "lamps"]) == 0
 

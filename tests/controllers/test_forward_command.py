@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from support.control import FORWARD, Hardware, S, add, manager, same, vectors
 
 from canopen_control.errors import CanopenError, ControlError, RobotConfigError
+from canopen_control.rpc.messages.parameters import ParameterValue
 
 JOINTS = ["joint1", "joint2", "joint3"]
 GROUPS = {
@@ -197,3 +198,40 @@ def test_ros_1s_controllers_of_one_joint_take_one_value(kind):
     assert sum("'pid." in each.text and "no effect" in each.text for each in control.events()) == 2
     with pytest.raises(RobotConfigError, match="no 'joint'"):
         add(control, "none", type_name)
+
+
+@pytest.mark.parametrize(
+    ("type_name", "params"),
+    [
+        (FORWARD, {}),
+        ("velocity_controllers/JointGroupVelocityController", {}),
+        ("velocity_controllers/JointVelocityController", {"joint": "joint1", "pid": {"p": 1.0}}),
+        (
+            "forward_command_controller/MultiInterfaceForwardCommandController",
+            {"joint": "joint1", "interface_names": ["velocity"]},
+        ),
+    ],
+)
+def test_its_timeout_is_set_while_it_runs_and_counts_for_the_command_that_is_there(type_name, params):
+    hardware = Hardware(*(f"{joint}/velocity" for joint in JOINTS), name="arm")
+    control = manager(hardware)
+    given_params = params or {"joints": JOINTS}
+    forward = add(
+        control,
+        "forward",
+        type_name,
+        **given_params,
+        **({"interface_name": "velocity"} if type_name == FORWARD else {}),
+    )
+    control.switch(["forward"], now=0)
+    control.command("forward", [1.0] * len(forward.commands), 0)
+    control.set_parameters("forward", [ParameterValue(name="command_timeout", kind="double", value=0.5)])
+    control.update(S // 2, 0.01)
+    assert forward.commands[0].value == 1.0
+    control.update(S // 2 + 1, 0.01)
+    assert forward.commands[0].value == 0.0
+    control.set_parameters("forward", [ParameterValue(name="command_timeout", kind="double", value=0.0)])
+    assert "command_timeout is 0" in control.events()[-2].text
+    with pytest.raises(CanopenError):
+        control.set_parameters("forward", [ParameterValue(name="command_timeout", kind="double", value=-1.0)])
+    assert forward.life.limit_ns == 0

@@ -12,6 +12,7 @@ IMU = "imu_sensor_broadcaster/IMUSensorBroadcaster"
 RANGE = "range_sensor_broadcaster/RangeSensorBroadcaster"
 WRENCH = "force_torque_sensor_broadcaster/ForceTorqueSensorBroadcaster"
 AXES = ("force.x", "force.y", "force.z", "torque.x", "torque.y", "torque.z")
+POSE = [*(f"position.{axis}" for axis in "xyz"), *(f"orientation.{axis}" for axis in "xyzw")]
 OF_IMU = [f"orientation.{axis}" for axis in "xyzw"]
 OF_IMU += [f"{what}.{axis}" for what in ("angular_velocity", "linear_acceleration") for axis in "xyz"]
 
@@ -107,3 +108,29 @@ def test_it_claims_nothing_and_publishes_once_per_update(type_name, states):
     assert broadcaster.sample(0).time == 2.0
     assert "77.0" in str(broadcaster.sample(0))
     assert control.list()[0].claims == ()
+
+
+def test_a_pose_is_told_with_the_frame_whose_transform_it_is():
+    states = [f"gps/{each}" for each in POSE]
+    hardware, control, gps = robot("pose_broadcaster/PoseBroadcaster", states, pose_name="gps")
+    control.broadcast(S, 0.01)
+    sample = gps.sample(0)
+    assert (sample.position, sample.orientation) == ((1.0, 2.0, 3.0), (4.0, 5.0, 6.0, 7.0))
+    assert (sample.frame_id, sample.child_frame_id) == ("link", "gps")
+    hardware.set("gps/position.y", math.nan)
+    control.broadcast(2 * S, 0.01)
+    assert gps.sample(0).position == (1.0, None, 3.0)
+
+
+def test_a_pose_of_interfaces_by_their_names_is_no_transform_unless_its_frame_is_named():
+    names = {"position": dict(zip("xyz", ("a/x", "a/y", "a/z"), strict=True)),
+             "orientation": dict(zip("xyzw", ("b/i", "b/j", "b/k", "b/w"), strict=True))}  # fmt: skip
+    states = [each for part in names.values() for each in part.values()]
+    kind = "pose_broadcaster/PoseBroadcaster"
+    _, _, pose = robot(kind, states, interface_names=names)
+    assert pose.sample(0).child_frame_id is None
+    _, control, pose = robot(kind, states, interface_names=names, tf={"child_frame_id": "base", "publish_rate": 5.0})
+    assert pose.sample(0).child_frame_id == "base"
+    assert any("tf.publish_rate has no effect" in each.text for each in control.events())
+    _, _, pose = robot(kind, states, interface_names=names, tf={"child_frame_id": "base", "enable": False})
+    assert pose.sample(0).child_frame_id is None

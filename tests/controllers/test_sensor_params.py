@@ -3,7 +3,7 @@ from __future__ import annotations
 import pytest
 
 from canopen_control.controllers.params import Params
-from canopen_control.controllers.sensor_params import AXES, ForceTorqueParams, ImuParams, RangeParams
+from canopen_control.controllers.sensor_params import AXES, ForceTorqueParams, ImuParams, PoseParams, RangeParams
 from canopen_control.errors import RobotConfigError
 
 SENSOR = {"sensor_name": "s", "frame_id": "link"}
@@ -38,6 +38,15 @@ def test_the_six_names_of_a_sensor_and_those_that_are_named_one_by_one():
         (ForceTorqueParams, {"frame_id": "l"}, "neither 'sensor_name' nor interface_names"),
         (ForceTorqueParams, {**SENSOR, **NAMED}, "both 'sensor_name' and interface_names"),
         (ForceTorqueParams, {**SENSOR, "offset": {"force": {"w": 1.0}}}, "offset.force.w, did you mean 'force."),
+        (PoseParams, {"frame_id": "map"}, "neither 'pose_name' nor interface_names"),
+        (PoseParams, {"pose_name": "gps"}, "no 'frame_id'; give it"),
+        (
+            PoseParams,
+            {"frame_id": "map", "pose_name": "p", "interface_names": {"position": {"x": "a/x"}}},
+            "both 'pose",
+        ),
+        (PoseParams, {"frame_id": "map", "interface_names": {"position": {"x": "a/x"}}}, "position.y is missing"),
+        (PoseParams, {"frame_id": "map", "interface_names": {"position": {"w": "a/x"}}}, "position.w, did you mean"),
         (ForceTorqueParams, {**SENSOR, "multiplier": {"force": {"x": float("inf")}}}, "multiplier.force.x is inf"),
     ],
 )

@@ -60,6 +60,14 @@ def test_its_lifecycle_is_brought_up_and_down_twice(proxies, who):
             assert answer["success"], label
 
 
+def test_its_lifecycle_follows_the_numbers_of_transitions_from_the_states_that_it_tells(proxies):
+    for state, transition in ((1, 1), (2, 3), (3, 4), (2, 2)):  # configure, activate, deactivate, cleanup
+        told = proxies.call("/lifecycle_manager/get_state", "lifecycle_msgs/srv/GetState")["current_state"]
+        assert told["id"] == state
+        change = {"transition": {"id": transition, "label": ""}}
+        assert proxies.call("/lifecycle_manager/change_state", "lifecycle_msgs/srv/ChangeState", **change)["success"]
+
+
 @pytest.mark.parametrize("node", ["proxy_device_1", "proxy_device_2"])
 def test_objects_of_every_width_are_read_and_written(proxies, node):
     call = proxies.call

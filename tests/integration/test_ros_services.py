@@ -110,6 +110,33 @@ def test_a_spawner_with_a_file_of_parameters_brings_up_a_controller_that_turns_t
     assert "wheels" not in states()
 
 
+def test_rclpys_own_client_of_parameters_lists_describes_gets_sets_and_loads(scene, manager, tmp_path):
+    """What `ros2 param list`, `describe`, `get`, `set` and `load` are made of."""
+    assert manager("load_controller", "LoadController", name=BASE)["ok"]
+    assert manager("configure_controller", "ConfigureController", name=BASE)["ok"]
+    file, node = tmp_path / "base.yaml", f"/{BASE}"
+    file.write_text(f"{node}:\n  ros__parameters:\n    cmd_vel_timeout: 0.75\n    wheel_radius: 1.0\n")
+    values = {"linear.x.max_velocity": 0.25, "wheel_radius": 0.5, "no_such": 1.0}
+
+    def told(part):
+        return scene.peer.message(node, lambda message: part in message)[part]
+
+    assert scene.peer.order("parameters", node=node, values=values, file=str(file), name=node)["ready"]
+    known = told("values")
+    assert known["wheel_radius"]["double_value"] == 0.035
+    assert known["left_wheel_names"]["string_array_value"] == ["left_wheel_joint"]
+    found = told("descriptors")
+    assert set(found) == set(known)
+    assert (found["wheel_radius"]["type"], found["wheel_radius"]["read_only"]) == (3, True)
+    assert not found["cmd_vel_timeout"]["read_only"]
+    results = told("results")
+    assert [each["successful"] for each in results] == [True, False, False]
+    assert "read-only" in results[1]["reason"]
+    assert "not declared" in results[2]["reason"]
+    assert [each["successful"] for each in told("loaded")] == [True, False]
+    assert manager("unload_controller", "UnloadController", name=BASE)["ok"]
+
+
 def test_types_and_interfaces_are_those_of_the_robot(manager):
     assert (
         "diff_drive_controller/DiffDriveController" in manager("list_controller_types", "ListControllerTypes")["types"]

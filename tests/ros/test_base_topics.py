@@ -8,10 +8,12 @@ pytest.importorskip("geometry_msgs")
 
 from geometry_msgs.msg import Twist
 from support import ros
-from support.endpoints import Ros
+from support.endpoints import Ros, interface
 from support.ros import eventually
 
-from canopen_control.ros.base_topics import BaseOdometry, TwistCommands
+from canopen_control.ros import base_topics
+from canopen_control.ros.base_topics import BaseOdometry, OdometrySetting, TwistCommands
+from canopen_control.rpc.messages.robot import SetOdometry
 from canopen_control.rpc.messages.samples import OdometrySample
 from canopen_control.rpc.messages.state import ControllerReading, StateSample
 
@@ -152,3 +154,19 @@ def test_odometry_has_the_speed_to_the_left():
     endpoint = BaseOdometry(given, reading(HOLONOMIC))
     endpoint.on_state(StateSample(samples={"base": OdometrySample(time=1.0, x=0.0, y=0.0, heading=0.0, lateral=0.25)}))
     assert given.publishers[0].told[0].twist.twist.linear.y == 0.25
+
+
+def test_odometry_is_set_by_a_service_in_the_plane_alone(monkeypatch):
+    monkeypatch.setattr(base_topics, "interface", interface)
+    given = Ros()
+    endpoint = OdometrySetting(given, reading(HOLONOMIC))
+    response, asked = given.call("base/set_odometry", {}, x=1.0, y=-2.0, yaw=0.5)
+    assert (response.success, response.message) == (True, "")
+    assert asked == [SetOdometry(controller="base", x=1.0, y=-2.0, heading=0.5)]
+    response, _ = given.call("base/set_odometry", "base is inactive", yaw=0.5)
+    assert (response.success, response.message) == (False, "base is inactive")
+    response, asked = given.call("base/set_odometry", z=0.5, pitch=0.1)
+    assert (response.success, asked) == (False, [])
+    assert response.message == "base drives in the plane; z, pitch must be 0"
+    endpoint.close()
+    assert given.left == ["base/set_odometry"]

@@ -7,6 +7,7 @@ from support import endpoints, ros
 from support.ros import Peer, bridge
 
 from canopen_control.ros import controller_manager
+from canopen_control.rpc.messages.robot import HardwareReading, InterfaceReading
 from canopen_control.rpc.messages.state import ControllerReading
 
 pytestmark = pytest.mark.ros
@@ -76,9 +77,14 @@ def test_list_controllers_shows_who_commands_whom(monkeypatch):
     arm = ControllerReading(name="arm", type="x/Y", state="active", claims=("gripper/position", *names[:2]))
     kind, handler = robot.services["controller_manager/list_controllers"]
     response = kind.Response()
+    all_of_them = ControllerReading(name="states", type="x/Z", state="active", required_state_interfaces=("*",))
     handler(kind.Request(), response, lambda _response: None)
-    robot.asked[-1][1]((loops, arm), None)
-    below, above = response.controller
+    states = [InterfaceReading("right/position", available=True), InterfaceReading("left/position", available=True)]
+    robot.asked[-1][1]([HardwareReading(name="h", type="system", plugin="p", state="active", rate=100,
+                                        command_interfaces=[], state_interfaces=states)], None)  # fmt: skip
+    robot.asked[-1][1]((loops, arm, all_of_them), None)
+    below, above, broadcaster = response.controller
+    assert broadcaster.required_state_interfaces == ["left/position", "right/position"]
     assert (below.is_chainable, below.is_chained, above.is_chainable, above.is_chained) == (True, True, False, False)
     assert below.reference_interfaces == [each.removeprefix("loops/") for each in names]
     assert below.exported_state_interfaces == ["left/position"]

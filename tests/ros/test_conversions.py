@@ -12,14 +12,16 @@ from support.samples import controllers_of
 from canopen_control.ros.conversions import (
     arrays_of,
     diagonal,
+    frames_with_a_place,
     joint_arrays,
     positions_of,
     seconds_of,
     stamp_of,
+    transform_of,
     wrong,
 )
-from canopen_control.rpc.messages.samples import JointStatesSample
-from canopen_control.rpc.messages.state import JointReading
+from canopen_control.rpc.messages.samples import JointStatesSample, OdometrySample, PoseSample
+from canopen_control.rpc.messages.state import JointReading, StateSample
 
 JOINTS = {
     "right": JointReading("right", 2.0, 20.0, None, 1.0),
@@ -133,3 +135,26 @@ def test_a_command_that_the_robot_would_refuse_is_told_why(values, sentence):
 
 def test_a_command_for_a_controller_that_is_not_active_is_told():
     assert wrong([1.0, 2.0], VIEWS["base"]) == "base is inactive; activate it before commanding it"
+
+
+def test_a_transform_is_told_of_what_is_known_and_wanted_alone():
+    odometry = OdometrySample(time=1.0, x=1.0, y=2.0, heading=math.pi, child_frame_id="base")
+    pose = PoseSample(
+        time=1.0, frame_id="map", position=(1.0, 2.0, 3.0), orientation=(0.1, 0.2, 0.3, 0.9), child_frame_id="gps"
+    )
+    lost = PoseSample(
+        time=1.0, frame_id="map", position=(1.0, None, 3.0), orientation=(0.0, 0.0, 0.0, 1.0), child_frame_id="lost"
+    )
+    silent = PoseSample(time=1.0, frame_id="map", position=(1.0, 2.0, 3.0), orientation=(0.0, 0.0, 0.0, 1.0))
+    off = OdometrySample(time=1.0, x=1.0, y=2.0, heading=0.0, child_frame_id="off", enable_odom_tf=False)
+    nowhere = OdometrySample(time=1.0, x=math.nan, y=2.0, heading=0.0, child_frame_id="nowhere")
+    moved = transform_of(pose)
+    assert moved is not None
+    assert (moved.parent, moved.child, moved.pose.position) == ("map", "gps", (1.0, 2.0, 3.0))
+    assert moved.pose.rotation == (0.9, 0.1, 0.2, 0.3)
+    assert [transform_of(each) for each in (lost, silent, off, nowhere)] == [None] * 4
+    samples = dict(enumerate((odometry, pose, lost, silent, off, nowhere)))
+    assert frames_with_a_place(StateSample(samples={str(key): each for key, each in samples.items()})) == {
+        "base",
+        "gps",
+    }

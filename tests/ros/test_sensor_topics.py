@@ -11,8 +11,8 @@ pytest.importorskip("sensor_msgs")
 from support.endpoints import Ros
 
 from canopen_control.ros import table
-from canopen_control.ros.sensor_topics import ImuTopic, RangeTopic, WrenchTopic
-from canopen_control.rpc.messages.samples import ImuSample, RangeSample, WrenchSample
+from canopen_control.ros.sensor_topics import ImuTopic, PoseTopic, RangeTopic, WrenchTopic
+from canopen_control.rpc.messages.samples import ImuSample, PoseSample, RangeSample, WrenchSample
 from canopen_control.rpc.messages.state import ControllerReading, StateSample
 
 pytestmark = pytest.mark.ros
@@ -30,8 +30,9 @@ SAMPLES = {
     "range": RangeSample(time=2.25, frame_id="front", range=1.25, radiation_type=1, field_of_view=0.5, min_range=0.125,
                          max_range=4.0, variance=0.25),
     "wrench": WrenchSample(time=2.25, frame_id="tool0", force=(1.0, None, -3.5), torque=(0.5, 0.25, 0.125)),
+    "pose": PoseSample(time=2.25, frame_id="map", position=(1.0, 2.0, None), orientation=(0.0, 0.6, 0.0, 0.8)),
 }  # fmt: skip
-TOPICS = {"imu": ImuTopic, "range": RangeTopic, "wrench": WrenchTopic}
+TOPICS = {"imu": ImuTopic, "range": RangeTopic, "wrench": WrenchTopic, "pose": PoseTopic}
 
 
 def published(kind, sample=None):
@@ -52,7 +53,7 @@ def published(kind, sample=None):
 @pytest.mark.parametrize("kind", TOPICS)
 def test_names_types_and_quality_are_upstreams(kind):
     publisher = published(kind)
-    name = {"imu": "Imu", "range": "Range", "wrench": "WrenchStamped"}[kind]
+    name = {"imu": "Imu", "range": "Range", "wrench": "WrenchStamped", "pose": "PoseStamped"}[kind]
     assert (publisher.topic, publisher.kind.__name__) == (f"b/{kind}", name)
     assert publisher.quality.reliability.name == "SYSTEM_DEFAULT"
     (message,) = publisher.told
@@ -88,6 +89,13 @@ def test_a_wrench():
     assert (message.wrench.force.x, message.wrench.force.z) == (1.0, -3.5)
     assert math.isnan(message.wrench.force.y)
     assert xyz(message.wrench.torque) == [0.5, 0.25, 0.125]
+
+
+def test_a_pose():
+    (message,) = published("pose").told
+    assert xyz(message.pose.position)[:2] == [1.0, 2.0]
+    assert math.isnan(message.pose.position.z)
+    assert [*xyz(message.pose.orientation), message.pose.orientation.w] == [0.0, 0.6, 0.0, 0.8]
 
 
 def test_nothing_is_made_where_nobody_listens():

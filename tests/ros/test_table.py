@@ -14,13 +14,13 @@ def view(tells, topic, publishes):
     return ControllerReading(name="c", type="x/Y", state="active", tells=tells, topic=topic, publishes=publishes)
 class Ros:
     def subscribe(self, *args): pass
-    create_publisher = subscribe
+    create_publisher = serve = subscribe
     @property
     def node(self): return self
 def names(tells, topic, *publishes):
     return [each.__class__.__name__ for each in table.endpoints_for(Ros(), view(tells, topic, publishes))]
 assert names(None, "commands") == ["ForwardCommands"]
-assert names("odometry", "cmd_vel") == ["TwistCommands", "BaseOdometry"]
+assert names("odometry", "cmd_vel") == ["TwistCommands", "OdometrySetting", "BaseOdometry"]
 broadcaster = "joint_states"
 assert names(broadcaster, None, "joint_states", "dynamic_joint_states") == ["JointStates", "DynamicJointStates"]
 assert names(broadcaster, None, "c/joint_states", "c/dynamic_joint_states") == ["JointStates", "DynamicJointStates"]

@@ -4,7 +4,7 @@ import pytest
 from support.busalone import IO, AloneBench, write_drives, write_io, write_two_axis_drive
 from support.generic import write_generic
 
-from canopen_control.errors import ConfigError, ControlError, RobotConfigError
+from canopen_control.errors import ConfigError, ControlError, DriveError, RobotConfigError
 from canopen_control.hardware.joint import Action
 from canopen_control.runtime.check import CheckOptions, Severity, check_robot
 from canopen_control.runtime.core import RobotState
@@ -125,12 +125,56 @@ def test_all_mistakes_are_told_at_once_with_their_places(tmp_path):
         read_robot(find_robot(str(config)))
 
 
-def test_a_drive_that_no_pdo_commands_is_refused_with_what_to_map(tmp_path):
-    config = write_drives(tmp_path)
+def without(config, *mappings):
+    """Take these mappings out of the drives' PDOs."""
     bus = config / "bus.yml"
-    bus.write_text(bus.read_text().replace("mapping: [{index: 0x6040}, {index: 0x6060}]", "mapping: []"))
-    told = errors(check(config))
-    assert any("0x6040" in each and "map it in bus.yml" in each for each in told)
+    text = bus.read_text()
+    for each in mappings:
+        assert each in text
+        text = text.replace(each, "mapping: []")
+    bus.write_text(text)
+    return config
+
+
+CONTROL = "mapping: [{index: 0x6040}, {index: 0x6060}]"
+STATUS = "mapping: [{index: 0x6041}, {index: 0x6061}, {index: 0x60FD}]"
+TARGETS = (
+    "mapping: [{index: 0x607A}, {index: 0x60FF}]",
+    "mapping: [{index: 0x6071}, {index: 0x6042}, {index: 0x60C1, sub_index: 1}]",
+)
+
+
+@pytest.mark.parametrize(("mapping", "word"), [(CONTROL, "no RPDO carries 0x6040"), (STATUS, "no TPDO carries 0x6041")])
+def test_a_drive_that_no_pdo_commands_is_a_proxy_and_told_once_with_what_to_map(bench, tmp_path, mapping, word):
+    config = without(write_drives(tmp_path), mapping)
+    report = check(config)
+    assert errors(report) == []
+    assert not report.passes(strict=True)
+    told = [each.text for each in report.findings if word in each.text]
+    assert len(told) == 2  # drives
+    assert all("it is a proxy, and cannot be enabled; map it in bus.yml" in each for each in told)
+    robot = bench(config, (2, 3))
+    assert robot.robot.state is RobotState.RUNNING
+    assert robot.robot.joints == {}
+    assert sum(word in each for each in robot.robot.setup.notes) == 2
+
+
+def test_a_drive_whose_rpdos_carry_no_target_is_watched_homed_and_refuses_what_needs_one(bench, tmp_path):
+    config = without(write_drives(tmp_path), *TARGETS)
+    report = check(config)
+    assert errors(report) == []
+    assert not report.passes(strict=True)
+    assert sum("no RPDO carries a target" in each.text for each in report.findings) == 2
+    robot = bench(config, (2, 3))
+    assert list(robot.robot.joints) == ["drive_one", "drive_two"]
+    assert robot.at("position") == 0.0
+    with pytest.raises(DriveError, match=r"drive_one.*no RPDO carries 0x607A:00.*map it in bus.yml"):
+        robot.robot.axis(Action.ENABLE, "drive_one", print)
+    with pytest.raises(DriveError, match=r"no RPDO carries 0x60FF:00"):
+        robot.robot.axis(Action.MODE, "drive_one", print, mode="PV")
+    assert "not enabled" in robot.target(1.0)
+    assert not robot.powered(2)
+    assert robot.axis(Action.HOME, "drive_one", method=37) is None
 
 
 def test_a_drive_that_no_joint_of_a_robot_names_is_a_proxy_beside_the_others_and_told(tmp_path):

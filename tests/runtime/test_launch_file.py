@@ -106,13 +106,25 @@ def test_a_launch_file_alone_may_name_everything_but_the_bus(tmp_path):
     ("old", "new", "why"),
     [
         ('PACKAGE = "robby_bringup"', "PACKAGE = name()", r"robby\.launch\.py:\d+: a command is computed"),
-        ("FindPackageShare(PACKAGE)", 'FindPackageShare("far")', "package 'far' is nowhere to be found"),
+        ("FindPackageShare(PACKAGE)", 'FindPackageShare("far")', "package 'far' is nowhere to be found; source its"),
     ],
 )
 def test_why_a_launch_file_gives_no_description_is_told(tmp_path, old, new, why):
     path = make_package(tmp_path, LAUNCH.replace(old, new, 1))
     with pytest.raises(RobotConfigError, match=rf"no \*\.urdf\.xacro .*{why}"):
         find_robot(str(path.parents[1] / "config" / "first"), launch=str(path))
+
+
+def test_one_that_computes_the_names_of_its_files_says_which(tmp_path):
+    launch = tmp_path / "a.launch.py"
+    launch.write_text('def generate_launch_description():\n    return open(which() + ".urdf"), f"{which()}.yaml"\n')
+    with pytest.raises(
+        RobotConfigError, match=r"a\.launch\.py:2: the name of a file that ends in '\.urdf' is computed"
+    ):
+        find_robot(None, launch=str(launch))
+    launch.write_text("def generate_launch_description():\n    return []\n")
+    with pytest.raises(RobotConfigError, match=r"--controllers.*a\.launch\.py: no file of a robot is named in it"):
+        find_robot(None, launch=str(launch))
 
 
 def test_one_that_cannot_be_read_is_a_sentence(tmp_path):

@@ -75,7 +75,8 @@ def test_a_xacro_that_the_file_processes_itself_is_the_same_command():
     )
     assert texts(source) == ["xacro $(find p)/a.urdf.xacro prefix:='left right' mock:=$(var mock)"]
     assert computed(source) == [(2, "an argument of xacro")]
-    assert texts('xacro.process_file(f() + "a.xacro")') == ["a.xacro"]
+    assert texts('xacro.process_file(f() + "a.xacro")') == []
+    assert computed('xacro.process_file(f() + "a.xacro")') == [(1, "the name of a file that ends in 'a.xacro'")]
 
 
 @pytest.mark.parametrize(
@@ -97,13 +98,32 @@ def test_names_that_are_computed_are_told_with_their_lines():
     assert computed('Command(["xacro ", f()])\n') == [(1, "a command")]
 
 
+@pytest.mark.parametrize(
+    ("expression", "ending"),
+    [
+        ('f() + ".urdf"', ".urdf"),
+        ('f"{f()}_controllers.yaml"', "_controllers.yaml"),
+        ('os.path.join(here(), "..", "config", f"{which}.yaml")', ".yaml"),
+        ('here() / "config/bus.yml"', "bus.yml"),
+        ('"a" % f()', ""),
+        ('f() + "text"', ""),
+        ('f""', ""),
+    ],
+)
+def test_a_file_whose_name_is_put_together_is_told_by_its_end_and_never_guessed(expression, ending):
+    found = read_python(f"f()\nx = [{expression}]\n", "x.launch.py")
+    assert found.computed == ([(2, f"the name of a file that ends in {ending!r}")] if ending else [])
+    assert found.texts == ()
+
+
 def test_names_that_stand_for_each_other_end():
-    assert texts('A = B\nB = A\nx(A + ".yaml")\n') == [".yaml"]
+    source = 'A = B\nB = A\nx(A + ".yaml")\n'
+    assert (texts(source), computed(source)) == ([], [(3, "the name of a file that ends in '.yaml'")])
 
 
 def test_names_that_double_each_other_end_too():
     lines = [f"A{n} = A{n - 1} + A{n - 1}\n" for n in range(1, 39)]
-    assert texts("".join(['A0 = "ab"\n', *lines, 'x(A38 + ".yaml")\n'])) == [".yaml"]
+    assert texts("".join(['A0 = "ab"\n', *lines, 'x(A38 + ".yaml")\n'])) == []
     assert texts("".join(['A0 = "ab"\n', *lines, 'x(A2 + ".yaml")\n'])) == ["abababab.yaml"]
 
 

@@ -170,6 +170,28 @@ def test_the_robot_begins_when_its_drives_are_ready_and_not_before(supervisor, m
     assert supervisor.events == []
 
 
+def test_the_drives_of_a_world_are_one_process_and_what_it_guessed_is_told(supervisor, monkeypatch, tmp_path):
+    setup = drives_that(monkeypatch, SAYS_READY.format("print('world: a mass'); print('other', flush=True)"))
+    supervisor.start_drives(setup, tmp_path / "plant.yml")
+    began = []
+    supervisor.when_ready(lambda: began.append(True), pytest.fail)
+    assert list(supervisor.pids) == ["drives"]
+    assert supervisor.driven == ["left_drive", "right_drive"]
+    assert supervisor.reactor.run_until(lambda: bool(began), 20 * SECOND)
+    assert [(event.kind, event.text) for event in supervisor.events] == [("physics", "a mass")]
+    assert not supervisor.refused
+
+
+def test_a_world_whose_file_is_wrong_ends_the_run_with_what_it_said(supervisor, monkeypatch, tmp_path):
+    said = "print('canopen-control: plant.yml:3:1: no', flush=True); raise SystemExit(2)"
+    supervisor.start_drives(drives_that(monkeypatch, said), tmp_path / "plant.yml")
+    failed = []
+    supervisor.when_ready(lambda: pytest.fail("it began"), failed.append)
+    assert supervisor.reactor.run_until(lambda: bool(failed), 20 * SECOND)
+    assert failed == ["plant.yml:3:1: no"]
+    assert supervisor.refused
+
+
 def test_what_has_nothing_to_wait_for_begins_at_once(supervisor):
     began = []
     supervisor.when_ready(lambda: began.append(True), pytest.fail)

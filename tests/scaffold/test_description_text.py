@@ -45,7 +45,7 @@ def test_the_wheels_of_a_base_stand_where_the_controllers_file_says():
     [
         ("generic_cia401.eds", "gpio", "do0", "di0"),
         ("generic_cia404.eds", "gpio", "ao0", "ai0"),
-        ("generic_cia406.eds", "sensor", None, "position"),
+        ("generic_cia410.eds", "sensor", None, "longitudinal"),
         ("generic_cia418.eds", "sensor", None, "battery_voltage"),
     ],
 )
@@ -58,6 +58,21 @@ def test_a_device_that_is_no_drive_has_its_signals(name, tag, commands, states):
     assert part.name == robot.nodes[1].name
     assert states in part.state_interfaces
     assert (commands in part.command_interfaces) if commands else not part.command_interfaces
+
+
+def test_an_encoder_measures_a_joint_that_nothing_commands():
+    path = data_path("eds", "generic_cia406.eds")
+    description = parse_description(description_text(plan_robot("r", [Device(9, path, read_eds(path, 9).od)])))
+    (joint,) = description.hardware[0].joints
+    assert (joint.name, joint.parameters) == ("encoder_9_joint", {"device_name": "encoder_9"})
+    assert (list(joint.command_interfaces), list(joint.state_interfaces)) == ([], ["position", "velocity"])
+    assert description.joints["encoder_9_joint"].type == "continuous"
+
+
+def test_an_axis_of_several_is_named_with_its_number():
+    first, second = described(shape(axes=2)).hardware[0].joints
+    assert first.parameters == {"device_name": "drive_2"}
+    assert second.parameters == {"device_name": "drive_2", "axis": "1"}
 
 
 def test_a_steered_wheel_is_in_front_and_turns_about_the_vertical(monkeypatch):

@@ -1,8 +1,9 @@
 """How a new robot moves a drive: interface, mode, units and supervision, from the EDS alone."""
 
 import pytest
-from support.drive_shapes import SHAPES, UNWATCHED, guarded, modes, record, shape
+from support.drive_shapes import SHAPES, TWO_PAIRS, UNWATCHED, guarded, modes, record, shape, slots_of
 
+from canopen_control.cia402.modes import OperationMode
 from canopen_control.errors import RobotConfigError
 from canopen_control.od.model import DataType, Entry
 from canopen_control.scaffold.drive_choice import (
@@ -16,20 +17,25 @@ from canopen_control.scaffold.drive_choice import (
 
 
 def rpm(unit):
-    return choose_drive(shape(extra=[Entry(0x60A9, 0, "Unit", DataType.UNSIGNED32, "ro", default=unit)])).rpm
+    return axis(shape(extra=[Entry(0x60A9, 0, "Unit", DataType.UNSIGNED32, "ro", default=unit)])).rpm
+
+
+def axis(od, *interfaces, number=0):
+    """Return how one axis is moved."""
+    return choose_drive(od, [interfaces] if interfaces else ()).axes[number]
 
 
 @pytest.mark.parametrize("what", SHAPES)
 def test_velocity_goes_before_position_and_what_the_drive_ramps_before_what_it_does_not(what):
     make, interface, mode = SHAPES[what]
-    drive = choose_drive(make())
+    drive = axis(make())
     assert (drive.interface, drive.mode.name) == (interface, mode)
 
 
 def test_the_first_interface_asked_for_that_the_drive_has_is_taken():
-    assert choose_drive(shape(), (POSITION, VELOCITY)).mode.name == "CSP"
+    assert axis(shape(), POSITION, VELOCITY).mode.name == "CSP"
     with pytest.raises(RobotConfigError, match=r"its modes are PP, HM, CSP \(0x6502\), and no RPDO .* of velocity"):
-        choose_drive(shape(**modes(0xA1)), (VELOCITY,))
+        axis(shape(**modes(0xA1)), VELOCITY)
 
 
 def test_a_drive_whose_statusword_cannot_be_sent_is_none_to_run():
@@ -38,22 +44,22 @@ def test_a_drive_whose_statusword_cannot_be_sent_is_none_to_run():
 
 
 def test_feedback_is_what_a_tpdo_can_carry():
-    assert choose_drive(shape()).feedback == (POSITION, VELOCITY)
-    assert choose_drive(shape(drop=(0x606C,))).feedback == (POSITION,)
+    assert axis(shape()).feedback == (POSITION, VELOCITY)
+    assert axis(shape(drop=(0x606C,))).feedback == (POSITION,)
 
 
 def test_counts_are_those_of_the_eds_or_a_guess():
-    told = choose_drive(shape(drop=(0x608F,), extra=record(0x608F, "Resolution", 10_000, 4)))
+    told = axis(shape(drop=(0x608F,), extra=record(0x608F, "Resolution", 10_000, 4)))
     assert (told.counts, told.told) == (2500, True)
-    guess = choose_drive(shape(drop=(0x608F,)))
+    guess = axis(shape(drop=(0x608F,)))
     assert (guess.counts, guess.told) == (GUESSED_COUNTS, False)
-    zero = choose_drive(shape(drop=(0x608F,), extra=record(0x608F, "Resolution", 0, 1)))
+    zero = axis(shape(drop=(0x608F,), extra=record(0x608F, "Resolution", 0, 1)))
     assert not zero.told
 
 
 def test_a_feed_constant_is_the_users_unit_and_one_to_one_says_nothing():
-    assert choose_drive(shape(extra=record(0x6092, "Feed", 360, 1))).counts == 360
-    assert choose_drive(shape(extra=record(0x6092, "Feed", 1, 1))).counts == 6000
+    assert axis(shape(extra=record(0x6092, "Feed", 360, 1))).counts == 360
+    assert axis(shape(extra=record(0x6092, "Feed", 1, 1))).counts == 6000
 
 
 @pytest.mark.parametrize(("unit", "one"), [(0x00B44700, 1.0), (0xFDB44700, 0.001), (0, 0.0), (0x00410300, 0.0)])
@@ -73,8 +79,31 @@ def test_a_dictionary_without_a_controlword_is_no_drive():
     assert not is_drive(shape(drop=(0x6040,)))
 
 
-def test_of_several_axes_the_first_is_used_and_all_are_counted():
-    assert choose_drive(shape(axes=2)).axes == 2
+def test_of_several_axes_all_are_moved_and_share_the_pdos():
+    drive = choose_drive(shape(axes=2))
+    assert [(each.number, each.interface, each.mode.name) for each in drive.axes] == [
+        (0, "velocity", "PV"),
+        (1, "velocity", "PV"),
+    ]
+    carried = [address for use in drive.rpdos for address in use.objects]
+    assert carried == [(0x6040, 0), (0x60FF, 0), (0x6840, 0), (0x68FF, 0), (0x6060, 0), (0x6860, 0)]
+    assert all(each.feedback == (POSITION, VELOCITY) for each in drive.axes)
+
+
+def test_axes_may_have_other_interfaces_and_those_of_one_kind_have_one_mode():
+    both = choose_drive(shape(axes=2), [(VELOCITY,), (POSITION,)])
+    assert both.modes == {"velocity": OperationMode.PV, "position": OperationMode.CSP}
+    one = shape(axes=2, s6502_00={"default": 0x107}, s6D02_00={"default": 0x204})  # PP PV CSV, and PV CST
+    assert [each.mode.name for each in choose_drive(one, [(VELOCITY,), (VELOCITY,)]).axes] == ["PV", "PV"]
+    other = shape(axes=2, s6502_00={"default": 0x100}, s6D02_00={"default": 0x04})
+    with pytest.raises(RobotConfigError, match=r"its modes are PV \(0x6502\), and no RPDO .*0x6840.*0x68FF"):
+        choose_drive(other, [(VELOCITY,), (VELOCITY,)])
+
+
+def test_axes_that_the_rpdos_cannot_carry_together_are_named():
+    few = slots_of(shape(axes=2, drop=(0x1440, 0x1441), pdos=[*TWO_PAIRS[:1], *TWO_PAIRS[2:]]), 2)
+    with pytest.raises(RobotConfigError, match="its RPDOs cannot carry what 2 axes need: 0x6840, 0x68FF are left over"):
+        choose_drive(few)
 
 
 @pytest.mark.parametrize(("index", "why"), [(0x6060, "is chosen"), (0x6061, "nothing is enabled without")])

@@ -37,7 +37,7 @@ def test_a_name_that_cannot_be_one_comes_with_one_that_can(name, better):
 
 def test_names_follow_the_joints_and_joints_may_be_named_in_part():
     robot = plan_robot("arm", [device(2), device(3)], joints=["shoulder_joint"])
-    assert [(node.name, node.joint) for node in robot.nodes] == [
+    assert [(joint.node, joint.name) for joint in robot.joints] == [
         ("shoulder_drive", "shoulder_joint"),
         ("joint_2_drive", "joint_2"),
     ]
@@ -59,7 +59,10 @@ def test_everything_wrong_is_said_at_once():
 
 def test_a_device_that_is_no_drive_has_no_joint():
     robot = plan_robot("cell", [module(4), device(5)])
-    assert [(node.name, node.joint) for node in robot.nodes] == [("device_4", ""), ("joint_1_drive", "joint_1")]
+    assert [(node.name, [joint.name for joint in node.joints]) for node in robot.nodes] == [
+        ("device_4", []),
+        ("joint_1_drive", ["joint_1"]),
+    ]
     with pytest.raises(RobotConfigError, match=r"1 joints for 0 drives \(1 of the 1 nodes are no drives\)"):
         plan_robot("cell", [module(4)], joints=["lamp"])
 

@@ -3,7 +3,7 @@
 import math
 
 import pytest
-from support.drive_shapes import NODE, SHAPES, UNWATCHED, write_shape
+from support.drive_shapes import MAKERS, NODE, SHAPES, UNWATCHED, write_shape
 from support.eds import DEVIATIONS
 from support.robots import Bench
 
@@ -35,7 +35,7 @@ def turned(folder, controller, node_id=NODE, *, seconds=1.0):
         plant = bench.drives[node_id].drives[0].mover.plant
         began = plant.position
         for _ in range(round(seconds * 10)):
-            bench.robot.command(controller, [1.0], "test")
+            bench.robot.command(controller, [1.0] * len(bench.robot.joints), "test")
             bench.run(100)
         assert joint.state is State.OPERATION_ENABLED, bench.events[-3:]
         return joint.axis.scale.pos_to_dev, plant.position - began
@@ -43,18 +43,37 @@ def turned(folder, controller, node_id=NODE, *, seconds=1.0):
         bench.close()
 
 
-@pytest.mark.parametrize("what", SHAPES)
+@pytest.mark.parametrize("what", [*SHAPES, *MAKERS])
 def test_a_drive_as_vendors_describe_theirs_is_enabled_and_turns(tmp_path, what):
-    make, interface, mode = SHAPES[what]
+    make, interface, mode = (SHAPES | MAKERS)[what]
     written = new_robot(tmp_path, write_shape(tmp_path, make()))
-    drive = written.robot.drives[0].drive
-    assert (drive.interface, drive.mode.name) == (interface, mode)
+    axis = written.robot.joints[0].axis
+    assert (axis.interface, axis.mode.name) == (interface, mode)
     report = check_robot(find_robot(str(written.folder)), CheckOptions())
     assert report.passes(strict=True), report.findings
     counts, turn = turned(written.folder, f"{interface}_controller")
     assert math.copysign(1, turn) == 1
     if mode != "VL":  # revolutions per minute, whatever the scale
         assert 0.3 < turn / counts < 1.1
+
+
+def test_all_axes_of_one_drive_turn_and_may_be_the_wheels_of_a_base(tmp_path):
+    path = write_shape(tmp_path, SHAPES["two axes"][0]())
+    written = new_robot(tmp_path, path, base="diff")
+    assert [joint.name for joint in written.robot.joints] == ["left_wheel_joint", "right_wheel_joint"]
+    assert check_robot(find_robot(str(written.folder)), CheckOptions()).passes(strict=True)
+    bench = Bench("scaffold_axes", config=str(written.folder), drives=(NODE,), controllers=["base_controller"])
+    try:
+        bench.start()
+        for _ in range(10):
+            bench.robot.command("base_controller", [0.2, 0.0], "test")
+            bench.run(100)
+        turned = [bench.drives[NODE].drives[axis].mover.plant.position for axis in range(2)]
+        speeds = [joint.states["velocity"].value for joint in bench.robot.joints.values()]
+    finally:
+        bench.close()
+    assert turned[0] < 0 < turned[1]  # the left motor is mounted mirrored
+    assert speeds == [pytest.approx(4.0, rel=0.1)] * 2
 
 
 @pytest.mark.parametrize("path", sorted(DEVIATIONS.glob("*.eds"))[:11], ids=lambda path: path.stem)

@@ -9,7 +9,7 @@ from support.virtualbench import pdo_entries, servo_od
 from canopen_control.od.dcf import eds_text
 from canopen_control.od.model import DataType, Entry, ObjectCode, ObjectInfo
 
-__all__ = ["SHAPES", "UNWATCHED", "shape", "write_shape"]
+__all__ = ["MAKERS", "SHAPES", "UNWATCHED", "shape", "write_shape"]
 
 NODE = 5
 PDOS = (0x1400, 0x1401, 0x1600, 0x1601, 0x1800, 0x1801, 0x1A00, 0x1A01)
@@ -138,6 +138,74 @@ SHAPES = {
     "two axes": (lambda: shape(axes=2), "velocity", "PV"),
     "bit rates up to 250 kbit/s": (
         lambda: shape(device={"bit_rates": frozenset((125_000, 250_000))}), "velocity", "PV"),
+}  # fmt: skip
+
+
+def as_maker(od, slots=None, timers=True, counts=True):
+    """Change PDOs: `slots` by mapping, no event `timers`, no `counts` of what is mapped."""
+    for index, sub in list(od.entries):
+        communication = 0x1400 <= index < 0x1600 or 0x1800 <= index < 0x1A00
+        if (communication and sub > 3 and not timers) or (slots and sub > slots.get(index, sub)):
+            del od.entries[index, sub]
+        elif _maps(index) and sub == 0 and not counts:
+            od.entries[index, 0] = dataclasses.replace(od.entries[index, 0], default=None)
+    return od
+
+
+def more_slots(od, count):
+    """Let each mapping have `count` entries."""
+    for index in [each for each, sub in od.entries if _maps(each) and not sub]:
+        od.entries[index, 0] = dataclasses.replace(od.entries[index, 0], low=0, high=count)
+        for sub in range(9, count + 1):
+            od.add(dataclasses.replace(od.entries[index, 8], subindex=sub))
+    return od
+
+
+OFF, NO_RTR = 0x80000000, 0x40000000
+PAIRS_OFF = [
+    (rpdo, number, cob_id | (OFF if number > 1 else 0), mapping) for rpdo, number, cob_id, mapping in FOUR_PAIRS
+]
+FIRST_ON = [
+    (rpdo, number, cob_id | NO_RTR | (OFF if number else 0), mapping) for rpdo, number, cob_id, mapping in FOUR_PAIRS
+]
+FEW = {0x1600: 1, 0x1601: 2, 0x1602: 2, 0x1603: 2, 0x1A00: 1, 0x1A01: 2, 0x1A02: 2, 0x1A03: 2}
+POINTS = [
+    (True, 0, 0x200, [WORD, 0x60C10120]), (True, 1, 0x300, []), (False, 0, 0x180, [STATUS, 0x60770010, PLACE]),
+    (False, 1, 0x280 | OFF, [0x606B0020, ACTUAL]), (False, 2, 0x380, []), (False, 3, 0x480, []),
+]  # fmt: skip
+TEXTS = [
+    (True, 0, 0x200, [WORD]), (True, 1, 0x300, [0x20120020]), (True, 2, 0x400, []), (True, 3, 0x500, []),
+    (False, 0, 0x180, [STATUS]), (False, 1, 0x280, [0x20130040]), (False, 2, 0x380, []), (False, 3, 0x480, []),
+]  # fmt: skip
+OWN_TARGET = [
+    (True, 0, 0x200, [WORD]), (True, 1, 0x300, [WORD, POSITION]), (True, 2, 0x400, [WORD, SPEED]),
+    (True, 3, 0x500, [WORD, 0x257A0020]), (False, 0, 0x180, [STATUS]), (False, 1, 0x280, [STATUS, PLACE]),
+    (False, 2, 0x380, [STATUS, ACTUAL]), (False, 3, 0x480, [PLACE, ACTUAL]),
+]  # fmt: skip
+RAMPS = [
+    (True, 0, 0x200, [WORD, SPEED, MODE]), (True, 1, 0x300, [POSITION, 0x60810020]),
+    (True, 2, 0x400, [0x60830020, 0x60840020]), (True, 3, 0x500 | OFF, []), (False, 0, 0x180, [STATUS, PLACE]),
+    (False, 1, 0x280, [ACTUAL]), (False, 2, 0x380 | OFF, []), (False, 3, 0x480 | OFF, []),
+]  # fmt: skip
+
+#: how the files of one maker describe PDOs, modes and supervision, all at once -> the dictionary, interface and mode
+MAKERS = {
+    "maxon EPOS4": (lambda: more_slots(as_maker(shape(pdos=FIRST_ON), timers=False), 12), "velocity", "PV"),
+    "Technosoft iPOS": (lambda: shape(pdos=PAIRS_OFF, **modes(0x6D)), "velocity", "PV"),
+    "Technosoft IDM": (
+        lambda: as_maker(guarded(pdos=FOUR_PAIRS, s6060_00={"access": "wo"}), slots=FEW), "velocity", "PV"),
+    "Schunk PRL": (
+        lambda: shape(drop=(0x60FF, 0x6502, 0x6042), pdos=POINTS, s607A_00=UNMAPPABLE, s6060_00=UNMAPPABLE,
+                      s6061_00=UNMAPPABLE),
+        "position", "IP"),
+    "Elmo SimplIQ": (lambda: as_maker(shape(pdos=TEXTS), counts=False), "velocity", "PV"),
+    "Faulhaber": (
+        lambda: as_maker(
+            slots_of(shape(pdos=OWN_TARGET, s6060_00={"low": -9, "high": 6}, s1016_01={"low": 0, "high": 0x7FFFFF},
+                           **modes(0x25)), 4),
+            timers=False),
+        "velocity", "PV"),
+    "Yiyou": (lambda: as_maker(shape(pdos=RAMPS), timers=False), "velocity", "PV"),
 }  # fmt: skip
 
 #: drives that nothing stops when the master dies

@@ -39,6 +39,7 @@ LIFT = FORWARD | {
     "joints": ["lift"],
     "claimed_interfaces": ["lift/position"],
 }
+TARGET = FORWARD | {"name": "left", "interface": "target", "topic": "target", "claimed_interfaces": ["left/target"]}
 FAULTS = (
     FaultListing(name="silent", does="is silent", reaction="stops", on=True),
     FaultListing(name="hot", does="is hot", reaction="waits", once=True),

@@ -12,6 +12,8 @@ import time
 
 import rclpy
 from rclpy.action import ActionClient
+from rclpy.parameter import Parameter
+from rclpy.parameter_client import AsyncParameterClient
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy, qos_profile_system_default
 
 QOS = {
@@ -182,6 +184,38 @@ class Peer:
     def cancel(self, name):
         future = self.goals[name].cancel_goal_async()
         future.add_done_callback(lambda future: self.say(done="cancel", goals=len(future.result().goals_canceling)))
+
+    def parameters(self, node, values, file="", name=""):
+        """Do what `ros2 param` does, with rclpy's own client of a node's parameters: list, describe, get, set, load."""
+        del name
+        client = AsyncParameterClient(self.node, node)
+        ready = client.wait_for_services(10.0)
+        names = []
+
+        def listed(future):
+            names.extend(future.result().result.names)
+            client.get_parameters(names).add_done_callback(got)
+
+        def got(future):
+            self.say(topic=node, message={"values": dict(zip(names, map(plain, future.result().values), strict=True))})
+            client.describe_parameters(names).add_done_callback(described)
+
+        def described(future):
+            found = {each["name"]: each for each in map(plain, future.result().descriptors)}
+            self.say(topic=node, message={"descriptors": found})
+            wanted = [Parameter(name, value=value) for name, value in values.items()]
+            client.set_parameters(wanted).add_done_callback(done)
+
+        def done(future):
+            self.say(topic=node, message={"results": [plain(each) for each in future.result().results]})
+            if file:
+                client.load_parameter_file(file).add_done_callback(loaded)
+
+        def loaded(future):
+            self.say(topic=node, message={"loaded": [plain(each) for each in future.result().results]})
+
+        client.list_parameters().add_done_callback(listed)
+        self.say(done="parameters", ready=ready)
 
     def graph(self):
         topics = dict(self.node.get_topic_names_and_types())

@@ -3,7 +3,7 @@ from __future__ import annotations
 import pytest
 from urdf.test_xacro_run import HEAD, run_xacro, write
 
-from canopen_control.urdf.xacro_child import URDF, _run, _where
+from canopen_control.urdf.xacro_child import REFUSED, URDF, _run, _where
 
 
 @pytest.mark.process
@@ -14,6 +14,13 @@ def test_find_looks_around_the_file_where_no_ros_knows_the_package(tmp_path):
     (package / "part.xacro").write_text(f'{HEAD}<link name="part"/></robot>', encoding="utf-8")
     path = write(package / "urdf", '<xacro:include filename="$(find my_description)/part.xacro"/>')
     assert '<link name="part"/>' in run_xacro(path, {})
+
+
+def test_a_package_that_is_nowhere_is_said_once_in_words(tmp_path):
+    kind, text = _run(str(write(tmp_path, '<xacro:include filename="$(find far)/a.xacro"/>')), {})
+    assert kind == REFUSED
+    assert text.count("package 'far' of $(find far) is neither installed nor above") == 1
+    assert "LookupError" not in text
 
 
 def test_of_a_long_macro_stack_the_first_lines_are_told():

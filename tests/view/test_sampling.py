@@ -1,5 +1,5 @@
 import pytest
-from support.pages import state
+from support.pages import TARGET, drive_state, state
 from support.samples import controllers_of
 
 from canopen_control.view.sampling import Sampler, charts, commanded_interfaces, names, titles
@@ -16,7 +16,14 @@ def test_the_commanded_interface_is_that_of_the_active_controller():
         {"name": "base", "state": "active", "claimed_interfaces": ["wheel/velocity", "gripper/position"]},
         {"name": "outputs", "state": "active", "claimed_interfaces": ["io/digital_outputs"]},
     ]
-    assert commanded_interfaces(controllers_of(told)) == {"wheel": "velocity", "gripper": "position"}
+    assert commanded_interfaces(controllers_of(told), state()) == {"wheel": "velocity", "gripper": "position"}
+
+
+def test_of_a_drive_that_takes_targets_the_mode_says_what_is_commanded():
+    told = controllers_of([TARGET])
+    assert commanded_interfaces(told, drive_state()) == {"left": "velocity"}
+    assert commanded_interfaces(told, drive_state({"mode": "CSP"})) == {"left": "position"}
+    assert commanded_interfaces(told, drive_state({"mode": "HM"})) == {}
 
 
 def test_command_actual_error_work_and_load_of_a_sample():

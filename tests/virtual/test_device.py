@@ -1,5 +1,8 @@
 from __future__ import annotations
 
+import sys
+from pathlib import Path
+
 import pytest
 from support.virtualbench import TMCM, Bench, T, entry, servo_od
 
@@ -112,3 +115,26 @@ def test_mistakes_are_told_before_anything_runs(tmp_path):
         make_devices([255], TMCM, print)
     with pytest.raises(ScenarioError):
         make_devices([3], TMCM, print, scenario=tmp_path / "none")
+
+
+def test_nodes_of_one_process_may_be_of_different_files():
+    eds = Path(__file__).parents[2] / "eds"
+    made = make_devices([2, 5], eds / "TMCM-1270.eds", print, others={5: eds / "generic_cia401.eds"})
+    assert [(node.node_id, bool(node.drives)) for node in made.nodes] == [(2, True), (5, False)]
+
+
+def test_what_a_world_had_to_guess_is_said(tmp_path):
+    (tmp_path / "guessing_engine.py").write_text(
+        "from canopen_control.virtual.plant import PlainWorld\n"
+        "class World(PlainWorld):\n    notes = ('a mass',)\n"
+        "def make(path):\n    return World()\n"
+    )
+    plant = tmp_path / "plant.yml"
+    plant.write_text("engine: guessing_engine:make")
+    said = []
+    sys.path.insert(0, str(tmp_path))
+    try:
+        make_devices([2], Path(__file__).parents[2] / "eds" / "TMCM-1270.eds", said.append, plant=plant)
+    finally:
+        sys.path.remove(str(tmp_path))
+    assert said == ["world: a mass"]

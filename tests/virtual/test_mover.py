@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import math
+
 from canopen_control.virtual import trajectory
 from canopen_control.virtual.mover import SAMPLE_NS, Mover
 from canopen_control.virtual.plant import IdealPlant, LagPlant
@@ -139,3 +141,47 @@ def test_a_torque_pushes_the_plant_and_its_ramp_has_an_end():
     assert owner.told == [("arrived", S // 2)]
     assert mover.plant.velocity > 0
     assert mover.state(S) == (mover.plant.position, mover.plant.velocity)
+
+
+class Coupled(LagPlant):
+    """A plant that is judged every 4 ms, and notes who leads it."""
+
+    rated_torque, follow_ns = 1.0, 4_000_000
+
+    def lead(self, leader):
+        self.leader = leader
+
+
+class Judge(Owner):
+    def judge_load(self, torque, now):
+        self.told.append(("load", torque, now))
+
+
+def test_a_coupled_plant_knows_its_leader_and_is_judged_at_its_times_without_being_woken_for_it():
+    plant, owner = Coupled(), Judge()
+    mover = Mover(plant, owner)
+    assert plant.leader is mover
+    assert mover.torque_limit == math.inf
+    mover.advance(1_500_000)
+    mover.power(True, 1_500_000)
+    mover.run(trajectory.hold(1_500_000, 0.0), 1_500_000)
+    owner.told.clear()
+    assert mover.next_deadline() is None
+    assert mover.next_event() == 4_000_000
+    mover.advance(9_000_000)
+    assert owner.told == [
+        ("behind", 0, 4_000_000), ("load", 0.0, 4_000_000), ("behind", 0, 8_000_000), ("load", 0.0, 8_000_000),
+    ]  # fmt: skip
+
+
+def test_a_pushed_one_is_judged_by_its_load_alone_and_none_without_power():
+    plant, owner = Coupled(), Judge()
+    mover = Mover(plant, owner)
+    mover.advance(0)
+    mover.power(True, 0)
+    mover.push(trajectory.hold(0, 0.0), 0)
+    mover.advance(5_000_000)
+    assert [told[0] for told in owner.told if told[0] != "arrived"] == ["load"]
+    mover.power(False, 5_000_000)
+    mover.advance(20_000_000)
+    assert mover.next_event() is None

@@ -116,7 +116,7 @@ def test_a_missing_key_is_named_where_its_mapping_stands():
 
 def test_a_repeated_key_is_an_error_with_both_lines():
     found = messages("nodes:\n  left: {node_id: 1}\n  right: {node_id: 2}\n  left: {node_id: 3}\n")
-    assert found == ["bus.yml:4:3: nodes.left: duplicate key 'left' (first at line 2)"]
+    assert found == ["bus.yml:4:3: nodes.left: duplicate key 'left' (first at line 2); rename or remove one"]
     assert messages("nodes: {}\npdos: {3: a, 0x3: b}\n") == [
         "bus.yml:2:14: pdos.0x3: duplicate key 3, written in another way before"
     ]
@@ -127,7 +127,7 @@ def test_without_strictness_repeated_and_unknown_keys_are_warnings_and_the_last_
     value = parse("{node_id: 1, scale: 2, scale: 3, nodeid: 4}", Drive, warnings=warnings, strict=False)
     assert value.scale == 3.0
     assert [each.message for each in warnings] == [
-        "duplicate key 'scale' (first at line 1)",
+        "duplicate key 'scale' (first at line 1); rename or remove one",
         "unknown key 'nodeid', did you mean 'node_id'?",
     ]
 

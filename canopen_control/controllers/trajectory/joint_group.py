@@ -62,6 +62,7 @@ class JointGroup:
         self._positions = self._states.get(POSITION, [])
         self._velocities = self._states.get(VELOCITY, []) if self.knows_velocity else []
         self._accelerations = self._states.get(ACCELERATION, []) if self.knows_acceleration else []
+        self._every = [one for each in self._kinds for one in self.commands[each]]
         self._efforts = self.commands.get(EFFORT, [])
         self._targets = self.commands.get(POSITION, [])
 
@@ -94,12 +95,12 @@ class JointGroup:
     def waits_for(self) -> str | None:
         """Return the joint that cannot follow, because it is not enabled or nobody knows where it is; else None."""
         for each in self._positions:
-            if not math.isfinite(each.value):
+            value = each.value
+            if value - value != 0.0:  # is not finite
                 return each.joint
-        for kind in self._kinds:
-            for command in self.commands[kind]:
-                if not command.enabled:
-                    return command.joint
+        for command in self._every:
+            if not command.enabled:
+                return command.joint
         return None
 
     def compare(self, wanted: Point) -> None:

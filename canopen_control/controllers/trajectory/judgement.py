@@ -6,6 +6,7 @@ those of the goal; a goal that is missed is late `goal_time` after the end, and 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -13,9 +14,12 @@ from canopen_control.controllers.trajectory.goal import GoalState, ResultCode
 from canopen_control.controllers.trajectory.tolerances import within
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from canopen_control.controllers.trajectory.follower import Follower
     from canopen_control.controllers.trajectory.joint_group import JointGroup
-    from canopen_control.controllers.trajectory.tolerances import SegmentTolerances
+    from canopen_control.controllers.trajectory.point import Point
+    from canopen_control.controllers.trajectory.tolerances import SegmentTolerances, StateTolerance
 
 __all__ = ["Judgement", "Verdict"]
 
@@ -31,6 +35,25 @@ class Verdict:
     text: str
 
 
+class _Tolerated:
+    """Tolerances of all joints, laid out for a look in every cycle: positions first, which often are all there is."""
+
+    __slots__ = ("_all", "_more", "_positions")
+
+    def __init__(self, tolerances: Sequence[StateTolerance]) -> None:
+        self._all = tolerances
+        self._positions = [each.position if each.position > 0.0 else math.inf for each in tolerances]
+        self._more = any(each.velocity > 0.0 or each.acceleration > 0.0 for each in tolerances)
+
+    def exceeded(self, error: Point) -> int:
+        """Return the last joint whose error is beyond its tolerance, or nobody."""
+        found, off, most = _NOBODY, error.positions, self._positions
+        for joint in range(len(most)):
+            if abs(off[joint]) > most[joint] or (self._more and not within(self._all[joint], error, joint)):
+                found = joint
+        return found
+
+
 class Judgement:
     """What was found in one cycle of the joints of a group: who `left` the path, who is `outside` at the end."""
 
@@ -38,6 +61,8 @@ class Judgement:
         self._group = group
         self.left = self.outside = _NOBODY
         self.over = self.late = False
+        self._path, self._goal = _Tolerated(()), _Tolerated(())
+        self._known: SegmentTolerances | None = None
 
     @property
     def stops(self) -> bool:
@@ -49,13 +74,13 @@ class Judgement:
         self.left, self.outside, self.over, self.late = _NOBODY, _NOBODY, over, False
         if follower.holding:
             return
-        error = self._group.error
-        on_path = follower.fresh or not over
-        for joint in range(len(self._group.joints)):
-            if on_path and not within(tolerances.path[joint], error, joint):
-                self.left = joint
-            if over and not within(tolerances.goal[joint], error, joint):
-                self.outside = joint
+        if tolerances is not self._known:
+            self._known = tolerances
+            self._path, self._goal = _Tolerated(tolerances.path), _Tolerated(tolerances.goal)
+        if follower.fresh or not over:
+            self.left = self._path.exceeded(self._group.error)
+        if over:
+            self.outside = self._goal.exceeded(self._group.error)
         self.late = self.outside >= 0 and 0.0 < tolerances.goal_time < past
 
     def verdict(self, tolerances: SegmentTolerances) -> Verdict | None:

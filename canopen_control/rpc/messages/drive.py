@@ -155,10 +155,16 @@ class BasePose(msgspec.Struct, frozen=True, omit_defaults=True):
 
 
 class WorldState(msgspec.Struct, frozen=True, omit_defaults=True):
-    """What the axes do together: the `base` that they move; `others` are what an engine of its own tells, by name."""
+    """What the axes do together: the `base` that they move, and what the `sensors` of the world measure, by name.
+
+    An IMU has its quaternion (w, x, y, z), the angular velocities in rad/s and the accelerations in m/s2, ten numbers;
+    a range finder one in m, negative for nothing in reach; a force-torque sensor forces in N and torques in Nm, six.
+    `others` are what an engine of its own tells, by name.
+    """
 
     base: BasePose | None = None
     others: dict[str, float] = {}
+    sensors: dict[str, tuple[float, ...]] = {}
 
 
 class SignalState(msgspec.Struct, frozen=True, omit_defaults=True):

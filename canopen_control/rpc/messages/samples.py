@@ -12,8 +12,8 @@ import msgspec
 
 __all__ = ["BatteriesSample", "BatteryReading", "ControllerSample", "DiagnosticsSample", "DofReading", "GpioSample",
            "GripperSample", "ImuSample", "JointDiagnosis", "JointStatesSample", "MecanumSample", "OdometrySample",
-           "PidSample", "RangeSample", "Sample", "SteeringSample", "TrajectoryPoint", "TrajectorySample", "Values",
-           "WrenchSample", "grown", "kind_of"]  # fmt: skip
+           "PidSample", "PoseSample", "RangeSample", "Sample", "SteeringSample", "TrajectoryPoint", "TrajectorySample",
+           "Values", "WrenchSample", "grown", "kind_of"]  # fmt: skip
 
 Values: TypeAlias = dict[str, float | None]
 S = TypeVar("S", bound="Sample")
@@ -194,6 +194,18 @@ class WrenchSample(Sample, frozen=True, kw_only=True, tag="wrench"):
     torque: tuple[float | None, ...]
 
 
+class PoseSample(Sample, frozen=True, kw_only=True, tag="pose"):
+    """Where something is: `position` in m, `orientation` as (x, y, z, w).
+
+    `child_frame_id` is the frame whose transform that is, None where it is none.
+    """
+
+    frame_id: str
+    position: tuple[float | None, ...]
+    orientation: tuple[float | None, ...]
+    child_frame_id: str | None = None
+
+
 class BatteryReading(msgspec.Struct, frozen=True, kw_only=True):
     """What is known of a battery: V, degC, A (negative while it is discharged), Ah; `percentage` from 0 to 1.
 
@@ -236,6 +248,7 @@ ControllerSample: TypeAlias = (
     | ImuSample
     | RangeSample
     | WrenchSample
+    | PoseSample
     | BatteriesSample
 )
 """What a controller may tell."""

@@ -29,7 +29,7 @@ class PowerPanel:
 
     def __init__(self, context: PanelContext) -> None:
         self._context = context
-        drives = list(context.robot.info.state.nodes)
+        drives = [name for name, node in context.robot.info.state.nodes.items() if node.axes]
         if not drives:
             ui.html("<p class='cc-note'>No drives to enable.</p>", sanitize=False)
         for drive in [*(("all",) if len(drives) > 1 else ()), *drives]:

@@ -14,13 +14,13 @@ from nicegui import ui
 from canopen_control.rpc.messages.robot import SwitchControllers
 from canopen_control.urdf.joint_element import Limits
 from canopen_control.view.dead_man import joint_motion, twist_motion
-from canopen_control.view.elements.nicegui_elements import HoldButton, HoldButtons
+from canopen_control.view.drive_targets import drive_targets
+from canopen_control.view.elements.nicegui_elements import HoldButton
+from canopen_control.view.panels.held import LARGEST, LOOK, hold_buttons, value_slider
 from canopen_control.view.panels.panel import tell
 from canopen_control.view.targets import Targets
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from canopen_control.rpc.messages.state import ControllerReading
     from canopen_control.view.dead_man import Motion
     from canopen_control.view.page_content import PageContent
@@ -42,9 +42,7 @@ _SIDEWAYS: Final = {
 }
 _LINEAR: Final = (0.0, 1.0, 0.05, 0.2)  # m/s: lowest, highest, step, at first
 _ANGULAR: Final = (0.0, 3.0, 0.1, 0.8)  # rad/s
-_LARGEST: Final = {"velocity": 10.0, "position": math.pi, "effort": 1.0}
 _NOTHING: Final = "<p class='cc-note'>No active controller takes commands.</p>"
-_LOOK: Final = "<p class='cc-note'>This page only looks. To drive: <code>canopen-control view --teleop</code></p>"
 
 
 class TeleopPanel:
@@ -57,6 +55,7 @@ class TeleopPanel:
         self._targets: Targets | None = None
         self._sliders: dict[str, ui.slider] = {}
         self._shown: object = None
+        self._frame = ui.context.slot.parent
         self._whole = ui.element("div").classes("cc-acts")
 
     def show(self, content: PageContent) -> None:
@@ -65,6 +64,8 @@ class TeleopPanel:
             return
         self._positions = {name: joint.position for name, joint in content.state.joints.items()}
         takers = tuple(each for each in content.controllers if each.is_base or each.topic == "commands")
+        drives = drive_targets(content.state, content.controllers)  # which have a panel of their own
+        self._frame.visible = bool(takers) or not drives
         key = tuple((each.name, each.state) for each in takers)
         if key != self._shown:
             self._shown = key
@@ -81,7 +82,7 @@ class TeleopPanel:
         active = [each for each in takers if each.state == "active"]
         with self._whole:
             if not self._context.teleop:
-                ui.html(_LOOK, sanitize=False)
+                ui.html(LOOK, sanitize=False)
             elif not active:
                 ui.html(_NOTHING, sanitize=False)
             elif active[0].is_base:
@@ -117,9 +118,9 @@ class TeleopPanel:
             speed, turn = float(linear.value), float(angular.value)
             return twist_motion(controller.name, ahead * speed, around * turn, aside * speed)
 
-        self._hold(buttons, motion, "cc-pad")
-        linear = self._slider("speed, m/s", *_LINEAR)
-        angular = self._slider("turn, rad/s", *_ANGULAR)
+        hold_buttons(self._context, buttons, motion, "cc-pad")
+        linear = value_slider("speed, m/s", *_LINEAR)
+        angular = value_slider("turn, rad/s", *_ANGULAR)
 
     def _values(self, controller: ControllerReading) -> None:
         """Make a slider for each value of the controller, and one button that sends them while it is held."""
@@ -129,10 +130,10 @@ class TeleopPanel:
             self._targets.follow(self._positions)
         for joint, (low, high) in limits.items():
             value = self._targets.values[joint] if self._targets is not None else min(max(0.0, low), high)
-            slider = self._sliders[joint] = self._slider(joint, low, high, (high - low) / 200, value)
+            slider = self._sliders[joint] = value_slider(joint, low, high, (high - low) / 200, value)
             if self._targets is not None:
                 slider.on("update:model-value", partial(self._on_set, joint))
-        self._hold([HoldButton("drive", "Hold to drive")], lambda _key: self._motion(controller), "")
+        hold_buttons(self._context, [HoldButton("drive", "Hold to drive")], lambda _key: self._motion(controller))
 
     def _on_set(self, joint: str, event: Any) -> None:  # noqa: ANN401 - what a browser sends
         if self._targets is not None and isinstance(event.args, (int, float)):
@@ -152,24 +153,6 @@ class TeleopPanel:
         limits = found.limits if found is not None else Limits()
         if interface == "position" and math.isfinite(limits.lower) and math.isfinite(limits.upper):
             return limits.lower, limits.upper if limits.lower < limits.upper else limits.lower + 1.0
-        largest = _LARGEST.get(interface, 1.0)
+        largest = LARGEST.get(interface, 1.0)
         limit = min({"velocity": limits.velocity, "effort": limits.effort}.get(interface) or largest, largest)
         return -limit, limit
-
-    def _slider(self, label: str, low: float, high: float, step: float, value: float) -> ui.slider:
-        with ui.element("div").classes("cc-slider"):
-            ui.label(label)
-            slider = ui.slider(min=low, max=high, step=step, value=value).props(f'dense aria-label="{label}"')
-            ui.label().bind_text_from(slider, "value", lambda at: f"{float(at or 0.0):.2f}")
-        return slider
-
-    def _hold(self, buttons: list[HoldButton], motion: Callable[[str], Motion], kind: str) -> None:
-        page, client = self._client.id, self._client
-
-        def told(why: str) -> None:
-            with client:
-                tell("Not driven", why)
-
-        HoldButtons(
-            buttons, lambda key: self._context.hold(page, motion(key), told), lambda: self._context.let_go(page), kind
-        )

@@ -16,6 +16,7 @@ from canopen_control.rpc.messages.samples import (
     MecanumSample,
     OdometrySample,
     PidSample,
+    PoseSample,
     RangeSample,
     Sample,
     SteeringSample,
@@ -69,6 +70,7 @@ SAMPLES = {
     ),
     "sonar": RangeSample(time=8.0, frame_id="front", range=None, max_range=4.0),
     "wrist": WrenchSample(time=9.0, frame_id="tool0", force=(1.0, None, 2.0), torque=(0.0, 0.0, 0.5)),
+    "gps": PoseSample(time=9.5, frame_id="map", position=(1.0, 2.0, None), orientation=(0.0, 0.0, 0.0, 1.0)),
     "loops": PidSample(
         time=6.0,
         dofs=[
@@ -105,7 +107,7 @@ def test_each_kind_has_a_word_of_its_own():
     kinds = [kind_of(each) for each in typing.get_args(ControllerSample)]
     assert kinds == [
         *("odometry", "steering", "mecanum", "joint_states", "gpio", "diagnostics", "trajectory", "pid", "gripper"),
-        *("imu", "range", "wrench", "batteries"),
+        *("imu", "range", "wrench", "pose", "batteries"),
     ]
     assert plain(SAMPLES["io"])["kind"] == "gpio"
 

@@ -3,7 +3,7 @@ import pytest
 pytest.importorskip("nicegui", reason="NiceGUI is not installed: pip install canopen-control[view]")
 
 from nicegui import ui
-from support.pages import BASE, FORWARD, LIFT, FakeContext, drive_state, html, seen, settle, state, visited
+from support.pages import BASE, FORWARD, LIFT, TARGET, FakeContext, drive_state, html, seen, settle, state, visited
 
 from canopen_control.rpc.messages.robot import SwitchControllers
 from canopen_control.view.elements.nicegui_elements import HoldButtons
@@ -132,6 +132,15 @@ def test_without_an_active_controller_or_teleop_nothing_can_be_driven():
             assert seen(HoldButtons) == []
 
         played(context, act)
+
+
+def test_where_drives_take_targets_by_themselves_it_leaves_the_page_to_them():
+    for controllers, visible in (((TARGET,), False), ((TARGET, FORWARD), True), ((OFF,), True)):
+
+        async def act(_user, panel):
+            return panel._frame.visible
+
+        assert played(FakeContext(controllers=controllers), act) is visible
 
 
 def test_while_the_drives_are_off_the_buttons_do_not_look_ready():

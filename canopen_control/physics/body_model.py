@@ -1,0 +1,286 @@
+"""A robot as a model of MuJoCo: its root freed where wheels carry it, on a floor, with a motor on each driven joint.
+
+Wheels become ellipsoids of their radius and width: these have one point of contact and turn as odometry expects, while
+a cylinder scrubs by an amount that depends on the step. Everything touches the floor and nothing of the robot itself.
+Each driven joint gets the motor's rotor and friction, and a lock for its brake and for a blocked shaft.
+
+What the file does not say of a motor is estimated: of a wheel from the mass that it moves, of another joint from its
+inertia and weight in some postures; `effort` of the description is the peak torque.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final
+
+import mujoco
+import numpy as np
+
+from canopen_control.errors import nearest
+from canopen_control.physics.ground_contact import Ground, Part, stand
+from canopen_control.physics.physics_file import PhysicsError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from canopen_control.physics.physics_file import AxisSettings, Floor
+    from canopen_control.physics.urdf_repair import RepairedUrdf
+    from canopen_control.urdf.description import Description
+
+__all__ = ["BASE_JOINT", "Body", "JointPlace", "Motor", "build", "read_spec"]
+
+BASE_JOINT: Final = "floating_base_joint"
+_FLOOR: Final = "floor"
+_LOCK: Final = "lock of "
+_SOLIMP: Final = (0.95, 0.99, 0.0005, 0.5, 2.0)
+_ROBOT, _WORLD = 2, 1  # kinds of contact: the robot touches the world, and not itself
+_ROTOR: Final = 0.2  # of the inertia at the joint
+_POSTURES: Final = 8
+_GOLDEN: Final = 0.6180339887498949
+_RATED: Final = 0.8  # of the weight on a wheel, as a force at its rim
+_ARM_ACCELERATION: Final = 10.0  # rad/s2 beside its weight
+_FRICTION, _DAMPING = 0.02, 0.001  # of the rated torque
+
+
+@dataclass(frozen=True)
+class Motor:
+    """A motor with everything known, on the joint's side: N m, kg m2, N m s (N, kg, N s of a prismatic joint)."""
+
+    rated_torque: float
+    peak_torque: float
+    inertia: float
+    rotor: float
+    friction: float
+    damping: float
+    brake: bool
+
+
+@dataclass(frozen=True)
+class JointPlace:
+    """Where a joint is in the model: its numbers in qpos and qvel, of its lock, and whose motor moves it."""
+
+    qpos: int
+    dof: int
+    lock: int
+    motor: Motor
+
+
+@dataclass(frozen=True)
+class Body:
+    """A compiled model and its driven joints by name; `base` is the number of the freed root body, None: it is fixed.
+
+    `notes` tell what was guessed.
+    """
+
+    model: Any
+    joints: dict[str, JointPlace]
+    base: int | None
+    notes: tuple[str, ...]
+
+
+def read_spec(urdf: RepairedUrdf, path: str) -> Any:  # noqa: ANN401 - MuJoCo has no types
+    """Return what MuJoCo makes of a URDF; PhysicsError where it makes nothing of it."""
+    try:
+        return mujoco.MjSpec.from_string(urdf.text)
+    except ValueError as error:
+        raise PhysicsError(f"{path}: MuJoCo cannot read it: {_first_line(error)}") from error
+
+
+def _first_line(error: ValueError) -> str:
+    return next((line for line in str(error).splitlines() if line.strip()), "it does not say why")
+
+
+def compiled(spec: Any, path: str) -> Any:  # noqa: ANN401 - as above
+    """Return the model of a specification; PhysicsError where it cannot be simulated."""
+    try:
+        return spec.compile()
+    except ValueError as error:
+        raise PhysicsError(f"{path}: MuJoCo cannot simulate it: {' '.join(str(error).split())}") from error
+
+
+def build(
+    spec: Any,  # noqa: ANN401 - as above
+    description: Description,
+    axes: Mapping[str, AxisSettings],
+    floor: Floor,
+    *,
+    step: float,
+    density: float,
+    free: bool | None,
+    path: str,
+) -> Body:
+    """Make the model of a description; `axes` by their joints, `free` says whether its root is, None: if it rolls.
+
+    Lengths in m, `step` in s. PhysicsError, with a line in the file at `path`, for a joint that is not there.
+    """
+    _check_joints(axes, description, path)
+    for number, geom in enumerate(spec.geoms):
+        geom.name = geom.name or f"{geom.parent.name} shape {number}"
+        geom.density = density
+    ground = stand(compiled(spec, description.path))
+    is_free = ground.rolls if free is None else free
+    _set_options(spec, step)
+    for joint in axes:
+        lock = spec.add_equality(name=f"{_LOCK}{joint}", type=mujoco.mjtEq.mjEQ_JOINT, name1=joint, active=False)
+        lock.objtype = mujoco.mjtObj.mjOBJ_JOINT
+        lock.solref, lock.solimp = [2.0 * step, 1.0], [0.99, 0.999, 0.0001, 0.5, 2.0]
+    _touch_floor(spec, ground, floor, step)
+    root = description.model.root
+    if is_free:
+        body = spec.body(root)
+        body.add_freejoint(name=BASE_JOINT)
+        body.pos = [0.0, 0.0, ground.lift]
+    _lay_floor(spec, step, 0.0 if is_free else min(0.0, -ground.lift))
+    motors = _motors(compiled(spec, description.path), description, axes, ground)
+    for name, motor in motors.items():
+        joint = spec.joint(name)
+        joint.armature = motor.rotor
+        joint.frictionloss = motor.friction
+        joint.damping = [motor.damping, 0.0, 0.0]
+    model = compiled(spec, description.path)
+    return Body(
+        model,
+        {name: _place(model, name, motor) for name, motor in motors.items()},
+        int(model.body(root).id) if is_free else None,
+        tuple(_told(axes, motors, ground, is_free)),
+    )
+
+
+def _check_joints(axes: Mapping[str, AxisSettings], description: Description, path: str) -> None:
+    problems = []
+    for name, axis in axes.items():
+        joint = description.joints.get(name)
+        if joint is None:
+            problems.append(f"{path}:{axis.here.line}:{axis.here.column}: {description.path} has no joint {name!r}"
+                            f"{nearest(name, description.movable_joints)}")  # fmt: skip
+        elif joint.type not in ("continuous", "revolute", "prismatic"):
+            problems.append(f"{path}:{axis.here.line}:{axis.here.column}: joint {name} is {joint.type}; "
+                            "a drive moves a continuous, revolute or prismatic one")  # fmt: skip
+    if problems:
+        raise PhysicsError("\n".join(problems))
+
+
+def _set_options(spec: Any, step: float) -> None:  # noqa: ANN401 - as above
+    spec.option.timestep = step
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST  # friction and damping are stable at any size
+    spec.option.impratio = 10.0
+    spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+
+
+def _touch_floor(spec: Any, ground: Ground, floor: Floor, step: float) -> None:  # noqa: ANN401 - as above
+    """Give each shape what it does on the floor."""
+    touches = {touch.geom: touch for touch in ground.touches}
+    for geom in list(spec.geoms):
+        touch = touches.get(geom.name)
+        part = Part.CASTER if touch is None else touch.part
+        _set_contact(geom, floor.caster_friction if part is Part.CASTER else floor.friction, step)
+        if touch is None or part is Part.CASTER:
+            continue
+        if part is Part.ROLLER:
+            geom = _loosened(geom, step, floor.friction)
+        if geom.type == mujoco.mjtGeom.mjGEOM_CYLINDER:
+            radius, half = geom.size[0], geom.size[1]
+            geom.type, geom.size = mujoco.mjtGeom.mjGEOM_ELLIPSOID, [radius, radius, half]
+
+
+def _set_contact(geom: Any, friction: float, step: float) -> None:  # noqa: ANN401 - as above
+    geom.solref, geom.solimp = [max(0.004, 2.0 * step), 1.0], list(_SOLIMP)
+    geom.condim, geom.contype, geom.conaffinity = 3, _ROBOT, _WORLD
+    geom.friction = [friction, 0.005, 0.0001]
+
+
+def _loosened(geom: Any, step: float, friction: float) -> Any:  # noqa: ANN401 - as above
+    """Put half of a cylinder on an axle of its own, on which it turns freely; the other half is the hub."""
+    geom.contype = geom.conaffinity = 0
+    geom.density = 0.5 * geom.density
+    wheel = geom.parent.add_body(name=f"{geom.name} rolling", pos=geom.pos, quat=geom.quat)
+    wheel.add_joint(name=f"{geom.name} axle", type=mujoco.mjtJoint.mjJNT_HINGE, axis=[0.0, 0.0, 1.0])
+    rolling = wheel.add_geom(name=f"{geom.name} tyre", type=geom.type, size=geom.size, density=geom.density)
+    _set_contact(rolling, friction, step)
+    return rolling
+
+
+def _lay_floor(spec: Any, step: float, height: float) -> None:  # noqa: ANN401 - as above
+    plane = mujoco.mjtGeom.mjGEOM_PLANE
+    floor = spec.worldbody.add_geom(name=_FLOOR, type=plane, size=[0, 0, 0.05], pos=[0, 0, height])
+    _set_contact(floor, 0.0, step)  # the larger friction of two counts: that of the wheel, or of the caster
+    floor.contype, floor.conaffinity = _WORLD, _ROBOT
+
+
+# -- motors
+
+
+def _motors(
+    model: Any,  # noqa: ANN401 - as above
+    description: Description,
+    axes: Mapping[str, AxisSettings],
+    ground: Ground,
+) -> dict[str, Motor]:
+    """Return the motors by joint, with what the file does not say estimated."""
+    wheels = {touch.joint: touch.radius for touch in ground.touches if touch.part is Part.WHEEL}
+    driven = [joint for joint in axes if joint in wheels] or [""]
+    share = float(model.body_subtreemass[0]) / len(driven)
+    inertias, weights = _in_postures(model, axes)
+    gravity = float(np.linalg.norm(model.opt.gravity))
+    found = {}
+    for name, axis in axes.items():
+        radius, inertia, weight = wheels.get(name, 0.0), inertias[name], weights[name]
+        inertia += share * radius * radius
+        need = _RATED * share * gravity * radius + (0.0 if radius else 2.0 * (weight + inertia * _ARM_ACCELERATION))
+        found[name] = _motor(axis, description.joints[name].limits.effort, inertia, max(need, 1e-6), wheel=radius > 0.0)
+    return found
+
+
+def _motor(axis: AxisSettings, effort: float, inertia: float, need: float, *, wheel: bool) -> Motor:
+    peak = axis.peak_torque or (effort if 0.0 < effort < math.inf else 2.0 * need)
+    rated = axis.rated_torque or 0.5 * peak
+    rotor = _ROTOR * inertia if axis.rotor_inertia is None else axis.rotor_inertia * axis.gear**2
+    return Motor(
+        rated,
+        axis.peak_torque or max(peak, rated),
+        axis.inertia or inertia + rotor,
+        rotor,
+        _FRICTION * rated if axis.friction is None else axis.friction,
+        _DAMPING * rated if axis.damping is None else axis.damping,
+        (not wheel) if axis.brake is None else axis.brake,
+    )
+
+
+def _in_postures(model: Any, axes: Mapping[str, AxisSettings]) -> tuple[dict[str, float], dict[str, float]]:  # noqa: ANN401
+    """Return the inertia of each joint, a geometric mean over postures, and the greatest torque of its weight."""
+    data = mujoco.MjData(model)
+    matrix = np.zeros((model.nv, model.nv))
+    logs, weights = dict.fromkeys(axes, 0.0), dict.fromkeys(axes, 0.0)
+    for posture in range(_POSTURES):
+        data.qpos[:] = model.qpos0
+        for number, name in enumerate(axes):
+            joint = model.joint(name)
+            low, high = joint.range if joint.limited[0] else (-math.pi, math.pi)
+            data.qpos[joint.qposadr[0]] = low + (high - low) * math.fmod((posture + 1) * (number + 1) * _GOLDEN, 1.0)
+        mujoco.mj_forward(model, data)
+        mujoco.mj_fullM(model, data, matrix)
+        for name in axes:
+            dof = int(model.joint(name).dofadr[0])
+            logs[name] += math.log(max(1e-12, float(matrix[dof, dof]))) / _POSTURES
+            weights[name] = max(weights[name], abs(float(data.qfrc_bias[dof])))
+    return {name: math.exp(value) for name, value in logs.items()}, weights
+
+
+def _place(model: Any, name: str, motor: Motor) -> JointPlace:  # noqa: ANN401 - as above
+    joint = model.joint(name)
+    return JointPlace(int(joint.qposadr[0]), int(joint.dofadr[0]), int(model.equality(f"{_LOCK}{name}").id), motor)
+
+
+def _told(axes: Mapping[str, AxisSettings], motors: Mapping[str, Motor], ground: Ground, free: bool) -> list[str]:
+    """Return in words what was found and guessed."""
+    wheels = [touch.joint for touch in ground.touches if touch.part is Part.WHEEL]
+    others = [touch.geom.partition(" shape ")[0] for touch in ground.touches if touch.part is Part.ROLLER]
+    what = f"on wheels: {', '.join(wheels)}" if wheels else "on no driven wheels"
+    rolling = f", {', '.join(others)} turning freely" if others else ""
+    lines = [f"the robot stands {what}{rolling}" if free else "no wheel carries the robot: it is bolted to the ground"]
+    guessed = [name for name, axis in axes.items() if axis.rated_torque is None]
+    if guessed:
+        told = ", ".join(f"{name} {motors[name].rated_torque:.3g} Nm" for name in guessed)
+        lines.append(f"rated torques are estimated: {told}")
+    return lines

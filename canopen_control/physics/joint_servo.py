@@ -1,0 +1,245 @@
+"""A servo drive's loops on one joint of the world: encoder, position loop, velocity loop, current limit.
+
+Sampled once for each step of the world, the loops see the joint through its encoder alone and give a torque that is
+held for the step. Angles are in rad and torques in N m at the joint (m and N of a prismatic one); a drive's counts and
+per mille are made of them here, with the direction in which the motor is mounted.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Final, Protocol
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from canopen_control.physics.body_model import JointPlace, Motor
+    from canopen_control.physics.physics_file import AxisSettings
+    from canopen_control.virtual.plant import Leader
+    from canopen_control.virtual.trajectory import Trajectory
+
+__all__ = ["JointPlant", "Moved", "ServoLoop"]
+
+_COARSE: Final = 1e-4  # rad: a count of an encoder whose speed needs a filter
+_FILTER_S: Final = 0.004
+_ENCODER: Final = 4096  # counts of a turn at least, where nobody says
+_RESET: Final = 0.25  # of the bandwidth: damping 1 at the inertia that the loop was tuned for
+_FOLLOW_NS: Final = 10_000_000
+
+
+class ServoLoop:
+    """Position P over velocity PI of a motor; `period` in s, `quantum` is a count of its encoder in rad."""
+
+    def __init__(self, motor: Motor, settings: AxisSettings, period: float) -> None:
+        counts = abs(settings.scale_pos_to_dev)
+        if settings.encoder is None:
+            counts = max(counts, _ENCODER * settings.gear / math.tau)
+        else:
+            counts = settings.encoder * settings.gear / math.tau
+        self.quantum = 1.0 / counts
+        self.kp = settings.bandwidth * motor.inertia
+        self._ki = _RESET * settings.bandwidth * self.kp * period
+        self._gain, self._period = settings.position_gain, period
+        self._share = period / (_FILTER_S + period) if self.quantum > _COARSE else 1.0
+        self._place: float | None = None
+        self._velocity = self._integral = 0.0
+
+    def rest(self, torque: float = 0.0) -> None:
+        """Forget what the loops had gathered; they go on from a torque."""
+        self._integral = torque
+
+    def torque(self, angle: float, position: float, velocity: float, limit: float) -> float:
+        """Return the torque that brings a joint at `angle` to a position and a velocity, within a limit."""
+        place = round(angle / self.quantum) * self.quantum
+        way = 0.0 if self._place is None else place - self._place
+        self._place = place
+        self._velocity += self._share * (way / self._period - self._velocity)
+        error = position - place
+        if velocity == 0.0 and -self.quantum <= error <= self.quantum:
+            return self._hold(limit)
+        lacking = velocity + self._gain * error - self._velocity
+        torque = self.kp * lacking + self._integral
+        if torque > limit:
+            held = limit
+        elif torque < -limit:
+            held = -limit
+        else:
+            held = torque
+        if held == torque or lacking * torque < 0.0:  # no windup at the limit
+            self._integral += self._ki * lacking
+        return held
+
+    def _hold(self, limit: float) -> float:
+        """Return the torque at a place that is right to a count: without hunting for less than the encoder sees."""
+        return max(-limit, min(limit, self._integral - self.kp * self._velocity))
+
+
+class Moved(Protocol):
+    """The world, as one of its joints sees it."""
+
+    angles: NDArray[np.float64]
+    speeds: NDArray[np.float64]
+    efforts: NDArray[np.float64]
+
+    @property
+    def asleep(self) -> bool:
+        """Whether nothing moves, and nothing wants to."""
+
+    def reach(self, now: int, by: JointPlant) -> None:
+        """Bring all joints to `now`."""
+
+    def wake(self) -> None:
+        """Go on from rest: something acts from outside."""
+
+    def set_lock(self, place: JointPlace, locked: bool) -> None:
+        """Hold a joint where it is, or let it go."""
+
+    def set_friction(self, place: JointPlace, torque: float) -> None:
+        """Change the friction of a joint."""
+
+
+class JointPlant:
+    """One axis of the world, a `CoupledPlant`: it lets the world move, and shows what became of its joint.
+
+    `external` pulls in the drive's positive direction and `friction` against the motion, both in per mille of the rated
+    torque; `stalled` blocks the joint.
+    """
+
+    stiff = False
+
+    def __init__(self, world: Moved, place: JointPlace, settings: AxisSettings, period: float) -> None:
+        self._world, self.place, self.joint = world, place, settings.joint
+        self.loop = ServoLoop(place.motor, settings, period)
+        self.rated_torque = place.motor.rated_torque
+        self._scale = settings.scale_pos_to_dev
+        self._sign = math.copysign(1.0, self._scale)
+        self._per_mille = self._sign * self.rated_torque / 1000.0  # N m for each
+        self._peak = place.motor.peak_torque
+        self.leader: Leader | None = None
+        self.busy = False  # it serves its own timers
+        self._offset = 0.0  # counts that a displacement added
+        self._position = self.velocity = self.torque = 0.0
+        self._external, self._stalled = 0.0, False
+        self._friction = 1000.0 * place.motor.friction / self.rated_torque
+        self._held: bool | None = None  # by brake or stall
+        self.show(0.0)
+
+    # -- what its drive sees
+
+    @property
+    def follow_ns(self) -> int:
+        """How often its drive judges it; less often at rest."""
+        return 10 * _FOLLOW_NS if self._world.asleep else _FOLLOW_NS
+
+    def lead(self, leader: Leader) -> None:
+        """See `CoupledPlant`."""
+        self.leader = leader
+
+    @property
+    def position(self) -> float:
+        """Counts of the drive."""
+        return self._position
+
+    @position.setter
+    def position(self, value: float) -> None:
+        """Displace the encoder: the joint stays where it is."""
+        self._offset += value - self._position
+        self._position = value
+        self._world.wake()
+
+    def follow(self, demand: Trajectory, start_ns: int, end_ns: int) -> None:  # noqa: ARG002 # the leader's is read
+        """Move as the drive's loops make it move."""
+        self._world.reach(end_ns, self)
+
+    def push(self, torque: Trajectory, start_ns: int, end_ns: int) -> None:  # noqa: ARG002 # as above
+        """Move under a torque."""
+        self._world.reach(end_ns, self)
+
+    def release(self, start_ns: int, end_ns: int) -> None:  # noqa: ARG002 # as above
+        """Move without power."""
+        self._world.reach(end_ns, self)
+
+    def feed_forward(self, velocity: float, torque: float) -> None:
+        """Do nothing: the loops know the demand's velocity, which is all that they follow."""
+
+    # -- what acts on it from outside
+
+    @property
+    def external(self) -> float:
+        """Per mille of the rated torque."""
+        return self._external
+
+    @external.setter
+    def external(self, value: float) -> None:
+        """Let a torque pull."""
+        self._external = value
+        self._world.wake()
+
+    @property
+    def friction(self) -> float:
+        """Per mille of the rated torque."""
+        return self._friction
+
+    @friction.setter
+    def friction(self, value: float) -> None:
+        """Make it run harder or more easily."""
+        self._friction = max(0.0, value)
+        self._world.set_friction(self.place, self._friction * self.rated_torque / 1000.0)
+        self._world.wake()
+
+    @property
+    def stalled(self) -> bool:
+        """Whether the joint is blocked."""
+        return self._stalled
+
+    @stalled.setter
+    def stalled(self, value: bool) -> None:
+        """Block the joint, or let it go."""
+        self._stalled = value
+        self._world.wake()
+
+    # -- what the world does with it
+
+    def wants(self, now: int) -> bool:
+        """Whether its drive wants to move."""
+        leader = self.leader
+        if leader is None or not leader.powered:
+            return False
+        return leader.torque is not None or now < leader.demand.end_ns or leader.demand.final_velocity != 0.0
+
+    def order(self) -> tuple[object, ...]:
+        """Return what its drive wants, to be compared with what it wanted before."""
+        leader = self.leader
+        return () if leader is None else (leader.powered, leader.torque, leader.demand, leader.torque_limit)
+
+    def control(self, clock: int) -> None:
+        """Set the torque of one step, which begins at `clock`."""
+        leader, held, newtons = self.leader, self._stalled, 0.0
+        if leader is None or not leader.powered:
+            held = held or self.place.motor.brake
+            self.loop.rest()
+        else:
+            limit = min(self._peak, leader.torque_limit * self.rated_torque / 1000.0)
+            if leader.torque is None:
+                position, velocity = leader.demand.at(clock)
+                angle = float(self._world.angles[self.place.qpos])
+                newtons = self.loop.torque(
+                    angle, (position - self._offset) / self._scale, velocity / self._scale, limit
+                )
+            else:
+                newtons = max(-limit, min(limit, leader.torque.at(clock)[1] * self._per_mille))
+                self.loop.rest(newtons)
+        if held is not self._held:
+            self._held = held
+            self._world.set_lock(self.place, held)
+        self.torque = newtons / self._per_mille
+        self._world.efforts[self.place.dof] = newtons + self._external * self._per_mille
+
+    def show(self, beyond: float) -> None:
+        """Show position and velocity, `beyond` seconds after the last step."""
+        speed = float(self._world.speeds[self.place.dof])
+        angle = float(self._world.angles[self.place.qpos]) + speed * beyond
+        quantum = self.loop.quantum
+        self.velocity = speed * self._scale
+        self._position = self._offset + round(angle / quantum) * quantum * self._scale

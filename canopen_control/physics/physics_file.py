@@ -1,0 +1,115 @@
+"""The plant file of the engine `mujoco`: which joint each virtual drive moves, and with what motor.
+
+    engine: mujoco
+    urdf: robby.urdf.xacro           # beside this file; or mjcf: scene.xml
+    step_ms: 1                       # of the simulation
+    floor: {friction: 0.8, caster_friction: 0.02}
+    axes:
+      "3": {joint: left_wheel_joint, scale_pos_to_dev: -254.65, rated_torque: 0.5, peak_torque: 1.0}
+      "3/1": {joint: lift_joint, scale_pos_to_dev: 1000}         # axis 1 of node 3
+
+What an axis does not say is estimated from the masses of the robot, see `body_model`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+from canopen_control.errors import ConfigError
+from canopen_control.frame import MAX_NODE_ID
+from canopen_control.yamlfile.convert import position, setting
+from canopen_control.yamlfile.node import Node  # noqa: TC001 - the type of a field is looked up at run time
+from canopen_control.yamlfile.reader import load
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from canopen_control.yamlfile.problems import Problems
+
+__all__ = ["AxisSettings", "Floor", "PhysicsError", "PhysicsFile", "axis_address", "read_physics_file"]
+
+_AXES = 8  # of a node
+
+
+class PhysicsError(ConfigError):
+    """A plant file of the physics engine, or the robot it names, cannot be simulated as it stands."""
+
+
+@dataclass(frozen=True)
+class AxisSettings:
+    """The motor of one axis, on the joint's side of its gear: N m, kg m2, rad (N, kg, m of a prismatic joint).
+
+    `scale_pos_to_dev` are counts of the drive for each rad, as in bus.yml, negative where it is mounted mirrored.
+    `encoder` are counts for a turn of the motor (for a metre of its way), `rotor_inertia` that of the motor before the
+    `gear`; `inertia` is what the velocity loop, of so much `bandwidth` in rad/s, was tuned for. A `brake` holds the
+    joint while there is no power. None: estimated.
+    """
+
+    joint: str
+    scale_pos_to_dev: float
+    gear: float = setting(1.0, low=1e-3)
+    encoder: int | None = setting(None, low=16)
+    rated_torque: float | None = setting(None, low=1e-9)
+    peak_torque: float | None = setting(None, low=1e-9)
+    rotor_inertia: float | None = setting(None, low=0.0)
+    friction: float | None = setting(None, low=0.0)
+    damping: float | None = setting(None, low=0.0)
+    inertia: float | None = setting(None, low=1e-12)
+    bandwidth: float = setting(80.0, low=1.0, high=1000.0)
+    position_gain: float = setting(30.0, low=0.0, high=1000.0)
+    brake: bool | None = None
+    here: Node = position()  # noqa: RUF009 - makes a field
+
+
+@dataclass(frozen=True)
+class Floor:
+    """The floor: sliding friction of wheels on it, of casters, and of everything else of the robot that touches it."""
+
+    friction: float = setting(0.8, low=0.0, high=10.0)
+    caster_friction: float = setting(0.02, low=0.0, high=10.0)
+
+
+@dataclass(frozen=True)
+class PhysicsFile:
+    """The file as a whole; `arguments` are those of a xacro, `density` in kg/m3 is that of links without masses."""
+
+    axes: dict[str, AxisSettings]
+    engine: str = "mujoco"
+    urdf: str = ""
+    mjcf: str = ""
+    arguments: dict[str, str] = setting(factory=dict)  # noqa: RUF009 - makes a field
+    step_ms: float = setting(1.0, low=0.1, high=4.0)
+    base: Literal["free", "fixed"] | None = None
+    density: float = setting(1000.0, low=1.0, high=30_000.0)
+    floor: Floor = Floor()
+    here: Node = position()  # noqa: RUF009 - makes a field
+
+
+def axis_address(name: str) -> tuple[int, int]:
+    """Return node id and axis of ``3`` or ``3/1``; ValueError where it is neither."""
+    node, _, axis = name.partition("/")
+    address = int(node), int(axis or "0")
+    if not (1 <= address[0] <= MAX_NODE_ID and 0 <= address[1] < _AXES):
+        raise ValueError(name)
+    return address
+
+
+def read_physics_file(path: Path) -> PhysicsFile:
+    """Return the file; PhysicsError with every mistake and its line."""
+    return load(path, PhysicsFile, error=PhysicsError, check=_check)
+
+
+def _check(file: PhysicsFile, _problems: Problems) -> None:
+    if bool(file.urdf) == bool(file.mjcf):
+        file.here.error("it names the robot by urdf: FILE, or by mjcf: FILE")
+    joints: dict[str, str] = {}
+    for name, axis in file.axes.items():
+        try:
+            axis_address(name)
+        except ValueError:
+            axis.here.error(f'{name!r} is no axis: write "3" for node 3, or "3/1" for its axis 1')
+        if axis.scale_pos_to_dev == 0.0:
+            axis.here.error("scale_pos_to_dev is 0: write how many counts of the drive a rad of the joint is")
+        if joints.setdefault(axis.joint, name) != name:
+            axis.here.error(f"joint {axis.joint} is moved by axis {joints[axis.joint]} already")

@@ -1,0 +1,137 @@
+"""Drives of a bus without controllers, each driven by its target: enable, mode, target while a button is held, stop.
+
+Only with `--teleop`. A target is given as long as the button is held; a browser that leaves, or loses its connection,
+ends it. A velocity or an effort ends at zero, a position where the drive is then. What a slider may be set to has an
+end that is chosen beside it, since a bus tells no limits.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING, Final
+
+from nicegui import ui
+
+from canopen_control.rpc.messages.robot import AxisRequest
+from canopen_control.view.dead_man import joint_motion
+from canopen_control.view.drive_targets import MODES, DriveTarget, drive_targets
+from canopen_control.view.elements.nicegui_elements import HoldButton
+from canopen_control.view.panels.held import LARGEST, LOOK, hold_buttons, value_slider
+from canopen_control.view.panels.panel import tell
+
+if TYPE_CHECKING:
+    from canopen_control.view.dead_man import Motion
+    from canopen_control.view.page_content import PageContent
+    from canopen_control.view.panels.panel import PanelContext
+
+__all__ = ["TargetPanel"]
+
+#: what the button says, what the runtime calls it, and its colour
+_ACTIONS: Final = (("Enable", "enable", "green-8"), ("Stop", "disable", "red-8"))
+_NO_MODE: Final = "<p class='cc-note'>It is in no mode that takes a target: choose one.</p>"
+_MOST: Final = 1e6  # of the end of a slider
+_SHOWS: Final = {"position": "Hold to go there", "velocity": "Hold to turn", "effort": "Hold to push"}
+
+
+class TargetPanel:
+    """Stands in the page while a controller takes a drive's target; a row for each drive."""
+
+    def __init__(self, context: PanelContext) -> None:
+        self._context = context
+        self._frame = ui.context.slot.parent
+        self._frame.visible = False
+        self._whole = ui.element("div")
+        self._rows: dict[str, _Row] = {}
+        self._look = ui.html(LOOK, sanitize=False)
+        self._look.visible = not context.teleop
+
+    def show(self, content: PageContent) -> None:
+        """Follow drives, modes and positions."""
+        if content.lost:
+            return
+        drives = drive_targets(content.state, content.controllers)
+        self._frame.visible = bool(drives)
+        if [each.joint for each in drives] != list(self._rows):
+            self._whole.clear()
+            with self._whole:
+                self._rows = {each.joint: _Row(self._context, each) for each in drives}
+        for drive in drives:
+            joint = content.state.joints.get(drive.joint)
+            self._rows[drive.joint].show(drive, None if joint is None else joint.position)
+
+
+class _Row:
+    """One drive: its buttons, and what it is driven by in the mode that it is in."""
+
+    def __init__(self, context: PanelContext, drive: DriveTarget) -> None:
+        self._context, self._client = context, ui.context.client
+        self._drive, self._shown = drive, "-"
+        self._position: float | None = None
+        self._slider: ui.slider | None = None
+        with ui.element("div").classes("cc-drive cc-target"):
+            with ui.element("b"):
+                ui.label(drive.joint)
+            with ui.element("div").classes("cc-acts"):
+                for label, action, color in _ACTIONS:
+                    button = ui.button(label, color=color, on_click=partial(self._act, label, action))
+                    button.props("unelevated dense").props(f'aria-label="{label} {drive.joint}"')
+                    button.set_enabled(context.teleop or action == "disable")
+                self._mode = ui.select(list(MODES), on_change=lambda event: self._choose(event.value))
+                self._mode.props(f'dense options-dense aria-label="mode of {drive.joint}"').set_enabled(context.teleop)
+            self._body = ui.element("div").classes("cc-body")
+
+    def show(self, drive: DriveTarget, position: float | None) -> None:
+        """Follow the drive; what drives it is built anew for another quantity."""
+        self._drive, self._position = drive, position
+        if self._mode.value != (drive.mode or None):
+            self._mode.value = drive.mode or None
+        if drive.quantity != self._shown:
+            self._shown = drive.quantity
+            self._context.let_go(self._client.id)
+            self._body.clear()
+            with self._body:
+                self._build(drive)
+        self._body.classes(**{"remove" if drive.enabled else "add": "cc-off"})
+
+    def _build(self, drive: DriveTarget) -> None:
+        self._slider = None
+        if not self._context.teleop:
+            return
+        if not drive.quantity:
+            ui.html(_NO_MODE, sanitize=False)
+            return
+        end = LARGEST[drive.quantity]
+        here = self._position if drive.quantity == "position" and self._position is not None else 0.0
+        hold_buttons(self._context, [HoldButton("target", _SHOWS[drive.quantity])], lambda _key: self._motion())
+        most = ui.number("up to", value=end, min=0.0, max=_MOST, on_change=lambda event: self._stretch(event.value))
+        most.props(f'dense aria-label="end of the slider of {drive.joint}"')
+        self._slider = value_slider(f"target, {drive.unit}", -end, end, end / 200, min(max(here, -end), end))
+
+    def _stretch(self, end: float | None) -> None:
+        """Let the slider reach as far as was asked for."""
+        if self._slider is None or not end or not 0.0 < end <= _MOST:
+            return
+        self._slider.props(f"min={-end} max={end} step={end / 200}")
+        self._slider.value = min(max(float(self._slider.value), -end), end)
+
+    def _motion(self) -> Motion | None:
+        drive, slider = self._drive, self._slider
+        if slider is None or not drive.quantity:
+            return None
+        rest = self._position if drive.quantity == "position" else 0.0
+        if rest is None:
+            return None  # nobody knows where it is, nor where it would have to stay
+        return joint_motion(drive.controller, [float(slider.value)], [rest], drive.quantity)
+
+    async def _act(self, label: str, action: str) -> None:
+        await self._ask(label, AxisRequest(action=action, node=self._drive.node, joint=self._drive.joint))
+
+    async def _choose(self, mode: str | None) -> None:
+        if mode and mode != self._drive.mode:
+            request = AxisRequest(action="mode", node=self._drive.node, joint=self._drive.joint, mode=mode)
+            await self._ask(f"mode {mode}", request)
+
+    async def _ask(self, what: str, request: AxisRequest) -> None:
+        refused = await self._context.ask(request)
+        if refused is not None:
+            tell(f"{self._drive.joint}: {what}", refused)

@@ -1,0 +1,107 @@
+import dataclasses
+
+import pytest
+from support.physicsbench import BRAKED, robby_urdf
+
+from canopen_control.physics.body_model import BASE_JOINT, build, read_spec
+from canopen_control.physics.physics_file import AxisSettings, Floor, PhysicsError
+from canopen_control.physics.urdf_repair import repaired
+from canopen_control.urdf.description import parse_description
+
+WHEELS = {side: AxisSettings(f"{side}_wheel_joint", 100.0) for side in ("left", "right")}
+
+
+def body(urdf, *axes, free=None, floor=None):
+    description = parse_description(urdf, "robot.urdf")
+    made = repaired(description)
+    return build(
+        read_spec(made, "robot.urdf"),
+        description,
+        {axis.joint: axis for axis in axes},
+        floor or Floor(),
+        step=1e-3,
+        density=1000.0,
+        free=free,
+        path="physics.yml",
+    )
+
+
+def robby(**how):
+    return body(robby_urdf(), *WHEELS.values(), **how)
+
+
+def test_a_robot_on_wheels_has_a_free_root_and_all_its_weight():
+    made = robby()
+    assert made.model.joint(BASE_JOINT).id == 0
+    assert made.base == made.model.body("base_footprint").id
+    assert float(made.model.body_subtreemass[0]) == pytest.approx(3.0 + 2 * 0.15 + 0.014, abs=1e-3)
+
+
+@pytest.mark.parametrize(("urdf", "free"), [(BRAKED, None), (robby_urdf(), False)])
+def test_another_is_bolted_to_the_ground(urdf, free):
+    axes = [AxisSettings("swing", 1.0)] if urdf == BRAKED else WHEELS.values()
+    made = body(urdf, *axes, free=free)
+    assert made.base is None
+    assert "no wheel carries the robot: it is bolted to the ground" in made.notes
+
+
+def test_wheels_become_ellipsoids_with_the_grip_of_the_floor():
+    made = robby(floor=Floor(friction=0.3, caster_friction=0.01))
+    model = made.model
+    kinds = {model.geom(index).name.partition(" shape")[0]: index for index in range(model.ngeom)}
+    assert int(model.geom_type[kinds["left_wheel"]]) == 4  # an ellipsoid
+    assert model.geom_size[kinds["left_wheel"]].tolist() == [0.035, 0.035, 0.01]
+    grips = {name: float(model.geom_friction[index][0]) for name, index in kinds.items()}
+    assert (grips["left_wheel"], grips["caster"], grips["floor"]) == (0.3, 0.01, 0.0)
+
+
+def test_the_motor_of_a_wheel_is_estimated_by_what_it_moves():
+    motor = robby().joints["left_wheel_joint"].motor
+    share = 3.314 / 2
+    assert motor.rated_torque == pytest.approx(0.8 * share * 9.81 * 0.035, rel=0.01)
+    assert motor.peak_torque == pytest.approx(2 * motor.rated_torque)
+    assert motor.inertia == pytest.approx(1.2 * (share * 0.035**2 + 9e-5), rel=0.05)
+    assert not motor.brake
+
+
+def test_the_motor_of_an_arm_is_estimated_by_effort_or_by_its_weight():
+    by_effort = body(BRAKED, AxisSettings("swing", 1.0)).joints["swing"].motor
+    assert (by_effort.peak_torque, by_effort.rated_torque, by_effort.brake) == (40.0, 20.0, True)
+    by_weight = body(BRAKED.replace('effort="40"', 'effort="0"'), AxisSettings("swing", 1.0)).joints["swing"].motor
+    assert 2 * 5.89 < by_weight.rated_torque < 30.0
+
+
+def test_what_the_file_says_of_a_motor_holds():
+    axis = AxisSettings(
+        "swing",
+        1.0,
+        10.0,
+        rated_torque=7.0,
+        peak_torque=9.0,
+        rotor_inertia=1e-4,
+        friction=0.1,
+        damping=0.2,
+        inertia=3.0,
+    )
+    motor = body(BRAKED, dataclasses.replace(axis, brake=False)).joints["swing"].motor
+    assert dataclasses.astuple(motor) == (7.0, 9.0, 3.0, pytest.approx(0.01), 0.1, 0.2, False)
+
+
+def test_a_steered_wheel_without_an_axle_rolls():
+    wheel = (
+        '<link name="base"><inertial><mass value="9"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
+        '</inertial></link><joint name="steer" type="revolute"><parent link="base"/><child link="wheel"/>'
+        '<origin xyz="0 0 0.2"/><axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="9" velocity="2"/></joint>'
+        '<link name="wheel"><visual><origin rpy="1.57 0 0"/><geometry><cylinder radius="0.2" length="0.1"/></geometry>'
+        "</visual></link>"
+    )
+    made = body(f'<robot name="r">{wheel}</robot>', AxisSettings("steer", 1.0))
+    assert "the robot stands on no driven wheels, wheel turning freely" in made.notes
+    assert made.model.njnt == 3  # the root, the steering, the axle
+
+
+def test_what_mujoco_refuses_is_one_sentence():
+    urdf = BRAKED.replace('iyy="0.05"', 'iyy="-5"')
+    with pytest.raises(PhysicsError, match=r"^robot.urdf: MuJoCo cannot .+") as caught:
+        body(urdf, AxisSettings("swing", 1.0))
+    assert "\n" not in str(caught.value)

@@ -1,0 +1,217 @@
+import itertools
+import math
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from support.physicsbench import MS, ROBBY, Axes, S, pendulum, robby, world_of
+
+from canopen_control.virtual.trajectory import ramp_to
+
+RADIUS = 0.035
+
+
+def cruise(now, mover):
+    return ramp_to(now, *mover.state(now), 800.0, 9000.0, 9000.0)
+
+
+def driven(folder, **look):
+    """Return robby after a drive with a curve, looked at in some rhythm; each wheel has a timer of its own."""
+    axes = robby(folder)
+    axes.enable()
+    for node, after in ((3, 137_000_001), (2, 301_500_000)):
+        mover = axes[node]
+        mover.at("turn", axes.now + after, lambda now, mover=mover: mover.run(cruise(now, mover), now))
+    for node, speed in ((3, 4.0), (2, 4.0), (3, 1.0), (2, 6.0)):
+        axes.cruise(node, speed)
+        axes.go(0.2, **look)
+    return axes
+
+
+def test_a_base_drives_as_far_as_its_wheels_turn(tmp_path):
+    axes = robby(tmp_path)
+    axes.enable()
+    for node in (3, 2):
+        axes.cruise(node, 0.2 / RADIUS, ramp=10.0)
+    axes.go(4.0)
+    base = axes.world.describe().base
+    turned = axes[2].plant.position / axes[2].plant._scale
+    assert turned == pytest.approx(4.0 * 0.2 / RADIUS, rel=0.08)
+    assert base.x == pytest.approx(turned * RADIUS, rel=5e-4)
+    assert abs(base.y) < 1e-9
+    assert base.time_ns == axes.now
+
+
+def test_counts_go_backwards_where_a_motor_is_mounted_mirrored(tmp_path):
+    axes = robby(tmp_path)
+    axes.enable()
+    axes.cruise(3, 2.0)
+    axes.cruise(2, 2.0)
+    axes.go(0.5)
+    assert axes[3].plant.position < -50 < 50 < axes[2].plant.position
+
+
+def test_the_heading_goes_on_over_a_half_turn(tmp_path):
+    axes = robby(tmp_path)
+    axes.enable()
+    axes.cruise(3, -8.0, 20.0)
+    axes.cruise(2, 8.0, 20.0)
+    axes.go(3.5, every=S)
+    heading = axes.world.describe().base.heading
+    assert heading == pytest.approx(3.3 * 8.0 * 2.0 * RADIUS / 0.24, rel=0.02)
+    assert heading > math.tau
+
+
+@pytest.fixture(scope="module")
+def told(tmp_path_factory):
+    return driven(tmp_path_factory.mktemp("told")).digest()
+
+
+@settings(max_examples=6, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    every=st.integers(300_000, 200 * MS),
+    nodes=st.sampled_from([[(3, 0), (2, 0)], [(2, 0), (3, 0)], [(2, 0)], [(3, 0)]]),
+)
+def test_what_happens_does_not_depend_on_who_looks_how_often(tmp_path, told, every, nodes):
+    axes = driven(tmp_path, every=every, nodes=nodes)
+    axes[2].advance(axes.now)
+    assert axes.digest() == told
+
+
+def test_another_process_comes_to_the_same_bits(tmp_path):
+    script = (
+        "import sys; from pathlib import Path; sys.path[:0] = [sys.argv[2], sys.argv[2] + '/physics']\n"
+        "from test_physics_world import driven; print(driven(Path(sys.argv[1])).digest())"
+    )
+    tests = str(Path(__file__).parents[1])
+    done = subprocess.run([sys.executable, "-c", script, tmp_path, tests], capture_output=True, text=True, timeout=60)
+    assert done.stdout.strip() == driven(tmp_path).digest(), done.stderr
+
+
+def test_it_sleeps_at_rest_and_wakes_with_an_order(tmp_path):
+    axes = robby(tmp_path)
+    axes.enable()
+    axes.cruise(2, 3.0)
+    axes.go(0.5)
+    axes.cruise(2, 0.0)
+    axes.go(3.0)
+    assert axes.world.asleep
+    assert axes.world.period_ns > 20 * MS
+    steps, began = axes.world.steps, time.process_time()
+    axes.go(60.0)
+    assert axes.world.steps == steps
+    assert time.process_time() - began < 0.5  # 60 s of two axes at 50 Hz, also on a busy machine
+    axes.cruise(3, 1.0)
+    axes.go(0.5)
+    assert axes.world.steps > steps
+    assert axes[3].plant.position < -50
+
+
+def test_a_sleep_changes_no_bit_whoever_looks(tmp_path):
+    def story(every):
+        axes = robby(tmp_path)
+        axes.enable()
+        axes.go(1.5, every=every)
+        axes.cruise(2, 3.0)
+        axes.go(0.7, every=every)
+        return axes.digest()
+
+    assert story(20 * MS) == story(113 * MS)
+
+
+def test_a_brake_holds_a_joint_without_power_and_none_lets_it_fall(tmp_path):
+    held, free = pendulum(tmp_path), pendulum(tmp_path, brake="false")
+    held.go(2.0)
+    free.go(2.0)
+    assert abs(held[5].plant.position) < 100  # a thousandth of a rad
+    assert abs(free[5].plant.position) > 50_000
+
+
+def test_power_off_wakes_a_sleeping_arm_whose_brake_is_none(tmp_path):
+    axes = pendulum(tmp_path, brake="false")
+    axes.enable()
+    axes.go(4.0)
+    assert axes.world.asleep
+    place = axes[5].plant.position
+    axes[5].power(False, axes.now)
+    axes.go(0.5)
+    assert axes[5].plant.position - place > 20_000
+
+
+def test_a_heavy_arm_is_held_with_the_torque_of_its_weight(tmp_path):
+    axes = pendulum(tmp_path, rated_torque=10.0)
+    axes.enable()
+    axes.go(3.0)
+    assert axes[5].plant.torque == pytest.approx(-1000 * 2.0 * 9.81 * 0.3 / 10.0, rel=0.05)
+
+
+def test_what_a_drive_allows_its_motor_bounds_the_torque(tmp_path):
+    axes = pendulum(tmp_path, rated_torque=10.0)
+    axes[5].torque_limit = 300.0  # its weight needs 589
+    axes.enable()
+    axes.go(1.0)
+    assert axes[5].plant.torque == pytest.approx(-300.0)
+    assert axes[5].owner.errors[-1][1] < -10_000
+
+
+def test_a_blocked_wheel_builds_up_torque_and_following_error_and_heat_is_judged(tmp_path):
+    axes = robby(tmp_path)
+    axes.enable()
+    for node in (3, 2):
+        axes.cruise(node, 3.0)
+    axes.go(1.0)
+    axes[2].plant.stalled = True
+    axes.go(1.0)
+    assert axes[2].plant.torque == pytest.approx(2000.0)  # all it has
+    assert axes[2].owner.errors[-1][1] > 500
+    assert abs(axes[2].plant.velocity) < 20
+    times = [now for now, _ in axes[2].owner.loads]
+    assert {after - before for before, after in itertools.pairwise(times)} == {10 * MS}
+
+
+@pytest.mark.parametrize(("name", "value"), [("external", 400.0), ("friction", 900.0)])
+def test_what_acts_on_a_joint_from_outside_is_carried_by_its_drive(tmp_path, name, value):
+    axes = robby(tmp_path)
+    axes.enable()
+    for node in (3, 2):
+        axes.cruise(node, 3.0)
+    axes.go(1.0)
+    before = axes[2].plant.torque
+    setattr(axes[2].plant, name, value)
+    axes.go(1.0)
+    assert getattr(axes[2].plant, name) == value
+    assert abs(axes[2].plant.torque - before) > 250
+
+
+def test_little_grip_lets_wheels_spin(tmp_path):
+    text = ROBBY.replace("axes:", "floor: {{friction: 0.05, caster_friction: 0.0}}\naxes:")
+    axes = robby(tmp_path, text)
+    axes.enable()
+    for node in (3, 2):
+        axes.cruise(node, 20.0, ramp=100.0)
+    axes.go(1.0)
+    wheels = axes[2].plant.position / axes[2].plant._scale * RADIUS
+    assert axes.world.describe().base.x < 0.6 * wheels
+
+
+def test_a_displaced_encoder_moves_no_joint(tmp_path):
+    axes = robby(tmp_path)
+    axes.enable()
+    axes.go(1.0)
+    axes[2].displace(100.0, axes.now)
+    axes.go(1.0)
+    assert axes[2].plant.position == pytest.approx(100.0, abs=1.0)
+    assert abs(axes.world.describe().base.x) < 1e-3
+
+
+def test_a_world_of_nothing_but_an_arm_has_no_base(tmp_path):
+    assert pendulum(tmp_path).world.describe().base is None
+
+
+def test_no_axis_but_those_of_the_file(tmp_path):
+    with pytest.raises(KeyError):
+        Axes(world_of(tmp_path, ROBBY), (9, 0))

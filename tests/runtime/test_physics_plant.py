@@ -1,0 +1,63 @@
+import dataclasses
+
+import pytest
+from support.robots import Bench, setup_of
+
+from canopen_control.errors import RobotConfigError
+from canopen_control.runtime.physics_plant import PLANT_FILE, check_physics, plant_text, write_plant
+
+
+@pytest.fixture
+def robot():
+    made = Bench("physics-plant")
+    yield made
+    made.close()
+
+
+def test_each_axis_moves_its_joint_by_the_scale_of_bus_yml(robot):
+    text = plant_text(robot.setup, robot.robot.joints.values())
+    assert text.splitlines()[1:] == [
+        "engine: mujoco",
+        "urdf: physics.urdf",
+        "axes:",
+        '  "3": {joint: "left_wheel_joint", scale_pos_to_dev: -254.64790894703253}',
+        '  "2": {joint: "right_wheel_joint", scale_pos_to_dev: 254.64790894703253}',
+    ]
+
+
+def test_it_is_written_with_the_description_beside_the_logs(robot, tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    path = write_plant(robot.setup, robot.robot.joints)
+    assert path == tmp_path / "canopen_control" / "robby" / PLANT_FILE
+    assert (path.parent / "physics.urdf").read_text() == robot.setup.description.urdf_xml
+
+
+def test_without_joints_on_drives_there_is_nothing_to_move(robot):
+    with pytest.raises(RobotConfigError, match=r"--physics: no joint of .* is moved by a drive"):
+        write_plant(robot.setup, {})
+
+
+def test_a_simulation_plugin_gives_way_to_drives():
+    setup = setup_of("diffbot_sim", "memory:gives-way", physics=True)
+    assert setup.on_drives
+    assert not dataclasses.replace(setup, physics=False).on_drives
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"real": True}, "leave --real away"),
+        ({"mock": True}, "leave --mock away"),
+        ({"channels": {"can": "local:a", "second": "local:b"}}, "buses can, second"),
+        ({"channels": {"can": "memory:a"}}, "use --can local:NAME"),
+    ],
+)
+def test_what_physics_cannot_do_is_told(changes, words):
+    setup = dataclasses.replace(setup_of("robby", "local:physics-cannot"), **changes)
+    with pytest.raises(RobotConfigError, match="--physics") as caught:
+        check_physics(setup)
+    assert words in str(caught.value)
+
+
+def test_a_robot_on_one_local_bus_can():
+    check_physics(setup_of("robby", "local:physics-can"))

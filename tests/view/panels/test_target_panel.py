@@ -1,0 +1,143 @@
+import pytest
+
+pytest.importorskip("nicegui", reason="NiceGUI is not installed: pip install canopen-control[view]")
+
+from nicegui import ui
+from support.pages import TARGET, FakeContext, drive_state, html, seen, settle, visited
+
+from canopen_control.rpc.messages.robot import AxisRequest
+from canopen_control.view.elements.nicegui_elements import HoldButtons
+from canopen_control.view.panels.target_panel import TargetPanel
+
+
+def played(context, act):
+    async def show(user, panel):
+        panel.show(context.content())
+        return await act(user, panel)
+
+    return visited(lambda: TargetPanel(context), show)
+
+
+def hold(user):
+    user.find(kind=HoldButtons).trigger("hold", "target")
+
+
+def of_drive(axis=None, **how):
+    context = FakeContext(controllers=(TARGET,), **how)
+    context.content(drive_state(axis))
+    return context
+
+
+def test_a_velocity_is_given_while_the_button_is_held_and_rests_at_zero():
+    context = of_drive()
+
+    async def act(user, _panel):
+        seen(ui.slider)[0].value = 2.5
+        hold(user)
+
+    played(context, act)
+    (motion,) = context.held
+    assert (motion.moving.controller, motion.moving.values, motion.moving.interface) == ("left", [2.5], "velocity")
+    assert (motion.resting.values, motion.moving.dead_man) == ([0.0], True)
+
+
+def test_a_position_begins_where_the_drive_is_and_rests_there():
+    context = of_drive({"mode": "PP"})
+
+    async def act(user, _panel):
+        began = seen(ui.slider)[0].value
+        seen(ui.slider)[0].value = -1.5
+        hold(user)
+        return began
+
+    assert played(context, act) == 1.0
+    (motion,) = context.held
+    assert (motion.moving.values, motion.resting.values, motion.moving.interface) == ([-1.5], [1.0], "position")
+
+
+def test_nothing_is_sent_while_nobody_knows_where_the_drive_is():
+    context = of_drive({"mode": "PP"})
+    context.robot.state.joints.clear()
+
+    async def act(user, _panel):
+        hold(user)
+
+    played(context, act)
+    assert context.held == []
+
+
+def test_another_mode_makes_another_target_and_ends_what_is_driven():
+    context = of_drive()
+
+    async def act(user, panel):
+        let = context.let
+        panel.show(context.content(drive_state({"mode": "HM"})))
+        return context.let - let, seen(HoldButtons), html(user)
+
+    let, buttons, said = played(context, act)
+    assert (let, buttons) == (1, [])
+    assert "choose one" in said
+
+
+def test_the_end_of_the_slider_is_chosen():
+    async def act(user, _panel):
+        slider, most = seen(ui.slider)[0], seen(ui.number)[0]
+        slider.value = 9.0
+        most.value = 4.0
+        shorter = slider.props["min"], slider.props["max"], slider.value
+        most.value = -1.0
+        return shorter, slider.props["max"]
+
+    assert played(of_drive(), act) == (("-4.0", "4.0", 4.0), "4.0")
+
+
+@pytest.mark.parametrize(("label", "action"), [("Enable left", "enable"), ("Stop left", "disable")])
+def test_each_drive_is_enabled_and_stopped_by_itself_and_a_refusal_is_told(label, action):
+    context = of_drive()
+    context.refusal = "no RPDO carries its target"
+
+    async def act(user, _panel):
+        (button,) = [each for each in seen(ui.button) if each.props.get("aria-label") == label]
+        user.find(button.text).click()
+        await settle(lambda: context.asked)
+        await user.should_see("no RPDO carries its target")
+
+    played(context, act)
+    assert context.asked == [AxisRequest(action=action, node="left_drive", joint="left")]
+
+
+def test_a_mode_is_asked_for_and_that_of_the_drive_is_shown():
+    context = of_drive()
+
+    async def act(user, _panel):
+        select = seen(ui.select)[0]
+        shown = select.value
+        select.value = "CSP"
+        await settle(lambda: context.asked)
+        return shown
+
+    assert played(context, act) == "PV"
+    assert context.asked == [AxisRequest(action="mode", node="left_drive", joint="left", mode="CSP")]
+
+
+def test_a_page_that_only_looks_may_stop_and_nothing_else():
+    async def act(user, _panel):
+        able = {each.text: each.enabled for each in seen(ui.button)}
+        return able, seen(HoldButtons), seen(ui.select)[0].enabled, html(user)
+
+    able, buttons, choice, said = played(of_drive(teleop=False), act)
+    assert able == {"Enable": False, "Stop": True}
+    assert (buttons, choice) == ([], False)
+    assert "--teleop" in said
+
+
+def test_a_drive_that_is_off_does_not_look_ready_and_a_robot_without_such_drives_has_no_panel():
+    context = of_drive({"cia402_state": "SWITCH_ON_DISABLED"})
+
+    async def act(_user, panel):
+        off = "cc-off" in panel._rows["left"]._body._classes
+        context.robot.controllers = ()
+        panel.show(context.content())
+        return off, panel._rows, panel._frame.visible
+
+    assert played(context, act) == (True, {}, False)
