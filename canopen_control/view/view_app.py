@@ -190,8 +190,8 @@ class ViewApp:
     def _page_opened(self, page: Page) -> None:
         self._pages[page.client.id] = page
         robot = self.robot
-        trails = {"trail": list(robot.trail.points), "truth": list(robot.true_trail.points)}
-        page.send({"plots": {"anew": True, "rows": robot.history.rows()}, **trails})
+        trail, truth = list(robot.trail.points), list(robot.true_trail.points)
+        page.send({"plots": {"anew": True, "rows": robot.history.rows()}, "trail": trail, "truth": truth})
         page.send({"scene": robot.scene_now(), **page.changes(robot.content(self._lost))})
         self._set_rate()
         self.refresh_faults()

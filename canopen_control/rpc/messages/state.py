@@ -181,6 +181,11 @@ class TruePose(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
         return cosine * along + sine * across, cosine * across - sine * along, self.heading - turn
 
     @property
+    def rpy(self) -> Planar | None:
+        """Its roll, pitch and yaw in the frame of odometry, in rad; None where that is not known."""
+        return None if self.odom is None else (self.roll, self.pitch, self.heading - self.odom[2])
+
+    @property
     def words(self) -> str:
         """Where the base truly is and by how much odometry errs, as people read it."""
         place = f"true pose {self.x:.3f}, {self.y:.3f} m, {math.degrees(self.heading):.1f} deg"
