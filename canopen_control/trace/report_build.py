@@ -68,6 +68,7 @@ def facts_of(file: FlightFile, networks: Mapping[str, NetworkDescription] | None
         frames=frames.around,
         last_words=frames.last_words,
         gaps=_gaps(file, networks),
+        true_pose=states[-1].true_pose if states else None,
     )
     facts.summary.extend(summary(facts))
     return facts
