@@ -30,9 +30,11 @@ BUS_YML: dict[str, dict[str, str]] = {
         "sync_overflow": "the SYNC carries a counter up to this; written to the nodes (0x1019) too; 0: none",
         "sync_order": "`last`: SYNC follows the RPDOs of its cycle, and drives act on them at once; `first`: SYNC "
         "begins the cycle, and its RPDOs have a whole period to arrive, which is when drives act on them. A cycle that "
-        "follows another's SYNC comes half a period after it, with `first` an eighth",
+        "follows another's SYNC comes an eighth of a period after it, with `last` half a one. `auto`: `last` for a "
+        "SYNC of the master, `first` for that of others",
         "sync_producer": "who sends SYNC: the `master`; the `kernel`, where the channel is a SocketCAN interface, else "
-        "the master; `other`, a node of the bus. The cycle follows the SYNC of others",
+        "the master; `other`, a node of the bus; `auto`: the kernel where a joint is commanded in CSP or CSV, its "
+        "drive watches the master, and `sync_order` is not `last`. The cycle follows the SYNC of others",
         "heartbeat_multiplier": "as in `options`, for the nodes of this bus",
         "heartbeat_producer": "ms between two heartbeats of the master; 0: 100",
         "boot_time": "ms that required nodes may take until they run; 0: for ever",
@@ -132,7 +134,8 @@ CONTROLLERS: dict[str, dict[str, str]] = {
     "CommonParams": {
         "type": "the type of the controller; it may stand in the controller manager's block instead",
         "update_rate": "Hz; 0: the controller manager's",
-        "use_sim_time": "for simulated robots, which publish /clock; elsewhere it is told to have no effect",
+        "use_sim_time": "for simulated robots, which publish /clock; elsewhere it is told to have no effect: "
+        "stamps that follow a `/clock` are the bridge's `use_sim_time`",
         "is_async": "has no effect: all controllers run in the cycle",
         "thread_priority": "has no effect: `run --realtime` sets the priority of the cycle",
     },
@@ -259,6 +262,8 @@ CONTROLLERS: dict[str, dict[str, str]] = {
         "constraints.stopped_velocity_tolerance": "rad/s at the end, where velocity or effort is commanded",
         "constraints.goal_time": "s after the end in which the goal must be reached; 0: no limit",
         "constraints.decelerate_on_cancel": "brakes with `max_deceleration_on_cancel` where a trajectory is given up",
+        "unreachable_points": "what happens to a trajectory with a point that a joint cannot reach in time from the "
+        "one before within its velocity limit: `refuse`, `warn` (taken, and told), `off`",
         "allowed_start_tolerance": "rad or m from a joint to the first point, beyond what it can go until then; 0: any",
         "continue_without_client": "a goal goes on when the action client that sent it is gone, as upstream's does",
         "joint_limiter_type": "keeps each commanded point within the limits (rolling); empty: nothing does",

@@ -58,6 +58,7 @@ class CheckDocument(Document, frozen=True):
     robot: str
     findings: list[FindingDocument]
     buses: dict[str, BudgetDocument]
+    sync: dict[str, str]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -98,6 +99,7 @@ def _document(name: str, report: CheckReport) -> CheckDocument:
             for each in report.findings
         ],
         {bus: _budget(budget) for bus, budget in report.budgets.items()},
+        report.sync,
     )
 
 
@@ -119,6 +121,7 @@ def _lines(name: str, report: CheckReport) -> list[str]:
 
     lines = [str(finding) for finding in report.findings]
     lines += [_budget_line(bus, budget) for bus, budget in report.budgets.items()]
+    lines += [f"bus {bus}: {words}" for bus, words in report.sync.items()]
     counts = [(report.count(severity), severity.value) for severity in Severity]
     said = ", ".join(f"{count} {word}{'s' if count > 1 else ''}" for count, word in counts if count)
     return [*lines, f"{name}: {said or 'nothing is wrong'}"]

@@ -5,8 +5,8 @@ does. Inputs are set while it runs with `fault`:
 
     canopen-control fault 5 di0=1,ai0=16384 --can local:robby
 
-and --status tells inputs and outputs of devices that run. A device of CiA 401, 404, 406, 410 or 418 has the signals of
-its profile (the guide on devices lists them); any other file makes a plain node that boots and answers.
+and --status tells inputs and outputs of devices that run. A device of CiA 401, 404, 406, 410, 418 or 419 has the
+signals of its profile (the guide on devices lists them); any other file makes a plain node that boots and answers.
 
 Exit codes: 0 after Ctrl-C or SIGTERM; 1 the bus is gone, the node id is taken, or there is no device to tell its
 status; 2 wrong usage, mistakes in files.

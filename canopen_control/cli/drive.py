@@ -16,6 +16,7 @@ with two wheels on a floor, also with the drives in processes of their own:
       "3": {kind: loaded, torque_limit: 800, inertia: 2.0, friction: 30, external: -50, backlash: 20}
     base: {left: 3, right: 2, wheel_radius: 0.1, wheel_separation: 0.4, counts_per_revolution: 51200,
            slip: 0.01, share: /tmp/robby.floor}
+    encoders: {"5": {axis: "3", counts_per_revolution: 51200, gear: 10, share: /tmp/robby.shafts}}   # CiA 406 on axis 3
     seed: 1
 
 --status asks drives that run instead: what they are doing, and how evenly the set-points of a cyclic mode come (missed

@@ -259,7 +259,7 @@ class _Reader:
                 spare_cob_ids=self._spare_cob_ids,
             )
         )
-        if not plan.axes or _supervised(config, od, plan):
+        if not plan.axes or _watched(config, od, plan):
             return plan
         if self._allow_unsupervised:
             warn("dcf", "nothing stops this drive when the master dies, which --allow-unsupervised accepts")
@@ -304,7 +304,12 @@ def _named(config: NodeConfig, place: Node, text: str) -> str:
     return text if "." in place.where else f"{config.name}: {text}"
 
 
-def _supervised(config: NodeConfig, od: ObjectDictionary, plan: NodePlan) -> bool:
+def is_supervised(bus: BusConfig, name: str) -> bool:
+    """Whether a node notices that the master is gone: by its heartbeat, or by node guarding."""
+    return _watched(bus.nodes[name], bus.dictionaries[name], bus.plans[name])
+
+
+def _watched(config: NodeConfig, od: ObjectDictionary, plan: NodePlan) -> bool:
     heartbeat = (
         any(write.index == CONSUMER for write in plan.writes) and config.supervision.heartbeat_consumer is not False
     )

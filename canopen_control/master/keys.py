@@ -134,6 +134,12 @@ class Options:
     retry_factor: int = setting(3, low=1, high=255)
 
 
+_BY_KERNEL = {
+    "kernel": ", by the kernel on a SocketCAN interface",
+    "auto": ", by the kernel on a SocketCAN interface where joints are commanded in CSP or CSV",
+}
+
+
 @dataclass(frozen=True)
 class MasterConfig:
     """The master; `boot_time` 0 waits for required nodes for ever, `boot_timeout` is that of a boot's SDO answers."""
@@ -144,8 +150,8 @@ class MasterConfig:
     sync_period: int = setting(0, low=0, high=10_000_000)
     sync_window: int = setting(0, low=0, high=10_000_000)
     sync_overflow: int = setting(0, choices=(0, *range(2, 241)))
-    sync_order: Literal["first", "last"] = "last"
-    sync_producer: Literal["master", "kernel", "other"] = "master"
+    sync_order: Literal["auto", "first", "last"] = "auto"
+    sync_producer: Literal["auto", "master", "kernel", "other"] = "auto"
     heartbeat_multiplier: float | None = setting(None, low=1.0, high=100.0)
     heartbeat_producer: int = setting(0, low=0, high=0xFFFF)
     boot_time: int = setting(DEFAULT_BOOT_MS, low=0, high=3_600_000)
@@ -156,18 +162,28 @@ class MasterConfig:
         """Period of the master's own heartbeat."""
         return self.heartbeat_producer or DEFAULT_HEARTBEAT_MS
 
+    @property
+    def sends_sync_first(self) -> bool:
+        """Whether a SYNC of this program goes before the RPDOs of its cycle."""
+        return self.sync_order == "first"
+
+    @property
+    def follows_closely(self) -> bool:
+        """Whether the cycle comes an eighth of a period after the SYNC of somebody else, and not half a one."""
+        return self.sync_order != "last"
+
     def sync_words(self, *, by_kernel: bool | None = None) -> str:
         """Say who sends SYNC, how often, and how it lies to the RPDOs of a cycle; None: which channel is not known."""
         if not self.sync_period:
             return "no SYNC"
         every = f"SYNC every {self.sync_period / 1000:g} ms"
-        first = self.sync_order == "first"
         if by_kernel or self.sync_producer == "other":
             who = "by the kernel" if by_kernel else "by another node"
-            return f"{every} {who}, the cycle follows {'an eighth of' if first else 'half'} a period after it"
-        where = "before" if first else "after"
-        can = ", by the kernel on a SocketCAN interface" if self.sync_producer == "kernel" and by_kernel is None else ""
-        return f"{every}, {where} the RPDOs of its cycle (sync_order: {self.sync_order}){can}"
+            behind = "an eighth of" if self.follows_closely else "half"
+            return f"{every} {who}, the cycle follows {behind} a period after it"
+        where, order = ("before", "first") if self.sends_sync_first else ("after", "last")
+        can = "" if by_kernel is False else _BY_KERNEL.get(self.sync_producer, "")
+        return f"{every}, {where} the RPDOs of its cycle (sync_order: {order}){can}"
 
 
 @dataclass(frozen=True)
@@ -339,7 +355,7 @@ class NodeConfig:
     units: UnitKeys = part()  # noqa: RUF009 - makes a field
     motion: MotionKeys = part()  # noqa: RUF009 - makes a field
     ros: RosKeys = part()  # noqa: RUF009 - makes a field
-    profile: Literal[401, 402, 404, 406, 410, 418] | None = None
+    profile: Literal[401, 402, 404, 406, 410, 418, 419, 454] | None = None
     signals: list[SignalKeys] = field(default_factory=list)
     node_id: int = setting(0, low=1, high=MAX_NODE_ID)
     name: str = derived("")

@@ -1,4 +1,4 @@
-"""Which device profile a dictionary is of: CiA 401 I/O, 404 measuring, 406 encoder, 410 inclinometer, 418 battery, ...
+"""Which device profile a dictionary is of: CiA 401 I/O, 404 measuring, 406 encoder, 418 battery, ...
 
 The low word of 0x1000 is the number of the profile, but half of all files have none there, and some call a drive an
 I/O module: a drive is what has a controlword and a statusword, and where 0x1000 says nothing the objects do.
@@ -30,6 +30,8 @@ class Profile(enum.IntEnum):
     ENCODER = 406
     INCLINOMETER = 410
     BATTERY = 418
+    CHARGER = 419
+    ENERGY = 454
 
     @property
     def words(self) -> str:
@@ -45,6 +47,8 @@ _WORDS: Final = {
     Profile.ENCODER: "encoder (CiA 406)",
     Profile.INCLINOMETER: "inclinometer (CiA 410)",
     Profile.BATTERY: "battery (CiA 418)",
+    Profile.CHARGER: "battery charger (CiA 419)",
+    Profile.ENERGY: "energy management device (CiA 454)",
 }
 
 T = DataType
@@ -79,5 +83,11 @@ def profile_of(od: ObjectDictionary) -> Profile:
             (found := od.get(index, subindex)) is not None and found.data_type is kind
             for index, subindex, kind in objects
         ):
-            return profile
+            return Profile.CHARGER if profile is Profile.BATTERY and _is_told_the_charge(od) else profile
     return Profile.NONE
+
+
+def _is_told_the_charge(od: ObjectDictionary) -> bool:
+    """Whether the state of charge of the battery comes from outside, which makes a charger of the same objects."""
+    entry = od.get(0x6081)
+    return entry is not None and entry.writable and entry.rpdo_mappable

@@ -1,7 +1,8 @@
 """All signals of a device: those of its profile, and objects by their address.
 
 Objects have no names that two makers share, so the name of a signal is the profile's (`di0`, `position`), or that of
-bus.yml; ``0x6401:01`` and ``0x6000:01.3`` name any object, or a bit of it, with its raw number.
+bus.yml; a device of CiA 454 has none but those. ``0x6401:01`` and ``0x6000:01.3`` name any object, or a bit of it, with
+its raw number.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from canopen_control.profiles.device_type import Profile
 from canopen_control.profiles.io_tables import io_signals
 from canopen_control.profiles.sensor_tables import (
     battery_signals,
+    charger_signals,
     encoder_signals,
     inclinometer_signals,
     measuring_signals,
@@ -31,6 +33,7 @@ _TABLES: Final[dict[Profile, Callable[[ObjectDictionary], Iterator[Signal]]]] = 
     Profile.ENCODER: encoder_signals,
     Profile.INCLINOMETER: inclinometer_signals,
     Profile.BATTERY: battery_signals,
+    Profile.CHARGER: charger_signals,
 }
 
 

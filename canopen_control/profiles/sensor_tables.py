@@ -1,4 +1,4 @@
-"""Signals of sensors: measuring devices (CiA 404), encoders (406), inclinometers (410), batteries (418).
+"""Signals of sensors and chargers: measuring (CiA 404), encoders (406), inclinometers (410), batteries (418), 419.
 
 What a raw number is worth stands in objects of the device (decimal digits, steps per turn, resolution) and is read from
 there. Angles are in rad, the others in the unit that is named.
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from canopen_control.od.model import ObjectDictionary
 
-__all__ = ["battery_signals", "encoder_signals", "inclinometer_signals", "measuring_signals"]
+__all__ = ["battery_signals", "charger_signals", "encoder_signals", "inclinometer_signals", "measuring_signals"]
 
 _LINEAR: Final = (8, 9)  # high word of 0x1000 of an encoder that measures a length
 _STEP_M: Final = 1e-9  # 0x6005:01 is in 0.001 um
@@ -129,3 +129,24 @@ def battery_signals(od: ObjectDictionary) -> Iterator[Signal]:
     for name, index, subindex, factor, unit in _BATTERY:
         if (index, subindex) in od:
             yield Signal(name, index, subindex, factor=factor, unit=unit)
+
+
+_CHARGER: Final = (
+    ("charger_status", 0x6001, 0, 1.0, ""),
+    ("charger_percentage", 0x6080, 0, 1.0, "%"),
+    ("charge_current_requested", 0x6070, 0, 1 / 16, "A"),
+    ("battery_status", 0x6000, 0, 1.0, ""),
+    ("battery_temperature", 0x6010, 0, 0.125, "degC"),
+    ("battery_voltage", 0x6060, 0, 1 / 1024, "V"),
+    ("battery_percentage", 0x6081, 0, 1.0, "%"),
+)
+"""What a charger tells, and what it is told of the battery: the objects of CiA 418, seen from the other side."""
+
+
+def charger_signals(od: ObjectDictionary) -> Iterator[Signal]:
+    """Yield what a CiA 419 charger tells, and as outputs what it takes; a current is requested until it is 0."""
+    for name, index, subindex, factor, unit in _CHARGER:
+        entry = od.get(index, subindex)
+        if entry is not None:
+            output = entry.rpdo_mappable and entry.writable
+            yield Signal(name, index, subindex, output=output, factor=factor, unit=unit)

@@ -129,7 +129,8 @@ def send_twist(ros: Ros, controller: ControllerReading, message: Twist | TwistSt
     """Hand a twist to a base controller, with its stamp where it has one; what is not finite is dropped."""
     twist, stamp = message, None
     if isinstance(message, TwistStamped):
-        twist, stamp = message.twist, seconds_of(message.header.stamp.sec, message.header.stamp.nanosec)
+        made = message.header.stamp
+        twist, stamp = message.twist, ros.unix(seconds_of(made.sec, made.nanosec))
     name, lateral = controller.name, twist.linear.y if controller.drives_sideways else 0.0
     wanted = {"linear.x": twist.linear.x, "linear.y": lateral, "angular.z": twist.angular.z}
     key = f"{name}/{controller.topic}"

@@ -33,8 +33,8 @@ __all__ = ["main"]
 NODE_NAME: Final = "canopen_control_bridge"
 _RETRY_NS: Final = 500_000_000
 _SIM_TIME: Final = (
-    "use_sim_time has no effect on the bridge: stamps are the robot's own time, which a simulated robot publishes on "
-    "/clock and all others have from this computer; start the others of a real, mocked or virtual robot without it"
+    "use_sim_time: stamps follow /clock, and are 0 until somebody publishes it; timeouts go by the robot's own time "
+    "(a robot that is simulated publishes /clock itself, which changes nothing of that)"
 )
 _TIMEOUT_S: Final = 2.0  # for the robot to answer
 _ENDING_S: Final = 3.0  # a bridge ends within two seconds of its robot

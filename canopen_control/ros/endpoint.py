@@ -46,6 +46,9 @@ class Ros(Protocol):
     def command(self, request: CommandController | TwistController) -> None:
         """Send the newest command of a controller."""
 
+    def unix(self, stamp: float | None) -> float | None:
+        """Return a stamp of ROS in Unix seconds, the robot's time; from any thread."""
+
     def warn(self, key: str, text: str) -> None:
         """Tell the user, rarely."""
 

@@ -71,7 +71,7 @@ class FollowJointTrajectory(ActionGoals[TrajectoryVerdict, TrajectoryResult, Tra
             controller=self._controller,
             joints=list(goal.trajectory.joint_names),
             points=points,
-            stamp=stamp_of(goal.trajectory),
+            stamp=self._ros.unix(stamp_of(goal.trajectory)),
             path_tolerance=tolerances_of(goal.path_tolerance),
             goal_tolerance=tolerances_of(goal.goal_tolerance),
             goal_time_tolerance=seconds(goal.goal_time_tolerance),

@@ -34,6 +34,9 @@ class Shared(Protocol):
     def command(self, request: CommandController | TwistController) -> None:
         """Send the newest command of a controller."""
 
+    def unix(self, stamp: float | None) -> float | None:
+        """Return a stamp of ROS in the robot's time."""
+
     def warn_of(self, node: Node, key: str, text: str) -> None:
         """Tell the user, rarely."""
 
@@ -61,6 +64,7 @@ class OnNode:
         self.robot = shared.robot
         self.command, self.hand_over, self.connect = shared.command, shared.hand_over, shared.connect
         self.watch_process_data, self.call, self.ask = shared.watch_process_data, shared.call, shared.ask
+        self.unix = shared.unix
 
     @property
     def controllers(self) -> dict[str, ControllerReading]:

@@ -76,8 +76,17 @@ def further_node(name: str, context: Context, namespace: str, arguments: Sequenc
         namespace=namespace,
         cli_args=["--ros-args", "-r", f"__node:={name}", *(each for each in arguments if each != "--ros-args")],
         start_parameter_services=False,
-        parameter_overrides=[parameter("start_type_description_service", value=False)],
+        parameter_overrides=[
+            parameter("start_type_description_service", value=False),
+            parameter("use_sim_time", value=False),  # /clock is heard once, by the first node
+        ],
     )
+
+
+def ros_seconds(node: Node) -> float | None:
+    """Return the time of a node that follows `/clock`, in s, 0 before the first; None where it is this computer's."""
+    clock = node.get_clock()
+    return clock.now().nanoseconds / 1e9 if clock.ros_time_is_active else None
 
 
 def make_executor(context: Context) -> Any:  # noqa: ANN401 - see above

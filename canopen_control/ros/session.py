@@ -7,6 +7,7 @@ controller is told and the rest goes on; only the end of the connection ends the
 
 from __future__ import annotations
 
+import time
 from functools import partial
 from typing import TYPE_CHECKING, Final, TypeVar
 
@@ -25,7 +26,9 @@ from canopen_control.ros.lifecycle_services import Lifecycle
 from canopen_control.ros.mailbox import Mailbox
 from canopen_control.ros.nodes import NodeView, nodes_of
 from canopen_control.ros.on_node import OnNode
+from canopen_control.ros.rcl import ros_seconds
 from canopen_control.ros.robot_description import RobotDescription
+from canopen_control.ros.ros_time import RosTime
 from canopen_control.ros.rosout import Rosout
 from canopen_control.ros.shared_twist import SharedTwist
 from canopen_control.ros.sim_clock import SimClock
@@ -96,6 +99,7 @@ class Session:
         self._mailbox: Mailbox[Command] = Mailbox(0)
         self._process_data_watchers: set[object] = set()
         self._ended = False
+        self._time = RosTime(partial(ros_seconds, node), time.time)
         self._spinner = Spinner(node, context, self._on_callback_error)
         self._ros = OnNode(self, node)
         self._nodes = ControllerNodes(self, node, context, self._spinner)
@@ -180,6 +184,10 @@ class Session:
         if self._mailbox.put(request.controller, request):
             self._reactor.call_threadsafe(self._deliver)
 
+    def unix(self, stamp: float | None) -> float | None:
+        """Return a stamp of ROS in Unix seconds, the robot's time; from any thread."""
+        return self._time.unix(stamp)
+
     def warn_of(self, node: Node, key: str, text: str) -> None:
         """Tell the user as a node, each key once per second at most; from any thread."""
         if self._throttle.allows(key, self._reactor.now()):
@@ -234,11 +242,13 @@ class Session:
     def _on_message(self, message: RobotPush) -> None:
         if isinstance(message, StateSample):
             self._follow(message.controllers)
+            sample = self._time.state(message)
             for endpoint in self._all():
-                self._guarded(endpoint, endpoint.on_state, message)
+                self._guarded(endpoint, endpoint.on_state, sample)
         elif isinstance(message, RobotEvent):
+            event = self._time.event(message)
             for endpoint in self._all():
-                self._guarded(endpoint, endpoint.on_event, message)
+                self._guarded(endpoint, endpoint.on_event, event)
         else:
             for endpoint in self._all():
                 self._guarded(endpoint, endpoint.on_process_data, message.nodes)

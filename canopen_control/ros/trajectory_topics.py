@@ -69,7 +69,7 @@ class TrajectoryTopic(Endpoint):
             controller=self._controller,
             joints=list(message.joint_names),
             points=points,
-            stamp=stamp_of(message),
+            stamp=self._ros.unix(stamp_of(message)),
             source=COMMANDER,
             heartbeat=HEARTBEAT_S,
         )
@@ -123,7 +123,8 @@ class TrajectoryQuery(Endpoint):
                 response.velocity, response.acceleration = answer.point.velocities, answer.point.accelerations
             reply(response)
 
-        self._ros.ask(QueryTrajectory(controller=self._controller, time=seconds(request.time)), fill)
+        asked = seconds(request.time)
+        self._ros.ask(QueryTrajectory(controller=self._controller, time=self._ros.unix(asked) or asked), fill)
 
 
 class SpeedScaling(Endpoint):

@@ -15,6 +15,7 @@ from canopen_control.hardware.plugins import Kind, kind_of, made_up, transmitted
 from canopen_control.hardware.system import CanopenSystem
 from canopen_control.master.event_log import Event
 from canopen_control.runtime.robot_bus import RobotBus
+from canopen_control.runtime.sync_choice import SyncSender
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -81,22 +82,22 @@ class Assembly:
                 on_lost=self.on_lost,
             )
             # all buses have one period, and one of them leads the cycle
-            if setup.kernel_sync or (config.master.sync_producer == "kernel" and self._kernel_can(bus)):
-                bus.leave_sync_to_kernel(None if self.buses else self.lead)
-            elif config.master.sync_period and config.master.sync_producer == "other":
-                bus.follow_sync(None if self.buses else self.lead)
+            sender = setup.sync[name].sender
+            lead = None if any(each.follows_sync for each in self.buses.values()) else self.lead
+            if sender is SyncSender.KERNEL and (setup.kernel_sync or self._kernel_can(bus)):
+                bus.leave_sync_to_kernel(lead)
+            elif sender is SyncSender.NODE:
+                bus.follow_sync(lead)
             self.buses[name] = bus
             self.nodes.update(bus.network.nodes)
             self.bus_by_node.update(dict.fromkeys(bus.network.nodes, bus))
 
     def _kernel_can(self, bus: RobotBus) -> bool:
         """Whether the kernel can send SYNC on a bus; where it lacks something, that is told."""
-        if not bus.config.master.sync_period:
-            return False
         why = bus.why_no_kernel_sync()
         if why:
             text = f"{why}; this program sends it, as evenly as the machine lets it"
-            self.report(Event(self.reactor.now(), "note", "", text))
+            self.report(Event(self.reactor.now(), "sync", "", text))
         return why is None
 
     def _add_system(self, tag: Ros2ControlSystem) -> None:

@@ -23,6 +23,7 @@ from canopen_control.runtime.check_data import Finding, Severity, sorted_finding
 from canopen_control.runtime.check_timing import check_timing
 from canopen_control.runtime.core import RobotCore
 from canopen_control.runtime.setup import clashes_of, plans_of, read_robot
+from canopen_control.runtime.sync_choice import SyncSender
 from canopen_control.urdf.description import read_description
 
 if TYPE_CHECKING:
@@ -32,7 +33,9 @@ if TYPE_CHECKING:
     from canopen_control.controllers.controllers_file import ControllersFile
     from canopen_control.master.budget import Budget
     from canopen_control.master.config import BusConfig
+    from canopen_control.runtime.robot_bus import RobotBus
     from canopen_control.runtime.robot_files import RobotFiles
+    from canopen_control.runtime.sync_choice import SyncChoice
     from canopen_control.urdf.description import Description
     from canopen_control.yamlfile.problems import Problem
 
@@ -56,10 +59,11 @@ class CheckOptions:
 
 @dataclass(frozen=True, slots=True)
 class CheckReport:
-    """What was found, by file and line, and what each bus has to carry (absent where its file is broken)."""
+    """What was found, by file and line; by bus what it has to carry and who sends SYNC, absent where that is broken."""
 
     findings: tuple[Finding, ...]
     budgets: dict[str, Budget] = field(default_factory=dict)
+    sync: dict[str, str] = field(default_factory=dict)
 
     def count(self, severity: Severity) -> int:
         """Return how many findings are of a severity."""
@@ -74,7 +78,7 @@ def check_robot(files: RobotFiles, options: CheckOptions) -> CheckReport:
     """Check the files of a robot; never raises for what stands in them."""
     checker = _Checker(files, options)
     checker.run()
-    return CheckReport(tuple(sorted_findings(checker.findings)), checker.budgets)
+    return CheckReport(tuple(sorted_findings(checker.findings)), checker.budgets, checker.sync)
 
 
 class _Checker:
@@ -83,6 +87,7 @@ class _Checker:
     def __init__(self, files: RobotFiles, options: CheckOptions) -> None:
         self.findings: list[Finding] = []
         self.budgets: dict[str, Budget] = {}
+        self.sync: dict[str, str] = {}
         self._files, self._options = files, options
         self._buses: dict[str, BusConfig] = {}
         self._whole: dict[str, BusConfig] = {}  # those without an error
@@ -162,11 +167,20 @@ class _Checker:
             )
             reactor = Reactor(ManualClock())
             try:
-                RobotCore(setup, reactor).close()
+                robot = RobotCore(setup, reactor)
+                robot.close()
             finally:
                 reactor.close()
         except CanopenError as error:
             self.findings += check_rules.findings_of(str(error), str(self._files.description), 0, Severity.ERROR)
+            return
+        self.sync = {name: _sync_words(bus, setup.sync[name]) for name, bus in robot.buses.items()}
+
+
+def _sync_words(bus: RobotBus, choice: SyncChoice) -> str:
+    """Say when SYNC comes, from whom and why, or why not from the kernel here."""
+    refused = None if choice.sender is not SyncSender.KERNEL else bus.why_no_kernel_sync()
+    return f"{bus.sync_words}; {refused or choice.words}"
 
 
 def _of_problem(problem: Problem, severity: Severity) -> Finding:

@@ -8,13 +8,12 @@ judged with the plan (`master.plan_interpolation`), which writes it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.cia402 import objects
-from canopen_control.cia402.modes import OperationMode, supported_modes
-from canopen_control.hardware.interfaces import POSITION, VELOCITY
+from canopen_control.cia402.modes import OperationMode
 from canopen_control.runtime.check_data import Finding, Severity
+from canopen_control.runtime.cyclic_axes import CyclicAxis, cyclic_axes
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -24,16 +23,11 @@ if TYPE_CHECKING:
     from canopen_control.master.keys import NodeConfig
     from canopen_control.master.plan_builder import PdoLayout
     from canopen_control.urdf.description import Description
-    from canopen_control.urdf.ros2_control import ControlJoint
     from canopen_control.yamlfile.node import Node
 
-__all__ = ["check_timing", "sync_hint"]
+__all__ = ["check_timing"]
 
 _ON_ARRIVAL: Final = (254, 255)
-_CYCLIC: Final = {
-    POSITION: (OperationMode.CSP, objects.TARGET_POSITION),
-    VELOCITY: (OperationMode.CSV, objects.TARGET_VELOCITY),
-}
 _FEEDBACK: Final = (
     objects.STATUSWORD,
     objects.POSITION_ACTUAL,
@@ -42,70 +36,19 @@ _FEEDBACK: Final = (
 )
 
 
-@dataclass(frozen=True, slots=True)
-class _CyclicAxis:
-    """A joint that is commanded in a cyclic synchronous mode, and the object of its set-points."""
-
-    joint: str
-    node: NodeConfig
-    mode: OperationMode
-    target: int
-
-
 def check_timing(
     config: BusConfig, control: ControllersFile | None, description: Description | None
 ) -> Iterator[Finding]:
     """Yield what is wrong with the timing of the set-points on a bus."""
     if not config.master.sync_period or description is None:
         return
-    axes = _all_axes(config, description)
+    axes = cyclic_axes(config, description)
     yield from _repeated(config, control, axes)
     yield from _on_arrival(config, axes)
     yield from _held_back(config, axes)
 
 
-def sync_hint(config: BusConfig, description: Description) -> str | None:
-    """Return what is to be said where the process sends SYNC and drives are to time their motion by it, else None."""
-    if not config.master.sync_period or config.master.sync_producer != "master":
-        return None
-    axes = _all_axes(config, description)
-    joints = [each.joint for each in axes if each.mode == each.node.motion.position_mode == OperationMode.CSP]
-    if not joints:
-        return None
-    named = ", ".join(joints[:3]) + (f" and {len(joints) - 3} more" if len(joints) > 3 else "")
-    return (
-        f"SYNC comes from this process, and {named} time their motion by it: what is late is heard; the kernel sends "
-        f"it evenly with `sync_producer: kernel` and `sync_order: first` of master in {config.path}"
-    )
-
-
-def _all_axes(config: BusConfig, description: Description) -> list[_CyclicAxis]:
-    return [axis for tag in description.hardware for joint in tag.joints for axis in _axes(config, joint)]
-
-
-def _axes(config: BusConfig, joint: ControlJoint) -> Iterator[_CyclicAxis]:
-    node = _node_of(config, joint)
-    if node is None or node.name not in config.plans:
-        return
-    text = joint.parameters.get("axis", joint.parameters.get("channel", "0")).strip()
-    number = int(text) if text.isdigit() and int(text) < objects.AXES else 0
-    entry = config.dictionaries[node.name].get(objects.axis_index(objects.SUPPORTED_DRIVE_MODES, number), 0)
-    listed = supported_modes(entry.value) if entry is not None and isinstance(entry.value, int) else ()
-    wanted = {POSITION: node.motion.position_mode, VELOCITY: node.motion.velocity_mode}
-    for interface, (mode, target) in _CYCLIC.items():
-        chosen = wanted[interface]
-        if interface in joint.command_interfaces and (chosen == mode or (chosen is None and mode in listed)):
-            yield _CyclicAxis(joint.name, node, mode, objects.axis_index(target, number))
-
-
-def _node_of(config: BusConfig, joint: ControlJoint) -> NodeConfig | None:
-    name, node_id = joint.parameters.get("device_name"), joint.parameters.get("node_id", "").strip()
-    if name is not None:
-        return config.nodes.get(name)
-    return next((node for node in config.nodes.values() if str(node.node_id) == node_id), None)
-
-
-def _repeated(config: BusConfig, control: ControllersFile | None, axes: list[_CyclicAxis]) -> Iterator[Finding]:
+def _repeated(config: BusConfig, control: ControllersFile | None, axes: list[CyclicAxis]) -> Iterator[Finding]:
     """Hold how often controllers run against how often drives take their set-points."""
     line = 0 if control is None else control.manager_lines.get("update_rate", 0)
     joints = [axis.joint for axis in axes if axis.mode is OperationMode.CSP]
@@ -121,7 +64,7 @@ def _repeated(config: BusConfig, control: ControllersFile | None, axes: list[_Cy
         yield Finding(control.path, line, Severity.WARNING, text, f"set update_rate: {cycle:g}")
 
 
-def _on_arrival(config: BusConfig, axes: list[_CyclicAxis]) -> Iterator[Finding]:
+def _on_arrival(config: BusConfig, axes: list[CyclicAxis]) -> Iterator[Finding]:
     """Look for set-points that act when they come instead of with SYNC."""
     found = _Found(config, "rpdo.{}.transmission")
     for axis in axes:
@@ -138,7 +81,7 @@ def _on_arrival(config: BusConfig, axes: list[_CyclicAxis]) -> Iterator[Finding]
     yield from found.findings()
 
 
-def _held_back(config: BusConfig, axes: list[_CyclicAxis]) -> Iterator[Finding]:
+def _held_back(config: BusConfig, axes: list[CyclicAxis]) -> Iterator[Finding]:
     """Look for feedback that comes by events, and more seldom than SYNC."""
     found, period_us = _Found(config, "tpdo.{}.inhibit_time"), config.master.sync_period
     for axis in axes:

@@ -157,6 +157,8 @@ class RobotCore:
         now = self.reactor.now()
         for note in self.setup.notes:
             self.report(Event(now, "note", "", note))
+        for text in self.setup.told_of_sync:
+            self.report(Event(now, "sync", "", text))
         for bus in self.buses.values():
             bus.network.start(now)
             bus.send_waiting()

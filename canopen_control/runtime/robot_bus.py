@@ -65,7 +65,7 @@ class RobotBus:
         self.booted_up: set[int] = set()  # node ids that sent their boot-up between `join` and `open`
         self._reactor, self._report, self._on_lost = reactor, report, on_lost
         self._synchronous = config.master.sync_period > 0
-        self._sync_with_rpdos = config.master.sync_order == "last"
+        self._sync_with_rpdos = not config.master.sends_sync_first
         self._followed: FollowedSync | None = None
         self._by_kernel = False
         self._syncs = 0  # heard when the last cycle's RPDOs left
@@ -105,9 +105,8 @@ class RobotBus:
         return self.config.master.sync_words(by_kernel=self._by_kernel)
 
     def why_no_kernel_sync(self) -> str | None:
-        """Return why the kernel cannot send SYNC on this channel, None where it can; "" for one that is none of its."""
-        channel = parse_channel(self.channel)
-        return KernelSync(channel.name, ()).why_not() if channel.kind is ChannelKind.SOCKETCAN else ""
+        """Return why the kernel cannot send SYNC on this SocketCAN interface, None where it can."""
+        return KernelSync(parse_channel(self.channel).name, ()).why_not()
 
     def leave_sync_to_kernel(self, lead: Callable[[int], None] | None) -> None:
         """Let the kernel send SYNC, and call `lead(now)` for each; before `open`, on a SocketCAN interface only."""

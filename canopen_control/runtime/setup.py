@@ -6,8 +6,8 @@ three files are held against each other.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 from canopen_control.bus.channel import ChannelKind, parse_channel
 from canopen_control.controllers.controllers_file import read_controllers
@@ -17,7 +17,9 @@ from canopen_control.hardware.peer_interfaces import with_interfaces_of_plugins
 from canopen_control.hardware.plugins import Kind, kind_of
 from canopen_control.master.config import read_bus
 from canopen_control.runtime.bus_alone import controllers_of, description_of, doubts_about
+from canopen_control.runtime.robot_bus import is_simulated
 from canopen_control.runtime.robot_files import MAIN_BUS
+from canopen_control.runtime.sync_choice import SyncChoice, SyncSender, choose_sync
 from canopen_control.urdf.description import DescriptionReader
 
 if TYPE_CHECKING:
@@ -36,7 +38,10 @@ BUS_NAME = MAIN_BUS
 
 @dataclass(frozen=True, slots=True)
 class RobotSetup:
-    """What a robot is made of; `channels` maps bus names to channels, `to_activate` the controllers."""
+    """What a robot is made of; `channels` maps bus names to channels, `to_activate` the controllers.
+
+    `sync` is who sends SYNC by the name of the bus, `kernel_sync` whether the command line asks the kernel for it.
+    """
 
     name: str
     files: RobotFiles
@@ -50,6 +55,7 @@ class RobotSetup:
     real: bool = False
     kernel_sync: bool = False
     physics: bool = False
+    sync: Mapping[str, SyncChoice] = field(default_factory=dict)
 
     @property
     def on_drives(self) -> bool:
@@ -68,6 +74,15 @@ class RobotSetup:
         return ", ".join(nodes if self.files.bus_alone else self.to_activate)
 
     @property
+    def told_of_sync(self) -> Iterator[str]:
+        """That the kernel sends SYNC, and what a late process does to the motion of a drive that is real."""
+        for name, choice in self.sync.items() if not self.mock else ():
+            if choice.sender is SyncSender.KERNEL:
+                yield choice.words
+            elif choice.hint and not is_simulated(self.channels[name]):
+                yield choice.hint
+
+    @property
     def cycle_ns(self) -> int:
         """The period of the cycle: SYNC's, else that of the controllers."""
         sync = self.bus.master.sync_period * 1000 if self.buses else 0
@@ -76,8 +91,9 @@ class RobotSetup:
     @property
     def phase_ns(self) -> int:
         """How long after a SYNC that it follows the cycle comes: an eighth of a period, or half."""
-        first = bool(self.buses) and self.bus.master.sync_order == "first"
-        return self.cycle_ns // (8 if first else 2)
+        followed = (self.buses[name] for name, each in self.sync.items() if each.sender in _OTHERS)
+        closely = any(bus.master.follows_closely for bus in followed)
+        return self.cycle_ns // (8 if closely else 2)
 
     @property
     def update_rate(self) -> int:
@@ -86,7 +102,7 @@ class RobotSetup:
         return min(self.controllers.update_rate, cycle) if "update_rate" in self.controllers.manager_lines else cycle
 
 
-_KERNEL_SYNC: Final = "SYNC is sent by the kernel, and the cycle follows it"
+_OTHERS = (SyncSender.KERNEL, SyncSender.NODE)
 
 
 def read_robot(
@@ -127,7 +143,7 @@ def read_robot(
     channels = _channels(name, buses, can)
     if kernel_sync:
         _require_kernel_sync(buses, channels, mock=mock)
-    sync = [_KERNEL_SYNC] if kernel_sync else [] if mock else _sync_hints(buses, channels, description)
+    sync = {each: choose_sync(bus, channels[each], description, by_option=kernel_sync) for each, bus in buses.items()}
     return RobotSetup(
         name,
         files,
@@ -137,10 +153,11 @@ def read_robot(
         control,
         _wanted(files, control, description, controllers),
         mock,
-        (*_told_by_files(files, buses, control, description, mock=mock, real=real or physics), *sync),
+        tuple(_told_by_files(files, buses, control, description, mock=mock, real=real or physics)),
         real,
         kernel_sync,
         physics,
+        sync,
     )
 
 
@@ -189,14 +206,15 @@ def plans_of(buses: Mapping[str, BusConfig]) -> list[NodePlan]:
 
 
 def _sim_time(control: ControllersFile, kinds: Sequence[Kind]) -> list[str]:
-    """Say that `use_sim_time` does nothing where nothing is simulated."""
+    """Say that `use_sim_time` in the file does nothing where nothing is simulated."""
     wanted = [each.params.flat.get("use_sim_time") for each in control.controllers.values()]
     given = control.manager.use_sim_time or any(each is not None and each.value is True for each in wanted)
     if not given or Kind.SIMULATION in kinds:
         return []
     return [
         f"{control.path}: use_sim_time has no effect: nothing of this robot is simulated, so its stamps are this "
-        "computer's time; start the other nodes without it"
+        "computer's time; start the other nodes without it, or the bridge with --ros-args -p use_sim_time:=true where "
+        "somebody publishes /clock"
     ]
 
 
@@ -241,17 +259,6 @@ def _require_kernel_sync(buses: Mapping[str, BusConfig], channels: Mapping[str, 
                 f"--kernel-sync: the kernel cannot send SYNC on {channels[name]}, where this program does it; "
                 "leave the option away, or use a SocketCAN interface such as --can vcan0"
             )
-
-
-def _sync_hints(buses: Mapping[str, BusConfig], channels: Mapping[str, str], description: Description) -> Iterator[str]:
-    """Yield what a kernel could do for motion on real interfaces, which are no place to learn it by ear."""
-    for name, config in buses.items():
-        channel = parse_channel(channels[name])
-        if channel.kind is ChannelKind.SOCKETCAN and not channel.name.startswith(("vcan", "vxcan")):
-            from canopen_control.runtime.check_timing import sync_hint
-
-            if (hint := sync_hint(config, description)) is not None:
-                yield hint
 
 
 def _channels(name: str, buses: Mapping[str, BusConfig], can: Sequence[str]) -> dict[str, str]:

@@ -36,6 +36,8 @@ _KINDS: Final = {
     Profile.ENCODER: "encoder",
     Profile.INCLINOMETER: "inclinometer",
     Profile.BATTERY: "battery",
+    Profile.CHARGER: "charger",
+    Profile.ENERGY: "energy",
 }
 """What a node is called that is no drive, before its node id."""
 _MASTERS: Final = (1, *range(127, 1, -1))

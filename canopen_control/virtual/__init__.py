@@ -13,8 +13,9 @@ From the outside in; a file imports those of its own line and of lines further d
 - its modes of operation: `profile_modes`, `interpolated_mode`, `cyclic_modes`, `set_point_stream`, `homing_mode`,
   `mode_base`
 - what moves and stops an axis, and how evenly: `axis_limits`, `power_machine`, `mover`, `switches`, `set_point_meter`
-- what all share: `object_store`, `node_outbox`, `node_events`, `axis_objects`, `device_model`, `tmcm1270`, `fault_seam`
-- what hangs on an axis: `worldfile`, `diffbase`, `wheel`, `plant`, `trajectory` (motion over time)
+- what all share: `object_store`, `node_outbox`, `node_events`, `axis_objects`, `device_model`, `tmcm1270`,
+  `fault_seam`, `sync_rhythm`
+- what hangs on an axis: `worldfile`, `shaft`, `diffbase`, `wheel`, `plant`, `trajectory` (motion over time)
 
 Nothing is imported here: a drive's process starts in the time its own parts need.
 """

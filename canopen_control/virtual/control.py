@@ -108,9 +108,8 @@ class NodeControl:
         self._server.answers(kind, answer)
 
     def _faults(self, _request: messages.ListFaults) -> tuple[FaultListing, ...]:
-        active, node = self._switches.active, self._node
-        has_inputs, has_axes = node.function is not None, bool(node.drives)
-        shown = [each for each in FAULTS.values() if each.fits(has_inputs=has_inputs, has_axes=has_axes)]
+        active = self._switches.active
+        shown = [each for each in FAULTS.values() if each.fits(self._node)]
         return tuple(fault.listing(on=fault.name in active) for fault in shown)
 
     def _switch_fault(self, request: messages.SwitchFault) -> ActiveFaults:

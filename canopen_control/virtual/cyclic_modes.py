@@ -6,8 +6,11 @@ looks at the set-point in its own rhythm instead of when it comes, unless it fol
 
 A position is gone to with constant velocity within the interpolation time 0x60C2 from where the demand is; 0 takes it
 at once. An interpolated demand ends when the next set-point is due, or goes on for as long as the device model
-extrapolates. A SYNC that is some microseconds late finds the motor at its end, standing, which says nothing of the
-motion: from the end on, the velocity is measured as an encoder does, as the way over the last interpolation time.
+extrapolates. A drive that recovers the rhythm of SYNC (`sync_rhythm`) is to be there when the next SYNC is due and not
+one interpolation time after this one came, and goes on to where a SYNC as late as those before would find it.
+
+A SYNC that is some microseconds late finds the motor at its end, standing, which says nothing of the motion: from the
+end on, the velocity is measured as an encoder does, as the way over the last interpolation time.
 """
 
 from __future__ import annotations
@@ -52,7 +55,7 @@ class CyclicPosition(StreamMode):
     def take(self, now: int) -> None:
         """Take the set-point, from the present demand also where it is the one before."""
         self._unseen += 1
-        if not self._drifts and self.cycles:
+        if not self._drifts and (self.cycles or self._in_rhythm(now)):
             self._inputs = None
         super().take(now)
 
@@ -106,23 +109,32 @@ class CyclicPosition(StreamMode):
         if not self.changed(target):
             return
         position, seconds = self.mover.state(now)[0], self.objects.interpolation_s
+        slack = 0.0
+        if self._in_rhythm(now):
+            seconds, slack = seconds - self.clock.rhythm.late_ns * 1e-9, self.clock.rhythm.slack_ns * 1e-9
         reach = self.model.max_velocity * seconds
         within = max(-reach, min(reach, target - position)) if seconds else target - position
-        onward = self._onward(position + within, within / seconds) if seconds and self.streaming else 0.0
+        onward = self._onward(position + within, within / seconds, slack) if seconds and self.streaming else 0.0
         demand = linear_to(now, position, position + within, seconds, onward)
         self._demand = demand
         self.meter.follow(self.mover.demand, now)
         self.mover.run(demand, now)
         self.limits.judge_following_error(target - position - within, now)
 
-    def _onward(self, place: float, velocity: float) -> float:
-        """Return for how many seconds the demand goes on beyond its set-point, at most to a limit."""
-        cycles = self.cycles
-        if not cycles or not velocity:
+    def _in_rhythm(self, now: int) -> bool:
+        """Whether a set-point that came with a SYNC just now is timed by the rhythm of SYNC."""
+        clock = self.clock
+        timed = self.model.recovers_sync and clock.sync_ns == now and self.streaming
+        return timed and clock.rhythm.has_period(self.objects.interpolation_s)
+
+    def _onward(self, place: float, velocity: float, slack: float) -> float:
+        """Return for how many seconds the demand goes on beyond its set-point, at most to a limit; or for `slack`."""
+        longest = max(self.cycles * self.objects.interpolation_s, slack)
+        if not longest or not velocity:
             return 0.0
         low, high = self.limits.bounds()
         way = high - place if velocity > 0.0 else low - place
-        return max(0.0, min(cycles * self.objects.interpolation_s, way / velocity))
+        return max(0.0, min(longest, way / velocity))
 
     def measured_velocity(self) -> float:
         """Return the plant's, and after the end of the way to a set-point the mean over the interpolation time."""
@@ -133,7 +145,7 @@ class CyclicPosition(StreamMode):
         if not seconds:
             return mover.plant.velocity
         since = max(demand.start_ns, mover.time - round(seconds * 1e9))
-        return (mover.plant.position - demand.at(since)[0]) / seconds
+        return (mover.plant.position - demand.at(since)[0]) / ((mover.time - since) * 1e-9)
 
     def target(self) -> float:
         """Return the set-point in user counts."""

@@ -13,10 +13,12 @@ from typing import TYPE_CHECKING, Final
 from canopen_control.cia301.lss import UNCONFIGURED
 from canopen_control.errors import ConfigError
 from canopen_control.od.eds import read_eds
+from canopen_control.virtual.device_function import Follower
 from canopen_control.virtual.device_model import GENERIC, DeviceModel, vendor_model
 from canopen_control.virtual.fault_switches import FaultSwitches
 from canopen_control.virtual.parameter_file import ParameterFile
 from canopen_control.virtual.plant import PlainWorld, TellingWorld, World
+from canopen_control.virtual.shaft import ShaftWorld
 from canopen_control.virtual.tmcm1270 import TMCM1270, is_tmcm1270
 from canopen_control.virtual.virtual_node import VirtualNode
 
@@ -122,4 +124,8 @@ def _node(
     node = make_device(od, active, faults, serial=serial, plant=lambda axis: world.plant(node_id, axis))
     if file is not None:
         file.attach(node, node_id)
+    if isinstance(world, ShaftWorld) and isinstance(node.function, Follower):
+        shaft = world.shaft(node_id)
+        if shaft is not None:
+            node.function.follow(shaft)
     return node

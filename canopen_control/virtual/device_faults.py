@@ -209,6 +209,16 @@ def hardware_error(node: VirtualNode, on: bool, _now: int) -> None:
         node.outbox.clear_error(0x5000)
 
 
+def output_overload(node: VirtualNode, on: bool, _now: int) -> None:
+    """Let the outputs of a device be off at the terminals, by its own protection, while it is on; CiA 401's EMCY."""
+    if node.function is not None:
+        node.function.overloaded = on
+    if on:
+        node.outbox.emergency(0x2310, ErrorRegister.GENERIC | ErrorRegister.CURRENT)
+    else:
+        node.outbox.clear_error(0x2310)
+
+
 transition_slow = _breaks(lambda drive: drive.power.transition_delay_ns, 2 * _S)
 status_undefined = _each(no_state)
 mode_frozen = _breaks(lambda drive: drive.modes.stuck, True)

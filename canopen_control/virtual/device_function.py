@@ -1,4 +1,4 @@
-"""What a virtual device does that is no drive: its inputs come from outside, its outputs go there (CiA 401 to 418).
+"""What a virtual device does that is no drive: its inputs come from outside, its outputs go there (CiA 401 to 419).
 
 The dictionary decides which function a node has; a drive, and a device of an unknown profile, has none and is a plain
 node. Inputs are set in the units of their signals by name, such as `di3` or `position`.
@@ -7,24 +7,27 @@ node. Inputs are set in the units of their signals by name, such as `di3` or `po
 from __future__ import annotations
 
 import importlib
-from typing import TYPE_CHECKING, Final, Protocol
+from typing import TYPE_CHECKING, Final, Protocol, runtime_checkable
 
 from canopen_control.profiles.device_type import Profile, profile_of
 from canopen_control.profiles.profile_tables import profile_signals
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Mapping
+    from collections.abc import Callable, Collection, Mapping
 
     from canopen_control.od.model import Address, ObjectDictionary
     from canopen_control.rpc.messages.drive import SignalState
     from canopen_control.virtual.node_outbox import Clock, NodeOutbox
     from canopen_control.virtual.object_store import ObjectStore
 
-__all__ = ["DeviceFunction", "make_function"]
+__all__ = ["DeviceFunction", "Follower", "make_function"]
 
 
 class DeviceFunction(Protocol):
     """The function of one device. The gate of its event-driven TPDOs too: who maps inputs asks whether to send."""
+
+    overloaded: bool
+    """Whether its protection has switched its outputs off, at the terminals."""
 
     def power_on(self, now: int) -> None:
         """Begin anew, after a reset of the node."""
@@ -60,6 +63,14 @@ class DeviceFunction(Protocol):
         """Switch a fault of the inputs: stuck, noise or jump."""
 
 
+@runtime_checkable
+class Follower(Protocol):
+    """A function that can be moved by a shaft."""
+
+    def follow(self, shaft: Callable[[], float | None]) -> None:
+        """Be where the shaft is from now on, in rad (m); None: it is not known."""
+
+
 def make_function(od: ObjectDictionary, store: ObjectStore, outbox: NodeOutbox, clock: Clock) -> DeviceFunction | None:
     """Return the function of a device by its dictionary; None: it has none that is known."""
     profile = profile_of(od)
@@ -77,4 +88,5 @@ _KINDS: Final = {
     Profile.ENCODER: ("position_devices", "Encoder"),
     Profile.INCLINOMETER: ("position_devices", "Inclinometer"),
     Profile.BATTERY: ("sensor_device", "Battery"),
+    Profile.CHARGER: ("sensor_device", "Charger"),
 }

@@ -18,7 +18,17 @@ if TYPE_CHECKING:
     from canopen_control.od.model import ObjectDictionary
     from canopen_control.virtual.object_store import ObjectStore
 
-__all__ = ["ELMO", "GENERIC", "MAXON", "VENDOR_MODELS", "DeviceModel", "Limit", "MissingSetPoint", "vendor_model"]
+__all__ = [
+    "ELMO",
+    "GENERIC",
+    "MAXON",
+    "PLAIN",
+    "VENDOR_MODELS",
+    "DeviceModel",
+    "Limit",
+    "MissingSetPoint",
+    "vendor_model",
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,6 +81,9 @@ class DeviceModel:
     switch_limit: Limit | None = None
     switches_disabled: Callable[[ObjectStore], bool] = lambda _store: False
     missing: MissingSetPoint = MissingSetPoint()
+    recovers_sync: bool = (
+        True  # by a phase lock: it times its way to a set-point by the rhythm of SYNC, not by each one
+    )
     follows_sync: bool = False  # measures the SYNC, so that a clock that drifts does not matter in cyclic modes
     velocity_bits: Callable[[float], int] | None = None  # of the statusword, from the measured velocity
     identity: Mapping[tuple[int, int], int | str] = field(default_factory=dict)  # where the file gives no default
@@ -79,10 +92,13 @@ class DeviceModel:
 
 GENERIC = DeviceModel()
 
+PLAIN: Final = DeviceModel(recovers_sync=False)
+"""A drive that takes each SYNC as the exact time: one that comes late is a standstill, one that comes early a jump."""
+
 INTERPOLATION_UNDERFLOW: Final = 0xFF02  # EMCY of Elmo
 _EXTRAPOLATION_CYCLES: Final = (0x2F75, 0)
 
-MAXON: Final = DeviceModel(missing=MissingSetPoint())
+MAXON: Final = DeviceModel(missing=MissingSetPoint(), recovers_sync=False)
 """EPOS4: stands at the end of the interpolation; 0x60C2 is 0 in its files, a set-point is taken at once."""
 
 ELMO: Final = DeviceModel(

@@ -54,8 +54,8 @@ class FaultSwitches:
     def _require(self, fault: Fault) -> None:
         """Raise ConfigError for a fault that this kind of node cannot show."""
         node = self._node
-        if not fault.fits(has_inputs=node.function is not None, has_axes=bool(node.drives)):
-            which = "no drive, of a profile with inputs" if fault.acts == "input" else "a drive"
+        if not fault.fits(node):
+            which = "a drive" if fault.acts == "axis" else f"no drive, of a profile with {fault.acts}s"
             raise ConfigError(
                 f"{fault.name} is a fault of a device that is {which}; node {node.node_id} is {node.name}"
             )

@@ -21,13 +21,14 @@ from canopen_control.virtual import fault_actions as act
 if TYPE_CHECKING:
     from canopen_control.virtual.device_faults import Switch
     from canopen_control.virtual.fault_actions import Incoming, Outgoing
+    from canopen_control.virtual.virtual_node import VirtualNode
 
 __all__ = ["FAULTS", "Fault", "find_fault", "parse_fault"]
 
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """One row; `acts` is ``wire``, ``node``, ``axis`` or ``input``; the last are of devices that are no drives."""
+    """One row; `acts` is ``wire``, ``node``, ``axis``, ``input`` or ``output``; the last two are of no drives."""
 
     row: int
     name: str
@@ -41,9 +42,12 @@ class Fault:
     floods: bool = False
     second_node: bool = False
 
-    def fits(self, *, has_inputs: bool, has_axes: bool) -> bool:
+    def fits(self, node: VirtualNode) -> bool:
         """Whether a node can show it."""
-        return {"input": has_inputs, "axis": has_axes}.get(self.acts, True)
+        function = node.function
+        if self.acts == "output":
+            return function is not None and any(each.output for each in function.describe())
+        return {"input": function is not None, "axis": bool(node.drives)}.get(self.acts, True)
 
     def listing(self, *, on: bool = False) -> FaultListing:
         """Return what people are told of it."""
@@ -127,6 +131,7 @@ _ROWS = (
     Fault(0, "input_stuck", "input", "its inputs stay at what they show (a device that is no drive)", "cannot know; a second sensor, or what it should do, tells", switched=device.inputs("stuck")),
     Fault(0, "input_noise", "input", "its analogue inputs are noisy, by 2 % of the full scale (a device that is no drive)", "goes on", switched=device.inputs("noise")),
     Fault(0, "input_jump", "input", "its analogue inputs are off by a quarter of the full scale (a device that is no drive)", "shows it; a limit in who uses it stops", switched=device.inputs("jump")),
+    Fault(0, "output_overload", "output", "its outputs are overloaded: it switches them off and reports 0x2310, which lasts (a device that is no drive)", "shows it; what stands commanded stays", switched=device.output_overload),
     Fault(0, "following_error", "axis", "following error: FAULT 0x8611, whose cause lasts", "names it; a reset says that the cause is still present", switched=device.following_error),
 )  # fmt: skip
 FAULTS: dict[str, Fault] = {fault.name: fault for fault in _ROWS}

@@ -43,7 +43,7 @@ class IoDevice:
         self._set: dict[str, float] = {}  # what inputs are outside, by name
         self._reference: dict[Address, float] = {}  # an analogue input at its last event
         self._fired: set[Address] = set()
-        self.faults = InputFaults()
+        self.faults, self.overloaded = InputFaults(), False
         self._inputs = {signal.address for signal in self._signals.values() if not signal.output}
         for sub in store.od.subindices(_SOURCE):
             if sub:
@@ -73,6 +73,8 @@ class IoDevice:
     def _state_of(self, signal: Signal) -> SignalState:
         if not signal.output:
             return SignalState(signal.name, self._set.get(signal.name, 0.0))
+        if self.overloaded:
+            return SignalState(signal.name, 0.0, output=True)
         raw = self._number(signal.address)
         if signal.bit is not None:
             raw = int(raw) ^ self._store.number(_OUT_POLARITY, signal.subindex)

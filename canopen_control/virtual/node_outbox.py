@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from canopen_control.cia301.outbox import Outbox
 from canopen_control.virtual.fault_seam import Seam
 from canopen_control.virtual.node_events import EmergencyRaised
+from canopen_control.virtual.sync_rhythm import SyncRhythm
 
 if TYPE_CHECKING:
     from canopen_control.cia301.emcy import EmcyProducer
@@ -25,14 +26,16 @@ _MOST_WAITING = 1000  # events, and frames of injected faults
 class Clock:
     """The time the node was brought to, and that of the last SYNC (None: none came), in monotonic ns.
 
+    `rhythm` is that of the SYNCs.
     Seam `drift_ppm`: how much faster than the master's it is.
     """
 
-    __slots__ = ("drift_ppm", "now", "sync_ns")
+    __slots__ = ("drift_ppm", "now", "rhythm", "sync_ns")
 
     def __init__(self) -> None:
         self.now = 0
         self.sync_ns: int | None = None
+        self.rhythm = SyncRhythm()
         self.drift_ppm = Seam(0.0)
 
 

@@ -311,6 +311,7 @@ class ProcessData:
     def sync(self, counter: int | None, now: int) -> None:
         """Take a SYNC; a set-point that it should have made count and that is not there is missed."""
         self._clock.sync_ns = now
+        self._clock.rhythm.heard(now)
         for tpdo in self.tpdos.values():
             tpdo.producer.sync(now, counter)
         for rpdo in self.rpdos.values():

@@ -2,8 +2,9 @@
 
 An encoder counts `position` (rad, of a linear one m) in its steps (0x6001 with scaling on, else 0x6501), turned by the
 code sequence, moved by the preset (0x6003) and begun again at the total range (0x6002); `velocity` lets the position go
-on by itself. 0x6200 is the event timer of its first TPDO, and while one is set changes are no events. An inclinometer
-shows its angles with the resolution 0x6000, which re-scales at once, inverted and moved as 0x6x11 to 0x6x14 say.
+on by itself, or the shaft of a virtual drive leads it (see `shaft`). 0x6200 is the event timer of its first TPDO, and
+while one is set changes are no events. An inclinometer shows its angles with the resolution 0x6000, which re-scales at
+once, inverted and moved as 0x6x11 to 0x6x14 say.
 """
 
 from __future__ import annotations
@@ -11,10 +12,11 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Final
 
+from canopen_control.errors import ConfigError
 from canopen_control.virtual.sensor_device import SensorDevice
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterable, Mapping
+    from collections.abc import Callable, Collection, Iterable, Mapping
 
     from canopen_control.od.model import Address, Entry, Value
     from canopen_control.profiles.device_signal import Signal
@@ -38,6 +40,7 @@ class Encoder(SensorDevice):
         shown = [signal for signal in signals if signal.name != "position_absolute"]
         super().__init__(store, outbox, clock, shown)
         self._shift = 0.0  # of the preset, in steps
+        self._shaft: Callable[[], float | None] | None = None
         store.on_write([_OPERATION], self._scale_written)
         store.on_write([_PRESET], self._preset_written)
         store.on_write([_TIMER], self._timer_written)
@@ -80,8 +83,27 @@ class Encoder(SensorDevice):
         if timer is not None and self.store.number(*_EVENT_TIMER) != value:
             self.store.write(timer, value)
 
+    def follow(self, shaft: Callable[[], float | None]) -> None:
+        """Be where a shaft is from now on; see `Follower`."""
+        self._shaft = shaft
+        self.move(0.0)
+
+    def set_signals(self, values: Mapping[str, float], now: int) -> None:
+        """See `DeviceFunction`; where it is the shaft says that it sits on."""
+        if self._shaft is not None and (led := [each for each in ("position", "velocity") if each in values]):
+            raise ConfigError(f"{led[0]} is that of the shaft it sits on, as the plant file says; move the drive")
+        super().set_signals(values, now)
+
+    def _moves_at(self) -> int | None:
+        return super()._moves_at() if self._shaft is None else (self._moved_at or 0) + self.step_ns
+
     def move(self, seconds: float) -> None:
         """Turn."""
+        if self._shaft is not None:
+            place = self._shaft()
+            if place is not None:
+                self.outside["position"] = place
+            return
         self.outside["position"] += self.outside["velocity"] * seconds
 
     def passes(self, changed: Collection[Address]) -> bool:

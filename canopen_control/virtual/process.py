@@ -17,6 +17,7 @@ from canopen_control.virtual.control import NodeControl
 from canopen_control.virtual.node_events import NodeIdChanged, in_words
 from canopen_control.virtual.node_id_check import NodeIdTaken
 from canopen_control.virtual.nodehost import NodeHost
+from canopen_control.virtual.shaft import ShaftWorld
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Hashable, Sequence
@@ -136,6 +137,8 @@ class DriveProcess:
         now = self._reactor.now()
         for node in self._nodes:
             node.advance_drives(now)
+        if isinstance(self._world, ShaftWorld):
+            self._world.publish()
         if self._world is not None and self._world.period_ns is not None:
             self._reactor.call_later(self._world.period_ns, self._keep_up)
 

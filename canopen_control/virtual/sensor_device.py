@@ -1,10 +1,10 @@
-"""Virtual sensors: values from outside, in units, shown in the objects of their profile (CiA 404 and 418).
+"""Virtual sensors: values from outside, in units, shown in the objects of their profile (CiA 404, 418 and 419).
 
 What a value is in raw numbers follows the device's own objects (digits, resolution, steps per turn) at once when they
 are written. A measured value (404) that its object cannot hold is an overload: bits 1 and 2 of its status (0x6150);
 `status0` sets the others, as 1 for a broken wire. A battery (418) that is given a `battery_current` (A, negative when
 it is discharged) counts its charge by its capacity (0x6020:02), and its voltage sags. Encoders and inclinometers are
-made of the same.
+made of the same. A charger (419) that misses its master forgets the current that was requested of it.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from canopen_control.virtual.node_outbox import Clock, NodeOutbox
     from canopen_control.virtual.object_store import ObjectStore
 
-__all__ = ["Battery", "MeasuringDevice", "SensorDevice"]
+__all__ = ["Battery", "Charger", "MeasuringDevice", "SensorDevice"]
 
 _NS: Final = 1e9
 
@@ -46,7 +46,7 @@ class SensorDevice:
         }
         self.outside.update(dict.fromkeys(self.moving, 0.0))
         self.outside.update({name: each for name, each in self.begins_with.items() if name in self._inputs})
-        self.faults = InputFaults()
+        self.faults, self.overloaded = InputFaults(), False
         self._statuses = {signal.status for signal in self.signals.values()}
         self._moved_at: int | None = None
         scaled_by = {address[0] for signal in self.signals.values() for address in signal.needs}
@@ -71,9 +71,8 @@ class SensorDevice:
         found = [SignalState(name, self.outside[name], unit=unit) for name, unit in self.moving.items()]
         for name, signal in self.signals.items():
             if signal.output:
-                found.append(
-                    SignalState(name, signal.value(self.number(signal.address), self.gain(signal)), output=True)
-                )
+                value = signal.value(self.number(signal.address), self.gain(signal))
+                found.append(SignalState(name, 0.0 if self.overloaded else value, output=True))
             else:
                 found.append(SignalState(name, self.outside[name], unit=signal.unit))
         return tuple(found)
@@ -238,3 +237,14 @@ class Battery(SensorDevice):
         flowed = self.outside["battery_current"] * seconds / 3600.0 / capacity * 100.0
         present = self.outside.get("battery_percentage", 0.0)
         self.outside["battery_percentage"] = min(max(present + flowed, 0.0), 100.0)
+
+
+class Charger(SensorDevice):
+    """A battery charger (CiA 419), which charges by what it is told of the battery."""
+
+    def _fail(self, _now: int) -> None:
+        """Request nothing of it: who asked for a current may be gone with the battery."""
+        requested = self.signals.get("charge_current_requested")
+        if requested is not None and requested.output:
+            self.store.set(*requested.address, 0)
+            self._outbox.values_changed()

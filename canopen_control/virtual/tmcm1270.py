@@ -61,6 +61,7 @@ TMCM1270 = DeviceModel(
     rtr_supported=False,
     communication_data=bytes.fromhex("00FF000000"),
     missing=MissingSetPoint(),
+    recovers_sync=False,
     rpdo_error=(0x6320, bytes.fromhex("00FF000000")),
     software_limit=Limit(0xFF01, b"\x01", b"\x02"),
     switch_limit=Limit(0xFF01, b"\x04", b"\x03"),

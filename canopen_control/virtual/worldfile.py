@@ -17,6 +17,14 @@ An engine is a `plant.World`; ours is `OwnWorld`, another one is named in the fi
       reversed: [right]            # wheels whose positive direction is backwards
       slip: 0.01                   # standard deviation of each step's way, relative
       share: /tmp/robby.floor      # where the wheels' drives are processes of their own: the same file for all
+    encoders:                      # CiA 406 nodes on the shafts of drives
+      "5":
+        axis: "3"                  # the axis that turns it
+        counts_per_revolution: 51200   # of its motor
+        gear: 10                   # motor turns for each turn of the encoder
+        reversed: true             # it turns the other way round
+        lead: 0.005                # m for each of these turns, of a linear encoder
+        share: /tmp/robby.shafts   # where the drive is a process of its own: the same file for both
     engine: mujoco                     # physics, see `canopen_control.physics`; the rest is then its own
     engine: package.module:function    # called with this file's Path, returns a World; the rest is then its own
 
@@ -37,6 +45,7 @@ from canopen_control.frame import MAX_NODE_ID
 from canopen_control.rpc.messages.drive import WorldState
 from canopen_control.virtual.diffbase import LEFT, RIGHT, DiffBase, SharedBase
 from canopen_control.virtual.plant import IdealPlant, LagPlant, LoadedPlant, Plant
+from canopen_control.virtual.shaft import Coupling, ShaftFile, load_counts
 from canopen_control.virtual.wheel import WheelPlant
 from canopen_control.yamlfile.convert import position, setting
 from canopen_control.yamlfile.node import Node  # noqa: TC001 - the type of a field is looked up at run time
@@ -50,6 +59,7 @@ if TYPE_CHECKING:
 
 __all__ = ["OwnWorld", "WorldError", "WorldFile", "read_world"]
 
+_SHAFT_NS = 5_000_000
 _ENGINES = {"mujoco": "canopen_control.physics.engine:make"}  # imported only when a file asks for it
 _KINDS: dict[str, Callable[..., Plant]] = {"ideal": IdealPlant, "lag": LagPlant, "loaded": LoadedPlant}
 _STATE = frozenset(
@@ -122,6 +132,24 @@ class BaseFile:
 
 
 @dataclass(frozen=True)
+class EncoderFile:
+    """What one encoder of the file sits on."""
+
+    axis: str = setting()
+    counts_per_revolution: float = setting(low=1e-6)
+    gear: float = setting(1.0, low=1e-6)
+    reversed: bool = False
+    lead: float | None = setting(None, low=1e-9)
+    share: str = ""
+    here: Node = position()  # noqa: RUF009 - makes a field
+
+    @property
+    def coupling(self) -> Coupling:
+        """How the axis turns it."""
+        return Coupling(self.counts_per_revolution, self.gear, self.reversed, self.lead)
+
+
+@dataclass(frozen=True)
 class WorldFile:
     """The file as a whole."""
 
@@ -129,6 +157,7 @@ class WorldFile:
     default: AxisFile = dataclasses.field(default_factory=lambda: AxisFile(kind="ideal"))
     axes: dict[str, AxisFile] = setting(factory=dict)  # noqa: RUF009 - makes a field
     base: BaseFile | None = None
+    encoders: dict[str, EncoderFile] = setting(factory=dict)  # noqa: RUF009 - makes a field
 
 
 class OwnWorld:
@@ -139,13 +168,41 @@ class OwnWorld:
         self._axes = {_address(name): axis for name, axis in file.axes.items()}
         self._base: DiffBase | SharedBase | None = None
         self._wheels: list[WheelPlant] = []
-        self.period_ns = None if file.base is None else 20_000_000
+        self._encoders = {_address(name)[0]: each for name, each in file.encoders.items()}
+        self._shafts: dict[tuple[int, int], Plant] = {}  # that are turned in this process
+        self._files = {each.share: ShaftFile(Path(each.share)) for each in self._encoders.values() if each.share}
+        self.period_ns = _SHAFT_NS if self._encoders else None if file.base is None else 20_000_000
         if file.base is not None:
             separation, share = file.base.wheel_separation, file.base.share
             self._base = SharedBase(separation, Path(share)) if share else DiffBase(separation)
 
     def plant(self, node_id: int, axis: int) -> Plant:
         """Return the plant of an axis, on the floor where it is a wheel of the base."""
+        made = self._shafts[node_id, axis] = self._made(node_id, axis)
+        return made
+
+    def shaft(self, node_id: int) -> Callable[[], float | None] | None:
+        """See `ShaftWorld`."""
+        encoder = self._encoders.get(node_id)
+        if encoder is None:
+            return None
+        axis, coupling, file = _address(encoder.axis), encoder.coupling, self._files.get(encoder.share)
+
+        def place() -> float | None:
+            plant = self._shafts.get(axis)
+            counts = load_counts(plant) if plant is not None else None if file is None else file.get(*axis)
+            return None if counts is None else coupling.place(counts)
+
+        return place
+
+    def publish(self) -> None:
+        """See `ShaftWorld`."""
+        for encoder in self._encoders.values():
+            axis = _address(encoder.axis)
+            if encoder.share and axis in self._shafts:
+                self._files[encoder.share].put(*axis, load_counts(self._shafts[axis]))
+
+    def _made(self, node_id: int, axis: int) -> Plant:
         inner = self._axes.get((node_id, axis), self._file.default).make()
         base = self._file.base
         if base is None or self._base is None or axis or node_id not in (base.left, base.right):
@@ -166,7 +223,9 @@ class OwnWorld:
         return WorldState(self._base.pose())
 
     def close(self) -> None:
-        """Let go of the shared file."""
+        """Let go of the shared files."""
+        for file in self._files.values():
+            file.close()
         if isinstance(self._base, SharedBase):
             self._base.close()
 
@@ -197,6 +256,12 @@ def _check(file: WorldFile, _problems: Problems) -> None:
             _address(name)
         except ValueError:
             axis.here.error(f'{name!r} is no axis: write "3" for node 3, or "3/1" for its axis 1')
+    for name, encoder in file.encoders.items():
+        for text in (name, encoder.axis):
+            try:
+                _address(text)
+            except ValueError:
+                encoder.here.error(f'{text!r} is no node: write "5" for node 5, of its `axis` "3" or "3/1"')
     if file.base is not None and file.base.left == file.base.right:
         file.base.here.error("left and right are two different nodes")
 

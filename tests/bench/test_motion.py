@@ -40,8 +40,9 @@ def test_a_request_that_keeps_the_loop_is_seen(place, monkeypatch):
     assert motion.accept_goals(place(), 1)[0].ours > 3000.0
 
 
-def test_a_late_host_behind_a_slow_adapter_loses_none_at_250_hz(place):
-    ripple, lost = motion.behind_sync(place, 250, 0.6)
+@pytest.mark.parametrize("who", motion.Sync)
+def test_a_late_host_behind_a_slow_adapter_loses_none_at_250_hz(place, who):
+    ripple, lost = motion.by_default(place, 250, 0.6, who)
     assert ripple.good
     assert ripple.limit == motion.RIPPLE_LIMIT
     assert (lost.ours, lost.limit) == (0, 0.0)
@@ -49,25 +50,28 @@ def test_a_late_host_behind_a_slow_adapter_loses_none_at_250_hz(place):
 
 def test_what_is_lost_is_counted(place, monkeypatch):
     monkeypatch.setattr(motion, "MOST_LATE_NS", 6 * motion.MS)
-    ripple, lost = motion.behind_sync(place, 250, 0.6)
+    ripple, lost = motion.by_default(place, 250, 0.6, motion.Sync.KERNEL)
     assert not lost.good
     assert not ripple.good
 
 
 def test_the_ways_beside_it_are_told_and_not_judged(place):
-    host, wake_up = motion.beside(place, 100)
-    assert host.limit is wake_up.limit is None
+    node, host, wake_up = motion.beside(place, 100)
+    assert node.limit is host.limit is wake_up.limit is None
+    assert node.ratio < 1.1
     assert min(host.ratio, wake_up.ratio) > 5.0
 
 
 def test_a_quick_run_has_all_figures(monkeypatch):
     seen = []
-    monkeypatch.setattr(motion, "behind_sync", lambda _place, hertz, seconds: seen.append((hertz, seconds)) or [])
+    monkeypatch.setattr(
+        motion, "by_default", lambda _place, hertz, seconds, who: seen.append((hertz, seconds, who)) or []
+    )
     monkeypatch.setattr(motion, "beside", lambda _place, hertz: [hertz])
     monkeypatch.setattr(motion, "follow_in_turns", lambda _place, rounds, cycles: (rounds, cycles))
     monkeypatch.setattr(motion, "accept_goals", lambda _place, rounds: [rounds])
     assert motion.measure(Options(quick=True)) == [(5, 40), 5, 100, 250]
-    assert seen == [(100, 1.2), (250, 1.2)]
+    assert seen == [(hertz, 1.2, who) for hertz in (100, 250) for who in motion.Sync]
     seen.clear()
     motion.measure(Options())
-    assert seen == [(100, 600.0), (250, 600.0)]
+    assert {seconds for _, seconds, _ in seen} == {600.0}

@@ -27,6 +27,8 @@ def dictionary(*entries, device_type=0):
         (0x00010196, Profile.ENCODER),
         (0x0002019A, Profile.INCLINOMETER),
         (0x000001A2, Profile.BATTERY),
+        (0x000001A3, Profile.CHARGER),
+        (0x000001C6, Profile.ENERGY),
         (0x00020192, Profile.NONE),  # a drive has a controlword
         (0x00020198, Profile.NONE),
     ],

@@ -8,6 +8,7 @@ from support.virtualbench import T, entry
 from canopen_control.od.model import ObjectDictionary
 from canopen_control.profiles.sensor_tables import (
     battery_signals,
+    charger_signals,
     encoder_signals,
     inclinometer_signals,
     measuring_signals,
@@ -81,3 +82,20 @@ def test_a_battery_is_told_in_volts_degrees_and_percent():
     od = dictionary((0x6010, 0, T.INTEGER16), (0x6060, 0, T.UNSIGNED32), (0x6081, 0, T.UNSIGNED8))
     found = {each.name: each.value(1024, each.gain({})) for each in battery_signals(od)}
     assert found == {"battery_temperature": 128.0, "battery_voltage": 1.0, "battery_percentage": 1024.0}
+
+
+def test_a_charger_tells_its_state_and_takes_what_a_battery_tells():
+    od = dictionary(
+        (0x6001, 0, T.UNSIGNED8, 0, "ro"),
+        (0x6070, 0, T.UNSIGNED16, 0, "rww", True),
+        (0x6010, 0, T.INTEGER16, 0, "rww", True),
+    )
+    found = {each.name: each for each in charger_signals(od)}
+    assert {name: each.output for name, each in found.items()} == {
+        "charger_status": False,
+        "charge_current_requested": True,
+        "battery_temperature": True,
+    }
+    assert found["charge_current_requested"].raw(2.5, 1 / 16, whole=True) == 40
+    assert found["battery_temperature"].raw(-10.0, 0.125, whole=True) == -80
+    assert found["charge_current_requested"].safe == 0.0

@@ -111,12 +111,14 @@ def test_a_second_bridge_of_a_robot_is_refused_and_the_first_goes_on(number):
         assert first.poll() is None
 
 
-def test_use_sim_time_is_told_to_have_no_effect(number):
+def test_use_sim_time_is_told_with_what_it_does(number):
     with ros.FakeRobot() as robot, ros.bridge(number, "--ros-args", "-p", "use_sim_time:=true") as process:
         assert ros.eventually(lambda: robot.told)
         process.terminate()
         output, _ = process.communicate(timeout=ros.TIMEOUT)
-    assert output.startswith("canopen-control: use_sim_time has no effect on the bridge: stamps are the robot's own")
+    assert output.startswith(
+        "canopen-control: use_sim_time: stamps follow /clock, and are 0 until somebody publishes it"
+    )
 
 
 def test_two_robots_live_in_one_graph_under_their_namespaces(number):

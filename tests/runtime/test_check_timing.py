@@ -9,7 +9,6 @@ from support.robots import copy_robby
 from canopen_control.runtime.check import CheckOptions, check_robot
 from canopen_control.runtime.check_data import Severity
 from canopen_control.runtime.robot_files import find_robot
-from canopen_control.runtime.setup import read_robot
 
 RPDO_TYPE = "      transmission: 0x01          # all axes take their set-points at the same SYNC\n"
 TPDO_2 = '    2:\n      enabled: true\n      cob_id: "auto"\n      transmission: 0x01\n'
@@ -80,23 +79,3 @@ def test_feedback_that_an_inhibit_time_holds_back_is_told_where_it_stands(tmp_pa
 def test_an_interpolation_period_that_is_not_syncs_is_told_where_it_stands(tmp_path):
     told = warnings(arm(tmp_path, bus=("sub_index: 1, value: 20} ", "sub_index: 1, value: 10} ")))
     assert "bus.yml:20:7: warning: defaults.sdo[1]: 0x60C2 is 10 * 10^-3 s, SYNC comes every 0.02 s" in told[0]
-
-
-def read_arm(config, channel):
-    return read_robot(find_robot(str(config)), can=[channel]).notes
-
-
-def test_who_runs_cyclic_drives_on_a_real_bus_learns_who_may_send_sync(tmp_path):
-    for each in "ab":
-        (tmp_path / each).mkdir()
-    config = copy_arm(tmp_path / "a")
-    (hint,) = [each for each in read_arm(config, "can0") if "SYNC comes from" in each]
-    assert hint.startswith("SYNC comes from this process, and joint_1, joint_2, joint_3 and 3 more time their motion")
-    assert "`sync_producer: kernel` and `sync_order: first` of master in " in hint
-    assert not any("SYNC comes from" in each for each in read_arm(config, "vcan0"))
-    kernel = arm(tmp_path / "b", bus=("sync_period: 20000", "sync_producer: kernel\n  sync_period: 20000"))
-    assert not any("SYNC comes from" in each for each in read_arm(kernel, "can0"))
-
-
-def test_wheels_in_profile_velocity_need_no_such_hint(tmp_path):
-    assert not any("SYNC comes from" in each for each in read_arm(copy_robby(tmp_path), "can0"))

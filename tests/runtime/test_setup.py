@@ -103,7 +103,8 @@ def test_the_kernel_sends_sync_only_where_there_is_one(tmp_path):
     with pytest.raises(RobotConfigError, match=r"bus\.yml has no sync_period, so that there is no SYNC to send"):
         read_robot(files, can=["vcan0"], kernel_sync=True)
     setup = read_robot(find_robot("robby"), can=["vcan0"], kernel_sync=True)
-    assert (setup.kernel_sync, setup.notes[-1]) == (True, "SYNC is sent by the kernel, and the cycle follows it")
+    told = "SYNC is sent by the kernel, and the cycle follows it: --kernel-sync"
+    assert (setup.kernel_sync, list(setup.told_of_sync)) == (True, [told])
 
 
 def test_peer_merge_reaches_the_plan(tmp_path):
@@ -127,7 +128,7 @@ def test_use_sim_time_without_a_simulation_is_told_to_do_nothing(tmp_path, where
     head = f"{where}:\n  ros__parameters:\n"
     folder = copy_robby(tmp_path, controllers={head: f"{head}    use_sim_time: true\n"})
     (note,) = [each for each in read_robot(find_robot(str(folder))).notes if "use_sim_time has" in each]
-    assert note.endswith("so its stamps are this computer's time; start the other nodes without it")
+    assert "so its stamps are this computer's time; start the other nodes without it, or the bridge with" in note
     assert not [each for each in read_robot(ROBBY).notes if "use_sim_time" in each]
 
 

@@ -47,6 +47,7 @@ def test_the_wheels_of_a_base_stand_where_the_controllers_file_says():
         ("generic_cia404.eds", "gpio", "ao0", "ai0"),
         ("generic_cia410.eds", "sensor", None, "longitudinal"),
         ("generic_cia418.eds", "sensor", None, "battery_voltage"),
+        ("generic_cia419.eds", "gpio", "charge_current_requested", "charger_status"),
     ],
 )
 def test_a_device_that_is_no_drive_has_its_signals(name, tag, commands, states):

@@ -67,7 +67,9 @@ def test_a_device_that_is_no_drive_has_no_joint():
         plan_robot("cell", [module(4)], joints=["lamp"])
 
 
-@pytest.mark.parametrize(("number", "name"), [(401, "io_9"), (404, "sensor_9"), (406, "encoder_9"), (418, "battery_9")])
+@pytest.mark.parametrize(
+    ("number", "name"), [(401, "io_9"), (404, "sensor_9"), (406, "encoder_9"), (418, "battery_9"), (419, "charger_9")]
+)
 def test_a_device_is_called_by_its_profile(number, name):
     path = data_path("eds", f"generic_cia{number}.eds")
     assert plan_robot("cell", [Device(9, path, read_eds(path, 9).od)]).nodes[0].name == name

@@ -127,7 +127,7 @@ def test_a_base_passes_strictly_and_drives_forward(tmp_path, name):
     assert plants[0] < 0 < plants[1]  # the left motor is mounted mirrored
 
 
-@pytest.mark.parametrize("number", [401, 404, 406, 410, 418])
+@pytest.mark.parametrize("number", [401, 404, 406, 410, 418, 419])
 def test_a_drive_and_a_device_beside_it_pass_strictly(tmp_path, number):
     files = [data_path("eds", name) for name in ("generic_cia402.eds", f"generic_cia{number}.eds")]
     written = new_robot(tmp_path, *files, node_ids=(2, 4))

@@ -66,6 +66,9 @@ class Ros:
     def get_name(self):
         return "bridge"
 
+    def unix(self, stamp):
+        return stamp
+
     def hand_over(self, function):
         function()
 

@@ -20,6 +20,7 @@ NOT_RUN = {
     r"--realtime": "a processor for itself: tests/runtime/test_realtime.py",
     r"^trajectory\b": "an arm: tests/cli/test_trajectory.py has one",
     r"^device .*--status|\bdi\d=": "an I/O module beside the robot: tests/cli/test_device.py has one",
+    r"--plant\b": "a plant file: tests/cli/test_drive.py and tests/virtual/test_shaft.py have some",
     r"^gripper\b|--controller gripper\b": "a gripper: tests/cli/test_gripper.py has one",
     r"\bmecanum_base_controller\b": "a base that goes sideways: tests/cli/test_twist.py has one",
     r"^command .*\bio/lamp=": "outputs: tests/cli/test_command.py has some",

@@ -295,3 +295,28 @@ def test_a_fault_of_inputs_is_refused_by_a_drive_and_one_of_axes_by_a_module(num
     for act in (lambda: switches.set(name, True, 0), lambda: switches.schedule(name)):
         with pytest.raises(ConfigError, match=f"{name} is a fault of a device that is"):
             act()
+
+
+def test_outputs_that_are_overloaded_are_off_at_the_terminals_and_told():
+    b = virtual(401)
+    switches = FaultSwitches(b.node)
+
+    def lamp():
+        return next(each.value for each in b.node.function.describe() if each.name == "do0")
+
+    def emergency():
+        b.collect()
+        return [frame.data[:3].hex() for _, frame in b.seen if frame.can_id == 0x085][-1]
+
+    b.start()
+    b.put(0x205, b"\xff\x00")
+    switches.set(fault("output_overload"), True, b.now)
+    assert (lamp(), emergency()) == (0.0, "102303")
+    assert b.number(0x6200, 1) == 0xFF  # what stands commanded
+    switches.set("output_overload", False, b.now)
+    assert (lamp(), emergency()) == (1.0, "000000")
+
+
+def test_outputs_are_overloaded_where_there_are_some():
+    with pytest.raises(ConfigError, match="a device that is no drive, of a profile with outputs"):
+        FaultSwitches(virtual(406).node).set("output_overload", True, 0)

@@ -43,7 +43,7 @@ def test_a_drives_process_starts_without_the_functions_of_other_devices():
 NODE = 5
 PROFILES = {"generic_cia401.eds": Profile.IO, "generic_cia404.eds": Profile.MEASURING,
             "generic_cia406.eds": Profile.ENCODER, "generic_cia410.eds": Profile.INCLINOMETER,
-            "generic_cia418.eds": Profile.BATTERY}  # fmt: skip
+            "generic_cia418.eds": Profile.BATTERY, "generic_cia419.eds": Profile.CHARGER}  # fmt: skip
 
 
 @functools.cache

@@ -84,3 +84,18 @@ def test_faults_act_on_what_is_measured(kind):
     assert {"jump": shown == {8392}, "noise": len(shown) > 2, "stuck": shown == {100}}[kind]
     device.node.function.break_inputs(kind, on=False, now=device.now)
     assert device.number(0x7130, 1) == 200
+
+
+def test_a_charger_tells_its_state_and_forgets_a_request_without_its_master():
+    device = bench(419)
+    device.start()
+    put(device, charger_status=3, charger_percentage=55)
+    assert (device.number(0x6001), device.number(0x6080)) == (3, 55)
+    device.put(0x205, bytes.fromhex("2800015000600000"))  # 2.5 A, ready, 80 %, 24 V
+    assert told(device, "charge_current_requested").value == 2.5
+    assert told(device, "battery_voltage").value == 24.0
+    with pytest.raises(ConfigError, match="charge_current_requested is an output"):
+        put(device, charge_current_requested=1.0)
+    device.nmt(2)
+    assert told(device, "charge_current_requested").value == 0.0
+    assert told(device, "battery_percentage").value == 80.0

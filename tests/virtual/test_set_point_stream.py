@@ -8,7 +8,7 @@ import random
 import pytest
 from support.setpoints import MS, STEP, StreamBench
 
-from canopen_control.virtual.device_model import ELMO, GENERIC, MAXON, DeviceModel, MissingSetPoint
+from canopen_control.virtual.device_model import ELMO, GENERIC, MAXON, PLAIN, DeviceModel, MissingSetPoint
 from canopen_control.virtual.plant import LagPlant, LoadedPlant
 
 ON = DeviceModel(missing=MissingSetPoint(cycles=3))
@@ -70,11 +70,26 @@ def jittered(model, sigma_ms):
 # A gap of 0.1 ms is shorter than the 0.5 ms of the meter, which sees a part of its 5 %.
 @pytest.mark.parametrize(("sigma_ms", "ripple"), [(0.1, 0.042), (0.5, 0.16), (1.0, 0.25)])
 def test_a_sync_that_jitters_makes_the_ripple_that_real_drives_have(sigma_ms, ripple):
-    held, extrapolated = jittered(GENERIC, sigma_ms), jittered(ON, sigma_ms)
+    held, extrapolated = (jittered(each, sigma_ms) for each in (PLAIN, dataclasses.replace(ON, recovers_sync=False)))
     assert held.ripple[0] == pytest.approx(ripple, rel=0.25)
     assert extrapolated.ripple[0] < 0.65 * held.ripple[0]
     if sigma_ms == 1.0:
         assert extrapolated.ripple[0] == pytest.approx(0.14, abs=0.02)
+
+
+@pytest.mark.parametrize(("sigma_ms", "ripple"), [(0.1, 0.002), (0.5, 0.01), (1.0, 0.02)])
+def test_a_drive_that_recovers_the_rhythm_of_sync_hears_little_of_its_jitter(sigma_ms, ripple):
+    bench = jittered(GENERIC, sigma_ms)
+    assert bench.ripple[0] < ripple
+    assert (bench.quality.missed, bench.quality.doubled) == (0, 0)
+
+
+def test_such_a_drive_stands_where_sync_ends_as_much_beyond_its_set_point_as_sync_was_late():
+    bench = jittered(GENERIC, 1.0)
+    last = bench.drive.mover.demand.final_position
+    bench.on(1.0)
+    assert 0 <= last - STEP * 799 <= STEP // 2
+    assert bench.velocity == 0
 
 
 # -- what a model does without a set-point

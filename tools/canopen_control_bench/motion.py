@@ -5,12 +5,15 @@ is CPU of its thread. First the cycle of six axes that follow a trajectory besid
 goals of 500 points from a client at 1 kHz: how long one request, and the cycle after it, keep the loop from others.
 Last the acceleration that the drives were to have, beside that of a run in time, for a host that wakes up to
 2 ms late (so that two cycles follow each other 2 ms sooner or later than they should) behind an adapter that hands
-frames over once a millisecond: with SYNC of a node whose clock is 200 ppm slow; with SYNC of the host; and with one
-set-point for each wake-up, the time of which is the controllers'.
+frames over once a millisecond. Judged are the defaults: SYNC of the kernel, and drives that take each SYNC as the
+exact time; and SYNC of the host, and drives that recover its rhythm (`virtual.sync_rhythm`). Beside them: SYNC of a
+node whose clock is 200 ppm slow; SYNC of the host and drives that recover nothing; and one set-point for each wake-up,
+the time of which is the controllers'.
 """
 
 from __future__ import annotations
 
+import enum
 import math
 import os
 import random
@@ -28,16 +31,18 @@ from canopen_control.host.sockets import socket_path
 from canopen_control.rpc.messages.samples import TrajectoryPoint
 from canopen_control.rpc.messages.trajectory import SendTrajectory
 from canopen_control.runtime.api import ApiServer
+from canopen_control.virtual.device_model import GENERIC, PLAIN
 from canopen_control_bench.arm import CONTROLLER, ENDS, JOINTS, NODES, POSITIONS, arm_at, planned
 from canopen_control_bench.figure import Figure, compared, limited
-from canopen_control_bench.simulated_arm import MS, SimulatedArm
+from canopen_control_bench.simulated_arm import MS, PPM, SimulatedArm
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
+    from canopen_control.virtual.device_model import DeviceModel
     from canopen_control_bench.runner import Options
 
-__all__ = ["accept_goals", "behind_sync", "beside", "follow_in_turns", "measure"]
+__all__ = ["Sync", "accept_goals", "beside", "by_default", "follow_in_turns", "measure"]
 
 CPU_LIMIT: Final = 1.5
 HELD_LIMIT_US: Final = 1000.0
@@ -51,7 +56,7 @@ _AWAY = [0.3 * each for each in ENDS]
 _HOME = [0.0] * len(ENDS)
 _PLAY_S, _LOCK_MS = 0.6, 500
 _QUICK_S, _COMPARED_S, _SECONDS = 2 * _PLAY_S, 20 * _PLAY_S, 600.0
-_SYNC_OF_A_NODE = "\n  sync_producer: other\n  sync_order: first"
+_FROM_ELSEWHERE: Final = "\n  sync_producer: other"
 
 
 def measure(options: Options) -> list[Figure]:
@@ -63,13 +68,26 @@ def measure(options: Options) -> list[Figure]:
         figures = [follow_in_turns(places.__next__, rounds, cycles), *accept_goals(next(places), rounds)]
         for hertz in _RATES:
             options.say(f"motion: set-points at {hertz} Hz")
-            figures += [*behind_sync(places.__next__, hertz, seconds), *beside(places.__next__, hertz)]
+            for who in Sync:
+                figures += by_default(places.__next__, hertz, seconds, who)
+            figures += beside(places.__next__, hertz)
     return figures
 
 
-def _arm(place: Path, hertz: int, keys: str = "", *, trajectories: bool = True) -> SimulatedArm:
+class Sync(enum.Enum):
+    """Who sends SYNC where nobody says so, and what the drives make of it."""
+
+    KERNEL = "SYNC of the kernel"
+    HOST = "SYNC of the host, drives recover it"
+
+
+def _arm(
+    place: Path, hertz: int, *, trajectories: bool = True, ppm: int | None = None, model: DeviceModel | None = None
+) -> SimulatedArm:
+    """Make an arm; `ppm` is how slow the clock is of somebody else who sends SYNC, None: the host does."""
+    keys = "" if ppm is None else _FROM_ELSEWHERE
     config = arm_at(place, hertz, keys, trajectories=trajectories)
-    return SimulatedArm(f"motion_{place.name}_{os.getpid()}", config, own_sync="sync_producer" not in keys)
+    return SimulatedArm(f"motion_{place.name}_{os.getpid()}", config, own_sync=ppm is None, ppm=ppm or 0, model=model)
 
 
 # -------------------------------------------------------------------------------------------------- CPU of a cycle
@@ -182,25 +200,32 @@ def _send(client: RobotClient, arm: SimulatedArm) -> None:
 # --------------------------------------------------------------------------------------- how evenly set-points come
 
 
-def behind_sync(place: Callable[[], Path], hertz: int, seconds: float) -> list[Figure]:
-    """Compare the drives' acceleration ripple of a host that is late with that of one in time: SYNC of a node."""
-    calm, late = (_arm(place(), hertz, _SYNC_OF_A_NODE) for _ in range(2))
+def by_default(place: Callable[[], Path], hertz: int, seconds: float, who: Sync) -> list[Figure]:
+    """Compare the drives' acceleration ripple of a host that is late with that of one in time, as a user gets it."""
+    ppm, model = (0, PLAIN) if who is Sync.KERNEL else (None, GENERIC)
+    calm, late = (_arm(place(), hertz, ppm=ppm, model=model) for _ in range(2))
     with closing(calm), closing(late):
         wanted = _played(calm, min(seconds, _COMPARED_S))
         _disturb(late, hertz)
         found = _played(late, seconds)
-        name = f"6 axes at {hertz} Hz, SYNC of a node"
+        name = f"6 axes at {hertz} Hz, {who.value}"
         lost = limited(f"{name}: lost, doubled", "", [_lost(late)], limit=0.0, counted=True)
         return [_ripple(f"{name}: ripple", found, wanted, RIPPLE_LIMIT, _told(late)), lost]
 
 
 def beside(place: Callable[[], Path], hertz: int) -> list[Figure]:
-    """Compare what comes of SYNC that the late host sends, on the grid and by its wake-ups, with a host in time."""
+    """Compare what else there is with a host in time: SYNC of a node, drives that take each SYNC as it comes, and
+    one set-point for each wake-up.
+    """
     figures = []
-    with closing(_arm(place(), hertz)) as arm:
-        wanted = _played(arm, _QUICK_S)
-        _disturb(arm, hertz)
-        for text, by_wake_up in (("SYNC of the host", False), ("one for each wake-up", True)):
+    for text, ppm, by_wake_up in (
+        ("SYNC of a node at 200 ppm", PPM, False),
+        ("SYNC of the host, drives take it as it comes", None, False),
+        ("one for each wake-up", None, True),
+    ):
+        with closing(_arm(place(), hertz, ppm=ppm, model=PLAIN)) as arm:
+            wanted = _played(arm, _QUICK_S)
+            _disturb(arm, hertz)
             if by_wake_up:
                 arm.command_by_wake_up()
             found = _played(arm, _QUICK_S)

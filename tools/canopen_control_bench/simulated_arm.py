@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from canopen_control.bus.port import Port
     from canopen_control.hardware.joint import JointDrive
     from canopen_control.rpc.messages.drive import SetPointQuality
+    from canopen_control.virtual.device_model import DeviceModel
     from canopen_control.virtual.virtual_node import VirtualNode
 
 __all__ = ["MS", "STEP_NS", "SimulatedArm"]
@@ -47,10 +48,13 @@ class SimulatedArm:
     """The arm of a folder, enabled: `robot` is the runtime, `drives` are the devices by node id, `bus` is their wire.
 
     `late` says for each cycle by how much the host wakes late, `batch_ns` how often the adapter hands frames over.
-    `own_sync`: the host sends SYNC, else a node does whose clock is `PPM` slow.
+    `own_sync`: the host sends SYNC, else somebody does whose clock is `ppm` slow: a node, or a kernel with 0. `model`
+    is what the drives are instead of what their EDS says.
     """
 
-    def __init__(self, name: str, config: Path, *, own_sync: bool = True) -> None:
+    def __init__(
+        self, name: str, config: Path, *, own_sync: bool = True, ppm: int = PPM, model: DeviceModel | None = None
+    ) -> None:
         self.late: Callable[[], int] = lambda: 0
         self.batch_ns = STEP_NS
         self._clock = ManualClock(_START_NS)
@@ -69,9 +73,9 @@ class SimulatedArm:
             self._near, self._far = self._port(near, "adapter"), self._port(self.bus.channel, "adapter")
             self.robot = RobotCore(read_robot(find_robot(str(config)), name=name, can=[near]), self.host)
             self._held.callback(self.robot.close)
-            self.drives = self._power_on()
+            self.drives = self._power_on(model)
             if not own_sync:
-                self._produce_sync(self.robot.pacer.period_ns * (1_000_000 + PPM) // 1_000_000)
+                self._produce_sync(self.robot.pacer.period_ns * (1_000_000 + ppm) // 1_000_000)
             self.robot.after_cycle.append(self._fall_asleep)
             self.robot.start()
             self.until(self._moves)
@@ -87,11 +91,11 @@ class SimulatedArm:
         self._held.callback(port.close)
         return port
 
-    def _power_on(self) -> dict[int, VirtualNode]:
+    def _power_on(self, model: DeviceModel | None) -> dict[int, VirtualNode]:
         bus = self.robot.setup.bus
         dictionaries = {path: read_eds(path).od for path in set(bus.eds_paths.values())}
         made = {
-            node.node_id: make_device(dictionaries[bus.eds_paths[node.name]], node.node_id)
+            node.node_id: make_device(dictionaries[bus.eds_paths[node.name]], node.node_id, model=model)
             for node in bus.nodes.values()
         }
         self._held.callback(NodeHost(self.field, self._port(self.bus.channel, "drives"), list(made.values())).close)

@@ -19,6 +19,7 @@ from canopen_control.controllers.trajectory.validation import (
     far_start,
     lost_start,
     survey_of,
+    unreachable,
 )
 from canopen_control.hardware.interfaces import POSITION
 
@@ -105,9 +106,18 @@ class Acceptance:
             beyond(message, survey, self.limits)
             or lost_start(message, now + _NEXT)
             or far_start(message, here, self.limits, given.allowed_start_tolerance)
+            or (self._unreachable(message) if given.unreachable_points == "refuse" else None)
             or self._misfit(message, survey)
         )
         return None if unbearable is None else Refused(None, unbearable)
+
+    def doubt(self, message: JointTrajectory) -> str | None:
+        """Say what of a trajectory that is taken the joints cannot do, where that is to be told, else None."""
+        return self._unreachable(message) if self._params.unreachable_points == "warn" else None
+
+    def _unreachable(self, message: JointTrajectory) -> str | None:
+        """Say which point a joint cannot reach in time; a limiter of points is there for those."""
+        return None if self._params.joint_limiter_type else unreachable(message, survey_of(message), self.limits)
 
     def _misfit(self, message: JointTrajectory, survey: Survey) -> str | None:
         """Say which position the object behind a command cannot hold, None if it holds all."""

@@ -55,7 +55,7 @@ class JointTrajectoryController(Controller):
         "constraints.goal_time", "constraints.*.trajectory", "constraints.*.goal", "allow_partial_joints_goal",
         "allow_integration_in_goal_trajectories", "allow_nonzero_velocity_at_trajectory_end", "cmd_timeout",
         "set_last_command_interface_value_as_state_on_activation", "allow_trajectory_replacement",
-        "allowed_start_tolerance", "continue_without_client",
+        "allowed_start_tolerance", "continue_without_client", "unreachable_points",
     )  # fmt: skip
 
     def __init__(self, name: str, type_name: str = "joint_trajectory_controller/JointTrajectoryController") -> None:
@@ -266,6 +266,8 @@ class JointTrajectoryController(Controller):
         begin = self._follower.where_it_begins(message.stamp)
         if (wrong := self._acceptance.mistake(message, now, begin)) is not None:
             raise TrajectoryRefused(str(self.refusal(f"refuses the trajectory: {wrong.text}")), wrong.code)
+        if (doubt := self._acceptance.doubt(message)) is not None:
+            self.tell("unreachable", f"{doubt}; until then it is behind")
 
     def _queue(self, message: JointTrajectory, now: int) -> None:
         self._follower.follow(message)

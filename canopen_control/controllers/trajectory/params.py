@@ -100,7 +100,8 @@ class TrajectoryParams(CommonParams):
     """Parameters of the controller: s, Hz, rad/s, and `allowed_start_tolerance` in rad or m, 0 for none.
 
     `gains`, `constraints` and `joint_limits` are in the order of `joints`. With `continue_without_client` a goal goes
-    on when the action client that has sent it is gone, as upstream's does.
+    on when the action client that has sent it is gone, as upstream's does. `unreachable_points` is what happens to a
+    trajectory with a point that a joint cannot reach in time within its velocity limit.
     """
 
     joints: tuple[str, ...] = ()
@@ -126,6 +127,7 @@ class TrajectoryParams(CommonParams):
     goal_time: float = setting(0.0, key="constraints.goal_time", low=0.0)
     decelerate_on_cancel: bool = setting(False, key="constraints.decelerate_on_cancel")
     allowed_start_tolerance: float = setting(0.1, low=0.0)
+    unreachable_points: str = setting("refuse", choices=("refuse", "warn", "off"))
     continue_without_client: bool = False
     joint_limiter_type: str = setting("", choices=("", POINT_LIMITER))
     gains: tuple[JointGains, ...] = derived(())

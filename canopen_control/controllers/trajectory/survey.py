@@ -79,7 +79,8 @@ class Survey:
 
     `not_increasing` is not after the point before it, `empty` has neither positions nor velocities nor accelerations,
     `infinite` has a number that is none. `sizes` are the first points by the number of values that they have, of
-    positions, velocities, accelerations and efforts; `positions` and `velocities` are their extremes.
+    positions, velocities, accelerations and efforts; `positions` and `velocities` are their extremes, `means` those of
+    the mean velocity on the way from the point before, per s.
     """
 
     def __init__(self) -> None:
@@ -88,13 +89,15 @@ class Survey:
         self.sizes: tuple[dict[int, int], ...] = ({}, {}, {}, {})
         self.positions = Extremes()
         self.velocities = Extremes()
+        self.means = Extremes()
         self._last = 0
+        self._place: Sequence[float] = ()  # where the last point is
 
     def add(self, points: Sequence[Values], times: Sequence[int]) -> None:
         """Look at the next points; `times` are theirs from start in ns."""
         if not points:
             return
-        begin = self.count
+        begin, before = self.count, self._last
         self._look_at_times(times)
         columns = (
             [each.positions for each in points],
@@ -115,6 +118,21 @@ class Survey:
             none = (index for index, three in enumerate(zip(*columns[:3], strict=True)) if not any(three))
             self.empty = begin + next(none, NONE - begin)
         self.count += len(points)
+        if self.not_increasing == self.infinite == NONE and len(self.sizes[0]) == 1:
+            self._look_at_ways(begin, columns[0], before, times)
+
+    def _look_at_ways(self, begin: int, places: list[list[float]], before: int, times: Sequence[int]) -> None:
+        """Take the mean velocities up to the next points, all of which have positions."""
+        last, self._place = self._place, places[-1]
+        whens = [each * 1e-9 for each in ((before, *times) if last else times)]
+        seconds = list(map(operator.sub, whens[1:], whens))
+        if seconds and places[0]:
+            columns = zip(*([last, *places] if last else places), strict=True)
+            ways = (map(operator.sub, column[1:], column) for column in columns)
+            first = begin if last else begin + 1
+            self.means.add(
+                Range(first, first + len(seconds), [list(map(operator.truediv, each, seconds)) for each in ways])
+            )
 
     def sized(self, quantity: int, allowed: tuple[int, ...]) -> int:
         """Return the first point that has another number of values of a quantity than these, NONE if none has."""

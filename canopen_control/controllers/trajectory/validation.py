@@ -23,11 +23,25 @@ if TYPE_CHECKING:
     from canopen_control.controllers.trajectory.point import JointTrajectory, Point, Points
     from canopen_control.controllers.trajectory.survey import Extremes, Range
 
-__all__ = ["JointLimits", "Refused", "Rule", "Rules", "beyond", "broken_rule", "far_start", "lost_start", "survey_of"]
+__all__ = [
+    "JointLimits",
+    "Refused",
+    "Rule",
+    "Rules",
+    "beyond",
+    "broken_rule",
+    "far_start",
+    "lost_start",
+    "survey_of",
+    "unreachable",
+]
 
 _FLOAT_EPSILON: Final = 2.0**-23
 _ROUNDING: Final = 1e-6
 """By how much a planner's numbers may exceed a limit, in rad or rad/s: it computes with its own rounding."""
+
+_WRITTEN: Final = 1.01
+"""By how much a mean velocity may exceed a limit: times are written with few digits."""
 
 _DAY: Final = 86_400_000_000_000
 
@@ -210,6 +224,27 @@ def beyond(message: JointTrajectory, survey: Survey, limits: dict[str, JointLimi
             at, worst = _place(message.points, found, index, -known.velocity, known.velocity, "velocities")
             where = f"point {at}: {name} with a velocity of {worst:g}"
             return f"{where} is beyond its limit of {known.velocity:g}; plan within it"
+    return None
+
+
+def unreachable(message: JointTrajectory, survey: Survey, limits: dict[str, JointLimits]) -> str | None:
+    """Say which point a joint cannot reach in time from the one before within its velocity limit, None if none.
+
+    A limit of 0 in a description is one that its author did not give.
+    """
+    for index, name in enumerate(message.joint_names if survey.means.ranges else ()):
+        most = limits.get(name, JointLimits()).velocity
+        if not 0.0 < most < math.inf:
+            continue
+        found = _outside(survey.means, index, -most * _WRITTEN, most * _WRITTEN)
+        for at in range(found.begin, found.end) if found is not None else ():
+            before, point = message.points[at - 1], message.points[at]
+            way, seconds = point.positions[index] - before.positions[index], (point.time - before.time) / 1e9
+            if abs(way) > most * _WRITTEN * seconds:
+                return (
+                    f"point {at}: {name} would have to go {way:g} in {seconds:g} s, faster than its limit of {most:g}; "
+                    f"give it {abs(way) / most:.3g} s, or set unreachable_points"
+                )
     return None
 
 

@@ -13,10 +13,11 @@ import msgspec
 __all__ = ["BatteriesSample", "BatteryReading", "ControllerSample", "DiagnosticsSample", "DofReading", "GpioSample",
            "GripperSample", "ImuSample", "JointDiagnosis", "JointStatesSample", "MecanumSample", "OdometrySample",
            "PidSample", "PoseSample", "RangeSample", "Sample", "SteeringSample", "TrajectoryPoint", "TrajectorySample",
-           "Values", "WrenchSample", "grown", "kind_of"]  # fmt: skip
+           "Values", "WrenchSample", "grown", "kind_of", "stamped"]  # fmt: skip
 
 Values: TypeAlias = dict[str, float | None]
 S = TypeVar("S", bound="Sample")
+M = TypeVar("M", bound=msgspec.Struct)
 
 
 class Sample(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", tag="none"):
@@ -257,6 +258,11 @@ ControllerSample: TypeAlias = (
 def grown(kind: type[S], sample: Sample, **more: Any) -> S:  # noqa: ANN401 - fields of any type
     """Return a sample of a kind that has all of another one's fields, and `more`."""
     return kind(**(msgspec.structs.asdict(sample) | more))
+
+
+def stamped(message: M, time: float, **more: Any) -> M:  # noqa: ANN401 - fields of any type
+    """Return a message of another `time`, and with `more`."""
+    return msgspec.structs.replace(message, time=time, **more)
 
 
 def kind_of(sample: type[Sample]) -> str:

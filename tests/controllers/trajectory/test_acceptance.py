@@ -81,7 +81,7 @@ def test_a_joint_has_its_limits_under_the_name_that_a_controller_exports_it_by()
 def test_joints_that_turn_without_end_have_no_limits():
     judge, _ = acceptance(kind="continuous")
     assert judge.continuous == [True, True]
-    assert judge.mistake(packed(2, lambda index: [0.0, 7.0 * index]), S, HERE) is None
+    assert judge.mistake(packed(8, lambda index: [0.0, 1.0 * index]), S, HERE) is None
 
 
 def test_what_the_object_behind_cannot_hold_is_named():

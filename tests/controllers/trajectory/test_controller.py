@@ -15,7 +15,7 @@ from canopen_control.controllers.trajectory.goal import Goal, GoalState, ResultC
 from canopen_control.controllers.trajectory.params import POINT_LIMITER
 from canopen_control.controllers.trajectory.point import JointTrajectory, Point
 from canopen_control.controllers.trajectory.tolerances import GoalTolerances
-from canopen_control.errors import ControlError
+from canopen_control.errors import ControlError, TrajectoryRefused
 from canopen_control.hardware.interfaces import InterfaceRegistry
 from canopen_control.rpc.messages.parameters import ParameterValue
 from canopen_control.urdf.joint_element import Joint, Limits
@@ -521,10 +521,21 @@ def steps_of(arm, cycles):
     return [b - a for a, b in itertools.pairwise(places)]
 
 
-def test_without_a_limiter_a_trajectory_may_leap():
-    arm = Arm()
+def test_without_a_limiter_a_trajectory_may_leap_where_nobody_asks_whether_it_can_be_followed():
+    arm = Arm(unreachable_points="off")
     arm.send((0.1, 0.0), (0.2, 1.0))
     assert max(steps_of(arm, 30)) == pytest.approx(0.1)
+
+
+def test_points_that_a_joint_cannot_reach_in_time_are_refused_or_taken_and_told():
+    arm = Arm()
+    with pytest.raises(TrajectoryRefused, match=r"point 1: a would have to go 1 in 0\.1 s.*give it 0\.5 s"):
+        arm.send((0.1, 0.0), (0.2, 1.0))
+    arm = Arm(unreachable_points="warn")
+    arm.send((0.1, 0.0), (0.2, 1.0))
+    assert max(steps_of(arm, 30)) == pytest.approx(0.1)
+    (told,) = [each.text for each in arm.events if each.kind == "unreachable"]
+    assert "a would have to go 1 in 0.1 s, faster than its limit of 2" in told
 
 
 def test_a_point_limiter_holds_velocity_and_acceleration_and_tells_it_once():

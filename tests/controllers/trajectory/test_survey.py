@@ -32,6 +32,22 @@ def told(found: Survey) -> object:
     return found.count, found.not_increasing, found.empty, found.infinite, found.sizes
 
 
+WAYS = st.lists(st.tuples(st.integers(1, 10**9), st.floats(-9.0, 9.0), st.floats(-9.0, 9.0)), min_size=1, max_size=12)
+
+
+@given(WAYS, st.lists(st.integers(0, 20), max_size=4))
+def test_the_mean_velocities_between_points_are_those_of_the_whole_however_it_came(ways, cuts):
+    times = list(itertools.accumulate(gap for gap, _, _ in ways))
+    points = [Point([a, b], time=time) for time, (_, a, b) in zip(times, ways, strict=True)]
+    means = survey(*split(points, cuts)).means
+    pairs = list(itertools.pairwise(points))
+    for joint in range(2 if pairs else 0):
+        found = [(q.positions[joint] - p.positions[joint]) / ((q.time - p.time) * 1e-9) for p, q in pairs]
+        assert math.isclose(means.lowest[joint], min(found), rel_tol=1e-6, abs_tol=1e-6)
+        assert math.isclose(means.highest[joint], max(found), rel_tol=1e-6, abs_tol=1e-6)
+    assert [at for each in means.ranges for at in range(each.begin, each.end)] == list(range(1, len(points)))
+
+
 @given(POINTS, st.lists(st.integers(0, 20), max_size=4))
 def test_pieces_come_to_the_same_as_the_whole(points, cuts):
     assert told(survey(*split(points, cuts))) == told(survey(points))

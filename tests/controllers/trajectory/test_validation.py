@@ -14,6 +14,7 @@ from canopen_control.controllers.trajectory.validation import (
     far_start,
     lost_start,
     survey_of,
+    unreachable,
 )
 
 S = 1_000_000_000
@@ -58,6 +59,35 @@ def to(*positions: float, time: float = 1.0, **more: list[float]) -> JointTrajec
 )
 def test_what_no_joint_can_bear_is_named_with_its_joint(given, text):
     assert text in beyond(given, survey_of(given), LIMITS)
+
+
+def through(*points):
+    """Return a trajectory through (time, a, b)."""
+    return JointTrajectory(["a", "b"], [Point([a, b], time=round(time * S)) for time, a, b in points])
+
+
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        (through((0.0, -0.9, 0.0), (1.0, 0.9, 0.0), (2.0, 0.9, 40.0)), None),
+        (through((0.0, -0.9, 0.0), (0.895, 0.9, 0.0)), None),  # 2.01 rad/s: times are written with few digits
+        (
+            through((0.0, 0.0, 0.0), (0.5, 0.9, 0.0), (1.0, 0.9, 0.0), (1.5, -0.9, 0.0)),
+            "point 3: a would have to go -1.8 in 0.5 s, faster than its limit of 2; give it 0.9 s, or set unreachable",
+        ),
+    ],
+)
+def test_a_point_that_cannot_be_reached_in_time_is_named_with_the_time_it_needs(given, told):
+    found = unreachable(given, survey_of(given), LIMITS)
+    assert (found is None) is (told is None)
+    assert told is None or told in found
+
+
+def test_a_limit_of_zero_is_one_that_nobody_gave_and_points_without_positions_say_nothing_of_the_way():
+    given = through((0.0, 0.0, 0.0), (0.001, 1.0, 0.0))
+    assert unreachable(given, survey_of(given), {"a": JointLimits(velocity=0.0)}) is None
+    mixed = JointTrajectory(["a"], [Point([0.0]), Point(velocities=[0.0], time=1), Point([1.0], time=2)])
+    assert unreachable(mixed, survey_of(mixed), LIMITS) is None
 
 
 def test_limits_bear_the_rounding_of_a_planner_and_turns_without_end():

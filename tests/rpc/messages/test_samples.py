@@ -25,6 +25,7 @@ from canopen_control.rpc.messages.samples import (
     WrenchSample,
     grown,
     kind_of,
+    stamped,
 )
 from canopen_control.rpc.messages.state import StateSample
 from canopen_control.rpc.wire import convert, plain
@@ -116,3 +117,9 @@ def test_a_kind_that_nobody_knows_is_told():
     with pytest.raises(Exception, match="Invalid value 'dance'"):
         convert({"samples": {"dancer": {"kind": "dance", "time": 1.0}}}, StateSample)
     assert issubclass(OdometrySample, Sample)
+
+
+def test_a_message_is_stamped_anew_and_what_it_says_stays():
+    moved = stamped(SAMPLES["base"], 9.0, x=5.0)
+    assert (moved.time, moved.x, moved.y) == (9.0, 5.0, SAMPLES["base"].y)
+    assert SAMPLES["base"].time == 1.5
