@@ -13,6 +13,7 @@ from canopen_control.view.robot_info import pose_of, true_pose_of
 from canopen_control.view.sampling import Sampler, commanded_interfaces, names
 from canopen_control.view.scene_tree import SceneTree, Trail, angles_of
 from canopen_control.view.words import BAD, axis_rows
+from canopen_control.view.world_view import WorldView
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -34,7 +35,7 @@ class RobotView:
         self.linear = frozenset(joint.name for joint in self.model.joints.values() if joint.type == "prismatic")
         self.scene = SceneTree(self.model, info.path, publish)
         self.history, self.trail = History(names(info.joints, info.buses)), Trail()
-        self.true_trail = Trail()
+        self.true_trail, self.world = Trail(), WorldView()
         self.fault_client, self.faults = FaultClient(info.nodes), DriveFaults()
         self.controllers: tuple[ControllerReading, ...] = ()
         self._sampler = Sampler()

@@ -26,11 +26,13 @@ from canopen_control.rpc.server import Server
 from canopen_control.version import __version__
 from canopen_control.virtual.fault_switches import FaultSwitches
 from canopen_control.virtual.fault_table import FAULTS
+from canopen_control.virtual.plant import FurnishedWorld
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from canopen_control.rpc.messages.declare import Request
+    from canopen_control.rpc.messages.drive import WorldShape
     from canopen_control.rpc.server import Call
     from canopen_control.virtual.nodehost import NodeHost
     from canopen_control.virtual.plant import Plant, World
@@ -83,6 +85,7 @@ class NodeControl:
         self._answer(messages.SetPlant, self._set_plant)
         self._answer(messages.RestartQuality, self._restart_quality)
         self._answer(messages.GetWorld, self._tell_world)
+        self._answer(messages.GetWorldShapes, self._tell_shapes)
         self._server.check()
 
     def close(self) -> None:
@@ -121,6 +124,9 @@ class NodeControl:
 
     def _tell_world(self, _request: messages.GetWorld) -> WorldState:
         return WorldState() if self._world is None else self._world.describe()
+
+    def _tell_shapes(self, _request: messages.GetWorldShapes) -> tuple[WorldShape, ...]:
+        return self._world.shapes() if isinstance(self._world, FurnishedWorld) else ()
 
     def _restart_quality(self, request: messages.RestartQuality) -> Done:
         self._axis(request.axis).meter.restart()

@@ -16,10 +16,12 @@ from typing import TYPE_CHECKING, Protocol, runtime_checkable
 from canopen_control.rpc.messages.drive import WorldState
 
 if TYPE_CHECKING:
+    from canopen_control.rpc.messages.drive import WorldShape
     from canopen_control.virtual.trajectory import Piece, Trajectory
 
 __all__ = [
     "CoupledPlant",
+    "FurnishedWorld",
     "IdealPlant",
     "LagPlant",
     "Leader",
@@ -274,6 +276,14 @@ class TellingWorld(World, Protocol):
     """An engine that has something to tell before it begins: what it had to guess, in sentences."""
 
     notes: tuple[str, ...]
+
+
+@runtime_checkable
+class FurnishedWorld(World, Protocol):
+    """An engine in whose world there is more than robots."""
+
+    def shapes(self) -> tuple[WorldShape, ...]:
+        """Return what stands there, where it is now."""
 
 
 class PlainWorld:

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from canopen_control.view.history import Row
     from canopen_control.view.sampling import Chart
     from canopen_control.view.scene_tree import SceneDocument
+    from canopen_control.view.world_view import WorldDocument
 
 __all__ = ["Feed", "FeedMessage", "HoldButton", "HoldButtons", "PlotRows", "Presence", "RobotScene", "SceneChange",
            "StripCharts"]  # fmt: skip
@@ -46,13 +47,14 @@ class FeedMessage(TypedDict, total=False):
     """One message; a key that is not there has not changed. `titles` are those of charts.
 
     `trail` are points in m where odometry was, `truth` where the base was. `ghost` is a place of the joints that is
-    previewed, by their order in the tree, null for none.
+    previewed, by their order in the tree, null for none; `world` is what stands beside the robot.
     """
 
     scene: SceneChange
     plots: PlotRows
     trail: list[tuple[float, float]]
     truth: list[tuple[float, float]]
+    world: WorldDocument
     ghost: list[float | None] | None
     titles: dict[str, str]
     lost: bool

@@ -2,6 +2,7 @@
 // with fewer pixels where a processor has to draw it.
 const FAULT = 0xd62828, SLOW_MS = 45, LEAST_RATIO = 0.5;
 const BELIEVED = 0x266ec8, TRUE = 0xe07a00; // the ways of odometry and of the base itself
+const STANDING = 0x9aa7b5, MOVING = 0xc79a5b; // of a world: what stands fast, and what can be pushed
 const GHOST = { color: 0x1d5fd1, transparent: true, opacity: 0.35, depthWrite: false };
 const NONE = "This browser draws no 3D (no WebGL). Everything else on this page works.";
 
@@ -20,6 +21,7 @@ export default {
     this.listen("cc-scene", (event) => this.move(event.detail));
     this.trails = { trail: { color: BELIEVED, points: [] }, truth: { color: TRUE, points: [] } };
     for (const name of ["trail", "truth"]) this.listen(`cc-${name}`, (event) => this.setTrail(name, event.detail));
+    this.listen("cc-world", (event) => this.setWorld(event.detail));
     this.listen("cc-ghost", (event) => this.setGhost(event.detail));
     let parts;
     try {
@@ -35,7 +37,9 @@ export default {
     this.seen.observe(this.$el);
     this.move(this.latest);
     for (const name in this.trails) this.drawTrail(name);
-    window.ccScene = { place: (name, ghost) => this.place(name, ghost), trail: (name) => this.trails[name].points };
+    if (this.latestWorld) this.setWorld(this.latestWorld);
+    window.ccScene = { place: (name, ghost) => this.place(name, ghost), trail: (name) => this.trails[name].points,
+      world: () => (this.world ? this.world.group.children.map((each) => each.getWorldPosition(new parts.THREE.Vector3()).toArray()) : []) };
   },
   beforeUnmount() {
     for (const [name, handler] of this.handlers || []) window.removeEventListener(name, handler);
@@ -244,6 +248,29 @@ export default {
       this.truthMark.position.set(pose[0], pose[1], 0.003);
       this.truthMark.rotation.z = pose[2];
       this.addToTrail("truth", pose[0], pose[1]);
+    },
+    setWorld(world) {
+      // what stands on the floor beside the robot, in a frame of its own
+      this.latestWorld = world;
+      if (!this.base) return;
+      const THREE = this.parts.THREE, sizes = JSON.stringify(world.shapes.map(({ size }) => size));
+      if (!this.world || this.world.sizes !== sizes) {
+        if (this.world) this.scene.remove(this.world.group);
+        this.world = { sizes, group: new THREE.Group() };
+        for (const shape of world.shapes) {
+          const material = new THREE.MeshStandardMaterial({ color: shape.moves ? MOVING : STANDING, roughness: 0.8 });
+          this.world.group.add(new THREE.Mesh(this.geometry(THREE, shape), material));
+        }
+        this.scene.add(this.world.group);
+      }
+      const [x, y, turn] = world.place;
+      this.world.group.position.set(x, y, 0);
+      this.world.group.rotation.z = turn;
+      world.shapes.forEach((shape, number) => {
+        this.world.group.children[number].position.set(...shape.position);
+        this.world.group.children[number].quaternion.copy(this.turn(shape.wxyz));
+      });
+      this.wake();
     },
     shift(dx, dy) {
       this.camera.position.x += dx;
