@@ -257,6 +257,11 @@ def test_a_simulated_base_has_its_own_way_beside_that_of_odometry(show, stage, k
     assert math.dist(believed[0], true[0]) < 0.03
     assert math.dist(believed[-1], true[-1]) > 0.1
     assert "odometry is off by" in page.text()
+    turned = [math.cos(math.pi / 8), 0, 0, math.sin(math.pi / 8)]
+    box = {"shape": "box", "size": [0.3, 0.2, 0.4], "position": [1.0, 0.0, 0.2], "wxyz": turned, "moves": True}
+    world = {"place": [0.5, 1.0, math.pi / 2], "shapes": [box]}
+    page.page.evaluate("world => window.dispatchEvent(new CustomEvent('cc-world', { detail: world }))", world)
+    assert page.page.evaluate("window.ccScene.world()[0]") == pytest.approx([0.5, 2.0, 0.2])
     keep(page, "true_pose")
     page.page.reload()
     assert eventually(lambda: len(page.page.evaluate("window.ccScene?.trail('truth') || []")) > 50, 20)
