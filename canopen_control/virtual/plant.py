@@ -13,13 +13,14 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
-from canopen_control.rpc.messages.drive import WorldState
+from canopen_control.rpc.messages.drive import WorldAct, WorldState
 
 if TYPE_CHECKING:
     from canopen_control.rpc.messages.drive import WorldShape
     from canopen_control.virtual.trajectory import Piece, Trajectory
 
 __all__ = [
+    "ChangeableWorld",
     "CoupledPlant",
     "FurnishedWorld",
     "IdealPlant",
@@ -284,6 +285,14 @@ class FurnishedWorld(World, Protocol):
 
     def shapes(self) -> tuple[WorldShape, ...]:
         """Return what stands there, where it is now."""
+
+
+@runtime_checkable
+class ChangeableWorld(World, Protocol):
+    """An engine in which something may happen that no drive does."""
+
+    def act(self, what: WorldAct) -> None:
+        """Let it happen now; ConfigError for a link or a joint that is not there."""
 
 
 class PlainWorld:
