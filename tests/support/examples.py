@@ -27,6 +27,7 @@ NOT_RUN = {
     r"^command .*\bio/lamp=": "outputs: tests/cli/test_command.py has some",
     r" /outputs/commands ": "outputs and a bridge: tests/ros/test_gpio_commands.py has what it sends",
     r"^calibrate\b": "a base that errs, and minutes of squares: tests/cli/test_calibrate.py has one",
+    r"^replay .*--page": "a flight recording: tests/cli/test_replay.py has one",
     r"--plant floor\.yml": "a plant file: tests/integration/test_true_pose_of_a_run.py has one",
     r"^bench\b": "minutes of measuring: tests/bench runs every family of it",
 }
