@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 
 __all__ = ["ReplayedRobot"]
 
+_STANDS_NS: Final = 500_000_000
 _LONGEST_S: Final = 1.0  # between two samples: a gap of a recording is not waited for
 
 
@@ -106,6 +107,7 @@ class ReplayedRobot:
             self._server.push(event, [each for each, wanted in self._watching.items() if wanted.events])
         if self._at + 1 == len(self._samples):
             self.over = True
+            self._reactor.call_later(_STANDS_NS, self._tell)  # who hears nothing takes a robot for lost
             return
         wait = min(max(self._samples[self._at + 1].time - sample.time, 0.0), _LONGEST_S) / self._speed
         self._reactor.call_later(round(wait * 1e9), self._next)

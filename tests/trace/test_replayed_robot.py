@@ -95,6 +95,8 @@ def test_a_gap_is_not_waited_for(watched):
     assert w.robot.over
     w.ask("subscribe", state_rate=5.0)
     assert w.receive()["state"]["time"] == 500.0, "who comes later sees where it stands"
+    w.reactor.run_for(S)
+    assert [w.receive()["state"]["time"] for _ in range(2)] == [500.0] * 2, "and goes on to hear it"
 
 
 def test_what_a_page_asks_is_answered_and_what_moves_is_refused(watched):
