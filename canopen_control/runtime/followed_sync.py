@@ -26,7 +26,8 @@ __all__ = ["FollowedSync", "SyncOfAnother"]
 _MISSED = 5  # periods without SYNC until it is set up again
 _RETRY_NS = 500_000_000
 _BLOCK, _BLOCKS = 64, 5  # SYNCs that are judged together, and so often before anything is changed
-_MOST_TRIMMED = 20  # this part of a period at most
+_MOST_TRIMMED = 20  # this part of a period at most, and _LATENCY_US
+_LATENCY_US = 100  # beyond that it is no latency: the machine stands still at times
 
 
 class Task(Protocol):
@@ -51,7 +52,7 @@ class Task(Protocol):
 class _Excess:
     """By how much the periods between SYNCs are longer than `period_ns`: of what came first in each block.
 
-    A SYNC is seen late or in time, never early, so that the earliest of a block say when it was sent; the middle one of
+    A SYNC is seen late or in time, never early, so that the earliest of a block say when it was sent; the least of
     several blocks counts, since a machine that stands still for a moment delays all SYNCs after it.
     """
 
@@ -81,7 +82,7 @@ class _Excess:
             self._longer.append((self._least - before) // _BLOCK)
         if len(self._longer) < _BLOCKS:
             return None
-        found = sorted(self._longer)[_BLOCKS // 2]
+        found = min(self._longer)
         self.restart()
         return found
 
@@ -146,7 +147,8 @@ class FollowedSync:
 
     def _trim(self, longer_us: int) -> None:
         """Tell the kernel a period that is shorter by what it adds; it adds, and never takes away."""
-        trimmed = max(0, min(self._period_us // _MOST_TRIMMED, self._trimmed_us + longer_us))
+        most = min(self._period_us // _MOST_TRIMMED, _LATENCY_US)
+        trimmed = max(0, min(most, self._trimmed_us + longer_us))
         if trimmed != self._trimmed_us:
             self._trimmed_us = trimmed
             with contextlib.suppress(BusError):  # what does not come is set up again

@@ -192,14 +192,15 @@ def heard_by_a_late_process(task, syncs, stalls=(), period_us=10_000):
 def test_what_the_kernel_adds_to_each_period_is_taken_off_it(latency_us, stalls):
     task = Slow(latency_us * 1000)
     periods = heard_by_a_late_process(task, 1800, stalls)
-    assert all(abs(each - 10 * MS) <= 1000 for each in periods)
+    assert all(-2000 <= each - 10 * MS <= 3000 for each in periods)
     assert all(abs(each - 10_000) <= latency_us + 3 for each in task.told)
 
 
-def test_a_kernel_that_is_far_behind_is_not_told_less_than_nineteen_twentieths():
+@pytest.mark.parametrize(("period_us", "least"), [(10_000, 9_900), (1000, 950)])
+def test_a_machine_that_stands_still_again_and_again_is_no_latency_to_be_taken_off(period_us, least):
     task = Slow(3 * MS)
-    heard_by_a_late_process(task, 1000)
-    assert min(task.told) == 9_500
+    heard_by_a_late_process(task, 1000, period_us=period_us)
+    assert min(task.told) == least
 
 
 def test_one_that_is_set_up_again_begins_with_the_whole_period():
