@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from canopen_control.cli.support.arguments import seconds, whole_number
@@ -48,6 +49,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--physics",
         action="store_true",
         help="the virtual drives move the robot on a floor: weight, friction, slip (needs the extra [physics])",
+    )
+    parser.add_argument(
+        "--world", metavar="FILE", help="with --physics: what stands on the floor, and what happens when"
     )
     parser.add_argument("--view", action="store_true", help="show the robot on a page of this computer")
     parser.add_argument("--teleop", action="store_true", help="with --view: buttons that drive while they are held")
@@ -168,11 +172,14 @@ def run_robot(args: argparse.Namespace, *, motion: bool = False, table: bool = F
         raise ConfigError("--teleop is for the page; show it with --view, or drive by keyboard: canopen-control teleop")
     if args.physics:
         _check_physics(args, setup)
+    elif args.world is not None:
+        raise ConfigError("--world is of a robot with physics; give --physics too")
     from canopen_control.cli.support.output import Announcer
     from canopen_control.runtime.run_session import RunOptions, Session
 
     options = RunOptions(
         physics=args.physics,
+        world=None if args.world is None else Path(args.world).resolve(),
         drives=not (args.real or args.mock or args.no_drives),
         ros=args.ros,
         ros_arguments=bridge_arguments(args),

@@ -22,6 +22,7 @@ VERBS = {
     "drive": "run virtual drives",
     "device": "run virtual I/O modules, encoders, sensors: any device with an EDS",
     "fault": "break a running virtual drive or device, and mend it; set its inputs",
+    "world": "where a robot with physics really is; payload, pushes, blocked joints, grip",
     "bus": "channels: list, status, up, down, faults",
     "status": "what a running robot is doing",
     "monitor": "drives, joints, events and frames as live tables, with a STOP key",

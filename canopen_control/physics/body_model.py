@@ -19,13 +19,17 @@ import numpy as np
 
 from canopen_control.errors import nearest
 from canopen_control.physics.ground_contact import Ground, Part, stand
+from canopen_control.physics.mecanum_contact import RollerWheel
 from canopen_control.physics.physics_file import PhysicsError
+from canopen_control.physics.scenery import add_scenery
+from canopen_control.urdf.geometry import from_yaw
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from canopen_control.physics.physics_file import AxisSettings, Floor
     from canopen_control.physics.urdf_repair import RepairedUrdf
+    from canopen_control.physics.world_file import WorldDescription
     from canopen_control.urdf.description import Description
 
 __all__ = ["BASE_JOINT", "Body", "JointPlace", "Motor", "build", "read_spec"]
@@ -35,7 +39,9 @@ _FLOOR: Final = "floor"
 _LOCK: Final = "lock of "
 _SOLIMP: Final = (0.95, 0.99, 0.0005, 0.5, 2.0)
 _ROBOT, _WORLD = 2, 1  # kinds of contact: the robot touches the world, and not itself
-_ROTOR: Final = 0.2  # of the inertia at the joint
+_TYRE: Final = " tyre"
+_ROTOR: Final = 0.2  # of the inertia at the joint; a motor and gear for more torque than that needs have more,
+_ROTOR_ACCELERATION: Final = 500.0  # rad/s2 by its rated torque, alone
 _POSTURES: Final = 8
 _GOLDEN: Final = 0.6180339887498949
 _RATED: Final = 0.8  # of the weight on a wheel, as a force at its rim
@@ -70,13 +76,16 @@ class JointPlace:
 class Body:
     """A compiled model and its driven joints by name; `base` is the number of the freed root body, None: it is fixed.
 
-    `notes` tell what was guessed.
+    `notes` tell what was guessed; `wheels` and `casters` are the numbers of the shapes on the floor.
     """
 
     model: Any
     joints: dict[str, JointPlace]
     base: int | None
     notes: tuple[str, ...]
+    wheels: tuple[int, ...] = ()
+    casters: tuple[int, ...] = ()
+    rollers: tuple[RollerWheel, ...] = ()
 
 
 def read_spec(urdf: RepairedUrdf, path: str) -> Any:  # noqa: ANN401 - MuJoCo has no types
@@ -109,8 +118,9 @@ def build(
     density: float,
     free: bool | None,
     path: str,
+    world: WorldDescription,
 ) -> Body:
-    """Make the model of a description; `axes` by their joints, `free` says whether its root is, None: if it rolls.
+    """Make the model of a description in a world; `axes` by their joints, `free`: its root is, None: if it rolls.
 
     Lengths in m, `step` in s. PhysicsError, with a line in the file at `path`, for a joint that is not there.
     """
@@ -130,8 +140,10 @@ def build(
     if is_free:
         body = spec.body(root)
         body.add_freejoint(name=BASE_JOINT)
-        body.pos = [0.0, 0.0, ground.lift]
+        body.pos = [*world.start.at, ground.lift]
+        body.quat = list(from_yaw(math.radians(world.start.heading)))
     _lay_floor(spec, step, 0.0 if is_free else min(0.0, -ground.lift))
+    add_scenery(spec, world, _solref(step))
     motors = _motors(compiled(spec, description.path), description, axes, ground)
     for name, motor in motors.items():
         joint = spec.joint(name)
@@ -144,6 +156,7 @@ def build(
         {name: _place(model, name, motor) for name, motor in motors.items()},
         int(model.body(root).id) if is_free else None,
         tuple(_told(axes, motors, ground, is_free)),
+        *_on_floor(model, ground, axes),
     )
 
 
@@ -171,10 +184,14 @@ def _set_options(spec: Any, step: float) -> None:  # noqa: ANN401 - as above
 def _touch_floor(spec: Any, ground: Ground, floor: Floor, step: float) -> None:  # noqa: ANN401 - as above
     """Give each shape what it does on the floor."""
     touches = {touch.geom: touch for touch in ground.touches}
+    rolling = {touch.geom for touch in ground.touches if touch.part is not Part.CASTER}
+    turning = {geom.parent.name for geom in spec.geoms if geom.name in rolling}
     for geom in list(spec.geoms):
         touch = touches.get(geom.name)
         part = Part.CASTER if touch is None else touch.part
         _set_contact(geom, floor.caster_friction if part is Part.CASTER else floor.friction, step)
+        if touch is None and geom.parent.name in turning:  # spokes and treads that are drawn turn with it
+            geom.contype = geom.conaffinity = 0
         if touch is None or part is Part.CASTER:
             continue
         if part is Part.ROLLER:
@@ -185,9 +202,14 @@ def _touch_floor(spec: Any, ground: Ground, floor: Floor, step: float) -> None: 
 
 
 def _set_contact(geom: Any, friction: float, step: float) -> None:  # noqa: ANN401 - as above
-    geom.solref, geom.solimp = [max(0.004, 2.0 * step), 1.0], list(_SOLIMP)
+    geom.solref, geom.solimp = _solref(step), list(_SOLIMP)
     geom.condim, geom.contype, geom.conaffinity = 3, _ROBOT, _WORLD
     geom.friction = [friction, 0.005, 0.0001]
+
+
+def _solref(step: float) -> list[float]:
+    """Return time constant and damping of a contact: of 4 ms, and no less than the solver needs."""
+    return [max(0.004, 2.0 * step), 1.0]
 
 
 def _loosened(geom: Any, step: float, friction: float) -> Any:  # noqa: ANN401 - as above
@@ -196,7 +218,7 @@ def _loosened(geom: Any, step: float, friction: float) -> Any:  # noqa: ANN401 -
     geom.density = 0.5 * geom.density
     wheel = geom.parent.add_body(name=f"{geom.name} rolling", pos=geom.pos, quat=geom.quat)
     wheel.add_joint(name=f"{geom.name} axle", type=mujoco.mjtJoint.mjJNT_HINGE, axis=[0.0, 0.0, 1.0])
-    rolling = wheel.add_geom(name=f"{geom.name} tyre", type=geom.type, size=geom.size, density=geom.density)
+    rolling = wheel.add_geom(name=f"{geom.name}{_TYRE}", type=geom.type, size=geom.size, density=geom.density)
     _set_contact(rolling, friction, step)
     return rolling
 
@@ -206,6 +228,27 @@ def _lay_floor(spec: Any, step: float, height: float) -> None:  # noqa: ANN401 -
     floor = spec.worldbody.add_geom(name=_FLOOR, type=plane, size=[0, 0, 0.05], pos=[0, 0, height])
     _set_contact(floor, 0.0, step)  # the larger friction of two counts: that of the wheel, or of the caster
     floor.contype, floor.conaffinity = _WORLD, _ROBOT
+
+
+def _on_floor(
+    model: Any,  # noqa: ANN401 - as above
+    ground: Ground,
+    axes: Mapping[str, AxisSettings],
+) -> tuple[tuple[int, ...], tuple[int, ...], tuple[RollerWheel, ...]]:
+    """Return the numbers of the shapes that roll on the floor, of those that slide on it, and the mecanum wheels."""
+    places: dict[bool, list[int]] = {True: [], False: []}
+    rollers = []
+    for touch in ground.touches:
+        angle = None if touch.joint not in axes else axes[touch.joint].roller
+        if angle is not None:
+            geom = int(model.geom(touch.geom).id)
+            model.geom_friction[geom, 0] = 0.0
+            frame = int(model.body_parentid[int(model.joint(touch.joint).bodyid[0])])
+            rollers.append(RollerWheel(geom, frame, angle, touch.radius))
+            continue
+        name = f"{touch.geom}{_TYRE}" if touch.part is Part.ROLLER else touch.geom
+        places[touch.part is not Part.CASTER].append(int(model.geom(name).id))
+    return tuple(places[True]), tuple(places[False]), tuple(rollers)
 
 
 # -- motors
@@ -235,7 +278,9 @@ def _motors(
 def _motor(axis: AxisSettings, effort: float, inertia: float, need: float, *, wheel: bool) -> Motor:
     peak = axis.peak_torque or (effort if 0.0 < effort < math.inf else 2.0 * need)
     rated = axis.rated_torque or 0.5 * peak
-    rotor = _ROTOR * inertia if axis.rotor_inertia is None else axis.rotor_inertia * axis.gear**2
+    rotor = max(_ROTOR * inertia, rated / _ROTOR_ACCELERATION)
+    if axis.rotor_inertia is not None:
+        rotor = axis.rotor_inertia * axis.gear**2
     return Motor(
         rated,
         axis.peak_torque or max(peak, rated),

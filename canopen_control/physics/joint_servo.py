@@ -23,7 +23,7 @@ __all__ = ["JointPlant", "Moved", "ServoLoop"]
 
 _COARSE: Final = 1e-4  # rad: a count of an encoder whose speed needs a filter
 _FILTER_S: Final = 0.004
-_ENCODER: Final = 4096  # counts of a turn at least, where nobody says
+_ENCODER: Final = 16_384  # counts of a turn at least, where nobody says: 4096 lines
 _RESET: Final = 0.25  # of the bandwidth: damping 1 at the inertia that the loop was tuned for
 _FOLLOW_NS: Final = 10_000_000
 

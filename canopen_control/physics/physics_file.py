@@ -4,6 +4,7 @@
     urdf: robby.urdf.xacro           # beside this file; or mjcf: scene.xml
     step_ms: 1                       # of the simulation
     floor: {friction: 0.8, caster_friction: 0.02}
+    world: hall.yml                  # what stands on the floor and what happens, see `world_file`
     axes:
       "3": {joint: left_wheel_joint, scale_pos_to_dev: -254.65, rated_torque: 0.5, peak_torque: 1.0}
       "3/1": {joint: lift_joint, scale_pos_to_dev: 1000}         # axis 1 of node 3
@@ -43,7 +44,8 @@ class AxisSettings:
     `scale_pos_to_dev` are counts of the drive for each rad, as in bus.yml, negative where it is mounted mirrored.
     `encoder` are counts for a turn of the motor (for a metre of its way), `rotor_inertia` that of the motor before the
     `gear`; `inertia` is what the velocity loop, of so much `bandwidth` in rad/s, was tuned for. A `brake` holds the
-    joint while there is no power. None: estimated.
+    joint while there is no power. A mecanum wheel has a `roller` on the ground, whose axle is turned so many degrees
+    from ahead to the left. None: estimated, or there is none.
     """
 
     joint: str
@@ -59,6 +61,7 @@ class AxisSettings:
     bandwidth: float = setting(80.0, low=1.0, high=1000.0)
     position_gain: float = setting(30.0, low=0.0, high=1000.0)
     brake: bool | None = None
+    roller: float | None = setting(None, low=-90.0, high=90.0)
     here: Node = position()  # noqa: RUF009 - makes a field
 
 
@@ -83,6 +86,7 @@ class PhysicsFile:
     base: Literal["free", "fixed"] | None = None
     density: float = setting(1000.0, low=1.0, high=30_000.0)
     floor: Floor = Floor()
+    world: str = ""
     here: Node = position()  # noqa: RUF009 - makes a field
 
 

@@ -15,13 +15,16 @@ import mujoco
 import numpy as np
 
 from canopen_control.physics.joint_servo import JointPlant
+from canopen_control.physics.mecanum_contact import MecanumContact
 from canopen_control.rpc.messages.drive import BasePose, WorldState
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
     from canopen_control.physics.body_model import Body, JointPlace
+    from canopen_control.physics.disturbances import Disturbances
     from canopen_control.physics.physics_file import AxisSettings
+    from canopen_control.rpc.messages.drive import WorldAct
 
 __all__ = ["PhysicsWorld"]
 
@@ -31,12 +34,19 @@ _LOOK: Final = 16  # steps between two looks whether all is at rest, and at the 
 _REST_S: Final = 0.5
 _AT_REST: Final = 1e-3  # rad/s, m/s
 _SETTLE_STEPS: Final = 300
+_BASE_DOFS: Final = 6  # of a free root, which come first
 
 
 class PhysicsWorld:
     """The `World` of one body; `axes` are the settings of the axes by node id and number, `notes` what was guessed."""
 
-    def __init__(self, body: Body, axes: Mapping[tuple[int, int], AxisSettings], notes: tuple[str, ...] = ()) -> None:
+    def __init__(
+        self,
+        body: Body,
+        axes: Mapping[tuple[int, int], AxisSettings],
+        disturbances: Disturbances,
+        notes: tuple[str, ...] = (),
+    ) -> None:
         self._body, self._axes, self.model, self.notes = body, axes, body.model, notes
         self.data = mujoco.MjData(body.model)
         self.angles, self.speeds, self.efforts = self.data.qpos, self.data.qvel, self.data.qfrc_applied
@@ -50,7 +60,20 @@ class PhysicsWorld:
         self._asleep = False
         self._orders: list[tuple[object, ...]] = []
         self._heading, self._turns = 0.0, 0
+        self._began: int | None = None  # point of the grid from which the world's own times count
         self._settle()
+        self._disturbances = disturbances
+        load = self._weight() / max(1, len(body.rollers))
+        self._rollers = [MecanumContact(self.model, self.data, each, load) for each in body.rollers]
+        disturbances.block = self._block
+        disturbances.begin(self.data)
+        disturbances.look_at_grip()
+
+    def _weight(self) -> float:
+        """Return the weight of the robot in N."""
+        if self._body.base is None:
+            return 0.0
+        return float(self.model.body_subtreemass[self._body.base] * np.linalg.norm(self.model.opt.gravity))
 
     def _settle(self) -> None:
         """Let it sink onto the floor before anybody looks, its driven joints held."""
@@ -137,13 +160,15 @@ class PhysicsWorld:
             return
         last, plants = now // self.step_ns, list(self._plants.values())
         if self._point is None:
-            self._point = last
+            self._point = self._began = last
         if self._asleep and self._orders != [plant.order() for plant in plants]:
             self.wake()
         while self._point < last:
+            if self._disturbances.advance(self._age_ns()):
+                self.wake()
             if self._asleep:
-                self._point = last
-                break
+                self._point = self._sleep_until(last)
+                continue
             self._step(self._point * self.step_ns, plants)
             self._point += 1
             if not self._point % _LOOK:
@@ -153,9 +178,34 @@ class PhysicsWorld:
         for plant in plants:
             plant.show(beyond)
 
+    def _age_ns(self) -> int:
+        """How old the world is."""
+        return ((self._point or 0) - (self._began or 0)) * self.step_ns
+
+    def _sleep_until(self, last: int) -> int:
+        """Return the point of the grid to which nothing happens."""
+        due = self._disturbances.next_ns()
+        return last if due is None else min(last, (self._began or 0) - (-due // self.step_ns))
+
+    def act(self, what: WorldAct) -> None:
+        """Let something happen now, at the time to which the world was brought."""
+        self._disturbances.act(what, self._age_ns())
+        self.wake()
+
+    def _block(self, joint: str, on: bool) -> None:
+        for plant in self._plants.values():
+            if plant.joint == joint:
+                plant.stalled = on
+
     def _step(self, clock: int, plants: Iterable[JointPlant]) -> None:
         for plant in plants:
             plant.control(clock)
+        if self._rollers:
+            self.efforts[:_BASE_DOFS] = 0.0  # the joints' own are there anew
+            for roller in self._rollers:
+                roller.add_force(self._disturbances.grip_at(float(self.angles[0]), float(self.angles[1])))
+        if self._disturbances.patched:
+            self._disturbances.look_at_grip()
         mujoco.mj_step(self.model, self.data)
         self.steps += 1
 

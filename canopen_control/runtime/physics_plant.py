@@ -7,11 +7,13 @@ it can be read, changed and given to `drive --plant`.
 from __future__ import annotations
 
 import json
+import math
 from typing import TYPE_CHECKING
 
 from canopen_control.bus.channel import parse_channel
 from canopen_control.errors import RobotConfigError
 from canopen_control.host.files import state_dir, write_whole
+from canopen_control.urdf.wheels import WheelGeometry
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -23,6 +25,9 @@ if TYPE_CHECKING:
 __all__ = ["PLANT_FILE", "check_physics", "write_plant"]
 
 PLANT_FILE = "physics.yml"
+_MECANUM = "mecanum_drive_controller/MecanumDriveController"
+_WHEELS = ("front_left", "front_right", "rear_right", "rear_left")
+_ROLLER = 45.0  # degrees
 _URDF = "physics.urdf"
 
 
@@ -45,7 +50,7 @@ def check_physics(setup: RobotSetup) -> None:
             )
 
 
-def write_plant(setup: RobotSetup, joints: Mapping[str, JointDrive]) -> Path:
+def write_plant(setup: RobotSetup, joints: Mapping[str, JointDrive], world: Path | None = None) -> Path:
     """Write the plant file and the description for the joints of a robot; return its path. ConfigError if it cannot."""
     if not joints:
         raise RobotConfigError(f"--physics: no joint of {setup.description.path} is moved by a drive of bus.yml")
@@ -53,17 +58,40 @@ def write_plant(setup: RobotSetup, joints: Mapping[str, JointDrive]) -> Path:
     folder.mkdir(parents=True, exist_ok=True)
     write_whole(folder / _URDF, setup.description.urdf_xml.encode())
     path = folder / PLANT_FILE
-    write_whole(path, plant_text(setup, joints.values()).encode())
+    write_whole(path, plant_text(setup, joints.values(), world).encode())
     return path
 
 
-def plant_text(setup: RobotSetup, joints: Iterable[JointDrive]) -> str:
+def plant_text(setup: RobotSetup, joints: Iterable[JointDrive], world: Path | None = None) -> str:
     """Return the plant file as text."""
+    rollers = _rollers(setup)
     ratios = {each.joint: each.reduction for tag in setup.description.hardware for each in tag.transmissions}
-    lines = [f"# of {setup.description.path} and bus.yml", "engine: mujoco", f"urdf: {_URDF}", "axes:"]
+    lines = [f"# of {setup.description.path} and bus.yml", "engine: mujoco", f"urdf: {_URDF}"]
+    lines += [*([] if world is None else [f"world: {json.dumps(str(world))}"]), "axes:"]
     for joint in joints:
         axis = joint.axis.number
         address = f"{joint.node.node_id}/{axis}" if axis else f"{joint.node.node_id}"
         scale = joint.scale.pos_to_dev * ratios.get(joint.joint, 1.0)
-        lines.append(f'  "{address}": {{joint: {json.dumps(joint.joint)}, scale_pos_to_dev: {scale!r}}}')
+        roller = "" if joint.joint not in rollers else f", roller: {rollers[joint.joint]:g}"
+        lines.append(f'  "{address}": {{joint: {json.dumps(joint.joint)}, scale_pos_to_dev: {scale!r}{roller}}}')
     return "\n".join(lines) + "\n"
+
+
+def _rollers(setup: RobotSetup) -> dict[str, float]:
+    """Return the angles of the rollers of mecanum wheels by their joints: outwards in front, inwards behind.
+
+    That is the usual way to mount them, and the one of which the kinematics of the controller holds.
+    """
+    config = next((each for each in setup.controllers.controllers.values() if each.type == _MECANUM), None)
+    if config is None:
+        return {}
+    geometry, places = WheelGeometry(setup.description.model), {}
+    for wheel in _WHEELS:
+        name = config.params.flat.get(f"{wheel}_wheel_command_joint_name")
+        if name is not None and (place := geometry.place(str(name.value))) is not None:
+            places[str(name.value)] = place[1]
+    middle = [sum(place[axis] for place in places.values()) / max(1, len(places)) for axis in range(2)]
+    return {
+        joint: math.copysign(_ROLLER, -(place[0] - middle[0]) * (place[1] - middle[1]))
+        for joint, place in places.items()
+    }

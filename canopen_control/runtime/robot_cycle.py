@@ -53,11 +53,15 @@ class RobotCycle:
         self._period = pacer.period_ns / 1e9
 
     def step(self, now: int) -> None:
-        """Do a cycle; the reactor serves the ports in every turn and before its timers, so all that came is read."""
+        """Do a cycle with all that has come: ports that are watched were served before, as in every turn."""
+        pacer = self._pacer
+        for bus in self._buses:
+            if not bus.watched:
+                bus.receive(pacer.edge)
         for bus in self._sync_first:
             bus.send_sync(now)
-        period = self._skip(skipped) if (skipped := self._pacer.skipped) else self._period
-        components, manager, edge = self._registry.components, self._manager, self._pacer.edge
+        period = self._skip(skipped) if (skipped := pacer.skipped) else self._period
+        components, manager, edge = self._registry.components, self._manager, pacer.edge
         for component in components:
             if component.read(now, period) is ERROR:
                 self._failed(component, "read", now)
@@ -87,8 +91,11 @@ class RobotCycle:
 
     def _supervise(self, now: int) -> None:
         """Let time pass for what acts in the next cycle: heartbeats, time-outs, what is looked at now and then."""
+        paced = self._pacer.running
         for bus in self._buses:
             bus.tick(now)
+            if paced:
+                bus.rest(now)
         for system in self._systems:
             system.supervise(now)
         for bus in self._following:

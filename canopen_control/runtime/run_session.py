@@ -29,6 +29,8 @@ from canopen_control.runtime.supervisor import Restarts, Supervisor, hosts_virtu
 from canopen_control.runtime.true_pose import TruePoseQuery, odometry_at
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from canopen_control.rpc.messages.drive import BasePose
     from canopen_control.runtime.setup import RobotSetup
 
@@ -46,11 +48,13 @@ class RunOptions:
 
     `ros_arguments` are those of the bridge, which `ros` starts; `view` is the page in a browser, from which `teleop`
     drives; `recorder` is the flight recorder. `realtime` is a priority of SCHED_FIFO, `cpu` the processor that the
-    robot's thread stays on. `physics`: the virtual drives move the robot in a world.
+    robot's thread stays on. `physics`: the virtual drives move the robot in a
+    world, that of a file where one is given.
     """
 
     drives: bool = True
     physics: bool = False
+    world: Path | None = None
     ros: bool = False
     ros_arguments: tuple[str, ...] = ()
     view: bool = False
@@ -111,7 +115,7 @@ class Session:
         self.robot.latch.tell(self.reactor.now())
         keep_garbage_small(self._cleanup, self.robot.after_cycle, by_hand=self.options.realtime is not None)
         if self.options.drives and self.robot.buses and hosts_virtual_drives(self.setup):
-            plant = write_plant(self.setup, self.robot.joints) if self.options.physics else None
+            plant = write_plant(self.setup, self.robot.joints, self.options.world) if self.options.physics else None
             self.supervisor.start_drives(self.setup, plant)
         if self.options.recorder:
             self.supervisor.start_recorder({name: bus.channel for name, bus in self.robot.buses.items()})

@@ -3,7 +3,8 @@
 From the outside in; a file imports those of its own line and of lines further down:
 
 - a process of drives: `launch`, `node_id_check`, `process`
-- devices: `device` (of an EDS), `parameter_file`, `scenario`, `control` (the socket), `nodehost`
+- devices: `device` (of an EDS), `parameter_file`, `scenario`, `world_acts` (of it), `control` (the socket),
+  `nodehost`
 - their faults: `fault_switches`, `fault_table`, `device_faults`, `fault_actions` (on frames)
 - a node: `virtual_node`, of `frame_routes`, `communication_objects`, `node_pdos`, `pdo_records`, `rpdo_input`,
   `error_control`, `node_lss`

@@ -6,7 +6,7 @@ Whatever is asked, the node is brought to the present before it is answered, and
 from __future__ import annotations
 
 import os
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar, get_args
 
 from canopen_control.cia301.nmt import NmtState
 from canopen_control.errors import ConfigError
@@ -26,6 +26,7 @@ from canopen_control.rpc.server import Server
 from canopen_control.version import __version__
 from canopen_control.virtual.fault_switches import FaultSwitches
 from canopen_control.virtual.fault_table import FAULTS
+from canopen_control.virtual.plant import ChangeableWorld
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -82,6 +83,8 @@ class NodeControl:
         self._answer(messages.SetSignals, self._set_signals)
         self._answer(messages.SetPlant, self._set_plant)
         self._answer(messages.RestartQuality, self._restart_quality)
+        for act in get_args(messages.WorldAct):
+            self._answer(act, self._act)
         self._answer(messages.GetWorld, self._tell_world)
         self._server.check()
 
@@ -139,6 +142,12 @@ class NodeControl:
             raise ConfigError(f"node {node.node_id} ({node.name}) has no signals to set: it is {what}")
         node.function.set_signals(request.values, now)
         node.tick(now)
+        return Done()
+
+    def _act(self, request: messages.WorldAct) -> Done:
+        if not isinstance(self._world, ChangeableWorld):
+            raise ConfigError(f"node {self._node.node_id} is in no world with physics: run the robot with --physics")
+        self._world.act(request)
         return Done()
 
     def _set_plant(self, request: messages.SetPlant) -> Done:

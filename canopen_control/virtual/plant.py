@@ -13,12 +13,13 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
-from canopen_control.rpc.messages.drive import WorldState
+from canopen_control.rpc.messages.drive import WorldAct, WorldState
 
 if TYPE_CHECKING:
     from canopen_control.virtual.trajectory import Piece, Trajectory
 
 __all__ = [
+    "ChangeableWorld",
     "CoupledPlant",
     "IdealPlant",
     "LagPlant",
@@ -274,6 +275,14 @@ class TellingWorld(World, Protocol):
     """An engine that has something to tell before it begins: what it had to guess, in sentences."""
 
     notes: tuple[str, ...]
+
+
+@runtime_checkable
+class ChangeableWorld(World, Protocol):
+    """An engine in which something may happen that no drive does."""
+
+    def act(self, what: WorldAct) -> None:
+        """Let it happen now; ConfigError for a link or a joint that is not there."""
 
 
 class PlainWorld:

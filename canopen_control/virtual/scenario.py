@@ -9,6 +9,8 @@ and the others go on.
       - {at: 8s, node: 3, fault: heartbeat_lost, state: off}
       - {at: 500ms, node: 2, fault: silent, for: 2s}          # on, and off again after 2 s
       - {at: 12s, node: 3, plant: {stalled: 1, external: -300}}
+      - {at: 14s, payload: {mass: 12}}                        # with physics: see `world_acts`
+      - {at: 16s, block: left_wheel_joint, for: 2s}
 
 `node` may be left out where the process has one node; `axis` says which axis's plant (default 0). Times are 5s, 500ms,
 or a number of seconds.
@@ -23,8 +25,9 @@ from typing import TYPE_CHECKING
 
 from canopen_control.errors import ConfigError, nearest
 from canopen_control.frame import MAX_NODE_ID
-from canopen_control.rpc.messages.drive import SetPlant, SwitchFault
+from canopen_control.rpc.messages.drive import BlockJoint, SetPlant, SwitchFault
 from canopen_control.virtual.fault_table import FAULTS
+from canopen_control.virtual.world_acts import Happening
 from canopen_control.yamlfile.convert import position, setting
 from canopen_control.yamlfile.node import Node  # noqa: TC001 - the type of a field is looked up at run time
 from canopen_control.yamlfile.reader import load
@@ -34,6 +37,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from canopen_control.host.reactor import Reactor
+    from canopen_control.rpc.messages.drive import WorldAct
     from canopen_control.virtual.control import NodeControl
     from canopen_control.virtual.virtual_node import VirtualNode
     from canopen_control.yamlfile.problems import Problems
@@ -46,7 +50,7 @@ _LONGEST_S = 1e6
 
 @dataclass(frozen=True, slots=True)
 class Switching:
-    """What happens `at_ns` after the start: a fault goes on or off, or numbers of a plant are set."""
+    """What happens `at_ns` after the start: a fault goes on or off, numbers of a plant are set, or the world acts."""
 
     at_ns: int
     node_id: int
@@ -54,6 +58,7 @@ class Switching:
     on: bool = True
     axis: int = 0
     plant: tuple[tuple[str, float], ...] = ()
+    act: WorldAct | None = None
 
 
 class ScenarioError(ConfigError):
@@ -69,7 +74,7 @@ def seconds_of(value: float | str) -> float:
 
 
 @dataclass(frozen=True)
-class Step:
+class Step(Happening):
     """One entry of the file."""
 
     at: float | str
@@ -102,13 +107,15 @@ def read_scenario(path: Path, node_ids: Sequence[int]) -> list[Switching]:
 
 
 def _switchings(step: Step, node_ids: Sequence[int]) -> list[Switching]:
+    if step.acts():
+        return _world_switchings(step, node_ids)
     node_id = step.node if step.node is not None else node_ids[0]
     if step.node is None and len(node_ids) > 1:
         step.here.error(f"which node? node: one of {', '.join(map(str, node_ids))}")
     elif node_id not in node_ids:
         step.here.error(f"there is no node {node_id} in this process; there are: {', '.join(map(str, node_ids))}")
     if bool(step.fault) == bool(step.plant):
-        step.here.error("a step has either a fault or a plant")
+        step.here.error("a step has either a fault or a plant, or what happens in the world")
     elif step.fault and step.fault not in FAULTS:
         step.here.error(f"no fault {step.fault!r}{nearest(step.fault, list(FAULTS))}; see: canopen-control fault list")
     at_ns, for_ns = _nanoseconds(step, step.at), _nanoseconds(step, step.length)
@@ -119,6 +126,19 @@ def _switchings(step: Step, node_ids: Sequence[int]) -> list[Switching]:
     if step.plant or not step.state:
         step.here.error("for: goes with a fault that is switched on")
     return [first, Switching(first.at_ns + for_ns, node_id, step.fault, on=False)]
+
+
+def _world_switchings(step: Step, node_ids: Sequence[int]) -> list[Switching]:
+    """Return what happens in the world that all nodes share; a joint that is blocked may be let go again."""
+    acts, at_ns, for_ns = step.acts(), _nanoseconds(step, step.at), _nanoseconds(step, step.length)
+    if len(acts) > 1 or step.fault or step.plant or step.node is not None:
+        step.here.error("a step has one of payload, push, block and friction, and no node, fault or plant then")
+    if for_ns is not None and not step.block:
+        step.here.error("for: goes with block, or with a fault that is switched on")
+    found = [Switching(at_ns or 0, node_ids[0], act=act) for act in acts]
+    if for_ns is not None and step.block:
+        found.append(Switching((at_ns or 0) + for_ns, node_ids[0], act=BlockJoint(joint=step.block, on=False)))
+    return found
 
 
 def _nanoseconds(step: Step, value: float | str | None) -> int | None:
@@ -155,7 +175,9 @@ class Timeline:
     def _play(self, switching: Switching) -> None:
         control = self._controls[self._nodes[switching.node_id]]
         try:
-            if switching.fault:
+            if switching.act is not None:
+                control.do(switching.act)
+            elif switching.fault:
                 control.do(SwitchFault(name=switching.fault, on=switching.on))
             else:
                 control.do(SetPlant(numbers=dict(switching.plant), axis=switching.axis))

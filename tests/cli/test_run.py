@@ -44,6 +44,7 @@ def test_a_run_on_virtual_drives_in_this_process(capsys):
         (["robby", "--kernel-sync", "--mock"], "--kernel-sync: there is no bus"),
         (["robby", "--mock", "--cpu", "4000"], "--cpu 4000: this process may run on the processors"),
         (["robby", "--can", "nonsense"], "nonsense"),
+        (["robby", "--world", "hall.yml"], "--world is of a robot with physics"),
         (["robby", "--physics", "--mock"], "leave --mock away"),
         (["robby", "--physics", "--no-drives"], "leave --no-drives away"),
         (["robby", "--physics", "--can", "memory:x"], "use --can local:NAME"),

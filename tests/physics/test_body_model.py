@@ -1,4 +1,5 @@
 import dataclasses
+import re
 
 import pytest
 from support.physicsbench import BRAKED, robby_urdf
@@ -6,6 +7,7 @@ from support.physicsbench import BRAKED, robby_urdf
 from canopen_control.physics.body_model import BASE_JOINT, build, read_spec
 from canopen_control.physics.physics_file import AxisSettings, Floor, PhysicsError
 from canopen_control.physics.urdf_repair import repaired
+from canopen_control.physics.world_file import WorldDescription
 from canopen_control.urdf.description import parse_description
 
 WHEELS = {side: AxisSettings(f"{side}_wheel_joint", 100.0) for side in ("left", "right")}
@@ -23,6 +25,7 @@ def body(urdf, *axes, free=None, floor=None):
         density=1000.0,
         free=free,
         path="physics.yml",
+        world=WorldDescription(),
     )
 
 
@@ -60,7 +63,8 @@ def test_the_motor_of_a_wheel_is_estimated_by_what_it_moves():
     share = 3.314 / 2
     assert motor.rated_torque == pytest.approx(0.8 * share * 9.81 * 0.035, rel=0.01)
     assert motor.peak_torque == pytest.approx(2 * motor.rated_torque)
-    assert motor.inertia == pytest.approx(1.2 * (share * 0.035**2 + 9e-5), rel=0.05)
+    assert motor.rotor == pytest.approx(motor.rated_torque / 500.0)
+    assert motor.inertia == pytest.approx(share * 0.035**2 + 9e-5 + motor.rotor, rel=0.05)
     assert not motor.brake
 
 
@@ -98,6 +102,13 @@ def test_a_steered_wheel_without_an_axle_rolls():
     made = body(f'<robot name="r">{wheel}</robot>', AxisSettings("steer", 1.0))
     assert "the robot stands on no driven wheels, wheel turning freely" in made.notes
     assert made.model.njnt == 3  # the root, the steering, the axle
+
+
+def test_what_is_drawn_on_a_wheel_touches_nothing():
+    seen_only = re.sub(r"<collision>.*?</collision>", "", robby_urdf(), flags=re.DOTALL)
+    model = body(seen_only, *WHEELS.values()).model
+    shapes = [index for index in range(model.ngeom) if model.geom(index).name.startswith("left_wheel")]
+    assert sorted(int(model.geom_contype[index]) for index in shapes) == [0, 2]
 
 
 def test_what_mujoco_refuses_is_one_sentence():

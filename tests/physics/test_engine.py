@@ -9,6 +9,7 @@ from canopen_control.errors import ConfigError, NotEnabled
 from canopen_control.physics import engine
 from canopen_control.physics.physics_file import PhysicsError
 from canopen_control.physics.physics_world import PhysicsWorld
+from canopen_control.rpc.messages.drive import AddPayload
 from canopen_control.virtual.worldfile import read_world
 
 
@@ -87,6 +88,25 @@ def test_a_blocked_wheel_is_a_fault_of_its_drive_an_emcy_and_a_stop_of_the_robot
     assert any("0x8611" in text or "0x2310" in text for text in [event.text for event in robot.events])
     assert abs(robot.plant(2).velocity) < 100.0  # the other wheel was stopped too
     assert not robot.joint(2).following
+
+
+def test_a_payload_five_times_the_robot_on_a_ramp_is_too_much_for_its_motors(state_home):
+    hall = state_home / "hall.yml"
+    hall.write_text("ramps: [{at: [0.15, 0], angle: 18, length: 3, width: 2}]")
+    robot = PhysicsRobot("physics-payload", hall=hall)
+    try:
+        robot.start()
+        robot.hold(6.0, 6.0, ms=2500)
+        alone = robot.world.describe().base
+        assert alone.z > 0.03  # it climbs, as it is
+        assert robot.texts("fault") == []
+        robot.world.act(AddPayload(mass=5 * 3.3, position=(0.0, 0.0, 0.05)))
+        robot.hold(6.0, 6.0, ms=3500)
+        assert any("EMCY 0x2310 (continuous over-current)" in event.text for event in robot.events)
+        assert any(event.text.startswith("stopping left_wheel_joint, right_wheel_joint") for event in robot.events)
+        assert not robot.joint(2).following
+    finally:
+        robot.close()
 
 
 def twist(robot, speed, ms):

@@ -1,4 +1,5 @@
 import dataclasses
+from pathlib import Path
 
 import pytest
 from support.robots import Bench, setup_of
@@ -23,6 +24,23 @@ def test_each_axis_moves_its_joint_by_the_scale_of_bus_yml(robot):
         '  "3": {joint: "left_wheel_joint", scale_pos_to_dev: -254.64790894703253}',
         '  "2": {joint: "right_wheel_joint", scale_pos_to_dev: 254.64790894703253}',
     ]
+
+
+def test_mecanum_wheels_have_their_rollers():
+    robot = Bench("physics-mecanum", config="mecanum", drives=())
+    try:
+        text = plant_text(robot.setup, robot.robot.joints.values())
+    finally:
+        robot.close()
+    angles = {
+        line.split('"')[3].removesuffix("_wheel_joint"): line.split("roller: ")[1] for line in text.splitlines()[4:]
+    }
+    assert angles == {"front_left": "-45}", "front_right": "45}", "rear_right": "-45}", "rear_left": "45}"}
+
+
+def test_a_world_is_named_where_one_is_given(robot):
+    lines = plant_text(robot.setup, robot.robot.joints.values(), Path("/worlds/my hall.yml")).splitlines()
+    assert lines[3:5] == ['world: "/worlds/my hall.yml"', "axes:"]
 
 
 def test_it_is_written_with_the_description_beside_the_logs(robot, tmp_path, monkeypatch):

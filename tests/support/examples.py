@@ -23,6 +23,7 @@ NOT_RUN = {
     r"--plant\b": "a plant file: tests/cli/test_drive.py and tests/virtual/test_shaft.py have some",
     r"^gripper\b|--controller gripper\b": "a gripper: tests/cli/test_gripper.py has one",
     r"\bmecanum_base_controller\b": "a base that goes sideways: tests/cli/test_twist.py has one",
+    r"^world \w": "a robot in physics: tests/cli/test_world.py has a world",
     r"^command .*\bio/lamp=": "outputs: tests/cli/test_command.py has some",
     r" /outputs/commands ": "outputs and a bridge: tests/ros/test_gpio_commands.py has what it sends",
     r"^calibrate\b": "a base that errs, and minutes of squares: tests/cli/test_calibrate.py has one",

@@ -12,9 +12,9 @@ from canopen_control.virtual.nodehost import NodeHost
 class PhysicsRobot(Bench):
     """A robot under a manual clock; `world` is what its drives move. XDG_STATE_HOME is the test's own."""
 
-    def __init__(self, name, *, config="robby", **how):
+    def __init__(self, name, *, config="robby", hall=None, **how):
         super().__init__(name, config=config, drives=(), physics=True, **how)
-        self.world = make(write_plant(self.setup, self.robot.joints))
+        self.world = make(write_plant(self.setup, self.robot.joints, hall))
         port = open_port(self.channel, label="drives")
         for node in self.setup.bus.nodes.values():
             self.drives[node.node_id] = self._device(self.setup.bus.eds_paths[node.name], node.node_id)

@@ -1,13 +1,16 @@
 from __future__ import annotations
 
+import contextlib
+
 import pytest
 from support.virtualbench import S, servo
 
 from canopen_control.bus.memory import MemoryBus
 from canopen_control.host.reactor import ManualClock, Reactor
+from canopen_control.rpc.messages.drive import AddPayload, BlockJoint, SetGrip
 from canopen_control.virtual.control import NodeControl
 from canopen_control.virtual.nodehost import NodeHost
-from canopen_control.virtual.plant import LoadedPlant
+from canopen_control.virtual.plant import LoadedPlant, PlainWorld
 from canopen_control.virtual.scenario import ScenarioError, Switching, Timeline, read_scenario, seconds_of
 
 
@@ -110,3 +113,53 @@ def test_steps_happen_in_their_time_and_one_that_cannot_is_told():
         control.close()
         host.close()
         port.close()
+
+
+def test_the_world_acts_too_without_a_node(tmp_path):
+    text = """
+    steps:
+      - {at: 1s, payload: {mass: 5}}
+      - {at: 2s, block: wheel, for: 3s}
+    """
+    assert read(tmp_path, text, (2, 3)) == [
+        Switching(S, 2, act=AddPayload(mass=5.0)),
+        Switching(2 * S, 2, act=BlockJoint(joint="wheel")),
+        Switching(5 * S, 2, act=BlockJoint(joint="wheel", on=False)),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("step", "words"),
+    [
+        ("payload: {mass: 5}, friction: 1", "a step has one of payload, push, block and friction"),
+        ("payload: {mass: 5}, fault: silent", "and no node, fault or plant then"),
+        ("payload: {mass: 5}, for: 1s", "for: goes with block"),
+    ],
+)
+def test_what_does_not_go_together_is_told(tmp_path, step, words):
+    with pytest.raises(ScenarioError) as caught:
+        read(tmp_path, f"steps: [{{at: 1s, {step}}}]")
+    assert words in str(caught.value)
+
+
+def test_an_act_is_played_in_the_world_and_told_where_there_is_none():
+    done = []
+
+    class Acting(PlainWorld):
+        def act(self, what):
+            done.append(what)
+
+    for world, told in ((Acting(), 0), (PlainWorld(), 1)):
+        lines, bus = [], MemoryBus("scenario-act")
+        with Reactor(ManualClock(S)) as reactor, contextlib.closing(bus.open("drive")) as port:
+            node = servo(5)
+            with (
+                contextlib.closing(NodeHost(reactor, port, [node])) as host,
+                contextlib.closing(NodeControl(host, node, world)) as control,
+            ):
+                timeline = Timeline(reactor, {node: control}, {5: node}, lines.append)
+                timeline.plan([Switching(S, 5, act=SetGrip(friction=0.5))])
+                reactor.run_for(2 * S)
+        assert [line for line in lines if "scenario: node 5 is in no world with physics" in line] == lines
+        assert len(lines) == told
+    assert done == [SetGrip(friction=0.5)]

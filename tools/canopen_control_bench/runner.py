@@ -29,6 +29,7 @@ FAMILIES = {
     "clients": "what ROS bridge, view and monitor do to the cycle",
     "load": "a full bus of 1 Mbit/s, received, decoded and supervised",
     "motion": "trajectories: CPU of a cycle, long goals at 1 kHz, set-points of a host that is late",
+    "physics": "a robot on a floor beside the same run without; at rest, bit by bit, and its slip",
     "memory": "what a million cycles leave behind; a cycle without a wire",
     "soak": "random commands and breaking drives, for a minute (--seconds 3600: an hour)",
     "boot": "from nothing to all drives operational, 2 and 64 of them",

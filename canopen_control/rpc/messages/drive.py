@@ -12,9 +12,10 @@ import msgspec
 
 from canopen_control.rpc.messages.declare import Api, Done, Effect, Request
 
-__all__ = ["DRIVE", "ActiveFaults", "AxisState", "BasePose", "DriveEvent", "DriveHello", "DriveState", "FaultListing",
-           "GetDriveState", "GetWorld", "ListFaults", "PlantState", "RestartQuality", "SetInputs", "SetPlant",
-           "SetPointQuality", "SetSignals", "SignalState", "Spread", "SwitchFault", "WorldState"]  # fmt: skip
+__all__ = ["DRIVE", "ActiveFaults", "AddPayload", "AxisState", "BasePose", "BlockJoint", "DriveEvent", "DriveHello",
+           "DriveState", "FaultListing", "GetDriveState", "GetWorld", "ListFaults", "PlantState", "PushRobot",
+           "RestartQuality", "SetGrip", "SetInputs", "SetPlant", "SetPointQuality", "SetSignals", "SignalState",
+           "Spread", "SwitchFault", "WorldAct", "WorldState"]  # fmt: skip
 
 Inputs = Annotated[int, msgspec.Meta(ge=0, le=0xFFFFFFFF)]
 
@@ -237,6 +238,49 @@ class RestartQuality(Request[Done], frozen=True, kw_only=True):
     """Begin to count and measure the set-points of an axis anew."""
 
     axis: int = 0
+
+
+# -- what happens in a world that has physics
+
+
+@DRIVE.method("payload", Effect.CHANGES)
+class AddPayload(Request[Done], frozen=True, kw_only=True):
+    """Put `mass` kg on a link at once, or take them off where it is negative.
+
+    `on` is the link, "" the heaviest one; `position` in m in its frame.
+    """
+
+    mass: float
+    on: str = ""
+    position: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+@DRIVE.method("push", Effect.CHANGES)
+class PushRobot(Request[Done], frozen=True, kw_only=True):
+    """Push a link at its centre of mass, "" the heaviest one, with a `force` in N along the axes of the world."""
+
+    force: tuple[float, float, float]
+    on: str = ""
+    seconds: Annotated[float, msgspec.Meta(gt=0)] = 0.2
+
+
+@DRIVE.method("block", Effect.CHANGES)
+class BlockJoint(Request[Done], frozen=True, kw_only=True):
+    """Block a joint that a drive moves, or let it go again."""
+
+    joint: str
+    on: bool = True
+
+
+@DRIVE.method("grip", Effect.CHANGES)
+class SetGrip(Request[Done], frozen=True, kw_only=True):
+    """Change the sliding friction of wheels on the floor, that of patches excepted."""
+
+    friction: Annotated[float, msgspec.Meta(ge=0)]
+
+
+WorldAct = AddPayload | PushRobot | BlockJoint | SetGrip
+"""What may happen in a world, at a time or when somebody asks for it."""
 
 
 # -- what the axes do together

@@ -1,0 +1,139 @@
+"""`world`: the true pose in a world with physics, and what happens in it that no drive does.
+
+Without more words it tells where the robot really is. `payload` puts kg on a link (negative: takes them off), `push` a
+force in N along the axes of the world, `block` a joint that a drive moves, `friction` changes the grip of the floor.
+
+Exit codes: 0 done; 1 no drives run; 2 wrong usage, no physics, or no such link or joint.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from canopen_control.bus.channel import parse_channel
+from canopen_control.cli.support.arguments import finite
+from canopen_control.cli.support.node_names import known_nodes
+from canopen_control.cli.support.output import json_line
+from canopen_control.client.drive_client import DriveClient
+from canopen_control.errors import ConfigError, RemoteError
+from canopen_control.host.sockets import drive_name, list_sockets
+from canopen_control.rpc.messages.drive import AddPayload, BlockJoint, GetWorld, PushRobot, SetGrip
+
+if TYPE_CHECKING:
+    import argparse
+    from collections.abc import Callable
+
+    from canopen_control.rpc.messages.drive import WorldAct, WorldState
+
+__all__ = ["EXAMPLE", "add_arguments", "run"]
+
+EXAMPLE = """canopen-control world
+         canopen-control world payload 12 --on base_link --at 0,0,0.1
+         canopen-control world push 0,30,0 --for 0.3
+         canopen-control world block left_wheel_joint
+         canopen-control world block left_wheel_joint off
+         canopen-control world friction 0.2"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    parser.add_argument("what", nargs="?", choices=sorted(_ACTS), help="what is to happen; without: where the robot is")
+    parser.add_argument("value", nargs="?", metavar="KG|X,Y,Z|JOINT|FRICTION", help="how much, or which joint")
+    parser.add_argument("state", nargs="?", choices=["on", "off"], help="of a joint that is blocked (default: on)")
+    parser.add_argument("--on", default="", metavar="LINK", help="payload, push: the link (default: the heaviest one)")
+    parser.add_argument("--at", default="0,0,0", metavar="X,Y,Z", help="payload: where on the link, in m")
+    parser.add_argument("--for", type=finite, default=0.2, dest="seconds", metavar="S", help="push: how long")
+    parser.add_argument("--can", metavar="CHANNEL", help="the bus of the drives (default: that of the running robot)")
+    parser.add_argument("--json", action="store_true", help="print JSON")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the verb."""
+    if args.what is not None and args.value is None:
+        raise ConfigError(f"world {args.what}: say {_NEEDS[args.what]}")
+    if args.state is not None and args.what != "block":
+        raise ConfigError(f"world {args.what} {args.value} {args.state}: on and off are for block")
+    act = None if args.what is None else _ACTS[args.what](args)
+    channel, node_id = _drive(args.can)
+    with DriveClient.connect(channel, node_id) as client:
+        if act is not None:
+            client.ask(act)
+        world = client.ask(GetWorld())
+    print(json_line(world) if args.json else _told(world))
+    return 0
+
+
+def _payload(args: argparse.Namespace) -> WorldAct:
+    return AddPayload(mass=_numbers(args.value, 1, "KG")[0], on=args.on, position=_three(args.at))
+
+
+def _push(args: argparse.Namespace) -> WorldAct:
+    if args.seconds <= 0.0:
+        raise ConfigError(f"--for {args.seconds:g}: a push takes a time")
+    return PushRobot(force=_three(args.value), on=args.on, seconds=args.seconds)
+
+
+def _block(args: argparse.Namespace) -> WorldAct:
+    return BlockJoint(joint=args.value, on=args.state != "off")
+
+
+def _friction(args: argparse.Namespace) -> WorldAct:
+    return SetGrip(friction=abs(_numbers(args.value, 1, "a number, such as 0.2")[0]))
+
+
+_ACTS: dict[str, Callable[[argparse.Namespace], WorldAct]] = {
+    "payload": _payload,
+    "push": _push,
+    "block": _block,
+    "friction": _friction,
+}
+_NEEDS = {
+    "payload": "how many kg",
+    "push": "with which force, in N along the axes of the world, as in 0,30,0",
+    "block": "which joint",
+    "friction": "how much, as in 0.2",
+}
+
+
+def _three(text: str) -> tuple[float, float, float]:
+    x, y, z = _numbers(text, 3, "X,Y,Z, as in 0,30,0")
+    return x, y, z
+
+
+def _numbers(text: str, count: int, wanted: str) -> list[float]:
+    try:
+        numbers = [float(part) for part in text.split(",")]
+    except ValueError:
+        numbers = []
+    if len(numbers) != count or not all(map(math.isfinite, numbers)):
+        raise ConfigError(f"{text!r}: write {wanted}")
+    return numbers
+
+
+def _drive(can: str | None) -> tuple[str, int]:
+    """Return the channel and the id of any virtual drive; all of a world answer for it."""
+    nodes = known_nodes(can)
+    sockets = list_sockets("drive")
+    for node in nodes:
+        if drive_name(node.channel, node.node_id) in sockets:
+            return node.channel, node.node_id
+    if can is not None:
+        channel = str(parse_channel(can))
+        for node_id in range(1, 128):
+            if drive_name(channel, node_id) in sockets:
+                return channel, node_id
+    where = "; --can CHANNEL says on which bus" if can is None else f" on {can}"
+    raise RemoteError(
+        "BusClosed", f"no virtual drives run{where}; start them with: canopen-control run ROBOT --physics"
+    )
+
+
+def _told(world: WorldState) -> str:
+    """Say where the robot is."""
+    base = world.base
+    if base is None:
+        return "the robot is bolted to the ground, or its drives have no physics: run it with --physics"
+    heading = math.degrees(base.heading)
+    tilt = f"roll {math.degrees(base.roll):.1f} deg, pitch {math.degrees(base.pitch):.1f} deg"
+    return f"x {base.x:.4f} m, y {base.y:.4f} m, z {base.z:.4f} m, heading {heading:.2f} deg, {tilt}"

@@ -1,0 +1,161 @@
+"""What happens to a robot in its world that no drive does: payload, pushes, a change of grip, each at its time.
+
+A payload changes mass, centre of mass and inertia of a link while the simulation runs. Grip is looked at where each
+wheel and caster is: the floor's, or that of the patch below it. Times are ns from the beginning of the world, and
+whatever was asked for in the same order gives the same bits.
+"""
+
+from __future__ import annotations
+
+import heapq
+from functools import partial
+from typing import TYPE_CHECKING, Any, Final
+
+import mujoco
+import numpy as np
+
+from canopen_control.errors import ConfigError, nearest
+from canopen_control.rpc.messages.drive import AddPayload, BlockJoint, PushRobot, SetGrip
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+    from canopen_control.physics.body_model import Body
+    from canopen_control.physics.physics_file import Floor
+    from canopen_control.physics.world_file import WorldDescription
+    from canopen_control.rpc.messages.drive import WorldAct
+
+__all__ = ["Disturbances"]
+
+_LIGHTEST: Final = 1e-4  # kg that is left of a link
+
+
+class Disturbances:
+    """Acts on the simulation of a body; `begin` gives it its state, and `block` who blocks joints by their names."""
+
+    def __init__(self, body: Body, floor: Floor, world: WorldDescription) -> None:
+        self._model, self._joints = body.model, body.joints
+        self._data: Any = None
+        self._wheels, self._casters = body.wheels, body.casters
+        self._grip, self._slide, self._patches = floor.friction, floor.caster_friction, world.patches
+        self.block: Callable[[str, bool], None] = lambda _joint, _on: None
+        self._due: list[tuple[int, int, Callable[[], None]]] = []
+        self._count = 0
+        self._timeline = world.timeline()
+        links = range(1, body.model.nbody)
+        self._links = {str(body.model.body(number).name): number for number in links}
+        self._heaviest = max(links, key=lambda number: float(body.model.body_mass[number]), default=0)
+
+    def check(self) -> None:
+        """Raise ConfigError for a link or joint of the timeline that is not there."""
+        for _, act in self._timeline:
+            self._check(act)
+
+    def begin(self, data: Any) -> None:  # noqa: ANN401 - of MuJoCo
+        """Act on this state from now on, whose time is 0."""
+        self._data = data
+        for at_ns, act in self._timeline:
+            self._plan(at_ns, partial(self.act, act, at_ns))
+
+    @property
+    def patched(self) -> bool:
+        """Whether the grip depends on where the robot is."""
+        return bool(self._patches)
+
+    def grip_at(self, x: float, y: float) -> float:
+        """Return the grip of a wheel at a place of the floor."""
+        grip = self._grip
+        for patch in self._patches:
+            if patch.covers(x, y):
+                grip = patch.friction
+        return grip
+
+    def next_ns(self) -> int | None:
+        """Return when the next thing happens, None: nothing will."""
+        return self._due[0][0] if self._due else None
+
+    def advance(self, now: int) -> bool:
+        """Let happen what is due; return whether anything did."""
+        happened = False
+        while self._due and self._due[0][0] <= now:
+            heapq.heappop(self._due)[2]()
+            happened = True
+        return happened
+
+    def act(self, what: WorldAct, now: int) -> None:
+        """Let something happen at `now`; ConfigError for what is not there."""
+        self._check(what)
+        if isinstance(what, AddPayload):
+            self._load(self._link(what.on), what.mass, np.array(what.position))
+        elif isinstance(what, PushRobot):
+            self._push(self._link(what.on), np.array(what.force), now, round(what.seconds * 1e9))
+        elif isinstance(what, BlockJoint):
+            self.block(what.joint, what.on)
+        else:
+            self._grip = what.friction
+            self.look_at_grip()
+
+    def _check(self, what: WorldAct) -> None:
+        if isinstance(what, BlockJoint):
+            if what.joint not in self._joints:
+                raise ConfigError(f"no drive moves a joint {what.joint!r}{nearest(what.joint, self._joints)}")
+        elif not isinstance(what, SetGrip):
+            self._link(what.on)
+            numbers = [what.mass, *what.position] if isinstance(what, AddPayload) else [*what.force]
+            if not np.isfinite(numbers).all():
+                raise ConfigError(f"{numbers}: these numbers are finite")
+
+    def _link(self, name: str) -> int:
+        if name and name not in self._links:
+            raise ConfigError(f"the robot has no link {name!r}{nearest(name, self._links)}")
+        return self._links[name] if name else self._heaviest
+
+    def _plan(self, at_ns: int, work: Callable[[], None]) -> None:
+        self._count += 1
+        heapq.heappush(self._due, (at_ns, self._count, work))
+
+    # -- payload
+
+    def _load(self, link: int, mass: float, position: NDArray[np.float64]) -> None:
+        """Add a point mass to a link at a position in its frame."""
+        model = self._model
+        before = float(model.body_mass[link])
+        mass = max(mass, _LIGHTEST - before)
+        after, old = before + mass, model.body_ipos[link].copy()
+        place = (before * old + mass * position) / after
+        turn = np.zeros(9)
+        mujoco.mju_quat2Mat(turn, model.body_iquat[link])
+        rotation = turn.reshape(3, 3)
+        inertia = rotation @ np.diag(model.body_inertia[link]) @ rotation.T
+        inertia += before * _steiner(old - place) + mass * _steiner(position - place)
+        values, axes = np.linalg.eigh(inertia)
+        axes[:, 2] = np.cross(axes[:, 0], axes[:, 1])
+        quat = np.zeros(4)
+        mujoco.mju_mat2Quat(quat, axes.flatten())
+        model.body_mass[link], model.body_ipos[link], model.body_iquat[link] = after, place, quat
+        model.body_inertia[link] = np.maximum(values, 1e-9)
+        mujoco.mj_setConst(model, mujoco.MjData(model))  # what follows from masses, of a state of its own
+
+    # -- pushes
+
+    def _push(self, link: int, force: NDArray[np.float64], now: int, length_ns: int) -> None:
+        self._data.xfrc_applied[link, :3] += force
+        self._plan(now + length_ns, partial(self._end_push, link, force))
+
+    def _end_push(self, link: int, force: NDArray[np.float64]) -> None:
+        self._data.xfrc_applied[link, :3] -= force
+
+    # -- grip
+
+    def look_at_grip(self) -> None:
+        """Give each wheel and caster the grip of the floor where it is."""
+        for geom in (*self._wheels, *self._casters):
+            grip = self.grip_at(float(self._data.geom_xpos[geom, 0]), float(self._data.geom_xpos[geom, 1]))
+            self._model.geom_friction[geom, 0] = grip if geom in self._wheels else min(self._slide, grip)
+
+
+def _steiner(way: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the inertia of a unit mass at a place about the origin."""
+    return float(way @ way) * np.eye(3) - np.outer(way, way)

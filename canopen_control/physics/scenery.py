@@ -1,0 +1,84 @@
+"""What stands on the floor of a world: ramps, boxes and walls as shapes of the simulation.
+
+A ramp is a slab whose upper side begins at the floor. What does not move touches the robot alone, a box with a mass
+the floor and everything else too.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any, Final
+
+import mujoco
+
+from canopen_control.urdf.geometry import about, from_yaw, multiply
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from canopen_control.physics.world_file import Box, Ramp, Wall, WorldDescription
+
+__all__ = ["add_scenery"]
+
+_SLAB_M: Final = 0.1  # of a ramp, below its upper side
+_FIXED: Final = (1, 2)  # contype and conaffinity of the floor and what stands fast, see `body_model`
+_LOOSE: Final = (3, 3)
+
+
+def add_scenery(spec: Any, world: WorldDescription, solref: Sequence[float]) -> None:  # noqa: ANN401 - of MuJoCo
+    """Add what stands on the floor to a specification; `solref` are time constant and damping of contacts."""
+    for number, ramp in enumerate(world.ramps):
+        _add_ramp(spec, f"ramp {number}", ramp, solref)
+    for number, wall in enumerate(world.walls):
+        _add_wall(spec, f"wall {number}", wall, solref)
+    for number, box in enumerate(world.boxes):
+        _add_box(spec, f"box {number}", box, solref)
+
+
+def _add_ramp(spec: Any, name: str, ramp: Ramp, solref: Sequence[float]) -> None:  # noqa: ANN401 - as above
+    angle, half = math.radians(ramp.angle), 0.5 * ramp.length
+    forward = half * math.cos(angle) + 0.5 * _SLAB_M * math.sin(angle)
+    up = half * math.sin(angle) - 0.5 * _SLAB_M * math.cos(angle)
+    turn = math.radians(ramp.heading)
+    place = [ramp.at[0] + forward * math.cos(turn), ramp.at[1] + forward * math.sin(turn), up]
+    yaw, pitch = from_yaw(turn), about((0.0, 1.0, 0.0), -angle)
+    size = [half, 0.5 * ramp.width, 0.5 * _SLAB_M]
+    _add_shape(spec.worldbody, name, size, place, multiply(yaw, pitch), 0.0, _FIXED, solref)
+
+
+def _add_wall(spec: Any, name: str, wall: Wall, solref: Sequence[float]) -> None:  # noqa: ANN401 - as above
+    (x, y), (to_x, to_y) = wall.begin, wall.end
+    size = [0.5 * math.hypot(to_x - x, to_y - y), 0.5 * wall.thickness, 0.5 * wall.height]
+    place = [0.5 * (x + to_x), 0.5 * (y + to_y), 0.5 * wall.height]
+    turn = from_yaw(math.atan2(to_y - y, to_x - x))
+    _add_shape(spec.worldbody, name, size, place, turn, 0.5, _FIXED, solref)
+
+
+def _add_box(spec: Any, name: str, box: Box, solref: Sequence[float]) -> None:  # noqa: ANN401 - as above
+    size = [0.5 * length for length in box.size]
+    place, turn = [*box.at, box.above + size[2]], from_yaw(math.radians(box.heading))
+    if not box.mass:
+        _add_shape(spec.worldbody, name, size, place, turn, box.friction, _FIXED, solref)
+        return
+    body = spec.worldbody.add_body(name=name, pos=place, quat=list(turn))
+    body.add_freejoint(name=f"{name} moves")
+    shape = _add_shape(body, name, size, [0.0, 0.0, 0.0], from_yaw(0.0), box.friction, _LOOSE, solref)
+    shape.mass = box.mass
+
+
+def _add_shape(
+    body: Any,  # noqa: ANN401 - as above
+    name: str,
+    size: Sequence[float],
+    place: Sequence[float],
+    turn: Sequence[float],
+    friction: float,
+    kind: tuple[int, int],
+    solref: Sequence[float],
+) -> Any:  # noqa: ANN401 - as above
+    shape = body.add_geom(
+        name=name, type=mujoco.mjtGeom.mjGEOM_BOX, size=list(size), pos=list(place), quat=list(turn), condim=3
+    )
+    shape.contype, shape.conaffinity = kind
+    shape.friction, shape.solref = [friction, 0.005, 0.0001], list(solref)
+    return shape

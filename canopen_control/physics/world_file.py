@@ -1,0 +1,160 @@
+"""The file of a world: what stands on the floor, how it grips, and what happens at which time.
+
+    floor: {friction: 0.8, caster_friction: 0.02}
+    start: {at: [0, 0], heading: 0}                                   # of the robot; m and degrees
+    patches: [{at: [1.5, 0], size: [1, 1], friction: 0.1}]            # of another grip, by their centres
+    ramps: [{at: [3, 0], heading: 0, angle: 8, length: 2, width: 1}]  # from its lower edge up
+    boxes: [{at: [1, 1], size: [0.3, 0.3, 0.3], mass: 2}]             # mass 0: it does not move
+    walls: [{from: [0, 2], to: [4, 2], height: 0.5}]
+    steps:
+      - {at: 5s, payload: {mass: 12, on: base_link, position: [0, 0, 0.1]}}
+      - {at: 8s, push: {force: [30, 0, 0], seconds: 0.3}}
+      - {at: 10s, block: left_wheel_joint, for: 2s}
+      - {at: 15s, friction: 0.2}
+
+Times count from when the drives begin. Lengths in m, angles in degrees, masses in kg, forces in N.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from canopen_control.physics.physics_file import Floor, PhysicsError
+from canopen_control.rpc.messages.drive import BlockJoint
+from canopen_control.virtual.scenario import seconds_of
+from canopen_control.virtual.world_acts import Happening
+from canopen_control.yamlfile.convert import position, setting
+from canopen_control.yamlfile.node import Node  # noqa: TC001 - the type of a field is looked up at run time
+from canopen_control.yamlfile.reader import load
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+    from canopen_control.rpc.messages.drive import WorldAct
+    from canopen_control.yamlfile.problems import Problems
+
+__all__ = ["Box", "Patch", "Ramp", "Start", "Wall", "WorldDescription", "read_world_description"]
+
+# ruff: noqa: RUF009 - `setting` and `position` make fields
+
+
+@dataclass(frozen=True)
+class Start:
+    """Where the robot begins, its heading in degrees."""
+
+    at: tuple[float, float] = (0.0, 0.0)
+    heading: float = 0.0
+
+
+@dataclass(frozen=True)
+class Patch:
+    """A rectangle of the floor with a grip of its own, by its centre."""
+
+    at: tuple[float, float]
+    size: tuple[float, float]
+    friction: float = setting(low=0.0, high=10.0)
+    heading: float = 0.0
+
+    def covers(self, x: float, y: float) -> bool:
+        """Whether a point of the floor is on it."""
+        turn = math.radians(self.heading)
+        right, up = x - self.at[0], y - self.at[1]
+        along = right * math.cos(turn) + up * math.sin(turn)
+        across = up * math.cos(turn) - right * math.sin(turn)
+        return abs(along) <= 0.5 * self.size[0] and abs(across) <= 0.5 * self.size[1]
+
+
+@dataclass(frozen=True)
+class Ramp:
+    """A plane that rises by `angle` degrees along `heading`, from the middle of its lower edge on."""
+
+    at: tuple[float, float]
+    angle: float = setting(low=0.0, high=60.0)
+    length: float = setting(low=0.01)
+    width: float = setting(1.0, low=0.01)
+    heading: float = 0.0
+
+
+@dataclass(frozen=True)
+class Box:
+    """A box that stands on the floor, or `above` it; it moves where it has a mass."""
+
+    at: tuple[float, float]
+    size: tuple[float, float, float]
+    mass: float = setting(0.0, low=0.0)
+    heading: float = 0.0
+    above: float = setting(0.0, low=0.0)
+    friction: float = setting(0.5, low=0.0, high=10.0)
+    here: Node = position()
+
+
+@dataclass(frozen=True)
+class Wall:
+    """A wall from one point to another."""
+
+    begin: tuple[float, float] = setting(key="from")
+    end: tuple[float, float] = setting(key="to")
+    height: float = setting(0.5, low=0.01)
+    thickness: float = setting(0.05, low=0.001)
+    here: Node = position()
+
+
+@dataclass(frozen=True)
+class WorldStep(Happening):
+    """Something that happens at a time."""
+
+    at: float | str
+    length: float | str | None = setting(None, key="for")
+    here: Node = position()
+
+    def timed(self) -> Iterator[tuple[int, WorldAct]]:
+        """Yield what happens, each with its time in ns."""
+        at_ns = round(seconds_of(self.at) * 1e9)
+        for act in self.acts():
+            yield at_ns, act
+        if self.length is not None:
+            yield at_ns + round(seconds_of(self.length) * 1e9), BlockJoint(joint=self.block, on=False)
+
+
+@dataclass(frozen=True)
+class WorldDescription:
+    """The file as a whole; `floor` None: as the plant file has it."""
+
+    floor: Floor | None = None
+    start: Start = Start()
+    patches: list[Patch] = setting(factory=list)
+    ramps: list[Ramp] = setting(factory=list)
+    boxes: list[Box] = setting(factory=list)
+    walls: list[Wall] = setting(factory=list)
+    steps: list[WorldStep] = setting(factory=list)
+
+    def timeline(self) -> list[tuple[int, WorldAct]]:
+        """Return what happens, in order; times in ns from the beginning."""
+        return sorted((each for step in self.steps for each in step.timed()), key=lambda each: each[0])
+
+
+def read_world_description(path: Path) -> WorldDescription:
+    """Return the file; PhysicsError with every mistake and its line."""
+    return load(path, WorldDescription, error=PhysicsError, check=_check)
+
+
+def _check(file: WorldDescription, _problems: Problems) -> None:
+    for wall in file.walls:
+        if wall.begin == wall.end:
+            wall.here.error("a wall goes from one point to another one")
+    for box in file.boxes:
+        if min(box.size) <= 0.0:
+            box.here.error("size: the three lengths of a box are above 0")
+    for step in file.steps:
+        if len(step.acts()) != 1:
+            step.here.error("a step has one of payload, push, block and friction")
+        if step.length is not None and not step.block:
+            step.here.error("for: goes with block")
+        for value in (step.at, step.length):
+            try:
+                seconds_of(0.0 if value is None else value)
+            except ValueError as error:
+                step.here.error(str(error))

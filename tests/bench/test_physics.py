@@ -1,0 +1,28 @@
+"""The physics bench: whole runs side by side, and their processes."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+from canopen_control_bench import physics
+from canopen_control_bench.figure import Figure
+
+pytestmark = pytest.mark.process
+
+
+def test_the_children_of_a_process_are_counted_with_it():
+    child = subprocess.Popen([sys.executable, "-c", "sum(range(3_000_000)); input()"], stdin=subprocess.PIPE)
+    try:
+        assert child.pid in physics._children(os.getpid())
+        assert physics._cpu_s(os.getpid()) >= physics._cpu_s(child.pid) >= 0.0
+    finally:
+        child.communicate(b"\n")
+
+
+def test_a_run_in_physics_is_held_against_one_without():
+    figure = physics._beside("robby", 0.5, 1)
+    assert isinstance(figure, Figure)
+    assert figure.limit == physics.CORE_LIMIT
+    assert figure.absolutes["plain % of a core"] > 0.0
+    assert figure.absolutes["physics % of a core"] > 0.0

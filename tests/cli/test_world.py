@@ -1,0 +1,122 @@
+"""The verb world, as its user sees it, on a virtual drive in a world that notes what it is asked for."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import threading
+
+import pytest
+from support.host import use_private_folders
+from support.virtualbench import servo
+
+from canopen_control.bus.channel import open_port
+from canopen_control.cli.main import main
+from canopen_control.errors import ConfigError
+from canopen_control.host.reactor import Reactor
+from canopen_control.rpc.messages.drive import (
+    AddPayload,
+    BasePose,
+    BlockJoint,
+    PushRobot,
+    SetGrip,
+    WorldState,
+)
+from canopen_control.virtual.control import NodeControl
+from canopen_control.virtual.nodehost import NodeHost
+from canopen_control.virtual.plant import PlainWorld
+
+CAN = "memory:cli-world"
+
+
+class Noting(PlainWorld):
+    def __init__(self):
+        self.acts = []
+        self.base = BasePose(1.0, -2.0, 3.141592653589793, 7, z=0.5, pitch=-0.1)
+
+    def act(self, what):
+        if getattr(what, "on", "") == "roof":
+            raise ConfigError("the robot has no link 'roof'")
+        self.acts.append(what)
+
+    def describe(self):
+        return WorldState(self.base)
+
+
+@pytest.fixture
+def world(tmp_path, monkeypatch, request):
+    use_private_folders(monkeypatch, tmp_path)
+    made = getattr(request, "param", Noting)()
+    ready, reactor, device = threading.Event(), Reactor(), servo(5)
+
+    def serve():
+        with reactor, contextlib.closing(open_port(CAN)) as port:
+            host = NodeHost(reactor, port, [device])
+            control = NodeControl(host, device, made)
+            reactor.call_soon(ready.set)
+            reactor.run()
+            control.close()
+            host.close()
+
+    thread = threading.Thread(target=serve)
+    thread.start()
+    assert ready.wait(10)
+    yield made
+    reactor.call_threadsafe(reactor.stop)
+    thread.join(10)
+
+
+def test_it_tells_where_the_robot_is(world, capsys):
+    assert main(["world", "--can", CAN]) == 0
+    said = capsys.readouterr().out
+    assert said == "x 1.0000 m, y -2.0000 m, z 0.5000 m, heading 180.00 deg, roll 0.0 deg, pitch -5.7 deg\n"
+    assert main(["world", "--can", CAN, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["base"]["z"] == 0.5
+
+
+@pytest.mark.parametrize(
+    ("words", "act"),
+    [
+        ("payload 12 --on base_link --at 0,0,0.1", AddPayload(mass=12.0, on="base_link", position=(0.0, 0.0, 0.1))),
+        ("payload -3", AddPayload(mass=-3.0)),
+        ("push 0,30,0 --for 0.3", PushRobot(force=(0.0, 30.0, 0.0), seconds=0.3)),
+        ("block wheel", BlockJoint(joint="wheel")),
+        ("block wheel off", BlockJoint(joint="wheel", on=False)),
+        ("friction 0.2", SetGrip(friction=0.2)),
+    ],
+)
+def test_what_is_asked_for_happens(world, words, act):
+    assert main(["world", *words.split(), "--can", CAN]) == 0
+    assert world.acts == [act]
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ("payload", "say how many kg"),
+        ("payload much", "'much': write KG"),
+        ("push 1,2", "'1,2': write X,Y,Z"),
+        ("push 1,2,nan", "write X,Y,Z"),
+        ("push 1,2,3 --for 0", "a push takes a time"),
+        ("friction 0.2 off", "on and off are for block"),
+        ("payload 1 --on roof", "the robot has no link 'roof'"),
+    ],
+)
+def test_what_cannot_be_is_told_and_nothing_happens(world, capsys, words, said):
+    assert main(["world", *words.split(), "--can", CAN]) in (1, 2)
+    assert said in capsys.readouterr().err
+    assert world.acts == []
+
+
+@pytest.mark.parametrize("world", [PlainWorld], indirect=True)
+def test_without_physics_it_says_what_to_do(world, capsys):
+    assert main(["world", "--can", CAN]) == 0
+    assert "have no physics" in capsys.readouterr().out
+    assert main(["world", "block", "wheel", "--can", CAN]) != 0
+    assert "run the robot with --physics" in capsys.readouterr().err
+
+
+def test_without_drives_it_says_how_to_start_them(tmp_path, monkeypatch, capsys):
+    use_private_folders(monkeypatch, tmp_path)
+    assert main(["world"]) == 1
+    assert "canopen-control run ROBOT --physics" in capsys.readouterr().err

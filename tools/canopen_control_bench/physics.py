@@ -1,0 +1,158 @@
+"""`physics`: what a robot on a floor costs beside the same run without one, and whether its world can be relied on.
+
+Both runs are `canopen-control run` with all their processes, on buses of their own, at the same time and with the same
+commands. The rest is simulated time: CPU at rest, the bits of two processes, the slip of a square.
+"""
+
+from __future__ import annotations
+
+import math
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from canopen_control.client import RobotClient
+from canopen_control.errors import CanopenError, NotYetEnabled, RemoteError
+from canopen_control.host.environment import MODULE
+from canopen_control.physics import require_physics
+from canopen_control.rpc.messages.robot import CommandController
+from canopen_control_bench.figure import AT_LEAST, Figure, limited
+from canopen_control_bench.machine import cpu_ns
+from canopen_control_bench.stage import stage
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from canopen_control_bench.runner import Options
+    from canopen_control_bench.stage import Stage
+
+__all__ = ["measure"]
+
+CORE_LIMIT: Final = 6.0  # % of a core
+REST_LIMIT: Final = 0.1  # s of 60
+SLIP_M: Final = 3.5e-3  # of a square of 2 m on friction 0.1
+SLIP_BAND: Final = (0.8, 1.2)
+MIRROR_LIMIT: Final = 1e-6  # m, of an ideal robot
+ROUNDS: Final = 3
+_SECONDS, _QUICK_S = 8.0, 3.0
+_EVERY_S: Final = 0.1
+
+
+def _circle(step: int) -> list[float]:
+    return [0.15, 0.5 if step // 20 % 2 else -0.5]
+
+
+def _swing(step: int) -> list[float]:
+    return [0.3 * math.sin(0.06 * step)] * 6  # no step that a heavy arm could not follow
+
+
+#: robot -> its controller, and what it is commanded at each step
+_MOTIONS: dict[str, tuple[str, Callable[[int], list[float]]]] = {
+    "robby": ("robby_base_controller", _circle),
+    "arm6": ("arm_position_controller", _swing),
+}
+
+
+def measure(options: Options) -> list[Figure]:
+    """Measure CPU of whole runs, then the world alone."""
+    require_physics()
+    seconds = _QUICK_S if options.quick else _SECONDS
+    figures = [_beside(robot, seconds, 1 if options.quick else ROUNDS) for robot in _MOTIONS]
+    return [*figures, *_alone(options)]
+
+
+def _beside(robot: str, seconds: float, rounds: int) -> Figure:
+    """Return by how much of a core a run in physics costs more than one without."""
+    with stage() as played:
+        runs = {kind: _start(played, robot, kind) for kind in ("physics", "plain")}
+        seen = [_round(robot, runs, seconds) for _ in range(rounds)]
+    more = [100.0 * (each["physics"] - each["plain"]) / seconds for each in seen]
+    absolutes = {
+        f"{kind} % of a core": round(100.0 * sum(each[kind] for each in seen) / (len(seen) * seconds), 1)
+        for kind in runs
+    }
+    return limited(f"{robot} in physics, more CPU than without", "%", more, limit=CORE_LIMIT, absolutes=absolutes)
+
+
+def _start(played: Stage, robot: str, kind: str) -> int:
+    """Start a run and return its process id, once the robot runs."""
+    name = f"{robot}_{kind}"
+    options = ["--physics"] if kind == "physics" else []
+    controller = _MOTIONS[robot][0]
+    words = ["run", robot, "--name", name, "--can", f"local:{name}", "--controller", controller, "--no-flight-recorder"]
+    program = played.start("canopen_control", *words, *options)
+    while " runs: " not in program.line():
+        pass
+    program.drain()
+    return program.pid
+
+
+def _round(robot: str, runs: dict[str, int], seconds: float) -> dict[str, float]:
+    """Command both for a time, and return the CPU seconds of all their processes."""
+    controller, motion = _MOTIONS[robot]
+    clients = [RobotClient.connect(f"{robot}_{kind}") for kind in runs]
+    try:
+        before = {kind: _cpu_s(pid) for kind, pid in runs.items()}
+        end, step = time.monotonic() + seconds, 0
+        while time.monotonic() < end:
+            for client in clients:
+                _command(client, controller, motion(step))
+            step += 1
+            time.sleep(_EVERY_S)
+        return {kind: _cpu_s(pid) - before[kind] for kind, pid in runs.items()}
+    finally:
+        for client in clients:
+            client.close()
+
+
+def _command(client: RobotClient, controller: str, values: list[float]) -> None:
+    try:
+        client.ask(CommandController(controller=controller, values=values, source="bench"))
+    except NotYetEnabled:
+        return
+    except RemoteError as error:
+        raise CanopenError(f"a robot that is measured took no command: {error}") from error
+
+
+def _cpu_s(pid: int) -> float:
+    """Return the CPU seconds of a process and its children since their start."""
+    return sum(cpu_ns(each) for each in (pid, *_children(pid))) / 1e9
+
+
+def _children(pid: int) -> Iterator[int]:
+    for path in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            text = path.read_text()
+        except OSError:  # it has ended meanwhile
+            continue
+        if int(text.rpartition(")")[2].split()[1]) == pid:
+            yield int(path.parent.name)
+
+
+def _alone(options: Options) -> list[Figure]:
+    """Return the figures of the world in simulated time."""
+    from canopen_control_bench.physics_square import rest_cpu, square
+
+    seconds = 30.0 if options.quick else 600.0
+    command = [*MODULE, "canopen_control_bench.physics_square", str(seconds)]
+    both = [subprocess.Popen(command, stdout=subprocess.PIPE, stderr=sys.stderr, text=True) for _ in range(2)]
+    digests = [process.communicate()[0].strip() for process in both]
+    turns = [square(direction, 0.1) for direction in (1, -1)]
+    slip = max(each.error for each in turns) / SLIP_M
+    ideal = [square(direction) for direction in (1, -1)]
+    apart = max(abs(ideal[0].x - ideal[1].x), abs(ideal[0].y + ideal[1].y))
+    differing = float(len(set(digests)) - 1 + (not all(digests)))
+    return [
+        limited("60 s at rest, CPU of the world", "s", [rest_cpu(60.0) for _ in range(3)], limit=REST_LIMIT),
+        limited(f"{seconds:g} s in two processes: digests that differ", "", [differing], limit=0.0, counted=True),
+        limited(
+            "square on friction 0.1: error / the known 3.5 mm", "", [slip], limit=SLIP_BAND[1], counted=True,
+            absolutes={"mm": round(1e3 * slip * SLIP_M, 2), "mm on 0.8": round(1e3 * max(e.error for e in ideal), 2)},
+        ),
+        limited(
+            "the same, at least", "", [slip], limit=SLIP_BAND[0], direction=AT_LEAST, counted=True
+        ),
+        limited("cw and ccw of an ideal robot, apart", "m", [apart], limit=MIRROR_LIMIT, counted=True),
+    ]  # fmt: skip

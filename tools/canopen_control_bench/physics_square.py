@@ -1,0 +1,189 @@
+"""robby in physics in simulated time, without a bus: a square of 2 m as UMBmark has it, and a long drive for its bits.
+
+Wheel trajectories are followed leg by leg in both directions; odometry is made of whole counts every 20 ms. Told is
+where the robot ends in truth minus where odometry thinks that it is.
+
+    python -m canopen_control_bench.physics_square SECONDS    # prints the hash of the state after a random drive
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import random
+import sys
+import tempfile
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from canopen_control.data_files import data_path
+from canopen_control.physics.engine import make
+from canopen_control.virtual.mover import Mover
+from canopen_control.virtual.trajectory import hold, move_to, ramp_to
+
+if TYPE_CHECKING:
+    from canopen_control.physics.physics_world import PhysicsWorld
+    from canopen_control.virtual.trajectory import Trajectory
+
+__all__ = ["Ending", "digest_after", "rest_cpu", "square", "world_of"]
+
+MS: Final = 1_000_000
+LEFT, RIGHT = (3, 0), (2, 0)
+RADIUS, TRACK, COUNTS = 0.035, 0.24, 1600.0
+_PER_METRE: Final = COUNTS / (math.tau * RADIUS)
+_SCALE: Final = COUNTS / math.tau
+_LOOK_NS: Final = 20 * MS
+_SPEED, _RAMP = 2200.0, 2200.0  # counts/s, 0.3 m/s
+_MOTOR = "rated_torque: 0.5, peak_torque: 1.0, rotor_inertia: 5.0e-4, friction: 0.01, damping: 5.0e-4, encoder: 1000000"
+
+
+@dataclass(frozen=True, slots=True)
+class Ending:
+    """Truth minus odometry at the end of a square, m and rad."""
+
+    x: float
+    y: float
+    heading: float
+
+    @property
+    def error(self) -> float:
+        """How far both are apart, in m."""
+        return math.hypot(self.x, self.y)
+
+
+class Leg:
+    """The drive of one wheel: goes one leg after the other, in counts."""
+
+    def __init__(self, legs: list[float]) -> None:
+        self.legs = legs
+        self.axis: Mover | None = None
+
+    def arrived(self, now: int) -> None:
+        """Begin the next leg."""
+        if self.legs and self.axis is not None:
+            position, velocity = self.axis.state(now)
+            target = position + self.legs.pop(0)
+            self.axis.run(move_to(now, position, velocity, target, _SPEED, _RAMP, _RAMP), now)
+
+    def limit_switch_hit(self, side: int, now: int) -> None:
+        """Do nothing: there is none."""
+
+    def judge_following_error(self, error: float, now: int) -> None:
+        """Do nothing."""
+
+    def judge_load(self, torque: float, now: int) -> None:
+        """Do nothing."""
+
+    def sampled(self) -> None:
+        """Do nothing."""
+
+    def wants_samples(self) -> bool:
+        """Nobody does."""
+        return False
+
+    def next_index(self, demand: Trajectory, now: int) -> tuple[int, float] | None:
+        """Return that there is none."""
+
+    def index_passed(self, place: float) -> None:
+        """Do nothing."""
+
+
+def world_of(friction: float = 0.8) -> PhysicsWorld:
+    """Return robby's world, with the motors that the figures are of."""
+    urdf = data_path("config", "robby/robby.urdf.xacro")
+    axes = "\n".join(
+        f'  "{node}": {{joint: {side}_wheel_joint, scale_pos_to_dev: {sign * _SCALE}, {_MOTOR}}}'
+        for (node, _), side, sign in ((LEFT, "left", -1), (RIGHT, "right", 1))
+    )
+    floor = f"floor: {{friction: {friction}, caster_friction: 0.02}}"
+    with tempfile.TemporaryDirectory(prefix="bench-") as folder:
+        path = Path(folder) / "physics.yml"
+        path.write_text(f"engine: mujoco\nurdf: {urdf}\n{floor}\naxes:\n{axes}\n")
+        return make(path)
+
+
+def _axes(world: PhysicsWorld, legs: dict[tuple[int, int], list[float]]) -> dict[tuple[int, int], Mover]:
+    movers = {}
+    for key, way in legs.items():
+        owner = Leg(way)
+        movers[key] = owner.axis = Mover(world.plant(*key), owner)
+    for mover in movers.values():
+        mover.advance(0)
+    for mover in movers.values():
+        mover.power(True, 0)
+    return movers
+
+
+def square(direction: int, friction: float = 0.8, side: float = 2.0) -> Ending:
+    """Drive the square once; direction 1 is counter-clockwise."""
+    world = world_of(friction)
+    straight, turn = side * _PER_METRE, direction * math.pi / 2 * TRACK / 2 * _PER_METRE
+    movers = _axes(
+        world,
+        {
+            LEFT: [-leg for _ in range(4) for leg in (straight, -turn)],
+            RIGHT: [leg for _ in range(4) for leg in (straight, turn)],
+        },
+    )
+    for mover in movers.values():
+        mover.run(hold(0, mover.plant.position), 0)
+    now, x, y, heading, last = 0, 0.0, 0.0, 0.0, [0, 0]
+    origin = world.describe().base
+    assert origin is not None
+    while any(mover.owner.legs or now < mover.demand.end_ns + 500 * MS for mover in movers.values()):  # type: ignore[attr-defined] # a Leg
+        now += _LOOK_NS
+        for mover in movers.values():
+            mover.advance(now)
+        counts = [math.floor(-movers[LEFT].plant.position), math.floor(movers[RIGHT].plant.position)]
+        left, right = ((count - before) / _PER_METRE for count, before in zip(counts, last, strict=True))
+        last = counts
+        middle = heading + 0.5 * (right - left) / TRACK
+        x += 0.5 * (left + right) * math.cos(middle)
+        y += 0.5 * (left + right) * math.sin(middle)
+        heading += (right - left) / TRACK
+    true = world.describe().base
+    assert true is not None
+    return Ending(true.x - origin.x - x, true.y - origin.y - y, true.heading - origin.heading - heading)
+
+
+def digest_after(seconds: float, seed: int = 1) -> str:
+    """Return the hash of every bit of the state after a drive with random speeds, looked at in a random rhythm."""
+    orders, looks = random.Random(seed), random.Random()  # no secret
+    world = world_of()
+    movers = _axes(world, {LEFT: [], RIGHT: []})
+    now = 0
+    while now < seconds * 1e9:
+        end = now + 500 * MS
+        for mover in movers.values():
+            speed = orders.uniform(-3000.0, 3000.0)
+            mover.run(ramp_to(now, *mover.state(now), speed, 6000.0, 6000.0), now)
+        while now < end:
+            now = min(end, now + looks.randrange(1 * MS, 200 * MS))
+            looks.choice(list(movers.values())).advance(now)
+        for mover in movers.values():
+            mover.advance(now)
+    return hashlib.sha256(world.angles.tobytes() + world.speeds.tobytes()).hexdigest()
+
+
+def rest_cpu(seconds: float) -> float:
+    """Return the CPU seconds of so many at rest, enabled, looked at 50 times a second."""
+    movers = _axes(world_of(), {LEFT: [], RIGHT: []})
+    for mover in movers.values():
+        mover.run(hold(0, mover.plant.position), 0)
+    now = 0
+    while now < 2e9:
+        now += _LOOK_NS
+        for mover in movers.values():
+            mover.advance(now)
+    began = time.process_time()
+    for _ in range(round(seconds * 50)):
+        now += _LOOK_NS
+        for mover in movers.values():
+            mover.advance(now)
+    return time.process_time() - began
+
+
+if __name__ == "__main__":
+    print(digest_after(float(sys.argv[1])))
