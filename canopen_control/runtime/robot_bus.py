@@ -34,7 +34,6 @@ _SIMULATED_NS: Final = 250_000_000  # drives that are processes wait for a proce
 _FAILURES: Final = (BusEventKind.BUS_OFF, BusEventKind.DOWN)
 _RETURNS: Final = (BusEventKind.ERROR_ACTIVE, BusEventKind.UP)
 _LONGEST_NS: Final = 20_000_000  # of a cycle that needs no look at the port in between
-_LOOK_NS: Final = 100_000_000
 _LOST_WHILE_SILENT: Final = ("bus_frames_lost", "while it carried nothing")
 
 
@@ -50,7 +49,8 @@ class RobotBus:
 
     `watched`: what comes wakes the process. Else it is read at the next edge: while all nodes are ready and no answer
     is waited for, nothing that a frame says has a consequence before that, and a wake-up costs more than the cycle.
-    A missed heartbeat is found on an edge either way, and on the same one where its time is whole periods.
+    A heartbeat or event timer that stays away is found on an edge either way, on the same one if its time is whole
+    periods.
     """
 
     def __init__(
@@ -88,8 +88,8 @@ class RobotBus:
             self.network.pdo_watch.least_ns = _SIMULATED_NS
         self.watched = True
         times = [plan.heartbeat_timeout_ns for plan in config.plans.values()]
+        times += [pdo.age_limit_ns for pdo in self.network.image.inputs.values()]
         self._may_rest = cycle_ns <= _LONGEST_NS and not any(time % cycle_ns for time in times)
-        self._look_at = 0
         self._window: tuple[int, int] | None = None  # since when, and the bits until then
         self._measure_at = 0
 
@@ -161,11 +161,8 @@ class RobotBus:
         if self.port is not None:
             self._reactor.add_reader(self.port.fileno(), self.receive)
 
-    def rest(self, now: int) -> None:
-        """Leave what comes to the edges while nothing is waited for; looked at ten times a second, after a cycle."""
-        if now < self._look_at:
-            return
-        self._look_at = now + _LOOK_NS
+    def rest_or_watch(self) -> None:
+        """Leave what comes to the edges while nothing is waited for; for who does cycles at edges."""
         rests = self._may_rest and self._followed is None and not self.network.waits
         if rests is not self.watched:
             return

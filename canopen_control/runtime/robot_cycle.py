@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
 __all__ = ["CAUGHT_UP", "RobotCycle"]
 
+_LOOK_NS: Final = 100_000_000  # from one look at what buses wait for to the next
 CAUGHT_UP: Final = 2  # skipped edges whose set-points are passed over
 
 
@@ -51,6 +52,7 @@ class RobotCycle:
         self._sync_first = [bus for bus in self._buses if bus.sends_sync_first]
         self._following = [bus for bus in self._buses if bus.follows_sync]
         self._period = pacer.period_ns / 1e9
+        self._look_at = 0
 
     def step(self, now: int) -> None:
         """Do a cycle with all that has come: ports that are watched were served before, as in every turn."""
@@ -91,11 +93,12 @@ class RobotCycle:
 
     def _supervise(self, now: int) -> None:
         """Let time pass for what acts in the next cycle: heartbeats, time-outs, what is looked at now and then."""
-        paced = self._pacer.running
         for bus in self._buses:
             bus.tick(now)
-            if paced:
-                bus.rest(now)
+        if now >= self._look_at and self._pacer.running:
+            self._look_at = now + _LOOK_NS
+            for bus in self._buses:
+                bus.rest_or_watch()
         for system in self._systems:
             system.supervise(now)
         for bus in self._following:
