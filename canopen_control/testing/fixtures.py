@@ -13,15 +13,11 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from canopen_control.runtime.robot_files import find_robot
-from canopen_control.runtime.setup import read_robot
-from canopen_control.testing.tested_robot import TestedRobot
-
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from canopen_control.runtime.setup import RobotSetup
-    from canopen_control.testing.tested_robot import TestedBus, TestedClock, TestedDrives
+    from canopen_control.testing.tested_robot import TestedBus, TestedClock, TestedDrives, TestedRobot
 
 __all__ = ["bus", "clock", "drives", "pytest_addoption", "pytest_configure", "robot"]
 
@@ -43,6 +39,9 @@ def pytest_configure(config: pytest.Config) -> None:
 @functools.cache
 def _setup(config: str, controllers: tuple[str, ...]) -> RobotSetup:
     """Return a robot as its files describe it, read once for all tests."""
+    from canopen_control.runtime.robot_files import find_robot  # whoever needs no robot does not wait for its imports
+    from canopen_control.runtime.setup import read_robot
+
     return read_robot(find_robot(config), controllers=controllers)
 
 
@@ -65,6 +64,8 @@ def _wanted(request: pytest.FixtureRequest) -> tuple[str, dict[str, Any]]:
 @pytest.fixture
 def robot(request: pytest.FixtureRequest) -> Iterator[TestedRobot]:
     """Yield a robot that has booted in virtual time; a breach of an invariant fails the test."""
+    from canopen_control.testing.tested_robot import TestedRobot
+
     config, words = _wanted(request)
     made = TestedRobot(_setup(config, tuple(words.get("controllers", ()))), words.get("seed", 0))
     try:

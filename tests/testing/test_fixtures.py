@@ -1,10 +1,12 @@
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 from support.mutants import MUTANTS
 
-from canopen_control.testing import fixtures
+from canopen_control.runtime.robot_files import find_robot
 
 pytest_plugins = ["pytester"]
 EXAMPLES = Path(__file__).parents[2] / "docs" / "examples" / "robot_tests" / "test_robby.py"
@@ -28,7 +30,7 @@ def test_without_a_robot_it_says_what_is_missing(pytester):
 
 
 def test_a_folder_beside_the_ini_file_is_found(pytester):
-    shutil.copytree(fixtures.find_robot("robby").controllers.parent, pytester.path / "mine")
+    shutil.copytree(find_robot("robby").controllers.parent, pytester.path / "mine")
     pytester.makeini("[pytest]\ncanopen_robot = mine\n")
     pytester.makepyfile("def test_it(robot):\n    assert robot.simulated.setup.name == 'mine'\n")
     run(pytester).assert_outcomes(passed=1)
@@ -53,3 +55,10 @@ def test_it(robot, drives):
     result = run(pytester)
     result.assert_outcomes(passed=1, errors=failed)
     assert ("enable_unasked" in result.stdout.str()) is bool(failed)
+
+
+@pytest.mark.process
+def test_a_run_without_a_robot_imports_no_robot():
+    code = "import sys, canopen_control.testing.fixtures; print('canopen_control.runtime' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "False"
