@@ -13,6 +13,10 @@ commands, switches and troubles (--faults); --scenario FILE says them instead:
       - {at: 5s, do: axis, name: enable}
       - {at: 6s, do: stall, target: master, for: 300ms}
 
+--seeds N runs N seeds instead, each with a schedule of its own (20 s, all faults, unless said otherwise), in --jobs
+processes. What a breach takes is shrunk to the smallest schedule and written to --out, as a scenario with the command
+that replays it and a recording of its frames, beside a summary as JUnit and HTML.
+
 --speed 1 is a run without processes, for a debugger. Ctrl-C ends it and keeps what there is. --json prints one object
 at the end, with the SHA-256 of every frame and event with its time.
 
@@ -40,12 +44,15 @@ if TYPE_CHECKING:
 __all__ = ["EXAMPLE", "add_arguments", "run"]
 
 EXAMPLE = """canopen-control simulate robby --for 3 --seed 7
-         canopen-control simulate robby --for 3 --faults heartbeat_lost,silent --json"""
+         canopen-control simulate robby --for 3 --faults heartbeat_lost,silent --json
+         canopen-control simulate robby --seeds 3 --for 3 --json"""
 
 DEFAULT_NS: Final = 60_000_000_000
 _LARGEST_SEED: Final = 1 << 63
 
 _seed = whole_number("seed: a whole number from 0 on", range(_LARGEST_SEED))
+_count = whole_number("number of seeds: 1 to 1000000", range(1, 1_000_001))
+_jobs = whole_number("number of processes: 1 to 64", range(1, 65))
 _factor = number("speed: max, or a number above 0", lambda value: value > 0.0)
 
 
@@ -82,13 +89,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--seed", type=_seed, metavar="N", help="draws commands, troubles, lateness, oscillators (default: 0)"
     )
     parser.add_argument("--scenario", metavar="FILE", help="what happens, see above, instead of what the seed draws")
-    parser.add_argument("--faults", default="none", metavar="all|LIST|none", help="what goes wrong (default: none)")
+    parser.add_argument("--faults", metavar="all|LIST|none", help="what goes wrong (default: none, with --seeds all)")
+    parser.add_argument("--seeds", type=_count, metavar="N", help="a campaign of N seeds, from --seed on")
+    parser.add_argument("--jobs", type=_jobs, metavar="J", help="with --seeds: in J processes (default: 1)")
+    parser.add_argument(
+        "--out", metavar="FOLDER", help="with --seeds: where breaches and the summary go (default: simulate-ROBOT)"
+    )
     parser.add_argument("--speed", type=_speed, metavar="max|F", help="times real time at most (default: max)")
     parser.add_argument("--json", action="store_true", help="print one object at the end")
 
 
 def run(args: argparse.Namespace) -> int:
     """Simulate; 0 good, 1 with a breach."""
+    if args.seeds is not None:
+        return _run_campaign(args)
+    for option, given in (("--jobs", args.jobs), ("--out", args.out)):
+        if given is not None:
+            raise ConfigError(f"{option} is for a campaign; give the number of its seeds, as --seeds 100")
     from canopen_control.simulation.simulation_run import SimulationRun
 
     setup = _setup(args)
@@ -118,13 +135,34 @@ def _setup(args: argparse.Namespace) -> RobotSetup:
     )
 
 
+def _run_campaign(args: argparse.Namespace) -> int:
+    """Run many seeds; 0 good, 1 with a breach."""
+    from canopen_control.cli.support.simulation_campaign import CampaignOrder, run_campaign
+    from canopen_control.simulation.drawn_schedule import known_faults
+
+    for option, given in (("--scenario", args.scenario), ("--speed", args.speed)):
+        if given is not None:
+            raise ConfigError(f"{option} is for one simulation; --seeds draws schedules, as fast as it can")
+    setup, faults = _setup(args), _faults(args.faults or "all", known_faults())
+    files = (("--bus", args.bus), ("--controllers", args.controllers), ("--description", args.description))
+    words = [args.config or ".", *args.xacro]
+    words += [word for option, value in (*files, ("--launch", args.launch)) if value for word in (option, value)]
+    words += [word for name in args.controller for word in ("--controller", name)]
+    seeds = range(args.seed or 0, (args.seed or 0) + args.seeds)
+    folder = None if args.out is None else Path(args.out)
+    order = CampaignOrder(
+        seeds, args.length or DEFAULT_NS // 3, faults, words, args.jobs or 1, folder, as_json=args.json
+    )
+    return run_campaign(setup, order, folder or Path(f"simulate-{setup.name}"))
+
+
 def _schedule(args: argparse.Namespace, setup: RobotSetup) -> tuple[tuple[Act, ...], int, int]:
     """Return what happens, the seed and how long, of the scenario file or drawn."""
     from canopen_control.simulation.drawn_schedule import draw_schedule, known_faults
     from canopen_control.simulation.motions import motions_of
     from canopen_control.simulation.scenario_steps import read_scenario_steps
 
-    faults = _faults(args.faults, known_faults())
+    faults = _faults(args.faults or "none", known_faults())
     if args.scenario is not None:
         if faults:
             raise ConfigError("--faults draws troubles from the seed, --scenario says them: give one of both")

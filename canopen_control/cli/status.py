@@ -73,8 +73,9 @@ def render(state: Snapshot) -> list[str]:
         table.add(("no drive", "-", "-", name, *_numbers(joint), "-"))  # mock, or simulated
     held = [state.hint] if state.hint else []
     active = ", ".join(state.active) or "none"
+    truth = [] if state.true_pose is None else [state.true_pose.words]
     below = [*_tracking(state), *_errors(state).values(), *_void_outputs(state)]
-    return [f"{head}, active: {active}", *held, *table.lines(), *below]
+    return [f"{head}, active: {active}", *held, *truth, *table.lines(), *below]
 
 
 def _tracking(state: Snapshot) -> list[str]:

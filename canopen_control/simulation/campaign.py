@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Final
 
 from canopen_control.simulation.drawn_schedule import draw_schedule
 from canopen_control.simulation.motions import motions_of
-from canopen_control.simulation.shrink import Shrinker
+from canopen_control.simulation.shrink import MOST_TRIES, Shrinker
 from canopen_control.simulation.simulation_run import SimulationRun
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Campaign", "SeedResult", "Totals"]
 
-_AFTER_NS: Final = 5_000_000_000  # what a shrunk schedule runs on after its last act
+_AFTER_NS: Final = 3_000_000_000  # what a shrunk schedule runs on after its last act
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,9 +81,10 @@ class Totals:
 
 
 class Campaign:
-    """Runs seeds of `duration_ns` each on a robot, with the faults that are named."""
+    """Runs seeds of `duration_ns` each on a robot, with the faults that are named; a breach is shrunk in `tries`."""
 
-    def __init__(self, setup: RobotSetup, duration_ns: int, faults: Sequence[str]) -> None:
+    def __init__(self, setup: RobotSetup, duration_ns: int, faults: Sequence[str], tries: int = MOST_TRIES) -> None:
+        self._tries = tries
         self._setup, self._duration_ns, self._faults = setup, duration_ns, list(faults)
         self._motions: Sequence[Motion] = motions_of(setup)
         self._nodes = [node.node_id for bus in setup.buses.values() for node in bus.nodes.values()]
@@ -124,7 +125,7 @@ class Campaign:
             finally:
                 run.close()
 
-        shrinker = Shrinker(breaks)
+        shrinker = Shrinker(breaks, self._tries)
         begun = result.breaches[0].at_s * 1e9
         acts = [act for act in self.schedule(result.seed) if act.at_ns <= begun]
         return shrinker.shrink(acts if breaks(tuple(acts)) else self.schedule(result.seed))

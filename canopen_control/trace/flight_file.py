@@ -53,6 +53,7 @@ __all__ = [
     "newest",
     "read_flight",
     "read_meta",
+    "read_samples",
     "save",
 ]
 
@@ -207,6 +208,11 @@ def is_flight_file(path: Path) -> bool:
 def read_flight(path: Path) -> FlightFile:
     """Read a file; ConfigError in a sentence when it is none. Lines of the log that are no frames are counted."""
     return _opened(path, _read)
+
+
+def read_samples(path: Path) -> list[StateSample]:
+    """Read the samples of the state stream as whole as they were written; ConfigError as above."""
+    return _opened(path, lambda archive, _meta: _lines(archive, _STATES, StateSample))
 
 
 def read_meta(path: Path) -> FlightMeta:

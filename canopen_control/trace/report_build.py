@@ -70,6 +70,7 @@ def facts_of(file: FlightFile, networks: Mapping[str, NetworkDescription] | None
         last_words=frames.last_words,
         gaps=_gaps(file, networks),
         measured=tuple(measured(states)),
+        true_pose=states[-1].true_pose if states else None,
     )
     facts.summary.extend(summary(facts))
     return facts

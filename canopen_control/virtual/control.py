@@ -26,12 +26,13 @@ from canopen_control.rpc.server import Server
 from canopen_control.version import __version__
 from canopen_control.virtual.fault_switches import FaultSwitches
 from canopen_control.virtual.fault_table import FAULTS
-from canopen_control.virtual.plant import ChangeableWorld
+from canopen_control.virtual.plant import ChangeableWorld, FurnishedWorld
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from canopen_control.rpc.messages.declare import Request
+    from canopen_control.rpc.messages.drive import WorldShape
     from canopen_control.rpc.server import Call
     from canopen_control.virtual.nodehost import NodeHost
     from canopen_control.virtual.plant import Plant, World
@@ -74,6 +75,7 @@ class NodeMethods:
             messages.RestartQuality: self._restart_quality,
             **dict.fromkeys(get_args(messages.WorldAct), self._act),
             messages.GetWorld: self._tell_world,
+            messages.GetWorldShapes: self._tell_shapes,
         }
 
     @property
@@ -102,6 +104,9 @@ class NodeMethods:
 
     def _tell_world(self, _request: messages.GetWorld) -> WorldState:
         return WorldState() if self._world is None else self._world.describe()
+
+    def _tell_shapes(self, _request: messages.GetWorldShapes) -> tuple[WorldShape, ...]:
+        return self._world.shapes() if isinstance(self._world, FurnishedWorld) else ()
 
     def _restart_quality(self, request: messages.RestartQuality) -> Done:
         self._axis(request.axis).meter.restart()

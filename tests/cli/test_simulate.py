@@ -59,3 +59,32 @@ def test_what_makes_no_sense_is_refused_in_a_sentence(capsys, words, said):
     assert code == 2
     assert said in err
     assert "Traceback" not in err
+
+
+def test_a_campaign_runs_many_seeds(capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    code, out, _ = simulate(capsys, "robby", "--seeds", "2", "--for", "1s", "--json")
+    found = json.loads(out)
+    assert code == 0
+    assert (found["seeds"], found["robot_s"], found["breaches"]) == (2, 2.0, [])
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--seeds", "0"], "'0' is no number of seeds"),
+        (["--seeds", "2", "--jobs", "0"], "'0' is no number of processes"),
+        (["--jobs", "2"], "--jobs is for a campaign"),
+        (["--out", "x"], "--out is for a campaign"),
+        (["--seeds", "2", "--scenario", "x.yml"], "--scenario is for one simulation"),
+        (["--seeds", "2", "--speed", "1"], "--speed is for one simulation"),
+    ],
+)
+def test_what_goes_with_no_campaign_is_refused(capsys, words, said):
+    try:
+        code, _, err = simulate(capsys, "robby", *words)
+    except SystemExit as end:
+        code, err = end.code, capsys.readouterr().err
+    assert code == 2
+    assert said in err

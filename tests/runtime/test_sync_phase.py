@@ -69,6 +69,19 @@ def test_in_an_hour_a_process_up_to_2_ms_late_behind_a_slow_adapter_has_one_set_
     assert waiting == list(range(first, first + len(waiting)))
 
 
+@pytest.mark.parametrize("ppm", [-2000, 1000, 7000, 12_000])
+@pytest.mark.parametrize("period", [MS, 10 * MS])
+def test_a_period_that_is_a_hundredth_longer_is_learned_and_the_edges_stay_behind_its_syncs(period, ppm):
+    counts, edges, sent, _ = follow(
+        period, period // 8, 4000, ppm=ppm, lateness=lambda chance: round(chance.random() ** 3 * 0.4 * period)
+    )
+    assert set(counts[200:]) == {1}
+    real = sent[-1] / (len(sent) - 1)
+    behind = [edge / real % 1.0 for edge in edges[200:]]
+    assert min(behind) > 0.07
+    assert max(behind) < 0.25
+
+
 @settings(max_examples=60, deadline=None)
 @given(
     period=st.sampled_from([MS, 4 * MS, 10 * MS, 20 * MS]),

@@ -182,6 +182,20 @@ class TruePose(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
         along, across = self.x - x, self.y - y
         return cosine * along + sine * across, cosine * across - sine * along, self.heading - turn
 
+    @property
+    def rpy(self) -> Planar | None:
+        """Its roll, pitch and yaw in the frame of odometry, in rad; None where that is not known."""
+        return None if self.odom is None else (self.roll, self.pitch, self.heading - self.odom[2])
+
+    @property
+    def words(self) -> str:
+        """Where the base truly is and by how much odometry errs, as people read it."""
+        place = f"true pose {self.x:.3f}, {self.y:.3f} m, {math.degrees(self.heading):.1f} deg"
+        if self.error is None:
+            return place
+        x, y, turn = self.error
+        return f"{place}; odometry is off by {1e3 * math.hypot(x, y):.1f} mm and {abs(math.degrees(turn)):.2f} deg"
+
     def beside(self, odometry: Planar) -> TruePose:
         """Return the same with the error of what odometry said at that time."""
         seen = self.in_odometry
