@@ -6,7 +6,7 @@ import json
 import pytest
 from canopen_control_bench import command as bench
 from canopen_control_bench.figure import compared, limited
-from canopen_control_bench.runner import FAMILIES, Report
+from canopen_control_bench.runner import FAMILIES, GROUPS, Report
 from support.benches import MACHINE
 
 from canopen_control.errors import ConfigError
@@ -68,9 +68,19 @@ def test_what_fell_short_in_a_quick_check_is_measured_once_more_and_that_decides
 
 
 def test_families_are_chosen(measured):
-    for words, names in (((), ["cycle"]), (("all",), [*FAMILIES]), (("--quick",), [*FAMILIES])):
+    for words, names in (
+        ((), ["cycle"]),
+        (("all",), [*FAMILIES]),
+        (("--quick",), [*FAMILIES]),
+        (("cycle", "live", "cycle"), ["cycle", *(name for name in GROUPS["live"] if name != "cycle")]),
+    ):
         bench.run(parse(*words))
         assert measured.asked == names
+
+
+def test_what_may_run_beside_others_and_what_may_not_are_all_and_apart():
+    assert sorted([*GROUPS["simulated"], *GROUPS["live"]]) == sorted(FAMILIES)
+    assert set(GROUPS["live"]) >= {"cycle", "scale", "services", "bridge", "soak", "import"}  # these wait for others
 
 
 def test_the_machine_is_left_as_it_is_only_where_that_is_asked_for(measured):

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from canopen_control.errors import ConfigError
 from canopen_control.host.signals import interrupt, on_signals
-from canopen_control_bench.runner import FAMILIES, Options, run_families
+from canopen_control_bench.runner import FAMILIES, GROUPS, Options, run_families
 
 __all__ = ["add_arguments", "run"]
 
@@ -20,7 +20,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     families = "\n".join(f"  {name:<10} {text}" for name, text in FAMILIES.items())
     parser.epilog = f"families:\n{families}\n\n{parser.epilog or ''}"
     parser.add_argument(
-        "family", nargs="*", type=_family, metavar="FAMILY", help="of those below, or all (default: cycle)"
+        "family",
+        nargs="*",
+        type=_family,
+        metavar="FAMILY",
+        help="of those below, or all; or simulated: those that may run beside others, live: the rest (default: cycle)",
     )
     parser.add_argument(
         "--quick", action="store_true", help="short runs; judges what no busy machine changes: ratios and counts"
@@ -51,7 +55,7 @@ def run(args: argparse.Namespace) -> int:
         _check_writable(args.json)
     if args.nice is not None:
         _be_nice(args.nice)
-    names = list(FAMILIES) if "all" in args.family or (args.quick and not args.family) else args.family or ["cycle"]
+    names = _names(args.family or (["all"] if args.quick else ["cycle"]))
     with on_signals((signal.SIGTERM,), interrupt):  # what was started is ended then, as by Ctrl-C
         options = Options(args.quick, args.seconds, lambda text: print(text, file=sys.stderr), args.as_is)
         report = run_families(names, options)
@@ -84,7 +88,12 @@ def _be_nice(niceness: int) -> None:
         raise ConfigError(f"--nice {niceness}: only root may go before others; leave it out") from error
 
 
+def _names(asked: list[str]) -> list[str]:
+    """Return the families that the words stand for, each once."""
+    return list(dict.fromkeys(name for word in asked for name in GROUPS.get(word, (word,))))
+
+
 def _family(text: str) -> str:
-    if text not in (*FAMILIES, "all"):
-        raise argparse.ArgumentTypeError(f"no family {text!r}; there are: {', '.join(FAMILIES)}, all")
+    if text not in (*FAMILIES, *GROUPS):
+        raise argparse.ArgumentTypeError(f"no family {text!r}; there are: {', '.join((*FAMILIES, *GROUPS))}")
     return text

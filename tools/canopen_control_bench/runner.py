@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from canopen_control_bench.figure import Figure
 
-__all__ = ["FAMILIES", "Options", "Report", "module_of", "run_families", "table"]
+__all__ = ["FAMILIES", "GROUPS", "Options", "Report", "module_of", "run_families", "table"]
 
 #: family -> what it measures; each is a module of this room with `measure(options) -> list[Figure]`
 FAMILIES = {
@@ -36,6 +36,14 @@ FAMILIES = {
     "services": "SDO and EDS beside the canopen package",
     "bridge": "CPU of the ROS bridge beside a node that publishes alone; from a topic to the runtime",
     "import": "how long --help and status take, beside a bare interpreter",
+}
+#: Families in which nothing that a quick run judges waits for a clock or another process: they may run beside others.
+SIMULATED = ("motion", "physics", "memory")
+#: word -> the families that it stands for
+GROUPS = {
+    "all": tuple(FAMILIES),
+    "simulated": SIMULATED,
+    "live": tuple(name for name in FAMILIES if name not in SIMULATED),
 }
 _MODULES = {"import": "imports"}
 AWAKE = ("cycle", "scale", "services")  # where CPU is compared of who waits for others: a wake-up is the machine's
